@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+# What a person types. Each target sets up first what it needs; see tools/setup.sh.
+
+SHELL := bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint bench docs lock clean
+
+help: ## this list
+	@sed -nE 's/^([a-z]+):[^#]*## (.*)/  make \1\t\2/p' Makefile | expand -t 16
+
+setup: ## environment in .venv, both packages in install/
+	@tools/setup.sh
+
+demo: setup ## replay a bag into the identifier node and watch it find the parameters
+	@. ./env.sh; tools/demo.sh
+
+test: setup ## all tests; ARGS='-k search' for some
+	@. ./env.sh; python -m pytest test $(ARGS)
+
+lint: setup ## ruff, mypy, licence headers
+	@. ./env.sh; tools/lint.sh
+
+bench: setup ## all benchmarks
+	@. ./env.sh; tools/bench.sh
+
+docs: setup ## API pages from the docstrings into build/docs
+	@. ./env.sh; tools/docs.sh
+
+lock: ## newest versions of everything into requirements.lock
+	@tools/lock.sh
+
+clean: ## remove everything that was made here
+	rm -rf .venv build install log
