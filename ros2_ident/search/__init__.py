@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Search: the genetic algorithm, its driver, the refinement and the intervals."""
+
+from ros2_ident.search.checkpoint import read_state as read_state
+from ros2_ident.search.checkpoint import write_state as write_state
+from ros2_ident.search.driver import Budget as Budget
+from ros2_ident.search.driver import Progress as Progress
+from ros2_ident.search.driver import SearchResult as SearchResult
+from ros2_ident.search.driver import minimise as minimise
+from ros2_ident.search.evaluators import ThreadedEvaluator as ThreadedEvaluator
+from ros2_ident.search.genetic import GeneticSearch as GeneticSearch
+from ros2_ident.search.genetic import GeneticSettings as GeneticSettings
+from ros2_ident.search.genetic import StopReason as StopReason

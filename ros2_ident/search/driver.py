@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The loop around a search: evaluates slice by slice, keeps the budget, reports, can be cancelled."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.search.checkpoint import write_state
+from ros2_ident.search.genetic import GeneticSearch, StopReason
+from ros2_ident.search.operators import Array
+
+Evaluate = Callable[[Array], Array]
+
+
+class Cancel(Protocol):
+    """What a `threading.Event` has."""
+
+    def is_set(self) -> bool:
+        """Return whether the search shall end."""
+        ...
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a search may cost; None is without limit.
+
+    Attributes:
+        evaluations: Candidates.
+        generations: Generations, counted from the search's first.
+        seconds: Wall time of this call, s.
+    """
+
+    evaluations: int | None = None
+    generations: int | None = None
+    seconds: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ('evaluations', 'generations', 'seconds'):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise IdentError(
+                    ErrorCode.BAD_VALUES,
+                    f'the budget of {name} is {value}; give a number above 0 or none',
+                )
+
+
+@dataclass(frozen=True)
+class Progress:
+    """A search seen from outside at one instant.
+
+    Attributes:
+        generation: Generation being evaluated, from 1.
+        generations: The last one by settings and budget.
+        evaluations: Candidates evaluated so far.
+        budget: Candidates the search will evaluate at most.
+        best_cost: Lowest cost so far, inf before a candidate converged.
+        best_theta: (N,) its parameters, physical units; NaN before a candidate converged.
+        spread: Largest standard deviation of the survivors over the parameters, in box widths.
+        elapsed: Wall time of this call so far, s.
+        eta: Wall time still to go, s; NaN before the first slice.
+    """
+
+    generation: int
+    generations: int
+    evaluations: int
+    budget: int
+    best_cost: float
+    best_theta: Array
+    spread: float
+    elapsed: float
+    eta: float
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """What a search found.
+
+    Attributes:
+        theta: (N,) best parameters, physical units; NaN where every candidate diverged.
+        cost: Their cost, inf where every candidate diverged.
+        survivors: (P, N) last survivors by rising cost, physical units.
+        survivor_costs: (P,) their costs.
+        evaluations: Candidates evaluated, over all calls on this search.
+        generations: Generations completed.
+        best_costs: Best cost after each generation completed in this call.
+        stop: Why the search ended; `stop.value` is a sentence.
+        seconds: Wall time of this call, s.
+    """
+
+    theta: Array
+    cost: float
+    survivors: Array
+    survivor_costs: Array
+    evaluations: int
+    generations: int
+    best_costs: tuple[float, ...]
+    stop: StopReason
+    seconds: float
+
+
+class Slicer:
+    """Chooses how many candidates to evaluate between two looks at the cancel event.
+
+    Args:
+        target: Wall time a slice shall take, s.
+        first: Candidates of the first slice.
+    """
+
+    def __init__(self, target: float = 0.05, first: int = 16) -> None:
+        self._target = target
+        self.size = first
+
+    def note(self, count: int, seconds: float) -> None:
+        """Learn from `count` candidates that took `seconds`; grows at most eightfold."""
+        fitting = self._target / max(seconds / count, 1e-9)
+        self.size = max(1, int(min(fitting, 8.0 * self.size)))
+
+
+class _Run:
+    """One call of `minimise`: the clock, the counts and the best so far."""
+
+    def __init__(
+        self,
+        search: GeneticSearch,
+        low: Array,
+        high: Array,
+        budget: Budget,
+        on_progress: Callable[[Progress], None] | None,
+        clock: Callable[[], float],
+        interval: float,
+    ) -> None:
+        self.search = search
+        self.low = low
+        self.width = high - low
+        self.budget = budget
+        self.on_progress = on_progress
+        self.clock = clock
+        self.interval = interval
+        self.start = clock()
+        self.reported = -math.inf
+        self.done = search.evaluations  # told, plus those of the running generation
+        self.done_before = search.evaluations
+        self.best_cost = search.best_cost
+        self.best_point = search.best_point
+        s = search.settings
+        self.generations = min(s.generations, budget.generations or s.generations)
+        planned = s.initial_population + (self.generations - 1) * s.survivors * s.children
+        self.limit = min(planned, budget.evaluations or planned)
+
+    def physical(self, points: Array) -> Array:
+        """Return points of the cube, (..., N), in physical units, eq. 4."""
+        return self.low + points * self.width
+
+    @property
+    def elapsed(self) -> float:
+        return self.clock() - self.start
+
+    def spent(self) -> StopReason | None:
+        """Return which budget allows no further candidate."""
+        b = self.budget
+        if b.evaluations is not None and self.done >= b.evaluations:
+            return StopReason.EVALUATIONS
+        if b.seconds is not None and self.elapsed >= b.seconds:
+            return StopReason.SECONDS
+        return None
+
+    def note(self, points: Array, costs: Array) -> None:
+        self.done += len(points)
+        best = int(np.argmin(costs))
+        if costs[best] < self.best_cost:
+            self.best_cost = float(costs[best])
+            self.best_point = points[best].copy()
+
+    def report(self, *, last: bool = False) -> None:
+        elapsed = self.elapsed
+        if self.on_progress is None:
+            return
+        if not last and elapsed - self.reported < self.interval:
+            return
+        self.reported = elapsed
+        here = self.done - self.done_before
+        eta = elapsed / here * max(self.limit - self.done, 0) if here else math.nan
+        if self.budget.seconds is not None:
+            eta = min(eta, max(self.budget.seconds - elapsed, 0.0))
+        self.on_progress(
+            Progress(
+                generation=self.search.generation,
+                generations=self.generations,
+                evaluations=self.done,
+                budget=self.limit,
+                best_cost=self.best_cost,
+                best_theta=self.physical(self.best_point),
+                spread=self.search.spread,
+                elapsed=elapsed,
+                eta=0.0 if last else eta,
+            )
+        )
+
+
+def _checked(costs: Any, count: int) -> Array:
+    told = np.asarray(costs, dtype=np.float64)
+    if told.shape != (count,):
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            f'evaluate returned the shape {told.shape} for {count} candidates; '
+            'it has to return one cost for each',
+        )
+    if np.isnan(told).any():
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            'evaluate returned NaN; a diverged candidate has to cost inf, and a NaN in the data has '
+            'to be left out of the cost',
+        )
+    return told
+
+
+def _bounds(low: Any, high: Any, dimension: int) -> tuple[Array, Array]:
+    """Return the box as arrays (N,), or refuse it."""
+    bottom = np.array(low, dtype=np.float64)
+    top = np.array(high, dtype=np.float64)
+    if bottom.shape != (dimension,) or top.shape != (dimension,):
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            f'the bounds have the shapes {bottom.shape} and {top.shape}; '
+            f'the search has {dimension} parameter(s)',
+        )
+    if not (np.isfinite(bottom).all() and np.isfinite(top).all() and (bottom < top).all()):
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            'every lower bound has to be finite and below its finite upper bound; correct the box',
+        )
+    return bottom, top
+
+
+def minimise(
+    evaluate: Evaluate,
+    search: GeneticSearch,
+    *,
+    low: Any,
+    high: Any,
+    budget: Budget | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+    cancel: Cancel | None = None,
+    checkpoint: str | Path | None = None,
+    slice_seconds: float = 0.05,
+    interval: float = 0.1,
+    clock: Callable[[], float] = time.monotonic,
+) -> SearchResult:
+    """Run a search to its end, its budget's end, or until it is cancelled.
+
+    A generation that was cut off by a budget or the cancel event is not told to the search: its
+    candidates count for the best so far, and a later call on the same search repeats them.
+
+    Args:
+        evaluate: (S, N) in physical units -> (S,) costs, inf for a diverged candidate. The costs must
+            not depend on how the candidates are cut into slices.
+        search: What proposes candidates; is advanced.
+        low: (N,) lower bounds, physical units.
+        high: (N,) upper bounds, physical units.
+        budget: What the search may cost.
+        on_progress: Called at most every `interval`, and once at the end, from this thread.
+        cancel: Looked at between slices.
+        checkpoint: File that holds the search's state after every generation.
+        slice_seconds: Wall time a slice shall take, s; the sizes adapt to it.
+        interval: Least time between two reports, s.
+        clock: Seconds that never step back.
+
+    Returns:
+        The best so far and why the search ended.
+
+    Raises:
+        IdentError: BAD_VALUES where the bounds or costs are unusable.
+    """
+    bottom, top = _bounds(low, high, search.dimension)
+    run = _Run(search, bottom, top, budget or Budget(), on_progress, clock, interval)
+    slicer = Slicer(slice_seconds)
+    best_costs: list[float] = []
+    completed = search.generation - (0 if search.stop_reason else 1)
+    stop = search.stop_reason
+    while stop is None:
+        if completed >= run.generations:
+            stop = StopReason.GENERATIONS
+            break
+        points = search.ask()
+        costs, stop = _evaluate_generation(evaluate, points, run, slicer, cancel)
+        if stop is not None:
+            break
+        search.tell(costs)
+        completed += 1
+        best_costs.append(search.best_cost)
+        if checkpoint is not None:
+            write_state(checkpoint, search.state())
+        stop = search.stop_reason
+    run.report(last=True)
+    return SearchResult(
+        theta=run.physical(run.best_point),
+        cost=run.best_cost,
+        survivors=run.physical(search.survivors),
+        survivor_costs=search.survivor_costs.copy(),
+        evaluations=run.done,
+        generations=completed,
+        best_costs=tuple(best_costs),
+        stop=stop,
+        seconds=run.elapsed,
+    )
+
+
+def _evaluate_generation(
+    evaluate: Evaluate, points: Array, run: _Run, slicer: Slicer, cancel: Cancel | None
+) -> tuple[Array, StopReason | None]:
+    """Return the costs (S,) of a generation, or why it was cut off."""
+    costs = np.full(len(points), math.inf)
+    start = 0
+    while start < len(points):
+        if cancel is not None and cancel.is_set():
+            return costs, StopReason.CANCELLED
+        spent = run.spent()
+        if spent is not None:
+            return costs, spent
+        size = slicer.size
+        if run.budget.evaluations is not None:
+            size = min(size, run.budget.evaluations - run.done)
+        part = points[start : start + size]
+        before = run.clock()
+        told = _checked(evaluate(run.physical(part)), len(part))
+        slicer.note(len(part), run.clock() - before)
+        costs[start : start + len(part)] = told
+        start += len(part)
+        run.note(part, told)
+        run.report()
+    return costs, None

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The genetic algorithm of Ludwig and Gerstmayr (2011), section 2, as an ask/tell core.
+
+No objective, clock, thread or print: whoever owns the loop evaluates what `ask` returns and tells the
+costs. Everything happens in the unit cube; bounds in physical units are the driver's business.
+"""
+
+import enum
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.search.operators import FIRST_GENERATIONS, MUTATIONS, Array, mutate, select
+
+STATE_VERSION = 1
+
+
+class StopReason(enum.Enum):
+    """Why a search ended; the value is the sentence for the user."""
+
+    GENERATIONS = 'All generations are done.'
+    STAGNATION = (
+        'The best cost has stopped improving; '
+        'raise stagnation_generations, or set it to 0, to go on for longer.'
+    )
+    EVALUATIONS = (
+        'The budget of evaluations is spent; give more of them to search further.'
+    )
+    SECONDS = 'The budget of seconds is spent; give more of them to search further.'
+    CANCELLED = 'The search was cancelled; the result is the best found until then.'
+
+
+def _refuse(message: str) -> IdentError:
+    return IdentError(ErrorCode.BAD_VALUES, message)
+
+
+@dataclass(frozen=True)
+class GeneticSettings:
+    """The settings of Tables 2 and 4, and three of ours.
+
+    Attributes:
+        initial_population: Candidates of the first generation.
+        survivors: Most candidates that become parents, |S|.
+        children: Children of each parent.
+        generations: Generations, the first one included, N_g.
+        range_reduction: xi in ]0, 1]; the mutation shrinks with xi^(g-1), eq. 6.
+        min_distance: d_min,0; survivors keep d_min,0 xi^(g-1) apart, eq. 7. Where fewer than
+            `survivors` candidates do so, fewer survive and the next generation is smaller.
+        mutation: `gaussian_root` (eq. 5 with its root) or `laplace` (without).
+        first_generation: `uniform` (eq. 4), `latin_hypercube` or `kronecker` (fills the box more
+            evenly with the same number of candidates).
+        stagnation_generations: Stop after this many generations without improvement; 0 for never.
+        stagnation_tolerance: Relative decrease of the best cost that counts as improvement.
+    """
+
+    initial_population: int = 1024
+    survivors: int = 8
+    children: int = 8
+    generations: int = 12
+    range_reduction: float = 0.5
+    min_distance: float = 0.0
+    mutation: str = 'gaussian_root'
+    first_generation: str = 'uniform'
+    stagnation_generations: int = 0
+    stagnation_tolerance: float = 1e-6
+
+    def __post_init__(self) -> None:
+        for name in ('initial_population', 'survivors', 'children', 'generations'):
+            if not (isinstance(getattr(self, name), int) and getattr(self, name) >= 1):
+                raise _refuse(
+                    f'{name} is {getattr(self, name)!r}; give a whole number of at least 1'
+                )
+        if not (isinstance(self.stagnation_generations, int) and self.stagnation_generations >= 0):
+            raise _refuse(
+                f'stagnation_generations is {self.stagnation_generations!r}; '
+                'give a whole number, 0 for never'
+            )
+        if not 0.0 < self.range_reduction <= 1.0:
+            raise _refuse(
+                f'range_reduction is {self.range_reduction}; give a number above 0 and at most 1'
+            )
+        if not (math.isfinite(self.min_distance) and self.min_distance >= 0.0):
+            raise _refuse(f'min_distance is {self.min_distance}; give a number of at least 0')
+        if not 0.0 <= self.stagnation_tolerance < 1.0:
+            raise _refuse(
+                f'stagnation_tolerance is {self.stagnation_tolerance}; '
+                'give a number of at least 0 and below 1'
+            )
+        for name, known in (('mutation', MUTATIONS), ('first_generation', FIRST_GENERATIONS)):
+            if getattr(self, name) not in known:
+                raise _refuse(
+                    f'{name} is {getattr(self, name)!r}; give one of {", ".join(sorted(known))}'
+                )
+
+    @property
+    def evaluations(self) -> int:
+        """Most candidates a whole run evaluates."""
+        return self.initial_population + (self.generations - 1) * self.survivors * self.children
+
+
+class GeneticSearch:
+    """Mutation and selection without crossover.
+
+    Example:
+        >>> search = GeneticSearch(2, GeneticSettings(initial_population=256), seed=1)
+        >>> while search.stop_reason is None:
+        ...     points = search.ask()
+        ...     search.tell(((points - 0.3) ** 2).sum(axis=1))
+        >>> bool(search.best_cost < 1e-5)
+        True
+
+    Args:
+        dimension: Number of parameters N.
+        settings: The algorithm's settings.
+        seed: Of PCG64; same seed and costs, same candidates to the bit.
+
+    Raises:
+        IdentError: BAD_VALUES where dimension, seed or min_distance (eqs. 8 and 9) do not fit.
+    """
+
+    def __init__(
+        self, dimension: int, settings: GeneticSettings | None = None, seed: int = 0
+    ) -> None:
+        self.settings = settings if settings is not None else GeneticSettings()
+        if dimension < 1:
+            raise _refuse(f'dimension is {dimension}; a search needs at least one parameter')
+        if seed < 0:
+            raise _refuse(f'seed is {seed}; give a whole number of at least 0')
+        # Eqs. 8 and 9: beyond the cube's diagonal no second survivor could exist.
+        if self.settings.min_distance >= math.sqrt(dimension):
+            raise _refuse(
+                f'min_distance is {self.settings.min_distance}; for {dimension} parameter(s) '
+                f'give a number below {math.sqrt(dimension):.4g}, the diagonal of the unit cube'
+            )
+        self.dimension = dimension
+        self.seed = seed
+        self.generation = 1
+        self.evaluations = 0
+        self.best_cost = math.inf
+        self.best_point: Array = np.full(dimension, math.nan)
+        self.survivors: Array = np.empty((0, dimension))
+        self.survivor_costs: Array = np.empty(0)
+        self._population: Array | None = None
+        self._finished = False
+        self._stagnant = 0
+        self._rng = np.random.Generator(np.random.PCG64(seed))
+
+    @property
+    def stop_reason(self) -> StopReason | None:
+        """Why the search has ended, None while it has not."""
+        if self._finished:
+            return StopReason.GENERATIONS
+        limit = self.settings.stagnation_generations
+        if limit and self._stagnant >= limit:
+            return StopReason.STAGNATION
+        return None
+
+    @property
+    def spread(self) -> float:
+        """Largest standard deviation of the survivors over the parameters, in box widths."""
+        return float(self.survivors.std(axis=0).max()) if len(self.survivors) else math.inf
+
+    def ask(self) -> Array:
+        """Return the candidates of the present generation.
+
+        Returns:
+            (S, N) in the unit cube, read-only; the same array until `tell`.
+
+        Raises:
+            IdentError: BAD_VALUES after the search has ended.
+        """
+        if self.stop_reason is not None:
+            raise _refuse('the search has ended; start another one to ask for more candidates')
+        if self._population is None:
+            self._population = self._draw()
+            self._population.flags.writeable = False
+        return self._population
+
+    def _draw(self) -> Array:
+        s = self.settings
+        if self.generation == 1:
+            draw = FIRST_GENERATIONS[s.first_generation]
+            return draw(s.initial_population, self.dimension, self._rng)
+        if not len(self.survivors):
+            # Everything diverged so far: there is no parent to start from, so try new places.
+            return self._rng.random((s.survivors * s.children, self.dimension))
+        # Eq. 6 with g the parents' generation: the first children spread over the whole box.
+        scale = s.range_reduction ** (self.generation - 2)
+        return mutate(self.survivors, s.children, scale, s.mutation, self._rng)
+
+    def tell(self, costs: Any) -> None:
+        """Select the survivors of the present generation and go on to the next.
+
+        Args:
+            costs: (S,) of the candidates asked for, in their order; inf for a diverged one.
+
+        Raises:
+            IdentError: BAD_VALUES where the costs do not fit the candidates, or hold NaN or -inf.
+        """
+        if self._population is None:
+            raise _refuse('tell was called before ask; ask for candidates first')
+        told = np.array(costs, dtype=np.float64)
+        points = self._population
+        if told.shape != (len(points),):
+            raise _refuse(
+                f'costs have the shape {told.shape}; give one number for each of the '
+                f'{len(points)} candidates'
+            )
+        if np.isnan(told).any() or (told == -math.inf).any():
+            wrong = int(np.flatnonzero(~(told > -math.inf))[0])
+            raise _refuse(
+                f'the cost of candidate {wrong} is {told[wrong]}; give inf for a diverged candidate'
+            )
+        # Section 2.2: from generation 2 on the previous survivors take part in the selection.
+        points = np.concatenate((self.survivors, points))
+        pool = np.concatenate((self.survivor_costs, told))
+        s = self.settings
+        distance = s.min_distance * s.range_reduction ** (self.generation - 1)  # eq. 7
+        chosen = select(points, pool, s.survivors, distance)
+        self.survivors = points[chosen]
+        self.survivor_costs = pool[chosen]
+        self.evaluations += len(told)
+        self._note_best()
+        self._population = None
+        if self.generation == s.generations:
+            self._finished = True
+        else:
+            self.generation += 1
+
+    def _note_best(self) -> None:
+        if not len(self.survivors):
+            return
+        cost = float(self.survivor_costs[0])
+        needed = self.best_cost
+        if math.isfinite(needed):
+            needed -= self.settings.stagnation_tolerance * abs(needed)
+        self._stagnant = 0 if cost < needed else self._stagnant + 1
+        if cost < self.best_cost:
+            self.best_cost = cost
+            self.best_point = self.survivors[0].copy()
+
+    def state(self) -> dict[str, Any]:
+        """Return all that the future depends on, as plain data.
+
+        Returns:
+            Numbers, strings, dictionaries of them, and float64 arrays; `write_state` keeps it in a
+            file. A generation that was asked for and not told is part of it.
+        """
+        population = self._population if self._population is not None else np.empty((0, 0))
+        return {
+            'version': STATE_VERSION,
+            'dimension': self.dimension,
+            'seed': self.seed,
+            'settings': asdict(self.settings),
+            'generation': self.generation,
+            'evaluations': self.evaluations,
+            'finished': self._finished,
+            'stagnant': self._stagnant,
+            'best_cost': self.best_cost,
+            'best_point': self.best_point.copy(),
+            'survivors': self.survivors.copy(),
+            'survivor_costs': self.survivor_costs.copy(),
+            'population': population.copy(),
+            'bit_generator': self._rng.bit_generator.state,
+        }
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, Any]) -> 'GeneticSearch':
+        """Continue where `state` was taken, to the bit.
+
+        Args:
+            state: From `state()`; arrays may come as lists.
+
+        Returns:
+            A search that asks for the same candidates the other one would have asked for.
+
+        Raises:
+            IdentError: BAD_VALUES where the state is another version's or incomplete.
+        """
+        version = state.get('version')
+        if version != STATE_VERSION:
+            raise _refuse(
+                f'the search state has version {version!r} and this package reads '
+                f'{STATE_VERSION}; continue with the package version that wrote it'
+            )
+        try:
+            known = {f.name for f in fields(GeneticSettings)}
+            chosen = {k: v for k, v in state['settings'].items() if k in known}
+            search = cls(int(state['dimension']), GeneticSettings(**chosen), int(state['seed']))
+            width = search.dimension
+            search.generation = int(state['generation'])
+            search.evaluations = int(state['evaluations'])
+            search._finished = bool(state['finished'])
+            search._stagnant = int(state['stagnant'])
+            search.best_cost = float(state['best_cost'])
+            search.best_point = np.array(state['best_point'], dtype=np.float64)
+            search.survivors = np.array(state['survivors'], dtype=np.float64).reshape(-1, width)
+            search.survivor_costs = np.array(state['survivor_costs'], dtype=np.float64)
+            population = np.array(state['population'], dtype=np.float64)
+            if population.size:
+                search._population = population.reshape(-1, width)
+                search._population.flags.writeable = False
+            search._rng.bit_generator.state = state['bit_generator']
+        except (KeyError, TypeError, ValueError) as exc:
+            raise _refuse(
+                f'the search state is damaged ({exc}); start the search anew'
+            ) from None
+        return search

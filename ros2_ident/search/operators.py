@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The genetic algorithm's operators as pure functions on the unit cube.
+
+Equation numbers are those of Ludwig and Gerstmayr (2011), section 2. The cube's coordinate i is
+(theta_i - theta_i,min) / (theta_i,max - theta_i,min), so that the ranges drop out of eqs. 4, 6 and 7.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def gaussian_root(uniform: Array) -> Array:
+    """Return mutation steps whose magnitude follows exp(-s^2).
+
+    Args:
+        uniform: Any shape, uniform in [0, 1].
+
+    Returns:
+        Same shape; sgn(x - 1/2) sqrt(-ln(2 |x - 1/2|)), 0 at x = 1/2; variance 1.
+
+    Reference:
+        Ludwig and Gerstmayr (2011), eq. 5, with the square root that its print lost.
+    """
+    return np.sign(uniform - 0.5) * np.sqrt(_exponential(uniform))
+
+
+def laplace(uniform: Array) -> Array:
+    """Return mutation steps of a Laplace law, eq. 5 to the letter.
+
+    Args:
+        uniform: Any shape, uniform in [0, 1].
+
+    Returns:
+        Same shape; -sgn(x - 1/2) ln(2 |x - 1/2|), 0 at x = 1/2; variance 2.
+
+    Reference:
+        Ludwig and Gerstmayr (2011), eq. 5, read without a root.
+    """
+    return np.sign(uniform - 0.5) * _exponential(uniform)
+
+
+def _exponential(uniform: Array) -> Array:
+    # At x = 1/2 the logarithm's pole is multiplied by sgn(0) = 0; a finite stand-in keeps that zero.
+    distance = np.maximum(2.0 * np.abs(uniform - 0.5), np.finfo(np.float64).tiny)
+    return np.maximum(-np.log(distance), 0.0)
+
+
+MUTATIONS: dict[str, Callable[[Array], Array]] = {
+    'gaussian_root': gaussian_root,
+    'laplace': laplace,
+}
+
+
+def uniform_points(count: int, dimension: int, rng: np.random.Generator) -> Array:
+    """Draw a generation uniformly, eq. 4.
+
+    Args:
+        count: Number of points S.
+        dimension: Number of parameters N.
+        rng: Source of the draws.
+
+    Returns:
+        (S, N) in the unit cube.
+    """
+    return rng.random((count, dimension))
+
+
+def latin_hypercube(count: int, dimension: int, rng: np.random.Generator) -> Array:
+    """Draw one point in each of `count` equal layers of every coordinate.
+
+    Args:
+        count: Number of points S.
+        dimension: Number of parameters N.
+        rng: Source of the draws.
+
+    Returns:
+        (S, N) in the unit cube.
+
+    Reference:
+        McKay, Beckman and Conover (1979), Technometrics 21.
+    """
+    layers = np.stack([rng.permutation(count) for _ in range(dimension)], axis=1)
+    return (layers + rng.random((count, dimension))) / count
+
+
+def kronecker(count: int, dimension: int, rng: np.random.Generator) -> Array:
+    """Draw a low-discrepancy lattice with a random shift.
+
+    Point n is frac(shift + n alpha) with alpha_i = phi^-i and phi the positive root of
+    x^(N+1) = x + 1: the golden ratio in one dimension. It leaves no large hole in the plane, nor in any
+    one coordinate, and needs no table.
+
+    Args:
+        count: Number of points S.
+        dimension: Number of parameters N.
+        rng: Source of the shift.
+
+    Returns:
+        (S, N) in the unit cube.
+
+    Reference:
+        Niederreiter (1992), Random Number Generation and Quasi-Monte Carlo Methods, section 3.1;
+        the choice of alpha: Roberts (2018), The Unreasonable Effectiveness of Quasirandom Sequences.
+    """
+    root = 2.0
+    for _ in range(64):
+        root = (1.0 + root) ** (1.0 / (dimension + 1))
+    alpha = root ** -np.arange(1.0, dimension + 1.0)
+    return (rng.random(dimension) + np.arange(1.0, count + 1.0)[:, None] * alpha) % 1.0
+
+
+FIRST_GENERATIONS: dict[str, Callable[[int, int, np.random.Generator], Array]] = {
+    'uniform': uniform_points,
+    'latin_hypercube': latin_hypercube,
+    'kronecker': kronecker,
+}
+
+
+def mutate(
+    parents: Array, children: int, scale: float, law: str, rng: np.random.Generator
+) -> Array:
+    """Return every parent's children, eq. 6, clipped to the cube.
+
+    Args:
+        parents: (P, N) survivors in the unit cube.
+        children: Children of each parent.
+        scale: The factor xi^(g-1), g the parents' generation.
+        law: `gaussian_root` or `laplace`.
+        rng: Source of the draws, a fresh one for every component.
+
+    Returns:
+        (P * children, N) in the unit cube; the children of one parent are neighbours.
+    """
+    repeated = np.repeat(parents, children, axis=0)
+    steps = MUTATIONS[law](rng.random(repeated.shape))
+    return np.clip(repeated + scale * steps, 0.0, 1.0)
+
+
+def select(points: Array, costs: Array, count: int, distance: float) -> NDArray[np.intp]:
+    """Return who survives: the best ones that keep their distance, eq. 7.
+
+    Candidates are taken in the order of their cost, the best always, each further one only where its
+    distance to every survivor taken so far exceeds `distance`. A copy of a survivor never survives,
+    nor does a diverged candidate (cost inf). Among equal costs the earlier candidate goes first.
+
+    Args:
+        points: (S, N) in the unit cube.
+        costs: (S,), no NaN.
+        count: Most survivors.
+        distance: d_min,0 xi^(g-1), a length in the unit cube.
+
+    Returns:
+        (P,) indices by rising cost, P <= count.
+    """
+    order = np.argsort(costs, kind='stable')
+    order = order[: int(np.searchsorted(costs[order], math.inf))]
+    if distance <= 0.0:
+        return _select_close(points, costs, order, count)
+    ranked = np.ascontiguousarray(points[order].T)
+    free = np.ones(order.size, dtype=bool)
+    taken: list[int] = []
+    squared = distance * distance
+    while len(taken) < count and free.size:
+        best = int(free.argmax())
+        if not free[best]:
+            break
+        taken.append(best)
+        apart = np.square(ranked[0] - ranked[0, best])
+        for row in ranked[1:]:
+            apart += np.square(row - row[best])
+        free &= apart > squared
+    return order[taken]
+
+
+def _select_close(
+    points: Array, costs: Array, order: NDArray[np.intp], count: int
+) -> NDArray[np.intp]:
+    """Select without a distance: only copies are left out, and copies have equal costs."""
+    taken: list[int] = []
+    for index in order.tolist():
+        if len(taken) == count:
+            break
+        copies = (i for i in taken if costs[i] == costs[index])
+        if not any(np.array_equal(points[i], points[index]) for i in copies):
+            taken.append(index)
+    return np.array(taken, dtype=np.intp)
