@@ -1,0 +1,323 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Read bags into recordings: MCAP, db3 and ROS 1, whole or damaged."""
+
+import hashlib
+import re
+import sqlite3
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording import cdr
+from ros2_ident.recording.builder import RecordingBuilder
+from ros2_ident.recording.mcap_scan import scan
+from ros2_ident.recording.streams import ROLES, Recording
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+_SUFFIXES = ('.mcap', '.db3', '.bag')
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Which topic plays which role; an empty name leaves the role out.
+
+    Attributes:
+        state: Measured positions and velocities, and efforts where the drive reports them here.
+        effort: Measured efforts on a topic of their own.
+        command: The controller's set-point.
+    """
+
+    state: str = '/joint_states'
+    effort: str = '/effort'
+    command: str = '/joint_command'
+
+    def roles(self) -> dict[str, str]:
+        """Return the role of each topic, with absolute names.
+
+        Raises:
+            IdentError: INVALID_GOAL where one topic has two roles or none has any.
+        """
+        found: dict[str, str] = {}
+        for role in ROLES:
+            name = getattr(self, role)
+            if not name:
+                continue
+            topic = '/' + str(name).lstrip('/')
+            if topic in found:
+                raise IdentError(
+                    ErrorCode.INVALID_GOAL,
+                    f'{topic} is given as {found[topic]} and as {role}; '
+                    f'name one topic per role, efforts inside joint states need no {role} topic',
+                )
+            found[topic] = role
+        if not found:
+            raise IdentError(ErrorCode.INVALID_GOAL, 'no topic is given; name at least the state topic')
+        return found
+
+
+@dataclass
+class _Raw:
+    """Serialised messages of a bag.
+
+    Attributes:
+        messages: By topic, in the order of log time: log time [ns] and CDR bytes.
+        types: Message type of every topic of the bag.
+        counts: Messages of every topic of the bag.
+        warnings: What could not be read.
+    """
+
+    messages: dict[str, list[tuple[int, bytes]]] = field(default_factory=dict)
+    types: dict[str, str] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+
+def _damaged(path: Path, text: str) -> IdentError:
+    return IdentError(ErrorCode.DAMAGED_BAG, f'{path}: {text}')
+
+
+def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
+    """Find the files that hold a bag's messages.
+
+    Args:
+        path: A bag directory, or a bare `.mcap`, `.db3` or `.bag` file.
+
+    Returns:
+        The files in the order of recording, and sentences about what is missing around them.
+
+    Raises:
+        IdentError: NO_DATA where there is no bag at the path.
+    """
+    path = Path(path)
+    if path.is_file():
+        return [path], []
+    if not path.is_dir():
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{path}: does not exist; give the path of a bag directory or of an .mcap, .db3 or .bag file',
+        )
+    files = [x for x in path.iterdir() if x.suffix in _SUFFIXES or x.suffixes[-1:] == ['.zstd']]
+    files = [x for x in files if x.is_file()]
+    if not files:
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{path}: holds no .mcap, .db3 or .bag file; give the directory that `ros2 bag record` wrote',
+        )
+    # split recordings count up: bag_9 comes before bag_10
+    files.sort(key=lambda x: [int(p) if p.isdigit() else p for p in re.split(r'(\d+)', x.name)])
+    if (path / 'metadata.yaml').exists():
+        return files, []
+    return files, [f'{path}: metadata.yaml is missing; `ros2 bag reindex {path}` writes it anew']
+
+
+def digest(files: Iterable[Path]) -> str:
+    """Return the SHA-256 of the files' bytes, one after the other, in hexadecimal."""
+    total = hashlib.sha256()
+    for path in files:
+        with path.open('rb') as stream:
+            while block := stream.read(1 << 20):
+                total.update(block)
+    return total.hexdigest()
+
+
+def read_bag(path: str | Path, topics: Topics | None = None) -> list[Recording]:
+    """Read a bag's JointState topics.
+
+    Args:
+        path: A bag directory with or without metadata.yaml, or a bare `.mcap`, `.db3` or `.bag` file.
+        topics: Which topics to read; the default names where None.
+
+    Returns:
+        One recording per uninterrupted stretch, in the order of the log. What a damaged bag does not
+        yield is said in their warnings.
+
+    Raises:
+        IdentError: NO_DATA, MISSING_STREAM, DAMAGED_BAG or BAD_VALUES, each with the remedy.
+    """
+    path = Path(path)
+    roles = (topics or Topics()).roles()
+    files, warnings = storage_files(path)
+    raw = _read(path, files, warnings, roles)
+    _check_topics(path, raw, roles)
+    builder = RecordingBuilder(str(path), digest(files))
+    for sentence in raw.warnings:
+        builder.warn(sentence)
+    for topic, role in roles.items():
+        if topic in raw.messages:
+            _feed(builder, role, topic, raw.messages[topic])
+    return builder.build()
+
+
+def _read(path: Path, files: list[Path], warnings: list[str], roles: dict[str, str]) -> _Raw:
+    """Read the serialised messages, from the records one by one where the regular way fails."""
+    empty = [x for x in files if not x.stat().st_size]
+    if empty:
+        raise _damaged(empty[0], 'is empty (0 bytes); copy or record the bag again')
+    whole = path.is_file() or not warnings
+    try:
+        try:
+            raw = _read_regular([path] if whole else files, roles)
+        except Exception:
+            # an unreadable metadata.yaml around good files is everyday
+            if not path.is_dir() or not whole:
+                raise
+            raw = _read_regular(files, roles)
+            raw.warnings.append(
+                f'{path}: metadata.yaml does not fit the files; `ros2 bag reindex {path}` writes it anew'
+            )
+    except Exception as exc:
+        # rosbags lets struct, zstd and sqlite errors of broken files through: all mean the same here
+        if isinstance(exc, IdentError | MemoryError):
+            raise
+        if any(x.suffix != '.mcap' for x in files):
+            raise _unreadable(files, exc) from exc
+        raw = _read_damaged(files, roles)
+    raw.warnings[:0] = warnings
+    return raw
+
+
+def _unreadable(files: list[Path], exc: Exception) -> IdentError:
+    reason = ' '.join(str(exc).split()).rstrip('.') or type(exc).__name__
+    path = next((x for x in files if x.suffix != '.mcap'), files[0])
+    if path.suffix not in (*_SUFFIXES, '.zstd'):
+        remedy = 'give an .mcap, .db3 or .bag file or a bag directory'
+    elif isinstance(exc, sqlite3.Error) or path.suffix == '.db3':
+        remedy = f"what is left comes out with `sqlite3 {path.name} .recover`, or copy the file again"
+    else:
+        remedy = 'copy or record the bag again'
+    return _damaged(path, f'cannot be read ({reason}); {remedy}')
+
+
+def _read_regular(paths: list[Path], roles: dict[str, str]) -> _Raw:
+    raw = _Raw()
+    with AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        for connection in reader.connections:
+            raw.types[connection.topic] = connection.msgtype
+            raw.counts[connection.topic] = raw.counts.get(connection.topic, 0) + connection.msgcount
+        wanted = [x for x in reader.connections if x.topic in roles and x.msgtype == JOINT_STATE]
+        convert: Callable[[bytes], bytes] = bytes
+        if not reader.is2:
+            store = reader.typestore
+
+            def convert(data: bytes) -> bytes:
+                return bytes(store.ros1_to_cdr(data, JOINT_STATE))
+
+        for connection in wanted:
+            raw.messages.setdefault(connection.topic, [])
+        if wanted:
+            for connection, log_time, data in reader.messages(connections=wanted):
+                raw.messages[connection.topic].append((log_time, convert(data)))
+    return raw
+
+
+def _read_damaged(files: list[Path], roles: dict[str, str]) -> _Raw:
+    raw = _Raw()
+    for path in files:
+        try:
+            found = scan(path)
+        except ValueError as exc:
+            raise _damaged(path, f'cannot be read ({exc}); give an .mcap, .db3 or .bag file') from None
+        raw.types.update(found.types)
+        for topic, log_time, data in found.messages:
+            raw.counts[topic] = raw.counts.get(topic, 0) + 1
+            if topic in roles and found.types[topic] == JOINT_STATE:
+                raw.messages.setdefault(topic, []).append((log_time, data))
+        lost = []
+        if found.end < found.size or not found.lost_chunks:
+            lost.append(f'the file breaks off after byte {found.end} of {found.size}')
+        if found.lost_chunks:
+            lost.append(f'{found.lost_chunks} blocks inside are damaged')
+        text = f'{" and ".join(lost)}, {len(found.messages)} whole messages were read'
+        if not found.messages:
+            raise _damaged(path, f'{" and ".join(lost)}, no message is whole; copy or record the bag again')
+        raw.warnings.append(
+            f'{path}: is damaged: {text}; `mcap recover {path.name}` writes a sound file of the same content'
+        )
+    for messages in raw.messages.values():
+        messages.sort(key=lambda x: x[0])
+    return raw
+
+
+def _check_topics(path: Path, raw: _Raw, roles: dict[str, str]) -> None:
+    """Say what is wrong where no wanted topic can be read."""
+    wrong = {topic: raw.types[topic] for topic in roles if raw.types.get(topic, JOINT_STATE) != JOINT_STATE}
+    if wrong:
+        topic, kind = next(iter(wrong.items()))
+        raise IdentError(
+            ErrorCode.MISSING_STREAM,
+            f'{path}: {topic} is of type {kind}, expected {JOINT_STATE}; '
+            f'give another topic as {roles[topic]}',
+        )
+    if any(raw.messages.get(topic) for topic in roles):
+        return
+    if not sum(raw.counts.values()):
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{path}: the bag holds no message; record again while the drives publish',
+        )
+    silent = [topic for topic in roles if topic in raw.types]
+    if silent:
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{path}: {", ".join(silent)} is in the bag but without a message; '
+            'record again while the drives publish',
+        )
+    others = sorted(topic for topic, kind in raw.types.items() if kind == JOINT_STATE)
+    if others:
+        raise IdentError(
+            ErrorCode.MISSING_STREAM,
+            f'{path}: holds none of {", ".join(roles)}; its JointState topics are {", ".join(others)}: '
+            'say which one is state, effort or command',
+        )
+    raise IdentError(
+        ErrorCode.MISSING_STREAM,
+        f'{path}: holds no {JOINT_STATE} topic, only {", ".join(sorted(raw.types)) or "nothing"}; '
+        'record the topic on which the drives report their joints',
+    )
+
+
+def _feed(builder: RecordingBuilder, role: str, topic: str, messages: list[tuple[int, bytes]]) -> None:
+    """Decode the messages of a topic into the builder."""
+    data = [x[1] for x in messages]
+    try:
+        blocks = cdr.decode(data)
+    except (ValueError, IndexError):
+        data, log_times = _whole_messages(data, [x[0] for x in messages])
+        lost = len(messages) - len(data)
+        if not data:
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'{builder.source}: no message of {topic} is a valid {JOINT_STATE} '
+                '(arrays have to be empty or as long as the names); repair the publisher',
+            ) from None
+        builder.warn(f'{topic}: {lost} of {len(messages)} messages are no valid JointState and are left out')
+        blocks = cdr.decode(data)
+    else:
+        log_times = [x[0] for x in messages]
+    unstamped = all(not block.stamp.any() for block in blocks)
+    if unstamped:
+        builder.warn(f'{topic}: all header stamps are 0, the time of recording is used; stamp the messages')
+    clock = np.array(log_times, dtype=np.int64)
+    for block in blocks:
+        stamp = clock[block.rows] if unstamped else block.stamp
+        builder.add_block(role, stamp, block.names, *block.fields)
+
+
+def _whole_messages(data: list[bytes], log_times: list[int]) -> tuple[list[bytes], list[int]]:
+    """Return the messages that decode, one by one, and their log times."""
+    kept: list[bytes] = []
+    times: list[int] = []
+    for message, log_time in zip(data, log_times, strict=True):
+        try:
+            blocks = cdr.decode([message])
+        except (ValueError, IndexError):
+            continue
+        if blocks[0].names and len(set(blocks[0].names)) == len(blocks[0].names):
+            kept.append(message)
+            times.append(log_time)
+    return kept, times

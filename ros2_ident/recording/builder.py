@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From single messages to recordings: the one way in for bags and for live topics."""
+
+from array import array
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording.segments import match_segments, split_stamps
+from ros2_ident.recording.streams import FIELDS, ROLES, FloatArray, IntArray, Recording, Stream
+
+Values = Iterable[float]
+
+
+@dataclass
+class _Layout:
+    """Messages of one shape: the same joints in the same order, the same fields filled."""
+
+    names: tuple[str, ...]
+    filled: tuple[bool, bool, bool]
+    values: 'array[float]' = field(default_factory=lambda: array('d'))
+
+    @property
+    def width(self) -> int:
+        return len(self.names) * sum(self.filled)
+
+
+@dataclass
+class _Track:
+    """All messages of one role, in the order of arrival."""
+
+    stamp: 'array[int]' = field(default_factory=lambda: array('q'))
+    layout_id: 'array[int]' = field(default_factory=lambda: array('I'))
+    layouts: list[_Layout] = field(default_factory=list)
+    known: dict[tuple[tuple[str, ...], tuple[bool, bool, bool]], int] = field(default_factory=dict)
+
+    def layout(self, names: tuple[str, ...], filled: tuple[bool, bool, bool]) -> int:
+        """Return the number of a layout, after checking it the first time it is seen."""
+        key = (names, filled)
+        number = self.known.get(key)
+        if number is None:
+            number = self.known[key] = len(self.layouts)
+            self.layouts.append(_Layout(names, filled))
+        return number
+
+
+def _append(values: 'array[float]', data: Values) -> int:
+    """Append numbers and return how many; arrays of doubles are copied as bytes."""
+    before = len(values)
+    if isinstance(data, np.ndarray):
+        values.frombytes(np.ascontiguousarray(data, dtype=np.float64).tobytes())
+    else:
+        values.extend(data)
+    return len(values) - before
+
+
+class RecordingBuilder:
+    """Collect JointState messages and cut them into recordings.
+
+    A message may name any joints in any order and leave any array empty. Nothing is sorted across a
+    backward step of the stamps: it closes a segment (a bag played in a loop, a seek). Single messages
+    that only overtook each other are put back into order and counted.
+
+    Args:
+        source: Where the messages come from, for the recordings and the errors.
+        sha256: Hash of the bag, empty for live data.
+    """
+
+    def __init__(self, source: str = 'live', sha256: str = '') -> None:
+        self.source = source
+        self.sha256 = sha256
+        self._tracks = {role: _Track() for role in ROLES}
+        self._warnings: list[str] = []
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages taken so far, by role."""
+        return {role: len(track.stamp) for role, track in self._tracks.items()}
+
+    def last_stamp(self, role: str) -> int | None:
+        """Return the latest arrival's stamp of a role, ns, or None before the first."""
+        track = self._track(role)
+        return track.stamp[-1] if track.stamp else None
+
+    def warn(self, sentence: str) -> None:
+        """Attach a sentence to every recording that will be built; repeated ones are kept once."""
+        if sentence not in self._warnings:
+            self._warnings.append(sentence)
+
+    def clear(self) -> None:
+        """Forget all messages and warnings."""
+        self._tracks = {role: _Track() for role in ROLES}
+        self._warnings = []
+
+    def add(
+        self,
+        role: str,
+        stamp: int,
+        names: Sequence[str],
+        position: Values = (),
+        velocity: Values = (),
+        effort: Values = (),
+    ) -> None:
+        """Append one message.
+
+        Args:
+            role: `state`, `effort` or `command`.
+            stamp: Header stamp, ns.
+            names: The D joints of this message.
+            position: D positions, rad or m, or empty where not measured.
+            velocity: D velocities, rad/s or m/s, or empty.
+            effort: D efforts in the log's unit, or empty.
+
+        Raises:
+            IdentError: BAD_VALUES where the arrays do not fit the names; the message is not taken.
+        """
+        track = self._track(role)
+        data = (position, velocity, effort)
+        sizes = tuple(len(x) if hasattr(x, '__len__') else -1 for x in data)
+        if -1 in sizes:
+            data = tuple(list(x) for x in data)  # type: ignore[assignment]
+            sizes = tuple(len(x) for x in data)  # type: ignore[arg-type]
+        joints = tuple(names)
+        self._check(role, joints, sizes)
+        number = track.layout(joints, (sizes[0] > 0, sizes[1] > 0, sizes[2] > 0))
+        values = track.layouts[number].values
+        mark = len(values)
+        try:
+            for part, size in zip(data, sizes, strict=True):
+                if size:
+                    _append(values, part)
+            track.stamp.append(stamp)
+        except (TypeError, OverflowError):
+            del values[mark:]
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'{self.source}: a message of {role} holds something that is no number; '
+                'send stamps as integer ns and values as floats',
+            ) from None
+        track.layout_id.append(number)
+
+    def add_block(
+        self,
+        role: str,
+        stamp: IntArray,
+        names: Sequence[str],
+        position: FloatArray | None = None,
+        velocity: FloatArray | None = None,
+        effort: FloatArray | None = None,
+    ) -> None:
+        """Append T messages of the same joints at once: the same as T calls of `add`, faster.
+
+        Args:
+            role: `state`, `effort` or `command`.
+            stamp: Header stamps (T,), ns, in the order of arrival.
+            names: The D joints.
+            position: Positions (T, D), or None where not measured.
+            velocity: Velocities (T, D), or None.
+            effort: Efforts (T, D), or None.
+
+        Raises:
+            IdentError: BAD_VALUES where the shapes do not fit.
+        """
+        track = self._track(role)
+        joints = tuple(names)
+        rows = len(stamp)
+        parts = [x for x in (position, velocity, effort) if x is not None]
+        for part in parts:
+            if part.shape != (rows, len(joints)):
+                raise IdentError(
+                    ErrorCode.BAD_VALUES,
+                    f'{self.source}: a block of {role} has shape {part.shape}, expected '
+                    f'{(rows, len(joints))} (messages, joints)',
+                )
+        filled = tuple(x is not None for x in (position, velocity, effort))
+        self._check(role, joints, tuple(len(joints) if there else 0 for there in filled))
+        if not rows:
+            return
+        number = track.layout(joints, (filled[0], filled[1], filled[2]))
+        if parts:
+            _append(track.layouts[number].values, np.concatenate(parts, axis=1))
+        track.stamp.frombytes(np.ascontiguousarray(stamp, dtype=np.int64).tobytes())
+        track.layout_id.frombytes(np.full(rows, number, dtype=np.uint32).tobytes())
+
+    def build(self) -> list[Recording]:
+        """Cut what was collected into recordings.
+
+        Returns:
+            One recording per segment, in the order of arrival; the builder keeps its messages.
+
+        Raises:
+            IdentError: NO_DATA before the first message, BAD_VALUES where the stamps make no sense.
+        """
+        warnings = list(self._warnings)
+        pieces: dict[str, list[Stream]] = {}
+        for role, track in self._tracks.items():
+            if track.stamp:
+                pieces[role] = self._streams(role, track, warnings)
+        if not any(pieces.values()):
+            raise IdentError(
+                ErrorCode.NO_DATA,
+                f'{self.source}: no measured value arrived; check the topic names and that the drives publish',
+            )
+        return [
+            Recording(**group, source=self.source, sha256=self.sha256, warnings=tuple(warnings))
+            for group in match_segments(pieces)
+        ]
+
+    def _track(self, role: str) -> _Track:
+        try:
+            return self._tracks[role]
+        except KeyError:
+            raise IdentError(
+                ErrorCode.BAD_VALUES, f'role is {role!r}; choose one of {", ".join(ROLES)}'
+            ) from None
+
+    def _check(self, role: str, names: tuple[str, ...], sizes: Sequence[int]) -> None:
+        if len(set(names)) != len(names):
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'{self.source}: a message of {role} names a joint twice ({", ".join(names)}); '
+                'give each joint its own name',
+            )
+        for name, size in zip(FIELDS, sizes, strict=True):
+            if size not in (0, len(names)):
+                raise IdentError(
+                    ErrorCode.BAD_VALUES,
+                    f'{self.source}: a message of {role} has {len(names)} names but {size} values of {name}; '
+                    'arrays have to be empty or as long as the names',
+                )
+
+    def _streams(self, role: str, track: _Track, warnings: list[str]) -> list[Stream]:
+        """Return the segments of one role."""
+        names: list[str] = []
+        for layout in track.layouts:
+            names.extend(name for name in layout.names if name not in names)
+        measured = [any(layout.filled[i] and layout.names for layout in track.layouts) for i in range(3)]
+        if not any(measured):
+            warnings.append(f'{role}: {len(track.stamp)} messages without any value; nothing was measured there')
+            return []
+        stamp = np.array(track.stamp, dtype=np.int64)
+        fields = self._fields(track, names, measured)
+        for array_ in fields:
+            if array_ is not None and (bad := np.isinf(array_)).any():
+                array_[bad] = np.nan
+                warnings.append(f'{role}: {int(bad.sum())} infinite values are taken as not measured')
+        split = split_stamps(stamp, f'{self.source}: {role}')
+        if split.reordered:
+            warnings.append(f'{role}: {split.reordered} messages overtook others and were put back into order')
+        streams = []
+        repeated = 0
+        for rows in split.segments:
+            part, cut, doubled = _merge(stamp[rows], [None if x is None else x[rows] for x in fields])
+            repeated += doubled
+            streams.append(Stream(tuple(names), part, *cut))
+        if repeated:
+            warnings.append(
+                f'{role}: {repeated} values came twice with the same stamp, the later one counts; '
+                'look for two publishers on one topic'
+            )
+        return streams
+
+    @staticmethod
+    def _fields(track: _Track, names: list[str], measured: list[bool]) -> list[FloatArray | None]:
+        """Return the three fields (T, D) in the order of arrival."""
+        count = len(track.stamp)
+        number = np.array(track.layout_id, dtype=np.int64)
+        fields: list[FloatArray | None] = [
+            np.full((count, len(names)), np.nan) if there else None for there in measured
+        ]
+        order = np.argsort(number, kind='stable')
+        edges = np.searchsorted(number[order], np.arange(len(track.layouts) + 1))
+        for index, layout in enumerate(track.layouts):
+            if not layout.width:
+                continue
+            rows = order[edges[index] : edges[index + 1]]
+            columns = [names.index(name) for name in layout.names]
+            # a copy: a view would lock the growing array against the next append
+            block = np.array(layout.values, dtype=np.float64).reshape(rows.size, layout.width)
+            offset = 0
+            for i in range(3):
+                target = fields[i]
+                if layout.filled[i] and target is not None:
+                    target[np.ix_(rows, columns)] = block[:, offset : offset + len(columns)]
+                    offset += len(columns)
+        return fields
+
+
+def _merge(
+    stamp: IntArray, fields: list[FloatArray | None]
+) -> tuple[IntArray, list[FloatArray | None], int]:
+    """Join rows of equal stamps: drives that publish one by one, or a value that came twice.
+
+    Args:
+        stamp: Stamps (T,), ns, never decreasing.
+        fields: Arrays (T, D) or None.
+
+    Returns:
+        Stamps (U,) without repetition, the fields (U, D) with the latest measured value of each joint,
+        and how many values were overwritten.
+    """
+    first: NDArray[np.bool_] = np.ones(stamp.size, dtype=np.bool_)
+    first[1:] = np.diff(stamp) != 0
+    if first.all():
+        return stamp, fields, 0
+    starts = np.flatnonzero(first)
+    merged: list[FloatArray | None] = []
+    repeated = 0
+    for values in fields:
+        if values is None:
+            merged.append(None)
+            continue
+        there = ~np.isnan(values)
+        row = np.where(there, np.arange(stamp.size)[:, None], -1)
+        last = np.maximum.reduceat(row, starts, axis=0)
+        picked = np.take_along_axis(values, np.maximum(last, 0), axis=0)
+        merged.append(np.where(last >= 0, picked, np.nan))
+        repeated += int(there.sum() - (last >= 0).sum())
+    return stamp[starts], merged, repeated

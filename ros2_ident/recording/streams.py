@@ -1,0 +1,295 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The values a recording is made of: immutable, validated once, in the units of the log."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ros2_ident.errors import ErrorCode, IdentError
+
+FIELDS = ('position', 'velocity', 'effort')
+ROLES = ('state', 'effort', 'command')
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def _fail(text: str) -> IdentError:
+    return IdentError(ErrorCode.BAD_VALUES, text)
+
+
+def _frozen(values: FloatArray) -> FloatArray:
+    """Return the array as read-only float64 that no caller can still write to."""
+    array = np.array(values, dtype=np.float64, order='C')
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """Samples of some joints, in the order of their stamps.
+
+    Attributes:
+        names: The D joints' names.
+        stamp: Header stamps (T,), ns, strictly increasing.
+        position: Positions (T, D), rad or m; None where never measured; NaN where one message left the joint out.
+        velocity: Velocities (T, D), rad/s or m/s; likewise.
+        effort: Efforts (T, D) in the log's unit; likewise.
+    """
+
+    names: tuple[str, ...]
+    stamp: IntArray
+    position: FloatArray | None = None
+    velocity: FloatArray | None = None
+    effort: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        """Validate and take ownership of the arrays."""
+        names = tuple(str(name) for name in self.names)
+        if not names:
+            raise _fail('a stream needs at least one joint name, found none; fill `name` in the messages')
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise _fail(f'joint {twice[0]} occurs twice in the names of one stream; give each joint its own name')
+        stamp = np.array(self.stamp)
+        if stamp.ndim != 1 or stamp.dtype.kind not in 'iu':
+            raise _fail(
+                f'stamps have to be integers [ns] of shape (T,), found {stamp.dtype} of shape {stamp.shape}; '
+                'convert seconds with round(1e9 * t)'
+            )
+        stamp = stamp.astype(np.int64)
+        if stamp.size == 0:
+            raise _fail('a stream needs at least one sample, found none; leave the stream out instead')
+        back = np.flatnonzero(np.diff(stamp) <= 0)
+        if back.size:
+            raise _fail(
+                f'stamps have to increase, but sample {int(back[0]) + 1} is '
+                f'{int(stamp[back[0]] - stamp[back[0] + 1])} ns before its predecessor; '
+                'feed the messages to a RecordingBuilder, which splits and merges'
+            )
+        stamp.setflags(write=False)
+        object.__setattr__(self, 'names', names)
+        object.__setattr__(self, 'stamp', stamp)
+        shape = (stamp.size, len(names))
+        for field in FIELDS:
+            values = getattr(self, field)
+            if values is None:
+                continue
+            array = np.asarray(values, dtype=np.float64)
+            if array.shape != shape:
+                raise _fail(
+                    f'{field} has shape {array.shape}, expected {shape} (samples, joints); '
+                    'pass None for what was not measured'
+                )
+            if np.isinf(array).any():
+                row, column = (int(i) for i in np.argwhere(np.isinf(array))[0])
+                raise _fail(
+                    f'{field} of {names[column]} is infinite at sample {row}; '
+                    'write NaN where there is no measurement'
+                )
+            object.__setattr__(self, field, _frozen(array))
+        if all(getattr(self, field) is None for field in FIELDS):
+            raise _fail(
+                'a stream holds neither position, velocity nor effort; leave the stream out instead'
+            )
+
+    def __eq__(self, other: object) -> bool:
+        """Compare values; NaN equals NaN."""
+        if not isinstance(other, Stream):
+            return NotImplemented
+        if self.names != other.names or not np.array_equal(self.stamp, other.stamp):
+            return False
+        for field in FIELDS:
+            one, two = getattr(self, field), getattr(other, field)
+            if (one is None) != (two is None):
+                return False
+            if one is not None and not np.array_equal(one, two, equal_nan=True):
+                return False
+        return True
+
+    def __hash__(self) -> int:
+        """Hash by what is cheap; equality decides the rest."""
+        return hash((self.names, self.stamp.size, int(self.stamp[0])))
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample, s."""
+        return float(self.stamp[-1] - self.stamp[0]) * 1e-9
+
+    def values(self, field: str) -> FloatArray | None:
+        """Return one field by its name.
+
+        Args:
+            field: `position`, `velocity` or `effort`.
+
+        Returns:
+            The field (T, D) in its own unit, or None where never measured.
+        """
+        if field not in FIELDS:
+            raise _fail(f'a stream has no field {field!r}; choose one of {", ".join(FIELDS)}')
+        array: FloatArray | None = getattr(self, field)
+        return array
+
+    def column(self, field: str, name: str) -> FloatArray | None:
+        """Return one joint's samples of a field.
+
+        Args:
+            field: `position`, `velocity` or `effort`.
+            name: The joint.
+
+        Returns:
+            Samples (T,), or None where the joint or the field was never measured.
+        """
+        array = self.values(field)
+        if array is None or name not in self.names:
+            return None
+        column: FloatArray = array[:, self.names.index(name)]
+        return None if np.isnan(column).all() else column
+
+    def between(self, begin: int, end: int) -> 'Stream | None':
+        """Return the samples with begin <= stamp < end, or None where there are none.
+
+        Args:
+            begin: First stamp, ns.
+            end: Stamp after the last, ns.
+        """
+        low, high = np.searchsorted(self.stamp, [begin, end])
+        if low >= high:
+            return None
+        cut = slice(int(low), int(high))
+        return Stream(
+            self.names,
+            self.stamp[cut],
+            *(None if (x := self.values(field)) is None else x[cut] for field in FIELDS),
+        )
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One uninterrupted stretch of a log.
+
+    Attributes:
+        state: What the drives measured, or None.
+        effort: The effort where it came on a stream of its own, or None.
+        command: The controller's set-point, or None.
+        source: Where it came from: a path, or the name of the live buffer.
+        sha256: Hash of the bag's storage file(s), empty for live data.
+        warnings: What the reader has to say about it, one sentence each.
+    """
+
+    state: Stream | None = None
+    effort: Stream | None = None
+    command: Stream | None = None
+    source: str = ''
+    sha256: str = ''
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse a recording of nothing."""
+        if self.state is None and self.effort is None and self.command is None:
+            raise IdentError(
+                ErrorCode.NO_DATA,
+                f'{self.source or "recording"}: holds no stream at all; record joint states first',
+            )
+        object.__setattr__(self, 'warnings', tuple(self.warnings))
+
+    @property
+    def streams(self) -> dict[str, Stream]:
+        """The streams that exist, by role."""
+        found = {role: getattr(self, role) for role in ROLES}
+        return {role: stream for role, stream in found.items() if stream is not None}
+
+    @property
+    def begin(self) -> int:
+        """Earliest stamp, ns."""
+        return min(int(stream.stamp[0]) for stream in self.streams.values())
+
+    @property
+    def end(self) -> int:
+        """Latest stamp, ns."""
+        return max(int(stream.stamp[-1]) for stream in self.streams.values())
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample of any stream, s."""
+        return float(self.end - self.begin) * 1e-9
+
+    def between(self, begin: int, end: int) -> 'Recording':
+        """Return the part with begin <= stamp < end.
+
+        Args:
+            begin: First stamp, ns.
+            end: Stamp after the last, ns.
+
+        Raises:
+            IdentError: NO_DATA where no sample lies there.
+        """
+        cut = {role: stream.between(begin, end) for role, stream in self.streams.items()}
+        if all(stream is None for stream in cut.values()):
+            raise IdentError(
+                ErrorCode.NO_DATA,
+                f'{self.source or "recording"}: no sample between {begin} and {end} ns; '
+                f'it spans {self.begin} to {self.end} ns',
+            )
+        return replace(self, **{role: cut.get(role) for role in ROLES})  # type: ignore[arg-type]
+
+
+def effort_factor(unit: str, torque_constant: float | None = None, rated: float | None = None) -> float:
+    """Return the factor from a logged effort to N m (or N).
+
+    Args:
+        unit: `N m`, `N`, `A` or `percent`.
+        torque_constant: N m/A (or N/A), needed for `A`.
+        rated: Rated torque N m (or force N), needed for `percent`.
+
+    Raises:
+        IdentError: WRONG_UNITS naming what is missing.
+    """
+    if unit in ('N m', 'N'):
+        return 1.0
+    needed: dict[str, tuple[str, float | None, float]] = {
+        'A': ('torque_constant', torque_constant, 1.0),
+        'percent': ('rated_torque', rated, 0.01),
+    }
+    if unit not in needed:
+        raise IdentError(
+            ErrorCode.WRONG_UNITS,
+            f'effort unit is {unit!r}; write one of N m, N, A, percent',
+        )
+    key, value, share = needed[unit]
+    if value is None or not np.isfinite(value) or value == 0.0:
+        raise IdentError(
+            ErrorCode.WRONG_UNITS,
+            f'effort unit {unit} needs {key} to become a torque, found {value}; add `{key}` to the machine file',
+        )
+    return float(value) * share
+
+
+def scale_effort(recording: Recording, factor: float | Iterable[float]) -> Recording:
+    """Convert the measured efforts of a recording.
+
+    Args:
+        recording: The recording in its log's unit.
+        factor: One factor to N m (or N), or one per joint of each stream.
+
+    Returns:
+        The recording with state and effort streams scaled; the command's feed-forward effort too.
+
+    Raises:
+        IdentError: WRONG_UNITS where the factor is no finite number other than zero.
+    """
+    gain = np.asarray(factor, dtype=np.float64)
+    if not np.isfinite(gain).all() or (gain == 0.0).any():
+        raise IdentError(
+            ErrorCode.WRONG_UNITS,
+            f'effort factor is {factor}; give the torque constant or the rated torque over 100',
+        )
+    if gain.ndim == 0 and float(gain) == 1.0:
+        return recording
+    scaled = {
+        role: replace(stream, effort=stream.effort * gain) if stream.effort is not None else stream
+        for role, stream in recording.streams.items()
+    }
+    return replace(recording, **scaled)  # type: ignore[arg-type]
