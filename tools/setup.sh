@@ -17,6 +17,7 @@ die() {
   printf 'setup: %s\n' "$*" >&2
   exit 1
 }
+trap 'die "tools/setup.sh failed at line $LINENO; please report this."' ERR
 say() { printf 'setup: %s (%d s)\n' "$*" "$SECONDS"; }
 
 # Say what keeps a Python from being used; print nothing for a usable one.
@@ -95,7 +96,7 @@ venv_stamp="$mode $root $("$python" -c 'import sys; print(sys.version.split()[0]
 # shellcheck disable=SC2046 # no spaces in these names
 build_stamp="$venv_stamp $(
   hash_of $(find msg_defs -type f | sort) setup.py setup.cfg package.xml colcon_defaults.yaml) $(
-  find config launch bags -type f 2> /dev/null | sort | sha256sum | cut -c 1-16)"
+  { find config launch bags -type f 2> /dev/null || true; } | sort | sha256sum | cut -c 1-16)"
 
 is() { [ "$(cat "$1" 2> /dev/null)" = "$2" ]; }
 current() { is .venv/.stamp "$venv_stamp" && is install/.stamp "$build_stamp"; }
