@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Finite differences of a residual vector, all columns in one batch."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.search.operators import Array
+
+Residuals = Callable[[Array], Array]
+
+# Fractions of a parameter's scale. Forward: sqrt(eps) with room for a simulation's own rounding;
+# central: the cube root of eps.
+FORWARD_STEP = 1e-7
+CENTRAL_STEP = 1e-5
+LARGEST_STEP = 1e-3
+
+
+@dataclass(frozen=True)
+class Box:
+    """The box of the search.
+
+    Attributes:
+        low: (N,) lower bounds, physical units.
+        width: (N,) upper less lower bounds.
+    """
+
+    low: Array
+    width: Array
+
+    @classmethod
+    def of(cls, low: Any, high: Any) -> 'Box':
+        """Return the box between two corners, or refuse them."""
+        bottom = np.atleast_1d(np.array(low, dtype=np.float64))
+        top = np.atleast_1d(np.array(high, dtype=np.float64))
+        fits = bottom.shape == top.shape and bottom.ndim == 1
+        if not (fits and np.isfinite(bottom).all() and np.isfinite(top).all()):
+            raise IdentError(
+                ErrorCode.BAD_VALUES, 'the bounds have to be two lists of finite numbers'
+            )
+        if not (bottom < top).all():
+            raise IdentError(
+                ErrorCode.BAD_VALUES, 'every lower bound has to be below its upper bound'
+            )
+        return cls(bottom, top - bottom)
+
+    def physical(self, unit: Array) -> Array:
+        """Return points (..., N) of the unit cube in physical units."""
+        return self.low + unit * self.width
+
+    def inside(self, theta: Array) -> Array:
+        """Return physical points (..., N) in the unit cube, clipped to it."""
+        return np.clip((theta - self.low) / self.width, 0.0, 1.0)
+
+
+def steps(unit: Array, box: Box, fraction: float) -> Array:
+    """Return finite-difference steps in the cube's coordinates.
+
+    A parameter's scale is its magnitude, at least a thousandth and at most the whole of its box: a
+    stiffness of 1e2 in a box up to 3e5 gets a step that is small for 1e2.
+
+    Args:
+        unit: (N,) point in the unit cube.
+        box: The box.
+        fraction: Step as a fraction of that scale.
+
+    Returns:
+        (N,) positive steps.
+    """
+    magnitude = np.abs(box.physical(unit)) / box.width
+    return fraction * np.clip(magnitude, 1e-3, 1.0)
+
+
+def finite_differences(
+    residuals: Residuals,
+    unit: Array,
+    residual: Array,
+    box: Box,
+    *,
+    central: bool = False,
+    step: float | None = None,
+) -> Array:
+    """Return the derivative of a residual vector by the cube's coordinates.
+
+    A step that would leave the box goes the other way (forward), or shrinks to a one-sided difference
+    (central). A column whose change drowns in rounding is repeated with a thousandfold step; one
+    whose neighbours diverge on both sides is zero.
+
+    Args:
+        residuals: (S, N) physical -> (S, R), inf for a diverged candidate.
+        unit: (N,) point in the unit cube.
+        residual: (R,) residuals there, finite.
+        box: The box.
+        central: Central differences instead of forward ones.
+        step: Step as a fraction of a parameter's scale, None for the usual one.
+
+    Returns:
+        (R, N) finite.
+    """
+    fraction = step if step is not None else (CENTRAL_STEP if central else FORWARD_STEP)
+    width = steps(unit, box, fraction)
+    columns = np.arange(len(unit))
+    jacobian = np.zeros((residual.size, len(unit)))
+    scale = float(np.abs(residual).max(initial=0.0))
+    while columns.size:
+        change, found = _differences(residuals, unit, residual, box, width, columns, central)
+        jacobian[:, columns] = found
+        # Rounding of the residual is at least eps times its size; the change has to stand well above.
+        drowned = (change > 0.0) & (change < 1e4 * np.finfo(np.float64).eps * scale)
+        drowned &= width[columns] * 1e3 <= LARGEST_STEP
+        columns = columns[drowned]
+        width[columns] *= 1e3
+    return jacobian
+
+
+def _differences(
+    residuals: Residuals,
+    unit: Array,
+    residual: Array,
+    box: Box,
+    width: Array,
+    columns: Array,
+    central: bool,
+) -> tuple[Array, Array]:
+    """Return the largest change of each column (C,), and the columns (R, C)."""
+    ahead = np.where(unit + width <= 1.0, width, -width)[columns]
+    behind = np.where((unit + width <= 1.0) & (unit - width >= 0.0), -width, 0.0)[columns]
+    first = _moved(residuals, unit, box, columns, ahead)
+    second = np.broadcast_to(residual, first.shape)
+    if central:
+        second = _moved(residuals, unit, box, columns, behind)
+    else:
+        behind = np.zeros_like(behind)
+    lost = ~np.isfinite(first).all(axis=1)
+    if lost.any() and not central:
+        # Diverged ahead: try behind.
+        ahead = np.where(lost, -ahead, ahead)
+        again = _moved(residuals, unit, box, columns[lost], ahead[lost])
+        first = first.copy()
+        first[lost] = again
+    first_ok = np.isfinite(first).all(axis=1)
+    second_ok = np.isfinite(second).all(axis=1)
+    # Where one side is missing, the point itself takes its place.
+    first = np.where(first_ok[:, None], first, residual)
+    second = np.where(second_ok[:, None], second, residual)
+    span = np.where(first_ok, ahead, 0.0) - np.where(second_ok, behind, 0.0)
+    difference = first - second
+    change = np.abs(difference).max(axis=1, initial=0.0)
+    slope = difference / np.where(span == 0.0, 1.0, span)[:, None]
+    return change, slope.T
+
+
+def _moved(
+    residuals: Residuals, unit: Array, box: Box, columns: Array, by: Array
+) -> Array:
+    """Return (C, R) residuals with one coordinate moved in each row."""
+    points = np.repeat(unit[None, :], len(columns), axis=0)
+    points[np.arange(len(columns)), columns] = np.clip(unit[columns] + by, 0.0, 1.0)
+    return residuals(box.physical(points))

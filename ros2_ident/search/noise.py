@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A residual's autocorrelation as an autoregressive model, and what it does to least squares."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ros2_ident.search.operators import Array
+
+MOST_COEFFICIENTS = 20
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """r_t = sum_k a_k r_(t-k) + e_t with white e.
+
+    Attributes:
+        coefficients: (p,) a_1..a_p; none for white noise.
+        variance: Variance of r, its unit squared.
+        innovation: Variance of e.
+        samples: Length of the series.
+    """
+
+    coefficients: Array
+    variance: float
+    innovation: float
+    samples: int
+
+    @property
+    def effective_samples(self) -> float:
+        """Samples of white noise whose mean would be as certain; at most those there are."""
+        if self.variance <= 0.0:
+            return float(self.samples)
+        # Variance of the mean: spectral density at zero frequency over the number of samples.
+        at_zero = self.innovation / (1.0 - float(self.coefficients.sum())) ** 2
+        return self.samples * min(1.0, self.variance / at_zero)
+
+
+def fit_noise(residual: Array) -> NoiseModel:
+    """Fit an autoregressive model whose order has the lowest BIC.
+
+    Args:
+        residual: (R,) one time series.
+
+    Returns:
+        The model; of order 0 where the series looks white or is too short to tell.
+
+    Reference:
+        Levinson-Durbin recursion: Brockwell and Davis (1991), Time Series: Theory and Methods,
+        section 5.2; order by Schwarz (1978), Annals of Statistics 6.
+    """
+    count = residual.size
+    variance = float(np.mean(residual**2)) if count else 0.0
+    white = NoiseModel(np.empty(0), variance, variance, count)
+    most = min(MOST_COEFFICIENTS, count // 10)
+    if variance <= 0.0 or most < 1:
+        return white
+    # The mean stays in: the model is to explain every sample, a constant offset included.
+    covariance = np.array(
+        [float(residual[: count - k] @ residual[k:]) / count for k in range(most + 1)]
+    )
+    best, best_score = white, 0.0
+    coefficients = np.empty(0)
+    innovation = variance
+    for order in range(1, most + 1):
+        lagged = covariance[1:order][::-1]
+        reflection = (covariance[order] - float(coefficients @ lagged)) / innovation
+        coefficients = np.append(coefficients - reflection * coefficients[::-1], reflection)
+        innovation *= 1.0 - reflection**2
+        if innovation <= 1e-12 * variance:
+            break
+        score = count * np.log(innovation / variance) + order * np.log(count)
+        if score < best_score:
+            best = NoiseModel(coefficients.copy(), variance, innovation, count)
+            best_score = score
+    return best
+
+
+def weighted_normal_matrix(jacobian: Array, model: NoiseModel) -> Array:
+    """Return J' R J, R the covariance matrix of the noise.
+
+    R is never formed: its spectrum is that of the autoregressive model, and the products are sums over
+    frequencies of the zero-padded columns.
+
+    Args:
+        jacobian: (R, N) rows in the order of the time series.
+        model: The noise.
+
+    Returns:
+        (N, N) symmetric, positive semidefinite.
+    """
+    if not model.coefficients.size:
+        return model.variance * (jacobian.T @ jacobian)
+    length = 1 << int(np.ceil(np.log2(2 * len(jacobian))))
+    columns = np.fft.rfft(jacobian, length, axis=0)
+    whitening = np.fft.rfft(np.concatenate(([1.0], -model.coefficients)), length)
+    density = model.innovation / np.abs(whitening) ** 2
+    # A real transform keeps half the frequencies; all but the first and last stand for two.
+    density[1:-1] *= 2.0
+    product: Array = np.real((columns.conj() * density[:, None]).T @ columns) / length
+    return product

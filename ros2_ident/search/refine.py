@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Local refinement: bounded least squares on the residual vector from several starts."""
+
+import enum
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.search.driver import Cancel
+from ros2_ident.search.jacobian import Box, Residuals, finite_differences
+from ros2_ident.search.operators import Array
+
+
+class RefineStatus(enum.Enum):
+    """How a refinement ended; the value is the sentence for the user."""
+
+    CONVERGED = 'The refinement converged.'
+    EVALUATIONS = (
+        'The refinement spent its evaluations before it converged; allow more of them.'
+    )
+    DIVERGED = (
+        'The simulation diverges at the start of the refinement; start it from a better candidate.'
+    )
+    CANCELLED = 'The refinement was cancelled; the result is the best found until then.'
+
+
+@dataclass(frozen=True)
+class StartOutcome:
+    """What became of one start.
+
+    Attributes:
+        start: (N,) where it began, physical units.
+        theta: (N,) where it ended.
+        cost: RMS of the residual vector there, inf where the start diverged.
+        evaluations: Candidates it took.
+        status: How it ended.
+    """
+
+    start: Array
+    theta: Array
+    cost: float
+    evaluations: int
+    status: RefineStatus
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """The best of all starts.
+
+    Attributes:
+        theta: (N,) parameters, physical units; NaN where every start diverged.
+        cost: RMS of the residual vector, its unit; inf where every start diverged.
+        residual: (R,) residual vector at theta; empty where every start diverged.
+        jacobian: (R, N) its derivative by theta, by central differences.
+        evaluations: Candidates of all starts and of the final Jacobian.
+        status: How the best start ended; CANCELLED where a cancel kept others from it.
+        starts: What became of each start, in their order.
+    """
+
+    theta: Array
+    cost: float
+    residual: Array
+    jacobian: Array
+    evaluations: int
+    status: RefineStatus
+    starts: tuple[StartOutcome, ...]
+
+
+class _Stop(Exception):
+    """Leaves scipy's loop, which has no other way out in every version."""
+
+    def __init__(self, status: RefineStatus) -> None:
+        super().__init__()
+        self.status = status
+
+
+class _Start:
+    """One start: counts, remembers the best point, asks for permission before each call."""
+
+    def __init__(
+        self,
+        residuals: Residuals,
+        box: Box,
+        start: Array,
+        limit: int,
+        cancel: Cancel | None,
+        *,
+        central: bool,
+        step: float | None,
+    ) -> None:
+        self.box = box
+        self.residuals = residuals
+        self.limit = limit
+        self.cancel = cancel
+        self.central = central
+        self.step = step
+        self.evaluations = 0
+        self.point = box.inside(start)
+        self.cost = math.inf
+        self.residual: Array = np.empty(0)
+        self._here: tuple[Array, Array] | None = None
+
+    def evaluate(self, theta: Array) -> Array:
+        """Return (S, R) residuals of (S, N) physical candidates."""
+        if self.cancel is not None and self.cancel.is_set():
+            raise _Stop(RefineStatus.CANCELLED)
+        if self.evaluations + len(theta) > self.limit:
+            raise _Stop(RefineStatus.EVALUATIONS)
+        self.evaluations += len(theta)
+        told = np.asarray(self.residuals(theta), dtype=np.float64)
+        if told.ndim != 2 or len(told) != len(theta):
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'residuals returned the shape {told.shape} for {len(theta)} candidates; '
+                'it has to return one row for each',
+            )
+        if np.isnan(told).any():
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                'residuals returned NaN; leave out samples that were not measured, '
+                'and return inf for a diverged candidate',
+            )
+        return told
+
+    def fun(self, unit: Array) -> Array:
+        """Return (R,) the residual vector at one point of the cube."""
+        residual = self.evaluate(self.box.physical(unit)[None, :])[0]
+        self._here = (unit.copy(), residual)
+        cost = float(np.sqrt(np.mean(residual**2)))
+        if cost < self.cost:
+            self.cost, self.point, self.residual = cost, unit.copy(), residual
+        return residual
+
+    def jac(self, unit: Array) -> Array:
+        """Return (R, N) its derivative by the cube's coordinates."""
+        if self._here is None or not np.array_equal(self._here[0], unit):
+            self.fun(unit)
+        assert self._here is not None
+        return finite_differences(
+            self.evaluate, unit, self._here[1], self.box, central=self.central, step=self.step
+        )
+
+    def solve(self, tolerance: float) -> RefineStatus:
+        """Run scipy's trust region and try the bounds that the result leans on."""
+        try:
+            if not np.isfinite(self.fun(self.point)).all():
+                return RefineStatus.DIVERGED
+            solution = least_squares(
+                self.fun,
+                self.point,
+                self.jac,
+                bounds=(0.0, 1.0),
+                method='trf',
+                x_scale='jac',
+                ftol=tolerance,
+                xtol=tolerance,
+                gtol=None,
+                max_nfev=self.limit,
+            )
+            self._try_bounds(solution.grad)
+        except _Stop as stop:
+            return stop.status
+        return RefineStatus.CONVERGED if solution.status > 0 else RefineStatus.EVALUATIONS
+
+    def _try_bounds(self, gradient: Array) -> None:
+        # The trust region stays strictly inside; where the cost falls towards a near bound, the bound
+        # itself is the answer if it is no worse.
+        leaning = self.point.copy()
+        leaning[(leaning < 1e-3) & (gradient > 0.0)] = 0.0
+        leaning[(leaning > 1.0 - 1e-3) & (gradient < 0.0)] = 1.0
+        if not np.array_equal(leaning, self.point):
+            self.fun(leaning)
+
+
+def refine(
+    residuals: Callable[[Array], Array],
+    starts: Any,
+    low: Any,
+    high: Any,
+    *,
+    cancel: Cancel | None = None,
+    max_evaluations: int = 400,
+    central: bool = False,
+    step: float | None = None,
+    tolerance: float = 1e-10,
+    good_enough: float = 0.0,
+) -> Refinement:
+    """Refine several candidates and keep the best.
+
+    Args:
+        residuals: (S, N) in physical units -> (S, R); a diverged candidate's row is inf.
+        starts: (B, N) candidates, the best first; copies are started once.
+        low: (N,) lower bounds, physical units.
+        high: (N,) upper bounds, physical units.
+        cancel: Looked at before every call of `residuals`.
+        max_evaluations: Candidates for each start.
+        central: Central differences in the iterations, twice as dear; the final Jacobian always is.
+        step: Finite-difference step as a fraction of a parameter's scale; see `finite_differences`.
+        tolerance: Relative change of cost or parameters that counts as converged.
+        good_enough: RMS of the residual below which the remaining starts are left out.
+
+    Returns:
+        The best of all starts.
+
+    Raises:
+        IdentError: BAD_VALUES where starts, bounds or residuals are unusable.
+    """
+    box = Box.of(low, high)
+    first = np.atleast_2d(np.array(starts, dtype=np.float64))
+    if first.size == 0 or first.shape[1] != len(box.low) or not np.isfinite(first).all():
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            f'the starts have the shape {first.shape}; give at least one row of '
+            f'{len(box.low)} finite parameters',
+        )
+    outcomes: list[StartOutcome] = []
+    best: _Start | None = None
+    status = RefineStatus.DIVERGED
+    for row in _without_copies(first):
+        start = _Start(residuals, box, row, max_evaluations, cancel, central=central, step=step)
+        ended = start.solve(tolerance)
+        theta = box.physical(start.point)
+        outcomes.append(StartOutcome(row, theta, start.cost, start.evaluations, ended))
+        if best is None or start.cost < best.cost:
+            best, status = start, ended
+        if ended is RefineStatus.CANCELLED:
+            status = ended
+            break
+        if best.cost < good_enough:
+            break
+    assert best is not None
+    return _result(best, status, tuple(outcomes), residuals)
+
+
+def _without_copies(starts: Array) -> Array:
+    _, index = np.unique(starts, axis=0, return_index=True)
+    kept: Array = starts[np.sort(index)]
+    return kept
+
+
+def _result(
+    best: _Start, status: RefineStatus, outcomes: tuple[StartOutcome, ...], residuals: Residuals
+) -> Refinement:
+    """Add the Jacobian at the best point; it belongs to the answer even after a cancel."""
+    evaluations = sum(o.evaluations for o in outcomes)
+    dimension = len(best.point)
+    if not math.isfinite(best.cost):
+        return Refinement(
+            theta=np.full(dimension, math.nan),
+            cost=math.inf,
+            residual=np.empty(0),
+            jacobian=np.empty((0, dimension)),
+            evaluations=evaluations,
+            status=status,
+            starts=outcomes,
+        )
+    # The cancel event and the limit no longer apply: one more batch, then it is over.
+    counted = _Start(
+        residuals, best.box, best.box.physical(best.point), 10**9, None,
+        central=True, step=best.step,
+    )
+    jacobian = finite_differences(
+        counted.evaluate, best.point, best.residual, best.box, central=True, step=best.step
+    )
+    return Refinement(
+        theta=best.box.physical(best.point),
+        cost=best.cost,
+        residual=best.residual,
+        jacobian=jacobian / best.box.width,
+        evaluations=evaluations + counted.evaluations,
+        status=status,
+        starts=outcomes,
+    )

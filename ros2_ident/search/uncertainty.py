@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well the data fix each parameter: intervals, correlations, and plain words."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.search.noise import NoiseModel, fit_noise, weighted_normal_matrix
+from ros2_ident.search.operators import Array
+
+# Box-scaled columns smaller than this against the largest do not act on the data at all.
+INSENSITIVE = 1e-9
+# Unit-length columns whose smallest singular value is below this cannot be told apart.
+COLLINEAR = 1e-6
+# A parameter takes part in such a direction from this component on.
+TAKES_PART = 1e-3
+# An interval wider than this part of the box says no more than the box does.
+MOST_OF_BOX = 0.5
+# Closer to a bound than this, in box widths, is at the bound.
+AT_BOUND = 1e-6
+
+NOT_IDENTIFIABLE = 'not identifiable from this data'
+AT_LOWER = 'at its lower bound'
+AT_UPPER = 'at its upper bound'
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Confidence of an estimate.
+
+    Attributes:
+        half_width: (N,) half widths of the confidence intervals, physical units; inf where the data do
+            not fix the parameter at all.
+        low: (N,) lower ends, theta - half_width; not clipped to the box.
+        high: (N,) upper ends.
+        standard_error: (N,) standard deviations of the estimate.
+        correlation: (N, N) correlations of the estimates; NaN beside a parameter that is not fixed.
+        identifiable: (N,) whether the interval is finite and says more than the box.
+        at_bound: For each parameter '', 'lower' or 'upper'.
+        words: For each parameter what is to be said, '' where nothing.
+        noise: Standard deviation of the residual, its unit, for each series.
+        effective_samples: Samples of white noise that would tell as much.
+        rank: Directions of the parameter space that the data fix.
+    """
+
+    half_width: Array
+    low: Array
+    high: Array
+    standard_error: Array
+    correlation: Array
+    identifiable: Array
+    at_bound: tuple[str, ...]
+    words: tuple[str, ...]
+    noise: tuple[float, ...]
+    effective_samples: float
+    rank: int
+
+
+def intervals(
+    jacobian: Array,
+    residual: Array,
+    theta: Array,
+    low: Array,
+    high: Array,
+    *,
+    series: Sequence[int] | None = None,
+    level: float = 0.95,
+) -> Intervals:
+    """Return confidence intervals that allow for autocorrelated residuals.
+
+    The estimate's covariance is (J'J)^-1 J'RJ (J'J)^-1, with R the residuals' covariance under an
+    autoregressive model of each series whose order is chosen by BIC. At order 0, white noise, and one
+    series it is the classical sigma^2 (J'J)^-1. Directions that the scaled Jacobian's singular value
+    decomposition shows not to act on the data are left out, and their parameters' intervals are
+    infinite.
+
+    Args:
+        jacobian: (R, N) derivative of the residual by theta, physical units.
+        residual: (R,) residual at theta.
+        theta: (N,) estimate.
+        low: (N,) lower bounds of the box.
+        high: (N,) upper bounds of the box.
+        series: Lengths of the time series that follow one another in the residual vector, one for
+            each output and segment; None for a single one.
+        level: Probability that an interval covers the truth.
+
+    Returns:
+        The intervals and what is to be said of each parameter.
+
+    Raises:
+        IdentError: BAD_VALUES where shapes or numbers do not fit; NO_DATA where there are not more
+            residuals than parameters.
+
+    Reference:
+        Seber and Wild (2003), Nonlinear Regression, sections 2.1 and 6.2; Newey and West (1987),
+        Econometrica 55, for the sandwich.
+    """
+    count, dimension = jacobian.shape
+    lengths = _lengths(count, series)
+    _check(jacobian, residual, theta, dimension)
+    width = np.asarray(high, dtype=np.float64) - np.asarray(low, dtype=np.float64)
+    scaled = jacobian * width
+    inverse, loose, rank = _inverse(scaled)
+    # J'RJ over all series; the factor makes up for the degrees of freedom that the fit took.
+    freedom = count / (count - rank)
+    models: list[NoiseModel] = []
+    middle = np.zeros((dimension, dimension))
+    start = 0
+    for length in lengths:
+        part = slice(start, start + length)
+        model = fit_noise(residual[part])
+        middle += freedom * weighted_normal_matrix(scaled[part], model)
+        models.append(model)
+        start += length
+    covariance = inverse @ middle @ inverse
+    effective = sum(m.effective_samples for m in models)
+    quantile = float(student.ppf(0.5 + 0.5 * level, max(effective - rank, 1.0)))
+    error = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * width
+    error[loose] = math.inf
+    half = quantile * error
+    identifiable = 2.0 * half <= MOST_OF_BOX * width
+    at_bound = _at_bound(theta, np.asarray(low), width)
+    return Intervals(
+        half_width=half,
+        low=theta - half,
+        high=theta + half,
+        standard_error=error,
+        correlation=_correlation(covariance if covariance.any() else inverse, loose),
+        identifiable=identifiable,
+        at_bound=at_bound,
+        words=tuple(
+            _words(bool(known), bound)
+            for known, bound in zip(identifiable, at_bound, strict=True)
+        ),
+        noise=tuple(math.sqrt(freedom * m.variance) for m in models),
+        effective_samples=effective,
+        rank=rank,
+    )
+
+
+def _lengths(count: int, series: Sequence[int] | None) -> tuple[int, ...]:
+    lengths = (count,) if series is None else tuple(n for n in series if n)
+    if sum(lengths) != count:
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            f'the series have {sum(lengths)} samples and the residual {count}; '
+            'give the length of each series',
+        )
+    return lengths
+
+
+def _check(jacobian: Array, residual: Array, theta: Array, dimension: int) -> None:
+    if residual.shape != (len(jacobian),) or theta.shape != (dimension,):
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            f'the Jacobian has the shape {jacobian.shape}, the residual {residual.shape} and the '
+            f'estimate {theta.shape}; they have to be (R, N), (R,) and (N,)',
+        )
+    if not (np.isfinite(jacobian).all() and np.isfinite(residual).all()):
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            'the Jacobian or the residual is not finite; refine from a candidate that converges',
+        )
+    if len(residual) <= dimension:
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{len(residual)} residuals cannot tell the confidence of {dimension} parameters; '
+            'record more samples',
+        )
+
+
+def _inverse(scaled: Array) -> tuple[Array, Array, int]:
+    """Return the pseudo-inverse of J'J, who is not fixed by the data (N,), and the rank."""
+    dimension = scaled.shape[1]
+    length = np.sqrt(np.einsum('rn,rn->n', scaled, scaled))
+    deaf = length <= INSENSITIVE * length.max(initial=0.0)
+    unit = np.where(deaf, 1.0, length)
+    # Columns of equal length: a weak parameter is the noise's matter, only a twin is the rank's.
+    # The triangular factor has the singular values of the whole.
+    triangle = np.linalg.qr(np.where(deaf, 0.0, scaled / unit), mode='r')
+    _, values, directions = np.linalg.svd(triangle, full_matrices=True)
+    values = np.concatenate((values, np.zeros(dimension - len(values))))
+    fixed = values > COLLINEAR * values.max(initial=0.0)
+    loose = (np.abs(directions[~fixed]) > TAKES_PART).any(axis=0) | deaf
+    kept = directions[fixed] / values[fixed][:, None]
+    inverse = (kept.T @ kept) / np.outer(unit, unit)
+    return inverse, loose, int(fixed.sum())
+
+
+def _correlation(covariance: Array, loose: Array) -> Array:
+    error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    known = ~loose & (error > 0.0)
+    safe = np.where(known, error, 1.0)
+    correlation = np.clip(covariance / np.outer(safe, safe), -1.0, 1.0)
+    correlation[~known, :] = math.nan
+    correlation[:, ~known] = math.nan
+    np.fill_diagonal(correlation, 1.0)
+    return correlation
+
+
+def _at_bound(theta: Array, low: Array, width: Array) -> tuple[str, ...]:
+    place = (theta - low) / width
+    return tuple(
+        'lower' if p <= AT_BOUND else 'upper' if p >= 1.0 - AT_BOUND else '' for p in place
+    )
+
+
+def _words(identifiable: bool, at_bound: str) -> str:
+    said = [] if identifiable else [NOT_IDENTIFIABLE]
+    if at_bound:
+        said.append(AT_LOWER if at_bound == 'lower' else AT_UPPER)
+    return ', '.join(said)
