@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Equations of motion in redundant coordinates with the multipliers of the rods.
+
+Coordinates of D drives: q = (z_1..D, S_1..D, p_x, p_y, p_z, y): motors relative to the frame, carriages and
+platform in space, height of the frame. State x = (q, q', internal states of each drive). Each rod asks for
+Phi_i = (|p - c_i|^2 - L_i^2) / 2 = 0; the accelerations and multipliers mu_i = tension / L_i solve
+
+    [ M  G^T ] [ a  ]   [ Q                 ]
+    [ G  0   ] [ mu ] = [ -|p' - c_i'|^2    ]
+
+with G the derivative of Phi. A uniform rod of mass m between points of velocity v_c and v_p has the kinetic
+energy m/6 (v_c^2 + v_c v_p + v_p^2), so the mass matrix M stays constant in these coordinates.
+"""
+
+import numpy as np
+
+from ros2_ident.reference import layout as at
+from ros2_ident.reference.compiled import compiled
+from ros2_ident.reference.friction import friction_torque, internal_rates, rotor_torque, window
+from ros2_ident.reference.transmission import carriage_force, gear_force
+
+Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+
+
+@compiled
+def eliminate(a: Array, b: Array) -> None:
+    """Solve a x = b in place by Gauss's elimination with column pivots; b becomes x.
+
+    Args:
+        a: (n, n) matrix, overwritten.
+        b: (n,) right side, overwritten by the solution.
+    """
+    n = b.size
+    for c in range(n):
+        pivot = c
+        for r in range(c + 1, n):
+            if abs(a[r, c]) > abs(a[pivot, c]):
+                pivot = r
+        if pivot != c:
+            for j in range(c, n):
+                a[c, j], a[pivot, j] = a[pivot, j], a[c, j]
+            b[c], b[pivot] = b[pivot], b[c]
+        for r in range(c + 1, n):
+            factor = a[r, c] / a[c, c]
+            if factor != 0.0:
+                for j in range(c, n):
+                    a[r, j] -= factor * a[c, j]
+                b[r] -= factor * b[c]
+    for r in range(n - 1, -1, -1):
+        for j in range(r + 1, n):
+            b[r] -= a[r, j] * b[j]
+        b[r] /= a[r, r]
+
+
+@compiled
+def mass_and_rods(time: float, q: Array, shared: Array, drive: Array, matrix: Array) -> None:
+    """Write the matrix [[M, G^T], [G, 0]] over (S_i, p, y, mu_i).
+
+    Args:
+        time: Time since the start [s], for a payload that comes and goes.
+        q: (2D + 4,) coordinates.
+        shared: (SHARED_COLUMNS,) the machine's numbers.
+        drive: (D, DRIVE_COLUMNS) the drives' numbers.
+        matrix: (2D + 4, 2D + 4) output.
+    """
+    count = drive.shape[0]
+    rod = shared[at.ROD_MASS]
+    height = count + 2  # row of p_z
+    frame = count + 3
+    matrix[:, :] = 0.0
+    tool = shared[at.TOOL_MASS] + count * rod * shared[at.ROD_AT_PLATFORM]
+    if shared[at.PAYLOAD] != 0.0:
+        tool += shared[at.PAYLOAD] * window(
+            time, shared[at.PAYLOAD_FROM], shared[at.PAYLOAD_UNTIL], shared[at.PAYLOAD_RAMP]
+        )
+    for j in range(3):
+        matrix[count + j, count + j] = tool
+    matrix[frame, frame] = shared[at.FRAME_MASS] if shared[at.FRAME_MASS] > 0.0 else 1.0
+    for i in range(count):
+        matrix[i, i] = drive[i, at.CARRIAGE_MASS] + rod * shared[at.ROD_AT_CARRIAGE]
+        matrix[i, height] = matrix[height, i] = rod * shared[at.ROD_BETWEEN]
+        row = frame + 1 + i
+        along = (
+            q[2 * count] - drive[i, at.RAIL_X],
+            q[2 * count + 1] - drive[i, at.RAIL_Y],
+            q[2 * count + 2] - q[count + i],
+        )
+        matrix[row, i] = matrix[i, row] = -along[2]
+        for j in range(3):
+            matrix[row, count + j] = matrix[count + j, row] = along[j]
+
+
+@compiled
+def derivative(
+    time: float, x: Array, held: Array, shared: Array, drive: Array, matrix: Array, side: Array, dx: Array
+) -> None:
+    """Write the time derivative of the state.
+
+    Args:
+        time: Time since the start [s].
+        x: (n,) state; n = 2 (2D + 4), and D INTERNALS more where an effect has internal states.
+        held: (D,) torque the controllers hold in this cycle [N m].
+        shared: (SHARED_COLUMNS,) the machine's numbers.
+        drive: (D, DRIVE_COLUMNS) the drives' numbers.
+        matrix: (2D + 4, 2D + 4) work space.
+        side: (2D + 4,) work space; holds the multipliers behind the accelerations on return.
+        dx: (n,) output.
+    """
+    count = drive.shape[0]
+    m = 2 * count + 4
+    dx[:m] = x[m : 2 * m]
+    dx[m : 2 * m] = 0.0
+    y = x[m - 1]
+    y_rate = x[2 * m - 1]
+    gravity = shared[at.GRAVITY]
+    frame = count + 3
+    side[:] = 0.0
+    frame_load = 0.0
+    delivered = 1.0
+    if shared[at.SAG] != 0.0:
+        power = 0.0
+        for i in range(count):
+            power += max(0.0, held[i] * x[m + i] * drive[i, at.GEAR])
+        delivered = 1.0 / (1.0 + shared[at.SAG] * power)
+    for i in range(count):
+        d = drive[i]
+        begin = min(2 * m + i * at.INTERNALS, x.size)
+        own = x[begin : min(begin + at.INTERNALS, x.size)]
+        place = x[i]
+        speed = x[m + i]
+        rail_place = x[count + i] - y
+        rail_speed = x[m + count + i] - y_rate
+        torque = rotor_torque(held[i], place, delivered, own, d)
+        beside = carriage_force(rail_place, rail_speed, own[at.CABLE_STATE] if own.size > 0 else 0.0, d)
+        if shared[at.RIGID] == 1.0:
+            friction = friction_torque(time, place, speed, 0.0, torque, own, d)
+            force = d[at.GEAR] * (torque - friction) + beside - d[at.CARRIAGE_MASS] * gravity
+            dx[m + i] = force / (d[at.MOTOR_MASS] + d[at.CARRIAGE_MASS])
+            dx[m + count + i] = dx[m + i]
+            load = 0.0
+        else:
+            slip = own[at.SLIP] if own.size > 0 else 0.0
+            load, lever = gear_force(place, speed, rail_place, rail_speed, slip, d)
+            friction = friction_torque(time, place, speed, load, torque, own, d)
+            inertia = d[at.MOTOR_MASS] * (1.0 + d[at.SPEED_INERTIA] * speed**2)
+            dx[m + i] = (d[at.GEAR] * (torque - friction) - lever * load) / inertia
+            weight = d[at.CARRIAGE_MASS] + shared[at.ROD_MASS] * (1.0 - shared[at.ROD_CENTRE])
+            side[i] = load + beside - weight * gravity
+            frame_load += load + beside
+        if own.size > 0:
+            internal_rates(speed, rail_speed, load, held[i], friction, own, d, dx[begin : begin + at.INTERNALS])
+    if shared[at.RIGID] == 1.0:
+        return
+    if shared[at.PLATFORM] == 0.0:
+        for i in range(count):
+            dx[m + count + i] = side[i] / drive[i, at.CARRIAGE_MASS]
+        return
+    mass_and_rods(time, x, shared, drive, matrix)
+    weight = matrix[count, count] + count * shared[at.ROD_MASS] * (
+        shared[at.ROD_CENTRE] - shared[at.ROD_AT_PLATFORM]
+    )
+    side[count + 2] = -weight * gravity
+    if shared[at.FRAME_MASS] > 0.0:
+        side[frame] = (
+            shared[at.FRAME_PRELOAD]
+            - frame_load
+            - shared[at.FRAME_STIFFNESS] * y
+            - (shared[at.FRAME_DAMPING] + shared[at.FRAME_QUADRATIC] * abs(y_rate)) * y_rate
+        )
+    for i in range(count):
+        across = x[m + 2 * count + 2] - x[m + count + i]
+        side[frame + 1 + i] = -(x[m + 2 * count] ** 2 + x[m + 2 * count + 1] ** 2 + across**2)
+    eliminate(matrix, side)
+    for j in range(count + 4):
+        dx[m + count + j] = side[j]
+
+
+@compiled
+def project(
+    time: float, x: Array, shared: Array, drive: Array, matrix: Array, side: Array
+) -> float:
+    """Pull positions and velocities back onto the rods, by the shortest way weighed with the masses.
+
+    Args:
+        time: Time since the start [s].
+        x: (n,) state, changed in place.
+        shared: (SHARED_COLUMNS,) the machine's numbers.
+        drive: (D, DRIVE_COLUMNS) the drives' numbers.
+        matrix: (2D + 4, 2D + 4) work space.
+        side: (2D + 4,) work space.
+
+    Returns:
+        The largest error of a rod's length before the correction [m].
+    """
+    count = drive.shape[0]
+    m = 2 * count + 4
+    worst = 0.0
+    for sweep in range(3):
+        mass_and_rods(time, x, shared, drive, matrix)
+        side[:] = 0.0
+        error = 0.0
+        for i in range(count):
+            length = drive[i, at.ROD_LENGTH]
+            square = (
+                (x[2 * count] - drive[i, at.RAIL_X]) ** 2
+                + (x[2 * count + 1] - drive[i, at.RAIL_Y]) ** 2
+                + (x[2 * count + 2] - x[count + i]) ** 2
+            )
+            side[count + 4 + i] = 0.5 * (length * length - square)
+            error = max(error, abs(side[count + 4 + i]) / length)
+        if sweep == 0:
+            worst = error
+        if error < 2e-16:
+            break
+        eliminate(matrix, side)
+        for j in range(count + 4):
+            x[count + j] += side[j]
+    mass_and_rods(time, x, shared, drive, matrix)
+    side[:] = 0.0
+    for i in range(count):
+        row = count + 4 + i
+        for j in range(count + 3):
+            side[row] -= matrix[row, j] * x[m + count + j]
+    eliminate(matrix, side)
+    for j in range(count + 4):
+        x[m + count + j] += side[j]
+    return worst

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where each number of the plant lies in the arrays handed to the compiled functions.
+
+`drive[i, COLUMN]` holds what belongs to drive i, `shared[COLUMN]` what belongs to the machine. Zero is the
+neutral value of every effect's amplitude; widths and speeds beside an amplitude of zero are never read.
+"""
+
+# Per drive: nominal physics.
+(
+    GEAR,  # rad/m, motor angle per rail travel
+    MOTOR_MASS,  # kg, drive inertia referred to the rail
+    CARRIAGE_MASS,  # kg
+    STIFFNESS,  # N/m
+    DAMPING,  # N s/m
+    COULOMB,  # N m
+    VISCOUS,  # N m s/m
+    SIGN_WIDTH,  # m/s, regularisation of the sign
+    SIGN_FORM,  # 0 tanh, 1 arctan
+    RAIL_X,  # m, rail foot
+    RAIL_Y,  # m
+    ROD_LENGTH,  # m
+    # Controller as it really is.
+    POSITION_GAIN,  # 1/s
+    VELOCITY_GAIN,  # N m s/m
+    INTEGRAL_GAIN,  # N m/m
+    FEEDFORWARD,  # 1
+    TORQUE_LIMIT,  # N m
+    TORQUE_KNEE,  # 0 hard clip, else exponent of a soft one
+    ENCODER_STEP,  # m
+    ENCODER_VELOCITY,  # s, time constant of the speed formed from the quantised position; 0: true speed
+    INTEGRATOR_LEAK,  # 1/s
+    MAGNETIC_TORQUE,  # N m
+    MAGNETIC_WIDTH,  # N m
+    # Friction effects.
+    ASYMMETRY,  # 1
+    ASYMMETRY_WIDTH,  # m/s, 0: as sharp as the sign
+    STRIBECK_TORQUE,  # N m
+    STRIBECK_SPEED,  # m/s
+    STRIBECK_FORM,  # 0 Gaussian, 1 Lorentzian
+    LOAD_FRICTION,  # 1
+    LOAD_FRICTION_FORM,  # 0 by gear force, 1 by the mean of motor torque and gear torque
+    PRESLIDE_LENGTH,  # m
+    PRESLIDE_FORM,  # 0 Dahl, 1 LuGre, 2 three parallel elements
+    DRAG,  # N m s^2/m^2
+    DRAG_EXPONENT,  # 1
+    EXTRA_COULOMB,  # N m
+    EXTRA_COULOMB_FORM,  # 0 tanh, 1 arctan
+    EXTRA_VISCOUS,  # N m s/m
+    EXTRA_VISCOUS_EXPONENT,  # 1
+    DRIFT_RATE,  # 1/s, linear in time
+    DRIFT_SHARE,  # 1, at the full dissipated power
+    DRIFT_TIME,  # s
+    DRIFT_POWER,  # W
+    BUMP_TORQUE,  # N m
+    BUMP_PLACE,  # m
+    BUMP_WIDTH,  # m
+    LAG_TORQUE,  # N m, frictional lag
+    LAG_SPEED,  # m/s
+    LAG_TIME,  # s
+    BRAKE_TORQUE,  # N m
+    BRAKE_FROM,  # s
+    BRAKE_UNTIL,  # s
+    DWELL_TORQUE,  # N m
+    DWELL_TIME,  # s
+    DWELL_SPEED,  # m/s
+    # Torque between controller and rotor.
+    CURRENT_LAG,  # s
+    CURRENT_LAG_FORM,  # 0 one lag, 1 two lags of half the time
+    ACTUATOR_GAIN,  # 1, less one
+    RIPPLE_TORQUE,  # N m
+    RIPPLE_ORDER,  # periods per motor turn
+    RIPPLE_PHASE,  # rad
+    RIPPLE_SECOND,  # share of the second harmonic
+    RIPPLE_THIRD,  # share of the third harmonic
+    RIPPLE_CURRENT,  # 1, ripple proportional to the torque
+    SPEED_INERTIA,  # s^2/m^2
+    # Transmission.
+    BACKLASH,  # m, full width
+    BACKLASH_FORM,  # 0 linear contact, 1 soft contact with unequal damping
+    STIFFNESS_SLOPE,  # 1/m
+    STIFFNESS_PLACE,  # m
+    STIFFNESS_FORM,  # 0 stiffness linear in the place, 1 compliance linear
+    HARDENING,  # 1/m^2
+    ECCENTRICITY,  # m
+    ECCENTRICITY_PHASE,  # rad
+    ECCENTRICITY_SECOND,  # share of the second harmonic
+    SLIP_FORCE,  # N, 0: no slip
+    SLIP_SPEED,  # m/s
+    # Forces on the carriage.
+    CONSTANT_FORCE,  # N
+    CONSTANT_SLOPE,  # N/m
+    CABLE_STIFFNESS,  # N/m
+    CABLE_PLACE,  # m
+    CABLE_CUBIC,  # 1/m^2
+    CABLE_HYSTERESIS,  # N
+    CABLE_LENGTH,  # m
+    BUMPER_STIFFNESS,  # N/m^2
+    BUMPER_PLACE,  # m
+    DRIVE_COLUMNS,
+) = range(85)
+
+# Shared by the machine.
+(
+    GRAVITY,  # m/s^2
+    PLATFORM,  # 1 with rods and platform, 0 without
+    RIGID,  # 1: motor and carriage are one mass
+    LAW,  # 0 PI on velocity with feedforward, 1 P on velocity from the encoder
+    CYCLE,  # s
+    TOOL_MASS,  # kg
+    ROD_MASS,  # kg
+    ROD_AT_CARRIAGE,  # integral of (1-u)^2 over the rod, 1/3 where uniform
+    ROD_BETWEEN,  # integral of u(1-u), 1/6 where uniform
+    ROD_AT_PLATFORM,  # integral of u^2, 1/3 where uniform
+    ROD_CENTRE,  # integral of u, 1/2 where uniform
+    PAYLOAD,  # kg
+    PAYLOAD_FROM,  # s
+    PAYLOAD_UNTIL,  # s
+    PAYLOAD_RAMP,  # s
+    FRAME_MASS,  # kg, 0: the frame stands still
+    FRAME_STIFFNESS,  # N/m
+    FRAME_DAMPING,  # N s/m
+    FRAME_QUADRATIC,  # N s^2/m^2
+    FRAME_PRELOAD,  # N, what the drives rest on the frame at the start
+    SAG,  # 1/W, supply sag
+    SHARED_COLUMNS,
+) = range(22)
+
+# Internal states of one drive, behind positions and velocities.
+(
+    BRISTLE_A,
+    BRISTLE_B,
+    BRISTLE_C,
+    CURRENT_A,  # N m
+    CURRENT_B,  # N m
+    HEAT,  # 1
+    CABLE_STATE,  # 1
+    SLIP,  # m
+    LAGGED_SPEED,  # m/s
+    REST,  # 1
+    INTERNALS,
+) = range(11)

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The closed loop: discrete controllers, and the plant between their instants."""
+
+import math
+
+import numpy as np
+
+from ros2_ident.reference import layout as at
+from ros2_ident.reference.compiled import compiled
+from ros2_ident.reference.stepper import STAGES, advance
+
+Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+
+# Memory of one drive's controller.
+INTEGRAL, SEEN, SEEN_BEFORE, SEEN_FILTERED, SEEN_SPEED, MAGNETIC, LAST_TORQUE, MEMORY = range(8)
+
+
+@compiled
+def limited(torque: float, limit: float, knee: float) -> float:
+    """Return a torque within +-limit: clipped hard (knee 0), or bent softly with the exponent `knee`."""
+    if knee == 0.0:
+        return min(limit, max(-limit, torque))
+    return torque / (1.0 + abs(torque / limit) ** knee) ** (1.0 / knee)
+
+
+@compiled
+def control(
+    position: float, speed: float, target: float, target_speed: float, law: float, cycle: float,
+    memory: Array, d: Array,
+) -> float:  # fmt: skip
+    """Run one controller cycle of one drive.
+
+    Law 0: e_v = k_p (z_cmd - z) + k_ff z_cmd' - z', I += k_I e_v T, M = k_v e_v + I, limited.
+    Law 1: M = k_v (k_p (z_cmd - z) - w), limited; w is the backward difference of the mean of the last two
+    readings (EMPS: Janot, Gautier, Brunot 2019).
+
+    Args:
+        position: Motor position read from the encoder [m].
+        speed: Motor speed [m/s].
+        target: Set-point [m].
+        target_speed: Its derivative [m/s].
+        law: Which law.
+        cycle: Controller cycle [s].
+        memory: (MEMORY,) the controller's memory, changed in place.
+        d: (DRIVE_COLUMNS,) the drive's numbers.
+
+    Returns:
+        Torque [N m].
+    """
+    seen = position
+    quantum = d[at.ENCODER_STEP]
+    if quantum > 0.0:
+        seen = quantum * math.floor(position / quantum + 0.5)
+        if d[at.ENCODER_VELOCITY] > 0.0:
+            # The speed, too, comes from the coarse readings: differences through a first-order filter.
+            share = 1.0 - math.exp(-cycle / d[at.ENCODER_VELOCITY])
+            memory[SEEN_SPEED] += share * ((seen - memory[SEEN]) / cycle - memory[SEEN_SPEED])
+            speed = memory[SEEN_SPEED]
+    if law == 1.0:
+        mean = 0.5 * (seen + memory[SEEN])
+        speed = (mean - memory[SEEN_FILTERED]) / cycle
+        memory[SEEN_FILTERED] = mean
+    memory[SEEN_BEFORE] = memory[SEEN]
+    memory[SEEN] = seen
+    if law == 1.0:
+        torque = d[at.VELOCITY_GAIN] * (d[at.POSITION_GAIN] * (target - seen) - speed)
+    else:
+        error = d[at.POSITION_GAIN] * (target - seen) + d[at.FEEDFORWARD] * target_speed - speed
+        memory[INTEGRAL] += d[at.INTEGRAL_GAIN] * error * cycle
+        memory[INTEGRAL] *= 1.0 - d[at.INTEGRATOR_LEAK] * cycle
+        torque = d[at.VELOCITY_GAIN] * error + memory[INTEGRAL]
+    return limited(torque, d[at.TORQUE_LIMIT], d[at.TORQUE_KNEE])
+
+
+@compiled
+def magnetised(torque: float, memory: Array, d: Array) -> float:
+    """Return the torque that iron with a hysteresis makes of a commanded one (Coleman-Hodgdon in discrete form)."""
+    if d[at.MAGNETIC_TORQUE] == 0.0:
+        return torque
+    change = torque - memory[LAST_TORQUE]
+    state = memory[MAGNETIC] + change / d[at.MAGNETIC_WIDTH] - abs(change) / d[at.MAGNETIC_WIDTH] * memory[MAGNETIC]
+    memory[MAGNETIC] = min(1.0, max(-1.0, state))
+    memory[LAST_TORQUE] = torque
+    return torque - d[at.MAGNETIC_TORQUE] * memory[MAGNETIC]
+
+
+@compiled
+def run(
+    target: Array,
+    target_speed: Array,
+    x: Array,
+    memory: Array,
+    shared: Array,
+    drive: Array,
+    rtol: float,
+    atol: float,
+    torque: Array,
+    states: Array,
+    tally: Array,
+) -> int:
+    """Simulate the closed loop.
+
+    Args:
+        target: (D, K) set-point the controllers see at every cycle [m].
+        target_speed: (D, K) its derivative [m/s].
+        x: (n,) state at the start, changed in place.
+        memory: (D, MEMORY) controllers' memory at the start, changed in place.
+        shared: (SHARED_COLUMNS,) the machine's numbers.
+        drive: (D, DRIVE_COLUMNS) the drives' numbers.
+        rtol: Relative tolerance of an integration step.
+        atol: Absolute tolerance of an integration step.
+        torque: (D, K) output: the controllers' torque [N m].
+        states: (K, 2 (2D + 4)) output: positions and velocities at the controllers' instants.
+        tally: (3,) output, see `stepper.advance`.
+
+    Returns:
+        Cycles done: fewer than K where the plant ran away.
+    """
+    count, cycles = target.shape
+    m = 2 * count + 4
+    cycle = shared[at.CYCLE]
+    slopes = np.empty((STAGES + 1, x.size))
+    matrix = np.empty((m, m))
+    side = np.empty(m)
+    held = np.empty(count)
+    step = cycle
+    for k in range(cycles):
+        states[k] = x[: 2 * m]
+        for i in range(count):
+            torque[i, k] = control(
+                x[i], x[m + i], target[i, k], target_speed[i, k], shared[at.LAW], cycle, memory[i], drive[i]
+            )
+            held[i] = magnetised(torque[i, k], memory[i], drive[i])
+        if k + 1 < cycles:
+            step = advance(
+                k * cycle, (k + 1) * cycle, x, held, shared, drive, step, rtol, atol, slopes, matrix, side, tally
+            )
+            if step < 0.0:
+                return k + 1
+    return cycles
