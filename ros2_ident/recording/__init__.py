@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings of drives: bags and live topics as immutable arrays, on the controller's time grid, judged."""
 
+from ros2_ident.recording.align import align as align
 from ros2_ident.recording.bag import Topics as Topics
 from ros2_ident.recording.bag import read_bag as read_bag
 from ros2_ident.recording.builder import RecordingBuilder as RecordingBuilder
+from ros2_ident.recording.dataset import AlignQuality as AlignQuality
+from ros2_ident.recording.dataset import Dataset as Dataset
+from ros2_ident.recording.dataset import StreamQuality as StreamQuality
 from ros2_ident.recording.streams import Recording as Recording
 from ros2_ident.recording.streams import Stream as Stream
 from ros2_ident.recording.streams import effort_factor as effort_factor

@@ -1,0 +1,359 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bring a recording's streams onto one grid of controller cycles."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording.dataset import AlignQuality, Dataset, StreamQuality
+from ros2_ident.recording.grid import Ticks, find_ticks, sample_period
+from ros2_ident.recording.setpoint import interpolate_setpoint
+from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray, Recording, Stream, scale_effort
+
+# A hole in the command up to so many of its samples, or so many seconds, is bridged.
+_BRIDGED_SAMPLES, _BRIDGED_SECONDS = 10, 0.05
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """A stream reduced to the drives, with the cycle number of each sample."""
+
+    role: str
+    stream: Stream
+    ticks: Ticks
+
+    @property
+    def tick(self) -> IntArray:
+        tick: IntArray = self.ticks.tick[self.ticks.keep]
+        return tick
+
+    def samples(self, field: str) -> FloatArray | None:
+        """Return a field's kept samples (T, D), or None."""
+        values = self.stream.values(field)
+        return None if values is None else values[self.ticks.keep]
+
+
+def align(
+    recording: Recording,
+    drives: Sequence[str],
+    cycle: float,
+    *,
+    need: Collection[str] = ('effort',),
+    effort_scale: float = 1.0,
+) -> Dataset:
+    """Put a recording on the grid of controller cycles.
+
+    Args:
+        recording: The recording.
+        drives: The D joints wanted, in the model's order.
+        cycle: Controller cycle, s.
+        need: Fields without which the data is of no use: of `position`, `velocity`, `effort`, `command`.
+        effort_scale: Factor from the logged effort to N m or N (see `effort_factor`).
+
+    Returns:
+        The data set. Its grid covers the command where there is one, else the state; where the command has a
+        long hole, the longest stretch without one.
+
+    Raises:
+        IdentError: MISSING_STREAM, NO_DATA or BAD_VALUES, each with the remedy.
+    """
+    names = tuple(drives)
+    if not names or len(set(names)) != len(names):
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'drives are ({", ".join(names)}); name at least one, and each only once',
+        )
+    recording = scale_effort(recording, effort_scale)
+    warnings = list(recording.warnings)
+    placed = _place(recording, names, cycle, warnings)
+    where = recording.source or 'recording'
+    start, cycles = _span(where, placed, cycle, warnings)
+    command = placed.get('command')
+    position = velocity = None
+    if command is not None:
+        position, velocity = _setpoint(command, start, cycles, cycle)
+    measured = {
+        field: _measured(field, placed, names, start, cycles) for field in FIELDS
+    }
+    _check_need(where, recording, names, measured, command is not None, need)
+    quality = AlignQuality(
+        tuple(_quality(x, names, start, cycles) for x in placed.values()),
+        tuple(dict.fromkeys(warnings)),
+    )
+    origin = placed['state'] if 'state' in placed else next(iter(placed.values()))
+    return Dataset(
+        names,
+        float(cycle),
+        _stamp_of(origin, start, cycle),
+        position,
+        velocity,
+        measured['position'],
+        measured['velocity'],
+        measured['effort'],
+        quality,
+    )
+
+
+def _stamp_of(placed: _Placed, tick: int, cycle: float) -> int:
+    """Return the stamp of a cycle on a stream's clock, ns."""
+    offset = placed.ticks.phase + tick * cycle * (1.0 + placed.ticks.drift)
+    return int(placed.stream.stamp[0]) + round(offset * 1e9)
+
+
+def _place(
+    recording: Recording, names: tuple[str, ...], cycle: float, warnings: list[str]
+) -> dict[str, _Placed]:
+    """Reduce the streams to the drives and number their samples on one common grid."""
+    placed: dict[str, _Placed] = {}
+    where = recording.source or 'recording'
+    present = [x for x in ('state', 'effort', 'command') if x in recording.streams]
+    reference, shift = 0, 0
+    for role in present:
+        stream = _reduced(where, role, recording.streams[role], names, warnings)
+        if stream is None:
+            continue
+        if not placed:
+            reference = int(stream.stamp[0])
+            ticks = find_ticks(stream.stamp, reference, cycle)
+            shift = round(ticks.phase * 1e9)
+        else:
+            ticks = find_ticks(stream.stamp, reference + shift, cycle)
+            if ticks.stride and abs(ticks.phase) > 0.35 * cycle:
+                warnings.append(
+                    f'{role}: stamps lie {abs(ticks.phase) * 1e3:.3g} ms beside those of '
+                    f'{next(iter(placed))}, near half a cycle: it may be one cycle off'
+                )
+        doubled = int((~ticks.keep).sum())
+        if doubled:
+            warnings.append(
+                f'{role}: {doubled} samples share a controller cycle of {cycle * 1e3:.4g} ms with another and are '
+                'left out; state a shorter cycle if the controller has one'
+            )
+        if abs(ticks.drift) > 2e-5:
+            warnings.append(
+                f'{role}: the controller cycle is {cycle * (1.0 + ticks.drift) * 1e3:.6g} ms on the clock of the '
+                f'stamps, not {cycle * 1e3:.6g} ms'
+            )
+        placed[role] = _Placed(role, stream, ticks)
+    if 'state' not in placed and 'effort' not in placed:
+        raise IdentError(
+            ErrorCode.MISSING_STREAM,
+            f'{where}: neither a state nor an effort stream holds the drives; '
+            'record the topic on which they report, or name it',
+        )
+    return placed
+
+
+def _reduced(
+    where: str, role: str, stream: Stream, names: tuple[str, ...], warnings: list[str]
+) -> Stream | None:
+    """Return the stream with the drives only, in their order; None where it does not help."""
+    missing = [name for name in names if name not in stream.names]
+    if missing and role != 'effort':
+        raise IdentError(
+            ErrorCode.MISSING_STREAM,
+            f'{where}: {role} has no joint {", ".join(missing)}, it holds {", ".join(stream.names)}; '
+            'write these names as drives in the machine file, or record the others too',
+        )
+    if len(missing) == len(names):
+        warnings.append(
+            f'effort: holds none of the drives, only {", ".join(stream.names)}; efforts of the state are used'
+        )
+        return None
+    fields: list[FloatArray | None] = []
+    for field in FIELDS:
+        values = stream.values(field)
+        if values is None:
+            fields.append(None)
+            continue
+        picked = np.full((stream.stamp.size, len(names)), np.nan)
+        for column, name in enumerate(names):
+            if name in stream.names:
+                picked[:, column] = values[:, stream.names.index(name)]
+        fields.append(None if np.isnan(picked).all() else picked)
+    filled = np.zeros(stream.stamp.size, dtype=np.bool_)
+    for values in fields:
+        if values is not None:
+            filled |= ~np.isnan(values).all(axis=1)
+    if not filled.any():
+        warnings.append(f'{role}: every value of the drives is NaN; the stream is not used')
+        return None
+    return Stream(names, stream.stamp[filled], *(None if x is None else x[filled] for x in fields))
+
+
+def _span(where: str, placed: dict[str, _Placed], cycle: float, warnings: list[str]) -> tuple[int, int]:
+    """Return first cycle and number of cycles of the grid."""
+    leader = placed.get('command') or placed.get('state') or placed['effort']
+    first, last = int(leader.tick[0]), int(leader.tick[-1])
+    others = [x for x in placed.values() if x is not leader]
+    if leader.role == 'command':
+        first, last = _longest_stretch(leader, cycle, warnings)
+        # the first or last sample of the command itself may be the one that was dropped
+        reach = max(5 * max(1, leader.ticks.stride), round(0.01 / cycle))
+        low = min((int(x.tick[0]) for x in others), default=first)
+        high = max((int(x.tick[-1]) for x in others), default=last)
+        if first == int(leader.tick[0]):
+            first = low if first - reach <= low < first else first
+        if last == int(leader.tick[-1]):
+            last = high if last < high <= last + reach else last
+    for other in others:
+        if other.tick[-1] < first or other.tick[0] > last:
+            gap = max(first - int(other.tick[-1]), int(other.tick[0]) - last) * cycle
+            raise IdentError(
+                ErrorCode.NO_DATA,
+                f'{where}: {leader.role} and {other.role} do not overlap in time, they are {gap:.3g} s apart; '
+                'record them together, with one clock for all stamps',
+            )
+        outside = int(((other.tick < first) | (other.tick > last)).sum())
+        if outside > 0.02 * other.tick.size and outside > 5:
+            warnings.append(
+                f'{other.role}: {outside} of {other.tick.size} samples lie outside the {leader.role} '
+                'and are not used'
+            )
+    if last <= first:
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{where}: {leader.role} has a single sample of the drives; record a motion of several seconds',
+        )
+    return first, last - first + 1
+
+
+def _longest_stretch(command: _Placed, cycle: float, warnings: list[str]) -> tuple[int, int]:
+    """Return first and last cycle of the longest stretch of the command without a long hole."""
+    tick = command.tick
+    values = command.samples('position')
+    steps = np.diff(tick)
+    typical = float(np.median(steps)) if steps.size else 1.0
+    long = steps > max(_BRIDGED_SAMPLES * typical, _BRIDGED_SECONDS / cycle)
+    if values is not None and steps.size:
+        # a set-point that is only sent when it changes has not lost anything while it stands
+        still = np.nanmax(np.abs(np.diff(values, axis=0)), axis=1, initial=0.0) == 0.0
+        long &= ~still
+    holes = np.flatnonzero(long)
+    if not holes.size:
+        return int(tick[0]), int(tick[-1])
+    begins = np.concatenate([[0], holes + 1])
+    ends = np.concatenate([holes, [tick.size - 1]])
+    best = int(np.argmax(tick[ends] - tick[begins]))
+    first, last = int(tick[begins[best]]), int(tick[ends[best]])
+    warnings.append(
+        f'command: has {holes.size} holes of up to {float(steps.max()) * cycle:.3g} s; only the longest stretch '
+        f'without, {(last - first) * cycle:.4g} s of {float(tick[-1] - tick[0]) * cycle:.4g} s, is used'
+    )
+    return first, last
+
+
+def _setpoint(command: _Placed, start: int, cycles: int, cycle: float) -> tuple[FloatArray, FloatArray]:
+    """Return set-point and its velocity (D, K) at every cycle."""
+    position, velocity = command.samples('position'), command.samples('velocity')
+    if position is None:
+        raise IdentError(
+            ErrorCode.MISSING_STREAM,
+            'command: holds no position of the drives; record the position set-point, or leave the topic out',
+        )
+    grid = np.arange(start, start + cycles)
+    out = np.empty((position.shape[1], cycles))
+    rate = np.empty_like(out)
+    for column, name in enumerate(command.stream.names):
+        there = ~np.isnan(position[:, column])
+        if not there.any():
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'command: every position of {name} is NaN; record its set-point, or leave the topic out',
+            )
+        feed = None
+        if velocity is not None:
+            feed = velocity[there, column]
+            feed = None if np.isnan(feed).any() else feed
+        out[column], rate[column] = interpolate_setpoint(
+            command.tick[there], position[there, column], feed, grid, cycle
+        )
+    return out, rate
+
+
+def _measured(
+    field: str, placed: dict[str, _Placed], names: tuple[str, ...], start: int, cycles: int
+) -> FloatArray | None:
+    """Return a measured field (D, K) with NaN where no sample is, or None where never measured."""
+    out = np.full((len(names), cycles), np.nan)
+    for column in range(len(names)):
+        for role in ('effort', 'state') if field == 'effort' else ('state',):
+            if role not in placed:
+                continue
+            values = placed[role].samples(field)
+            if values is None or np.isnan(values[:, column]).all():
+                continue
+            index = placed[role].tick - start
+            inside = (index >= 0) & (index < cycles)
+            out[column, index[inside]] = values[inside, column]
+            break
+    return None if np.isnan(out).all() else out
+
+
+def _check_need(
+    where: str,
+    recording: Recording,
+    names: tuple[str, ...],
+    measured: dict[str, FloatArray | None],
+    commanded: bool,
+    need: Collection[str],
+) -> None:
+    """Refuse data without a field that is needed."""
+    if 'command' in need and not commanded:
+        raise IdentError(
+            ErrorCode.MISSING_STREAM,
+            f'{where}: holds no command stream; record the set-point, or let the recorded motion drive the model',
+        )
+    for field in FIELDS:
+        if field not in need:
+            continue
+        values = measured[field]
+        if values is not None:
+            silent = [n for n, row in zip(names, values, strict=True) if np.isnan(row).all()]
+            if not silent:
+                continue
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                f'{where}: no {field} of {", ".join(silent)}; leave these drives out, or record theirs too',
+            )
+        sent = any(
+            stream.values(field) is not None for role, stream in recording.streams.items() if role != 'command'
+        )
+        if sent:
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'{where}: every {field} of the drives is NaN; '
+                'switch the measurement on in the drive, or name the topic that carries it',
+            )
+        raise IdentError(
+            ErrorCode.MISSING_STREAM,
+            f'{where}: no stream holds an {field}; record the drives\' {field}, or name the topic that carries it'
+            if field == 'effort'
+            else f'{where}: no stream holds a {field}; record it, or name the topic that carries it',
+        )
+
+
+def _quality(placed: _Placed, names: tuple[str, ...], start: int, cycles: int) -> StreamQuality:
+    """Count what of a stream lies on the grid."""
+    tick = placed.tick
+    inside = (tick >= start) & (tick < start + cycles)
+    used = int(inside.sum())
+    stride = placed.ticks.stride
+    steps = np.diff(tick[inside])
+    usual = stride or (float(np.median(steps)) if steps.size else 1.0)
+    missing = int(np.maximum(np.round(steps / usual) - 1, 0).sum()) if steps.size else 0
+    nan = {}
+    for field in FIELDS:
+        values = placed.samples(field)
+        if values is None:
+            continue
+        for column, name in enumerate(names):
+            count = int(np.isnan(values[inside, column]).sum())
+            if 0 < count < used:
+                nan[f'{field} {name}'] = count
+    period = sample_period(placed.stream.stamp)
+    return StreamQuality(
+        placed.role, used, missing, 1.0 / period if period else 0.0, placed.ticks.jitter, stride, nan
+    )

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording on the grid of controller cycles: what the models are fitted to."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording.streams import FloatArray
+
+
+@dataclass(frozen=True)
+class StreamQuality:
+    """How one stream arrived.
+
+    Attributes:
+        role: `state`, `effort` or `command`.
+        samples: Samples used.
+        missing: Samples that should have come and did not.
+        rate: Samples per second, Hz.
+        jitter: Standard deviation of the stamps about the grid, s.
+        stride: Cycles from sample to sample; 0 where the stream does not keep to the grid.
+        nan: Samples without a value, per field and drive, where there are any: `{'effort drive_1': 3}`.
+    """
+
+    role: str
+    samples: int
+    missing: int
+    rate: float
+    jitter: float
+    stride: int
+    nan: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def missing_share(self) -> float:
+        """Missing samples as a share of those expected."""
+        return self.missing / max(1, self.samples + self.missing)
+
+
+@dataclass(frozen=True)
+class AlignQuality:
+    """How a recording came onto the grid.
+
+    Attributes:
+        streams: One entry per stream.
+        warnings: What a user has to know, one sentence each.
+    """
+
+    streams: tuple[StreamQuality, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def stream(self, role: str) -> StreamQuality | None:
+        """Return the entry of a role, or None."""
+        return next((x for x in self.streams if x.role == role), None)
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """Measurements of D drives on K controller cycles.
+
+    Attributes:
+        names: The drives.
+        cycle: Controller cycle, s.
+        start: Stamp of cycle 0, ns.
+        command_position: Set-point (D, K), rad or m, at every cycle; None where there is no command.
+        command_velocity: Its derivative (D, K), rad/s or m/s; None likewise.
+        position: Measured (D, K), NaN at cycles without a sample; None where never measured.
+        velocity: Likewise.
+        effort: Likewise, in the unit of the recording given (N m or N after conversion).
+        quality: How the streams arrived.
+    """
+
+    names: tuple[str, ...]
+    cycle: float
+    start: int
+    command_position: FloatArray | None
+    command_velocity: FloatArray | None
+    position: FloatArray | None
+    velocity: FloatArray | None
+    effort: FloatArray | None
+    quality: AlignQuality = field(default_factory=AlignQuality)
+
+    def __post_init__(self) -> None:
+        """Check the shapes and make the arrays read-only."""
+        shapes = set()
+        for name in ('command_position', 'command_velocity', 'position', 'velocity', 'effort'):
+            values = getattr(self, name)
+            if values is None:
+                continue
+            array = np.array(values, dtype=np.float64, order='C')
+            shapes.add(array.shape)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+            if name.startswith('command') and not np.isfinite(array).all():
+                raise IdentError(
+                    ErrorCode.BAD_VALUES,
+                    f'{name} has cycles without a value; interpolate the set-point to every cycle',
+                )
+        if len(shapes) != 1:
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'the arrays of a data set have to be of one shape (drives, cycles), found {sorted(shapes)}',
+            )
+        shape = shapes.pop()
+        if len(shape) != 2 or shape[0] != len(self.names):
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'the arrays of a data set have shape {shape}, expected ({len(self.names)}, cycles)',
+            )
+        object.__setattr__(self, 'names', tuple(self.names))
+
+    @property
+    def cycles(self) -> int:
+        """K, the number of controller cycles."""
+        for name in ('command_position', 'position', 'effort', 'velocity'):
+            values = getattr(self, name)
+            if values is not None:
+                return int(values.shape[1])
+        return 0
+
+    @property
+    def time(self) -> FloatArray:
+        """Time of each cycle since the start (K,), s."""
+        return np.arange(self.cycles, dtype=np.float64) * self.cycle
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last cycle, s."""
+        return max(0, self.cycles - 1) * self.cycle

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which controller cycle each sample was taken at.
+
+Samples are taken at controller instants, usually at every m-th; their stamps scatter around them. The stamps give
+m from their typical spacing, the phase of the grid, and the number of every sample.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import isotonic_regression
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording.streams import FloatArray, IntArray
+
+# A stream counts as sampled every m-th cycle where its spacing is within this share of a multiple of the cycle.
+_RATE_TOLERANCE = 0.02
+# Clocks of controller and stamps may run apart by this share before the given cycle must be wrong.
+_DRIFT_LIMIT = 1e-3
+# Length of the mean phase vector below which the stamps do not cluster on the grid.
+_CLUSTERED = 0.3
+
+
+@dataclass(frozen=True)
+class Ticks:
+    """The cycle numbers of one stream's samples.
+
+    Attributes:
+        tick: Cycle of each sample (T,), strictly increasing over the kept samples.
+        keep: Mask (T,): False where two samples fell into one cycle and the later one counts.
+        stride: Cycles between two samples; 0 where the stream does not keep to the grid.
+        phase: Stamp of cycle 0 less the reference, s.
+        drift: Share by which the cycle is longer on the stamps' clock than stated.
+        jitter: Standard deviation of the stamps about the grid, s.
+    """
+
+    tick: IntArray
+    keep: 'np.typing.NDArray[np.bool_]'
+    stride: int
+    phase: float
+    drift: float
+    jitter: float
+
+
+def sample_period(stamp: IntArray) -> float:
+    """Return the typical spacing of samples, s: robust against drops and jitter; 0 for one sample.
+
+    Args:
+        stamp: Stamps (T,), ns, increasing.
+    """
+    steps = np.diff(stamp)
+    if not steps.size:
+        return 0.0
+    median = float(np.median(steps))
+    # the median of jittered steps is biased; the mean of those that are one period long is not
+    return float(np.mean(steps[np.abs(steps - median) < 0.5 * median])) * 1e-9
+
+
+def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
+    """Number the samples of a stream in controller cycles.
+
+    Where the spacing is a multiple of the cycle, numbers are the increasing integers nearest to the stamps
+    (isotonic regression, so that no two samples share a cycle and jitter averages out); else each stamp is
+    rounded to the next cycle by itself.
+
+    Args:
+        stamp: Stamps (T,), ns, strictly increasing.
+        reference: The stamp that phases and numbers count from, ns.
+        cycle: Controller cycle, s.
+
+    Returns:
+        The numbers, counted from the cycle nearest to the reference.
+
+    Raises:
+        IdentError: BAD_VALUES where the cycle is no positive time.
+    """
+    if not np.isfinite(cycle) or cycle <= 0.0:
+        raise IdentError(
+            ErrorCode.BAD_VALUES, f'controller cycle is {cycle} s; give a positive time in the machine file'
+        )
+    time = (stamp - reference).astype(np.float64) * 1e-9
+    period = sample_period(stamp)
+    stride = round(period / cycle) if period else 0
+    if stride and abs(period / (stride * cycle) - 1.0) < _RATE_TOLERANCE:
+        fitted = _regular(time, stride, cycle)
+        if fitted is not None:
+            return fitted
+    tick = np.round(time / cycle).astype(np.int64)
+    keep = np.ones(stamp.size, dtype=np.bool_)
+    keep[:-1] = np.diff(tick) > 0
+    return Ticks(tick, keep, 0, 0.0, 0.0, float(np.std(time - tick * cycle)))
+
+
+def _regular(time: FloatArray, stride: int, cycle: float) -> Ticks | None:
+    """Fit phase, drift and numbers of a stream that is sampled every `stride` cycles; None where it is not."""
+    step = stride * cycle
+    drift = _first_drift(time, step)
+    if abs(drift) > _DRIFT_LIMIT:
+        return None
+    phase, clustered = _phase(time, step * (1.0 + drift))
+    if clustered < _CLUSTERED:
+        return None
+    number = _number((time - phase) / (step * (1.0 + drift)))
+    for _ in range(4):
+        drift, phase = _line(number * step, time)
+        if abs(drift) > _DRIFT_LIMIT:
+            return None
+        again = _number((time - phase) / (step * (1.0 + drift)))
+        if np.array_equal(again, number):
+            break
+        number = again
+    if time.size < 50:
+        # too few samples to tell a drift from jitter
+        drift, phase = 0.0, float(np.median(time - number * step))
+    rest = time - phase - number * step * (1.0 + drift)
+    # numbers count from the cycle nearest to the reference
+    shift = round(phase / (cycle * (1.0 + drift)))
+    tick = number * stride + shift
+    keep = np.ones(time.size, dtype=np.bool_)
+    return Ticks(tick, keep, stride, phase - shift * cycle * (1.0 + drift), drift, float(np.std(rest)))
+
+
+def _first_drift(time: FloatArray, step: float) -> float:
+    """Return how much longer the steps are than stated where that is more than chance, as a share."""
+    steps = np.diff(time)
+    single = steps[np.abs(steps - step) < 0.5 * step]
+    if single.size < 2:
+        return 0.0
+    # steps telescope between drops, so only the ends of each uninterrupted run carry jitter
+    runs = 1 + steps.size - single.size
+    chance = float(np.std(single)) * np.sqrt(runs) / single.size
+    mean = float(single.mean()) - step
+    return mean / step if abs(mean) > 4.0 * chance + 1e-9 * step else 0.0
+
+
+def _phase(time: FloatArray, step: float) -> tuple[float, float]:
+    """Return the circular mean of the times modulo `step`, s, and how well they cluster, 0 to 1."""
+    mean = np.exp(2j * np.pi * time / step).mean()
+    return float(np.angle(mean)) / (2.0 * np.pi) * step, float(np.abs(mean))
+
+
+def _number(position: FloatArray) -> IntArray:
+    """Return the strictly increasing integers nearest to increasing positions in the least-squares sense."""
+    order = np.arange(position.size)
+    rounded = np.round(position).astype(np.int64)
+    if (np.diff(rounded) > 0).all() and np.abs(position - rounded).max() < 0.25:
+        return rounded
+    # strictly increasing integers less their index never decrease: isotonic regression, rounded
+    level = isotonic_regression(position - order).x
+    return np.round(level).astype(np.int64) + order
+
+
+def _line(model: FloatArray, time: FloatArray) -> tuple[float, float]:
+    """Return slope less one and offset of the line through (model, time), outliers clipped."""
+    centre = model.mean()
+    span = model - centre
+    power = float(span @ span)
+    rest = time - model
+    if power == 0.0:
+        return 0.0, float(np.median(rest))
+    spread = float(np.median(np.abs(rest - np.median(rest))))
+    slope, level = 0.0, float(np.median(rest))
+    for _ in range(3):
+        off = rest - level - slope * span
+        bound = max(5.0 * spread, 3.0 * float(np.median(np.abs(off))), 1e-12)
+        inside = np.abs(off) <= bound
+        x, y = span[inside], rest[inside]
+        x0, y0 = x.mean(), y.mean()
+        slope = float((x - x0) @ (y - y0) / max(float((x - x0) @ (x - x0)), 1e-30))
+        level = float(y0 - slope * x0)
+    return slope, level - slope * float(centre)
