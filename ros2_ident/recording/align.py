@@ -29,6 +29,13 @@ class _Placed:
         tick: IntArray = self.ticks.tick[self.ticks.keep]
         return tick
 
+    @property
+    def instants(self) -> FloatArray:
+        """Sampling times (T,) in cycles: whole numbers where the stream keeps to the grid."""
+        if self.ticks.stride:
+            return self.tick.astype(np.float64)
+        return self.ticks.raw[self.ticks.keep]
+
     def samples(self, field: str) -> FloatArray | None:
         """Return a field's kept samples (T, D), or None."""
         values = self.stream.values(field)
@@ -253,7 +260,8 @@ def _setpoint(command: _Placed, start: int, cycles: int, cycle: float) -> tuple[
             ErrorCode.MISSING_STREAM,
             'command: holds no position of the drives; record the position set-point, or leave the topic out',
         )
-    grid = np.arange(start, start + cycles)
+    grid = np.arange(start, start + cycles) * cycle
+    time = command.instants * cycle
     out = np.empty((position.shape[1], cycles))
     rate = np.empty_like(out)
     for column, name in enumerate(command.stream.names):
@@ -268,7 +276,7 @@ def _setpoint(command: _Placed, start: int, cycles: int, cycle: float) -> tuple[
             feed = velocity[there, column]
             feed = None if np.isnan(feed).any() else feed
         out[column], rate[column] = interpolate_setpoint(
-            command.tick[there], position[there, column], feed, grid, cycle
+            time[there], position[there, column], feed, grid
         )
     return out, rate
 

@@ -27,6 +27,7 @@ class Ticks:
 
     Attributes:
         tick: Cycle of each sample (T,), strictly increasing over the kept samples.
+        raw: The stamps themselves in cycles since the reference (T,).
         keep: Mask (T,): False where two samples fell into one cycle and the later one counts.
         stride: Cycles between two samples; 0 where the stream does not keep to the grid.
         phase: Stamp of cycle 0 less the reference, s.
@@ -35,6 +36,7 @@ class Ticks:
     """
 
     tick: IntArray
+    raw: FloatArray
     keep: 'np.typing.NDArray[np.bool_]'
     stride: int
     phase: float
@@ -88,7 +90,7 @@ def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
     tick = np.round(time / cycle).astype(np.int64)
     keep = np.ones(stamp.size, dtype=np.bool_)
     keep[:-1] = np.diff(tick) > 0
-    return Ticks(tick, keep, 0, 0.0, 0.0, float(np.std(time - tick * cycle)))
+    return Ticks(tick, time / cycle, keep, 0, 0.0, 0.0, float(np.std(time - tick * cycle)))
 
 
 def _regular(time: FloatArray, stride: int, cycle: float) -> Ticks | None:
@@ -117,7 +119,7 @@ def _regular(time: FloatArray, stride: int, cycle: float) -> Ticks | None:
     shift = round(phase / (cycle * (1.0 + drift)))
     tick = number * stride + shift
     keep = np.ones(time.size, dtype=np.bool_)
-    return Ticks(tick, keep, stride, phase - shift * cycle * (1.0 + drift), drift, float(np.std(rest)))
+    return Ticks(tick, time / cycle, keep, stride, phase - shift * cycle * (1.0 + drift), drift, float(np.std(rest)))
 
 
 def _first_drift(time: FloatArray, step: float) -> float:
