@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled kernels of the belt drive; the GIL is released in all of them.
+
+Every candidate's numbers depend on itself only, not on its neighbours in the batch.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+# Columns of the constants, in the order of `belt_drive.CONSTANTS`.
+EA, P, J1, J2, MASS, RADIUS, X0, L1, L2, L3 = range(10)
+
+
+@njit(cache=True, nogil=True)
+def _stiffnesses(c: Array) -> tuple[float, float, float]:
+    """Return k_i r^2-free belt stiffnesses, eq. 11, of one candidate's constants (10,)."""
+    return c[EA] / (c[L1] + c[X0]), c[EA] / (c[L2] - c[X0]), c[EA] / c[L3]
+
+
+@njit(cache=True, nogil=True)
+def one_mode_set(c: Array, square: Array, weight: Array) -> bool:
+    """Write squared angular eigenfrequencies and weights (3,) of one candidate; False if unstable.
+
+    det(K - w^2 M) = 0 is a cubic in w^2, eq. 22. Its coefficients are written out with the rigid
+    motion's cancellation done by hand: without a controller the belt alone has a zero eigenvalue.
+    Weight i is the part of mode i in the response of phi1 to a step of phi1d; they add up to 1.
+    """
+    k1, k2, k3 = _stiffnesses(c)
+    r2 = c[RADIUS] * c[RADIUS]
+    good = c[J1] > 0.0 and c[J2] > 0.0 and c[MASS] > 0.0 and c[P] > 0.0 and r2 > 0.0
+    if not (good and k1 > 0.0 and k2 > 0.0 and k3 > 0.0):
+        for i in range(3):
+            square[i] = math.nan
+            weight[i] = math.nan
+        return False
+    # Entries of K, eq. 21, over the inertias: the matrix D = M^-1 K.
+    p = c[P] / c[J1]
+    d11 = r2 * (k1 + k3) / c[J1]
+    d22 = r2 * (k2 + k3) / c[J2]
+    d33 = (k1 + k2) / c[MASS]
+    # Principal minors of the belt alone; each is a sum of positive terms.
+    ring = k1 * k2 + k1 * k3 + k2 * k3
+    m12 = r2 * r2 * ring / (c[J1] * c[J2])
+    m13 = r2 * ring / (c[J1] * c[MASS])
+    m23 = r2 * ring / (c[J2] * c[MASS])
+    a = d11 + p + d22 + d33
+    b = m12 + m13 + m23 + p * (d22 + d33)
+    d = p * m23
+    # Three real roots: the trigonometric form, then Newton's steps for the last digits.
+    shift = a / 3.0
+    q = max((a * a - 3.0 * b) / 9.0, 0.0)
+    h = (2.0 * a * a * a - 9.0 * a * b + 27.0 * d) / 54.0
+    root = math.sqrt(q)
+    angle = math.acos(min(1.0, max(-1.0, h / (q * root)))) if q > 0.0 else 0.0
+    for i in range(3):
+        w = shift + 2.0 * root * math.cos((angle + 2.0 * math.pi * (i + 1)) / 3.0)
+        w = max(w, 0.0)
+        for _ in range(3):
+            slope = (3.0 * w - 2.0 * a) * w + b
+            if slope != 0.0:
+                w -= (((w - a) * w + b) * w - d) / slope
+        square[i] = w
+    for i in range(2):
+        for j in range(2 - i):
+            if square[j] > square[j + 1]:
+                square[j], square[j + 1] = square[j + 1], square[j]
+    # Squared first component of the unit eigenvectors from the minor without phi1:
+    # v_i^2 = (w_i^2 - n1)(w_i^2 - n2) / prod (w_i^2 - w_j^2), n the minor's eigenvalues.
+    for i in range(3):
+        w = square[i]
+        minor = (w - (d22 + d33)) * w + m23
+        others = (w - square[(i + 1) % 3]) * (w - square[(i + 2) % 3])
+        weight[i] = p / w * (minor / others if others != 0.0 else math.nan)
+    return square[0] > 0.0 and math.isfinite(weight[0] + weight[1] + weight[2])
+
+
+@njit(cache=True, nogil=True)
+def modes(constants: Array) -> tuple[Array, Array]:
+    """Return squared angular eigenfrequencies [1/s^2] and weights, each (S, 3), of (S, 10)."""
+    square = np.empty((constants.shape[0], 3))
+    weight = np.empty((constants.shape[0], 3))
+    for s in range(constants.shape[0]):
+        one_mode_set(constants[s], square[s], weight[s])
+    return square, weight
+
+
+@njit(cache=True, nogil=True, fastmath={'contract'})
+def modal_response(
+    constants: Array, cycle: float, reference: Array, step_at: Index, step_by: Array
+) -> Array:
+    """Return phi1 and M1, (S, 2, K), of candidates (S, 10).
+
+    Each mode's distance from the set-point, times its weight, turns in its phase plane; a step of the
+    set-point shifts it. Their sum is phi1 - phi1d.
+    """
+    count, samples = constants.shape[0], reference.size
+    out = np.empty((count, 2, samples))
+    square, weight = np.empty(3), np.empty(3)
+    for s in range(count):
+        if not one_mode_set(constants[s], square, weight):
+            out[s] = math.inf
+            continue
+        angle = np.sqrt(square) * cycle
+        c0, c1, c2 = math.cos(angle[0]), math.cos(angle[1]), math.cos(angle[2])
+        s0, s1, s2 = math.sin(angle[0]), math.sin(angle[1]), math.sin(angle[2])
+        gain = constants[s, P]
+        d0 = d1 = d2 = v0 = v1 = v2 = 0.0
+        k = 0
+        for segment in range(step_at.size):
+            while k < step_at[segment]:
+                y = d0 + d1 + d2
+                out[s, 0, k] = reference[k] + y
+                out[s, 1, k] = -gain * y
+                d0, v0 = c0 * d0 + s0 * v0, c0 * v0 - s0 * d0
+                d1, v1 = c1 * d1 + s1 * v1, c1 * v1 - s1 * d1
+                d2, v2 = c2 * d2 + s2 * v2, c2 * v2 - s2 * d2
+                k += 1
+            by = step_by[segment]
+            d0 -= by * weight[0]
+            d1 -= by * weight[1]
+            d2 -= by * weight[2]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def matrices(constants: Array) -> tuple[Array, Array]:
+    """Return the inertias (S, 3) and the stiffness matrix (S, 3, 3) of eq. 21, of (S, 10)."""
+    count = constants.shape[0]
+    mass, stiffness = np.empty((count, 3)), np.empty((count, 3, 3))
+    for s in range(count):
+        c = constants[s]
+        k1, k2, k3 = _stiffnesses(c)
+        r = c[RADIUS]
+        mass[s, 0], mass[s, 1], mass[s, 2] = c[J1], c[J2], c[MASS]
+        stiffness[s, 0, 0] = r * r * (k1 + k3) + c[P]
+        stiffness[s, 1, 1] = r * r * (k2 + k3)
+        stiffness[s, 2, 2] = k1 + k2
+        stiffness[s, 0, 1] = stiffness[s, 1, 0] = -r * r * k3
+        stiffness[s, 0, 2] = stiffness[s, 2, 0] = -r * k1
+        stiffness[s, 1, 2] = stiffness[s, 2, 1] = -r * k2
+    return mass, stiffness
+
+
+@njit(cache=True, nogil=True)
+def _multiply(a: Array, b: Array, out: Array) -> None:
+    size = a.shape[0]
+    for i in range(size):
+        for j in range(size):
+            total = 0.0
+            for k in range(size):
+                total += a[i, k] * b[k, j]
+            out[i, j] = total
+
+
+@njit(cache=True, nogil=True)
+def matrix_exponential(matrix: Array) -> Array:
+    """Return e^A of (S, n, n) matrices by scaling, a Taylor series and squaring.
+
+    Reference:
+        Moler and Van Loan (2003), SIAM Review 45, method 3. With the scaled norm below 1/4 the
+        remainder after the 13th power is below 1e-19.
+    """
+    count, size = matrix.shape[0], matrix.shape[1]
+    result = np.empty_like(matrix)
+    scaled, power = np.empty((size, size)), np.empty((size, size))
+    for s in range(count):
+        norm = 0.0
+        for i in range(size):
+            norm = max(norm, np.abs(matrix[s, i]).sum())
+        if not math.isfinite(norm):
+            result[s] = math.nan
+            continue
+        squarings = max(0, int(math.ceil(math.log2(max(norm, 1e-300) * 4.0))))
+        scaled[:] = matrix[s] * 0.5**squarings
+        # Horner: e^A = 1 + A (1 + A/2 (1 + A/3 (...))).
+        total = result[s]
+        total[:] = np.eye(size)
+        for n in range(13, 0, -1):
+            _multiply(scaled, total, power)
+            total[:] = power / n
+            for i in range(size):
+                total[i, i] += 1.0
+        for _ in range(squarings):
+            _multiply(total, total, power)
+            total[:] = power
+    return result
+
+
+@njit(cache=True, nogil=True)
+def transition_rows(constants: Array, cycle: float) -> Array:
+    """Return A and b side by side, (S, 6, 7), of z_(k+1) = A z_k + b phi1d_k.
+
+    z holds the coordinates and the velocities over `speed`, which makes both alike in size: the
+    exponential then needs few squarings.
+    """
+    count = constants.shape[0]
+    mass, stiffness = matrices(constants)
+    system = np.zeros((count, 7, 7))
+    for s in range(count):
+        # Nearly the geometric mean of the accelerations; a power of two keeps the scaling exact.
+        largest = 1.0
+        for i in range(3):
+            largest = max(largest, abs(stiffness[s, i, i] / mass[s, i]))
+        speed = 2.0 ** round(0.5 * math.log2(largest)) if math.isfinite(largest) else 1.0
+        for i in range(3):
+            system[s, i, 3 + i] = cycle * speed
+            for j in range(3):
+                system[s, 3 + i, j] = -stiffness[s, i, j] / mass[s, i] * (cycle / speed)
+        # The set-point is a seventh state that stays constant over the sample.
+        system[s, 3, 6] = constants[s, P] / mass[s, 0] * (cycle / speed)
+    return np.ascontiguousarray(matrix_exponential(system)[:, :6, :])
+
+
+@njit(cache=True, nogil=True, fastmath={'contract'})
+def matrix_response(rows: Array, gain: Array, reference: Array) -> Array:
+    """Return phi1 and M1, (S, 2, K), from `transition_rows` and the gains (S,)."""
+    count, samples = rows.shape[0], reference.size
+    out = np.empty((count, 2, samples))
+    state, moved = np.empty(6), np.empty(6)
+    start = reference[0]
+    for s in range(count):
+        state[:] = 0.0
+        for k in range(samples):
+            u = reference[k] - start
+            torque = gain[s] * (u - state[0])
+            good = math.isfinite(torque)
+            out[s, 0, k] = start + state[0] if good else math.inf
+            out[s, 1, k] = torque if good else math.inf
+            for i in range(6):
+                total = rows[s, i, 6] * u
+                for j in range(6):
+                    total += rows[s, i, j] * state[j]
+                moved[i] = total
+            state[:] = moved
+    return out
