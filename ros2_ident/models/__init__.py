@@ -1,1 +1,52 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Machines, their parameters and their compiled simulations."""
+
+from collections.abc import Mapping, Sequence
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.models.drive_model import DriveModel, EffectAt
+from ros2_ident.models.linear_axis import LinearAxis
+from ros2_ident.models.machine import Machine, load_machine, machine_from_mapping
+from ros2_ident.models.parameter import Parameter
+from ros2_ident.models.tripod import Tripod
+from ros2_ident.recording import Dataset
+
+DRIVE_MODELS: Mapping[str, type[DriveModel]] = {model.name: model for model in (Tripod, LinearAxis)}
+
+
+def make_model(
+    machine: Machine,
+    data: Dataset,
+    *,
+    drives: Sequence[str] | None = None,
+    effects: Sequence[EffectAt] = (),
+    fixed: Mapping[str, float] | None = None,
+    cutoff: float = 100.0,
+) -> DriveModel:
+    """Return the model of a machine on a recording; the arguments are `DriveModel`'s.
+
+    Raises:
+        IdentError: UNKNOWN_MODEL where the machine's kind has no drives to simulate, or as `DriveModel`.
+    """
+    try:
+        kind = DRIVE_MODELS[machine.kind]
+    except KeyError:
+        raise IdentError(
+            ErrorCode.UNKNOWN_MODEL,
+            f'a {machine.kind} has no drive model; use one of {", ".join(DRIVE_MODELS)}',
+        ) from None
+    return kind(machine, data, drives=drives, effects=effects, fixed=fixed, cutoff=cutoff)
+
+
+__all__ = [
+    'DRIVE_MODELS',
+    'DriveModel',
+    'EffectAt',
+    'LinearAxis',
+    'Machine',
+    'Parameter',
+    'Tripod',
+    'load_machine',
+    'machine_from_mapping',
+    'make_model',
+]

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an effect is: data, and a small kernel that fills one hook of a simulation step."""
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+Group = Literal['structure', 'drive', 'controller', 'measurement']
+
+
+class Hook(enum.Enum):
+    """Where in a simulation step an effect acts, and what its kernel changes.
+
+    A kernel of a per-drive hook is `kernel(value, drive, p) -> value`: `value` is what the step would use without
+    the effect, `drive` a `DriveState`, `p` the tuple of the effect's parameters; all are `Lanes`.
+    PARAMETER effects have no kernel: each of their parameters names what it is added to or multiplied with.
+    """
+
+    SIGN = 'direction of friction, -1..1: nominally tanh(v / regularisation)'
+    FRICTION = 'friction torque at the motor [N m]'
+    TORQUE = 'torque the motor makes of the commanded one [N m]'
+    DEFLECTION = 'deflection of the gear that makes force [m]'
+    STIFFNESS = 'stiffness of the gear [N/m]'
+    CARRIAGE_FORCE = 'force on the carriage besides gear, gravity and rod [N]'
+    READING = 'motor position as the controller reads it [m]'
+    PARAMETER = 'a parameter that the step or the log has anyway, at its neutral value'
+
+
+class DriveState(NamedTuple):
+    """What a per-drive kernel sees; every field is a `Lanes` value.
+
+    Attributes:
+        position: Motor position referred to the rail [m].
+        velocity: Its rate [m/s].
+        carriage: Carriage position [m].
+        load: Force the gear carries [N].
+        direction: Direction of motion for friction, -1..1.
+        coulomb: Nominal Coulomb friction [N m] (N on an axis with force as effort).
+        viscous: Nominal viscous friction [N m s/m].
+        gear: Motor angle per travel [rad/m]; 1 on an axis with force as effort.
+        time: Time since the start of the log [s].
+        elapsed: Time since the present torque was commanded [s].
+        travel: Way gone since `memory` was written [m].
+        memory: What the hook's own effect kept: for SIGN the bristle state, for TORQUE the last torque.
+    """
+
+    position: Any
+    velocity: Any
+    carriage: Any
+    load: Any
+    direction: Any
+    coulomb: Any
+    viscous: Any
+    gear: Any
+    time: Any
+    elapsed: Any
+    travel: Any
+    memory: Any
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One parameter of an effect.
+
+    Attributes:
+        name: Short name, unique within the effect.
+        unit: SI unit as text; `effort` for N m or N, whichever the machine logs: bounds and starts are then shares
+            of the controller's limit.
+        low: Lower bound of the search, physical sign included.
+        high: Upper bound of the search.
+        neutral: Value at which the effect vanishes, or that means nothing while another parameter is neutral.
+        starts: Values to start a local search from, where one start would be caught in a local minimum.
+        target: For PARAMETER effects: the kernel's row (see `models.rows`) it acts on.
+        how: For PARAMETER effects: whether it is added to the row or multiplied with it.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    neutral: float
+    starts: tuple[float, ...] = ()
+    target: str = ''
+    how: Literal['add', 'scale'] = 'add'
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One deviation of a real machine from its nominal model.
+
+    Attributes:
+        id: Name in results.
+        group: What the effect sits on.
+        title: Name in sentences.
+        equation: The law, in plain text.
+        source: Reference of the law.
+        parameters: Its parameters; all at their neutral values switch it off.
+        hook: Where it acts.
+        kernel: The hook's kernel, compiled by numba; None for PARAMETER.
+        place: `drive` where each drive can have its own, `all` where the machine has one.
+        family: Structural class: effects of one family look alike on ordinary motions.
+        confusable: Ids of effects that one log may not tell apart from this one.
+        separated_by: The motion that would, as an instruction with `{drive}` for the place.
+    """
+
+    id: str
+    group: Group
+    title: str
+    equation: str
+    source: str
+    parameters: tuple[EffectParameter, ...]
+    hook: Hook
+    kernel: Callable[..., Any] | None
+    place: Literal['drive', 'all']
+    family: str
+    confusable: tuple[str, ...]
+    separated_by: str

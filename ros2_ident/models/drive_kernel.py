@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One drive in one instant: its controller, motor, friction and gear, with whichever effects are on.
+
+Every function works on eight candidates at once (see `ros2_ident.lanes`). Units are those of the rows.
+"""
+# mypy: ignore-errors
+
+from ros2_ident.effects import DriveState, Hook
+from ros2_ident.lanes import (
+    WIDTH,
+    absolute,
+    clip,
+    floor,
+    inlined,
+    load,
+    spread,
+    store,
+    take,
+    tanh,
+    where,
+)
+from ros2_ident.models import hooks
+from ros2_ident.models.hooks import mask_of
+from ros2_ident.models.rows import DRIVE_ROWS
+
+W = WIDTH
+CLOSED_LOOP, PRESCRIBED = 0, 1
+VELOCITY_FROM_STATE, VELOCITY_FROM_POSITIONS = 0, 1
+
+# What a drive remembers between cycles: rows of its memory block.
+INTEGRAL, COMMANDED, APPLIED, BRISTLE, ANCHOR, READ_ERROR, LAST_READ, LAST_BUT_ONE = range(8)
+MEMORY_COUNT = 8
+
+SIGN_MASK = mask_of(Hook.SIGN)
+TORQUE_MASK = mask_of(Hook.TORQUE)
+DEFLECTION_MASK = mask_of(Hook.DEFLECTION)
+STIFFNESS_MASK = mask_of(Hook.STIFFNESS)
+CARRIAGE_MASK = mask_of(Hook.CARRIAGE_FORCE)
+READING_MASK = mask_of(Hook.READING)
+
+(
+    STIFFNESS, DAMPING, MOTOR_MASS, RAIL_MASS, COULOMB, VISCOUS,
+    KP, KV, KI, COMMAND_DELAY,
+) = range(10)
+assert DRIVE_ROWS[:10] == (
+    'gear_stiffness', 'gear_damping', 'motor_mass', 'rail_mass', 'coulomb', 'viscous',
+    'position_gain', 'velocity_gain', 'integral_gain', 'command_delay',
+)
+
+
+@inlined
+def drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, elapsed):
+    """Collect what the kernels of effects see."""
+    return DriveState(
+        z, v, s, force, direction,
+        load(par, (first + COULOMB) * W), load(par, (first + VISCOUS) * W),
+        spread(gear), spread(time), spread(elapsed),
+        z - load(mem, (own + ANCHOR) * W), load(mem, (own + BRISTLE) * W),
+    )
+
+
+@inlined
+def gear_force(par, first, mem, own, on, gear, z, v, s, w, time):
+    """Return the force [N] the gear carries, by deflection and its rate."""
+    x = z - s
+    c = load(par, (first + STIFFNESS) * W)
+    d = load(par, (first + DAMPING) * W)
+    if on & (DEFLECTION_MASK | STIFFNESS_MASK):
+        zero = spread(0.0)
+        state = drive_state(par, first, mem, own, gear, z, v, s, zero, zero, time, 0.0)
+        x = hooks.deflection_hook(x, state, on, par, first)
+        c = hooks.stiffness_hook(c, state, on, par, first)
+        if on & DEFLECTION_MASK:
+            # Teeth that do not touch do not damp.
+            d = where(absolute(x) > zero, d, zero)
+    return c * x + d * (v - w)
+
+
+@inlined
+def motor_torque(par, first, mem, own, on, gear, eps, z, v, s, force, time, elapsed):
+    """Return the torque [N m] that accelerates the motor, before the gear's force: applied less friction."""
+    direction = tanh(v * (1.0 / eps))
+    torque = load(mem, (own + COMMANDED) * W)
+    friction = load(par, (first + COULOMB) * W) * direction + load(par, (first + VISCOUS) * W) * v
+    if on:
+        state = drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, elapsed)
+        if on & SIGN_MASK:
+            direction = hooks.sign_hook(direction, state, on, par, first)
+            friction = state.coulomb * direction + state.viscous * v
+        state = drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, elapsed)
+        friction = hooks.friction_hook(friction, state, on, par, first)
+        if on & TORQUE_MASK:
+            state = DriveState(
+                z, v, s, force, direction, state.coulomb, state.viscous, state.gear, state.time,
+                state.elapsed, state.travel, load(mem, (own + APPLIED) * W),
+            )
+            torque = hooks.torque_hook(torque, state, on, par, first)
+    return torque - friction
+
+
+@inlined
+def carriage_force(par, first, mem, own, on, gear, z, v, s, time):
+    """Return the force [N] on the carriage besides gear, gravity and rod."""
+    force = spread(0.0)
+    if on & CARRIAGE_MASK:
+        state = drive_state(par, first, mem, own, gear, z, v, s, force, force, time, 0.0)
+        force = hooks.carriage_hook(force, state, on, par, first)
+    return force
+
+
+@inlined
+def keep_bristle(par, first, mem, own, on, gear, eps, z, v):
+    """Move the memory of a presliding friction to where the motor is now."""
+    if on & SIGN_MASK:
+        zero = spread(0.0)
+        state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, 0.0, 0.0)
+        bristle = hooks.sign_hook(tanh(v * (1.0 / eps)), state, on, par, first)
+        store(mem, (own + BRISTLE) * W, bristle)
+        store(mem, (own + ANCHOR) * W, z)
+
+
+@inlined
+def keep_torque(par, first, mem, own, on, gear, z, v, s, time, cycle):
+    """Keep the torque the motor made at a cycle's end, where it differs from the commanded one."""
+    if on & TORQUE_MASK:
+        zero = spread(0.0)
+        state = DriveState(
+            z, v, s, zero, zero, zero, zero, spread(gear), spread(time), spread(cycle), zero,
+            load(mem, (own + APPLIED) * W),
+        )
+        store(mem, (own + APPLIED) * W, hooks.torque_hook(load(mem, (own + COMMANDED) * W), state, on, par, first))
+
+
+@inlined
+def set_point(command, base, count, k, delay, cycle, delayed):
+    """Return the set-point of cycle `k`, late by `delay` seconds where a delay is on."""
+    if not delayed:
+        return spread(command[base + k])
+    at = clip(spread(float(k)) - delay * (1.0 / cycle), spread(0.0), spread(count - 1.000001))
+    whole = floor(at)
+    before = take(command, whole + float(base))
+    after = take(command, whole + float(base + 1))
+    return before + (after - before) * (at - whole)
+
+
+@inlined
+def control(par, first, mem, own, on, law, feedforward, limit, cycle, gear, z, v, zc, vc, time):
+    """Run one cycle of a drive's controller and return the commanded torque, kept for the cycle."""
+    read = z
+    rate = v
+    if on & READING_MASK:
+        zero = spread(0.0)
+        state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, time, 0.0)
+        read = hooks.reading_hook(z, state, on, par, first)
+        error = read - z
+        rate = v + (error - load(mem, (own + READ_ERROR) * W)) * (1.0 / cycle)
+        store(mem, (own + READ_ERROR) * W, error)
+    if law == VELOCITY_FROM_POSITIONS:
+        # Half the sum of two readings, differenced over a cycle: (q[k] - q[k-2]) / (2 cycle).
+        rate = (read - load(mem, (own + LAST_BUT_ONE) * W)) * (0.5 / cycle)
+        store(mem, (own + LAST_BUT_ONE) * W, load(mem, (own + LAST_READ) * W))
+        store(mem, (own + LAST_READ) * W, read)
+    error = load(par, (first + KP) * W) * (zc - read) + feedforward * vc - rate
+    integral = load(mem, (own + INTEGRAL) * W) + load(par, (first + KI) * W) * cycle * error
+    store(mem, (own + INTEGRAL) * W, integral)
+    torque = load(par, (first + KV) * W) * error + integral
+    torque = clip(torque, spread(-limit), spread(limit))
+    store(mem, (own + COMMANDED) * W, torque)
+    return torque

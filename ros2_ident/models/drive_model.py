@@ -1,0 +1,408 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From named parameters to a compiled simulation: what the tripod and the linear axis share."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident import lanes
+from ros2_ident.effects import Effect, Hook, get_effect
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.models import drive_kernel, measurement, rows
+from ros2_ident.models.machine import Machine, constant
+from ros2_ident.models.parameter import Kind, Parameter
+from ros2_ident.recording import Dataset
+
+Array = npt.NDArray[np.float64]
+
+# Candidates simulated in one piece: their torque histories stay within a few ten megabytes.
+_PIECE = 64
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Where a nominal parameter goes: the rows it fills, and what it is."""
+
+    row: str
+    shared: bool
+    kind: Kind
+    source: str
+
+
+_PAPER = 'Ludwig and Gerstmayr 2011, Table 3'
+SLOTS: Mapping[str, Slot] = {
+    'measurement_delay': Slot('effort_delay', True, 'measurement', _PAPER),
+    'gear_stiffness': Slot('gear_stiffness', False, 'physical', _PAPER),
+    'gear_damping_ratio': Slot('gear_damping', False, 'physical', f'{_PAPER}, eq. 23'),
+    'tool_mass': Slot('tool_mass', True, 'physical', _PAPER),
+    'drive_inertia': Slot('motor_mass', False, 'physical', _PAPER),
+    'moving_mass': Slot('motor_mass', False, 'physical', 'Newton; motor and carriage as one mass'),
+    'coulomb_torque': Slot('coulomb', False, 'physical', 'Coulomb 1785'),
+    'viscous_torque': Slot('viscous', False, 'physical', 'linear viscous friction'),
+    'coulomb_friction': Slot('coulomb', False, 'physical', 'Coulomb 1785'),
+    'viscous_friction': Slot('viscous', False, 'physical', 'linear viscous friction'),
+    'constant_force': Slot('effort_bias', False, 'physical', 'Janot, Gautier, Brunot 2019, offset'),
+}
+
+
+@dataclass(frozen=True)
+class EffectAt:
+    """An effect and where it sits: a drive's name, or `all`."""
+
+    effect: str
+    where: str
+
+
+class DriveModel(ABC):
+    """Drives under their controllers, simulated for many candidates at once.
+
+    Args:
+        machine: The machine file's content.
+        data: The recording on the controller's grid. Without a command the recorded motion drives the model
+            (inverse mode): motors follow it and the torque it takes is the output.
+        drives: Drives whose torque is compared and whose parameters are free; the others follow their recorded
+            motion. All by default.
+        effects: Effects besides the nominal physics.
+        fixed: Values of parameters that are not to be identified, by name.
+        cutoff: Low-pass of recorded motion where it drives the model [Hz].
+        substeps: Integration steps in a controller cycle; by default chosen for each candidate's stiffness.
+
+    Raises:
+        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, MISSING_STREAM or BAD_MACHINE_FILE with the remedy.
+    """
+
+    name = ''
+
+    def __init__(
+        self,
+        machine: Machine,
+        data: Dataset,
+        *,
+        drives: Sequence[str] | None = None,
+        effects: Sequence[EffectAt] = (),
+        fixed: Mapping[str, float] | None = None,
+        cutoff: float = 100.0,
+        substeps: int | None = None,
+    ) -> None:
+        self.machine = machine
+        self.data = data
+        self.effects = tuple(effects)
+        self.fixed = dict(fixed or {})
+        self.substeps = substeps
+        self.cutoff = cutoff
+        self.drives = self._chosen(drives)
+        self.gear = constant(machine.drive, 'gear_factor', 'drive', 1.0)
+        self.eps = constant(machine.drive, 'coulomb_regularisation', 'drive', 5e-3)
+        self.limit = constant(machine.controller, 'torque_limit', 'controller', math.inf)
+        self.feedforward = constant(machine.controller, 'velocity_feedforward', 'controller', 0.0)
+        self.cycle = data.cycle
+        law = str(machine.controller.get('law', 'pi'))
+        if law not in ('pi', 'cascade_p'):
+            raise IdentError(
+                ErrorCode.BAD_MACHINE_FILE, f'controller.law is {law!r}; write pi or cascade_p'
+            )
+        self.law = int(law == 'cascade_p')
+        self._parameters, self._targets = self._declare()
+        self._base = self._constants()
+        self._on = np.zeros(len(machine.drives), dtype=np.int64)
+        for at in self.effects:
+            effect = get_effect(at.effect)
+            if effect.hook is not Hook.PARAMETER:
+                for d in self._places(at):
+                    self._on[d] |= rows.bit(effect.id)
+        active = {(p.target, p.name) for at in self.effects for p in get_effect(at.effect).parameters}
+        self._delayed = any(target == 'command_delay' for target, _ in active)
+        self._frame = any(target == 'frame_frequency' for target, _ in active)
+        self._command, self._motion, self._mode = self._inputs()
+
+    # ------------------------------------------------------------------ declaration
+
+    def _chosen(self, drives: Sequence[str] | None) -> tuple[str, ...]:
+        known = self.machine.drives
+        chosen = tuple(drives) if drives else known
+        for name in chosen:
+            if name not in known:
+                raise IdentError(
+                    ErrorCode.INVALID_GOAL,
+                    f'drive {name!r} is not in the machine file; choose from {", ".join(known)}',
+                )
+        return tuple(n for n in known if n in chosen)
+
+    def _places(self, at: EffectAt) -> list[int]:
+        if at.where == 'all':
+            return list(range(len(self.machine.drives)))
+        if at.where not in self.machine.drives:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{at.effect} cannot sit on {at.where!r}; choose from {", ".join(self.machine.drives)} or all',
+            )
+        return [self.machine.drives.index(at.where)]
+
+    def _declare(self) -> tuple[tuple[Parameter, ...], list[tuple[str, int | None]]]:
+        """Return the free parameters, and for each its base name and drive."""
+        declared: list[tuple[Parameter, tuple[str, int | None]]] = []
+        for name, (low, high, unit) in self.machine.bounds.items():
+            slot = SLOTS.get(name)
+            if slot is None:
+                raise IdentError(
+                    ErrorCode.UNKNOWN_PARAMETER,
+                    f'machine file: the {self.name} model has no parameter {name!r}; '
+                    f'it knows {", ".join(SLOTS)}',
+                )
+            for drive in [None] if slot.shared else self.drives:
+                full = name if drive is None else f'{drive}.{name}'
+                index = None if drive is None else self.machine.drives.index(drive)
+                declared.append(
+                    (Parameter(full, unit, low, high, slot.kind, slot.source), (name, index))
+                )
+        for at in self.effects:
+            declared += self._declare_effect(get_effect(at.effect), at)
+        names = {p.name for p, _ in declared} | {
+            f'{d}.{n}' for d in self.machine.drives for n in self.machine.bounds
+        }
+        for name in self.fixed:
+            if name not in names:
+                raise IdentError(
+                    ErrorCode.UNKNOWN_PARAMETER,
+                    f'{name!r} cannot be fixed: no such parameter; the model has {", ".join(sorted(names))}',
+                )
+        free = [entry for entry in declared if entry[0].name not in self.fixed]
+        self._all = declared
+        return tuple(p for p, _ in free), [t for _, t in free]
+
+    def _declare_effect(
+        self, effect: Effect, at: EffectAt
+    ) -> list[tuple[Parameter, tuple[str, int | None]]]:
+        places = self._places(at)
+        kind: Kind = 'measurement' if effect.group == 'measurement' else 'physical'
+        prefix = effect.id if at.where == 'all' else f'{at.where}.{effect.id}'
+        unit = self.machine.effort_unit if self.machine.effort_unit in ('N', 'N m') else 'N m'
+        out: list[tuple[Parameter, tuple[str, int | None]]] = []
+        for p in effect.parameters:
+            scale = self.effort_share(p.unit)
+            declared = Parameter(
+                f'{prefix}.{p.name}', unit if p.unit == 'effort' else p.unit, p.low * scale, p.high * scale, kind,
+                effect.source,
+            )
+            out.append((declared, (f'{effect.id}.{p.name}', None if at.where == 'all' else places[0])))
+        return out
+
+    def effort_share(self, unit: str) -> float:
+        """Return what the bounds of an effect's parameter are multiplied with, see `EffectParameter`."""
+        if unit != 'effort':
+            return 1.0
+        return self.limit if math.isfinite(self.limit) else 100.0 * self.machine.effort_noise
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The free parameters, in the order of theta's columns."""
+        return self._parameters
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The drives whose torque is compared."""
+        return self.drives
+
+    @property
+    def output_unit(self) -> str:
+        """Unit of the output and of the cost."""
+        return 'N' if self.machine.effort_unit == 'N' else 'N m'
+
+    @property
+    def measured(self) -> Array:
+        """(D, K) measured output of `outputs`; NaN at cycles without a sample."""
+        index = [self.data.names.index(name) for name in self.drives]
+        return np.ascontiguousarray(self.data.effort[index])
+
+    # ------------------------------------------------------------------ candidates to rows
+
+    @abstractmethod
+    def _constants(self) -> Array:
+        """Return (R,) rows of what the machine file knows, the rest neutral."""
+
+    def _drive_constants(self, base: Array) -> None:
+        controller, drive = self.machine.controller, self.machine.drive
+        for d in range(len(self.machine.drives)):
+            base[rows.row_of('rail_mass', d)] = constant(drive, 'rail_mass', 'drive', 0.0)
+            for key in ('position_gain', 'velocity_gain', 'integral_gain'):
+                default = 0.0 if key == 'integral_gain' or self.data.command_position is None else None
+                base[rows.row_of(key, d)] = constant(controller, key, 'controller', default)
+
+    def nominal(self, name: str) -> float:
+        """Return the value a parameter has on a drive that only follows: stiff, in the middle of its box."""
+        low, high, _ = self.machine.bounds[name]
+        return low + 0.8 * (high - low) if name == 'gear_stiffness' else 0.5 * (low + high)
+
+    def rows(self, theta: Array) -> Array:
+        """Return (S, R) kernel rows of (S, N) candidates in physical units."""
+        theta = np.atleast_2d(np.asarray(theta, dtype=float))
+        if theta.shape[1] != len(self._parameters):
+            raise ValueError(f'theta has {theta.shape[1]} columns, the model {len(self._parameters)} parameters')
+        block = np.repeat(self._base[None], len(theta), axis=0)
+        values: dict[tuple[str, int | None], Array] = {}
+        for d, drive in enumerate(self.machine.drives):
+            for name in self.machine.bounds:
+                if not SLOTS[name].shared:
+                    fixed = self.fixed.get(f'{drive}.{name}', self.nominal(name))
+                    values[name, d] = np.full(len(theta), fixed)
+        for parameter, target in self._all:
+            if parameter.name in self.fixed:
+                values[target] = np.full(len(theta), self.fixed[parameter.name])
+        for column, target in enumerate(self._targets):
+            values[target] = theta[:, column]
+        drives = range(len(self.machine.drives))
+        for (name, index), value in values.items():
+            if name in SLOTS:
+                self._fill(block, name, drives if index is None else [index], value)
+        for d in drives:
+            self._finish_drive(block, d)
+        for at in self.effects:
+            effect = get_effect(at.effect)
+            place = None if at.where == 'all' else self._places(at)[0]
+            for number, p in enumerate(effect.parameters):
+                value = values[f'{effect.id}.{p.name}', place]
+                if effect.hook is Hook.PARAMETER:
+                    self._shift(block, p.target, p.how, self._places(at), value)
+                else:
+                    for d in self._places(at):
+                        start = rows.MACHINE_COUNT + d * rows.DRIVE_COUNT
+                        block[:, start + rows.effect_row(effect.id) + number] = value
+        return block
+
+    def _fill(self, block: Array, name: str, drives: Sequence[int] | range, value: Array) -> None:
+        row = SLOTS[name].row
+        if row in rows.MACHINE_ROWS:
+            block[:, rows.row_of(row)] = value
+            return
+        factor = self.gear**2 if name == 'drive_inertia' else 1.0
+        for d in drives:
+            block[:, rows.row_of(row, d)] = value * factor
+
+    def _finish_drive(self, block: Array, d: int) -> None:
+        """Turn the damping ratio into a damping constant, eq. 23 of the paper."""
+        damping = rows.row_of('gear_damping', d)
+        motor = block[:, rows.row_of('motor_mass', d)]
+        rail = block[:, rows.row_of('rail_mass', d)]
+        both = np.maximum(motor + rail, 1e-12)
+        root = np.sqrt(np.maximum(block[:, rows.row_of('gear_stiffness', d)] * motor * rail / both, 0.0))
+        block[:, damping] *= 2.0 * root
+
+    @staticmethod
+    def _shift(block: Array, target: str, how: str, drives: Sequence[int], value: Array) -> None:
+        places = [None] if target in rows.MACHINE_ROWS else list(drives)
+        for d in places:
+            row = rows.row_of(target, d)
+            if how == 'scale':
+                block[:, row] *= value
+            else:
+                block[:, row] += value
+
+    def _steps(self, block: Array) -> npt.NDArray[np.int64]:
+        """Return (S,) integration steps in a cycle: by the gear's frequency and damping and friction's slope.
+
+        The limits come from the convergence study in `docs/convergence.md`.
+        """
+        if self.substeps is not None:
+            return np.full(len(block), self.substeps, dtype=np.int64)
+        need = np.ones(len(block))
+        for d in range(len(self.machine.drives)):
+            motor = np.maximum(block[:, rows.row_of('motor_mass', d)], 1e-9)
+            rail = block[:, rows.row_of('rail_mass', d)]
+            slope = self.gear * block[:, rows.row_of('coulomb', d)] / (self.eps * (motor + (rail if self.rigid else 0.0)))
+            need = np.maximum(need, self.cycle * slope / 1.5)
+            if not self.rigid:
+                inverse = 1.0 / motor + 1.0 / np.maximum(rail, 1e-9)
+                omega = np.sqrt(block[:, rows.row_of('gear_stiffness', d)] * inverse)
+                rate = block[:, rows.row_of('gear_damping', d)] * inverse
+                need = np.maximum(need, self.cycle * np.maximum(omega / 0.45, rate / 0.9))
+        steps: npt.NDArray[np.int64] = np.clip(np.ceil(need), 1, 64).astype(np.int64)
+        return steps
+
+    @property
+    def rigid(self) -> bool:
+        """Whether motor and carriage move as one mass."""
+        return False
+
+    # ------------------------------------------------------------------ inputs and simulation
+
+    def _inputs(self) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+        data = self.data
+        order = [data.names.index(name) for name in self.machine.drives]
+        count = data.command_position.shape[1] if data.command_position is not None else data.effort.shape[1]
+        mode = np.full(len(order), drive_kernel.PRESCRIBED, dtype=np.int64)
+        command = np.zeros(2 * len(order) * count)
+        motion = np.zeros(0)
+        if data.command_position is not None:
+            command = np.concatenate(
+                [data.command_position[order].ravel(), data.command_velocity[order].ravel()]
+            )
+            for name in self.drives:
+                mode[self.machine.drives.index(name)] = drive_kernel.CLOSED_LOOP
+        if (mode == drive_kernel.PRESCRIBED).any():
+            if data.position is None:
+                raise IdentError(
+                    ErrorCode.MISSING_STREAM,
+                    'there is neither a command nor a measured position to drive the model; '
+                    'record joint_states with positions or joint_command',
+                )
+            from ros2_ident.recording import smooth_motion
+            smooth = smooth_motion(data.position[order], data.cycle, self.cutoff)
+            motion = np.concatenate([np.asarray(part).ravel() for part in smooth])
+        return command, motion, mode
+
+    @abstractmethod
+    def _run(self, blocks: Array, steps: npt.NDArray[np.int64], torque: Array, finite: Array) -> None:
+        """Run the compiled simulation of (G, R * 8) blocks."""
+
+    def simulate(self, theta: Array) -> Array:
+        """Return the logged torque of every candidate.
+
+        Args:
+            theta: (S, N) candidates, physical units, in the order of `parameters`.
+
+        Returns:
+            (S, D, K) torque of `outputs` at every controller cycle [`output_unit`]; inf where a candidate diverged.
+        """
+        block = self.rows(theta)
+        count = self._command.size // (2 * len(self.machine.drives))
+        chosen = [self.machine.drives.index(name) for name in self.drives]
+        out = np.empty((len(block), len(chosen), count))
+        steps = self._steps(block)
+        for number in np.unique(steps):
+            members = np.flatnonzero(steps == number)
+            for at in range(0, len(members), _PIECE):
+                piece = members[at : at + _PIECE]
+                out[piece] = self._piece(block[piece], int(number), count)[:, chosen]
+        return out
+
+    def _piece(self, block: Array, steps: int, count: int) -> Array:
+        blocks = lanes.padded(block).reshape(-1, block.shape[1] * lanes.WIDTH)
+        drives = len(self.machine.drives)
+        torque = np.empty((len(blocks), drives, count, lanes.WIDTH))
+        finite = np.empty((len(blocks), lanes.WIDTH))
+        self._run(blocks, np.full(len(blocks), steps, dtype=np.int64), torque, finite)
+        logged = np.empty((len(blocks) * lanes.WIDTH, drives, count))
+        measurement.logged(blocks, torque, finite, self.cycle, logged)
+        return logged[: len(block)]
+
+    def costs(self, theta: Array) -> Array:
+        """Return (S,) costs of (S, N) candidates, eq. 2 of the paper [`output_unit`]; inf where one diverged."""
+        theta = np.atleast_2d(np.asarray(theta, dtype=float))
+        cost = np.empty(len(theta))
+        measured = self.measured
+        for at in range(0, len(theta), _PIECE):
+            part = slice(at, at + _PIECE)
+            measurement.costs(self.simulate(theta[part]), measured, cost[part])
+        return cost
+
+    def residuals(self, theta: Array) -> Array:
+        """Return (S, R) measured less simulated torque at the R measured samples, drive after drive (eq. 1)."""
+        measured = self.measured
+        there = ~np.isnan(measured)
+        simulated = self.simulate(theta)
+        out: Array = measured[there][None] - simulated[:, there]
+        return out

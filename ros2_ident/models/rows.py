@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a candidate's numbers lie in a block of eight: names of the rows the kernels read.
+
+A block is a flat array; row r holds the eight lanes' values at [8 r, 8 r + 8). First the machine's rows, then each
+drive's, then each drive's effects in the catalogue's order.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.effects import CATALOGUE, Hook
+
+MACHINE_ROWS = (
+    'rail_radius',        # m
+    'rod_length',         # m
+    'tool_mass',          # kg
+    'rod_mass',           # kg, each of three uniform rods
+    'gravity',            # m/s^2, against the axes
+    'payload_step',       # kg, added to the tool from payload_time on
+    'payload_time',       # s
+    'frame_mass',         # kg
+    'frame_frequency',    # Hz, 0 for a rigid frame
+    'frame_damping',      # 1
+)
+DRIVE_ROWS = (
+    'gear_stiffness',     # N/m
+    'gear_damping',       # N s/m
+    'motor_mass',         # kg, the motor's inertia at the rail
+    'rail_mass',          # kg
+    'coulomb',            # N m
+    'viscous',            # N m s/m
+    'position_gain',      # 1/s
+    'velocity_gain',      # N m s/m
+    'integral_gain',      # N m/m
+    'command_delay',      # s
+    'effort_delay',       # s
+    'effort_gain',        # 1
+    'effort_bias',        # N m
+    'effort_lag',         # s
+    'effort_crosstalk',   # 1, of the other drives' effort into this one's
+)
+NEUTRAL = {
+    'payload_time': 0.0,
+    'frame_mass': 1.0,
+    'effort_gain': 1.0,
+}
+
+KERNEL_EFFECTS = tuple(e for e in CATALOGUE.values() if e.hook is not Hook.PARAMETER)
+MACHINE_COUNT = len(MACHINE_ROWS)
+EFFECT_START = len(DRIVE_ROWS)
+DRIVE_COUNT = EFFECT_START + sum(len(e.parameters) for e in KERNEL_EFFECTS)
+
+
+def bit(effect_id: str) -> int:
+    """Return the mask that switches a kernel effect on in a drive's flags."""
+    return 1 << [e.id for e in KERNEL_EFFECTS].index(effect_id)
+
+
+def effect_row(effect_id: str) -> int:
+    """Return the first row of a kernel effect, counted from its drive's first row."""
+    row = EFFECT_START
+    for effect in KERNEL_EFFECTS:
+        if effect.id == effect_id:
+            return row
+        row += len(effect.parameters)
+    raise KeyError(effect_id)
+
+
+def row_of(name: str, drive: int | None = None) -> int:
+    """Return the row of a named number in a candidate's block."""
+    if drive is None:
+        return MACHINE_ROWS.index(name)
+    return MACHINE_COUNT + drive * DRIVE_COUNT + DRIVE_ROWS.index(name)
+
+
+def neutral_rows(count: int, drives: int) -> npt.NDArray[np.float64]:
+    """Return (count, rows) candidates with every row at its neutral value."""
+    rows = np.zeros((count, MACHINE_COUNT + drives * DRIVE_COUNT))
+    for name, value in NEUTRAL.items():
+        for drive in [None] if name in MACHINE_ROWS else range(drives):
+            rows[:, row_of(name, drive)] = value
+    for drive in range(drives):
+        start = MACHINE_COUNT + drive * DRIVE_COUNT + EFFECT_START
+        neutral = [p.neutral for e in KERNEL_EFFECTS for p in e.parameters]
+        rows[:, start : start + len(neutral)] = neutral
+    return rows

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tripod with three vertical linear drives: section 4 of Ludwig and Gerstmayr 2011, all drives coupled."""
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.models import rows
+from ros2_ident.models.drive_model import Array, DriveModel
+from ros2_ident.models.machine import constant
+from ros2_ident.models.tripod_kernel import simulate
+
+
+class Tripod(DriveModel):
+    """Three motors, gears and carriages, and a platform on massless rods; see `DriveModel`."""
+
+    name = 'tripod'
+
+    def _constants(self) -> Array:
+        base = rows.neutral_rows(1, 3)[0]
+        geometry = self.machine.geometry
+        for key in ('rail_radius', 'rod_length', 'gravity'):
+            base[rows.row_of(key)] = constant(geometry, key, 'geometry')
+        azimuth = np.asarray(geometry.get('rail_azimuth', ()), dtype=float)
+        if azimuth.shape != (3,):
+            raise IdentError(
+                ErrorCode.BAD_MACHINE_FILE, 'machine file: geometry.rail_azimuth needs three angles in rad'
+            )
+        direction = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+        difference = np.linalg.inv(direction[1:] - direction[0])
+        self._grid = np.concatenate([difference.ravel(), direction.ravel()])
+        self._drive_constants(base)
+        return base
+
+    def _run(self, blocks: Array, steps: npt.NDArray[np.int64], torque: Array, finite: Array) -> None:
+        simulate(
+            blocks, steps, self._command, self._motion, self._mode, self._on, self._delayed, self._frame, self._grid,
+            self.gear, self.eps, self.cycle, self.law, self.feedforward, self.limit, torque, finite,
+        )
