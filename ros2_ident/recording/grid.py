@@ -18,7 +18,7 @@ _RATE_TOLERANCE = 0.02
 # Clocks of controller and stamps may run apart by this share before the given cycle must be wrong.
 _DRIFT_LIMIT = 1e-3
 # Length of the mean phase vector below which the stamps do not cluster on the grid.
-_CLUSTERED = 0.3
+_CLUSTERED = 0.1
 
 
 @dataclass(frozen=True)
@@ -96,11 +96,8 @@ def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
 def _regular(time: FloatArray, stride: int, cycle: float) -> Ticks | None:
     """Fit phase, drift and numbers of a stream that is sampled every `stride` cycles; None where it is not."""
     step = stride * cycle
-    drift = _first_drift(time, step)
-    if abs(drift) > _DRIFT_LIMIT:
-        return None
-    phase, clustered = _phase(time, step * (1.0 + drift))
-    if clustered < _CLUSTERED:
+    drift, phase, clustered = _search(time, step)
+    if clustered < max(_CLUSTERED, 5.0 / np.sqrt(time.size)) and time.size > 2:
         return None
     number = _number((time - phase) / (step * (1.0 + drift)))
     for _ in range(4):
@@ -111,34 +108,53 @@ def _regular(time: FloatArray, stride: int, cycle: float) -> Ticks | None:
         if np.array_equal(again, number):
             break
         number = again
-    if time.size < 50:
-        # too few samples to tell a drift from jitter
-        drift, phase = 0.0, float(np.median(time - number * step))
     rest = time - phase - number * step * (1.0 + drift)
+    jitter = float(np.std(rest))
+    spread = float(np.std(number)) * step * np.sqrt(time.size)
+    if time.size < 3 or abs(drift) * spread < 5.0 * jitter or abs(drift) < 1e-9:
+        # no more than chance: two streams of one controller must not get different cycles from noise
+        phase += drift * step * float(np.mean(number))
+        drift = 0.0
     # numbers count from the cycle nearest to the reference
     shift = round(phase / (cycle * (1.0 + drift)))
     tick = number * stride + shift
     keep = np.ones(time.size, dtype=np.bool_)
-    return Ticks(tick, time / cycle, keep, stride, phase - shift * cycle * (1.0 + drift), drift, float(np.std(rest)))
+    phase -= shift * cycle * (1.0 + drift)
+    return Ticks(tick, time / cycle, keep, stride, phase, drift, jitter)
 
 
-def _first_drift(time: FloatArray, step: float) -> float:
-    """Return how much longer the steps are than stated where that is more than chance, as a share."""
-    steps = np.diff(time)
-    single = steps[np.abs(steps - step) < 0.5 * step]
-    if single.size < 2:
-        return 0.0
-    # steps telescope between drops, so only the ends of each uninterrupted run carry jitter
-    runs = 1 + steps.size - single.size
-    chance = float(np.std(single)) * np.sqrt(runs) / single.size
-    mean = float(single.mean()) - step
-    return mean / step if abs(mean) > 4.0 * chance + 1e-9 * step else 0.0
+def _search(time: FloatArray, step: float) -> tuple[float, float, float]:
+    """Find the grid on which the times cluster best.
 
+    The mean phase vector of short windows turns at a constant rate where the step is longer or shorter than
+    stated; the strongest line of its spectrum is that rate.
 
-def _phase(time: FloatArray, step: float) -> tuple[float, float]:
-    """Return the circular mean of the times modulo `step`, s, and how well they cluster, 0 to 1."""
+    Args:
+        time: Times (T,), s.
+        step: Stated step of the grid, s.
+
+    Returns:
+        Drift (a share of the step), phase of the grid, s, and the length of the mean phase vector, 0 to 1.
+    """
+    # within a window the largest drift turns the phase by a fifth of a turn
+    width = 0.2 * step / _DRIFT_LIMIT
+    window = np.floor((time - time[0]) / width).astype(np.int64)
+    turned = np.exp(2j * np.pi * time / step)
+    count = int(window[-1]) + 1
+    sums = np.bincount(window, turned.real, count) + 1j * np.bincount(window, turned.imag, count)
+    size = 8 * max(8, 1 << (count - 1).bit_length())
+    power = np.abs(np.fft.fft(sums, size))
+    # a step longer by the share d makes the phase advance by d * width / step turns per window
+    drifts = np.fft.fftfreq(size) * step / width
+    power[np.abs(drifts) > _DRIFT_LIMIT] = 0.0
+    drift = float(drifts[int(np.argmax(power))])
+    # windows cannot tell a drift from none within their resolution; none is likelier
     mean = np.exp(2j * np.pi * time / step).mean()
-    return float(np.angle(mean)) / (2.0 * np.pi) * step, float(np.abs(mean))
+    if np.abs(mean) * time.size > 0.98 * power.max():
+        drift = 0.0
+    long = step * (1.0 + drift)
+    mean = np.exp(2j * np.pi * time / long).mean()
+    return drift, float(np.angle(mean)) / (2.0 * np.pi) * long, float(np.abs(mean))
 
 
 def _number(position: FloatArray) -> IntArray:
