@@ -1,3 +1,4 @@
+# shellcheck shell=bash disable=SC1090,SC1091
 # SPDX-License-Identifier: Apache-2.0
 # `. ./env.sh` (bash, zsh or sh) gives a shell in which `ident`, `identifier`, `replay` and the
 # Python packages rclpy, ros2_ident and ros2_ident_msgs are found. Sourcing it twice does no harm.
@@ -9,32 +10,28 @@ elif [ -n "${ZSH_VERSION:-}" ]; then
 else
   ident_file=$PWD/env.sh ident_shell=sh # a plain shell does not tell; be in the folder
 fi
-root=$(cd "$(dirname "$ident_file")" && pwd)
+ident_root=$(cd "$(dirname "$ident_file")" && pwd)
 
-if [ ! -f "$root/install/.stamp" ]; then
-  echo "env.sh: $root is not set up; run \`make setup\` there first." >&2
-  unset root ident_file ident_shell
+if [ ! -f "$ident_root/install/.stamp" ]; then
+  echo "env.sh: $ident_root is not set up; run \`make setup\` there first." >&2
+  unset ident_root ident_file ident_shell
   return 1
 fi
 
-. "$root/tools/paths.sh"
+export VIRTUAL_ENV="$ident_root/.venv"
+. "$ident_root/tools/paths.sh"
+if [ -d "$VIRTUAL_ENV/share/rclpy" ]; then
+  # Talk to programs on this machine only, unless told otherwise beforehand.
+  export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
+fi
 
 # colcon's scripts read variables that need not be set.
 case $- in *u*) ident_nounset=1; set +u ;; *) ident_nounset= ;; esac
-if [ -d "$VIRTUAL_ENV/share/rclpy" ]; then
-  # Messages of a shell on this machine are nobody else's business; say otherwise beforehand.
-  export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
-  COLCON_CURRENT_PREFIX="$root/install"
-  . "$root/install/local_setup.$ident_shell"
-else
-  COLCON_CURRENT_PREFIX="$root/install"
-  . "$root/install/setup.$ident_shell" # also sources the ROS 2 that it was built on
-fi
-unset COLCON_CURRENT_PREFIX
+. "$ident_root/install/setup.$ident_shell" # where ROS 2 was sourced to build it, also that ROS 2
 [ -z "$ident_nounset" ] || set -u
 
 # `ros2 run` looks here; the wheels bring no `ros2`, so the programs are commands too.
-ident_prepend PATH "$root/install/ros2_ident/lib/ros2_ident"
+ident_prepend PATH "$ident_root/install/ros2_ident/lib/ros2_ident"
 
-unset root ident_file ident_shell ident_nounset
+unset ident_root ident_file ident_shell ident_nounset
 unset -f ident_prepend

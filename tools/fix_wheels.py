@@ -5,10 +5,10 @@ The wheels were built in a container whose include folders are written into the 
 of every message package; CMake refuses targets whose include folders do not exist.
 """
 
+from pathlib import Path
 import re
 import sys
 import sysconfig
-from pathlib import Path
 
 import numpy
 

@@ -1,5 +1,6 @@
+# shellcheck shell=sh disable=SC2154
 # SPDX-License-Identifier: Apache-2.0
-# Sourced by setup.sh and env.sh, with $root set: search paths of the environment in .venv.
+# Sourced by setup.sh and env.sh, with VIRTUAL_ENV exported: the search paths for it.
 
 # Put a folder in front of a search path, once.
 ident_prepend() {
@@ -11,7 +12,6 @@ ident_prepend() {
   unset ident_old
 }
 
-export VIRTUAL_ENV="$root/.venv"
 unset PYTHONHOME
 ident_prepend PATH "$VIRTUAL_ENV/bin"
 

@@ -60,7 +60,7 @@ find_first() {
 
 [ -f msg_defs/package.xml ] ||
   die 'the interface package msg_defs/ is missing; restore it with: git checkout -- msg_defs'
-find_first "${CXX:-c++}" g++ clang++ && find_first "${CC:-cc}" gcc clang ||
+{ find_first "${CXX:-c++}" g++ clang++ && find_first "${CC:-cc}" gcc clang; } ||
   die 'no C++ compiler found; install one (Debian: apt install build-essential).'
 find_first make ||
   die 'make not found; install it (Debian: apt install build-essential).'
@@ -71,7 +71,7 @@ if [ -n "${ROS_DISTRO:-}" ]; then
   [ "$ROS_DISTRO" = jazzy ] ||
     die "ROS 2 $ROS_DISTRO is sourced, not Jazzy; source Jazzy, or start from a shell without ROS."
   python=$(command -v python3 || true)
-  [ -n "$python" ] && "$python" -c 'import rclpy' 2> /dev/null ||
+  { [ -n "$python" ] && "$python" -c 'import rclpy' 2> /dev/null; } ||
     die "ROS 2 Jazzy is sourced but ${python:-python3} cannot import rclpy;" \
       'put the Python that ROS was built for (/usr/bin/python3) first on PATH.'
   for tool in colcon cmake; do
@@ -168,6 +168,9 @@ if ! is install/.stamp "$build_stamp"; then
   # Another mode's or another Python's build cannot be continued.
   is build/.venv_stamp "$venv_stamp" || rm -rf build/ros2_ident build/ros2_ident_msgs install
   echo "$venv_stamp" > build/.venv_stamp
+  # colcon does not remove links to files that are gone.
+  rm -rf install/ros2_ident/share/ros2_ident/{config,launch,bags}
+  export VIRTUAL_ENV=$root/.venv
   . tools/paths.sh
   # colcon runs under .venv's Python, so that is what the installed programs start with.
   step 'The packages could not be built.' \

@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What holds for every test: those marked `ros` need ROS, and none talks beyond this machine."""
+
+import importlib
+import os
+
+import pytest
+
+os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    marked = [item for item in items if item.get_closest_marker('ros')]
+    if not marked:
+        return
+    try:
+        importlib.import_module('rclpy')
+        importlib.import_module('ros2_ident_msgs.msg')
+    except ImportError as error:
+        skip = pytest.mark.skip(reason=f'{error}; run `make test`, or source env.sh first')
+        for item in marked:
+            item.add_marker(skip)

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The package as others see it: manifests agree, and what is installed is found."""
+
+from pathlib import Path
+import re
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import pytest
+
+from ros2_ident.errors import ErrorCode
+
+ROOT = Path(__file__).parents[1]
+CONSTANT = re.compile(r'^(?P<type>\w+) (?P<name>[A-Z][A-Z0-9_]*)=(?P<value>\S+)', re.MULTILINE)
+
+
+def interfaces() -> list[Path]:
+    return sorted([*ROOT.glob('msg_defs/msg/*.msg'), *ROOT.glob('msg_defs/action/*.action')])
+
+
+def test_manifests_and_set_up_script_agree_on_the_version() -> None:
+    outer = ElementTree.parse(ROOT / 'package.xml').findtext('version')
+    inner = ElementTree.parse(ROOT / 'msg_defs/package.xml').findtext('version')
+    script = subprocess.run(
+        [sys.executable, 'setup.py', '--version'],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()[-1]
+    assert outer == inner == script
+
+
+def test_both_packages_carry_the_licence() -> None:
+    assert (ROOT / 'LICENSE').read_bytes() == (ROOT / 'msg_defs/LICENSE').read_bytes()
+
+
+def test_the_message_holds_the_same_error_codes_as_the_library() -> None:
+    text = (ROOT / 'msg_defs/msg/ErrorCode.msg').read_text(encoding='utf-8')
+    assert {match['name']: int(match['value']) for match in CONSTANT.finditer(text)} == {
+        code.name: code.value for code in ErrorCode
+    }
+
+
+def test_every_interface_is_built() -> None:
+    listed = (ROOT / 'msg_defs/CMakeLists.txt').read_text(encoding='utf-8')
+    assert interfaces()
+    for path in interfaces():
+        assert f'  {path.parent.name}/{path.name}\n' in listed
+
+
+@pytest.mark.parametrize('path', interfaces(), ids=lambda path: path.name)
+def test_an_interface_opens_with_what_it_is(path: Path) -> None:
+    assert path.read_text(encoding='utf-8').startswith('# ')
+
+
+@pytest.mark.parametrize('path', interfaces(), ids=lambda path: path.name)
+def test_an_interface_says_the_unit_of_every_number(path: Path) -> None:
+    """In brackets, or by naming the field that holds it, beside the float or above its block."""
+    block = ''
+    for line in path.read_text(encoding='utf-8').splitlines():
+        if line.startswith('#') or not line:
+            block = block + line if line else ''
+        elif line.startswith('float'):
+            said = block + line
+            assert '[' in said.split('#', 1)[1] or 'unit' in said, line
+
+
+def test_one_enumeration_per_message() -> None:
+    """Plotting tools label the states of a field only where a message has one enumeration."""
+    for path in ROOT.glob('msg_defs/msg/*.msg'):
+        names = [
+            match['name']
+            for match in CONSTANT.finditer(path.read_text(encoding='utf-8'))
+            if match['type'] != 'string'
+        ]
+        if path.stem != 'ErrorCode':
+            assert len({name.split('_')[0] for name in names}) <= 1, path.name
+
+
+def test_every_locked_package_has_one_exact_version() -> None:
+    lines = (ROOT / 'requirements.lock').read_text(encoding='utf-8').splitlines()
+    pins = [line for line in lines if not line.startswith('#')]
+    assert all(re.fullmatch(r'[\w.-]+==[\w.]+', pin) for pin in pins)
+    names = {re.sub(r'[-_.]+', '-', pin.split('==')[0]).lower() for pin in pins}
+    assert len(names) == len(pins)
+    for path in ROOT.glob('requirements*.in'):
+        for line in path.read_text(encoding='utf-8').splitlines():
+            if line and not line.startswith('#'):
+                wanted = re.match(r'[\w.-]+', line)
+                assert wanted and re.sub(r'[-_.]+', '-', wanted[0]).lower() in names
+
+
+@pytest.mark.ros
+def test_both_packages_and_their_programs_are_in_the_ament_index() -> None:
+    from ament_index_python.packages import get_package_prefix, get_package_share_directory
+
+    prefix = Path(get_package_prefix('ros2_ident'))
+    for program in ('ident', 'identifier', 'replay'):
+        assert (prefix / 'lib/ros2_ident' / program).stat().st_mode & 0o111
+    share = Path(get_package_share_directory('ros2_ident'))
+    assert (share / 'package.xml').exists()
+    assert (share / 'config/tripod.yaml').exists()
+    messages = Path(get_package_share_directory('ros2_ident_msgs'))
+    assert (messages / 'action/Identify.action').exists()
+
+
+@pytest.mark.ros
+def test_the_installed_package_is_the_source_tree() -> None:
+    script = 'import ros2_ident; print(ros2_ident.__file__)'
+    found = subprocess.run(
+        [sys.executable, '-c', script], cwd='/', capture_output=True, text=True, check=True
+    ).stdout.strip()
+    assert Path(found).resolve() == ROOT / 'ros2_ident/__init__.py'
+
+
+@pytest.mark.ros
+def test_refinement_is_on_unless_said_otherwise() -> None:
+    from ros2_ident_msgs.action import Identify
+
+    assert Identify.Goal().refine
