@@ -92,7 +92,14 @@ def mass_and_rods(time: float, q: Array, shared: Array, drive: Array, matrix: Ar
 
 @compiled
 def derivative(
-    time: float, x: Array, held: Array, shared: Array, drive: Array, matrix: Array, side: Array, dx: Array
+    time: float,
+    x: Array,
+    held: Array,
+    shared: Array,
+    drive: Array,
+    matrix: Array,
+    side: Array,
+    dx: Array,
 ) -> None:
     """Write the time derivative of the state.
 
@@ -131,7 +138,9 @@ def derivative(
         rail_place = x[count + i] - y
         rail_speed = x[m + count + i] - y_rate
         torque = rotor_torque(held[i], place, delivered, own, d)
-        beside = carriage_force(rail_place, rail_speed, own[at.CABLE_STATE] if own.size > 0 else 0.0, d)
+        beside = carriage_force(
+            rail_place, rail_speed, own[at.CABLE_STATE] if own.size > 0 else 0.0, d
+        )
         if shared[at.RIGID] == 1.0:
             friction = friction_torque(time, place, speed, 0.0, torque, own, d)
             force = d[at.GEAR] * (torque - friction) + beside - d[at.CARRIAGE_MASS] * gravity
@@ -148,7 +157,16 @@ def derivative(
             side[i] = load + beside - weight * gravity
             frame_load += load + beside
         if own.size > 0:
-            internal_rates(speed, rail_speed, load, held[i], friction, own, d, dx[begin : begin + at.INTERNALS])
+            internal_rates(
+                speed,
+                rail_speed,
+                load,
+                held[i],
+                friction,
+                own,
+                d,
+                dx[begin : begin + at.INTERNALS],
+            )
     if shared[at.RIGID] == 1.0:
         return
     if shared[at.PLATFORM] == 0.0:

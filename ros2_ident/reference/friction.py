@@ -89,7 +89,9 @@ def friction_torque(
     if d[at.EXTRA_COULOMB] != 0.0:
         friction += d[at.EXTRA_COULOMB] * smooth_sign(speed, width, d[at.EXTRA_COULOMB_FORM])
     if d[at.EXTRA_VISCOUS] != 0.0:
-        friction += d[at.EXTRA_VISCOUS] * abs(speed) ** (d[at.EXTRA_VISCOUS_EXPONENT] - 1.0) * speed
+        friction += (
+            d[at.EXTRA_VISCOUS] * abs(speed) ** (d[at.EXTRA_VISCOUS_EXPONENT] - 1.0) * speed
+        )
     if d[at.STRIBECK_TORQUE] != 0.0:
         ratio = (speed / d[at.STRIBECK_SPEED]) ** 2
         if d[at.STRIBECK_FORM] == 0.0:
@@ -122,11 +124,19 @@ def outside_friction(
     """Return the friction torque of the effects that no catalogue lists [N m]."""
     friction = 0.0
     if d[at.BUMP_TORQUE] != 0.0:
-        friction += d[at.BUMP_TORQUE] * math.exp(-(((place - d[at.BUMP_PLACE]) / d[at.BUMP_WIDTH]) ** 2)) * sign
+        friction += (
+            d[at.BUMP_TORQUE]
+            * math.exp(-(((place - d[at.BUMP_PLACE]) / d[at.BUMP_WIDTH]) ** 2))
+            * sign
+        )
     if d[at.LAG_TORQUE] != 0.0:
-        friction += d[at.LAG_TORQUE] / (1.0 + (internals[at.LAGGED_SPEED] / d[at.LAG_SPEED]) ** 2) * sign
+        friction += (
+            d[at.LAG_TORQUE] / (1.0 + (internals[at.LAGGED_SPEED] / d[at.LAG_SPEED]) ** 2) * sign
+        )
     if d[at.BRAKE_TORQUE] != 0.0:
-        friction += d[at.BRAKE_TORQUE] * window(time, d[at.BRAKE_FROM], d[at.BRAKE_UNTIL], 0.15) * sign
+        friction += (
+            d[at.BRAKE_TORQUE] * window(time, d[at.BRAKE_FROM], d[at.BRAKE_UNTIL], 0.15) * sign
+        )
     if d[at.DWELL_TORQUE] != 0.0:
         friction += d[at.DWELL_TORQUE] * internals[at.REST] * sign
     return friction
@@ -148,7 +158,9 @@ def rotor_torque(held: float, place: float, delivered: float, internals: Array, 
     """
     torque = held
     if d[at.CURRENT_LAG] > 0.0:
-        torque = internals[at.CURRENT_B] if d[at.CURRENT_LAG_FORM] == 1.0 else internals[at.CURRENT_A]
+        torque = (
+            internals[at.CURRENT_B] if d[at.CURRENT_LAG_FORM] == 1.0 else internals[at.CURRENT_A]
+        )
     torque *= (1.0 + d[at.ACTUATOR_GAIN]) * delivered
     if d[at.RIPPLE_TORQUE] != 0.0 or d[at.RIPPLE_CURRENT] != 0.0:
         angle = d[at.RIPPLE_ORDER] * d[at.GEAR] * place
@@ -181,9 +193,13 @@ def internal_rates(
     rates[:] = 0.0
     if d[at.PRESLIDE_LENGTH] > 0.0:
         scale = 0.3 if d[at.PRESLIDE_FORM] == 2.0 else 1.0
-        rates[at.BRISTLE_A] = bristle_rate(internals[at.BRISTLE_A], speed, scale * d[at.PRESLIDE_LENGTH])
+        rates[at.BRISTLE_A] = bristle_rate(
+            internals[at.BRISTLE_A], speed, scale * d[at.PRESLIDE_LENGTH]
+        )
         rates[at.BRISTLE_B] = bristle_rate(internals[at.BRISTLE_B], speed, d[at.PRESLIDE_LENGTH])
-        rates[at.BRISTLE_C] = bristle_rate(internals[at.BRISTLE_C], speed, 3.0 * d[at.PRESLIDE_LENGTH])
+        rates[at.BRISTLE_C] = bristle_rate(
+            internals[at.BRISTLE_C], speed, 3.0 * d[at.PRESLIDE_LENGTH]
+        )
     if d[at.CURRENT_LAG] > 0.0:
         lag = d[at.CURRENT_LAG] * (0.5 if d[at.CURRENT_LAG_FORM] == 1.0 else 1.0)
         rates[at.CURRENT_A] = (held - internals[at.CURRENT_A]) / lag
@@ -192,7 +208,9 @@ def internal_rates(
         power = abs(friction * speed * d[at.GEAR]) / d[at.DRIFT_POWER]
         rates[at.HEAT] = (power - internals[at.HEAT]) / d[at.DRIFT_TIME]
     if d[at.CABLE_HYSTERESIS] != 0.0:
-        rates[at.CABLE_STATE] = bristle_rate(internals[at.CABLE_STATE], rail_speed, d[at.CABLE_LENGTH])
+        rates[at.CABLE_STATE] = bristle_rate(
+            internals[at.CABLE_STATE], rail_speed, d[at.CABLE_LENGTH]
+        )
     if d[at.SLIP_FORCE] > 0.0:
         excess = max(0.0, abs(load) / d[at.SLIP_FORCE] - 1.0)
         rates[at.SLIP] = math.copysign(d[at.SLIP_SPEED] * excess, load)
@@ -201,4 +219,6 @@ def internal_rates(
     if d[at.DWELL_TORQUE] != 0.0:
         still = math.exp(-((speed / d[at.DWELL_SPEED]) ** 2))
         broken = abs(speed) / 1e-3  # a millimetre of travel wears the bond off
-        rates[at.REST] = still * (1.0 - internals[at.REST]) / d[at.DWELL_TIME] - broken * internals[at.REST]
+        rates[at.REST] = (
+            still * (1.0 - internals[at.REST]) / d[at.DWELL_TIME] - broken * internals[at.REST]
+        )

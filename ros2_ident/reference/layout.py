@@ -87,7 +87,7 @@ neutral value of every effect's amplitude; widths and speeds beside an amplitude
     SLIP_FORCE,  # N, 0: no slip
     SLIP_SPEED,  # m/s
     # Forces on the carriage.
-    CONSTANT_FORCE,  # N
+    CONSTANT_FORCE,  # N, a load against the positive direction
     CONSTANT_SLOPE,  # N/m
     CABLE_STIFFNESS,  # N/m
     CABLE_PLACE,  # m

@@ -7,7 +7,7 @@ import numpy as np
 
 from ros2_ident.reference import layout as at
 from ros2_ident.reference.compiled import compiled
-from ros2_ident.reference.stepper import STAGES, advance
+from ros2_ident.reference.stepper import advance, STAGES
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
@@ -78,7 +78,11 @@ def magnetised(torque: float, memory: Array, d: Array) -> float:
     if d[at.MAGNETIC_TORQUE] == 0.0:
         return torque
     change = torque - memory[LAST_TORQUE]
-    state = memory[MAGNETIC] + change / d[at.MAGNETIC_WIDTH] - abs(change) / d[at.MAGNETIC_WIDTH] * memory[MAGNETIC]
+    state = (
+        memory[MAGNETIC]
+        + change / d[at.MAGNETIC_WIDTH]
+        - abs(change) / d[at.MAGNETIC_WIDTH] * memory[MAGNETIC]
+    )
     memory[MAGNETIC] = min(1.0, max(-1.0, state))
     memory[LAST_TORQUE] = torque
     return torque - d[at.MAGNETIC_TORQUE] * memory[MAGNETIC]
@@ -128,12 +132,31 @@ def run(
         states[k] = x[: 2 * m]
         for i in range(count):
             torque[i, k] = control(
-                x[i], x[m + i], target[i, k], target_speed[i, k], shared[at.LAW], cycle, memory[i], drive[i]
+                x[i],
+                x[m + i],
+                target[i, k],
+                target_speed[i, k],
+                shared[at.LAW],
+                cycle,
+                memory[i],
+                drive[i],
             )
             held[i] = magnetised(torque[i, k], memory[i], drive[i])
         if k + 1 < cycles:
             step = advance(
-                k * cycle, (k + 1) * cycle, x, held, shared, drive, step, rtol, atol, slopes, matrix, side, tally
+                k * cycle,
+                (k + 1) * cycle,
+                x,
+                held,
+                shared,
+                drive,
+                step,
+                rtol,
+                atol,
+                slopes,
+                matrix,
+                side,
+                tally,
             )
             if step < 0.0:
                 return k + 1

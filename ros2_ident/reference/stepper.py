@@ -26,7 +26,9 @@ SHORTEST = 1e-10  # s; a step this short is taken as it is: it spans a kink, not
 
 
 @compiled
-def error_ratio(slopes: Array, step: float, old: Array, new: Array, rtol: float, atol: float) -> float:
+def error_ratio(
+    slopes: Array, step: float, old: Array, new: Array, rtol: float, atol: float
+) -> float:
     """Return the estimated error of a step over its tolerance, as a sum over all states (Hairer II.10).
 
     Args:

@@ -83,7 +83,7 @@ def carriage_force(rail_place: float, rail_speed: float, cable_state: float, d: 
     """
     force = 0.0
     if d[at.CONSTANT_FORCE] != 0.0:
-        force += d[at.CONSTANT_FORCE] + d[at.CONSTANT_SLOPE] * rail_place
+        force -= d[at.CONSTANT_FORCE] + d[at.CONSTANT_SLOPE] * rail_place
     if d[at.CABLE_STIFFNESS] != 0.0:
         stretch = rail_place - d[at.CABLE_PLACE]
         force -= d[at.CABLE_STIFFNESS] * stretch * (1.0 + d[at.CABLE_CUBIC] * stretch**2)

@@ -11,7 +11,17 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.reference import layout as at
-from ros2_ident.reference.plant import Array, Log, Plant, known_names, read_controller, section, simulate, value
+from ros2_ident.reference.plant import (
+    Array,
+    known_names,
+    Log,
+    Plant,
+    read_controller,
+    section,
+    simulate,
+    Unmodelled,
+    value,
+)
 
 PARAMETERS = (
     'measurement_delay',
@@ -77,7 +87,7 @@ def simulate_tripod(
     parameters: Mapping[str, float],
     position: Array,
     velocity: Array,
-    effects: Sequence[Any] = (),
+    effects: Sequence[Unmodelled] = (),
     rtol: float = 1e-11,
     atol: float = 1e-12,
 ) -> Log:
@@ -95,7 +105,4 @@ def simulate_tripod(
     Returns:
         The log.
     """
-    plant = tripod_plant(machine, parameters)
-    for effect in effects:
-        effect.apply(plant)
-    return simulate(plant, position, velocity, rtol, atol)
+    return simulate(tripod_plant(machine, parameters), position, velocity, effects, rtol, atol)

@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a machine may have beside its nominal physics: drawn by size, written into a plant.
+
+Every effect of the diagnosis's catalogue is here twice: in the form a catalogue would write down (`same`) and
+in another form of the same physics (`other`), so that a diagnosis is not judged on its own equations (Colton
+and Kress call that the inverse crime). Effects of the group `outside` are in no catalogue.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.reference.plant import Plant, section
+
+Form = Literal['same', 'other']
+Group = Literal['structure', 'drive', 'controller', 'measurement', 'nuisance', 'outside']
+
+# The table's torques and forces suit the tripod of config/tripod.yaml; other machines scale them.
+TRIPOD_LIMIT = 6.0  # N m
+TRIPOD_FORCE = 6.0 * 2.0 * np.pi / 0.08  # N
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One drawn number of an effect.
+
+    Attributes:
+        name: Name in labels.
+        unit: SI unit as text.
+        low: Value at size 0, or lower end of the draw.
+        high: Value at size 1, or upper end of the draw.
+        signed: Whether either sign is drawn.
+        choices: Values to choose from, instead of the range.
+    """
+
+    name: str
+    unit: str
+    low: float = 0.0
+    high: float = 0.0
+    signed: bool = False
+    choices: tuple[float, ...] = ()
+
+    def scale(self, machine: Any) -> float:
+        """Return the factor from the tripod's torques and forces to another machine's."""
+        limit = float(section(machine, 'controller')['torque_limit'])
+        if self.unit.startswith('N m'):
+            return limit / TRIPOD_LIMIT
+        if self.unit.startswith('N'):
+            return limit * float(section(machine, 'drive').get('gear_factor', 1.0)) / TRIPOD_FORCE
+        return 1.0
+
+
+Write = Callable[[Plant, int, Mapping[str, float], bool, int], None]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of effect.
+
+    Attributes:
+        name: The effect's id.
+        group: What it sits on; `nuisance` and `outside` are not in the catalogue.
+        size: The quantity that the size draws, geometrically from low to high.
+        others: Quantities drawn beside it, uniformly.
+        same: Equation of the catalogue's form.
+        other: Equation of the other form.
+        write: Writes it into a plant: plant, drive's index, values, whether the other form, seed.
+        place: `drive` where each drive can have it, `all` where the machine has one.
+        needs: What the machine has to have: `gear`, `platform`, `integral`, `command`, or nothing.
+    """
+
+    name: str
+    group: Group
+    size: Quantity
+    others: tuple[Quantity, ...]
+    same: str
+    other: str
+    write: Write
+    place: Literal['drive', 'all'] = 'drive'
+    needs: str = ''
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect with its numbers.
+
+    Attributes:
+        name: The kind's id.
+        where: Drives it sits on, or `('all',)`.
+        values: Physical values by name, SI units.
+        form: Form of its equation.
+        size: The size it was drawn with, 0 to 1; NaN where the values were given.
+        seed: Seed of what is random in it (jitter, losses).
+    """
+
+    name: str
+    where: tuple[str, ...]
+    values: Mapping[str, float]
+    form: Form = 'other'
+    size: float = float('nan')
+    seed: int = 0
+    kind: Kind = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Look the kind up and check the values' names."""
+        kind = kind_of(self.name)
+        object.__setattr__(self, 'kind', kind)
+        known = {quantity.name for quantity in (kind.size, *kind.others)}
+        if set(self.values) != known:
+            raise IdentError(
+                ErrorCode.UNKNOWN_PARAMETER,
+                f'effect {self.name} needs the values {", ".join(sorted(known))}; '
+                f'found {", ".join(sorted(self.values)) or "none"}',
+            )
+        if kind.place == 'all' and self.where != ('all',):
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'effect {self.name} sits on the whole machine; place it on all',
+            )
+
+    @property
+    def equation(self) -> str:
+        """The equation of the chosen form."""
+        return self.kind.same if self.form == 'same' else self.kind.other
+
+    def apply(self, plant: Plant) -> None:
+        """Write the effect into a plant.
+
+        Raises:
+            IdentError: INVALID_GOAL where the machine has no such drive.
+        """
+        if self.kind.place == 'all':
+            self.kind.write(plant, -1, self.values, self.form == 'other', self.seed)
+            return
+        names = plant.names if self.where == ('all',) else self.where
+        for name in names:
+            if name not in plant.names:
+                raise IdentError(
+                    ErrorCode.INVALID_GOAL,
+                    f'effect {self.name}: there is no drive {name}; choose from {", ".join(plant.names)}',
+                )
+            i = plant.names.index(name)
+            self.kind.write(plant, i, self.values, self.form == 'other', self.seed + i)
+
+
+def kinds() -> Mapping[str, Kind]:
+    """Return all kinds of effects by id: the catalogue's, then the ones outside it."""
+    from ros2_ident.reference.effect_table import KINDS as inside
+    from ros2_ident.reference.outside_table import KINDS as outside
+
+    return {kind.name: kind for kind in (*inside, *outside)}
+
+
+def kind_of(name: str) -> Kind:
+    """Return a kind by id.
+
+    Raises:
+        IdentError: INVALID_GOAL where there is none of that name.
+    """
+    table = kinds()
+    if name not in table:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL, f'no effect is called {name}; choose from {", ".join(table)}'
+        )
+    return table[name]
+
+
+def suits(kind: Kind, machine: Any, parameters: Mapping[str, float]) -> bool:
+    """Return whether an effect can sit on a machine."""
+    platform = section(machine, 'kind') == 'tripod'
+    controller = section(machine, 'controller')
+    has = {
+        '': True,
+        'platform': platform,
+        'gear': any(key.endswith('gear_stiffness') for key in parameters),
+        'integral': float(controller.get('integral_gain', 0.0)) > 0.0,
+        'drives': len(section(machine, 'drives')) > 1,
+    }
+    return has[kind.needs]
+
+
+def draw_effect(
+    name: str,
+    rng: np.random.Generator,
+    size: float,
+    where: Sequence[str],
+    machine: Any,
+    form: Form = 'other',
+) -> Effect:
+    """Draw an effect's numbers.
+
+    Args:
+        name: The kind's id.
+        rng: Source of chance.
+        size: 0 (seen by nobody) to 1 (gross): the size quantity is low (high / low)^size.
+        where: Drives, or `('all',)`; kinds that sit on the whole machine are put on all.
+        machine: A `Machine`, or the mapping a machine file holds; scales torques and forces.
+        form: Form of the equation.
+
+    Returns:
+        The effect.
+    """
+    kind = kind_of(name)
+    magnitude = kind.size.low * (kind.size.high / kind.size.low) ** size * kind.size.scale(machine)
+    if kind.size.signed and rng.random() < 0.5:
+        magnitude = -magnitude
+    values = {kind.size.name: float(magnitude)}
+    for quantity in kind.others:
+        if quantity.choices:
+            values[quantity.name] = float(rng.choice(quantity.choices))
+        else:
+            drawn = rng.uniform(quantity.low, quantity.high) * quantity.scale(machine)
+            values[quantity.name] = float(
+                -drawn if quantity.signed and rng.random() < 0.5 else drawn
+            )
+    seed = int(rng.integers(2**31))
+    places = ('all',) if kind.place == 'all' else tuple(where)
+    return Effect(name, places, values, form, float(size), seed)
+
+
+def draw_imperfections(
+    rng: np.random.Generator, machine: Any, parameters: Mapping[str, float], count: int = 2
+) -> tuple[Effect, ...]:
+    """Draw the small unlisted imperfections that every real log has: each well below the noise.
+
+    Args:
+        rng: Source of chance.
+        machine: A `Machine`, or the mapping a machine file holds.
+        parameters: Nominal parameters.
+        count: How many beside the arctan in place of the sign's tanh.
+
+    Returns:
+        Effects to be applied before the one that counts.
+    """
+    drives = tuple(map(str, section(machine, 'drives')))
+    names = [
+        kind.name
+        for kind in kinds().values()
+        if kind.group not in ('nuisance', 'outside') and suits(kind, machine, parameters)
+    ]
+    chosen = rng.choice(names, size=count, replace=False)
+    drawn = [draw_effect('arctan_sign', rng, 0.5, ('all',), machine)]
+    for name in chosen:
+        drawn.append(draw_effect(str(name), rng, -0.3, (str(rng.choice(drives)),), machine))
+    return tuple(drawn)
+
+
+def column_writer(column: int, quantity: str, factor: float = 1.0) -> Write:
+    """Return a `write` that adds one value to one column of a drive, in either form."""
+
+    def write(plant: Plant, i: int, values: Mapping[str, float], other: bool, seed: int) -> None:
+        plant.drive[i, column] += factor * values[quantity]
+
+    return write
+
+
+def set_columns(
+    plant: Plant, i: int, columns: Mapping[int, float], internal: bool = False
+) -> None:
+    """Write columns of a drive, and switch the internal states on where the effect has one."""
+    for column, number in columns.items():
+        plant.drive[i, column] = number
+    plant.internals = plant.internals or internal
