@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Slow, plain twins of the models: redundant coordinates, adaptive integration, and bags made from them."""
+"""Slow, plain twins of the models, and the bags made with them."""

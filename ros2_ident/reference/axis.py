@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One carriage on one motor, with an elastic gear or as one rigid mass, along an axis that may lie or stand.
+"""One carriage on one motor, elastic or rigid, along an axis that may lie or stand.
 
-Elastic: the tripod's drive without rods. Rigid: F = m v' + F_V v + F_C tanh(v / v_eps) + offset, the model of
-the EMPS benchmark (Janot, Gautier, Brunot 2019) with the force as effort.
+Elastic: the tripod's drive without rods. Rigid: F = m v' + F_V v + F_C tanh(v / v_eps) + offset,
+the model of the EMPS benchmark (Janot, Gautier, Brunot 2019) with the force as effort.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,10 +18,10 @@ from ros2_ident.reference.plant import (
     Plant,
     read_controller,
     section,
-    simulate,
     Unmodelled,
     value,
 )
+from ros2_ident.reference.simulate import simulate
 
 ELASTIC = (
     'measurement_delay',
@@ -46,12 +46,13 @@ def axis_plant(machine: Any, parameters: Mapping[str, float]) -> Plant:
     """Build the nominal axis; it is rigid where no gear stiffness is given.
 
     Args:
-        machine: A `Machine`, or the mapping a machine file holds. Without `drive.gear_factor` the effort is a
-            force [N].
-        parameters: Elastic: `gear_stiffness` [N/m], `gear_damping_ratio` [1], `drive_inertia` [kg m^2],
-            `moving_mass` [kg] (or `drive.rail_mass`), `coulomb_torque` [N m], `viscous_torque` [N m s/m].
-            Rigid: `moving_mass` [kg], `coulomb_friction` [N], `viscous_friction` [N s/m]. Both:
-            `measurement_delay` [s], `constant_force` [N], the load against the positive direction.
+        machine: A `Machine`, or the mapping a machine file holds. Without `drive.gear_factor` the
+            effort is a force [N].
+        parameters: Elastic: `gear_stiffness` [N/m], `gear_damping_ratio` [1], `drive_inertia` [kg
+            m^2], `moving_mass` [kg] (or `drive.rail_mass`), `coulomb_torque` [N m],
+            `viscous_torque` [N m s/m]. Rigid: `moving_mass` [kg], `coulomb_friction` [N],
+            `viscous_friction` [N s/m]. Both: `measurement_delay` [s], `constant_force` [N], the
+            load against the positive direction.
 
     Returns:
         The machine, ready for effects.

@@ -24,8 +24,9 @@ SOURCES = _digest()
 def compiled(function: F) -> F:
     """Compile a function with numba, without fast-math, releasing the GIL, cached on disk.
 
-    numba renews a function's cache when its own file changes, not when a file it calls into does. Here the
-    cache carries a digest of the whole folder instead of the file's time, so it never serves a stale callee.
+    numba renews a function's cache when its own file changes, not when a file it calls into does.
+    Here the cache carries a digest of the whole folder instead of the file's time, so it never
+    serves a stale callee.
 
     Args:
         function: A function in the subset of Python that numba compiles.

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Equations of motion in redundant coordinates with the multipliers of the rods.
 
-Coordinates of D drives: q = (z_1..D, S_1..D, p_x, p_y, p_z, y): motors relative to the frame, carriages and
-platform in space, height of the frame. State x = (q, q', internal states of each drive). Each rod asks for
-Phi_i = (|p - c_i|^2 - L_i^2) / 2 = 0; the accelerations and multipliers mu_i = tension / L_i solve
+Coordinates of D drives: q = (z_1..D, S_1..D, p_x, p_y, p_z, y): motors relative to the frame,
+carriages and platform in space, height of the frame. State x = (q, q', internal states of each
+drive). Each rod asks for Phi_i = (|p - c_i|^2 - L_i^2) / 2 = 0; the accelerations and multipliers
+mu_i = tension / L_i solve
 
     [ M  G^T ] [ a  ]   [ Q                 ]
     [ G  0   ] [ mu ] = [ -|p' - c_i'|^2    ]
 
-with G the derivative of Phi. A uniform rod of mass m between points of velocity v_c and v_p has the kinetic
-energy m/6 (v_c^2 + v_c v_p + v_p^2), so the mass matrix M stays constant in these coordinates.
+with G the derivative of Phi. A uniform rod of mass m between points of velocity v_c and v_p has
+the kinetic energy m/6 (v_c^2 + v_c v_p + v_p^2), so the mass matrix M stays constant in these
+coordinates.
 """
 
 import numpy as np
@@ -197,7 +199,7 @@ def derivative(
 def project(
     time: float, x: Array, shared: Array, drive: Array, matrix: Array, side: Array
 ) -> float:
-    """Pull positions and velocities back onto the rods, by the shortest way weighed with the masses.
+    """Pull positions and velocities back onto the rods by the shortest way, weighed by mass.
 
     Args:
         time: Time since the start [s].

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a machine may have beside its nominal physics: drawn by size, written into a plant.
 
-Every effect of the diagnosis's catalogue is here twice: in the form a catalogue would write down (`same`) and
-in another form of the same physics (`other`), so that a diagnosis is not judged on its own equations (Colton
-and Kress call that the inverse crime). Effects of the group `outside` are in no catalogue.
+Every effect of the diagnosis's catalogue is here twice: in the form a catalogue would write down
+(`same`) and in another form of the same physics (`other`), so that a diagnosis is not judged on
+its own equations (Colton and Kress call that the inverse crime). Effects of the group `outside`
+are in no catalogue.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -140,7 +141,8 @@ class Effect:
             if name not in plant.names:
                 raise IdentError(
                     ErrorCode.INVALID_GOAL,
-                    f'effect {self.name}: there is no drive {name}; choose from {", ".join(plant.names)}',
+                    f'effect {self.name}: there is no drive {name}; '
+                    f'choose from {", ".join(plant.names)}',
                 )
             i = plant.names.index(name)
             self.kind.write(plant, i, self.values, self.form == 'other', self.seed + i)
@@ -163,7 +165,7 @@ def kind_of(name: str) -> Kind:
     table = kinds()
     if name not in table:
         raise IdentError(
-            ErrorCode.INVALID_GOAL, f'no effect is called {name}; choose from {", ".join(table)}'
+            ErrorCode.INVALID_GOAL, f'no effect is called {name}; choose from ' + ', '.join(table)
         )
     return table[name]
 
@@ -179,7 +181,7 @@ def suits(kind: Kind, machine: Any, parameters: Mapping[str, float]) -> bool:
         'integral': float(controller.get('integral_gain', 0.0)) > 0.0,
         'drives': len(section(machine, 'drives')) > 1,
     }
-    return has[kind.needs]
+    return bool(has[kind.needs])
 
 
 def draw_effect(
@@ -255,12 +257,3 @@ def column_writer(column: int, quantity: str, factor: float = 1.0) -> Write:
         plant.drive[i, column] += factor * values[quantity]
 
     return write
-
-
-def set_columns(
-    plant: Plant, i: int, columns: Mapping[int, float], internal: bool = False
-) -> None:
-    """Write columns of a drive, and switch the internal states on where the effect has one."""
-    for column, number in columns.items():
-        plant.drive[i, column] = number
-    plant.internals = plant.internals or internal

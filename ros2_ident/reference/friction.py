@@ -21,7 +21,7 @@ def smooth_sign(speed: float, width: float, form: float) -> float:
 
 @compiled
 def window(time: float, begin: float, end: float, ramp: float) -> float:
-    """Return 1 between two times, 0 outside, with a cosine flank of `ramp` seconds after each time."""
+    """Return 1 between two times, 0 outside, with a cosine flank of `ramp` seconds behind each."""
     if time <= begin or time >= end + ramp:
         return 0.0
     if time < begin + ramp:
@@ -53,13 +53,14 @@ def coulomb_sign(speed: float, sign: float, internals: Array, d: Array) -> float
     length = d[at.PRESLIDE_LENGTH]
     if length == 0.0:
         return sign
-    first = internals[at.BRISTLE_A]
+    first: float = internals[at.BRISTLE_A]
     if d[at.PRESLIDE_FORM] == 0.0:
         return first
     if d[at.PRESLIDE_FORM] == 1.0:
-        # LuGre's micro-damping sigma_1 as a time, falling off with speed to stay passive (Olsson 1996).
+        # LuGre's micro-damping as a time, falling off with speed to stay passive (Olsson 1996).
         return first + 1e-3 * math.exp(-((speed / 0.01) ** 2)) * bristle_rate(first, speed, length)
-    return 0.4 * first + 0.35 * internals[at.BRISTLE_B] + 0.25 * internals[at.BRISTLE_C]
+    spread: float = 0.4 * first + 0.35 * internals[at.BRISTLE_B] + 0.25 * internals[at.BRISTLE_C]
+    return spread
 
 
 @compiled
@@ -68,7 +69,8 @@ def friction_torque(
 ) -> float:
     """Return the friction torque of one drive.
 
-    Nominal: M_C tanh(v/v_eps) + M_V v. Beside it every friction effect whose amplitude is not zero.
+    Nominal: M_C tanh(v/v_eps) + M_V v. Beside it every friction effect whose amplitude is not
+    zero.
 
     Args:
         time: Time since the start [s].
@@ -84,8 +86,8 @@ def friction_torque(
     """
     width = d[at.SIGN_WIDTH]
     sign = smooth_sign(speed, width, d[at.SIGN_FORM])
-    coulomb = d[at.COULOMB]
-    friction = coulomb * coulomb_sign(speed, sign, internals, d) + d[at.VISCOUS] * speed
+    coulomb: float = d[at.COULOMB]
+    friction: float = coulomb * coulomb_sign(speed, sign, internals, d) + d[at.VISCOUS] * speed
     if d[at.EXTRA_COULOMB] != 0.0:
         friction += d[at.EXTRA_COULOMB] * smooth_sign(speed, width, d[at.EXTRA_COULOMB_FORM])
     if d[at.EXTRA_VISCOUS] != 0.0:
@@ -156,28 +158,35 @@ def rotor_torque(held: float, place: float, delivered: float, internals: Array, 
     Returns:
         Torque before friction [N m].
     """
-    torque = held
+    torque: float = held
     if d[at.CURRENT_LAG] > 0.0:
         torque = (
             internals[at.CURRENT_B] if d[at.CURRENT_LAG_FORM] == 1.0 else internals[at.CURRENT_A]
         )
     torque *= (1.0 + d[at.ACTUATOR_GAIN]) * delivered
+    ripple: float = 0.0
     if d[at.RIPPLE_TORQUE] != 0.0 or d[at.RIPPLE_CURRENT] != 0.0:
         angle = d[at.RIPPLE_ORDER] * d[at.GEAR] * place
         phase = d[at.RIPPLE_PHASE]
-        torque += d[at.RIPPLE_TORQUE] * (
+        ripple = d[at.RIPPLE_TORQUE] * (
             math.sin(angle + phase)
             + d[at.RIPPLE_SECOND] * math.sin(2.0 * angle + 2.3 * phase)
             + d[at.RIPPLE_THIRD] * math.sin(3.0 * angle + 0.7 * phase)
         ) + d[at.RIPPLE_CURRENT] * held * math.sin(angle + 1.9 * phase)
-    return torque
+    return torque + ripple
 
 
 @compiled
 def internal_rates(
-    speed: float, rail_speed: float, load: float, held: float, friction: float, internals: Array, d: Array,
+    speed: float,
+    rail_speed: float,
+    load: float,
+    held: float,
+    friction: float,
+    internals: Array,
+    d: Array,
     rates: Array,
-) -> None:  # fmt: skip
+) -> None:
     """Write the time derivatives of one drive's internal states.
 
     Args:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where each number of the plant lies in the arrays handed to the compiled functions.
 
-`drive[i, COLUMN]` holds what belongs to drive i, `shared[COLUMN]` what belongs to the machine. Zero is the
-neutral value of every effect's amplitude; widths and speeds beside an amplitude of zero are never read.
+`drive[i, COLUMN]` holds what belongs to drive i, `shared[COLUMN]` what belongs to the machine.
+Zero is the neutral value of every effect's amplitude; widths and speeds beside an amplitude of
+zero are never read.
 """
 
 # Per drive: nominal physics.
@@ -27,7 +28,7 @@ neutral value of every effect's amplitude; widths and speeds beside an amplitude
     TORQUE_LIMIT,  # N m
     TORQUE_KNEE,  # 0 hard clip, else exponent of a soft one
     ENCODER_STEP,  # m
-    ENCODER_VELOCITY,  # s, time constant of the speed formed from the quantised position; 0: true speed
+    ENCODER_VELOCITY,  # s, lag of the speed formed from the coarse position; 0: true speed
     INTEGRATOR_LEAK,  # 1/s
     MAGNETIC_TORQUE,  # N m
     MAGNETIC_WIDTH,  # N m

@@ -17,10 +17,11 @@ INTEGRAL, SEEN, SEEN_BEFORE, SEEN_FILTERED, SEEN_SPEED, MAGNETIC, LAST_TORQUE, M
 
 @compiled
 def limited(torque: float, limit: float, knee: float) -> float:
-    """Return a torque within +-limit: clipped hard (knee 0), or bent softly with the exponent `knee`."""
+    """Return a torque within +-limit: clipped (knee 0), or bent with the exponent `knee`."""
     if knee == 0.0:
         return min(limit, max(-limit, torque))
-    return torque / (1.0 + abs(torque / limit) ** knee) ** (1.0 / knee)
+    bend: float = (1.0 + abs(torque / limit) ** knee) ** (1.0 / knee)
+    return torque / bend
 
 
 @compiled
@@ -31,8 +32,8 @@ def control(
     """Run one controller cycle of one drive.
 
     Law 0: e_v = k_p (z_cmd - z) + k_ff z_cmd' - z', I += k_I e_v T, M = k_v e_v + I, limited.
-    Law 1: M = k_v (k_p (z_cmd - z) - w), limited; w is the backward difference of the mean of the last two
-    readings (EMPS: Janot, Gautier, Brunot 2019).
+    Law 1: M = k_v (k_p (z_cmd - z) - w), limited; w is the backward difference of the mean of the
+    last two readings (EMPS: Janot, Gautier, Brunot 2019).
 
     Args:
         position: Motor position read from the encoder [m].
@@ -52,7 +53,7 @@ def control(
     if quantum > 0.0:
         seen = quantum * math.floor(position / quantum + 0.5)
         if d[at.ENCODER_VELOCITY] > 0.0:
-            # The speed, too, comes from the coarse readings: differences through a first-order filter.
+            # The speed comes from the coarse readings, too: differences through a lag.
             share = 1.0 - math.exp(-cycle / d[at.ENCODER_VELOCITY])
             memory[SEEN_SPEED] += share * ((seen - memory[SEEN]) / cycle - memory[SEEN_SPEED])
             speed = memory[SEEN_SPEED]
@@ -74,7 +75,7 @@ def control(
 
 @compiled
 def magnetised(torque: float, memory: Array, d: Array) -> float:
-    """Return the torque that iron with a hysteresis makes of a commanded one (Coleman-Hodgdon in discrete form)."""
+    """Return what iron with hysteresis makes of a commanded torque (after Coleman and Hodgdon)."""
     if d[at.MAGNETIC_TORQUE] == 0.0:
         return torque
     change = torque - memory[LAST_TORQUE]
@@ -85,7 +86,8 @@ def magnetised(torque: float, memory: Array, d: Array) -> float:
     )
     memory[MAGNETIC] = min(1.0, max(-1.0, state))
     memory[LAST_TORQUE] = torque
-    return torque - d[at.MAGNETIC_TORQUE] * memory[MAGNETIC]
+    kept: float = d[at.MAGNETIC_TORQUE] * memory[MAGNETIC]
+    return torque - kept
 
 
 @compiled

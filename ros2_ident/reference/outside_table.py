@@ -9,8 +9,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from ros2_ident.reference import layout as at
-from ros2_ident.reference.effects import column_writer, Kind, Quantity, set_columns
-from ros2_ident.reference.plant import Array, Plant
+from ros2_ident.reference.effects import column_writer, Kind, Quantity
+from ros2_ident.reference.plant import Array, Plant, set_columns
 
 Values = Mapping[str, float]
 
@@ -38,7 +38,7 @@ def _lost(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
             lost[begin : begin + int(values['burst'])] = True
         lost[0] = False
         source = np.maximum.accumulate(np.where(lost, 0, np.arange(frames)))
-        # A frame that came holds its own cycles; a lost one repeats the last cycle of the last that came.
+        # A lost frame repeats the last cycle of the last frame that came.
         cycles = np.arange(target.shape[1])
         taken = np.where(
             lost[cycles // frame], source[cycles // frame] * frame + frame - 1, cycles
@@ -103,29 +103,85 @@ def _kind(
 
 
 KINDS = (
-    _kind('supply_sag', Quantity('share', '1/W', 2e-4, 4e-3), (),
-          'torque / (1 + share sum of max(0, M gear v))', _sag, place='all'),
-    _kind('friction_bump', Quantity('torque', 'N m', 0.02, 0.3),
-          (Quantity('place', 'm', 0.45, 0.51), Quantity('width', 'm', 0.004, 0.015)),
-          'torque exp(-((z - place) / width)^2) sigma(v)', _bump),
-    _kind('lost_packets', Quantity('share', '1', 0.004, 0.15), (Quantity('burst', '1', choices=(2.0, 4.0, 6.0)),),
-          'frames of the set-point lost in bursts, the last one held', _lost),
-    _kind('frictional_lag', Quantity('torque', 'N m', 0.02, 0.2),
-          (Quantity('speed', 'm/s', 0.02, 0.05), Quantity('time', 's', 0.015, 0.06)),
-          "torque / (1 + (w / speed)^2) sigma(v), w' = (v - w) / time", _lag),
-    _kind('speed_dependent_inertia', Quantity('share', 's^2/m^2', 0.03, 1.0), (),
-          'm_e (1 + share v^2)', column_writer(at.SPEED_INERTIA, 'share'), needs='gear'),
-    _kind('slip', Quantity('speed', 'm/s', 2e-4, 2e-2), (Quantity('force', 'N', 22.0, 40.0),),
-          'z - s creeps with speed max(0, |F| / force - 1) sgn(F)', _slip, needs='gear'),
-    _kind('brake_drag', Quantity('torque', 'N m', 0.02, 0.3),
-          (Quantity('begin', 's', 0.5, 3.0), Quantity('duration', 's', 0.7, 2.5)),
-          'torque sigma(v) between begin and begin + duration, flanks of 0.15 s', _brake),
-    _kind('magnetic_hysteresis', Quantity('torque', 'N m', 0.01, 0.2), (Quantity('width', 'N m', 0.1, 0.5),),
-          'M - torque h, dh = dM / width - |dM| / width h', _magnetic),
-    _kind('dwell_stiction', Quantity('torque', 'N m', 0.03, 0.4), (Quantity('time', 's', 0.1, 0.5),),
-          'torque r sigma(v), r grows in `time` at rest and wears off over 1 mm', _dwell),
-    _kind('end_cushion', Quantity('stiffness', 'N/m^2', 500.0, 4e4), (Quantity('place', 'm', 0.49, 0.53),),
-          '-stiffness max(0, s - place)^2', _cushion),
-    _kind('integrator_leak', Quantity('rate', '1/s', 0.5, 20.0), (),
-          'I -> I (1 - rate T) every cycle', column_writer(at.INTEGRATOR_LEAK, 'rate'), needs='integral'),
-)  # fmt: skip
+    _kind(
+        'supply_sag',
+        Quantity('share', '1/W', 2e-4, 4e-3),
+        (),
+        'torque / (1 + share sum of max(0, M gear v))',
+        _sag,
+        place='all',
+    ),
+    _kind(
+        'friction_bump',
+        Quantity('torque', 'N m', 0.02, 0.3),
+        (Quantity('place', 'm', 0.45, 0.51), Quantity('width', 'm', 0.004, 0.015)),
+        'torque exp(-((z - place) / width)^2) sigma(v)',
+        _bump,
+    ),
+    _kind(
+        'lost_packets',
+        Quantity('share', '1', 0.004, 0.15),
+        (Quantity('burst', '1', choices=(2.0, 4.0, 6.0)),),
+        'frames of the set-point lost in bursts, the last one held',
+        _lost,
+    ),
+    _kind(
+        'frictional_lag',
+        Quantity('torque', 'N m', 0.02, 0.2),
+        (Quantity('speed', 'm/s', 0.02, 0.05), Quantity('time', 's', 0.015, 0.06)),
+        "torque / (1 + (w / speed)^2) sigma(v), w' = (v - w) / time",
+        _lag,
+    ),
+    _kind(
+        'speed_dependent_inertia',
+        Quantity('share', 's^2/m^2', 0.03, 1.0),
+        (),
+        'm_e (1 + share v^2)',
+        column_writer(at.SPEED_INERTIA, 'share'),
+        needs='gear',
+    ),
+    _kind(
+        'slip',
+        Quantity('speed', 'm/s', 2e-4, 2e-2),
+        (Quantity('force', 'N', 22.0, 40.0),),
+        'z - s creeps with speed max(0, |F| / force - 1) sgn(F)',
+        _slip,
+        needs='gear',
+    ),
+    _kind(
+        'brake_drag',
+        Quantity('torque', 'N m', 0.02, 0.3),
+        (Quantity('begin', 's', 0.5, 3.0), Quantity('duration', 's', 0.7, 2.5)),
+        'torque sigma(v) between begin and begin + duration, flanks of 0.15 s',
+        _brake,
+    ),
+    _kind(
+        'magnetic_hysteresis',
+        Quantity('torque', 'N m', 0.01, 0.2),
+        (Quantity('width', 'N m', 0.1, 0.5),),
+        'M - torque h, dh = dM / width - |dM| / width h',
+        _magnetic,
+    ),
+    _kind(
+        'dwell_stiction',
+        Quantity('torque', 'N m', 0.03, 0.4),
+        (Quantity('time', 's', 0.1, 0.5),),
+        'torque r sigma(v), r grows in `time` at rest and wears off over 1 mm',
+        _dwell,
+    ),
+    _kind(
+        'end_cushion',
+        Quantity('stiffness', 'N/m^2', 500.0, 4e4),
+        (Quantity('place', 'm', 0.49, 0.53),),
+        '-stiffness max(0, s - place)^2',
+        _cushion,
+    ),
+    _kind(
+        'integrator_leak',
+        Quantity('rate', '1/s', 0.5, 20.0),
+        (),
+        'I -> I (1 - rate T) every cycle',
+        column_writer(at.INTEGRATOR_LEAK, 'rate'),
+        needs='integral',
+    ),
+)

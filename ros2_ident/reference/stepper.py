@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Adaptive Runge-Kutta of order 8 over one controller cycle (Hairer, Norsett, Wanner, Solving ODEs I, DOP853).
+"""Adaptive Runge-Kutta of order 8 over one controller cycle: DOP853 of Hairer and Wanner.
 
-The coefficients are scipy's. The controller holds its torque over a cycle, so the integration starts anew at
-every cycle and never steps across a jump of the torque.
+Source: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, 1993, section II.10; the
+coefficients are scipy's. The controller holds its torque over a cycle, so the integration starts
+anew at every cycle and never steps across a jump of the torque.
 """
 
 import math
@@ -29,7 +30,7 @@ SHORTEST = 1e-10  # s; a step this short is taken as it is: it spans a kink, not
 def error_ratio(
     slopes: Array, step: float, old: Array, new: Array, rtol: float, atol: float
 ) -> float:
-    """Return the estimated error of a step over its tolerance, as a sum over all states (Hairer II.10).
+    """Return the estimated error of a step over its tolerance, summed over all states.
 
     Args:
         slopes: (STAGES + 1, n) derivatives at the stages and at the end.
@@ -89,7 +90,8 @@ def advance(
         slopes: (STAGES + 1, n) work space.
         matrix: (2D + 4, 2D + 4) work space.
         side: (2D + 4,) work space.
-        tally: (3,) steps taken, steps refused, largest rod error before a correction [m]; added to.
+        tally: (3,) steps taken, steps refused, largest rod error before a correction [m]; added
+            to.
 
     Returns:
         The step to try first in the next cycle [s], or -1 where the state is no longer finite.

@@ -30,8 +30,8 @@ def gear_force(
 ) -> tuple[float, float]:
     """Return the force that the gear passes to the carriage, and its lever on the motor.
 
-    Nominal: F = c_G (z - s) + d_G (z' - s'). The lever is 1 + e'(z), so that the gear's ideal part passes
-    power without loss.
+    Nominal: F = c_G (z - s) + d_G (z' - s'). The lever is 1 + e'(z), so that the gear's ideal part
+    passes power without loss.
 
     Args:
         place: Motor position at the rail [m].
@@ -60,7 +60,7 @@ def gear_force(
         return 0.0, lever
     side = math.copysign(1.0, stretch)
     if d[at.BACKLASH_FORM] == 1.0:
-        # The flanks wet each other gradually, and the trailing flank damps less than the leading one.
+        # The flanks meet gradually, and the trailing one damps less than the leading one.
         ground = 20e-6
         damping *= depth**2 / (depth**2 + ground**2) * (1.0 if side > 0.0 else 0.4)
         stiffness *= 1.0 + 0.5 * depth / (depth + 5.0 * ground)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tripod in redundant coordinates: three motors, three carriages and the platform, held by three rods.
+"""The tripod in redundant coordinates: motors, carriages and platform, held by three rods.
 
-Equations: Ludwig and Gerstmayr (2011), section 4 and eq. 23, for all three drives at once. See `dynamics` for
-the form in which they are solved.
+Equations: Ludwig and Gerstmayr (2011), section 4 and eq. 23, for all three drives at once. See
+`dynamics` for the form in which they are solved.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,10 +18,10 @@ from ros2_ident.reference.plant import (
     Plant,
     read_controller,
     section,
-    simulate,
     Unmodelled,
     value,
 )
+from ros2_ident.reference.simulate import simulate
 
 PARAMETERS = (
     'measurement_delay',
@@ -39,9 +39,10 @@ def tripod_plant(machine: Any, parameters: Mapping[str, float]) -> Plant:
 
     Args:
         machine: A `Machine`, or the mapping a machine file holds.
-        parameters: `measurement_delay` [s], `gear_stiffness` [N/m], `gear_damping_ratio` [1], `tool_mass`
-            [kg], `drive_inertia` [kg m^2], `coulomb_torque` [N m], `viscous_torque` [N m s/m]; all but the
-            tool's mass also as `drive_1.gear_stiffness`. The friction torques are zero where not given.
+        parameters: `measurement_delay` [s], `gear_stiffness` [N/m], `gear_damping_ratio` [1],
+            `tool_mass` [kg], `drive_inertia` [kg m^2], `coulomb_torque` [N m], `viscous_torque` [N
+            m s/m]; all but the tool's mass also as `drive_1.gear_stiffness`. The friction torques
+            are zero where not given.
 
     Returns:
         The machine, ready for effects.

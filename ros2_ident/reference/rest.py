@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a machine rests: platform below its rods, gears under their load, controllers holding."""
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.reference import layout as at
+from ros2_ident.reference import loop
+from ros2_ident.reference.dynamics import mass_and_rods, project
+from ros2_ident.reference.friction import rotor_torque
+from ros2_ident.reference.plant import Array, Plant
+from ros2_ident.reference.transmission import carriage_force, gear_force
+
+
+def platform_at(carriage: Array, drive: Array) -> Array:
+    """Return where three rods carry the platform: the lower meeting point of three spheres [m].
+
+    Args:
+        carriage: (3,) carriage heights [m].
+        drive: (3, DRIVE_COLUMNS) numbers of the drives.
+
+    Returns:
+        (3,) platform position [m].
+
+    Raises:
+        IdentError: BAD_VALUES where the rods do not reach.
+    """
+    feet = np.column_stack([drive[:, at.RAIL_X], drive[:, at.RAIL_Y], carriage])
+    lengths = drive[:, at.ROD_LENGTH]
+    across = feet[1:] - feet[0]
+    level = 0.5 * (
+        np.sum(feet[1:] ** 2, axis=1) - feet[0] @ feet[0] - lengths[1:] ** 2 + lengths[0] ** 2
+    )
+    normal = np.cross(across[0], across[1])
+    normal *= np.sign(normal[2]) / np.linalg.norm(normal)
+    base = np.linalg.solve(np.vstack([across, normal]), np.append(level, normal @ feet[0]))
+    depth = lengths[0] ** 2 - np.sum((base - feet[0]) ** 2)
+    if not depth > 0.0:
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            f'the rods do not reach from the carriages {carriage}; keep closer set-points',
+        )
+    return np.asarray(base - np.sqrt(depth) * normal, dtype=float)
+
+
+def static_loads(x: Array, plant: Plant) -> Array:
+    """Return the gear forces that hold the machine still.
+
+    Args:
+        x: (n,) state with carriages and platform in place and no speed.
+        plant: The machine.
+
+    Returns:
+        (D,) gear force, positive upwards [N].
+    """
+    shared, drive = plant.shared, plant.drive
+    count = len(plant.names)
+    gravity = shared[at.GRAVITY]
+    rod = shared[at.ROD_MASS]
+    load: Array = (drive[:, at.CARRIAGE_MASS] + rod * (1.0 - shared[at.ROD_CENTRE])) * gravity
+    if shared[at.PLATFORM] == 1.0:
+        m = 2 * count + 4
+        matrix = np.zeros((m, m))
+        mass_and_rods(0.0, x, shared, drive, matrix)
+        weight = matrix[count, count] + count * rod * (
+            shared[at.ROD_CENTRE] - shared[at.ROD_AT_PLATFORM]
+        )
+        # Platform: sum of mu_i (p - c_i) = weight; carriage i bears mu_i (c_i - p)_z besides.
+        pull = np.linalg.solve(
+            matrix[count : count + 3, count + 4 :], np.array([0.0, 0.0, -weight * gravity])
+        )
+        load = load + np.array([matrix[count + 4 + i, i] * pull[i] for i in range(count)])
+    for i in range(count):
+        load[i] -= carriage_force(x[count + i], 0.0, 0.0, drive[i])
+    return np.asarray(load, dtype=float)
+
+
+def motor_ahead(rail: float, load: float, d: Array) -> float:
+    """Return the motor position at which the gear carries a load at rest [m]."""
+
+    def excess(place: float) -> float:
+        return gear_force(place, 0.0, rail, 0.0, 0.0, d)[0] - load
+
+    if excess(rail) == 0.0:
+        return rail
+    reach = (
+        2.0 * abs(load) / d[at.STIFFNESS] + d[at.BACKLASH] + 3.0 * abs(d[at.ECCENTRICITY]) + 1e-9
+    )
+    while excess(rail - reach) * excess(rail + reach) > 0.0:
+        reach *= 2.0
+    return float(brentq(excess, rail - reach, rail + reach, xtol=1e-16, rtol=1e-15))
+
+
+def carriages_at(plant: Plant, start: Array) -> Array:
+    """Return the state with the carriages at given heights and nothing moving.
+
+    Args:
+        plant: The machine.
+        start: (D,) carriage heights [m].
+
+    Returns:
+        (n,) state; the motors stand with their carriages.
+    """
+    count = len(plant.names)
+    m = 2 * count + 4
+    x = np.zeros(2 * m + (count * at.INTERNALS if plant.internals else 0))
+    x[:count] = x[count : 2 * count] = start
+    if plant.shared[at.PLATFORM] == 1.0:
+        x[2 * count : 2 * count + 3] = platform_at(np.asarray(start, dtype=float), plant.drive)
+        project(0.0, x, plant.shared, plant.drive, np.empty((m, m)), np.empty(m))
+    return x
+
+
+def holding_torque(place: float, rail: float, load: float, plant: Plant, i: int) -> float:
+    """Return the torque drive i's controller has to ask for to carry a load at rest [N m].
+
+    Args:
+        place: Motor position [m].
+        rail: Carriage position [m].
+        load: Gear force, or the load itself where the gear is rigid [N].
+        plant: The machine.
+        i: Index of the drive.
+
+    Returns:
+        Torque [N m].
+    """
+    d = plant.drive[i]
+    lever = 1.0 if plant.shared[at.RIGID] == 1.0 else gear_force(place, 0.0, rail, 0.0, 0.0, d)[1]
+    nothing = np.zeros(at.INTERNALS)
+    idle = rotor_torque(0.0, place, 1.0, nothing, d)
+    order = d[at.RIPPLE_ORDER] * d[at.GEAR] * place + 1.9 * d[at.RIPPLE_PHASE]
+    gain = 1.0 + d[at.ACTUATOR_GAIN] + d[at.RIPPLE_CURRENT] * np.sin(order)
+    return float((lever * load / d[at.GEAR] - idle) / gain)
+
+
+def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
+    """Return state and controllers' memory of the machine at rest.
+
+    The carriages stand where the set-point is, the motors ahead by what the gear yields under its
+    load, the integral parts at the holding torque. Without an integral part the position error has
+    to hold the load.
+
+    Args:
+        plant: The machine; the frame's preload is written into it.
+        start: (D,) first set-point [m].
+        nominal: The machine without effects, whose loads count where the plant is not settled.
+
+    Returns:
+        State (n,) and memory (D, MEMORY).
+    """
+    count = len(plant.names)
+    shared, drive = plant.shared, plant.drive
+    m = 2 * count + 4
+    x = carriages_at(plant, start)
+    memory = np.zeros((count, loop.MEMORY))
+    true_load = static_loads(x, plant)
+    load = true_load if plant.settled else static_loads(carriages_at(nominal, start), nominal)
+    shared[at.FRAME_PRELOAD] = sum(
+        true_load[i] + carriage_force(x[count + i], 0.0, 0.0, drive[i]) for i in range(count)
+    )
+    for i in range(count):
+        d = drive[i]
+        if shared[at.LAW] == 1.0:
+            stiffness = d[at.GEAR] * d[at.VELOCITY_GAIN] * d[at.POSITION_GAIN]
+            x[i] = x[count + i] = start[i] - load[i] / stiffness
+        if shared[at.RIGID] == 0.0:
+            x[i] = motor_ahead(x[count + i], load[i], d)
+        hold = load[i] / d[at.GEAR]
+        if plant.settled:
+            hold = holding_torque(x[i], x[count + i], load[i], plant, i)
+        memory[i, loop.INTEGRAL] = hold if shared[at.LAW] == 0.0 else 0.0
+        memory[i, loop.LAST_TORQUE] = hold
+        quantum = d[at.ENCODER_STEP]
+        seen = quantum * np.floor(x[i] / quantum + 0.5) if quantum > 0.0 else x[i]
+        memory[i, loop.SEEN : loop.SEEN_FILTERED + 1] = seen
+        if plant.internals:
+            own = x[2 * m + i * at.INTERNALS : 2 * m + (i + 1) * at.INTERNALS]
+            own[at.CURRENT_A] = own[at.CURRENT_B] = hold
+            own[at.REST] = 1.0
+    return x, memory
+
+
+def set_moving(plant: Plant, x: Array, memory: Array, start: tuple[Array, Array]) -> None:
+    """Let the drives of a machine without a platform begin in motion.
+
+    Args:
+        plant: The machine.
+        x: (n,) state at rest, changed in place.
+        memory: (D, MEMORY) controllers' memory, changed in place: the readings before the first
+            one are those of a steady motion.
+        start: Positions [m] and speeds [m/s], each (D,).
+    """
+    count = len(plant.names)
+    m = 2 * count + 4
+    place, speed = (np.asarray(part, dtype=float) for part in start)
+    way = speed * plant.shared[at.CYCLE]
+    x[count : 2 * count] += place - x[:count]
+    x[:count] = place
+    x[m : m + count] = x[m + count : m + 2 * count] = speed
+    memory[:, loop.SEEN] = place - way
+    memory[:, loop.SEEN_FILTERED] = place - 1.5 * way
+    memory[:, loop.SEEN_SPEED] = speed
