@@ -1,15 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of drives: bags and live topics as immutable arrays, on the controller's time grid, judged."""
+"""Recordings of drives: bags and live topics as arrays, on the controller's time grid, judged."""
 
 from ros2_ident.recording.align import align as align
-from ros2_ident.recording.bag import Topics as Topics
 from ros2_ident.recording.bag import read_bag as read_bag
+from ros2_ident.recording.bag import Topics as Topics
 from ros2_ident.recording.builder import RecordingBuilder as RecordingBuilder
 from ros2_ident.recording.dataset import AlignQuality as AlignQuality
 from ros2_ident.recording.dataset import Dataset as Dataset
 from ros2_ident.recording.dataset import StreamQuality as StreamQuality
-from ros2_ident.recording.streams import Recording as Recording
-from ros2_ident.recording.streams import Stream as Stream
+from ros2_ident.recording.findings import Finding as Finding
+from ros2_ident.recording.findings import render as render
+from ros2_ident.recording.findings import Report as Report
+from ros2_ident.recording.quality import check as check
+from ros2_ident.recording.smooth import smooth_motion as smooth_motion
 from ros2_ident.recording.streams import effort_factor as effort_factor
+from ros2_ident.recording.streams import Recording as Recording
 from ros2_ident.recording.streams import scale_effort as scale_effort
+from ros2_ident.recording.streams import Stream as Stream
 from ros2_ident.recording.write import write_bag as write_bag

@@ -2,44 +2,23 @@
 """Bring a recording's streams onto one grid of controller cycles."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.dataset import AlignQuality, Dataset, StreamQuality
-from ros2_ident.recording.grid import Ticks, find_ticks, sample_period
+from ros2_ident.recording.grid import sample_period
+from ros2_ident.recording.placing import place, Placed
 from ros2_ident.recording.setpoint import interpolate_setpoint
-from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray, Recording, Stream, scale_effort
+from ros2_ident.recording.streams import (
+    FIELDS,
+    FloatArray,
+    Recording,
+    scale_effort,
+)
 
 # A hole in the command up to so many of its samples, or so many seconds, is bridged.
 _BRIDGED_SAMPLES, _BRIDGED_SECONDS = 10, 0.05
-
-
-@dataclass(frozen=True)
-class _Placed:
-    """A stream reduced to the drives, with the cycle number of each sample."""
-
-    role: str
-    stream: Stream
-    ticks: Ticks
-
-    @property
-    def tick(self) -> IntArray:
-        tick: IntArray = self.ticks.tick[self.ticks.keep]
-        return tick
-
-    @property
-    def instants(self) -> FloatArray:
-        """Sampling times (T,) in cycles: whole numbers where the stream keeps to the grid."""
-        if self.ticks.stride:
-            return self.tick.astype(np.float64)
-        return self.ticks.raw[self.ticks.keep]
-
-    def samples(self, field: str) -> FloatArray | None:
-        """Return a field's kept samples (T, D), or None."""
-        values = self.stream.values(field)
-        return None if values is None else values[self.ticks.keep]
 
 
 def align(
@@ -56,11 +35,13 @@ def align(
         recording: The recording.
         drives: The D joints wanted, in the model's order.
         cycle: Controller cycle, s.
-        need: Fields without which the data is of no use: of `position`, `velocity`, `effort`, `command`.
+        need: Fields without which the data is of no use: of `position`, `velocity`, `effort`,
+        `command`.
         effort_scale: Factor from the logged effort to N m or N (see `effort_factor`).
 
     Returns:
-        The data set. Its grid covers the command where there is one, else the state; where the command has a
+        The data set. Its grid covers the command where there is one, else the state; where the
+        command has a
         long hole, the longest stretch without one.
 
     Raises:
@@ -74,16 +55,14 @@ def align(
         )
     recording = scale_effort(recording, effort_scale)
     warnings = list(recording.warnings)
-    placed = _place(recording, names, cycle, warnings)
+    placed = place(recording, names, cycle, warnings)
     where = recording.source or 'recording'
     start, cycles = _span(where, placed, cycle, warnings)
     command = placed.get('command')
     position = velocity = None
     if command is not None:
         position, velocity = _setpoint(command, start, cycles, cycle)
-    measured = {
-        field: _measured(field, placed, names, start, cycles) for field in FIELDS
-    }
+    measured = {field: _measured(field, placed, names, start, cycles) for field in FIELDS}
     _check_need(where, recording, names, measured, command is not None, need)
     quality = AlignQuality(
         tuple(_quality(x, names, start, cycles) for x in placed.values()),
@@ -93,7 +72,7 @@ def align(
     return Dataset(
         names,
         float(cycle),
-        _stamp_of(origin, start, cycle),
+        origin.stamp_of(start, cycle),
         position,
         velocity,
         measured['position'],
@@ -103,94 +82,9 @@ def align(
     )
 
 
-def _stamp_of(placed: _Placed, tick: int, cycle: float) -> int:
-    """Return the stamp of a cycle on a stream's clock, ns."""
-    offset = placed.ticks.phase + tick * cycle * (1.0 + placed.ticks.drift)
-    return int(placed.stream.stamp[0]) + round(offset * 1e9)
-
-
-def _place(
-    recording: Recording, names: tuple[str, ...], cycle: float, warnings: list[str]
-) -> dict[str, _Placed]:
-    """Reduce the streams to the drives and number their samples on one common grid."""
-    placed: dict[str, _Placed] = {}
-    where = recording.source or 'recording'
-    present = [x for x in ('state', 'effort', 'command') if x in recording.streams]
-    reference, shift = 0, 0
-    for role in present:
-        stream = _reduced(where, role, recording.streams[role], names, warnings)
-        if stream is None:
-            continue
-        if not placed:
-            reference = int(stream.stamp[0])
-            ticks = find_ticks(stream.stamp, reference, cycle)
-            shift = round(ticks.phase * 1e9)
-        else:
-            ticks = find_ticks(stream.stamp, reference + shift, cycle)
-            if ticks.stride and abs(ticks.phase) > 0.35 * cycle:
-                warnings.append(
-                    f'{role}: stamps lie {abs(ticks.phase) * 1e3:.3g} ms beside those of '
-                    f'{next(iter(placed))}, near half a cycle: it may be one cycle off'
-                )
-        doubled = int((~ticks.keep).sum())
-        if doubled:
-            warnings.append(
-                f'{role}: {doubled} samples share a controller cycle of {cycle * 1e3:.4g} ms with another and are '
-                'left out; state a shorter cycle if the controller has one'
-            )
-        if abs(ticks.drift) > 2e-5:
-            warnings.append(
-                f'{role}: the controller cycle is {cycle * (1.0 + ticks.drift) * 1e3:.6g} ms on the clock of the '
-                f'stamps, not {cycle * 1e3:.6g} ms'
-            )
-        placed[role] = _Placed(role, stream, ticks)
-    if 'state' not in placed and 'effort' not in placed:
-        raise IdentError(
-            ErrorCode.MISSING_STREAM,
-            f'{where}: neither a state nor an effort stream holds the drives; '
-            'record the topic on which they report, or name it',
-        )
-    return placed
-
-
-def _reduced(
-    where: str, role: str, stream: Stream, names: tuple[str, ...], warnings: list[str]
-) -> Stream | None:
-    """Return the stream with the drives only, in their order; None where it does not help."""
-    missing = [name for name in names if name not in stream.names]
-    if missing and role != 'effort':
-        raise IdentError(
-            ErrorCode.MISSING_STREAM,
-            f'{where}: {role} has no joint {", ".join(missing)}, it holds {", ".join(stream.names)}; '
-            'write these names as drives in the machine file, or record the others too',
-        )
-    if len(missing) == len(names):
-        warnings.append(
-            f'effort: holds none of the drives, only {", ".join(stream.names)}; efforts of the state are used'
-        )
-        return None
-    fields: list[FloatArray | None] = []
-    for field in FIELDS:
-        values = stream.values(field)
-        if values is None:
-            fields.append(None)
-            continue
-        picked = np.full((stream.stamp.size, len(names)), np.nan)
-        for column, name in enumerate(names):
-            if name in stream.names:
-                picked[:, column] = values[:, stream.names.index(name)]
-        fields.append(None if np.isnan(picked).all() else picked)
-    filled = np.zeros(stream.stamp.size, dtype=np.bool_)
-    for values in fields:
-        if values is not None:
-            filled |= ~np.isnan(values).all(axis=1)
-    if not filled.any():
-        warnings.append(f'{role}: every value of the drives is NaN; the stream is not used')
-        return None
-    return Stream(names, stream.stamp[filled], *(None if x is None else x[filled] for x in fields))
-
-
-def _span(where: str, placed: dict[str, _Placed], cycle: float, warnings: list[str]) -> tuple[int, int]:
+def _span(
+    where: str, placed: dict[str, Placed], cycle: float, warnings: list[str]
+) -> tuple[int, int]:
     """Return first cycle and number of cycles of the grid."""
     leader = placed.get('command') or placed.get('state') or placed['effort']
     first, last = int(leader.tick[0]), int(leader.tick[-1])
@@ -210,24 +104,27 @@ def _span(where: str, placed: dict[str, _Placed], cycle: float, warnings: list[s
             gap = max(first - int(other.tick[-1]), int(other.tick[0]) - last) * cycle
             raise IdentError(
                 ErrorCode.NO_DATA,
-                f'{where}: {leader.role} and {other.role} do not overlap in time, they are {gap:.3g} s apart; '
+                f'{where}: {leader.role} and {other.role} do not overlap in time, they are '
+                f'{gap:.3g} s apart; '
                 'record them together, with one clock for all stamps',
             )
         outside = int(((other.tick < first) | (other.tick > last)).sum())
         if outside > 0.02 * other.tick.size and outside > 5:
             warnings.append(
-                f'{other.role}: {outside} of {other.tick.size} samples lie outside the {leader.role} '
+                f'{other.role}: {outside} of {other.tick.size} samples lie outside the '
+                f'{leader.role} '
                 'and are not used'
             )
     if last <= first:
         raise IdentError(
             ErrorCode.NO_DATA,
-            f'{where}: {leader.role} has a single sample of the drives; record a motion of several seconds',
+            f'{where}: {leader.role} has a single sample of the drives; record a motion of '
+            'several seconds',
         )
     return first, last - first + 1
 
 
-def _longest_stretch(command: _Placed, cycle: float, warnings: list[str]) -> tuple[int, int]:
+def _longest_stretch(command: Placed, cycle: float, warnings: list[str]) -> tuple[int, int]:
     """Return first and last cycle of the longest stretch of the command without a long hole."""
     tick = command.tick
     values = command.samples('position')
@@ -246,21 +143,26 @@ def _longest_stretch(command: _Placed, cycle: float, warnings: list[str]) -> tup
     best = int(np.argmax(tick[ends] - tick[begins]))
     first, last = int(tick[begins[best]]), int(tick[ends[best]])
     warnings.append(
-        f'command: has {holes.size} holes of up to {float(steps.max()) * cycle:.3g} s; only the longest stretch '
-        f'without, {(last - first) * cycle:.4g} s of {float(tick[-1] - tick[0]) * cycle:.4g} s, is used'
+        f'command: has {holes.size} holes of up to {float(steps.max()) * cycle:.3g} s; only the '
+        'longest stretch '
+        f'without, {(last - first) * cycle:.4g} s of {float(tick[-1] - tick[0]) * cycle:.4g} s, '
+        'is used'
     )
     return first, last
 
 
-def _setpoint(command: _Placed, start: int, cycles: int, cycle: float) -> tuple[FloatArray, FloatArray]:
+def _setpoint(
+    command: Placed, start: int, cycles: int, cycle: float
+) -> tuple[FloatArray, FloatArray]:
     """Return set-point and its velocity (D, K) at every cycle."""
     position, velocity = command.samples('position'), command.samples('velocity')
     if position is None:
         raise IdentError(
             ErrorCode.MISSING_STREAM,
-            'command: holds no position of the drives; record the position set-point, or leave the topic out',
+            'command: holds no position of the drives; record the position set-point, or leave '
+            'the topic out',
         )
-    grid = np.arange(start, start + cycles) * cycle
+    grid = np.arange(start, start + cycles).astype(np.float64) * cycle
     time = command.instants * cycle
     out = np.empty((position.shape[1], cycles))
     rate = np.empty_like(out)
@@ -269,7 +171,8 @@ def _setpoint(command: _Placed, start: int, cycles: int, cycle: float) -> tuple[
         if not there.any():
             raise IdentError(
                 ErrorCode.BAD_VALUES,
-                f'command: every position of {name} is NaN; record its set-point, or leave the topic out',
+                f'command: every position of {name} is NaN; record its set-point, or leave the '
+                'topic out',
             )
         feed = None
         if velocity is not None:
@@ -282,7 +185,7 @@ def _setpoint(command: _Placed, start: int, cycles: int, cycle: float) -> tuple[
 
 
 def _measured(
-    field: str, placed: dict[str, _Placed], names: tuple[str, ...], start: int, cycles: int
+    field: str, placed: dict[str, Placed], names: tuple[str, ...], start: int, cycles: int
 ) -> FloatArray | None:
     """Return a measured field (D, K) with NaN where no sample is, or None where never measured."""
     out = np.full((len(names), cycles), np.nan)
@@ -312,7 +215,8 @@ def _check_need(
     if 'command' in need and not commanded:
         raise IdentError(
             ErrorCode.MISSING_STREAM,
-            f'{where}: holds no command stream; record the set-point, or let the recorded motion drive the model',
+            f'{where}: holds no command stream; record the set-point, or let the recorded motion '
+            'drive the model',
         )
     for field in FIELDS:
         if field not in need:
@@ -324,10 +228,13 @@ def _check_need(
                 continue
             raise IdentError(
                 ErrorCode.MISSING_STREAM,
-                f'{where}: no {field} of {", ".join(silent)}; leave these drives out, or record theirs too',
+                f'{where}: no {field} of {", ".join(silent)}; leave these drives out, or record '
+                'theirs too',
             )
         sent = any(
-            stream.values(field) is not None for role, stream in recording.streams.items() if role != 'command'
+            stream.values(field) is not None
+            for role, stream in recording.streams.items()
+            if role != 'command'
         )
         if sent:
             raise IdentError(
@@ -335,15 +242,15 @@ def _check_need(
                 f'{where}: every {field} of the drives is NaN; '
                 'switch the measurement on in the drive, or name the topic that carries it',
             )
+        article = 'an' if field == 'effort' else 'a'
         raise IdentError(
             ErrorCode.MISSING_STREAM,
-            f'{where}: no stream holds an {field}; record the drives\' {field}, or name the topic that carries it'
-            if field == 'effort'
-            else f'{where}: no stream holds a {field}; record it, or name the topic that carries it',
+            f'{where}: no stream holds {article} {field}; record it, or name the topic that '
+            'carries it',
         )
 
 
-def _quality(placed: _Placed, names: tuple[str, ...], start: int, cycles: int) -> StreamQuality:
+def _quality(placed: Placed, names: tuple[str, ...], start: int, cycles: int) -> StreamQuality:
     """Count what of a stream lies on the grid."""
     tick = placed.tick
     inside = (tick >= start) & (tick < start + cycles)
@@ -363,5 +270,11 @@ def _quality(placed: _Placed, names: tuple[str, ...], start: int, cycles: int) -
                 nan[f'{field} {name}'] = count
     period = sample_period(placed.stream.stamp)
     return StreamQuality(
-        placed.role, used, missing, 1.0 / period if period else 0.0, placed.ticks.jitter, stride, nan
+        placed.role,
+        used,
+        missing,
+        1.0 / period if period else 0.0,
+        placed.ticks.jitter,
+        stride,
+        nan,
     )

@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read bags into recordings: MCAP, db3 and ROS 1, whole or damaged."""
 
-import hashlib
-import re
-import sqlite3
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+import hashlib
 from pathlib import Path
+import re
+import sqlite3
 
 import numpy as np
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import cdr
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.mcap_scan import scan
-from ros2_ident.recording.streams import ROLES, Recording
+from ros2_ident.recording.streams import Recording, ROLES
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 _SUFFIXES = ('.mcap', '.db3', '.bag')
@@ -56,7 +56,9 @@ class Topics:
                 )
             found[topic] = role
         if not found:
-            raise IdentError(ErrorCode.INVALID_GOAL, 'no topic is given; name at least the state topic')
+            raise IdentError(
+                ErrorCode.INVALID_GOAL, 'no topic is given; name at least the state topic'
+            )
         return found
 
 
@@ -99,14 +101,16 @@ def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
     if not path.is_dir():
         raise IdentError(
             ErrorCode.NO_DATA,
-            f'{path}: does not exist; give the path of a bag directory or of an .mcap, .db3 or .bag file',
+            f'{path}: does not exist; give the path of a bag directory or of an .mcap, .db3 or '
+            '.bag file',
         )
     files = [x for x in path.iterdir() if x.suffix in _SUFFIXES or x.suffixes[-1:] == ['.zstd']]
     files = [x for x in files if x.is_file()]
     if not files:
         raise IdentError(
             ErrorCode.NO_DATA,
-            f'{path}: holds no .mcap, .db3 or .bag file; give the directory that `ros2 bag record` wrote',
+            f'{path}: holds no .mcap, .db3 or .bag file; give the directory that `ros2 bag '
+            'record` wrote',
         )
     # split recordings count up: bag_9 comes before bag_10
     files.sort(key=lambda x: [int(p) if p.isdigit() else p for p in re.split(r'(\d+)', x.name)])
@@ -129,11 +133,13 @@ def read_bag(path: str | Path, topics: Topics | None = None) -> list[Recording]:
     """Read a bag's JointState topics.
 
     Args:
-        path: A bag directory with or without metadata.yaml, or a bare `.mcap`, `.db3` or `.bag` file.
+        path: A bag directory with or without metadata.yaml, or a bare `.mcap`, `.db3` or `.bag`
+        file.
         topics: Which topics to read; the default names where None.
 
     Returns:
-        One recording per uninterrupted stretch, in the order of the log. What a damaged bag does not
+        One recording per uninterrupted stretch, in the order of the log. What a damaged bag does
+        not
         yield is said in their warnings.
 
     Raises:
@@ -168,10 +174,12 @@ def _read(path: Path, files: list[Path], warnings: list[str], roles: dict[str, s
                 raise
             raw = _read_regular(files, roles)
             raw.warnings.append(
-                f'{path}: metadata.yaml does not fit the files; `ros2 bag reindex {path}` writes it anew'
+                f'{path}: metadata.yaml does not fit the files; `ros2 bag reindex {path}` writes '
+                'it anew'
             )
     except Exception as exc:
-        # rosbags lets struct, zstd and sqlite errors of broken files through: all mean the same here
+        # rosbags lets struct, zstd and sqlite errors of broken files through: all mean the same
+        # here
         if isinstance(exc, IdentError | MemoryError):
             raise
         if any(x.suffix != '.mcap' for x in files):
@@ -187,7 +195,9 @@ def _unreadable(files: list[Path], exc: Exception) -> IdentError:
     if path.suffix not in (*_SUFFIXES, '.zstd'):
         remedy = 'give an .mcap, .db3 or .bag file or a bag directory'
     elif isinstance(exc, sqlite3.Error) or path.suffix == '.db3':
-        remedy = f"what is left comes out with `sqlite3 {path.name} .recover`, or copy the file again"
+        remedy = (
+            f'what is left comes out with `sqlite3 {path.name} .recover`, or copy the file again'
+        )
     else:
         remedy = 'copy or record the bag again'
     return _damaged(path, f'cannot be read ({reason}); {remedy}')
@@ -198,7 +208,9 @@ def _read_regular(paths: list[Path], roles: dict[str, str]) -> _Raw:
     with AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         for connection in reader.connections:
             raw.types[connection.topic] = connection.msgtype
-            raw.counts[connection.topic] = raw.counts.get(connection.topic, 0) + connection.msgcount
+            raw.counts[connection.topic] = (
+                raw.counts.get(connection.topic, 0) + connection.msgcount
+            )
         wanted = [x for x in reader.connections if x.topic in roles and x.msgtype == JOINT_STATE]
         convert: Callable[[bytes], bytes] = bytes
         if not reader.is2:
@@ -221,7 +233,9 @@ def _read_damaged(files: list[Path], roles: dict[str, str]) -> _Raw:
         try:
             found = scan(path)
         except ValueError as exc:
-            raise _damaged(path, f'cannot be read ({exc}); give an .mcap, .db3 or .bag file') from None
+            raise _damaged(
+                path, f'cannot be read ({exc}); give an .mcap, .db3 or .bag file'
+            ) from None
         raw.types.update(found.types)
         for topic, log_time, data in found.messages:
             raw.counts[topic] = raw.counts.get(topic, 0) + 1
@@ -234,9 +248,12 @@ def _read_damaged(files: list[Path], roles: dict[str, str]) -> _Raw:
             lost.append(f'{found.lost_chunks} blocks inside are damaged')
         text = f'{" and ".join(lost)}, {len(found.messages)} whole messages were read'
         if not found.messages:
-            raise _damaged(path, f'{" and ".join(lost)}, no message is whole; copy or record the bag again')
+            raise _damaged(
+                path, f'{" and ".join(lost)}, no message is whole; copy or record the bag again'
+            )
         raw.warnings.append(
-            f'{path}: is damaged: {text}; `mcap recover {path.name}` writes a sound file of the same content'
+            f'{path}: is damaged: {text}; `mcap recover {path.name}` writes a sound file of the '
+            'same content'
         )
     for messages in raw.messages.values():
         messages.sort(key=lambda x: x[0])
@@ -245,7 +262,11 @@ def _read_damaged(files: list[Path], roles: dict[str, str]) -> _Raw:
 
 def _check_topics(path: Path, raw: _Raw, roles: dict[str, str]) -> None:
     """Say what is wrong where no wanted topic can be read."""
-    wrong = {topic: raw.types[topic] for topic in roles if raw.types.get(topic, JOINT_STATE) != JOINT_STATE}
+    wrong = {
+        topic: raw.types[topic]
+        for topic in roles
+        if raw.types.get(topic, JOINT_STATE) != JOINT_STATE
+    }
     if wrong:
         topic, kind = next(iter(wrong.items()))
         raise IdentError(
@@ -271,7 +292,8 @@ def _check_topics(path: Path, raw: _Raw, roles: dict[str, str]) -> None:
     if others:
         raise IdentError(
             ErrorCode.MISSING_STREAM,
-            f'{path}: holds none of {", ".join(roles)}; its JointState topics are {", ".join(others)}: '
+            f'{path}: holds none of {", ".join(roles)}; its JointState topics are '
+            f'{", ".join(others)}: '
             'say which one is state, effort or command',
         )
     raise IdentError(
@@ -281,7 +303,9 @@ def _check_topics(path: Path, raw: _Raw, roles: dict[str, str]) -> None:
     )
 
 
-def _feed(builder: RecordingBuilder, role: str, topic: str, messages: list[tuple[int, bytes]]) -> None:
+def _feed(
+    builder: RecordingBuilder, role: str, topic: str, messages: list[tuple[int, bytes]]
+) -> None:
     """Decode the messages of a topic into the builder."""
     data = [x[1] for x in messages]
     try:
@@ -295,13 +319,17 @@ def _feed(builder: RecordingBuilder, role: str, topic: str, messages: list[tuple
                 f'{builder.source}: no message of {topic} is a valid {JOINT_STATE} '
                 '(arrays have to be empty or as long as the names); repair the publisher',
             ) from None
-        builder.warn(f'{topic}: {lost} of {len(messages)} messages are no valid JointState and are left out')
+        builder.warn(
+            f'{topic}: {lost} of {len(messages)} messages are no valid JointState and are left out'
+        )
         blocks = cdr.decode(data)
     else:
         log_times = [x[0] for x in messages]
     unstamped = all(not block.stamp.any() for block in blocks)
     if unstamped:
-        builder.warn(f'{topic}: all header stamps are 0, the time of recording is used; stamp the messages')
+        builder.warn(
+            f'{topic}: all header stamps are 0, the time of recording is used; stamp the messages'
+        )
     clock = np.array(log_times, dtype=np.int64)
     for block in blocks:
         stamp = clock[block.rows] if unstamped else block.stamp

@@ -2,7 +2,7 @@
 """From single messages to recordings: the one way in for bags and for live topics."""
 
 from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.segments import match_segments, split_stamps
-from ros2_ident.recording.streams import FIELDS, ROLES, FloatArray, IntArray, Recording, Stream
+from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray, Recording, ROLES, Stream
 
-Values = Iterable[float]
+Values = Sequence[float] | NDArray[np.float64]
 
 
 @dataclass
@@ -60,8 +60,10 @@ def _append(values: 'array[float]', data: Values) -> int:
 class RecordingBuilder:
     """Collect JointState messages and cut them into recordings.
 
-    A message may name any joints in any order and leave any array empty. Nothing is sorted across a
-    backward step of the stamps: it closes a segment (a bag played in a loop, a seek). Single messages
+    A message may name any joints in any order and leave any array empty. Nothing is sorted across
+    a
+    backward step of the stamps: it closes a segment (a bag played in a loop, a seek). Single
+    messages
     that only overtook each other are put back into order and counted.
 
     Args:
@@ -119,10 +121,7 @@ class RecordingBuilder:
         """
         track = self._track(role)
         data = (position, velocity, effort)
-        sizes = tuple(len(x) if hasattr(x, '__len__') else -1 for x in data)
-        if -1 in sizes:
-            data = tuple(list(x) for x in data)  # type: ignore[assignment]
-            sizes = tuple(len(x) for x in data)  # type: ignore[arg-type]
+        sizes = (len(position), len(velocity), len(effort))
         joints = tuple(names)
         self._check(role, joints, sizes)
         number = track.layout(joints, (sizes[0] > 0, sizes[1] > 0, sizes[2] > 0))
@@ -192,7 +191,8 @@ class RecordingBuilder:
             One recording per segment, in the order of arrival; the builder keeps its messages.
 
         Raises:
-            IdentError: NO_DATA before the first message, BAD_VALUES where the stamps make no sense.
+            IdentError: NO_DATA before the first message, BAD_VALUES where the stamps make no
+            sense.
         """
         warnings = list(self._warnings)
         pieces: dict[str, list[Stream]] = {}
@@ -202,7 +202,8 @@ class RecordingBuilder:
         if not any(pieces.values()):
             raise IdentError(
                 ErrorCode.NO_DATA,
-                f'{self.source}: no measured value arrived; check the topic names and that the drives publish',
+                f'{self.source}: no measured value arrived; check the topic names and that the '
+                'drives publish',
             )
         return [
             Recording(**group, source=self.source, sha256=self.sha256, warnings=tuple(warnings))
@@ -228,7 +229,8 @@ class RecordingBuilder:
             if size not in (0, len(names)):
                 raise IdentError(
                     ErrorCode.BAD_VALUES,
-                    f'{self.source}: a message of {role} has {len(names)} names but {size} values of {name}; '
+                    f'{self.source}: a message of {role} has {len(names)} names but {size} values '
+                    f'of {name}; '
                     'arrays have to be empty or as long as the names',
                 )
 
@@ -237,23 +239,34 @@ class RecordingBuilder:
         names: list[str] = []
         for layout in track.layouts:
             names.extend(name for name in layout.names if name not in names)
-        measured = [any(layout.filled[i] and layout.names for layout in track.layouts) for i in range(3)]
+        measured = [
+            any(layout.filled[i] and layout.names for layout in track.layouts) for i in range(3)
+        ]
         if not any(measured):
-            warnings.append(f'{role}: {len(track.stamp)} messages without any value; nothing was measured there')
+            warnings.append(
+                f'{role}: {len(track.stamp)} messages without any value; nothing was measured '
+                'there'
+            )
             return []
         stamp = np.array(track.stamp, dtype=np.int64)
         fields = self._fields(track, names, measured)
         for array_ in fields:
             if array_ is not None and (bad := np.isinf(array_)).any():
                 array_[bad] = np.nan
-                warnings.append(f'{role}: {int(bad.sum())} infinite values are taken as not measured')
+                warnings.append(
+                    f'{role}: {int(bad.sum())} infinite values are taken as not measured'
+                )
         split = split_stamps(stamp, f'{self.source}: {role}')
         if split.reordered:
-            warnings.append(f'{role}: {split.reordered} messages overtook others and were put back into order')
+            warnings.append(
+                f'{role}: {split.reordered} messages overtook others and were put back into order'
+            )
         streams = []
         repeated = 0
         for rows in split.segments:
-            part, cut, doubled = _merge(stamp[rows], [None if x is None else x[rows] for x in fields])
+            part, cut, doubled = _merge(
+                stamp[rows], [None if x is None else x[rows] for x in fields]
+            )
             repeated += doubled
             streams.append(Stream(tuple(names), part, *cut))
         if repeated:
@@ -277,7 +290,7 @@ class RecordingBuilder:
             if not layout.width:
                 continue
             rows = order[edges[index] : edges[index + 1]]
-            columns = [names.index(name) for name in layout.names]
+            columns = np.array([names.index(name) for name in layout.names])
             # a copy: a view would lock the growing array against the next append
             block = np.array(layout.values, dtype=np.float64).reshape(rows.size, layout.width)
             offset = 0
@@ -299,7 +312,8 @@ def _merge(
         fields: Arrays (T, D) or None.
 
     Returns:
-        Stamps (U,) without repetition, the fields (U, D) with the latest measured value of each joint,
+        Stamps (U,) without repetition, the fields (U, D) with the latest measured value of each
+        joint,
         and how many values were overwritten.
     """
     first: NDArray[np.bool_] = np.ones(stamp.size, dtype=np.bool_)

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """sensor_msgs/JointState from raw CDR, many messages at a time.
 
-Messages of one topic nearly always have the same joints and the same length, so their numbers lie at the same
-bytes: the layout is parsed once and the numbers of all messages are picked with two array operations.
+Messages of one topic nearly always have the same joints and the same length, so their numbers lie
+at the same
+bytes: the layout is parsed once and the numbers of all messages are picked with two array
+operations.
 """
 
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+import struct
 
 import numpy as np
 from numpy.typing import NDArray

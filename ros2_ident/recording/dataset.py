@@ -21,7 +21,8 @@ class StreamQuality:
         rate: Samples per second, Hz.
         jitter: Standard deviation of the stamps about the grid, s.
         stride: Cycles from sample to sample; 0 where the stream does not keep to the grid.
-        nan: Samples without a value, per field and drive, where there are any: `{'effort drive_1': 3}`.
+        nan: Samples without a value, per field and drive, where there are any: `{'effort drive_1':
+        3}`.
     """
 
     role: str
@@ -63,7 +64,8 @@ class Dataset:
         names: The drives.
         cycle: Controller cycle, s.
         start: Stamp of cycle 0, ns.
-        command_position: Set-point (D, K), rad or m, at every cycle; None where there is no command.
+        command_position: Set-point (D, K), rad or m, at every cycle; None where there is no
+        command.
         command_velocity: Its derivative (D, K), rad/s or m/s; None likewise.
         position: Measured (D, K), NaN at cycles without a sample; None where never measured.
         velocity: Likewise.
@@ -100,13 +102,15 @@ class Dataset:
         if len(shapes) != 1:
             raise IdentError(
                 ErrorCode.BAD_VALUES,
-                f'the arrays of a data set have to be of one shape (drives, cycles), found {sorted(shapes)}',
+                'the arrays of a data set have to be of one shape (drives, cycles), found '
+                f'{sorted(shapes)}',
             )
         shape = shapes.pop()
         if len(shape) != 2 or shape[0] != len(self.names):
             raise IdentError(
                 ErrorCode.BAD_VALUES,
-                f'the arrays of a data set have shape {shape}, expected ({len(self.names)}, cycles)',
+                f'the arrays of a data set have shape {shape}, expected ({len(self.names)}, '
+                'cycles)',
             )
         object.__setattr__(self, 'names', tuple(self.names))
 

@@ -1,19 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which controller cycle each sample was taken at.
 
-Samples are taken at controller instants, usually at every m-th; their stamps scatter around them. The stamps give
+Samples are taken at controller instants, usually at every m-th; their stamps scatter around them.
+The stamps give
 m from their typical spacing, the phase of the grid, and the number of every sample.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.streams import FloatArray, IntArray
 
-# A stream counts as sampled every m-th cycle where its spacing is within this share of a multiple of the cycle.
+# A stream counts as sampled every m-th cycle where its spacing is within this share of a multiple
+# of the cycle.
 _RATE_TOLERANCE = 0.02
 # Clocks of controller and stamps may run apart by this share before the given cycle must be wrong.
 _DRIFT_LIMIT = 1e-3
@@ -37,7 +40,7 @@ class Ticks:
 
     tick: IntArray
     raw: FloatArray
-    keep: 'np.typing.NDArray[np.bool_]'
+    keep: NDArray[np.bool_]
     stride: int
     phase: float
     drift: float
@@ -61,8 +64,10 @@ def sample_period(stamp: IntArray) -> float:
 def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
     """Number the samples of a stream in controller cycles.
 
-    Where the spacing is a multiple of the cycle, numbers are the increasing integers nearest to the stamps
-    (isotonic regression, so that no two samples share a cycle and jitter averages out); else each stamp is
+    Where the spacing is a multiple of the cycle, numbers are the increasing integers nearest to
+    the stamps
+    (isotonic regression, so that no two samples share a cycle and jitter averages out); else each
+    stamp is
     rounded to the next cycle by itself.
 
     Args:
@@ -78,7 +83,8 @@ def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
     """
     if not np.isfinite(cycle) or cycle <= 0.0:
         raise IdentError(
-            ErrorCode.BAD_VALUES, f'controller cycle is {cycle} s; give a positive time in the machine file'
+            ErrorCode.BAD_VALUES,
+            f'controller cycle is {cycle} s; give a positive time in the machine file',
         )
     time = (stamp - reference).astype(np.float64) * 1e-9
     period = sample_period(stamp)
@@ -94,14 +100,14 @@ def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
 
 
 def _regular(time: FloatArray, stride: int, cycle: float) -> Ticks | None:
-    """Fit phase, drift and numbers of a stream that is sampled every `stride` cycles; None where it is not."""
+    """Fit phase, drift and numbers of a stream with a sample every `stride` cycles, or None."""
     step = stride * cycle
     drift, phase, clustered = _search(time, step)
     if clustered < max(_CLUSTERED, 5.0 / np.sqrt(time.size)) and time.size > 2:
         return None
     number = _number((time - phase) / (step * (1.0 + drift)))
     for _ in range(4):
-        drift, phase = _line(number * step, time)
+        drift, phase = _line(step * number.astype(np.float64), time)
         if abs(drift) > _DRIFT_LIMIT:
             return None
         again = _number((time - phase) / (step * (1.0 + drift)))
@@ -112,7 +118,8 @@ def _regular(time: FloatArray, stride: int, cycle: float) -> Ticks | None:
     jitter = float(np.std(rest))
     spread = float(np.std(number)) * step * np.sqrt(time.size)
     if time.size < 3 or abs(drift) * spread < 5.0 * jitter or abs(drift) < 1e-9:
-        # no more than chance: two streams of one controller must not get different cycles from noise
+        # no more than chance: two streams of one controller must not get different cycles from
+        # noise
         phase += drift * step * float(np.mean(number))
         drift = 0.0
     # numbers count from the cycle nearest to the reference
@@ -126,7 +133,8 @@ def _regular(time: FloatArray, stride: int, cycle: float) -> Ticks | None:
 def _search(time: FloatArray, step: float) -> tuple[float, float, float]:
     """Find the grid on which the times cluster best.
 
-    The mean phase vector of short windows turns at a constant rate where the step is longer or shorter than
+    The mean phase vector of short windows turns at a constant rate where the step is longer or
+    shorter than
     stated; the strongest line of its spectrum is that rate.
 
     Args:
@@ -134,7 +142,8 @@ def _search(time: FloatArray, step: float) -> tuple[float, float, float]:
         step: Stated step of the grid, s.
 
     Returns:
-        Drift (a share of the step), phase of the grid, s, and the length of the mean phase vector, 0 to 1.
+        Drift (a share of the step), phase of the grid, s, and the length of the mean phase vector,
+        0 to 1.
     """
     # within a window the largest drift turns the phase by a fifth of a turn
     width = 0.2 * step / _DRIFT_LIMIT
@@ -158,14 +167,15 @@ def _search(time: FloatArray, step: float) -> tuple[float, float, float]:
 
 
 def _number(position: FloatArray) -> IntArray:
-    """Return the strictly increasing integers nearest to increasing positions in the least-squares sense."""
+    """Return the strictly increasing integers nearest to positions, by least squares."""
     order = np.arange(position.size)
     rounded = np.round(position).astype(np.int64)
     if (np.diff(rounded) > 0).all() and np.abs(position - rounded).max() < 0.25:
         return rounded
     # strictly increasing integers less their index never decrease: isotonic regression, rounded
     level = isotonic_regression(position - order).x
-    return np.round(level).astype(np.int64) + order
+    number: IntArray = np.round(level).astype(np.int64) + order
+    return number
 
 
 def _line(model: FloatArray, time: FloatArray) -> tuple[float, float]:

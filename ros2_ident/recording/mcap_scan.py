@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of a damaged MCAP file: a walk over its records that takes what is whole.
 
-The regular reader needs the summary at the file's end, which a recording that was cut off does not have.
+The regular reader needs the summary at the file's end, which a recording that was cut off does not
+have.
 """
 
-import struct
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+import struct
+import zlib
 
-import zstandard
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+import zstandard
 
 _MAGIC = b'\x89MCAP0\r\n'
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
@@ -93,7 +94,9 @@ def _text(record: bytes, at: int) -> tuple[str, int]:
     return record[at + 4 : at + 4 + size].decode(), at + 4 + size
 
 
-def _take(opcode: int, record: bytes, found: Scan, schemas: dict[int, str], topics: dict[int, str]) -> None:
+def _take(
+    opcode: int, record: bytes, found: Scan, schemas: dict[int, str], topics: dict[int, str]
+) -> None:
     """Keep a schema, a channel or a message; a record that makes no sense is left."""
     try:
         if opcode == _MESSAGE:
@@ -134,7 +137,11 @@ def _decompress(method: str, packed: memoryview) -> bytes:
     """Unpack as far as possible: both formats give what precedes the damage."""
     if method not in ('zstd', 'lz4'):
         return b''
-    unpacker = zstandard.ZstdDecompressor().decompressobj() if method == 'zstd' else LZ4FrameDecompressor()
+    unpacker = (
+        zstandard.ZstdDecompressor().decompressobj()
+        if method == 'zstd'
+        else LZ4FrameDecompressor()
+    )
     out = bytearray()
     step = 1 << 14
     for at in range(0, len(packed), step):

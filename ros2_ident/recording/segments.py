@@ -30,7 +30,8 @@ class Split:
 def split_stamps(stamp: IntArray, where: str) -> Split:
     """Cut a stream at the backward steps of its stamps.
 
-    A message that was merely overtaken has a stamp of its own, lies at most a few periods back, and the next
+    A message that was merely overtaken has a stamp of its own, lies at most a few periods back,
+    and the next
     stamps go on above the highest one so far; everything else that steps back is a restart.
 
     Args:
@@ -64,7 +65,8 @@ def split_stamps(stamp: IntArray, where: str) -> Split:
     if len(cuts) - 1 > max(_MANY, _SHARE * stamp.size):
         raise IdentError(
             ErrorCode.BAD_VALUES,
-            f'{where}: the stamps step back {len(cuts) - 1} times in {stamp.size} messages; two publishers with '
+            f'{where}: the stamps step back {len(cuts) - 1} times in {stamp.size} messages; two '
+            'publishers with '
             'different clocks share the topic: record one of them, or remap the other',
         )
     cuts.append(stamp.size)
@@ -74,7 +76,7 @@ def split_stamps(stamp: IntArray, where: str) -> Split:
 
 
 def _overtaken(stamp: IntArray, start: int, begin: int, period: float) -> int:
-    """Return how many messages from `start` on were only overtaken; 0 where a new segment begins."""
+    """Return how many messages from `start` on were only overtaken; 0 at a new segment."""
     highest = stamp[start - 1]
     window = stamp[start : start + _OVERTAKE + 1]
     ahead = np.flatnonzero(window > highest)
@@ -94,8 +96,10 @@ def _overtaken(stamp: IntArray, start: int, begin: int, period: float) -> int:
 def match_segments(pieces: dict[str, list[Stream]]) -> list[dict[str, Stream]]:
     """Put the segments of the roles together that belong to one play of a bag.
 
-    Topics jump back at slightly different moments, but each of them once per restart: with equal numbers of
-    segments the k-th belong together. Where one role missed a play, its segments go, in order, where their
+    Topics jump back at slightly different moments, but each of them once per restart: with equal
+    numbers of
+    segments the k-th belong together. Where one role missed a play, its segments go, in order,
+    where their
     stamps overlap most.
 
     Args:
@@ -115,7 +119,7 @@ def match_segments(pieces: dict[str, list[Stream]]) -> list[dict[str, Stream]]:
 
 
 def _places(streams: list[Stream], leader: list[Stream]) -> list[int]:
-    """Return increasing places in `leader` with the largest total overlap, the earliest of equal ones."""
+    """Return increasing places in `leader` with the largest total overlap, early ones first."""
     rows, columns = len(streams), len(leader)
     best = np.full((rows + 1, columns + 1), -np.inf)
     best[rows, :] = 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The set-point at every controller cycle, from a log that holds it at a lower rate or with drops."""
+"""The set-point at every controller cycle, from a log with fewer or dropped samples."""
 
 from collections.abc import Callable
 
@@ -19,15 +19,19 @@ def interpolate_setpoint(
 ) -> tuple[FloatArray, FloatArray]:
     """Evaluate one drive's set-point at every cycle.
 
-    Smooth stretches are a spline through the samples: quintic where they are evenly spaced, cubic where not (it
-    reacts less to samples that lie close together), and cubic Hermite where the log holds the velocity. A step is
-    held until the sample that shows it: a spline would ring on both sides, and a controller sees the step whole.
+    Smooth stretches are a spline through the samples: quintic where they are evenly spaced, cubic
+    where not (it
+    reacts less to samples that lie close together), and cubic Hermite where the log holds the
+    velocity. A step is
+    held until the sample that shows it: a spline would ring on both sides, and a controller sees
+    the step whole.
 
     Args:
         time: Times of the samples (T,), s, increasing.
         position: Set-point (T,), rad or m.
         velocity: Its velocity (T,), rad/s or m/s, or None where the log holds none.
-        wanted: Times (K,) to evaluate at, s, increasing; beyond the samples the nearest one is held.
+        wanted: Times (K,) to evaluate at, s, increasing; beyond the samples the nearest one is
+        held.
 
     Returns:
         Set-point (K,) and its velocity (K,).
@@ -35,7 +39,8 @@ def interpolate_setpoint(
     out = np.empty(wanted.size)
     rate = np.zeros(wanted.size)
     edges = [0, *(find_steps(time, position) + 1).tolist(), time.size]
-    # cycles and samples fall together to within rounding: the sample that shows a step is not held over
+    # cycles and samples fall together to within rounding: the sample that shows a step is not held
+    # over
     slack = 1e-6 * (wanted[1] - wanted[0]) if wanted.size > 1 else 0.0
     for begin, end in zip(edges, edges[1:], strict=False):
         low = int(np.searchsorted(wanted, time[begin] - slack)) if begin else 0
@@ -44,14 +49,18 @@ def interpolate_setpoint(
         if not inside.size:
             continue
         part = slice(begin, end)
-        fit, slope = _smooth(time[part], position[part], None if velocity is None else velocity[part])
+        fit, slope = _smooth(
+            time[part], position[part], None if velocity is None else velocity[part]
+        )
         held = np.clip(inside, time[begin], time[end - 1])
         out[low:high] = fit(held)
         rate[low:high] = np.where(np.abs(held - inside) <= slack, slope(held), 0.0)
     return out, rate
 
 
-def _smooth(time: FloatArray, position: FloatArray, velocity: FloatArray | None) -> tuple[Spline, Spline]:
+def _smooth(
+    time: FloatArray, position: FloatArray, velocity: FloatArray | None
+) -> tuple[Spline, Spline]:
     """Return a spline through the samples and its derivative."""
     if time.size == 1:
         level, speed = float(position[0]), 0.0 if velocity is None else float(velocity[0])

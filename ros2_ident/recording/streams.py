@@ -34,7 +34,8 @@ class Stream:
     Attributes:
         names: The D joints' names.
         stamp: Header stamps (T,), ns, strictly increasing.
-        position: Positions (T, D), rad or m; None where never measured; NaN where one message left the joint out.
+        position: Positions (T, D), rad or m; None where never measured; NaN where one message left
+        the joint out.
         velocity: Velocities (T, D), rad/s or m/s; likewise.
         effort: Efforts (T, D) in the log's unit; likewise.
     """
@@ -49,19 +50,27 @@ class Stream:
         """Validate and take ownership of the arrays."""
         names = tuple(str(name) for name in self.names)
         if not names:
-            raise _fail('a stream needs at least one joint name, found none; fill `name` in the messages')
+            raise _fail(
+                'a stream needs at least one joint name, found none; fill `name` in the messages'
+            )
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise _fail(f'joint {twice[0]} occurs twice in the names of one stream; give each joint its own name')
+            raise _fail(
+                f'joint {twice[0]} occurs twice in the names of one stream; give each joint its '
+                'own name'
+            )
         stamp = np.array(self.stamp)
         if stamp.ndim != 1 or stamp.dtype.kind not in 'iu':
             raise _fail(
-                f'stamps have to be integers [ns] of shape (T,), found {stamp.dtype} of shape {stamp.shape}; '
+                f'stamps have to be integers [ns] of shape (T,), found {stamp.dtype} of shape '
+                f'{stamp.shape}; '
                 'convert seconds with round(1e9 * t)'
             )
         stamp = stamp.astype(np.int64)
         if stamp.size == 0:
-            raise _fail('a stream needs at least one sample, found none; leave the stream out instead')
+            raise _fail(
+                'a stream needs at least one sample, found none; leave the stream out instead'
+            )
         back = np.flatnonzero(np.diff(stamp) <= 0)
         if back.size:
             raise _fail(
@@ -92,7 +101,8 @@ class Stream:
             object.__setattr__(self, field, _frozen(array))
         if all(getattr(self, field) is None for field in FIELDS):
             raise _fail(
-                'a stream holds neither position, velocity nor effort; leave the stream out instead'
+                'a stream holds neither position, velocity nor effort; leave the stream out '
+                'instead'
             )
 
     def __eq__(self, other: object) -> bool:
@@ -236,7 +246,9 @@ class Recording:
         return replace(self, **{role: cut.get(role) for role in ROLES})  # type: ignore[arg-type]
 
 
-def effort_factor(unit: str, torque_constant: float | None = None, rated: float | None = None) -> float:
+def effort_factor(
+    unit: str, torque_constant: float | None = None, rated: float | None = None
+) -> float:
     """Return the factor from a logged effort to N m (or N).
 
     Args:
@@ -262,7 +274,8 @@ def effort_factor(unit: str, torque_constant: float | None = None, rated: float 
     if value is None or not np.isfinite(value) or value == 0.0:
         raise IdentError(
             ErrorCode.WRONG_UNITS,
-            f'effort unit {unit} needs {key} to become a torque, found {value}; add `{key}` to the machine file',
+            f'effort unit {unit} needs {key} to become a torque, found {value}; add `{key}` to '
+            'the machine file',
         )
     return float(value) * share
 

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write streams as a rosbag2 directory that `ros2 bag play` and Foxglove open."""
 
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
+import shutil
 from typing import Literal
 
 import numpy as np
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import cdr
@@ -32,7 +32,8 @@ def write_bag(
 
     Args:
         path: The directory to make.
-        streams: A recording, whose roles get their topics' names, or streams by topic name. A joint that has
+        streams: A recording, whose roles get their topics' names, or streams by topic name. A
+        joint that has
             no value in a sample (NaN in every field) is still named there, with NaN.
         topics: Topic names of the roles of a recording.
         overwrite: Replace a bag that is already there; anything else there is never touched.
@@ -51,7 +52,9 @@ def write_bag(
         streams = {getattr(names, role): stream for role, stream in streams.streams.items()}
     by_topic = {'/' + topic.lstrip('/'): stream for topic, stream in streams.items()}
     if not by_topic:
-        raise IdentError(ErrorCode.INVALID_GOAL, f'{path}: there is no stream to write; name at least one')
+        raise IdentError(
+            ErrorCode.INVALID_GOAL, f'{path}: there is no stream to write; name at least one'
+        )
     _make_room(path, overwrite)
     store = get_typestore(Stores.ROS2_JAZZY)
     writer = Writer(path, version=9, storage_plugin=_STORAGES[storage])
@@ -64,7 +67,9 @@ def write_bag(
         messages: list[list[bytes]] = []
         for topic, stream in by_topic.items():
             connections.append(writer.add_connection(topic, JOINT_STATE, typestore=store))
-            messages.append(cdr.encode(stream.stamp, stream.names, [stream.values(x) for x in FIELDS]))
+            messages.append(
+                cdr.encode(stream.stamp, stream.names, [stream.values(x) for x in FIELDS])
+            )
         stamps = np.concatenate([stream.stamp for stream in by_topic.values()])
         which = np.repeat(np.arange(len(messages)), [len(x) for x in messages])
         row = np.concatenate([np.arange(len(x)) for x in messages])
@@ -81,7 +86,9 @@ def _make_room(path: Path, overwrite: bool) -> None:
             ErrorCode.INVALID_GOAL, f'{path}: exists already; remove it or give another directory'
         )
     known = ('.mcap', '.db3', '.zstd')
-    if not path.is_dir() or any(x.suffix not in known and x.name != 'metadata.yaml' for x in path.iterdir()):
+    if not path.is_dir() or any(
+        x.suffix not in known and x.name != 'metadata.yaml' for x in path.iterdir()
+    ):
         raise IdentError(
             ErrorCode.INVALID_GOAL,
             f'{path}: is no bag and will not be replaced; give another directory',

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a check of recordings says: values, and their rendering as lines of text."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+Level = Literal['ok', 'warn', 'error']
+_ORDER: dict[str, int] = {'ok': 0, 'warn': 1, 'error': 2}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing found.
+
+    Attributes:
+        level: `ok`, `warn` (the result may suffer) or `error` (identification is of no use).
+        code: A stable short name, as `effort_sign`.
+        subject: A stream's role, a drive, or empty for the recording.
+        sentence: What was found, and the remedy where there is something to do.
+    """
+
+    level: Level
+    code: str
+    subject: str
+    sentence: str
+
+
+@dataclass(frozen=True)
+class StreamSummary:
+    """How one stream of one recording arrived.
+
+    Attributes:
+        recording: Number of the recording, from 0.
+        role: `state`, `effort` or `command`.
+        joints: The joints' names.
+        fields: The fields that were measured.
+        samples: Samples.
+        duration: From the first to the last, s.
+        rate: Typical rate, Hz; 0 for a single sample.
+        jitter: Standard deviation of the steps from sample to sample about the typical one, s,
+        gaps left out.
+        gaps: Steps of at least 1.5 typical ones.
+        longest_gap: The longest step, s.
+        missing: Samples that would fill the gaps.
+        nan: Samples without a value per measured field and joint, where some but not all are.
+        silent: Measured fields and joints without any value, as `effort drive_2`.
+    """
+
+    recording: int
+    role: str
+    joints: tuple[str, ...]
+    fields: tuple[str, ...]
+    samples: int
+    duration: float
+    rate: float
+    jitter: float
+    gaps: int
+    longest_gap: float
+    missing: int
+    nan: tuple[tuple[str, int], ...]
+    silent: tuple[str, ...]
+
+    @property
+    def missing_share(self) -> float:
+        """Missing samples as a share of those expected."""
+        return self.missing / max(1, self.samples + self.missing)
+
+
+@dataclass(frozen=True)
+class DriveSummary:
+    """How one drive moved in one recording.
+
+    Attributes:
+        recording: Number of the recording, from 0.
+        drive: Joint name.
+        stroke: Largest less smallest position, rad or m.
+        top_speed: Largest speed, rad/s or m/s.
+        top_acceleration: Largest acceleration, rad/s^2 or m/s^2.
+        reversals: Changes of the direction of motion.
+        rest_share: Share of the time at rest.
+        effort_low: Smallest effort, N m or N; NaN where not measured, as the next three.
+        effort_high: Largest effort.
+        effort_rest: Mean effort at rest.
+        effort_lag: How much the effort is late behind the motion, s, as far as a fit can tell.
+        explained: Share of the effort's variance that inertia, friction, offset and position
+        explain.
+    """
+
+    recording: int
+    drive: str
+    stroke: float
+    top_speed: float
+    top_acceleration: float
+    reversals: int
+    rest_share: float
+    effort_low: float
+    effort_high: float
+    effort_rest: float
+    effort_lag: float
+    explained: float
+
+
+@dataclass(frozen=True)
+class Report:
+    """The judgement on some recordings.
+
+    Attributes:
+        source: Where they come from.
+        streams: One entry per stream.
+        drives: One entry per drive whose motion was measured.
+        findings: Everything found, worst first.
+    """
+
+    source: str
+    streams: tuple[StreamSummary, ...] = ()
+    drives: tuple[DriveSummary, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Sort the findings, worst first."""
+        ordered = sorted(dict.fromkeys(self.findings), key=lambda x: -_ORDER[x.level])
+        object.__setattr__(self, 'findings', tuple(ordered))
+
+    @property
+    def level(self) -> Level:
+        """The worst level found."""
+        return self.findings[0].level if self.findings else 'ok'
+
+    def of(self, code: str) -> tuple[Finding, ...]:
+        """Return the findings of a code."""
+        return tuple(x for x in self.findings if x.code == code)
+
+
+def render(report: Report) -> list[str]:
+    """Return a report as lines of text.
+
+    Args:
+        report: The report.
+    """
+    lines = [report.source or 'recording', '']
+    if report.streams:
+        rows = [
+            (
+                'segment',
+                'stream',
+                'joints',
+                'fields',
+                'samples',
+                'time',
+                'rate',
+                'jitter',
+                'missing',
+            )
+        ]
+        rows += [
+            (
+                str(x.recording + 1),
+                x.role,
+                str(len(x.joints)),
+                '+'.join(x.fields),
+                str(x.samples),
+                f'{x.duration:.2f} s',
+                f'{x.rate:.6g} Hz',
+                f'{x.jitter * 1e3:.3g} ms',
+                f'{100.0 * x.missing_share:.2g} %',
+            )
+            for x in report.streams
+        ]
+        lines += [*_table(rows), '']
+    if report.drives:
+        rows = [
+            (
+                'segment',
+                'drive',
+                'stroke',
+                'top speed',
+                'reversals',
+                'at rest',
+                'effort',
+                'late',
+                'explained',
+            )
+        ]
+        rows += [
+            (
+                str(x.recording + 1),
+                x.drive,
+                f'{x.stroke:.4g}',
+                f'{x.top_speed:.3g}',
+                str(x.reversals),
+                f'{100.0 * x.rest_share:.0f} %',
+                _range(x.effort_low, x.effort_high),
+                '-' if x.effort_lag != x.effort_lag else f'{x.effort_lag * 1e3:.0f} ms',
+                '-' if x.explained != x.explained else f'{100.0 * x.explained:.0f} %',
+            )
+            for x in report.drives
+        ]
+        lines += [*_table(rows), '']
+    lines += [f'{x.level:5s} {x.sentence}' for x in report.findings]
+    return lines
+
+
+def _range(low: float, high: float) -> str:
+    return '-' if low != low else f'{low:.3g} .. {high:.3g}'
+
+
+def _table(rows: Iterable[tuple[str, ...]]) -> list[str]:
+    """Align the columns of a table."""
+    rows = list(rows)
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return [
+        '  '.join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One drive's motion, smooth and on an even grid, and the lag between two of its signals."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ros2_ident.recording.align import align
+from ros2_ident.recording.grid import sample_period
+from ros2_ident.recording.smooth import smooth_motion
+from ros2_ident.recording.streams import FloatArray, Recording
+
+# Motion faster than this is noise or a shock; the judgement needs none of it, Hz.
+CUTOFF = 15.0
+# An effort that is later than this is no measurement of the same motion, s.
+LATEST = 0.12
+# Slower than this share of the top speed is rest.
+_REST = 0.01
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A drive's motion on an even grid, smoothed.
+
+    Attributes:
+        period: Time from sample to sample, s.
+        position: (T,), rad or m.
+        velocity: (T,), rad/s or m/s.
+        acceleration: (T,), rad/s^2 or m/s^2.
+        reported: The velocity that the drive reports (T,), NaN where none, or None.
+        effort: (T,), N m or N, NaN where none, or None.
+    """
+
+    period: float
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    reported: FloatArray | None
+    effort: FloatArray | None
+
+    @property
+    def resting(self) -> NDArray[np.bool_]:
+        """Where the drive rests (T,)."""
+        slow: NDArray[np.bool_] = np.abs(self.velocity) < _REST * np.abs(self.velocity).max()
+        return slow
+
+
+def motion_of(recording: Recording, name: str, scale: float = 1.0) -> Motion:
+    """Return one drive's smoothed motion at about its own sampling rate.
+
+    Args:
+        recording: A recording whose state holds the drive's position.
+        name: The drive.
+        scale: Factor from the logged effort to N m or N.
+
+    Raises:
+        IdentError: Where the drive has too few samples.
+    """
+    period = sample_period(recording.state.stamp) if recording.state else 0.0
+    data = align(
+        replace(recording, command=None),
+        [name],
+        period or 1e-3,
+        need=('position',),
+        effort_scale=scale,
+    )
+    assert data.position is not None
+    cutoff = min(CUTOFF, 0.2 / data.cycle)
+    position, velocity, acceleration = smooth_motion(data.position, data.cycle, cutoff)
+    return Motion(
+        data.cycle,
+        position[0],
+        velocity[0],
+        acceleration[0],
+        None if data.velocity is None else data.velocity[0],
+        None if data.effort is None else data.effort[0],
+    )
+
+
+def count_reversals(motion: Motion) -> int:
+    """Count changes of direction between stretches of real motion."""
+    fast = np.abs(motion.velocity) > 0.05 * np.abs(motion.velocity).max()
+    signs = np.sign(motion.velocity[fast])
+    return int((np.diff(signs) != 0).sum())
+
+
+def fill_gaps(values: FloatArray) -> FloatArray:
+    """Fill NaN linearly."""
+    there = np.isfinite(values)
+    if there.all():
+        return values
+    index = np.arange(values.size)
+    return np.interp(index, index[there], values[there])
+
+
+def best_lag(
+    columns: FloatArray, target: FloatArray, period: float, earliest: float
+) -> tuple[float, FloatArray, float]:
+    """Find the lag at which the columns explain the target best.
+
+    Args:
+        columns: (T, P).
+        target: (T,).
+        period: Time from sample to sample, s.
+        earliest: Least lag, s; the target may precede the columns by so much.
+
+    Returns:
+        Lag, s; the P coefficients there, and the share of the target's variance they explain.
+    """
+    size = target.size
+    low, high = int(np.floor(earliest / period)), int(np.ceil(LATEST / period))
+    low, high = max(low, -size // 4), min(high, size // 4)
+    best: tuple[float, int, FloatArray] = (-np.inf, 0, np.zeros(columns.shape[1]))
+    shares: dict[int, float] = {}
+
+    def share_at(shift: int) -> float:
+        nonlocal best
+        if shift not in shares:
+            x = columns[max(0, -shift) : size - max(0, shift)]
+            y = target[max(0, shift) : size - max(0, -shift)]
+            norm = np.sqrt((x**2).sum(axis=0)) + 1e-300
+            solution = np.linalg.lstsq(x / norm, y, rcond=1e-9)[0] / norm
+            shares[shift] = 1.0 - float(np.var(y - x @ solution)) / max(float(np.var(y)), 1e-300)
+            if shares[shift] > best[0]:
+                best = (shares[shift], shift, solution)
+        return shares[shift]
+
+    step = max(1, (high - low) // 24)
+    for shift in range(low, high + 1, step):
+        share_at(shift)
+    while step > 1:
+        step = max(1, step // 3)
+        centre = best[1]
+        for shift in range(max(low, centre - 3 * step), min(high, centre + 3 * step) + 1, step):
+            share_at(shift)
+    share, shift, solution = best
+    # a parabola through the neighbours gives the lag to a fraction of a sample
+    fine = 0.0
+    if low < shift < high:
+        a, b = share_at(shift - 1), share_at(shift + 1)
+        bend = a - 2.0 * share + b
+        fine = 0.5 * (a - b) / bend if bend < 0.0 else 0.0
+    return (shift + float(np.clip(fine, -0.5, 0.5))) * period, solution, share

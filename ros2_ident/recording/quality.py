@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Judge recordings before an hour is spent on them."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from ros2_ident.errors import IdentError
+from ros2_ident.recording.align import align
+from ros2_ident.recording.findings import DriveSummary, Finding, Level, Report, StreamSummary
+from ros2_ident.recording.grid import sample_period
+from ros2_ident.recording.plausibility import judge_drive
+from ros2_ident.recording.streams import FIELDS, Recording, Stream
+
+# Shares of missing samples from which a warning, and an error, is due.
+_MISSING_WARN, _MISSING_ERROR = 0.01, 0.2
+# Shorter recordings hardly hold an acceleration, a cruise and a reversal, s.
+_SHORT = 2.0
+
+
+class MachineFacts(Protocol):
+    """What the check reads from a machine file."""
+
+    @property
+    def drives(self) -> tuple[str, ...]:
+        """Joint names of the drives."""
+
+    @property
+    def geometry(self) -> Mapping[str, Any]:
+        """Geometry, with `gravity` in m/s^2 where it acts along the drives."""
+
+    @property
+    def controller(self) -> Mapping[str, Any]:
+        """Controller, with `cycle` in s and `torque_limit` where there is one."""
+
+    @property
+    def effort_scale(self) -> float:
+        """Factor from the logged effort to N m or N."""
+
+
+def check(recordings: Sequence[Recording], machine: MachineFacts | None = None) -> Report:
+    """Judge recordings: streams, excitation, plausibility of the effort.
+
+    Args:
+        recordings: What a bag holds, in the order of the log.
+        machine: The machine they are of; without it every joint of the state is looked at, in the
+        log's unit.
+
+    Returns:
+        The report; its findings carry sentences with the remedy.
+    """
+    streams: list[StreamSummary] = []
+    drives: list[DriveSummary] = []
+    findings: list[Finding] = []
+    if not recordings:
+        findings.append(
+            Finding(
+                'error',
+                'no_data',
+                '',
+                'there is no recording; record joint states while the drives move',
+            )
+        )
+        return Report('', (), (), tuple(findings))
+    if len(recordings) > 1:
+        findings.append(
+            Finding(
+                'warn',
+                'segments',
+                '',
+                f'the stamps step back {len(recordings) - 1} times, the log falls into '
+                f'{len(recordings)} segments; '
+                'each is judged and used by itself',
+            )
+        )
+    for number, recording in enumerate(recordings):
+        findings += [Finding('warn', 'reading', '', text) for text in recording.warnings]
+        summaries = [summarise(number, role, stream) for role, stream in recording.streams.items()]
+        streams += summaries
+        for summary in summaries:
+            findings += _judge_stream(summary)
+        findings += _judge_recording(recording, machine)
+        found, said = _judge_drives(number, recording, machine)
+        drives += found
+        findings += said
+    return Report(recordings[0].source, tuple(streams), tuple(drives), tuple(findings))
+
+
+def summarise(number: int, role: str, stream: Stream) -> StreamSummary:
+    """Describe how a stream arrived.
+
+    Args:
+        number: Number of the recording.
+        role: `state`, `effort` or `command`.
+        stream: The stream.
+    """
+    steps = np.diff(stream.stamp) * 1e-9
+    period = sample_period(stream.stamp)
+    gap = steps > 1.5 * period
+    nan: list[tuple[str, int]] = []
+    silent: list[str] = []
+    for field in FIELDS:
+        values = stream.values(field)
+        if values is None:
+            continue
+        for name, count in zip(stream.names, np.isnan(values).sum(axis=0).tolist(), strict=True):
+            if count == stream.stamp.size:
+                silent.append(f'{field} {name}')
+            elif count:
+                nan.append((f'{field} {name}', count))
+    return StreamSummary(
+        recording=number,
+        role=role,
+        joints=stream.names,
+        fields=tuple(field for field in FIELDS if stream.values(field) is not None),
+        samples=stream.stamp.size,
+        duration=stream.duration,
+        rate=1.0 / period if period else 0.0,
+        jitter=float(np.std(steps[~gap])) if (~gap).any() else 0.0,
+        gaps=int(gap.sum()),
+        longest_gap=float(steps.max()) if steps.size else 0.0,
+        missing=int((np.round(steps[gap] / period) - 1).clip(0).sum()) if period else 0,
+        nan=tuple(nan),
+        silent=tuple(silent),
+    )
+
+
+def _judge_stream(x: StreamSummary) -> list[Finding]:
+    """Judge rate, gaps and missing values of one stream."""
+    found: list[Finding] = []
+    text = f'{x.role}: {x.samples} samples at {x.rate:.6g} Hz'
+    period = 1.0 / x.rate if x.rate else 0.0
+    if period and x.jitter > 0.15 * period and x.gaps > 0.02 * x.samples:
+        found.append(
+            Finding(
+                'warn',
+                'irregular',
+                x.role,
+                f'{text}, but the steps scatter by {x.jitter * 1e3:.3g} ms and {x.gaps} are far '
+                'longer; '
+                'log from the control loop itself where that is possible',
+            )
+        )
+    elif x.missing_share > _MISSING_WARN:
+        level: Level = 'error' if x.missing_share > _MISSING_ERROR else 'warn'
+        found.append(
+            Finding(
+                level,
+                'missing',
+                x.role,
+                f'{text}, {100.0 * x.missing_share:.2g} % of the samples are missing, the longest '
+                'gap lasts '
+                f'{x.longest_gap:.3g} s; record on the machine itself, or with a larger cache',
+            )
+        )
+    else:
+        rest = f', {x.missing} missing' if x.missing else ', none missing'
+        found.append(
+            Finding(
+                'ok', 'rate', x.role, f'{text}{rest}, stamps scatter by {x.jitter * 1e3:.3g} ms'
+            )
+        )
+    for name in x.silent:
+        if x.role == 'effort' or not name.startswith('effort'):
+            found.append(
+                Finding(
+                    'warn',
+                    'nan',
+                    x.role,
+                    f'{x.role}: every value of {name} is NaN; nothing is known there',
+                )
+            )
+        else:
+            found.append(
+                Finding(
+                    'warn',
+                    'nan',
+                    x.role,
+                    f'{x.role}: every value of {name} is NaN; name the topic that carries the '
+                    'effort, '
+                    'or switch its measurement on',
+                )
+            )
+    for name, count in x.nan:
+        share = count / x.samples
+        if share > _MISSING_WARN:
+            found.append(
+                Finding(
+                    'warn',
+                    'nan',
+                    x.role,
+                    f'{x.role}: {100.0 * share:.2g} % of the values of {name} are missing or NaN; '
+                    'they are left out, look into the driver if that is not meant',
+                )
+            )
+    return found
+
+
+def _judge_recording(recording: Recording, machine: MachineFacts | None) -> list[Finding]:
+    """Judge what a recording holds as a whole."""
+    found: list[Finding] = []
+    if recording.duration < _SHORT:
+        found.append(
+            Finding(
+                'warn',
+                'short',
+                '',
+                f'the recording lasts {recording.duration:.2g} s; record at least {_SHORT:g} s '
+                'with acceleration, '
+                'cruise and reversal',
+            )
+        )
+    if recording.command is None:
+        found.append(
+            Finding(
+                'warn',
+                'no_command',
+                'command',
+                'there is no command stream: the recorded motion will drive the model, which '
+                'leaves the controller '
+                'untested; record the set-point too where there is one',
+            )
+        )
+    if machine is None:
+        return found
+    needed = ('effort',)
+    try:
+        data = align(
+            recording,
+            machine.drives,
+            float(machine.controller.get('cycle', 1e-3)),
+            need=needed,
+            effort_scale=machine.effort_scale,
+        )
+    except IdentError as exc:
+        found.append(Finding('error', exc.code.name.lower(), '', exc.message))
+        return found
+    found += [
+        Finding('warn', 'align', '', text)
+        for text in data.quality.warnings
+        if text not in recording.warnings
+    ]
+    limit = machine.controller.get('torque_limit')
+    if limit and data.effort is not None:
+        for name, row in zip(data.names, data.effort, strict=True):
+            top = float(np.nanmax(np.abs(row)))
+            if top > 1.2 * float(limit):
+                found.append(
+                    Finding(
+                        'error',
+                        'effort_unit',
+                        name,
+                        f'{name}: the effort reaches {top:.4g}, beyond the torque_limit '
+                        f'{float(limit):g} of the machine; it is no torque in N m (or force in '
+                        'N): '
+                        'state effort_unit in the machine file',
+                    )
+                )
+    return found
+
+
+def _judge_drives(
+    number: int, recording: Recording, machine: MachineFacts | None
+) -> tuple[list[DriveSummary], list[Finding]]:
+    """Judge motion and effort of every drive."""
+    state = recording.state
+    if state is None or state.position is None:
+        return [], [
+            Finding(
+                'warn',
+                'no_position',
+                'state',
+                'no position was recorded, so excitation and effort cannot be judged; record the '
+                'joint states',
+            )
+        ]
+    names = (
+        state.names if machine is None else tuple(x for x in machine.drives if x in state.names)
+    )
+    drives: list[DriveSummary] = []
+    findings: list[Finding] = []
+    gravity = 0.0 if machine is None else float(machine.geometry.get('gravity', 0.0))
+    scale = 1.0 if machine is None else machine.effort_scale
+    for name in names:
+        summary, said = judge_drive(number, recording, name, gravity, scale, machine is not None)
+        findings += said
+        if summary is not None:
+            drives.append(summary)
+    return drives, findings
