@@ -3,6 +3,7 @@
 
 from pathlib import Path
 import re
+import shutil
 import subprocess
 import sys
 from xml.etree import ElementTree
@@ -108,6 +109,8 @@ def test_both_packages_and_their_programs_are_in_the_ament_index() -> None:
 
 @pytest.mark.ros
 def test_the_installed_package_is_the_source_tree() -> None:
+    if not (ROOT / 'install/.stamp').exists():
+        pytest.skip('not set up by `make setup`, which links instead of copying')
     script = 'import ros2_ident; print(ros2_ident.__file__)'
     found = subprocess.run(
         [sys.executable, '-c', script], cwd='/', capture_output=True, text=True, check=True
@@ -120,3 +123,26 @@ def test_refinement_is_on_unless_said_otherwise() -> None:
     from ros2_ident_msgs.action import Identify
 
     assert Identify.Goal().refine
+
+
+@pytest.mark.parametrize('layout', ['clone', 'workspace', 'workspace with link'])
+def test_colcon_finds_both_packages(layout: str, tmp_path: Path) -> None:
+    if shutil.which('colcon') is None:
+        pytest.skip('colcon is not installed; `make test` brings it')
+    folder, options = ROOT, []
+    if layout != 'clone':
+        folder = tmp_path
+        (tmp_path / 'src').mkdir()
+        (tmp_path / 'src/ros2_ident').symlink_to(ROOT)
+        if layout == 'workspace':
+            options = ['--base-paths', 'src', 'src/ros2_ident/msg_defs']
+        else:
+            (tmp_path / 'src/ros2_ident_msgs').symlink_to('ros2_ident/msg_defs')
+    found = subprocess.run(
+        ['colcon', '--log-base', str(tmp_path / 'log'), 'list', '--names-only', *options],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
+    assert sorted(found) == ['ros2_ident', 'ros2_ident_msgs']
