@@ -307,6 +307,12 @@ def sine(x):
 
 
 @inlined
+def cosine(x):
+    """Return cos(x), as accurate as `sine`."""
+    return sine(x + 1.5707963267948966)
+
+
+@inlined
 def tanh(x):
     """Return the hyperbolic tangent to 5e-11 absolute.
 

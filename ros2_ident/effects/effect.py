@@ -65,14 +65,14 @@ class EffectParameter:
 
     Attributes:
         name: Short name, unique within the effect.
-        unit: SI unit as text; `effort` for N m or N, whichever the machine logs: bounds and starts are then shares
+        unit: SI unit as text; one that begins with `effort` (N m or N, whichever the machine logs) has bounds as shares
             of the controller's limit.
         low: Lower bound of the search, physical sign included.
         high: Upper bound of the search.
         neutral: Value at which the effect vanishes, or that means nothing while another parameter is neutral.
         starts: Values to start a local search from, where one start would be caught in a local minimum.
         target: For PARAMETER effects: the kernel's row (see `models.rows`) it acts on.
-        how: For PARAMETER effects: whether it is added to the row or multiplied with it.
+        how: For PARAMETER effects: whether it is added to the row, multiplied with it, or replaces it.
     """
 
     name: str
@@ -82,7 +82,7 @@ class EffectParameter:
     neutral: float
     starts: tuple[float, ...] = ()
     target: str = ''
-    how: Literal['add', 'scale'] = 'add'
+    how: Literal['add', 'scale', 'set'] = 'add'
 
 
 @dataclass(frozen=True)

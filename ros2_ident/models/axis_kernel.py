@@ -58,7 +58,7 @@ def _derivative(par, first, mem, own, on, rigid, mode, acceleration, gear, eps, 
 def _build(digest):
     @njit(nogil=True, cache=True)
     def simulate(
-        blocks, substeps, command, motion, mode, on, delayed, rigid, gear, eps, cycle, law, feedforward, limit,
+        blocks, substeps, command, motion, mode, on, delayed, rigid, gear, eps, cycle, law, feedforward,
         out, finite,
     ):
         """Simulate blocks of eight candidates; arguments as in `tripod_kernel.simulate`.
@@ -77,7 +77,6 @@ def _build(digest):
             cycle: Controller cycle [s].
             law: VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
             feedforward: Weight of the velocity feed-forward.
-            limit: Torque limit [N m].
             out: (G, D, K, 8) torque of every cycle, written.
             finite: (G, 8) 1.0 where the candidate stayed finite, written.
         """
@@ -122,7 +121,7 @@ def _build(digest):
                         zc = dk.set_point(command, d * count, count, k, delay, cycle, delayed)
                         vc = dk.set_point(command, (drives + d) * count, count, k, delay, cycle, delayed)
                         torque = dk.control(
-                            par, first, mem, 0, flags, law, feedforward, limit, cycle, gear, load(y, 0), load(y, W),
+                            par, first, mem, 0, flags, law, feedforward, cycle, gear, load(y, 0), load(y, W),
                             zc, vc, time,
                         )
                     else:

@@ -40,11 +40,12 @@ READING_MASK = mask_of(Hook.READING)
 
 (
     STIFFNESS, DAMPING, MOTOR_MASS, RAIL_MASS, COULOMB, VISCOUS,
-    KP, KV, KI, COMMAND_DELAY,
-) = range(10)
-assert DRIVE_ROWS[:10] == (
+    KP, KV, KI, COMMAND_DELAY, LIMIT,
+) = range(11)
+assert DRIVE_ROWS[:11] == (
     'gear_stiffness', 'gear_damping', 'motor_mass', 'rail_mass', 'coulomb', 'viscous',
     'position_gain', 'velocity_gain', 'integral_gain', 'command_delay',
+    'torque_limit',
 )
 
 
@@ -144,7 +145,7 @@ def set_point(command, base, count, k, delay, cycle, delayed):
 
 
 @inlined
-def control(par, first, mem, own, on, law, feedforward, limit, cycle, gear, z, v, zc, vc, time):
+def control(par, first, mem, own, on, law, feedforward, cycle, gear, z, v, zc, vc, time):
     """Run one cycle of a drive's controller and return the commanded torque, kept for the cycle."""
     read = z
     rate = v
@@ -164,6 +165,7 @@ def control(par, first, mem, own, on, law, feedforward, limit, cycle, gear, z, v
     integral = load(mem, (own + INTEGRAL) * W) + load(par, (first + KI) * W) * cycle * error
     store(mem, (own + INTEGRAL) * W, integral)
     torque = load(par, (first + KV) * W) * error + integral
-    torque = clip(torque, spread(-limit), spread(limit))
+    limit = load(par, (first + LIMIT) * W)
+    torque = clip(torque, -limit, limit)
     store(mem, (own + COMMANDED) * W, torque)
     return torque

@@ -185,7 +185,7 @@ class DriveModel(ABC):
         for p in effect.parameters:
             scale = self.effort_share(p.unit)
             declared = Parameter(
-                f'{prefix}.{p.name}', unit if p.unit == 'effort' else p.unit, p.low * scale, p.high * scale, kind,
+                f'{prefix}.{p.name}', p.unit.replace('effort', unit), p.low * scale, p.high * scale, kind,
                 effect.source,
             )
             out.append((declared, (f'{effect.id}.{p.name}', None if at.where == 'all' else places[0])))
@@ -193,7 +193,7 @@ class DriveModel(ABC):
 
     def effort_share(self, unit: str) -> float:
         """Return what the bounds of an effect's parameter are multiplied with, see `EffectParameter`."""
-        if unit != 'effort':
+        if not unit.startswith('effort'):
             return 1.0
         return self.limit if math.isfinite(self.limit) else 100.0 * self.machine.effort_noise
 
@@ -227,6 +227,7 @@ class DriveModel(ABC):
     def _drive_constants(self, base: Array) -> None:
         controller, drive = self.machine.controller, self.machine.drive
         for d in range(len(self.machine.drives)):
+            base[rows.row_of('torque_limit', d)] = self.limit
             base[rows.row_of('rail_mass', d)] = constant(drive, 'rail_mass', 'drive', 0.0)
             for key in ('position_gain', 'velocity_gain', 'integral_gain'):
                 default = 0.0 if key == 'integral_gain' or self.data.command_position is None else None
@@ -298,6 +299,8 @@ class DriveModel(ABC):
             row = rows.row_of(target, d)
             if how == 'scale':
                 block[:, row] *= value
+            elif how == 'set':
+                block[:, row] = value
             else:
                 block[:, row] += value
 

@@ -29,5 +29,5 @@ class LinearAxis(DriveModel):
     def _run(self, blocks: Array, steps: npt.NDArray[np.int64], torque: Array, finite: Array) -> None:
         simulate(
             blocks, steps, self._command, self._motion, self._mode, self._on, self._delayed, self.rigid, self.gear,
-            self.eps, self.cycle, self.law, self.feedforward, self.limit, torque, finite,
+            self.eps, self.cycle, self.law, self.feedforward, torque, finite,
         )

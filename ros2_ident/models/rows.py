@@ -14,12 +14,12 @@ MACHINE_ROWS = (
     'rail_radius',        # m
     'rod_length',         # m
     'tool_mass',          # kg
-    'rod_mass',           # kg, each of three uniform rods
+    'rod_mass',           # kg, each rod's, halved between its ends
     'gravity',            # m/s^2, against the axes
     'payload_step',       # kg, added to the tool from payload_time on
     'payload_time',       # s
-    'frame_mass',         # kg
-    'frame_frequency',    # Hz, 0 for a rigid frame
+    'frame_inverse_mass', # 1/kg, 0 for a frame that does not move
+    'frame_frequency',    # Hz, of the frame without the machine
     'frame_damping',      # 1
 )
 DRIVE_ROWS = (
@@ -33,6 +33,7 @@ DRIVE_ROWS = (
     'velocity_gain',      # N m s/m
     'integral_gain',      # N m/m
     'command_delay',      # s
+    'torque_limit',       # N m
     'effort_delay',       # s
     'effort_gain',        # 1
     'effort_bias',        # N m
@@ -40,8 +41,6 @@ DRIVE_ROWS = (
     'effort_crosstalk',   # 1, of the other drives' effort into this one's
 )
 NEUTRAL = {
-    'payload_time': 0.0,
-    'frame_mass': 1.0,
     'effort_gain': 1.0,
 }
 

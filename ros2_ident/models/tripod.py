@@ -35,5 +35,5 @@ class Tripod(DriveModel):
     def _run(self, blocks: Array, steps: npt.NDArray[np.int64], torque: Array, finite: Array) -> None:
         simulate(
             blocks, steps, self._command, self._motion, self._mode, self._on, self._delayed, self._frame, self._grid,
-            self.gear, self.eps, self.cycle, self.law, self.feedforward, self.limit, torque, finite,
+            self.gear, self.eps, self.cycle, self.law, self.feedforward, torque, finite,
         )

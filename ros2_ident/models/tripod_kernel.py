@@ -24,14 +24,14 @@ ROD = row_of('rod_mass')
 GRAVITY = row_of('gravity')
 PAYLOAD = row_of('payload_step')
 PAYLOAD_TIME = row_of('payload_time')
-FRAME_MASS = row_of('frame_mass')
+FRAME_INVERSE = row_of('frame_inverse_mass')
 FRAME_FREQUENCY = row_of('frame_frequency')
 FRAME_DAMPING = row_of('frame_damping')
 
 # State rows: motors 0-2, their rates 3-5, carriages 6-8, their rates 9-11, frame 12, its rate 13.
 STATES = 14
 # Rows of the linkage block: inverse mass matrix 0-5 (11 22 33 12 13 23), load 6-8, coupling of the frame's
-# acceleration 9-11, its own bias 12, its mass 13.
+# acceleration 9-11, its own bias 12, the mass it carries 13.
 LINKAGE = 14
 
 
@@ -88,34 +88,30 @@ def _linkage(par, s1, s2, s3, w1, w2, w3, grid, tool, frame, out):
     c1 = (square + (w1 - vz) * (w1 - vz)) * i1
     c2 = (square + (w2 - vz) * (w2 - vz)) * i2
     c3 = (square + (w3 - vz) * (w3 - vz)) * i3
-    # Uniform rods: a third of the mass at either end and a sixth that couples both (consistent mass matrix).
-    third = rod * (1.0 / 3.0)
-    sixth = rod * (1.0 / 6.0)
-    mass = tool + rod
-    m11 = mass * (ax1 * ax1 + ay1 * ay1 + az1 * az1) + 2.0 * sixth * az1
-    m22 = mass * (ax2 * ax2 + ay2 * ay2 + az2 * az2) + 2.0 * sixth * az2
-    m33 = mass * (ax3 * ax3 + ay3 * ay3 + az3 * az3) + 2.0 * sixth * az3
-    m12 = mass * (ax1 * ax2 + ay1 * ay2 + az1 * az2) + sixth * (az1 + az2)
-    m13 = mass * (ax1 * ax3 + ay1 * ay3 + az1 * az3) + sixth * (az1 + az3)
-    m23 = mass * (ax2 * ax3 + ay2 * ay3 + az2 * az3) + sixth * (az2 + az3)
-    # The bias of the platform's acceleration is A c, hence A' A c in the carriages' directions: the mass matrix
-    # without its rail part, times c, apart from the rods' coupling, whose half acts on the carriages alone.
-    f1 = m11 * c1 + m12 * c2 + m13 * c3 - sixth * az1 * (c1 + c2 + c3)
-    f2 = m12 * c1 + m22 * c2 + m23 * c3 - sixth * az2 * (c1 + c2 + c3)
-    f3 = m13 * c1 + m23 * c2 + m33 * c3 - sixth * az3 * (c1 + c2 + c3)
-    platform = tool + 1.5 * rod
+    # Each rod's mass is halved between its ends (Codourey 1998).
+    mass = tool + 1.5 * rod
+    m11 = mass * (ax1 * ax1 + ay1 * ay1 + az1 * az1)
+    m22 = mass * (ax2 * ax2 + ay2 * ay2 + az2 * az2)
+    m33 = mass * (ax3 * ax3 + ay3 * ay3 + az3 * az3)
+    m12 = mass * (ax1 * ax2 + ay1 * ay2 + az1 * az2)
+    m13 = mass * (ax1 * ax3 + ay1 * ay3 + az1 * az3)
+    m23 = mass * (ax2 * ax3 + ay2 * ay3 + az2 * az3)
+    # The bias of the platform's acceleration is A c, hence m A' A c in the carriages' directions.
+    f1 = m11 * c1 + m12 * c2 + m13 * c3
+    f2 = m12 * c1 + m22 * c2 + m23 * c3
+    f3 = m13 * c1 + m23 * c2 + m33 * c3
     r1 = load(par, (MACHINE_COUNT + dk.RAIL_MASS) * W)
     r2 = load(par, (MACHINE_COUNT + DRIVE_COUNT + dk.RAIL_MASS) * W)
     r3 = load(par, (MACHINE_COUNT + 2 * DRIVE_COUNT + dk.RAIL_MASS) * W)
-    g1 = r1 + 0.5 * rod + platform * az1
-    g2 = r2 + 0.5 * rod + platform * az2
-    g3 = r3 + 0.5 * rod + platform * az3
+    g1 = r1 + 0.5 * rod + mass * az1
+    g2 = r2 + 0.5 * rod + mass * az2
+    g3 = r3 + 0.5 * rod + mass * az3
     store(out, 6 * W, f1 + gravity * g1)
     store(out, 7 * W, f2 + gravity * g2)
     store(out, 8 * W, f3 + gravity * g3)
-    m11 = m11 + r1 + third
-    m22 = m22 + r2 + third
-    m33 = m33 + r3 + third
+    m11 = m11 + r1 + 0.5 * rod
+    m22 = m22 + r2 + 0.5 * rod
+    m33 = m33 + r3 + 0.5 * rod
     n11 = m22 * m33 - m23 * m23
     n12 = m13 * m23 - m12 * m33
     n13 = m12 * m23 - m13 * m22
@@ -131,8 +127,8 @@ def _linkage(par, s1, s2, s3, w1, w2, w3, grid, tool, frame, out):
         store(out, 9 * W, g1)
         store(out, 10 * W, g2)
         store(out, 11 * W, g3)
-        store(out, 12 * W, platform * (az1 * c1 + az2 * c2 + az3 * c3))
-        store(out, 13 * W, load(par, FRAME_MASS * W) + r1 + r2 + r3 + platform + 1.5 * rod)
+        store(out, 12 * W, mass * (az1 * c1 + az2 * c2 + az3 * c3))
+        store(out, 13 * W, r1 + r2 + r3 + 1.5 * rod + mass)
 
 
 @inlined
@@ -158,13 +154,11 @@ def _carriage_accelerations(par, link, push, y, frame, out):
         b2 = i12 * g1 + i22 * g2 + i23 * g3
         b3 = i13 * g1 + i23 * g2 + i33 * g3
         omega = load(par, FRAME_FREQUENCY * W) * 6.283185307179586
-        mass = load(link, 13 * W)
-        back = mass * omega * (
-            omega * load(y, 12 * W) + 2.0 * load(par, FRAME_DAMPING * W) * load(y, 13 * W)
-        )
-        lift = -(back + g1 * a1 + g2 * a2 + g3 * a3 + load(link, 12 * W)) / (
-            mass - (g1 * b1 + g2 * b2 + g3 * b3)
-        )
+        light = load(par, FRAME_INVERSE * W)
+        back = omega * (omega * load(y, 12 * W) + 2.0 * load(par, FRAME_DAMPING * W) * load(y, 13 * W))
+        push_back = g1 * a1 + g2 * a2 + g3 * a3 + load(link, 12 * W)
+        carried = load(link, 13 * W) - (g1 * b1 + g2 * b2 + g3 * b3)
+        lift = -(back + light * push_back) / (light * carried + 1.0)
         a1 = a1 - b1 * lift
         a2 = a2 - b2 * lift
         a3 = a3 - b3 * lift
@@ -202,8 +196,7 @@ def _derivative(par, mem, link, y, push, out, on, mode, motion, k, count, gear, 
 def _build(digest):
     @njit(nogil=True, cache=True)
     def simulate(
-        blocks, substeps, command, motion, mode, on, delayed, frame, grid, gear, eps, cycle, law, feedforward,
-        limit, out, finite,
+        blocks, substeps, command, motion, mode, on, delayed, frame, grid, gear, eps, cycle, law, feedforward, out, finite,
     ):
         """Simulate blocks of eight candidates; see `tripod.Tripod.simulate`.
 
@@ -222,7 +215,6 @@ def _build(digest):
             cycle: Controller cycle [s].
             law: VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
             feedforward: Weight of the velocity feed-forward.
-            limit: Torque limit [N m].
             out: (G, 3, K, 8) torque of every cycle, written.
             finite: (G, 8) 1.0 where the candidate stayed finite, written.
         """
@@ -282,7 +274,7 @@ def _build(digest):
                         zc = dk.set_point(command, d * count, count, k, delay, cycle, delayed)
                         vc = dk.set_point(command, (3 + d) * count, count, k, delay, cycle, delayed)
                         torque = dk.control(
-                            par, first, mem, own, on[d], law, feedforward, limit, cycle, gear, z, v, zc, vc, time
+                            par, first, mem, own, on[d], law, feedforward, cycle, gear, z, v, zc, vc, time
                         )
                     else:
                         z = spread(motion[d * count + k])

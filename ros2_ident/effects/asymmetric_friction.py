@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Friction that differs between the two directions."""
+
+from typing import Any
+
+from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.lanes import absolute, inlined
+
+
+@inlined
+def _kernel(value: Any, drive: Any, p: Any) -> Any:
+    return value + (p[0] + p[1] * absolute(drive.velocity)) * absolute(drive.direction)
+
+
+EFFECT = Effect(
+    id='asymmetric_friction',
+    group='drive',
+    title='asymmetric friction',
+    equation='(M_a + V_a |v|) |sgn v| added to the friction torque',
+    source='Janot, Gautier, Brunot 2019; Elhami and Brookfield, Proc. IMechE C 210, 1996',
+    parameters=(
+        EffectParameter('coulomb', 'effort', -0.05, 0.05, 0.0),
+        EffectParameter('viscous', 'effort s/m', -0.5, 0.5, 0.0),
+    ),
+    hook=Hook.FRICTION,
+    kernel=_kernel,
+    place='drive',
+    family='direction',
+    confusable=('constant_force', 'effort_bias',),
+    separated_by='mirror the motion of {drive}, at several speeds, and dwell at both ends',
+)

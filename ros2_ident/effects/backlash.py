@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Play in the gear: no force while the teeth do not touch."""
+
+from typing import Any
+
+from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.lanes import inlined, maximum, minimum, spread
+
+
+@inlined
+def _kernel(value: Any, drive: Any, p: Any) -> Any:
+    half = 0.5 * p[0]
+    return maximum(value - half, minimum(value + half, spread(0.0)))
+
+
+EFFECT = Effect(
+    id='backlash',
+    group='drive',
+    title='backlash',
+    equation='gear force from the deflection less its part within +-b/2',
+    source='Nordin and Gutman, Automatica 38(10), 2002',
+    parameters=(
+        EffectParameter('gap', 'm', 0.0, 2e-3, 0.0, starts=(1e-4, 5e-4)),
+    ),
+    hook=Hook.DEFLECTION,
+    kernel=_kernel,
+    place='drive',
+    family='gear play',
+    confusable=('stribeck', 'presliding',),
+    separated_by='reverse the load of {drive} without reversing its motion: strong decelerations against gravity',
+)

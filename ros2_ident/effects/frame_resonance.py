@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The frame swings on its feet."""
+
+from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+
+EFFECT = Effect(
+    id='frame_resonance',
+    group='structure',
+    title='frame resonance',
+    equation='(1/q) (u\'\' + 2 zeta omega u\' + omega^2 u) = - vertical force of the machine',
+    source='structural dynamics, one mode',
+    parameters=(
+        EffectParameter('inverse_mass', '1/kg', 0.0, 0.2, 0.0, target='frame_inverse_mass'),
+        EffectParameter('frequency', 'Hz', 3.0, 80.0, 20.0, target='frame_frequency', how='set', starts=(6.0, 9.0, 13.0, 18.0, 25.0, 35.0, 50.0)),
+        EffectParameter('damping', '1', 0.005, 0.3, 0.05, target='frame_damping', how='set'),
+    ),
+    hook=Hook.PARAMETER,
+    kernel=None,
+    place='all',
+    family='elasticity',
+    confusable=('position_dependent_stiffness',),
+    separated_by='strike the frame at rest; clamp it and repeat the motion',
+)

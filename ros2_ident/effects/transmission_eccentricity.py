@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A pulley or pinion off centre: travel that wavers once a motor turn."""
+
+from typing import Any
+
+from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.lanes import cosine, inlined, sine
+
+
+@inlined
+def _kernel(value: Any, drive: Any, p: Any) -> Any:
+    angle = drive.gear * drive.position
+    return value + p[0] * sine(angle) + p[1] * cosine(angle)
+
+
+EFFECT = Effect(
+    id='transmission_eccentricity',
+    group='drive',
+    title='transmission eccentricity',
+    equation='A sin(gear z) + B cos(gear z) added to the gear deflection',
+    source='Tuttle and Seering, IEEE T-RA 12(3), 1996',
+    parameters=(
+        EffectParameter('sine', 'm', -2e-3, 2e-3, 0.0),
+        EffectParameter('cosine', 'm', -2e-3, 2e-3, 0.0),
+    ),
+    hook=Hook.DEFLECTION,
+    kernel=_kernel,
+    place='drive',
+    family='motor angle',
+    confusable=('torque_ripple',),
+    separated_by='turn {drive} at constant speeds that cross the resonance, both ways',
+)
