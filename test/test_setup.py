@@ -13,10 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 COMMANDS = ('bash', 'cat', 'cut', 'find', 'grep', 'sha256sum', 'sort')
 PYTHON = f'exec {sys.executable} "$@"'
-OLD_PYTHON = (
-    f'exec {sys.executable} -c '
-    '\'import sys; sys.version_info = (3, 8, 10, "final", 0); exec(sys.argv[1])\' "$2"'
-)
+OLD_PYTHON = f'exec {sys.executable} -c "import sys; sys.version_info = (3, 8, 10)$2"'
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
