@@ -257,3 +257,38 @@ def column_writer(column: int, quantity: str, factor: float = 1.0) -> Write:
         plant.drive[i, column] += factor * values[quantity]
 
     return write
+
+
+def parse_effect(
+    text: str, rng: np.random.Generator, machine: Any, form: Form = 'other'
+) -> Effect:
+    """Read an effect from a command line.
+
+    Args:
+        text: `stribeck@drive_2:torque=0.05,speed=0.03`, or `stribeck@drive_2:size=0.5` to draw it,
+            or `frame_resonance:size=0.8`; without `@` it sits on all drives.
+        rng: Source of chance where the effect is drawn.
+        machine: A `Machine`, or the mapping a machine file holds.
+        form: Form of the equation.
+
+    Returns:
+        The effect.
+
+    Raises:
+        IdentError: INVALID_GOAL where the text cannot be read.
+    """
+    head, _, tail = text.partition(':')
+    name, _, place = head.partition('@')
+    where = tuple(place.split('+')) if place else ('all',)
+    try:
+        values = {
+            key: float(number) for key, number in (p.split('=') for p in tail.split(',') if p)
+        }
+    except ValueError:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'cannot read the effect {text!r}; write as stribeck@drive_2:torque=0.05,speed=0.03',
+        ) from None
+    if set(values) == {'size'}:
+        return draw_effect(name, rng, values['size'], where, machine, form)
+    return Effect(name, where, values, form, seed=int(rng.integers(2**31)))

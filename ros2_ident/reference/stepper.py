@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Adaptive Runge-Kutta of order 8 over one controller cycle: DOP853 of Hairer and Wanner.
 
-Source: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, 1993, section II.10; the
+Source: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, 1993, II.10; the
 coefficients are scipy's. The controller holds its torque over a cycle, so the integration starts
 anew at every cycle and never steps across a jump of the torque.
 """
