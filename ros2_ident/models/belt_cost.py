@@ -4,17 +4,17 @@
 Eight candidates share a vector register, see `ros2_ident.lanes`; the GIL is released. With the
 distance y = phi1 - phi1d the two residuals are (phi1_measured - phi1d) - y and M1_measured + P y.
 """
-# mypy: disable-error-code="operator,no-untyped-call"
+# mypy: disable-error-code="operator,no-untyped-call,call-arg,var-annotated"
 # `Lanes` values exist in compiled code only; to mypy they are untyped.
 
 import math
 from typing import Any
 
-import numpy as np
 from numba import njit
+import numpy as np
 
 from ros2_ident.lanes import load, spread, store
-from ros2_ident.models.belt_kernels import Array, Index, P, one_mode_set
+from ros2_ident.models.belt_kernels import Array, Flags, Index, one_mode_set, P
 
 BLOCK = 16
 # Rows of a block's table: cosines, sines and weights of three modes, then the gain.
@@ -24,7 +24,7 @@ LEAST_SINE = 1e-2
 
 
 @njit(cache=True, nogil=True)
-def _fill(constants: Array, first: int, cycle: float, table: Array, ok: Array) -> float:
+def _fill(constants: Array, first: int, cycle: float, table: Array, ok: Flags) -> float:
     """Write one block's table and validity; return the least |sine| in it."""
     square = np.empty(3)
     part = np.empty(3)
@@ -197,7 +197,8 @@ def matrix_cost(
                     a[(i * 7 + j) * 8 + lane] = rows[s, i, j]
         g = load(p, 0)
         zero = spread(0.0)
-        # Deviations from the first set-point, so that rest is zero whatever the candidate's radius.
+        # Deviations from the first set-point, so that rest is zero whatever the candidate's
+        # radius.
         z0, z1, z2, z3, z4, z5 = zero, zero, zero, zero, zero, zero
         sum_phi1, sum_torque = zero, zero
         for k in range(samples):

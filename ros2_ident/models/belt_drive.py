@@ -2,8 +2,8 @@
 """The belt drive of Ludwig and Gerstmayr (2011), section 3, discretised exactly.
 
 M q'' + K q = (P phi1d, 0, 0)' with q = (phi1, phi2, x - x0), eqs. 19 to 21. The set-point phi1d is
-constant over a sample, so the modes of M, K turn by fixed angles from sample to sample: no integration
-step, no integration error. The drive starts at rest at its first set-point.
+constant over a sample, so the modes of M, K turn by fixed angles from sample to sample: no
+integration step, no integration error. The drive starts at rest at its first set-point.
 """
 
 from dataclasses import dataclass
@@ -14,9 +14,10 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import belt_cost, belt_kernels
 from ros2_ident.models.belt_kernels import Array
-from ros2_ident.models.machine import Machine, constant
+from ros2_ident.models.machine import constant, Machine
 from ros2_ident.models.parameter import Parameter
 
+PAPER = 'Ludwig and Gerstmayr (2011)'
 OUTPUTS = ('phi1', 'M1')
 # Where the machine file keeps each constant, in the order the kernels take them.
 CONSTANTS = {
@@ -89,7 +90,8 @@ class BeltDrive:
         data: Sampling interval and set-point phi1d.
 
     Raises:
-        IdentError: UNKNOWN_MODEL, UNKNOWN_PARAMETER, BAD_MACHINE_FILE or BAD_VALUES with the remedy.
+        IdentError: UNKNOWN_MODEL, UNKNOWN_PARAMETER, BAD_MACHINE_FILE or BAD_VALUES with the
+            remedy.
     """
 
     outputs: tuple[str, ...] = OUTPUTS
@@ -121,7 +123,7 @@ class BeltDrive:
         self._nominal = np.array(nominal)
         self._columns = np.array([list(CONSTANTS).index(n) for n in machine.bounds], dtype=np.intp)
         self.parameters: tuple[Parameter, ...] = tuple(
-            Parameter(n, unit, low, high, 'physical', f'Ludwig and Gerstmayr (2011): {CONSTANTS[n][2]}')
+            Parameter(n, unit, low, high, 'physical', f'{PAPER}: {CONSTANTS[n][2]}')
             for n, (low, high, unit) in machine.bounds.items()
         )
         self.cycle = float(data.cycle)

@@ -6,11 +6,12 @@ Every candidate's numbers depend on itself only, not on its neighbours in the ba
 
 import math
 
-import numpy as np
 from numba import njit
+import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Index = NDArray[np.intp]
 
 # Columns of the constants, in the order of `belt_drive.CONSTANTS`.
@@ -96,8 +97,8 @@ def modal_response(
 ) -> Array:
     """Return phi1 and M1, (S, 2, K), of candidates (S, 10).
 
-    Each mode's distance from the set-point, times its weight, turns in its phase plane; a step of the
-    set-point shifts it. Their sum is phi1 - phi1d.
+    Each mode's distance from the set-point, times its weight, turns in its phase plane; a step of
+    the set-point shifts it. Their sum is phi1 - phi1d.
     """
     count, samples = constants.shape[0], reference.size
     out = np.empty((count, 2, samples))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A search's state in a file: NPZ, no pickle, replaced in one step."""
 
+from collections.abc import Mapping
 import json
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The loop around a search: evaluates slice by slice, keeps the budget, reports, can be cancelled."""
+"""The loop around a search: slices, budgets, progress, cancel."""
 
-import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
+import math
 from pathlib import Path
+import time
 from typing import Any, Protocol
 
 import numpy as np
@@ -214,8 +214,8 @@ def _checked(costs: Any, count: int) -> Array:
     if np.isnan(told).any():
         raise IdentError(
             ErrorCode.BAD_VALUES,
-            'evaluate returned NaN; a diverged candidate has to cost inf, and a NaN in the data has '
-            'to be left out of the cost',
+            'evaluate returned NaN; a diverged candidate has to cost inf, '
+            'and a NaN in the data has to be left out of the cost',
         )
     return told
 
@@ -258,8 +258,8 @@ def minimise(
     candidates count for the best so far, and a later call on the same search repeats them.
 
     Args:
-        evaluate: (S, N) in physical units -> (S,) costs, inf for a diverged candidate. The costs must
-            not depend on how the candidates are cut into slices.
+        evaluate: (S, N) in physical units -> (S,) costs, inf for a diverged candidate. The costs
+            must not depend on how the candidates are cut into slices.
         search: What proposes candidates; is advanced.
         low: (N,) lower bounds, physical units.
         high: (N,) upper bounds, physical units.

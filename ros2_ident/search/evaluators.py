@@ -14,8 +14,8 @@ from ros2_ident.search.operators import Array
 class ThreadedEvaluator:
     """Cuts candidates into equal parts, one for each thread.
 
-    Every candidate is evaluated by itself and put back in its place, so the result does not depend on
-    the number of threads. Works for costs (S,) and for residuals (S, R) alike.
+    Every candidate is evaluated by itself and put back in its place, so the result does not depend
+    on the number of threads. Works for costs (S,) and for residuals (S, R) alike.
 
     Example:
         >>> with ThreadedEvaluator(lambda x: x.sum(axis=1), threads=2) as evaluate:
@@ -23,7 +23,8 @@ class ThreadedEvaluator:
         [1.0, 1.0, 1.0]
 
     Args:
-        evaluate: (S, N) -> (S, ...); releases the GIL and may be called from several threads at once.
+        evaluate: (S, N) -> (S, ...); releases the GIL and may be called from several threads at
+            once.
         threads: Number of threads; 1 calls `evaluate` directly.
         least: Fewest candidates worth a thread of their own.
     """

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The genetic algorithm of Ludwig and Gerstmayr (2011), section 2, as an ask/tell core.
 
-No objective, clock, thread or print: whoever owns the loop evaluates what `ask` returns and tells the
-costs. Everything happens in the unit cube; bounds in physical units are the driver's business.
+No objective, clock, thread or print: whoever owns the loop evaluates what `ask` returns and tells
+the costs. Everything happens in the unit cube; bounds in physical units are the driver's business.
 """
 
-import enum
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+import enum
+import math
 from typing import Any
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.operators import FIRST_GENERATIONS, MUTATIONS, Array, mutate, select
+from ros2_ident.search.operators import Array, FIRST_GENERATIONS, mutate, MUTATIONS, select
 
 STATE_VERSION = 1
 
@@ -27,9 +27,7 @@ class StopReason(enum.Enum):
         'The best cost has stopped improving; '
         'raise stagnation_generations, or set it to 0, to go on for longer.'
     )
-    EVALUATIONS = (
-        'The budget of evaluations is spent; give more of them to search further.'
-    )
+    EVALUATIONS = 'The budget of evaluations is spent; give more of them to search further.'
     SECONDS = 'The budget of seconds is spent; give more of them to search further.'
     CANCELLED = 'The search was cancelled; the result is the best found until then.'
 
@@ -40,7 +38,7 @@ def _refuse(message: str) -> IdentError:
 
 @dataclass(frozen=True)
 class GeneticSettings:
-    """The settings of Tables 2 and 4, and three of ours.
+    """The settings of Tables 2 and 4; the last four are ours and by default switched off.
 
     Attributes:
         initial_population: Candidates of the first generation.
@@ -51,6 +49,9 @@ class GeneticSettings:
         min_distance: d_min,0; survivors keep d_min,0 xi^(g-1) apart, eq. 7. Where fewer than
             `survivors` candidates do so, fewer survive and the next generation is smaller.
         mutation: `gaussian_root` (eq. 5 with its root) or `laplace` (without).
+        first_step: Factor on xi^(g-1) in eq. 6; 1 in the paper, where the first children are
+            spread over the whole box. A tenth lets them search the surroundings of their parents
+            at once.
         first_generation: `uniform` (eq. 4), `latin_hypercube` or `kronecker` (fills the box more
             evenly with the same number of candidates).
         stagnation_generations: Stop after this many generations without improvement; 0 for never.
@@ -64,6 +65,7 @@ class GeneticSettings:
     range_reduction: float = 0.5
     min_distance: float = 0.0
     mutation: str = 'gaussian_root'
+    first_step: float = 1.0
     first_generation: str = 'uniform'
     stagnation_generations: int = 0
     stagnation_tolerance: float = 1e-6
@@ -83,6 +85,8 @@ class GeneticSettings:
             raise _refuse(
                 f'range_reduction is {self.range_reduction}; give a number above 0 and at most 1'
             )
+        if not 0.0 < self.first_step <= 1.0:
+            raise _refuse(f'first_step is {self.first_step}; give a number above 0 and at most 1')
         if not (math.isfinite(self.min_distance) and self.min_distance >= 0.0):
             raise _refuse(f'min_distance is {self.min_distance}; give a number of at least 0')
         if not 0.0 <= self.stagnation_tolerance < 1.0:
@@ -189,7 +193,7 @@ class GeneticSearch:
             # Everything diverged so far: there is no parent to start from, so try new places.
             return self._rng.random((s.survivors * s.children, self.dimension))
         # Eq. 6 with g the parents' generation: the first children spread over the whole box.
-        scale = s.range_reduction ** (self.generation - 2)
+        scale = s.first_step * s.range_reduction ** (self.generation - 2)
         return mutate(self.survivors, s.children, scale, s.mutation, self._rng)
 
     def tell(self, costs: Any) -> None:
@@ -213,7 +217,8 @@ class GeneticSearch:
         if np.isnan(told).any() or (told == -math.inf).any():
             wrong = int(np.flatnonzero(~(told > -math.inf))[0])
             raise _refuse(
-                f'the cost of candidate {wrong} is {told[wrong]}; give inf for a diverged candidate'
+                f'the cost of candidate {wrong} is {told[wrong]}; '
+                'give inf for a diverged candidate'
             )
         # Section 2.2: from generation 2 on the previous survivors take part in the selection.
         points = np.concatenate((self.survivors, points))
@@ -306,7 +311,5 @@ class GeneticSearch:
                 search._population.flags.writeable = False
             search._rng.bit_generator.state = state['bit_generator']
         except (KeyError, TypeError, ValueError) as exc:
-            raise _refuse(
-                f'the search state is damaged ({exc}); start the search anew'
-            ) from None
+            raise _refuse(f'the search state is damaged ({exc}); start the search anew') from None
         return search

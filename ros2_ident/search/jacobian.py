@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.operators import Array
+from ros2_ident.search.operators import Array, Index
 
 Residuals = Callable[[Array], Array]
 
@@ -85,9 +85,9 @@ def finite_differences(
 ) -> Array:
     """Return the derivative of a residual vector by the cube's coordinates.
 
-    A step that would leave the box goes the other way (forward), or shrinks to a one-sided difference
-    (central). A column whose change drowns in rounding is repeated with a thousandfold step; one
-    whose neighbours diverge on both sides is zero.
+    A step that would leave the box goes the other way (forward), or shrinks to a one-sided
+    difference (central). A column whose change drowns in rounding is repeated with a thousandfold
+    step; one whose neighbours diverge on both sides is zero.
 
     Args:
         residuals: (S, N) physical -> (S, R), inf for a diverged candidate.
@@ -108,7 +108,8 @@ def finite_differences(
     while columns.size:
         change, found = _differences(residuals, unit, residual, box, width, columns, central)
         jacobian[:, columns] = found
-        # Rounding of the residual is at least eps times its size; the change has to stand well above.
+        # Rounding of the residual is at least eps times its size; the change has to stand well
+        # above.
         drowned = (change > 0.0) & (change < 1e4 * np.finfo(np.float64).eps * scale)
         drowned &= width[columns] * 1e3 <= LARGEST_STEP
         columns = columns[drowned]
@@ -122,30 +123,37 @@ def _differences(
     residual: Array,
     box: Box,
     width: Array,
-    columns: Array,
+    columns: Index,
     central: bool,
 ) -> tuple[Array, Array]:
     """Return the largest change of each column (C,), and the columns (R, C)."""
-    ahead = np.where(unit + width <= 1.0, width, -width)[columns]
-    behind = np.where((unit + width <= 1.0) & (unit - width >= 0.0), -width, 0.0)[columns]
-    first = _moved(residuals, unit, box, columns, ahead)
-    second = np.broadcast_to(residual, first.shape)
+    fits = (unit + width <= 1.0)[columns]
+    ahead = np.where(fits, width[columns], -width[columns])
+    behind = np.zeros(len(columns))
     if central:
-        second = _moved(residuals, unit, box, columns, behind)
-    else:
-        behind = np.zeros_like(behind)
-    lost = ~np.isfinite(first).all(axis=1)
-    if lost.any() and not central:
-        # Diverged ahead: try behind.
-        ahead = np.where(lost, -ahead, ahead)
-        again = _moved(residuals, unit, box, columns[lost], ahead[lost])
-        first = first.copy()
-        first[lost] = again
+        behind[fits & ((unit - width)[columns] >= 0.0)] = -1.0
+        behind *= width[columns]
+    # One batch for all: the point itself stands where there is no second side.
+    two_sided = np.flatnonzero(behind)
+    moved = _moved(
+        residuals,
+        unit,
+        box,
+        np.concatenate((columns, columns[two_sided])),
+        np.concatenate((ahead, behind[two_sided])),
+    )
+    first = moved[: len(columns)]
+    second = np.tile(residual, (len(columns), 1))
+    second[two_sided] = moved[len(columns) :]
+    lost = np.flatnonzero(~np.isfinite(first).all(axis=1) & (behind == 0.0))
+    if lost.size:
+        # Diverged on the only side: try the other one.
+        ahead[lost] *= -1.0
+        first[lost] = _moved(residuals, unit, box, columns[lost], ahead[lost])
     first_ok = np.isfinite(first).all(axis=1)
     second_ok = np.isfinite(second).all(axis=1)
-    # Where one side is missing, the point itself takes its place.
-    first = np.where(first_ok[:, None], first, residual)
-    second = np.where(second_ok[:, None], second, residual)
+    first[~first_ok] = residual
+    second[~second_ok] = residual
     span = np.where(first_ok, ahead, 0.0) - np.where(second_ok, behind, 0.0)
     difference = first - second
     change = np.abs(difference).max(axis=1, initial=0.0)
@@ -153,10 +161,8 @@ def _differences(
     return change, slope.T
 
 
-def _moved(
-    residuals: Residuals, unit: Array, box: Box, columns: Array, by: Array
-) -> Array:
+def _moved(residuals: Residuals, unit: Array, box: Box, columns: Index, by: Array) -> Array:
     """Return (C, R) residuals with one coordinate moved in each row."""
     points = np.repeat(unit[None, :], len(columns), axis=0)
     points[np.arange(len(columns)), columns] = np.clip(unit[columns] + by, 0.0, 1.0)
-    return residuals(box.physical(points))
+    return np.array(residuals(box.physical(points)), dtype=np.float64)

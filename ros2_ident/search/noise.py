@@ -79,8 +79,8 @@ def fit_noise(residual: Array) -> NoiseModel:
 def weighted_normal_matrix(jacobian: Array, model: NoiseModel) -> Array:
     """Return J' R J, R the covariance matrix of the noise.
 
-    R is never formed: its spectrum is that of the autoregressive model, and the products are sums over
-    frequencies of the zero-padded columns.
+    R is never formed: its spectrum is that of the autoregressive model, and the products are sums
+    over frequencies of the zero-padded columns.
 
     Args:
         jacobian: (R, N) rows in the order of the time series.

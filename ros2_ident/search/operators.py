@@ -2,16 +2,19 @@
 """The genetic algorithm's operators as pure functions on the unit cube.
 
 Equation numbers are those of Ludwig and Gerstmayr (2011), section 2. The cube's coordinate i is
-(theta_i - theta_i,min) / (theta_i,max - theta_i,min), so that the ranges drop out of eqs. 4, 6 and 7.
+(theta_i - theta_i,min) / (theta_i,max - theta_i,min), so that the ranges drop out of eqs. 4, 6 and
+7.
 """
 
-import math
 from collections.abc import Callable
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Index = NDArray[np.intp]
 
 
 def gaussian_root(uniform: Array) -> Array:
@@ -45,7 +48,8 @@ def laplace(uniform: Array) -> Array:
 
 
 def _exponential(uniform: Array) -> Array:
-    # At x = 1/2 the logarithm's pole is multiplied by sgn(0) = 0; a finite stand-in keeps that zero.
+    # At x = 1/2 the logarithm's pole is multiplied by sgn(0) = 0; a finite stand-in keeps that
+    # zero.
     distance = np.maximum(2.0 * np.abs(uniform - 0.5), np.finfo(np.float64).tiny)
     return np.maximum(-np.log(distance), 0.0)
 
@@ -92,8 +96,8 @@ def kronecker(count: int, dimension: int, rng: np.random.Generator) -> Array:
     """Draw a low-discrepancy lattice with a random shift.
 
     Point n is frac(shift + n alpha) with alpha_i = phi^-i and phi the positive root of
-    x^(N+1) = x + 1: the golden ratio in one dimension. It leaves no large hole in the plane, nor in any
-    one coordinate, and needs no table.
+    x^(N+1) = x + 1: the golden ratio in one dimension. It leaves no large hole in the plane, nor
+    in any one coordinate, and needs no table.
 
     Args:
         count: Number of points S.
@@ -105,7 +109,8 @@ def kronecker(count: int, dimension: int, rng: np.random.Generator) -> Array:
 
     Reference:
         Niederreiter (1992), Random Number Generation and Quasi-Monte Carlo Methods, section 3.1;
-        the choice of alpha: Roberts (2018), The Unreasonable Effectiveness of Quasirandom Sequences.
+        the choice of alpha: Roberts (2018), The Unreasonable Effectiveness of Quasirandom
+        Sequences.
     """
     root = 2.0
     for _ in range(64):
@@ -141,12 +146,13 @@ def mutate(
     return np.clip(repeated + scale * steps, 0.0, 1.0)
 
 
-def select(points: Array, costs: Array, count: int, distance: float) -> NDArray[np.intp]:
+def select(points: Array, costs: Array, count: int, distance: float) -> Index:
     """Return who survives: the best ones that keep their distance, eq. 7.
 
-    Candidates are taken in the order of their cost, the best always, each further one only where its
-    distance to every survivor taken so far exceeds `distance`. A copy of a survivor never survives,
-    nor does a diverged candidate (cost inf). Among equal costs the earlier candidate goes first.
+    Candidates are taken in the order of their cost, the best always, each further one only where
+    its distance to every survivor taken so far exceeds `distance`. A copy of a survivor never
+    survives, nor does a diverged candidate (cost inf). Among equal costs the earlier candidate
+    goes first.
 
     Args:
         points: (S, N) in the unit cube.
@@ -177,9 +183,7 @@ def select(points: Array, costs: Array, count: int, distance: float) -> NDArray[
     return order[taken]
 
 
-def _select_close(
-    points: Array, costs: Array, order: NDArray[np.intp], count: int
-) -> NDArray[np.intp]:
+def _select_close(points: Array, costs: Array, order: Index, count: int) -> Index:
     """Select without a distance: only copies are left out, and copies have equal costs."""
     taken: list[int] = []
     for index in order.tolist():

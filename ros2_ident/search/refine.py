@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Local refinement: bounded least squares on the residual vector from several starts."""
 
-import enum
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
+import enum
+import math
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.driver import Cancel
-from ros2_ident.search.jacobian import Box, Residuals, finite_differences
+from ros2_ident.search.jacobian import Box, finite_differences, Residuals
 from ros2_ident.search.operators import Array
 
 
@@ -20,9 +20,7 @@ class RefineStatus(enum.Enum):
     """How a refinement ended; the value is the sentence for the user."""
 
     CONVERGED = 'The refinement converged.'
-    EVALUATIONS = (
-        'The refinement spent its evaluations before it converged; allow more of them.'
-    )
+    EVALUATIONS = 'The refinement spent its evaluations before it converged; allow more of them.'
     DIVERGED = (
         'The simulation diverges at the start of the refinement; start it from a better candidate.'
     )
@@ -129,7 +127,9 @@ class _Start:
 
     def fun(self, unit: Array) -> Array:
         """Return (R,) the residual vector at one point of the cube."""
-        residual = self.evaluate(self.box.physical(unit)[None, :])[0]
+        if self._here is not None and np.array_equal(self._here[0], unit):
+            return self._here[1]
+        residual: Array = self.evaluate(self.box.physical(unit)[None, :])[0]
         self._here = (unit.copy(), residual)
         cost = float(np.sqrt(np.mean(residual**2)))
         if cost < self.cost:
@@ -138,11 +138,8 @@ class _Start:
 
     def jac(self, unit: Array) -> Array:
         """Return (R, N) its derivative by the cube's coordinates."""
-        if self._here is None or not np.array_equal(self._here[0], unit):
-            self.fun(unit)
-        assert self._here is not None
         return finite_differences(
-            self.evaluate, unit, self._here[1], self.box, central=self.central, step=self.step
+            self.evaluate, unit, self.fun(unit), self.box, central=self.central, step=self.step
         )
 
     def solve(self, tolerance: float) -> RefineStatus:
@@ -168,8 +165,8 @@ class _Start:
         return RefineStatus.CONVERGED if solution.status > 0 else RefineStatus.EVALUATIONS
 
     def _try_bounds(self, gradient: Array) -> None:
-        # The trust region stays strictly inside; where the cost falls towards a near bound, the bound
-        # itself is the answer if it is no worse.
+        # The trust region stays strictly inside; where the cost falls towards a near bound, the
+        # bound itself is the answer if it is no worse.
         leaning = self.point.copy()
         leaning[(leaning < 1e-3) & (gradient > 0.0)] = 0.0
         leaning[(leaning > 1.0 - 1e-3) & (gradient < 0.0)] = 1.0
@@ -199,8 +196,10 @@ def refine(
         high: (N,) upper bounds, physical units.
         cancel: Looked at before every call of `residuals`.
         max_evaluations: Candidates for each start.
-        central: Central differences in the iterations, twice as dear; the final Jacobian always is.
-        step: Finite-difference step as a fraction of a parameter's scale; see `finite_differences`.
+        central: Central differences in the iterations, twice as dear; the final Jacobian always
+            is.
+        step: Finite-difference step as a fraction of a parameter's scale; see
+            `finite_differences`.
         tolerance: Relative change of cost or parameters that counts as converged.
         good_enough: RMS of the residual below which the remaining starts are left out.
 
@@ -261,8 +260,13 @@ def _result(
         )
     # The cancel event and the limit no longer apply: one more batch, then it is over.
     counted = _Start(
-        residuals, best.box, best.box.physical(best.point), 10**9, None,
-        central=True, step=best.step,
+        residuals,
+        best.box,
+        best.box.physical(best.point),
+        10**9,
+        None,
+        central=True,
+        step=best.step,
     )
     jacobian = finite_differences(
         counted.evaluate, best.point, best.residual, best.box, central=True, step=best.step

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well the data fix each parameter: intervals, correlations, and plain words."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from scipy.stats import t as student
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.noise import NoiseModel, fit_noise, weighted_normal_matrix
-from ros2_ident.search.operators import Array
+from ros2_ident.search.noise import fit_noise, NoiseModel, weighted_normal_matrix
+from ros2_ident.search.operators import Array, Flags
 
 # Box-scaled columns smaller than this against the largest do not act on the data at all.
 INSENSITIVE = 1e-9
@@ -33,12 +33,13 @@ class Intervals:
     """Confidence of an estimate.
 
     Attributes:
-        half_width: (N,) half widths of the confidence intervals, physical units; inf where the data do
-            not fix the parameter at all.
+        half_width: (N,) half widths of the confidence intervals, physical units; inf where the
+            data do not fix the parameter at all.
         low: (N,) lower ends, theta - half_width; not clipped to the box.
         high: (N,) upper ends.
         standard_error: (N,) standard deviations of the estimate.
-        correlation: (N, N) correlations of the estimates; NaN beside a parameter that is not fixed.
+        correlation: (N, N) correlations of the estimates; NaN beside a parameter that is not
+            fixed.
         identifiable: (N,) whether the interval is finite and says more than the box.
         at_bound: For each parameter '', 'lower' or 'upper'.
         words: For each parameter what is to be said, '' where nothing.
@@ -52,7 +53,7 @@ class Intervals:
     high: Array
     standard_error: Array
     correlation: Array
-    identifiable: Array
+    identifiable: Flags
     at_bound: tuple[str, ...]
     words: tuple[str, ...]
     noise: tuple[float, ...]
@@ -73,10 +74,10 @@ def intervals(
     """Return confidence intervals that allow for autocorrelated residuals.
 
     The estimate's covariance is (J'J)^-1 J'RJ (J'J)^-1, with R the residuals' covariance under an
-    autoregressive model of each series whose order is chosen by BIC. At order 0, white noise, and one
-    series it is the classical sigma^2 (J'J)^-1. Directions that the scaled Jacobian's singular value
-    decomposition shows not to act on the data are left out, and their parameters' intervals are
-    infinite.
+    autoregressive model of each series whose order is chosen by BIC. At order 0, white noise, and
+    one series it is the classical sigma^2 (J'J)^-1. Directions that the scaled Jacobian's singular
+    value decomposition shows not to act on the data are left out, and their parameters' intervals
+    are infinite.
 
     Args:
         jacobian: (R, N) derivative of the residual by theta, physical units.
@@ -133,8 +134,7 @@ def intervals(
         identifiable=identifiable,
         at_bound=at_bound,
         words=tuple(
-            _words(bool(known), bound)
-            for known, bound in zip(identifiable, at_bound, strict=True)
+            _words(bool(known), bound) for known, bound in zip(identifiable, at_bound, strict=True)
         ),
         noise=tuple(math.sqrt(freedom * m.variance) for m in models),
         effective_samples=effective,
@@ -173,7 +173,7 @@ def _check(jacobian: Array, residual: Array, theta: Array, dimension: int) -> No
         )
 
 
-def _inverse(scaled: Array) -> tuple[Array, Array, int]:
+def _inverse(scaled: Array) -> tuple[Array, Flags, int]:
     """Return the pseudo-inverse of J'J, who is not fixed by the data (N,), and the rank."""
     dimension = scaled.shape[1]
     length = np.sqrt(np.einsum('rn,rn->n', scaled, scaled))
@@ -191,11 +191,11 @@ def _inverse(scaled: Array) -> tuple[Array, Array, int]:
     return inverse, loose, int(fixed.sum())
 
 
-def _correlation(covariance: Array, loose: Array) -> Array:
+def _correlation(covariance: Array, loose: Flags) -> Array:
     error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     known = ~loose & (error > 0.0)
     safe = np.where(known, error, 1.0)
-    correlation = np.clip(covariance / np.outer(safe, safe), -1.0, 1.0)
+    correlation: Array = np.clip(covariance / np.outer(safe, safe), -1.0, 1.0)
     correlation[~known, :] = math.nan
     correlation[:, ~known] = math.nan
     np.fill_diagonal(correlation, 1.0)

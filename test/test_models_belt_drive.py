@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The belt drive against its slow twin, against linear algebra, and at its edges."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.models.belt_drive import BeltDrive, CONSTANTS, step_reference, StepReference
+from ros2_ident.models.belt_kernels import matrices, matrix_exponential, modes
+from ros2_ident.models.machine import load_machine
+from ros2_ident.reference.belt_drive import simulate_belt
+
+MACHINE = load_machine(Path(__file__).parents[1] / 'config' / 'belt_drive.yaml')
+LOW, HIGH = np.array([1.5e5, 30.0]), np.array([2.5e5, 60.0])
+TRUTH = np.array([[2e5, 45.0]])
+
+
+def candidates(count, seed=0):
+    return LOW + np.random.default_rng(seed).random((count, 2)) * (HIGH - LOW)
+
+
+def constants_of(theta):
+    sections = {**MACHINE.geometry, **MACHINE.drive, **MACHINE.controller}
+    return {**sections, 'axial_stiffness': theta[0], 'position_gain': theta[1]}
+
+
+@pytest.fixture(scope='module')
+def belt():
+    return BeltDrive(MACHINE, step_reference())
+
+
+@pytest.mark.parametrize('theta', [TRUTH[0], LOW, HIGH, np.array([1.5e5, 60.0])])
+def test_modal_path_agrees_with_reference(belt, theta):
+    slow = simulate_belt(constants_of(theta), belt.cycle, belt.reference)
+    fast = belt.simulate(theta[None, :])[0]
+    rms = np.sqrt(np.mean((fast - slow) ** 2, axis=1))
+    assert rms[0] < 1e-10
+    assert rms[1] < 1e-8
+
+
+def test_generic_path_agrees_with_modal_path(belt):
+    theta = candidates(20)
+    difference = np.abs(belt.simulate_generic(theta) - belt.simulate(theta)).max(axis=(0, 2))
+    assert difference[0] < 1e-11
+    assert difference[1] < 1e-9
+
+
+@pytest.mark.parametrize('kind', ['steps', 'restless', 'one sample'])
+def test_fused_costs_are_eq_2_of_the_trajectories(kind):
+    rng = np.random.default_rng(3)
+    data = {
+        'steps': step_reference(duration=0.5),
+        'restless': StepReference(2e-4, np.cumsum(rng.normal(size=700))[None, :] * 1e-4),
+        'one sample': StepReference(2e-4, np.array([[0.3]])),
+    }[kind]
+    belt = BeltDrive(MACHINE, data)
+    theta = candidates(37)
+    measured = belt.simulate(TRUTH)[0] + rng.normal(size=(2, belt.reference.size)) * 1e-3
+    expected = np.sqrt(((measured - belt.simulate(theta)) ** 2).mean(axis=2)).mean(axis=1)
+    np.testing.assert_allclose(belt.cost(theta, measured), expected, rtol=1e-9)
+    np.testing.assert_allclose(belt.cost_generic(theta, measured), expected, rtol=1e-9)
+
+
+def test_cost_at_a_sampling_interval_near_half_a_period():
+    belt = BeltDrive(MACHINE, step_reference(cycle=1.0 / (2.0 * 75.39286565)))
+    measured = belt.simulate(TRUTH)[0]
+    theta = candidates(20, seed=5)
+    expected = np.sqrt(((measured - belt.simulate(theta)) ** 2).mean(axis=2)).mean(axis=1)
+    np.testing.assert_allclose(belt.cost(theta, measured), expected, rtol=1e-9)
+    assert belt.cost(TRUTH, measured)[0] < 1e-12
+
+
+def test_result_does_not_depend_on_the_batch(belt):
+    theta = candidates(45)
+    measured = belt.simulate(TRUTH)[0]
+    whole = belt.cost(theta, measured)
+    parts = np.concatenate([belt.cost(theta[i : i + 7], measured) for i in range(0, 45, 7)])
+    np.testing.assert_array_equal(whole, parts)
+    generic = belt.cost_generic(theta, measured)
+    np.testing.assert_array_equal(generic[11:12], belt.cost_generic(theta[11:12], measured))
+
+
+def test_modes_are_eigenvalues_and_weights_add_up():
+    full = BeltDrive(MACHINE, step_reference()).constants(candidates(50))
+    square, weight = modes(full)
+    mass, stiffness = matrices(full)
+    for s in range(50):
+        root = np.sqrt(mass[s])
+        values, vectors = np.linalg.eigh(stiffness[s] / np.outer(root, root))
+        np.testing.assert_allclose(square[s], values, rtol=1e-12)
+        expected = vectors[0] ** 2 * full[s, 1] / (mass[s, 0] * values)
+        np.testing.assert_allclose(weight[s], expected, atol=1e-12)
+    np.testing.assert_allclose(weight.sum(axis=1), 1.0, rtol=1e-12)
+
+
+def test_eigenfrequencies_are_those_of_the_reading(belt):
+    np.testing.assert_allclose(belt.eigenfrequencies(TRUTH)[0], [75.4, 272.8, 400.3], atol=0.1)
+
+
+def test_printed_constants_give_one_hertz():
+    printed = {'driving_inertia': 1e-2, 'driven_inertia': 1e-2}
+    drive = {**MACHINE.drive, **printed}
+    geometry = {**MACHINE.geometry, 'radius': 1e-3}
+    machine = type(MACHINE)(
+        kind='belt_drive',
+        drives=MACHINE.drives,
+        geometry=geometry,
+        drive=drive,
+        controller=MACHINE.controller,
+        bounds=MACHINE.bounds,
+    )
+    first = BeltDrive(machine, step_reference()).eigenfrequencies(TRUTH)[0, 0]
+    assert first == pytest.approx(1.0, abs=0.1)
+
+
+def test_matrix_exponential_agrees_with_scipy():
+    from scipy.linalg import expm
+
+    rng = np.random.default_rng(1)
+    matrices_in = rng.normal(size=(20, 7, 7)) * np.logspace(-6, 1, 20)[:, None, None]
+    for ours, source in zip(matrix_exponential(matrices_in), matrices_in, strict=True):
+        theirs = expm(source)
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * np.abs(theirs).max())
+
+
+def test_unstable_candidates_cost_inf(belt):
+    theta = np.array([[-1e5, 45.0], [2e5, -3.0], [2e5, 45.0], [np.nan, 45.0]])
+    cost = belt.cost(theta, belt.simulate(TRUTH)[0])
+    assert np.isinf(cost[[0, 1, 3]]).all()
+    assert cost[2] < 1e-12
+    assert np.isinf(belt.simulate(theta)[[0, 1, 3]]).all()
+
+
+def test_any_constant_can_be_a_parameter():
+    bounds = {'rail_mass': (0.5, 1.5, 'kg'), 'radius': (5e-3, 2e-2, 'm')}
+    belt = BeltDrive(MACHINE.with_bounds(bounds), step_reference())
+    assert [p.name for p in belt.parameters] == ['rail_mass', 'radius']
+    nominal = belt.simulate(np.array([[0.948, 1e-2]]))
+    np.testing.assert_array_equal(nominal, BeltDrive(MACHINE, step_reference()).simulate(TRUTH))
+
+
+def test_errors_name_the_remedy(belt):
+    tripod = load_machine(Path(__file__).parents[1] / 'config' / 'tripod.yaml')
+    with pytest.raises(IdentError, match='machine file of a belt drive') as caught:
+        BeltDrive(tripod, step_reference())
+    assert caught.value.code == ErrorCode.UNKNOWN_MODEL
+    with pytest.raises(IdentError, match='no parameter belt_colour; choose from axial_stiffness'):
+        BeltDrive(MACHINE.with_bounds({'belt_colour': (0.0, 1.0, '1')}), step_reference())
+    with pytest.raises(IdentError, match='check the command stream'):
+        BeltDrive(MACHINE, StepReference(2e-4, np.array([[np.nan]])))
+    with pytest.raises(IdentError, match=r'give \(S, 2\) numbers'):
+        belt.cost(np.zeros((3, 4)), np.zeros((2, belt.reference.size)))
+    with pytest.raises(IdentError, match=r'give \(2, 5001\) finite numbers'):
+        belt.cost(TRUTH, np.zeros((2, 7)))
+
+
+def test_constants_are_in_the_order_of_the_kernels():
+    from ros2_ident.models import belt_kernels as kernels
+
+    columns = ('EA', 'P', 'J1', 'J2', 'MASS', 'RADIUS', 'X0', 'L1', 'L2', 'L3')
+    assert [getattr(kernels, c) for c in columns] == list(range(len(CONSTANTS)))

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The refinement: accuracy, bounds, divergence, cancel, and its Jacobian."""
+
+import math
+import threading
+
+import numpy as np
+import pytest
+
+from ros2_ident.errors import IdentError
+from ros2_ident.search import finite_differences, refine, RefineStatus
+from ros2_ident.search.jacobian import Box, steps
+
+TIME = np.linspace(0.0, 1.0, 200)
+TRUTH = np.array([3.0, 2000.0])
+LOW, HIGH = np.array([0.0, 100.0]), np.array([10.0, 1e5])
+
+
+def model(theta):
+    """Return a decaying oscillation (S, R); its frequency grows as the root of theta_2."""
+    return np.exp(-theta[:, :1] * TIME) * np.cos(np.sqrt(theta[:, 1:2]) * TIME)
+
+
+def residuals(theta):
+    return model(TRUTH[None, :]) - model(theta)
+
+
+def test_converges_to_rounding():
+    result = refine(residuals, [[2.0, 2100.0]], LOW, HIGH)
+    np.testing.assert_allclose(result.theta, TRUTH, rtol=1e-9)
+    assert result.status is RefineStatus.CONVERGED
+    assert result.cost < 1e-9
+    assert result.residual.shape == (200,)
+    assert result.jacobian.shape == (200, 2)
+
+
+@pytest.mark.parametrize('central', [False, True])
+def test_several_starts_find_the_best_of_several_minima(central):
+    starts = [[3.0, 9000.0], [3.0, 40000.0], [3.0, 40000.0], [5.0, 2200.0]]
+    result = refine(residuals, starts, LOW, HIGH, central=central)
+    np.testing.assert_allclose(result.theta, TRUTH, rtol=1e-8)
+    assert len(result.starts) == 3  # the copy is left out
+    assert min(s.cost for s in result.starts) == result.cost
+    assert result.evaluations == sum(s.evaluations for s in result.starts) + 4
+
+
+def test_good_enough_spares_the_other_starts():
+    starts = [[2.9, 2010.0], [3.0, 9000.0], [3.0, 40000.0]]
+    result = refine(residuals, starts, LOW, HIGH, good_enough=1e-6)
+    assert len(result.starts) == 1
+
+
+def test_evaluations_are_counted_in_candidates():
+    seen = []
+
+    def counted(theta):
+        seen.append(len(theta))
+        return residuals(theta)
+
+    result = refine(counted, [[2.0, 2100.0], [5.0, 3000.0]], LOW, HIGH)
+    assert result.evaluations == sum(seen)
+
+
+def test_stays_in_the_box_and_reaches_the_bound():
+    high = np.array([2.0, 1e5])
+    result = refine(residuals, [[1.0, 2100.0]], LOW, high)
+    assert result.theta[0] == 2.0
+    assert ((result.theta >= LOW) & (result.theta <= high)).all()
+    # Nothing inside is better.
+    for nearer in (1.999, 1.9):
+        inside = result.theta.copy()
+        inside[0] = nearer
+        assert np.sqrt(np.mean(residuals(inside[None, :]) ** 2)) > result.cost
+
+
+def test_starts_outside_and_on_bounds_are_taken_in():
+    result = refine(residuals, [[-5.0, 2100.0], [10.0, 100.0]], LOW, HIGH)
+    np.testing.assert_allclose(result.theta, TRUTH, rtol=1e-6)
+
+
+def test_diverged_starts_are_passed_over():
+    def sometimes(theta):
+        told = residuals(theta)
+        told[theta[:, 1] > 5000.0] = math.inf
+        return told
+
+    result = refine(sometimes, [[3.0, 9000.0], [2.5, 2050.0]], LOW, HIGH)
+    assert [s.status for s in result.starts] == [RefineStatus.DIVERGED, RefineStatus.CONVERGED]
+    np.testing.assert_allclose(result.theta, TRUTH, rtol=1e-8)
+    nothing = refine(sometimes, [[3.0, 9000.0]], LOW, HIGH)
+    assert nothing.status is RefineStatus.DIVERGED
+    assert np.isnan(nothing.theta).all()
+    assert math.isinf(nothing.cost)
+
+
+def test_a_cliff_beside_the_way_is_survived():
+    def cliff(theta):
+        told = residuals(theta)
+        told[theta[:, 0] > 3.0 + 1e-12] = math.inf
+        return told
+
+    result = refine(cliff, [[1.0, 2030.0]], LOW, HIGH)
+    np.testing.assert_allclose(result.theta, TRUTH, rtol=1e-3)
+    assert np.isfinite(result.jacobian).all()
+
+
+def test_cancel_keeps_the_best_so_far():
+    event = threading.Event()
+    calls = []
+
+    def counted(theta):
+        calls.append(theta)
+        if len(calls) == 4:
+            event.set()
+        return residuals(theta)
+
+    result = refine(counted, [[2.0, 2100.0], [1.0, 2100.0]], LOW, HIGH, cancel=event)
+    assert result.status is RefineStatus.CANCELLED
+    assert len(calls) == 5  # the Jacobian at the answer is made all the same
+    assert result.cost <= np.sqrt(np.mean(residuals(np.array([[2.0, 2100.0]])) ** 2))
+    assert len(result.starts) == 1
+
+
+def test_cancelled_before_the_first_call():
+    event = threading.Event()
+    event.set()
+    result = refine(residuals, [[2.0, 2100.0]], LOW, HIGH, cancel=event)
+    assert result.status is RefineStatus.CANCELLED
+    assert result.evaluations == 0
+
+
+def test_evaluations_are_limited():
+    result = refine(residuals, [[1.0, 2200.0]], LOW, HIGH, max_evaluations=7)
+    assert result.status is RefineStatus.EVALUATIONS
+    assert result.starts[0].evaluations <= 7
+    assert math.isfinite(result.cost)
+
+
+@pytest.mark.parametrize(
+    ('call', 'text'),
+    [
+        (lambda: refine(residuals, [], LOW, HIGH), 'at least one row of 2 finite parameters'),
+        (lambda: refine(residuals, [[math.nan, 1.0]], LOW, HIGH), '2 finite parameters'),
+        (lambda: refine(residuals, [[1.0, 200.0]], HIGH, LOW), 'below its upper bound'),
+        (lambda: refine(residuals, [[1.0]], [math.nan], [1.0]), 'two lists of finite numbers'),
+        (
+            lambda: refine(lambda t: residuals(t) * math.nan, [[1.0, 200.0]], LOW, HIGH),
+            'leave out samples that were not measured',
+        ),
+        (
+            lambda: refine(lambda t: residuals(t)[0], [[1.0, 200.0]], LOW, HIGH),
+            'one row for each',
+        ),
+    ],
+)
+def test_unusable_input_is_refused(call, text):
+    with pytest.raises(IdentError, match=text):
+        call()
+
+
+# the Jacobian
+
+
+def test_steps_follow_the_magnitude_of_a_parameter():
+    box = Box.of([0.0, -1.0], [3e5, 1.0])
+    np.testing.assert_allclose(steps(np.array([0.5, 0.5]), box, 1e-6), [5e-7, 1e-9])
+    np.testing.assert_allclose(steps(np.array([0.0, 1.0]), box, 1e-6), [1e-9, 5e-7])
+
+
+@pytest.mark.parametrize('central', [False, True])
+@pytest.mark.parametrize('corner', [None, 0.0, 1.0])
+def test_differences_agree_with_the_derivative(central, corner):
+    box = Box.of(LOW, HIGH)
+    theta = TRUTH if corner is None else box.physical(np.full(2, corner))
+    unit = box.inside(theta)
+    found = finite_differences(residuals, unit, residuals(theta[None, :])[0], box, central=central)
+    decay, stiffness = theta
+    wave = np.sqrt(stiffness) * TIME
+    exact = np.stack(
+        [
+            TIME * np.exp(-decay * TIME) * np.cos(wave),
+            np.exp(-decay * TIME) * np.sin(wave) * TIME / (2.0 * np.sqrt(stiffness)),
+        ],
+        axis=1,
+    )
+    scale = np.abs(exact).max(axis=0) * box.width
+    tolerance = 1e-8 if central and corner is None else 2e-4
+    assert (np.abs(found - exact * box.width) / scale).max() < tolerance
+
+
+def test_a_change_that_drowns_in_rounding_gets_a_larger_step():
+    def flat(theta):
+        return 1e6 + 1e-3 * theta[:, :1] + np.zeros((1, 5))
+
+    box = Box.of([0.0], [1.0])
+    found = finite_differences(flat, np.array([0.5]), np.full(5, 1e6 + 5e-4), box)
+    np.testing.assert_allclose(found, 1e-3, rtol=0.01)
+
+
+def test_both_sides_diverged_is_a_zero_column():
+    def pole(theta):
+        told = np.tile(theta[:, :1], (1, 3))
+        told[np.abs(theta[:, 1] - 0.5) > 0.0] = math.inf
+        return told
+
+    box = Box.of([0.0, 0.0], [1.0, 1.0])
+    found = finite_differences(pole, np.array([0.2, 0.5]), np.full(3, 0.2), box)
+    np.testing.assert_allclose(found, [[1.0, 0.0]] * 3, rtol=1e-6)

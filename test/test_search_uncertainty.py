@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Intervals: classical case, coverage under coloured noise, what is not fixed."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import t as student
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.search import intervals
+from ros2_ident.search.noise import fit_noise, weighted_normal_matrix
+
+COUNT = 600
+TIME = np.linspace(0.0, 6.0, COUNT)
+JACOBIAN = np.stack([np.ones(COUNT), TIME, np.sin(3.0 * TIME)], axis=1)
+TRUTH = np.array([0.5, 0.2, 0.7])
+LOW, HIGH = np.full(3, -10.0), np.full(3, 10.0)
+
+
+def coloured(rng, rho, count=COUNT):
+    white = rng.normal(size=count + 500)
+    return lfilter([1.0], [1.0, -rho], white)[500:] * math.sqrt(1.0 - rho**2)
+
+
+def fit(noise, jacobian=JACOBIAN):
+    """Return the least squares estimate and its intervals, model J theta."""
+    theta, *_ = np.linalg.lstsq(jacobian, jacobian @ TRUTH + noise, rcond=None)
+    residual = jacobian @ (TRUTH - theta) + noise
+    return theta, intervals(-jacobian, residual, theta, LOW, HIGH)
+
+
+def test_white_noise_gives_the_classical_interval():
+    noise = np.random.default_rng(4).normal(size=COUNT)
+    theta, found = fit(noise)
+    residual = noise + JACOBIAN @ (TRUTH - theta)
+    covariance = residual @ residual / (COUNT - 3) * np.linalg.inv(JACOBIAN.T @ JACOBIAN)
+    error = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(found.standard_error, error, rtol=1e-10)
+    np.testing.assert_allclose(found.half_width, student.ppf(0.975, COUNT - 3) * error, rtol=1e-10)
+    np.testing.assert_allclose(found.correlation, covariance / np.outer(error, error), rtol=1e-9)
+    assert found.effective_samples == COUNT
+    assert found.rank == 3
+    assert found.words == ('', '', '')
+    assert found.noise[0] == pytest.approx(1.0, rel=0.1)
+
+
+@pytest.mark.parametrize('rho', [0.0, 0.5, 0.9, -0.5])
+def test_intervals_cover_the_truth(rho):
+    rng = np.random.default_rng(11)
+    covered, classical, draws = 0, 0, 400
+    for _ in range(draws):
+        noise = coloured(rng, rho)
+        theta, found = fit(noise)
+        covered += ((found.low <= TRUTH) & (found.high >= TRUTH)).sum()
+        residual = noise + JACOBIAN @ (TRUTH - theta)
+        naive = np.sqrt(
+            np.diag(np.linalg.inv(JACOBIAN.T @ JACOBIAN)) * (residual @ residual) / COUNT
+        )
+        classical += (np.abs(theta - TRUTH) < 1.96 * naive).sum()
+    assert 0.90 <= covered / (3 * draws) <= 0.985
+    if rho == 0.9:
+        assert classical / (3 * draws) < 0.7  # what a white-noise interval would have claimed
+
+
+def test_each_series_has_its_own_noise():
+    rng = np.random.default_rng(5)
+    noise = np.concatenate([rng.normal(size=300), 0.01 * rng.normal(size=300)])
+    jacobian = np.zeros((600, 2))
+    jacobian[:300, 0] = 1.0
+    jacobian[300:, 1] = 1.0
+    theta = np.array([noise[:300].mean(), noise[300:].mean()])
+    residual = noise - jacobian @ theta
+    box = np.full(2, -50.0), np.full(2, 50.0)
+    apart = intervals(jacobian, residual, theta, *box, series=[300, 300])
+    assert apart.standard_error[0] == pytest.approx(1.0 / math.sqrt(300), rel=0.15)
+    assert apart.standard_error[1] == pytest.approx(0.01 / math.sqrt(300), rel=0.15)
+    assert apart.noise == pytest.approx((1.0, 0.01), rel=0.15)
+
+
+def test_noise_free_data_give_zero_width_and_correlations():
+    found = intervals(JACOBIAN, np.zeros(COUNT), TRUTH, LOW, HIGH)
+    np.testing.assert_array_equal(found.half_width, 0.0)
+    expected = np.linalg.inv(JACOBIAN.T @ JACOBIAN)
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(found.correlation, expected / np.outer(scale, scale), rtol=1e-9)
+
+
+def test_twins_are_not_identifiable_and_the_third_is():
+    jacobian = np.stack([np.sin(TIME), -3.0 * np.sin(TIME), np.cos(TIME)], axis=1)
+    noise = 0.01 * np.random.default_rng(0).normal(size=COUNT)
+    found = intervals(jacobian, noise, TRUTH, LOW, HIGH)
+    assert found.rank == 2
+    assert np.isinf(found.half_width[:2]).all()
+    assert np.isfinite(found.half_width[2])
+    assert found.identifiable.tolist() == [False, False, True]
+    assert found.words[:2] == ('not identifiable from this data',) * 2
+    assert found.words[2] == ''
+    assert np.isnan(found.correlation[0, 1])
+    assert found.correlation[2, 2] == 1.0
+
+
+def test_a_deaf_parameter_is_not_identifiable():
+    jacobian = JACOBIAN.copy()
+    jacobian[:, 1] = 0.0
+    found = intervals(
+        jacobian, 0.01 * np.random.default_rng(0).normal(size=COUNT), TRUTH, LOW, HIGH
+    )
+    assert np.isinf(found.half_width[1])
+    assert found.identifiable.tolist() == [True, False, True]
+
+
+def test_nothing_acts_at_all():
+    found = intervals(np.zeros((50, 2)), np.ones(50), np.zeros(2), -np.ones(2), np.ones(2))
+    assert np.isinf(found.half_width).all()
+    assert found.rank == 0
+
+
+def test_an_interval_as_wide_as_the_box_says_nothing():
+    noise = np.random.default_rng(0).normal(size=COUNT)
+    weak = JACOBIAN * np.array([1.0, 1.0, 1e-2])
+    found = intervals(weak, noise, TRUTH, LOW, HIGH)
+    assert np.isfinite(found.half_width[2])
+    assert found.half_width[2] > 5.0
+    assert found.identifiable.tolist() == [True, True, False]
+
+
+def test_a_weak_parameter_is_identifiable_where_the_data_are_good():
+    noise = 1e-9 * np.random.default_rng(0).normal(size=COUNT)
+    weak = JACOBIAN * np.array([1.0, 1.0, 1e-5])
+    assert intervals(weak, noise, TRUTH, LOW, HIGH).identifiable.all()
+
+
+def test_bounds_are_named():
+    theta = np.array([-10.0, 10.0, 0.0])
+    noise = 0.01 * np.random.default_rng(0).normal(size=COUNT)
+    found = intervals(JACOBIAN, noise, theta, LOW, HIGH)
+    assert found.at_bound == ('lower', 'upper', '')
+    assert found.words == ('at its lower bound', 'at its upper bound', '')
+    deaf = JACOBIAN * np.array([0.0, 1.0, 1.0])
+    words = intervals(deaf, noise, theta, LOW, HIGH).words
+    assert words[0] == 'not identifiable from this data, at its lower bound'
+
+
+@pytest.mark.parametrize('rho', [0.0, 0.6, 0.95])
+def test_noise_model_finds_the_autocorrelation(rho):
+    model = fit_noise(coloured(np.random.default_rng(9), rho, 20_000))
+    assert model.variance == pytest.approx(1.0, rel=0.15)
+    expected = 20_000 * (1.0 - rho) / (1.0 + rho)
+    assert model.effective_samples == pytest.approx(expected, rel=0.15)
+    if rho == 0.0:
+        assert not model.coefficients.size
+
+
+def test_weighted_normal_matrix_is_the_sum_over_the_covariance():
+    rho = 0.7
+    model = fit_noise(coloured(np.random.default_rng(2), rho, 5000))
+    assert model.coefficients.size == 1
+    a = float(model.coefficients[0])
+    lag = np.abs(np.subtract.outer(np.arange(COUNT), np.arange(COUNT)))
+    covariance = model.innovation / (1.0 - a**2) * a**lag
+    expected = JACOBIAN.T @ covariance @ JACOBIAN
+    np.testing.assert_allclose(
+        weighted_normal_matrix(JACOBIAN, model),
+        expected,
+        rtol=1e-6,
+        atol=1e-9 * np.abs(expected).max(),
+    )
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'code', 'text'),
+    [
+        ((JACOBIAN[:3], np.zeros(3), TRUTH), ErrorCode.NO_DATA, 'record more samples'),
+        ((JACOBIAN, np.zeros(5), TRUTH), ErrorCode.BAD_VALUES, r'\(R, N\), \(R,\) and \(N,\)'),
+        ((JACOBIAN, np.full(COUNT, math.inf), TRUTH), ErrorCode.BAD_VALUES, 'not finite'),
+    ],
+)
+def test_unusable_input_is_refused(arguments, code, text):
+    with pytest.raises(IdentError, match=text) as caught:
+        intervals(*arguments, LOW, HIGH)
+    assert caught.value.code == code
+
+
+def test_series_have_to_fit():
+    with pytest.raises(IdentError, match='give the length of each series'):
+        intervals(JACOBIAN, np.zeros(COUNT), TRUTH, LOW, HIGH, series=[5, 6])
