@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read bags into recordings: MCAP, db3 and ROS 1, whole or damaged."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 import hashlib
 from pathlib import Path
@@ -205,25 +205,21 @@ def _unreadable(files: list[Path], exc: Exception) -> IdentError:
 
 def _read_regular(paths: list[Path], roles: dict[str, str]) -> _Raw:
     raw = _Raw()
-    with AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with AnyReader(paths, default_typestore=store) as reader:
         for connection in reader.connections:
             raw.types[connection.topic] = connection.msgtype
             raw.counts[connection.topic] = (
                 raw.counts.get(connection.topic, 0) + connection.msgcount
             )
         wanted = [x for x in reader.connections if x.topic in roles and x.msgtype == JOINT_STATE]
-        convert: Callable[[bytes], bytes] = bytes
-        if not reader.is2:
-            store = reader.typestore
-
-            def convert(data: bytes) -> bytes:
-                return bytes(store.ros1_to_cdr(data, JOINT_STATE))
-
         for connection in wanted:
             raw.messages.setdefault(connection.topic, [])
         if wanted:
             for connection, log_time, data in reader.messages(connections=wanted):
-                raw.messages[connection.topic].append((log_time, convert(data)))
+                # ROS 2's type: the conversion itself leaves out the header's `seq` of ROS 1
+                cdr_data = data if reader.is2 else bytes(store.ros1_to_cdr(data, JOINT_STATE))
+                raw.messages[connection.topic].append((log_time, cdr_data))
     return raw
 
 

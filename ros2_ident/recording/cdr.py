@@ -120,6 +120,8 @@ def decode(messages: Sequence[bytes]) -> list[Block]:
     Raises:
         ValueError: A message is no JointState, or its arrays do not fit its names.
     """
+    if not messages:
+        return []
     sizes = np.fromiter((len(m) for m in messages), dtype=np.int64, count=len(messages))
     layout_of = np.empty(len(messages), dtype=np.int64)
     layouts: list[Layout] = []
@@ -140,7 +142,7 @@ def decode(messages: Sequence[bytes]) -> list[Block]:
             pieces.append(table[chosen])
             left = left[~same]
     edges = np.flatnonzero(np.diff(layout_of)) + 1
-    starts = [0, *edges.tolist()] if len(messages) else []
+    starts = [0, *edges.tolist()]
     blocks = []
     for begin, end in zip(starts, [*starts[1:], len(messages)], strict=True):
         which = int(layout_of[begin])

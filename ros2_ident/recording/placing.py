@@ -83,23 +83,27 @@ def _remarks(role: str, stream: Stream, ticks: Ticks, cycle: float) -> list[str]
     doubled = int((~ticks.keep).sum())
     if doubled:
         remarks.append(
-            f'{role}: {doubled} samples share a controller cycle of {milliseconds} with another and '
+            f'{role}: {doubled} samples share a controller cycle of {milliseconds} with another '
+            'and '
             'are left out; state a shorter cycle if the controller has one'
         )
     if not ticks.stride and stream.stamp.size > 2:
         period = sample_period(stream.stamp)
         remarks.append(
-            f'{role}: the samples, {period * 1e3:.4g} ms apart, do not keep to the controller cycle '
+            f'{role}: the samples, {period * 1e3:.4g} ms apart, do not keep to the controller '
+            'cycle '
             f'of {milliseconds}; each counts at the nearest cycle'
         )
     if ticks.jitter > 0.2 * ticks.stride * cycle > 0.0:
         remarks.append(
-            f'{role}: the stamps scatter by {ticks.jitter * 1e3:.3g} ms about the controller cycles, '
+            f'{role}: the stamps scatter by {ticks.jitter * 1e3:.3g} ms about the controller '
+            'cycles, '
             'some samples may be placed wrongly; stamp the messages where the values are taken'
         )
     if abs(ticks.drift) > 2e-5:
         remarks.append(
-            f'{role}: the controller cycle is {cycle * (1.0 + ticks.drift) * 1e3:.6g} ms on the clock '
+            f'{role}: the controller cycle is {cycle * (1.0 + ticks.drift) * 1e3:.6g} ms on the '
+            'clock '
             f'of the stamps, not {cycle * 1e3:.6g} ms'
         )
     return remarks

@@ -12,6 +12,8 @@ from ros2_ident.recording.streams import IntArray, Stream
 _OVERTAKE = 3
 # More restarts than this, and more than this share of the messages, are two clocks on one topic.
 _MANY, _SHARE = 10, 0.02
+# So many messages do not overtake each other on one connection.
+_LATE_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -62,12 +64,13 @@ def split_stamps(stamp: IntArray, where: str) -> Split:
             resume = start + length
         else:
             cuts.append(start)
-    if len(cuts) - 1 > max(_MANY, _SHARE * stamp.size):
+    restarts = len(cuts) - 1
+    if restarts > max(_MANY, _SHARE * stamp.size) or late > max(_MANY, _LATE_SHARE * stamp.size):
         raise IdentError(
             ErrorCode.BAD_VALUES,
-            f'{where}: the stamps step back {len(cuts) - 1} times in {stamp.size} messages; two '
-            'publishers with '
-            'different clocks share the topic: record one of them, or remap the other',
+            f'{where}: the stamps step back {back.size} times in {stamp.size} messages; two '
+            'publishers with different clocks share the topic: record one of them, or remap the '
+            'other',
         )
     cuts.append(stamp.size)
     rows = np.arange(stamp.size)

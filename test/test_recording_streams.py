@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Streams and recordings: what they refuse, and in which words."""
+
+import numpy as np
+import pytest
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording import effort_factor, Recording, scale_effort, Stream
+
+STAMP = np.arange(4) * 1_000_000
+VALUES = np.arange(8.0).reshape(4, 2)
+ENDLESS = np.where(VALUES == 3.0, np.inf, VALUES)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'text'),
+    [
+        ({'names': ()}, 'a stream needs at least one joint name'),
+        ({'names': ('a', 'a')}, 'joint a occurs twice'),
+        ({'stamp': STAMP * 1e-9}, r'integers \[ns\] of shape \(T,\), found float64'),
+        ({'stamp': STAMP[:0]}, 'a stream needs at least one sample'),
+        ({'stamp': STAMP[::-1]}, 'sample 1 is 1000000 ns before its predecessor'),
+        ({'stamp': STAMP * 0}, 'sample 1 is 0 ns before its predecessor'),
+        ({'position': VALUES[:3]}, r'position has shape \(3, 2\), expected \(4, 2\)'),
+        ({'position': ENDLESS}, 'position of b is infinite at sample 1'),
+        ({'position': None}, 'holds neither position, velocity nor effort'),
+    ],
+)
+def test_a_stream_refuses_with_one_sentence(changes, text):
+    arguments = {'names': ('a', 'b'), 'stamp': STAMP, 'position': VALUES} | changes
+    with pytest.raises(IdentError, match=text) as caught:
+        Stream(**arguments)
+    assert caught.value.code == ErrorCode.BAD_VALUES
+    assert '\n' not in caught.value.message
+
+
+def test_arrays_are_copies_and_read_only():
+    values = VALUES.copy()
+    stream = Stream(('a', 'b'), STAMP, values)
+    values[0, 0] = 99.0
+    assert stream.position[0, 0] == 0.0
+    for array in (stream.position, stream.stamp):
+        with pytest.raises(ValueError, match='read-only'):
+            array[0] = 1
+
+
+def test_streams_compare_by_value_and_nan_equals_nan():
+    values = VALUES.copy()
+    values[1, 1] = np.nan
+    assert Stream(('a', 'b'), STAMP, values) == Stream(('a', 'b'), STAMP, values.copy())
+    assert Stream(('a', 'b'), STAMP, values) != Stream(('a', 'b'), STAMP, VALUES)
+    assert Stream(('a', 'b'), STAMP, values) != Stream(('a', 'b'), STAMP, None, values)
+    assert Stream(('a', 'b'), STAMP, values) != Stream(('b', 'a'), STAMP, values)
+    assert len({Stream(('a', 'b'), STAMP, values), Stream(('a', 'b'), STAMP, values)}) == 1
+
+
+def test_columns_by_name():
+    stream = Stream(('a', 'b'), STAMP, VALUES)
+    np.testing.assert_array_equal(stream.column('position', 'b'), VALUES[:, 1])
+    assert stream.column('position', 'c') is None
+    assert stream.column('effort', 'b') is None
+    with pytest.raises(IdentError, match="has no field 'torque'; choose one of position"):
+        stream.values('torque')
+
+
+def test_an_empty_recording_is_refused():
+    with pytest.raises(IdentError, match='holds no stream at all') as caught:
+        Recording(source='x')
+    assert caught.value.code == ErrorCode.NO_DATA
+
+
+def test_a_part_of_a_recording():
+    stream = Stream(('a', 'b'), STAMP, VALUES)
+    recording = Recording(stream, source='x', sha256='1', warnings=['w'])
+    part = recording.between(1_000_000, 3_000_000)
+    np.testing.assert_array_equal(part.state.stamp, STAMP[1:3])
+    assert (part.source, part.sha256, part.warnings) == ('x', '1', ('w',))
+    assert part.duration == pytest.approx(1e-3)
+    with pytest.raises(IdentError, match='no sample between 9 and 10 ns; it spans 0 to 3000000'):
+        recording.between(9, 10)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'factor'),
+    [(('N m',), 1.0), (('N',), 1.0), (('A', 0.25), 0.25), (('percent', None, 6.0), 0.06)],
+)
+def test_effort_units(arguments, factor):
+    assert effort_factor(*arguments) == pytest.approx(factor)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'text'),
+    [
+        (('mA',), "effort unit is 'mA'; write one of N m, N, A, percent"),
+        (('A',), 'effort unit A needs torque_constant'),
+        (('percent', 0.1), 'effort unit percent needs rated_torque'),
+        (('A', float('nan')), 'effort unit A needs torque_constant'),
+    ],
+)
+def test_effort_units_that_cannot_be_converted(arguments, text):
+    with pytest.raises(IdentError, match=text) as caught:
+        effort_factor(*arguments)
+    assert caught.value.code == ErrorCode.WRONG_UNITS
+
+
+def test_scaled_efforts():
+    stream = Stream(('a', 'b'), STAMP, VALUES, effort=VALUES)
+    scaled = scale_effort(Recording(stream), [2.0, -1.0])
+    np.testing.assert_array_equal(scaled.state.effort, VALUES * [2.0, -1.0])
+    np.testing.assert_array_equal(scaled.state.position, VALUES)
+    with pytest.raises(IdentError, match='effort factor is 0.0'):
+        scale_effort(Recording(stream), 0.0)
