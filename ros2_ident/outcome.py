@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """From what a run found to the result: the outcome, its words, and where it came from."""
 
-import importlib.metadata
-import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, UTC
+import importlib.metadata
+import platform
 
 import numpy as np
 import numpy.typing as npt
@@ -73,9 +73,13 @@ def assemble(
         drives=problem.drives,
         parameters=estimates,
         fixed=dict(problem.fixed),
-        correlation=found.intervals.correlation if found.intervals else np.full((size, size), np.nan),
+        correlation=found.intervals.correlation
+        if found.intervals
+        else np.full((size, size), np.nan),
         cost=Cost(
-            found.ga.cost, problem.cost_of(found.residual) if refined else float('nan'), problem.unit
+            found.ga.cost,
+            problem.cost_of(found.residual) if refined else float('nan'),
+            problem.unit,
         ),
         residuals=problem.left(found.residual) if found.residual.size else (),
         evaluations=found.evaluations,
@@ -84,7 +88,9 @@ def assemble(
         seed=seed,
         search_stop=found.ga.stop.value,
         refinement=found.refined.status.value if found.refined else '',
-        history=History(np.array(found.ga.best_costs), found.candidates, found.costs, found.generations),
+        history=History(
+            np.array(found.ga.best_costs), found.candidates, found.costs, found.generations
+        ),
         quality=problem.data.quality(problem.samples),
         provenance=_provenance(problem),
         settings=settings,
@@ -96,7 +102,11 @@ def _estimate(parameter: Parameter, number: int, found: Found) -> ParameterEstim
     value = float(found.theta[number])
     if known is not None:
         low, high = float(known.low[number]), float(known.high[number])
-        bound, identifiable, note = known.at_bound[number], bool(known.identifiable[number]), known.words[number]
+        bound, identifiable, note = (
+            known.at_bound[number],
+            bool(known.identifiable[number]),
+            known.words[number],
+        )
     else:
         low = high = float('nan')
         identifiable = False
@@ -123,30 +133,34 @@ def _judge(found: Found, estimates: tuple[ParameterEstimate, ...]) -> tuple[Outc
     """Return how it ended and the sentence for it."""
     if not np.isfinite(found.ga.cost):
         if found.cancelled:
-            return Outcome.CANCELLED, 'The run was cancelled before a candidate was simulated to its end.'
+            return (
+                Outcome.CANCELLED,
+                'The run was cancelled before a candidate was simulated to its end.',
+            )
         return Outcome.DIVERGED, (
-            'Every candidate diverged; narrow the bounds in the machine file to values the machine can have, and '
-            'check the controller gains there.'
+            'Every candidate diverged; narrow the bounds in the machine file to values the machine '
+            'can have, and check the controller gains there.'
         )
     if found.cancelled:
         return Outcome.CANCELLED, (
-            'The run was cancelled; the values are the best found until then and may be far from the optimum.'
+            'The run was cancelled; the values are the best found until then and may be far from '
+            'the optimum.'
         )
     spent = _spent(found)
     if spent:
         return Outcome.BUDGET_SPENT, spent
     bounded = [e.name for e in estimates if e.at_bound]
     leaning = (
-        f' {", ".join(bounded)} {"lies" if len(bounded) == 1 else "lie"} at a bound: widen it if the true value may '
-        'lie beyond.'
+        f' {", ".join(bounded)} {"lies" if len(bounded) == 1 else "lie"} at a bound: widen it '
+        'if the true value may lie beyond.'
         if bounded
         else ''
     )
     loose = [e.name for e in estimates if not e.identifiable]
     if loose:
         return Outcome.NOT_IDENTIFIABLE, (
-            f'This data does not determine {len(loose)} of {len(estimates)} parameters: {", ".join(loose)}; '
-            f'record a motion that excites them, or fix them at known values.{leaning}'
+            f'This data does not determine {len(loose)} of {len(estimates)} parameters: '
+            f'{", ".join(loose)}; record a motion that excites them, or fix them at known values.{leaning}'
         )
     return Outcome.IDENTIFIED, f'All {len(estimates)} parameters are identified.{leaning}'
 
@@ -174,7 +188,10 @@ def _provenance(problem: Problem) -> Provenance:
             [
                 f'{platform.system()} {platform.machine()}',
                 f'Python {platform.python_version()}',
-                *(f'{name} {importlib.metadata.version(name)}' for name in ('numpy', 'numba', 'scipy')),
+                *(
+                    f'{name} {importlib.metadata.version(name)}'
+                    for name in ('numpy', 'numba', 'scipy')
+                ),
             ]
         ),
         created=datetime.now(UTC).isoformat(timespec='seconds'),

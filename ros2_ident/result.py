@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an identification says: values only, immutable, ready for files, messages and pages."""
 
-import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+import enum
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,7 @@ class Outcome(enum.Enum):
 
     @property
     def error_code(self) -> ErrorCode:
-        """The error a caller may report: OK where the result holds an estimate that can be used."""
+        """The error a caller may report: OK where the estimate can be used."""
         return {
             Outcome.NOT_IDENTIFIABLE: ErrorCode.NOT_IDENTIFIABLE,
             Outcome.CANCELLED: ErrorCode.CANCELLED,
@@ -41,7 +41,8 @@ class ParameterEstimate:
         name: `tool_mass`, or `drive_1.gear_stiffness` where each drive has its own.
         unit: SI unit; `1` for a ratio.
         value: The estimate.
-        low: Lower end of its 95 % interval, not clipped to the box; -inf where the data set no limit.
+        low: Lower end of its 95 % interval, not clipped to the box; -inf where the data set no
+            limit.
         high: Upper end likewise.
         lower_bound: Lower end of the box that was searched.
         upper_bound: Upper end of it.
@@ -88,8 +89,8 @@ class DriveResidual:
     Attributes:
         drive: Its name.
         rms: RMS of measured less simulated effort, in the cost's unit.
-        share: The same over the RMS of the measured effort; times 100 it is the relative error of the
-            EMPS benchmark.
+        share: The same over the RMS of the measured effort; times 100 it is the relative error of
+            the EMPS benchmark.
         samples: Measured samples compared.
     """
 

@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From recordings to segments on the controller's grid, checked before anything is searched."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.models import Machine
+from ros2_ident.models.machine import constant
+from ros2_ident.recording import align, Dataset, read_bag, Recording, Topics
+from ros2_ident.result import Quality
+
+# A shorter stretch holds hardly a motion.
+SHORTEST = 0.5
+# The models start at rest; where a stretch starts in motion, controllers need this long to forget.
+SETTLING = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """What a recording gives to identify from.
+
+    Attributes:
+        datasets: Its segments on the grid of controller cycles.
+        recordings: The recording each segment came from, in the same order; empty where unknown.
+        source: Path of the bag, or the name of the live buffer.
+        sha256: Hash of the bag's files, empty for live data.
+        warnings: What was left out, one sentence each.
+    """
+
+    datasets: tuple[Dataset, ...]
+    recordings: tuple[Recording, ...] = ()
+    source: str = ''
+    sha256: str = ''
+    warnings: tuple[str, ...] = ()
+
+    def quality(self, samples: int) -> Quality:
+        """Return a summary; `samples` is the number of efforts compared."""
+        came: dict[str, int] = {}
+        lost: dict[str, int] = {}
+        for dataset in self.datasets:
+            for stream in dataset.quality.streams:
+                came[stream.role] = came.get(stream.role, 0) + stream.samples
+                lost[stream.role] = lost.get(stream.role, 0) + stream.missing
+        said = [w for d in self.datasets for w in d.quality.warnings]
+        return Quality(
+            segments=len(self.datasets),
+            duration=sum(d.duration for d in self.datasets),
+            samples=samples,
+            missing={role: lost[role] / max(1, lost[role] + came[role]) for role in came},
+            warnings=tuple(dict.fromkeys([*self.warnings, *said])),
+        )
+
+
+def read_problem(
+    bag: str | Path,
+    machine: Machine,
+    drives: Sequence[str] | None = None,
+    *,
+    topics: Topics | None = None,
+) -> Data:
+    """Read a bag into what `identify` takes.
+
+    Args:
+        bag: Path of a bag.
+        machine: The machine it was recorded on.
+        drives: Drives to identify; all where None.
+        topics: Topic names.
+
+    Returns:
+        The segments.
+
+    Raises:
+        IdentError: As `read_bag`, `align` and `gather`.
+    """
+    return gather(read_bag(bag, topics), machine, drives)
+
+
+def gather(
+    recordings: Sequence[Recording], machine: Machine, drives: Sequence[str] | None = None
+) -> Data:
+    """Bring recordings onto the controller's grid; unusable ones are left out with a warning.
+
+    Args:
+        recordings: From `read_bag` or a `RecordingBuilder`.
+        machine: The machine they were recorded on.
+        drives: Drives to identify; all where None.
+
+    Returns:
+        The segments that can be used.
+
+    Raises:
+        IdentError: NO_DATA where none can be used; where there is only one, what is wrong with it.
+    """
+    chosen = chosen_drives(machine, drives)
+    cycle = constant(machine.controller, 'cycle', 'controller')
+    if not recordings:
+        raise IdentError(
+            ErrorCode.NO_DATA, 'there is no recording to identify from; record a motion first'
+        )
+    kept: list[tuple[Dataset, Recording]] = []
+    warnings: list[str] = []
+    first: IdentError | None = None
+    for number, recording in enumerate(recordings, 1):
+        place = f'segment {number} of {len(recordings)}'
+        try:
+            dataset = _aligned(recording, machine, chosen, cycle)
+            if dataset.duration < SHORTEST:
+                raise IdentError(
+                    ErrorCode.NO_DATA,
+                    f'{recording.source or "recording"}: lasts {dataset.duration:.3g} s; '
+                    f'record a motion of several seconds, {SHORTEST:g} s is the least',
+                )
+        except IdentError as error:
+            first = first or error
+            warnings.append(f'{place} is left out: {error.message}')
+            continue
+        kept.append((_settled(dataset, place, warnings), recording))
+    if not kept:
+        assert first is not None
+        raise first
+    one = recordings[0]
+    datasets, used = zip(*kept, strict=True)
+    return Data(datasets, used, one.source, one.sha256, tuple(warnings))
+
+
+def chosen_drives(machine: Machine, drives: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the drives to identify in the machine's order.
+
+    Raises:
+        IdentError: INVALID_GOAL where the list is empty, repeats a drive or names a strange one.
+    """
+    if drives is None:
+        return machine.drives
+    known = ', '.join(machine.drives)
+    if isinstance(drives, str) or not drives:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL, f'no drive is chosen; name at least one of {known}'
+        )
+    for name in drives:
+        if name not in machine.drives:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'drive {name!r} is not in the machine file; choose from {known}',
+            )
+    if len(set(drives)) != len(drives):
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'the drives {", ".join(drives)} repeat one; name each only once',
+        )
+    return tuple(name for name in machine.drives if name in drives)
+
+
+def _aligned(
+    recording: Recording, machine: Machine, chosen: tuple[str, ...], cycle: float
+) -> Dataset:
+    """Align all drives of the machine; only the chosen ones need an effort."""
+    everyone = chosen == machine.drives
+    need = ('effort',) if everyone else ()
+    dataset = align(recording, machine.drives, cycle, need=need, effort_scale=machine.effort_scale)
+    if not everyone:
+        _check_efforts(recording, dataset, chosen)
+    _check_motion(recording, dataset, chosen)
+    return dataset
+
+
+def _check_efforts(recording: Recording, dataset: Dataset, chosen: tuple[str, ...]) -> None:
+    where = recording.source or 'recording'
+    if dataset.effort is None:
+        raise IdentError(
+            ErrorCode.MISSING_STREAM,
+            f"{where}: no stream holds an effort; record the drives' effort, "
+            'or name the topic that carries it',
+        )
+    for name in chosen:
+        if np.isnan(dataset.effort[dataset.names.index(name)]).all():
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                f'{where}: no effort of {name}; leave this drive out, or record its effort',
+            )
+
+
+def _check_motion(recording: Recording, dataset: Dataset, chosen: tuple[str, ...]) -> None:
+    """Refuse what would cost minutes and tell nothing."""
+    where = recording.source or 'recording'
+    assert dataset.effort is not None
+    for name in chosen:
+        row = dataset.effort[dataset.names.index(name)]
+        there = row[~np.isnan(row)]
+        if there.size and float(there.max()) == float(there.min()):
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'{where}: the effort of {name} is {there[0]:g} in every sample; '
+                'switch its measurement on in the drive, or leave this drive out',
+            )
+    driving = (
+        dataset.command_position if dataset.command_position is not None else dataset.position
+    )
+    if (
+        driving is not None
+        and float(np.nanmax(np.nanmax(driving, axis=1) - np.nanmin(driving, axis=1))) == 0.0
+    ):
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{where}: no drive moves; record a motion that accelerates every drive',
+        )
+
+
+def _settled(dataset: Dataset, place: str, warnings: list[str]) -> Dataset:
+    """Leave out the efforts at the start of a stretch that begins in motion."""
+    speed = dataset.command_velocity
+    if speed is None or dataset.effort is None:
+        return dataset
+    fast = np.abs(speed).max()
+    if fast == 0.0 or np.abs(speed[:, 0]).max() < 0.02 * fast:
+        return dataset
+    effort = dataset.effort.copy()
+    effort[:, : round(SETTLING / dataset.cycle)] = np.nan
+    warnings.append(
+        f'{place} starts in motion: its first {SETTLING:g} s are simulated and not compared; '
+        'let recordings start at rest'
+    )
+    return replace(dataset, effort=effort)
