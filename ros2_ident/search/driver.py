@@ -110,16 +110,19 @@ class Slicer:
     Args:
         target: Wall time a slice shall take, s.
         first: Candidates of the first slice.
+        lot: Candidates that are evaluated in the time of one; slices are multiples of it.
     """
 
-    def __init__(self, target: float = 0.05, first: int = 16) -> None:
+    def __init__(self, target: float = 0.05, first: int = 16, lot: int = 1) -> None:
         self._target = target
-        self.size = first
+        self._lot = lot
+        self.size = max(lot, first)
 
     def note(self, count: int, seconds: float) -> None:
         """Learn from `count` candidates that took `seconds`; grows at most eightfold."""
         fitting = self._target / max(seconds / count, 1e-9)
-        self.size = max(1, int(min(fitting, 8.0 * self.size)))
+        lots = int(min(fitting, 8.0 * self.size)) // self._lot
+        self.size = self._lot * max(1, lots)
 
 
 class _Run:
@@ -249,6 +252,7 @@ def minimise(
     cancel: Cancel | None = None,
     checkpoint: str | Path | None = None,
     slice_seconds: float = 0.05,
+    lot: int = 1,
     interval: float = 0.1,
     clock: Callable[[], float] = time.monotonic,
 ) -> SearchResult:
@@ -268,6 +272,8 @@ def minimise(
         cancel: Looked at between slices.
         checkpoint: File that holds the search's state after every generation.
         slice_seconds: Wall time a slice shall take, s; the sizes adapt to it.
+        lot: Candidates that are evaluated in the time of one (vector lanes times threads); slices are
+            multiples of it.
         interval: Least time between two reports, s.
         clock: Seconds that never step back.
 
@@ -279,7 +285,7 @@ def minimise(
     """
     bottom, top = _bounds(low, high, search.dimension)
     run = _Run(search, bottom, top, budget or Budget(), on_progress, clock, interval)
-    slicer = Slicer(slice_seconds)
+    slicer = Slicer(slice_seconds, lot=lot)
     best_costs: list[float] = []
     completed = search.generation - (0 if search.stop_reason else 1)
     stop = search.stop_reason
