@@ -36,6 +36,7 @@ def interpolate_setpoint(
     Returns:
         Set-point (K,) and its velocity (K,).
     """
+    time, position, velocity = _fill_holds(time, position, velocity)
     out = np.empty(wanted.size)
     rate = np.zeros(wanted.size)
     edges = [0, *(find_steps(time, position) + 1).tolist(), time.size]
@@ -56,6 +57,31 @@ def interpolate_setpoint(
         out[low:high] = fit(held)
         rate[low:high] = np.where(np.abs(held - inside) <= slack, slope(held), 0.0)
     return out, rate
+
+
+def _fill_holds(
+    time: FloatArray, position: FloatArray, velocity: FloatArray | None
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Repeat a set-point that stands still and is only sent when it changes.
+
+    A spline over the long pause would swing out at its corners.
+    """
+    steps = np.diff(time)
+    if not steps.size:
+        return time, position, velocity
+    typical = float(np.median(steps))
+    holds = np.flatnonzero((steps > 2.5 * typical) & (np.diff(position) == 0.0))
+    if not holds.size:
+        return time, position, velocity
+    counts = np.round(steps[holds] / typical).astype(np.int64)
+    added = np.concatenate(
+        [time[k] + steps[k] * np.arange(1, n) / n for k, n in zip(holds, counts, strict=True)]
+    )
+    place = np.searchsorted(time, added)
+    time = np.insert(time, place, added)
+    if velocity is not None:
+        velocity = np.insert(velocity, place, 0.0)
+    return time, np.insert(position, place, position[place - 1]), velocity
 
 
 def _smooth(

@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings on the controller's grid: samples where they belong, set-points in between."""
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording import align, Dataset, Recording, RecordingBuilder, Stream
+from ros2_ident.recording.setpoint import find_steps, interpolate_setpoint
+
+CYCLE = 5e-4
+START = 1_700_000_000_000_000_000
+NAMES = ('drive_1', 'drive_2')
+
+
+def motion(time):
+    """Return set-point and velocity (T, 2) of two drives, smooth, at rest in the beginning."""
+    phase = 2.0 * np.pi * np.array([1.0, 1.7]) * time[:, None]
+    return 0.05 * (1.0 - np.cos(phase)), 0.05 * np.sin(phase) * phase / time[:, None].clip(1e-9)
+
+
+def stream(ticks, names=NAMES, fields='pve', jitter=0, seed=0):
+    """Return a stream that says where it was sampled: its effort is the cycle's number."""
+    rng = np.random.default_rng(seed)
+    position, velocity = motion(ticks * CYCLE)
+    effort = np.stack([ticks, ticks + 0.5], axis=1).astype(float)
+    place = [NAMES.index(name) for name in names]
+    values = [
+        values[:, place] if letter in fields else None
+        for letter, values in zip('pve', (position, velocity, effort), strict=True)
+    ]
+    noise = rng.integers(-jitter, jitter, ticks.size, endpoint=True)
+    return Stream(names, START + ticks * 500_000 + noise, *values)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**31),
+    jitter=st.integers(0, 150_000),
+    order=st.permutations(NAMES),
+    begin=st.integers(0, 3),
+)
+def test_every_sample_is_at_its_cycle(seed, jitter, order, begin):
+    rng = np.random.default_rng(seed)
+
+    def ticks(late=0):
+        kept = np.arange(late, 1000) * 2
+        return kept[rng.random(kept.size) > 0.02]
+
+    recording = Recording(
+        state=stream(ticks(), fields='pv', jitter=jitter, seed=seed),
+        effort=stream(ticks(), tuple(order), 'e', jitter=jitter, seed=seed + 1),
+        command=stream(ticks(begin), tuple(order)[::-1], 'p', jitter=jitter, seed=seed + 2),
+    )
+    data = align(recording, NAMES, CYCLE)
+    shift = round((data.start - START) / 500_000)
+    there = np.isfinite(data.effort[0])
+    np.testing.assert_array_equal(data.effort[0, there], np.flatnonzero(there) + shift)
+    np.testing.assert_array_equal(data.effort[1, there], data.effort[0, there] + 0.5)
+    assert np.isfinite(data.effort[1]).sum() == there.sum()
+    position, velocity = motion((np.arange(data.cycles) + shift) * CYCLE)
+    measured = np.isfinite(data.position)
+    np.testing.assert_allclose(data.position[measured], position.T[measured], atol=1e-14)
+    np.testing.assert_allclose(data.velocity[measured], velocity.T[measured], atol=1e-12)
+    # samples end with a dropped one now and then: the set-point is held there
+    inner = slice(20, -20)
+    np.testing.assert_allclose(data.command_position[:, inner], position.T[:, inner], atol=1e-9)
+    np.testing.assert_allclose(data.command_velocity[:, inner], velocity.T[:, inner], atol=1e-6)
+
+
+@given(order=st.permutations(range(300)))
+@settings(max_examples=15, deadline=None)
+def test_the_replay_order_of_topics_does_not_change_the_data(order):
+    """Messages of a topic keep their order; how topics interleave is chance."""
+    streams = {
+        'state': stream(np.arange(100) * 2, fields='pv'),
+        'effort': stream(np.arange(100) * 2, fields='e'),
+        'command': stream(np.arange(100) * 2, fields='p'),
+    }
+
+    def build(roles):
+        builder = RecordingBuilder()
+        count = dict.fromkeys(streams, 0)
+        for role in roles:
+            k, count[role] = count[role], count[role] + 1
+            x = streams[role]
+            values = [() if v is None else v[k] for v in (x.position, x.velocity, x.effort)]
+            builder.add(role, int(x.stamp[k]), x.names, *values)
+        return align(builder.build()[0], NAMES, CYCLE)
+
+    roles = [role for role in streams for _ in range(100)]
+    one, two = build(roles), build([roles[i] for i in order])
+    assert one.start == two.start
+    for field in ('command_position', 'command_velocity', 'position', 'velocity', 'effort'):
+        np.testing.assert_array_equal(getattr(one, field), getattr(two, field))
+    assert one.quality == two.quality
+
+
+def test_what_the_quality_says():
+    ticks = np.delete(np.arange(200) * 2, [7, 50, 51])
+    recording = Recording(stream(ticks), command=stream(np.arange(200) * 2, fields='p'))
+    data = align(recording, NAMES, CYCLE)
+    state = data.quality.stream('state')
+    assert (state.samples, state.missing, state.stride) == (197, 3, 2)
+    assert state.rate == pytest.approx(1000.0)
+    assert state.missing_share == pytest.approx(3 / 200)
+    assert data.quality.stream('effort') is None
+    assert data.quality.warnings == ()
+    assert data.cycles == 399
+    assert data.duration == pytest.approx(398 * CYCLE)
+
+
+def test_effort_comes_from_the_state_where_the_effort_stream_lacks_a_drive():
+    ticks = np.arange(100) * 2
+    other = Stream(('drive_1',), START + ticks * 500_000, effort=np.full((100, 1), 7.0))
+    data = align(Recording(stream(ticks), other), NAMES, CYCLE)
+    assert np.nanmax(data.effort[0]) == 7.0
+    assert data.effort[1, 4] == 4.5
+    alone = Stream(('x',), START + ticks * 500_000, effort=np.full((100, 1), 7.0))
+    data = align(Recording(stream(ticks), alone), NAMES, CYCLE)
+    assert data.effort[0, 4] == 4.0
+    assert 'holds none of the drives, only x' in data.quality.warnings[0]
+
+
+def test_without_a_command_the_grid_covers_the_state():
+    data = align(Recording(stream(np.arange(50) * 2)), NAMES, CYCLE, effort_scale=2.0)
+    assert data.command_position is None
+    assert data.command_velocity is None
+    assert data.cycles == 99
+    assert data.effort[0, 10] == 20.0
+
+
+def test_the_longest_stretch_of_a_command_with_a_hole():
+    ticks = np.r_[np.arange(300), np.arange(500, 1000)] * 2
+    recording = Recording(stream(np.arange(1000) * 2), command=stream(ticks, fields='p'))
+    data = align(recording, NAMES, CYCLE)
+    assert data.effort[0, 0] == 1000.0
+    assert data.cycles == 999
+    assert 'has 1 holes of up to 0.201 s' in ' '.join(data.quality.warnings)
+
+
+def test_a_command_that_is_sent_when_it_changes_has_no_holes():
+    ticks = np.r_[np.arange(300), np.arange(500, 1000)] * 2
+    held = np.where(ticks < 1000, 0.1, 0.1 + 1e-5 * (ticks - 1000.0))
+    command = Stream(NAMES, START + ticks * 500_000, np.stack([held, held], axis=1))
+    data = align(Recording(stream(np.arange(1000) * 2), command=command), NAMES, CYCLE)
+    assert data.cycles == 1999
+    np.testing.assert_allclose(data.command_position[0, 600:1000], 0.1, atol=2e-6)
+
+
+def fails(recording, code, text, drives=NAMES, **kwargs):
+    with pytest.raises(IdentError, match=text) as caught:
+        align(recording, drives, CYCLE, **kwargs)
+    assert caught.value.code == code
+    assert '\n' not in caught.value.message
+
+
+def test_errors_name_the_remedy():
+    ticks = np.arange(100) * 2
+    good = Recording(stream(ticks), source='log')
+    fails(good, ErrorCode.INVALID_GOAL, 'drives are .*; name at least one', ())
+    fails(
+        good,
+        ErrorCode.MISSING_STREAM,
+        'log: state has no joint x, it holds drive_1, drive_2; write these names as drives',
+        ('drive_1', 'x'),
+    )
+    fails(
+        Recording(stream(ticks, fields='pv')),
+        ErrorCode.MISSING_STREAM,
+        'no stream holds an effort; record it, or name the topic that carries it',
+    )
+    silent = stream(ticks, fields='pv')
+    silent = Stream(NAMES, silent.stamp, silent.position, None, np.full((100, 2), np.nan))
+    fails(Recording(silent), ErrorCode.BAD_VALUES, 'every effort of the drives is NaN; switch')
+    half = Stream(NAMES, silent.stamp, silent.position, None, np.full((100, 2), [1.0, np.nan]))
+    fails(
+        Recording(half), ErrorCode.MISSING_STREAM, 'no effort of drive_2; leave these drives out'
+    )
+    fails(
+        Recording(stream(ticks, fields='e')),
+        ErrorCode.MISSING_STREAM,
+        'no stream holds a position; record it',
+        need=('position',),
+    )
+    fails(good, ErrorCode.MISSING_STREAM, 'holds no command stream', need=('command',))
+    fails(
+        Recording(command=stream(ticks, fields='p')),
+        ErrorCode.MISSING_STREAM,
+        'neither a state nor an effort stream holds the drives',
+    )
+    fails(
+        Recording(stream(ticks), command=stream(ticks + 10_000, fields='p')),
+        ErrorCode.NO_DATA,
+        'command and state do not overlap in time, they are 4.9 s apart; record them together',
+    )
+    fails(
+        Recording(stream(ticks), command=stream(ticks, fields='v')),
+        ErrorCode.MISSING_STREAM,
+        'command: holds no position of the drives',
+    )
+    fails(Recording(stream(ticks[:1])), ErrorCode.NO_DATA, 'has a single sample of the drives')
+    assert align(Recording(stream(ticks, fields='pv')), NAMES, CYCLE, need=()).effort is None
+
+
+def test_a_data_set_refuses_wrong_shapes():
+    values = np.zeros((2, 5))
+    with pytest.raises(IdentError, match='have to be of one shape'):
+        Dataset(NAMES, CYCLE, 0, values, values, values[:, :3], None, None)
+    with pytest.raises(IdentError, match=r'have shape \(2, 5\), expected \(1, cycles\)'):
+        Dataset(('a',), CYCLE, 0, values, values, None, None, None)
+    with pytest.raises(IdentError, match='command_velocity has cycles without a value'):
+        Dataset(NAMES, CYCLE, 0, values, values * np.nan, None, None, None)
+    data = Dataset(NAMES, CYCLE, 0, values, values, None, None, None)
+    assert not data.command_position.flags.writeable
+    np.testing.assert_allclose(data.time, np.arange(5) * CYCLE)
+
+
+def test_a_step_is_held_until_the_sample_that_shows_it():
+    time = np.arange(100) * 1e-2
+    position = np.where(time < 0.5, 0.0, 1.0)
+    assert find_steps(time, position).tolist() == [49]
+    out, rate = interpolate_setpoint(time, position, None, np.arange(990) * 1e-3)
+    np.testing.assert_allclose(out[:500], 0.0, atol=1e-12)
+    np.testing.assert_allclose(out[500:], 1.0, atol=1e-12)
+    np.testing.assert_allclose(rate, 0.0, atol=1e-9)
+
+
+def test_smooth_motion_and_ramps_are_no_steps():
+    time = np.arange(1000) * 1e-3
+    ramp = np.clip(time - 0.3, 0.0, 0.2)
+    for position in (np.sin(20.0 * time), ramp, time**3, np.zeros(1000)):
+        assert find_steps(time, position).size == 0
+
+
+def test_the_set_points_own_velocity_is_used():
+    time = np.arange(50) * 2e-3
+    wanted = np.arange(99) * 1e-3
+    out, rate = interpolate_setpoint(time, np.sin(9 * time), 9 * np.cos(9 * time), wanted)
+    np.testing.assert_allclose(out, np.sin(9 * wanted), atol=1e-9)
+    np.testing.assert_allclose(rate, 9 * np.cos(9 * wanted), atol=2e-5)
+    np.testing.assert_allclose(rate[::2], 9 * np.cos(9 * time), atol=1e-12)
+
+
+@pytest.mark.parametrize('size', [1, 2, 3, 5])
+def test_few_samples(size):
+    time = np.arange(size) * 1e-2
+    out, rate = interpolate_setpoint(time, 2.0 * time, None, np.arange(-3, 60) * 1e-3)
+    inside = slice(3, 3 + 10 * (size - 1) + 1)
+    np.testing.assert_allclose(out[inside], 2.0 * np.arange(-3, 60)[inside] * 1e-3, atol=1e-12)
+    assert out[0] == 0.0
+    assert rate[0] == rate[-1] == 0.0

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Smoothing without delay, and derivatives."""
+
+import numpy as np
+import pytest
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording import smooth_motion
+
+CYCLE = 5e-4
+TIME = np.arange(6000) * CYCLE
+
+
+def rest_to_rest(time, at=1.0, width=0.8, stroke=0.2):
+    """Return position, velocity, acceleration of a smooth motion between two rests."""
+    x = ((time - at) / width).clip(0.0, 1.0)
+    inside = (x > 0.0) & (x < 1.0)
+    position = x**4 * (35 - 84 * x + 70 * x**2 - 20 * x**3)
+    velocity = np.where(inside, 140 * x**3 * (1 - x) ** 3, 0.0) / width
+    acceleration = np.where(inside, 420 * x**2 * (1 - x) ** 2 * (1 - 2 * x), 0.0) / width**2
+    return stroke * position, stroke * velocity, stroke * acceleration
+
+
+def test_smooth_motion_passes_to_its_ends():
+    truth = np.stack([rest_to_rest(TIME), rest_to_rest(TIME, 0.5, 1.9)], axis=1)
+    position = truth[0].copy()
+    position[:, 1::2] = np.nan
+    position[0, 100:108] = np.nan
+    found = smooth_motion(position, CYCLE, 60.0)
+    for values, expected, bound in zip(found, truth, (1e-6, 2e-5, 1e-2), strict=True):
+        assert values.shape == expected.shape
+        np.testing.assert_allclose(values, expected, atol=bound)
+
+
+def test_noise_beyond_the_cutoff_goes_and_nothing_is_delayed():
+    rng = np.random.default_rng(0)
+    truth = rest_to_rest(TIME)
+    noisy = truth[0] + rng.normal(0.0, 1e-5, TIME.size)
+    _, velocity, _ = smooth_motion(noisy[None], CYCLE, 20.0)
+    assert np.std(velocity[0] - truth[1]) < 0.02 * np.std(np.gradient(noisy, CYCLE) - truth[1])
+    lags = np.arange(-20, 21)
+    inner = slice(1000, -1000)
+    match = [np.sum(velocity[0][inner] * np.roll(truth[1], lag)[inner]) for lag in lags]
+    assert lags[int(np.argmax(match))] == 0
+
+
+def test_before_the_first_and_after_the_last_sample_it_stands():
+    position = rest_to_rest(TIME)[0]
+    position[:300] = np.nan
+    position[-300:] = np.nan
+    found, velocity, _ = smooth_motion(position[None], CYCLE, 50.0)
+    np.testing.assert_allclose(found[0, :300], 0.0, atol=1e-9)
+    np.testing.assert_allclose(found[0, -300:], 0.2, atol=1e-9)
+    np.testing.assert_allclose(velocity[0, -300:], 0.0, atol=1e-7)
+
+
+def test_gain_at_the_cutoff_is_a_half():
+    wave = np.sin(2.0 * np.pi * 10.0 * TIME)
+    found, _, _ = smooth_motion(wave[None], CYCLE, 10.0)
+    assert np.ptp(found[0, 2000:4000]) == pytest.approx(1.0, rel=1e-3)
+
+
+def test_a_short_recording():
+    found = smooth_motion(np.array([[0.0, 1.0, 2.0, 3.0, 4.0]]), 0.1, 2.0)
+    assert [x.shape for x in found] == [(1, 5)] * 3
+    assert all(np.isfinite(x).all() for x in found)
+
+
+@pytest.mark.parametrize(
+    ('position', 'cutoff', 'text'),
+    [
+        ([[np.nan] * 10], 5.0, 'drive 1 of 1 has 0 position samples, at least 4 are needed'),
+        (
+            [np.arange(10.0)],
+            60.0,
+            'cutoff is 60 Hz but positions come at 100 Hz; choose one between',
+        ),
+        ([np.arange(10.0)], 0.0, 'cutoff is 0 Hz'),
+    ],
+)
+def test_errors_name_the_remedy(position, cutoff, text):
+    with pytest.raises(IdentError, match=text) as caught:
+        smooth_motion(np.array(position), 0.01, cutoff)
+    assert caught.value.code == ErrorCode.BAD_VALUES
