@@ -91,9 +91,8 @@ def friction_torque(
     if d[at.EXTRA_COULOMB] != 0.0:
         friction += d[at.EXTRA_COULOMB] * smooth_sign(speed, width, d[at.EXTRA_COULOMB_FORM])
     if d[at.EXTRA_VISCOUS] != 0.0:
-        friction += (
-            d[at.EXTRA_VISCOUS] * abs(speed) ** (d[at.EXTRA_VISCOUS_EXPONENT] - 1.0) * speed
-        )
+        rise = abs(speed) ** d[at.EXTRA_VISCOUS_EXPONENT]
+        friction += d[at.EXTRA_VISCOUS] * math.copysign(rise, speed)
     if d[at.STRIBECK_TORQUE] != 0.0:
         ratio = (speed / d[at.STRIBECK_SPEED]) ** 2
         if d[at.STRIBECK_FORM] == 0.0:
@@ -106,7 +105,7 @@ def friction_torque(
             loaded = 0.5 * (loaded + torque)
         friction += d[at.LOAD_FRICTION] * abs(loaded) * sign
     if d[at.DRAG] != 0.0:
-        friction += d[at.DRAG] * abs(speed) ** (d[at.DRAG_EXPONENT] - 1.0) * speed
+        friction += d[at.DRAG] * math.copysign(abs(speed) ** d[at.DRAG_EXPONENT], speed)
     if d[at.ASYMMETRY] != 0.0:
         even = sign
         if d[at.ASYMMETRY_WIDTH] > 0.0:

@@ -29,6 +29,9 @@ class Log:
         carriage: (D, K) carriage position in space [m].
         platform: (3, K) platform position [m]; zeros without a platform.
         frame: (K,) height of the frame [m].
+        carriage_velocity: (D, K) [m/s].
+        platform_velocity: (3, K) [m/s].
+        frame_velocity: (K,) [m/s].
         steps: Integration steps taken.
         rod_error: Largest error of a rod's length before it was corrected [m].
     """
@@ -42,6 +45,9 @@ class Log:
     carriage: Array
     platform: Array
     frame: Array
+    carriage_velocity: Array
+    platform_velocity: Array
+    frame_velocity: Array
     steps: int
     rod_error: float
 

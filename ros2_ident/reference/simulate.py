@@ -135,6 +135,9 @@ def simulate(
         carriage=motion[count : 2 * count],
         platform=motion[2 * count : 2 * count + 3],
         frame=motion[m - 1],
+        carriage_velocity=motion[m + count : m + 2 * count],
+        platform_velocity=motion[m + 2 * count : m + 2 * count + 3],
+        frame_velocity=motion[2 * m - 1],
         steps=int(tally[0]),
         rod_error=float(tally[2]),
     )
