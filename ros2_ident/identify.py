@@ -5,13 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.lanes import WIDTH
 from ros2_ident.models import EffectAt, Machine
 from ros2_ident.outcome import assemble
+from ros2_ident.packing import PackedSearch
 from ros2_ident.phases import Run
 from ros2_ident.problem import Problem
 from ros2_ident.recording import Dataset, Recording
 from ros2_ident.result import Identification
-from ros2_ident.search import GeneticSearch, ThreadedEvaluator
+from ros2_ident.search import ThreadedEvaluator
 from ros2_ident.search.driver import Cancel
 from ros2_ident.segments import chosen_drives, Data, gather
 from ros2_ident.segments import read_problem as read_problem
@@ -75,13 +77,15 @@ def identify(
         effects=effects,
         cutoff=settings.cutoff,
     )
-    search = GeneticSearch(len(problem.parameters), settings.genetic, seed)
+    search = PackedSearch(len(problem.parameters), settings.genetic, seed, problem.work)
     threads = settings.threads or processors()
     with (
         ThreadedEvaluator(problem.costs, threads) as costs,
         ThreadedEvaluator(problem.residuals, threads) as residuals,
     ):
-        run = Run(problem, settings, search, costs, residuals, cancel, on_progress)
+        run = Run(
+            problem, settings, search, threads * WIDTH, costs, residuals, cancel, on_progress
+        )
         found = run.solve()
     return assemble(problem, found, seed, _plain(settings))
 

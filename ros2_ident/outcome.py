@@ -138,8 +138,8 @@ def _judge(found: Found, estimates: tuple[ParameterEstimate, ...]) -> tuple[Outc
                 'The run was cancelled before a candidate was simulated to its end.',
             )
         return Outcome.DIVERGED, (
-            'Every candidate diverged; narrow the bounds in the machine file to values the machine '
-            'can have, and check the controller gains there.'
+            'Every candidate diverged; narrow the bounds in the machine file to values the '
+            'machine can have, and check the controller gains there.'
         )
     if found.cancelled:
         return Outcome.CANCELLED, (
@@ -160,7 +160,8 @@ def _judge(found: Found, estimates: tuple[ParameterEstimate, ...]) -> tuple[Outc
     if loose:
         return Outcome.NOT_IDENTIFIABLE, (
             f'This data does not determine {len(loose)} of {len(estimates)} parameters: '
-            f'{", ".join(loose)}; record a motion that excites them, or fix them at known values.{leaning}'
+            f'{", ".join(loose)}; record a motion that excites them, or fix them at known values.'
+            f'{leaning}'
         )
     return Outcome.IDENTIFIED, f'All {len(estimates)} parameters are identified.{leaning}'
 
@@ -201,6 +202,6 @@ def _provenance(problem: Problem) -> Provenance:
 def package_version() -> str:
     """Return the version of this package, `unknown` where it runs from an uninstalled copy."""
     try:
-        return importlib.metadata.version(PACKAGE)
+        return str(importlib.metadata.version(PACKAGE))
     except importlib.metadata.PackageNotFoundError:
         return 'unknown'

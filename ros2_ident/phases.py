@@ -60,6 +60,7 @@ class Run:
         problem: Problem,
         settings: IdentifySettings,
         search: GeneticSearch,
+        lot: int,
         costs: Callable[[Array], Array],
         residuals: Callable[[Array], Array],
         cancel: Cancel | None,
@@ -72,6 +73,7 @@ class Run:
         self.residuals = residuals
         self.cancel = cancel
         self.on_progress = on_progress
+        self.lot = lot
         self.names = tuple(p.name for p in problem.parameters)
         self.candidates: list[Array] = []
         self.told: list[Array] = []
@@ -85,6 +87,7 @@ class Run:
 
     @property
     def elapsed(self) -> float:
+        """Wall time since the start, s."""
         return time.monotonic() - self.start
 
     def solve(self) -> Found:
@@ -136,6 +139,7 @@ class Run:
                 seconds=kept * budget.seconds if budget.seconds else None,
             ),
             cancel=self.cancel,
+            lot=self.lot,
             on_progress=self._report_search if self.on_progress else None,
         )
 

@@ -90,6 +90,10 @@ class Problem:
             )
         self._weights = [c.sum() / self.samples for c in counts]
 
+    def work(self, points: Array) -> npt.NDArray[np.int64]:
+        """Return (S,) how much work candidates (S, N) in the unit cube are."""
+        return self.models[0].work(self.low + points * (self.high - self.low))
+
     def costs(self, theta: Array) -> Array:
         """Return (S,) costs of (S, N) candidates, `unit`; inf where one diverged."""
         total = np.zeros(len(theta))
