@@ -10,11 +10,13 @@ from ros2_ident.search.driver import SearchResult as SearchResult
 from ros2_ident.search.evaluators import ThreadedEvaluator as ThreadedEvaluator
 from ros2_ident.search.genetic import GeneticSearch as GeneticSearch
 from ros2_ident.search.genetic import GeneticSettings as GeneticSettings
+from ros2_ident.search.genetic import MANY_MINIMA as MANY_MINIMA
 from ros2_ident.search.genetic import StopReason as StopReason
 from ros2_ident.search.jacobian import finite_differences as finite_differences
 from ros2_ident.search.refine import refine as refine
 from ros2_ident.search.refine import Refinement as Refinement
 from ros2_ident.search.refine import RefineStatus as RefineStatus
+from ros2_ident.search.refine import spread_starts as spread_starts
 from ros2_ident.search.refine import StartOutcome as StartOutcome
 from ros2_ident.search.uncertainty import Intervals as Intervals
 from ros2_ident.search.uncertainty import intervals as intervals

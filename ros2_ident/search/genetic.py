@@ -106,6 +106,20 @@ class GeneticSettings:
         return self.initial_population + (self.generations - 1) * self.survivors * self.children
 
 
+# For costs with many narrow minima side by side: more parents with fewer children, who look around
+# their parents instead of all over the box. Measured on the belt drive, see docs/search.md.
+MANY_MINIMA = GeneticSettings(
+    initial_population=500,
+    survivors=40,
+    children=4,
+    generations=12,
+    range_reduction=0.8,
+    min_distance=0.05,
+    first_step=0.05,
+    first_generation='kronecker',
+)
+
+
 class GeneticSearch:
     """Mutation and selection without crossover.
 

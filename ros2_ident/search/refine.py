@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.driver import Cancel
 from ros2_ident.search.jacobian import Box, finite_differences, Residuals
-from ros2_ident.search.operators import Array
+from ros2_ident.search.operators import Array, select
 
 
 class RefineStatus(enum.Enum):
@@ -182,6 +182,7 @@ def refine(
     *,
     cancel: Cancel | None = None,
     max_evaluations: int = 400,
+    total_evaluations: int | None = None,
     central: bool = False,
     step: float | None = None,
     tolerance: float = 1e-10,
@@ -196,6 +197,7 @@ def refine(
         high: (N,) upper bounds, physical units.
         cancel: Looked at before every call of `residuals`.
         max_evaluations: Candidates for each start.
+        total_evaluations: Candidates for all starts and the final Jacobian; None for no such limit.
         central: Central differences in the iterations, twice as dear; the final Jacobian always
             is.
         step: Finite-difference step as a fraction of a parameter's scale; see
@@ -220,8 +222,10 @@ def refine(
     outcomes: list[StartOutcome] = []
     best: _Start | None = None
     status = RefineStatus.DIVERGED
+    left = math.inf if total_evaluations is None else total_evaluations - 2 * len(box.low)
     for row in _without_copies(first):
-        start = _Start(residuals, box, row, max_evaluations, cancel, central=central, step=step)
+        limit = int(min(max_evaluations, left))
+        start = _Start(residuals, box, row, limit, cancel, central=central, step=step)
         ended = start.solve(tolerance)
         theta = box.physical(start.point)
         outcomes.append(StartOutcome(row, theta, start.cost, start.evaluations, ended))
@@ -230,10 +234,32 @@ def refine(
         if ended is RefineStatus.CANCELLED:
             status = ended
             break
-        if best.cost < good_enough:
+        left -= start.evaluations
+        if best.cost < good_enough or left < 1:
             break
     assert best is not None
     return _result(best, status, tuple(outcomes), residuals)
+
+
+def spread_starts(
+    theta: Array, costs: Array, low: Any, high: Any, *, count: int = 8, distance: float = 0.02
+) -> Array:
+    """Choose candidates worth a refinement of their own: good ones that are not neighbours.
+
+    Args:
+        theta: (P, N) candidates, such as a search's survivors, physical units.
+        costs: (P,) their costs.
+        low: (N,) lower bounds, physical units.
+        high: (N,) upper bounds, physical units.
+        count: Most starts.
+        distance: Least distance between two of them, in box widths.
+
+    Returns:
+        (B, N) the best first, B <= count.
+    """
+    box = Box.of(low, high)
+    chosen: Array = theta[select(box.inside(theta), costs, count, distance)]
+    return chosen
 
 
 def _without_copies(starts: Array) -> Array:
