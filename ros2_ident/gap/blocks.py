@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Statistics of residuals from contiguous blocks: sizes, differences and shares, with intervals.
+
+Residuals are autocorrelated, so samples may not be drawn one by one. Blocks that start anywhere in
+the log are drawn instead, the same for every residual compared, so that what they share cancels.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+from scipy.stats import t as student
+
+from ros2_ident.gap.floor import Floor
+
+Array = NDArray[np.float64]
+
+# The closed loop has forgotten what was before after this time, s.
+SETTLING = 0.1
+# A block holds so many times the time over which the squared residual stays alike.
+_TIMES = 4.0
+# A log falls into at least so many blocks, whatever its autocorrelation.
+FEWEST = 16
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A number with its confidence interval.
+
+    Attributes:
+        value: Estimate.
+        low: Lower end.
+        high: Upper end.
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+def block_length(rows: Array, cycle: float, settling: float = SETTLING) -> int:
+    """Return a block length from the autocorrelation of the residual and of its square.
+
+    Args:
+        rows: (D, K) residual, NaN where there is no sample.
+        cycle: Time from column to column, s.
+        settling: Least length, s.
+
+    Returns:
+        Length in cycles: at least the settling time, at most a sixteenth of the log.
+
+    Reference:
+        Integrated autocorrelation time with a self-consistent window: Sokal (1997), Monte Carlo
+        Methods in Statistical Mechanics, section 3; the use for blocks: Politis and White (2004).
+    """
+    count = rows.shape[1]
+    # A coarse grid is enough and holds no NaN where samples come every few cycles.
+    stride = max(1, round(0.005 / cycle))
+    longest = 1.0
+    for row in rows:
+        for values in (row, row**2):
+            coarse = _averages(values, stride)
+            longest = max(longest, correlation_time(coarse[np.isfinite(coarse)]))
+    length = max(settling / cycle, _TIMES * longest * stride)
+    return max(1, min(round(length), count // FEWEST))
+
+
+def correlation_time(values: Array) -> float:
+    """Return how many samples of a series tell as much as one independent one (at least 1).
+
+    Args:
+        values: (T,) a series without NaN.
+    """
+    size = values.size
+    centred = values - values.mean() if size else values
+    if size < 8 or not centred.any():
+        return 1.0
+    spectrum = np.abs(np.fft.rfft(centred, 2 * size)) ** 2
+    correlation = np.fft.irfft(spectrum)[: size // 2]
+    total = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
+    enough = np.arange(total.size) >= 5.0 * total
+    window = int(np.argmax(enough)) if enough.any() else total.size - 1
+    return max(1.0, float(total[window]))
+
+
+def _averages(values: Array, stride: int) -> Array:
+    """Return means over `stride` columns, NaN where all of them are."""
+    size = values.size // stride * stride
+    parts = values[:size].reshape(-1, stride)
+    there = np.isfinite(parts)
+    number = there.sum(axis=1)
+    total = np.where(there, parts, 0.0).sum(axis=1)
+    out: Array = np.where(number > 0, total / np.maximum(number, 1), math.nan)
+    return out
+
+
+class Blocks:
+    """Resamples several residuals of the same recordings in the same blocks.
+
+    Args:
+        residuals: J residuals to be compared, each (D, K); NaN where there is no sample. Several
+            recordings of one machine go side by side along K.
+        cycle: Time from column to column, s.
+        length: Block length in cycles; from the first residual where None.
+        count: Resamples.
+        seed: Seed of the resampling.
+        starts: Columns at which a recording begins, besides the first; blocks do not reach across.
+        settling: Least block length, s.
+
+    Attributes:
+        squares: (J, D) mean squares.
+        drawn: (count, J, D) mean squares of the resamples.
+        length: Block length in cycles.
+
+    Reference:
+        Moving blocks: Künsch (1989), Annals of Statistics 17(3); Lahiri (2003), Resampling Methods
+        for Dependent Data, section 2.
+    """
+
+    def __init__(
+        self,
+        residuals: Sequence[Array],
+        cycle: float,
+        *,
+        length: int | None = None,
+        count: int = 1000,
+        seed: int = 0,
+        starts: Sequence[int] = (),
+        settling: float = SETTLING,
+    ) -> None:
+        rows = np.stack(residuals)
+        self.length = block_length(residuals[0], cycle, settling) if length is None else length
+        there = np.isfinite(rows)
+        size = rows.shape[2]
+        table = np.empty((2, *rows.shape[:2], size + 1))
+        table[..., 0] = 0.0
+        np.cumsum(np.where(there, rows, 0.0) ** 2, axis=2, out=table[0, ..., 1:])
+        np.cumsum(there, axis=2, out=table[1, ..., 1:])
+        self.squares = _ratio(table[..., -1])
+        first = np.concatenate(
+            [
+                np.arange(a, max(a + 1, b - self.length + 1))
+                for a, b in zip((0, *starts), (*starts, size), strict=True)
+            ]
+        )
+        last = np.minimum(first + self.length, size)
+        # (2, J, D, starts) sums of a block at each start, gathered for all resamples at once
+        number = max(2, math.ceil(size / self.length))
+        generator = np.random.default_rng(seed)
+        pick = generator.integers(0, first.size, (count, number))
+        flat = table.reshape(-1, size + 1)
+        total = np.empty((count, len(flat)))
+        for j, series in enumerate(flat):
+            total[:, j] = np.take(series[last] - series[first], pick).sum(axis=1)
+        self.drawn = _ratio(np.moveaxis(total.reshape(count, 2, *rows.shape[:2]), 1, 0))
+        cuts = np.linspace(0, size, number + 1).astype(int)
+        parts = np.diff(table[..., cuts], axis=-1)
+        # (number, J, D) with one block left out, for the acceleration of the intervals
+        self.left_out = np.moveaxis(_ratio(table[..., -1:] - parts), -1, 0)
+        self.number = number
+        self._seed = seed
+
+    def rms(self, which: int = 0, level: float = 0.95) -> tuple[tuple[Interval, ...], Interval]:
+        """Return the RMS of a residual for each drive, and over all drives.
+
+        Args:
+            which: Number of the residual.
+            level: Confidence.
+        """
+        drives = self.squares.shape[1]
+        each = tuple(
+            self.interval(lambda m, d=d: np.sqrt(m[..., which, d]), level)  # type: ignore[misc]
+            for d in range(drives)
+        )
+        return each, self.interval(lambda m: np.sqrt(m[..., which, :].mean(axis=-1)), level)
+
+    def difference(self, before: int, after: int, level: float = 0.95) -> Interval:
+        """Return by how much the mean square (over all drives) falls from one residual to another."""
+        return self.interval(
+            lambda m: (m[..., before, :] - m[..., after, :]).mean(axis=-1), level
+        )
+
+    def share_closed(
+        self,
+        before: int,
+        after: int,
+        floor: Floor,
+        drive: int | None = None,
+        level: float = 0.95,
+    ) -> Interval:
+        """Return the share of the explainable gap that closed, 1 - (E1^2 - F^2)/(E0^2 - F^2).
+
+        Args:
+            before: Number of the residual with the effect missing (E0).
+            after: Number of the residual with it in the model (E1).
+            floor: The noise floor F; its uncertainty goes into the interval.
+            drive: Number of a drive; all drives together where None.
+            level: Confidence.
+
+        Returns:
+            The share; NaN where nothing above the floor is there to be explained.
+        """
+        pick = slice(None) if drive is None else slice(drive, drive + 1)
+        generator = np.random.default_rng((self._seed, 1))
+        noise = (floor.draw(len(self.drawn), generator)[:, pick] ** 2).mean(axis=1)
+        fixed = float((floor.per_drive[pick] ** 2).mean())
+
+        def share(means: Array, under: Array | float) -> Array:
+            one = means[..., before, pick].mean(axis=-1) - under
+            two = means[..., after, pick].mean(axis=-1) - under
+            with np.errstate(divide='ignore', invalid='ignore'):
+                out: Array = np.where(one > 0.0, 1.0 - two / one, math.nan)
+            return out
+
+        return self._bounds(
+            float(share(self.squares, fixed)), share(self.drawn, noise),
+            share(self.left_out, fixed), level,
+        )
+
+    def interval(self, statistic: Callable[[Array], Array], level: float = 0.95) -> Interval:
+        """Return any function of the mean squares with its interval.
+
+        Args:
+            statistic: Takes mean squares (..., J, D) and returns (...).
+            level: Confidence.
+        """
+        return self._bounds(
+            float(statistic(self.squares)), statistic(self.drawn), statistic(self.left_out), level
+        )
+
+    def _bounds(self, value: float, drawn: Array, left_out: Array, level: float) -> Interval:
+        """Return the bias-corrected and accelerated interval, widened for few blocks.
+
+        Reference:
+            Efron (1987), Journal of the American Statistical Association 82.
+        """
+        drawn = drawn[np.isfinite(drawn)]
+        if not math.isfinite(value) or drawn.size < 20:
+            return Interval(value, math.nan, math.nan)
+        below = (np.sum(drawn < value) + 0.5 * np.sum(drawn == value)) / drawn.size
+        bias = float(ndtri(np.clip(below, 0.02, 0.98)))
+        pull = left_out[np.isfinite(left_out)]
+        pull = pull.mean() - pull if pull.size else np.zeros(1)
+        spread = float((pull**2).sum()) ** 1.5
+        bend = float((pull**3).sum()) / (6.0 * spread) if spread > 0.0 else 0.0
+        # Few blocks know their own scatter badly: as Student's t beside the normal distribution.
+        wide = float(student.ppf(0.5 + 0.5 * level, self.number - 1)) * math.sqrt(
+            self.number / (self.number - 1.0)
+        )
+        ends = []
+        for z in (-wide, wide):
+            shifted = bias + z
+            at = bias + shifted / max(0.2, 1.0 - bend * shifted)
+            ends.append(float(np.quantile(drawn, float(ndtr(at)))))
+        return Interval(value, min(ends[0], value), max(ends[1], value))
+
+
+def _ratio(table: Array) -> Array:
+    """Return sums of squares over numbers of samples, NaN where there are none."""
+    with np.errstate(divide='ignore', invalid='ignore'):
+        out: Array = np.where(table[1] > 0, table[0] / table[1], math.nan)
+    return out
