@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.errors import ErrorCode, IdentError
@@ -118,6 +118,38 @@ def test_nothing_is_overwritten_unasked(recording, bag, tmp_path):
     assert read_bag(path)[0].effort is None
     with pytest.raises(IdentError, match='there is no stream to write'):
         write_bag(tmp_path / 'none', {})
+
+
+@pytest.mark.parametrize('storage', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+@pytest.mark.parametrize('mode', [CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_compressed_bags_with_and_without_metadata(tmp_path, storage, mode):
+    writer = Writer(tmp_path / 'log', version=9, storage_plugin=storage)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    stamp = START + np.arange(50) * MS
+    values = np.arange(100.0).reshape(50, 2)
+    with writer:
+        connection = writer.add_connection('/joint_states', JOINT_STATE, typestore=STORE)
+        for k, data in enumerate(encode(stamp, ('a', 'b'), [values, None, None])):
+            writer.write(connection, START + k * MS, data)
+    (file,) = (x for x in (tmp_path / 'log').iterdir() if x.name != 'metadata.yaml')
+    for path in (tmp_path / 'log', file):
+        np.testing.assert_array_equal(read_bag(path)[0].state.position, values)
+    (tmp_path / 'log' / 'metadata.yaml').unlink()
+    np.testing.assert_array_equal(read_bag(tmp_path / 'log')[0].state.position, values)
+
+
+def test_one_damaged_file_of_a_split_bag(bag, tmp_path):
+    data = (bag / 'log.mcap').read_bytes()
+    later = write_bag(
+        tmp_path / 'log_1',
+        {'/joint_states': Stream(('drive_1',), START + 10**10 + np.arange(9), np.ones((9, 1)))},
+    )
+    (tmp_path / 'split').mkdir()
+    (tmp_path / 'split' / 'log_0.mcap').write_bytes(data[: len(data) // 2])
+    (later / 'log_1.mcap').rename(tmp_path / 'split' / 'log_1.mcap')
+    (read,) = read_bag(tmp_path / 'split')
+    assert read.state.stamp[-1] == START + 10**10 + 8
+    assert [('log_0.mcap: is damaged' in x) for x in read.warnings] == [True]
 
 
 def test_without_metadata(bag, recording, tmp_path):

@@ -36,13 +36,12 @@ def align(
         drives: The D joints wanted, in the model's order.
         cycle: Controller cycle, s.
         need: Fields without which the data is of no use: of `position`, `velocity`, `effort`,
-        `command`.
+            `command`.
         effort_scale: Factor from the logged effort to N m or N (see `effort_factor`).
 
     Returns:
         The data set. Its grid covers the command where there is one, else the state; where the
-        command has a
-        long hole, the longest stretch without one.
+        command has a long hole, the longest stretch without one.
 
     Raises:
         IdentError: MISSING_STREAM, NO_DATA or BAD_VALUES, each with the remedy.
@@ -105,15 +104,13 @@ def _span(
             raise IdentError(
                 ErrorCode.NO_DATA,
                 f'{where}: {leader.role} and {other.role} do not overlap in time, they are '
-                f'{gap:.3g} s apart; '
-                'record them together, with one clock for all stamps',
+                f'{gap:.3g} s apart; record them together, with one clock for all stamps',
             )
         outside = int(((other.tick < first) | (other.tick > last)).sum())
         if outside > 0.02 * other.tick.size and outside > 5:
             warnings.append(
                 f'{other.role}: {outside} of {other.tick.size} samples lie outside the '
-                f'{leader.role} '
-                'and are not used'
+                f'{leader.role} and are not used'
             )
     if last <= first:
         raise IdentError(
@@ -144,9 +141,8 @@ def _longest_stretch(command: Placed, cycle: float, warnings: list[str]) -> tupl
     first, last = int(tick[begins[best]]), int(tick[ends[best]])
     warnings.append(
         f'command: has {holes.size} holes of up to {float(steps.max()) * cycle:.3g} s; only the '
-        'longest stretch '
-        f'without, {(last - first) * cycle:.4g} s of {float(tick[-1] - tick[0]) * cycle:.4g} s, '
-        'is used'
+        f'longest stretch without, {(last - first) * cycle:.4g} s of '
+        f'{float(tick[-1] - tick[0]) * cycle:.4g} s, is used'
     )
     return first, last
 
@@ -239,8 +235,8 @@ def _check_need(
         if sent:
             raise IdentError(
                 ErrorCode.BAD_VALUES,
-                f'{where}: every {field} of the drives is NaN; '
-                'switch the measurement on in the drive, or name the topic that carries it',
+                f'{where}: every {field} of the drives is NaN; switch the measurement on in the '
+                'drive, or name the topic that carries it',
             )
         article = 'an' if field == 'effort' else 'a'
         raise IdentError(

@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read bags into recordings: MCAP, db3 and ROS 1, whole or damaged."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
-import hashlib
 from pathlib import Path
-import re
 import sqlite3
 
 import numpy as np
@@ -16,10 +13,10 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import cdr
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.mcap_scan import scan
+from ros2_ident.recording.storage import digest, storage_files, SUFFIXES, unpack_messages, unpacked
 from ros2_ident.recording.streams import Recording, ROLES
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
-_SUFFIXES = ('.mcap', '.db3', '.bag')
 
 
 @dataclass(frozen=True)
@@ -51,8 +48,8 @@ class Topics:
             if topic in found:
                 raise IdentError(
                     ErrorCode.INVALID_GOAL,
-                    f'{topic} is given as {found[topic]} and as {role}; '
-                    f'name one topic per role, efforts inside joint states need no {role} topic',
+                    f'{topic} is given as {found[topic]} and as {role}; name one topic per role, '
+                    f'efforts inside joint states need no {role} topic',
                 )
             found[topic] = role
         if not found:
@@ -83,64 +80,17 @@ def _damaged(path: Path, text: str) -> IdentError:
     return IdentError(ErrorCode.DAMAGED_BAG, f'{path}: {text}')
 
 
-def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
-    """Find the files that hold a bag's messages.
-
-    Args:
-        path: A bag directory, or a bare `.mcap`, `.db3` or `.bag` file.
-
-    Returns:
-        The files in the order of recording, and sentences about what is missing around them.
-
-    Raises:
-        IdentError: NO_DATA where there is no bag at the path.
-    """
-    path = Path(path)
-    if path.is_file():
-        return [path], []
-    if not path.is_dir():
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{path}: does not exist; give the path of a bag directory or of an .mcap, .db3 or '
-            '.bag file',
-        )
-    files = [x for x in path.iterdir() if x.suffix in _SUFFIXES or x.suffixes[-1:] == ['.zstd']]
-    files = [x for x in files if x.is_file()]
-    if not files:
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{path}: holds no .mcap, .db3 or .bag file; give the directory that `ros2 bag '
-            'record` wrote',
-        )
-    # split recordings count up: bag_9 comes before bag_10
-    files.sort(key=lambda x: [int(p) if p.isdigit() else p for p in re.split(r'(\d+)', x.name)])
-    if (path / 'metadata.yaml').exists():
-        return files, []
-    return files, [f'{path}: metadata.yaml is missing; `ros2 bag reindex {path}` writes it anew']
-
-
-def digest(files: Iterable[Path]) -> str:
-    """Return the SHA-256 of the files' bytes, one after the other, in hexadecimal."""
-    total = hashlib.sha256()
-    for path in files:
-        with path.open('rb') as stream:
-            while block := stream.read(1 << 20):
-                total.update(block)
-    return total.hexdigest()
-
-
 def read_bag(path: str | Path, topics: Topics | None = None) -> list[Recording]:
     """Read a bag's JointState topics.
 
     Args:
         path: A bag directory with or without metadata.yaml, or a bare `.mcap`, `.db3` or `.bag`
-        file.
+            file.
         topics: Which topics to read; the default names where None.
 
     Returns:
         One recording per uninterrupted stretch, in the order of the log. What a damaged bag does
-        not
-        yield is said in their warnings.
+        not yield is said in their warnings.
 
     Raises:
         IdentError: NO_DATA, MISSING_STREAM, DAMAGED_BAG or BAD_VALUES, each with the remedy.
@@ -164,37 +114,38 @@ def _read(path: Path, files: list[Path], warnings: list[str], roles: dict[str, s
     empty = [x for x in files if not x.stat().st_size]
     if empty:
         raise _damaged(empty[0], 'is empty (0 bytes); copy or record the bag again')
-    whole = path.is_file() or not warnings
-    try:
+    if path.is_dir() and not warnings:
         try:
-            raw = _read_regular([path] if whole else files, roles)
+            return _read_regular([path], roles)
         except Exception:
-            # an unreadable metadata.yaml around good files is everyday
-            if not path.is_dir() or not whole:
-                raise
-            raw = _read_regular(files, roles)
-            raw.warnings.append(
+            # an unreadable metadata.yaml around good files is everyday; the files say more
+            warnings = [
                 f'{path}: metadata.yaml does not fit the files; `ros2 bag reindex {path}` writes '
                 'it anew'
-            )
-    except Exception as exc:
-        # rosbags lets struct, zstd and sqlite errors of broken files through: all mean the same
-        # here
-        if isinstance(exc, IdentError | MemoryError):
-            raise
-        if any(x.suffix != '.mcap' for x in files):
-            raise _unreadable(files, exc) from exc
-        raw = _read_damaged(files, roles)
+            ]
+    with unpacked(files) as plain:
+        try:
+            raw = _read_regular(plain, roles)
+        except Exception as exc:
+            # rosbags lets struct, zstd and sqlite errors of broken files through
+            if isinstance(exc, MemoryError):
+                raise
+            if any(x.suffix != '.mcap' for x in plain):
+                raise _unreadable(files, plain, exc) from exc
+            # the damage says it all: metadata.yaml cannot fit a broken file
+            return _read_damaged(files, plain, roles)
     raw.warnings[:0] = warnings
     return raw
 
 
-def _unreadable(files: list[Path], exc: Exception) -> IdentError:
+def _unreadable(files: list[Path], plain: list[Path], exc: Exception) -> IdentError:
     reason = ' '.join(str(exc).split()).rstrip('.') or type(exc).__name__
-    path = next((x for x in files if x.suffix != '.mcap'), files[0])
-    if path.suffix not in (*_SUFFIXES, '.zstd'):
+    path, kind = next(
+        (x, y.suffix) for x, y in zip(files, plain, strict=True) if y.suffix != '.mcap'
+    )
+    if kind not in SUFFIXES:
         remedy = 'give an .mcap, .db3 or .bag file or a bag directory'
-    elif isinstance(exc, sqlite3.Error) or path.suffix == '.db3':
+    elif isinstance(exc, sqlite3.Error) or kind == '.db3':
         remedy = (
             f'what is left comes out with `sqlite3 {path.name} .recover`, or copy the file again'
         )
@@ -223,11 +174,11 @@ def _read_regular(paths: list[Path], roles: dict[str, str]) -> _Raw:
     return raw
 
 
-def _read_damaged(files: list[Path], roles: dict[str, str]) -> _Raw:
+def _read_damaged(files: list[Path], plain: list[Path], roles: dict[str, str]) -> _Raw:
     raw = _Raw()
-    for path in files:
+    for path, unpacked_file in zip(files, plain, strict=True):
         try:
-            found = scan(path)
+            found = scan(unpacked_file)
         except ValueError as exc:
             raise _damaged(
                 path, f'cannot be read ({exc}); give an .mcap, .db3 or .bag file'
@@ -238,19 +189,18 @@ def _read_damaged(files: list[Path], roles: dict[str, str]) -> _Raw:
             if topic in roles and found.types[topic] == JOINT_STATE:
                 raw.messages.setdefault(topic, []).append((log_time, data))
         lost = []
-        if found.end < found.size or not found.lost_chunks:
+        if found.end < found.size:
             lost.append(f'the file breaks off after byte {found.end} of {found.size}')
         if found.lost_chunks:
             lost.append(f'{found.lost_chunks} blocks inside are damaged')
-        text = f'{" and ".join(lost)}, {len(found.messages)} whole messages were read'
-        if not found.messages:
-            raise _damaged(
-                path, f'{" and ".join(lost)}, no message is whole; copy or record the bag again'
+        what = ' and '.join(lost)
+        if lost and not found.messages:
+            raise _damaged(path, f'{what}, no message is whole; copy or record the bag again')
+        if lost:
+            raw.warnings.append(
+                f'{path}: is damaged: {what}, {len(found.messages)} whole messages were read; '
+                f'`mcap recover {path.name}` writes a sound file of the same content'
             )
-        raw.warnings.append(
-            f'{path}: is damaged: {text}; `mcap recover {path.name}` writes a sound file of the '
-            'same content'
-        )
     for messages in raw.messages.values():
         messages.sort(key=lambda x: x[0])
     return raw
@@ -267,8 +217,8 @@ def _check_topics(path: Path, raw: _Raw, roles: dict[str, str]) -> None:
         topic, kind = next(iter(wrong.items()))
         raise IdentError(
             ErrorCode.MISSING_STREAM,
-            f'{path}: {topic} is of type {kind}, expected {JOINT_STATE}; '
-            f'give another topic as {roles[topic]}',
+            f'{path}: {topic} is of type {kind}, expected {JOINT_STATE}; give another topic as '
+            f'{roles[topic]}',
         )
     if any(raw.messages.get(topic) for topic in roles):
         return
@@ -281,16 +231,15 @@ def _check_topics(path: Path, raw: _Raw, roles: dict[str, str]) -> None:
     if silent:
         raise IdentError(
             ErrorCode.NO_DATA,
-            f'{path}: {", ".join(silent)} is in the bag but without a message; '
-            'record again while the drives publish',
+            f'{path}: {", ".join(silent)} is in the bag but without a message; record again while '
+            'the drives publish',
         )
     others = sorted(topic for topic, kind in raw.types.items() if kind == JOINT_STATE)
     if others:
         raise IdentError(
             ErrorCode.MISSING_STREAM,
             f'{path}: holds none of {", ".join(roles)}; its JointState topics are '
-            f'{", ".join(others)}: '
-            'say which one is state, effort or command',
+            f'{", ".join(others)}: say which one is state, effort or command',
         )
     raise IdentError(
         ErrorCode.MISSING_STREAM,
@@ -303,24 +252,23 @@ def _feed(
     builder: RecordingBuilder, role: str, topic: str, messages: list[tuple[int, bytes]]
 ) -> None:
     """Decode the messages of a topic into the builder."""
-    data = [x[1] for x in messages]
+    data = unpack_messages([x[1] for x in messages])
+    log_times = [x[0] for x in messages]
     try:
         blocks = cdr.decode(data)
     except (ValueError, IndexError):
-        data, log_times = _whole_messages(data, [x[0] for x in messages])
+        data, log_times = _whole_messages(data, log_times)
         lost = len(messages) - len(data)
         if not data:
             raise IdentError(
                 ErrorCode.BAD_VALUES,
-                f'{builder.source}: no message of {topic} is a valid {JOINT_STATE} '
-                '(arrays have to be empty or as long as the names); repair the publisher',
+                f'{builder.source}: no message of {topic} is a valid {JOINT_STATE} (arrays have '
+                'to be empty or as long as the names); repair the publisher',
             ) from None
         builder.warn(
             f'{topic}: {lost} of {len(messages)} messages are no valid JointState and are left out'
         )
         blocks = cdr.decode(data)
-    else:
-        log_times = [x[0] for x in messages]
     unstamped = all(not block.stamp.any() for block in blocks)
     if unstamped:
         builder.warn(

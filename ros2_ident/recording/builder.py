@@ -61,10 +61,8 @@ class RecordingBuilder:
     """Collect JointState messages and cut them into recordings.
 
     A message may name any joints in any order and leave any array empty. Nothing is sorted across
-    a
-    backward step of the stamps: it closes a segment (a bag played in a loop, a seek). Single
-    messages
-    that only overtook each other are put back into order and counted.
+    a backward step of the stamps: it closes a segment (a bag played in a loop, a seek). Single
+    messages that only overtook each other are put back into order and counted.
 
     Args:
         source: Where the messages come from, for the recordings and the errors.
@@ -136,8 +134,8 @@ class RecordingBuilder:
             del values[mark:]
             raise IdentError(
                 ErrorCode.BAD_VALUES,
-                f'{self.source}: a message of {role} holds something that is no number; '
-                'send stamps as integer ns and values as floats',
+                f'{self.source}: a message of {role} holds something that is no number; send '
+                'stamps as integer ns and values as floats',
             ) from None
         track.layout_id.append(number)
 
@@ -192,7 +190,7 @@ class RecordingBuilder:
 
         Raises:
             IdentError: NO_DATA before the first message, BAD_VALUES where the stamps make no
-            sense.
+                sense.
         """
         warnings = list(self._warnings)
         pieces: dict[str, list[Stream]] = {}
@@ -230,8 +228,7 @@ class RecordingBuilder:
                 raise IdentError(
                     ErrorCode.BAD_VALUES,
                     f'{self.source}: a message of {role} has {len(names)} names but {size} values '
-                    f'of {name}; '
-                    'arrays have to be empty or as long as the names',
+                    f'of {name}; arrays have to be empty or as long as the names',
                 )
 
     def _streams(self, role: str, track: _Track, warnings: list[str]) -> list[Stream]:
@@ -313,8 +310,7 @@ def _merge(
 
     Returns:
         Stamps (U,) without repetition, the fields (U, D) with the latest measured value of each
-        joint,
-        and how many values were overwritten.
+        joint, and how many values were overwritten.
     """
     first: NDArray[np.bool_] = np.ones(stamp.size, dtype=np.bool_)
     first[1:] = np.diff(stamp) != 0

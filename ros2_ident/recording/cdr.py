@@ -2,9 +2,8 @@
 """sensor_msgs/JointState from raw CDR, many messages at a time.
 
 Messages of one topic nearly always have the same joints and the same length, so their numbers lie
-at the same
-bytes: the layout is parsed once and the numbers of all messages are picked with two array
-operations.
+at the same bytes: the layout is parsed once and the numbers of all messages are picked with two
+array operations.
 """
 
 from collections.abc import Sequence

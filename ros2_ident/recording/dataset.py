@@ -22,7 +22,7 @@ class StreamQuality:
         jitter: Standard deviation of the stamps about the grid, s.
         stride: Cycles from sample to sample; 0 where the stream does not keep to the grid.
         nan: Samples without a value, per field and drive, where there are any: `{'effort drive_1':
-        3}`.
+            3}`.
     """
 
     role: str
@@ -65,7 +65,7 @@ class Dataset:
         cycle: Controller cycle, s.
         start: Stamp of cycle 0, ns.
         command_position: Set-point (D, K), rad or m, at every cycle; None where there is no
-        command.
+            command.
         command_velocity: Its derivative (D, K), rad/s or m/s; None likewise.
         position: Measured (D, K), NaN at cycles without a sample; None where never measured.
         velocity: Likewise.

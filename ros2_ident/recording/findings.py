@@ -39,7 +39,7 @@ class StreamSummary:
         duration: From the first to the last, s.
         rate: Typical rate, Hz; 0 for a single sample.
         jitter: Standard deviation of the steps from sample to sample about the typical one, s,
-        gaps left out.
+            gaps left out.
         gaps: Steps of at least 1.5 typical ones.
         longest_gap: The longest step, s.
         missing: Samples that would fill the gaps.
@@ -84,7 +84,7 @@ class DriveSummary:
         effort_rest: Mean effort at rest.
         effort_lag: How much the effort is late behind the motion, s, as far as a fit can tell.
         explained: Share of the effort's variance that inertia, friction, offset and position
-        explain.
+            explain.
     """
 
     recording: int

@@ -2,8 +2,8 @@
 """Which controller cycle each sample was taken at.
 
 Samples are taken at controller instants, usually at every m-th; their stamps scatter around them.
-The stamps give
-m from their typical spacing, the phase of the grid, and the number of every sample.
+The stamps give m from their typical spacing, the phase of the grid, and the number of every
+sample.
 """
 
 from dataclasses import dataclass
@@ -65,10 +65,8 @@ def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
     """Number the samples of a stream in controller cycles.
 
     Where the spacing is a multiple of the cycle, numbers are the increasing integers nearest to
-    the stamps
-    (isotonic regression, so that no two samples share a cycle and jitter averages out); else each
-    stamp is
-    rounded to the next cycle by itself.
+    the stamps (isotonic regression, so that no two samples share a cycle and jitter averages out);
+    else each stamp is rounded to the next cycle by itself.
 
     Args:
         stamp: Stamps (T,), ns, strictly increasing.
@@ -134,8 +132,7 @@ def _search(time: FloatArray, step: float) -> tuple[float, float, float]:
     """Find the grid on which the times cluster best.
 
     The mean phase vector of short windows turns at a constant rate where the step is longer or
-    shorter than
-    stated; the strongest line of its spectrum is that rate.
+    shorter than stated; the strongest line of its spectrum is that rate.
 
     Args:
         time: Times (T,), s.

@@ -70,8 +70,8 @@ def place(
     if 'state' not in placed and 'effort' not in placed:
         raise IdentError(
             ErrorCode.MISSING_STREAM,
-            f'{where}: neither a state nor an effort stream holds the drives; '
-            'record the topic on which they report, or name it',
+            f'{where}: neither a state nor an effort stream holds the drives; record the topic on '
+            'which they report, or name it',
         )
     return placed
 
@@ -84,27 +84,24 @@ def _remarks(role: str, stream: Stream, ticks: Ticks, cycle: float) -> list[str]
     if doubled:
         remarks.append(
             f'{role}: {doubled} samples share a controller cycle of {milliseconds} with another '
-            'and '
-            'are left out; state a shorter cycle if the controller has one'
+            'and are left out; state a shorter cycle if the controller has one'
         )
     if not ticks.stride and stream.stamp.size > 2:
         period = sample_period(stream.stamp)
         remarks.append(
             f'{role}: the samples, {period * 1e3:.4g} ms apart, do not keep to the controller '
-            'cycle '
-            f'of {milliseconds}; each counts at the nearest cycle'
+            f'cycle of {milliseconds}; each counts at the nearest cycle'
         )
     if ticks.jitter > 0.2 * ticks.stride * cycle > 0.0:
         remarks.append(
             f'{role}: the stamps scatter by {ticks.jitter * 1e3:.3g} ms about the controller '
-            'cycles, '
-            'some samples may be placed wrongly; stamp the messages where the values are taken'
+            'cycles, some samples may be placed wrongly; stamp the messages where the values are '
+            'taken'
         )
     if abs(ticks.drift) > 2e-5:
         remarks.append(
             f'{role}: the controller cycle is {cycle * (1.0 + ticks.drift) * 1e3:.6g} ms on the '
-            'clock '
-            f'of the stamps, not {cycle * 1e3:.6g} ms'
+            f'clock of the stamps, not {cycle * 1e3:.6g} ms'
         )
     return remarks
 
@@ -118,8 +115,8 @@ def _reduced(
         raise IdentError(
             ErrorCode.MISSING_STREAM,
             f'{where}: {role} has no joint {", ".join(missing)}, it holds '
-            f'{", ".join(stream.names)}; '
-            'write these names as drives in the machine file, or record the others too',
+            f'{", ".join(stream.names)}; write these names as drives in the machine file, or '
+            'record the others too',
         )
     if len(missing) == len(names):
         warnings.append(

@@ -88,8 +88,7 @@ def judge_drive(
                 'effort_constant',
                 name,
                 f'{name}: the effort is {high:g} all the time; switch its measurement on in the '
-                'drive, '
-                'or name the topic that carries it',
+                'drive, or name the topic that carries it',
             ),
         ]
     if not moving:
@@ -108,8 +107,7 @@ def _judge_motion(name: str, motion: Motion, stroke: float, reversals: int) -> F
             'one_way',
             name,
             f'{name}: moves in one direction only, so Coulomb friction cannot be told from a '
-            'constant force; '
-            'record the way back too',
+            'constant force; record the way back too',
         )
     if reversals < 3:
         return Finding(
@@ -117,15 +115,14 @@ def _judge_motion(name: str, motion: Motion, stroke: float, reversals: int) -> F
             'few_reversals',
             name,
             f'{name}: turns round only {("once", "twice")[reversals - 1]}; four or more reversals '
-            'at '
-            'different speeds tell friction, inertia and offset apart',
+            'at different speeds tell friction, inertia and offset apart',
         )
     return Finding(
         'ok',
         'excitation',
         name,
-        f'{name}: stroke {stroke:.3g}, top speed {np.abs(motion.velocity).max():.3g}, '
-        f'{reversals} reversals, {100.0 * motion.resting.mean():.0f} % of the time at rest',
+        f'{name}: stroke {stroke:.3g}, top speed {np.abs(motion.velocity).max():.3g}, {reversals} '
+        f'reversals, {100.0 * motion.resting.mean():.0f} % of the time at rest',
     )
 
 
@@ -145,8 +142,8 @@ def _judge_velocity(name: str, motion: Motion) -> list[Finding]:
                 'velocity',
                 name,
                 f'{name}: the reported velocity explains {100.0 * share:.0f} % of the derivative '
-                'of the position; '
-                'leave the velocity out of the log, or correct its scale and source',
+                'of the position; leave the velocity out of the log, or correct its scale and '
+                'source',
             )
         ]
     slope = float(gain[0])
@@ -157,8 +154,7 @@ def _judge_velocity(name: str, motion: Motion) -> list[Finding]:
                 'velocity',
                 name,
                 f'{name}: the reported velocity is {slope:.3g} times the derivative of the '
-                'position; '
-                'correct its unit or sign in the driver',
+                'position; correct its unit or sign in the driver',
             )
         ]
     if abs(lag) > max(0.6 * motion.period, 1e-3):
@@ -168,8 +164,8 @@ def _judge_velocity(name: str, motion: Motion) -> list[Finding]:
                 'velocity_lag',
                 name,
                 f'{name}: the reported velocity is {abs(lag) * 1e3:.3g} ms '
-                f'{"late" if lag > 0 else "early"}; '
-                'the position is the better measurement of this motion',
+                f'{"late" if lag > 0 else "early"}; the position is the better measurement of '
+                'this motion',
             )
         ]
     return [
@@ -216,8 +212,7 @@ def _judge_effort(name: str, motion: Motion) -> tuple[float, float, list[Finding
                     'effort_unsigned',
                     name,
                     f'{name}: the effort is never negative and falls to zero, so it has lost its '
-                    'sign; '
-                    'log the signed torque or current',
+                    'sign; log the signed torque or current',
                 )
             ],
         )
@@ -234,9 +229,8 @@ def _judge_effort(name: str, motion: Motion) -> tuple[float, float, list[Finding
                     'effort_sign',
                     name,
                     f'{name}: the effort brakes where the drive accelerates and drives where '
-                    'friction brakes: its sign '
-                    'is reversed against the position; negate the effort or the position in the '
-                    'driver',
+                    'friction brakes: its sign is reversed against the position; negate the '
+                    'effort or the position in the driver',
                 )
             ],
         )
@@ -253,8 +247,8 @@ def _judge_effort(name: str, motion: Motion) -> tuple[float, float, list[Finding
                     'effort_unexplained',
                     name,
                     f'{name}: inertia, friction and gravity of this joint alone explain '
-                    f'{100.0 * share:.0f} % of its '
-                    'effort; other joints load it, or the effort is no torque of this drive',
+                    f'{100.0 * share:.0f} % of its effort; other joints load it, or the effort is '
+                    'no torque of this drive',
                 ),
             ],
         )
@@ -268,8 +262,8 @@ def _judge_effort(name: str, motion: Motion) -> tuple[float, float, list[Finding
                 'ok',
                 'effort',
                 name,
-                f'{name}: the effort has the sign of the motion{late}; '
-                f'inertia, friction and offset explain {100.0 * share:.0f} % of it',
+                f'{name}: the effort has the sign of the motion{late}; inertia, friction and '
+                f'offset explain {100.0 * share:.0f} % of it',
             ),
         ],
     )
@@ -300,8 +294,7 @@ def _kind(name: str, effort: FloatArray) -> Finding | None:
         'effort_unit',
         name,
         f'{name}: all efforts are whole numbers up to {np.abs(values).max():g}, which looks like '
-        f'{what}; '
-        'state effort_unit with torque_constant or rated_torque in the machine file',
+        f'{what}; state effort_unit with torque_constant or rated_torque in the machine file',
     )
 
 
@@ -327,9 +320,9 @@ def _judge_gravity(name: str, at_rest: float, effort: FloatArray, gravity: float
                 'warn',
                 'effort_gravity',
                 name,
-                f'{name}: the effort at rest is {at_rest:.2g}, it pulls downwards; '
-                'positive effort has to hold the drive against gravity: check the signs of '
-                'position and effort',
+                f'{name}: the effort at rest is {at_rest:.2g}, it pulls downwards; positive '
+                'effort has to hold the drive against gravity: check the signs of position and '
+                'effort',
             )
         ]
     return [

@@ -45,7 +45,7 @@ def check(recordings: Sequence[Recording], machine: MachineFacts | None = None) 
     Args:
         recordings: What a bag holds, in the order of the log.
         machine: The machine they are of; without it every joint of the state is looked at, in the
-        log's unit.
+            log's unit.
 
     Returns:
         The report; its findings carry sentences with the remedy.
@@ -70,8 +70,7 @@ def check(recordings: Sequence[Recording], machine: MachineFacts | None = None) 
                 'segments',
                 '',
                 f'the stamps step back {len(recordings) - 1} times, the log falls into '
-                f'{len(recordings)} segments; '
-                'each is judged and used by itself',
+                f'{len(recordings)} segments; each is judged and used by itself',
             )
         )
     for number, recording in enumerate(recordings):
@@ -138,8 +137,7 @@ def _judge_stream(x: StreamSummary) -> list[Finding]:
                 'irregular',
                 x.role,
                 f'{text}, but the steps scatter by {x.jitter * 1e3:.3g} ms and {x.gaps} are far '
-                'longer; '
-                'log from the control loop itself where that is possible',
+                'longer; log from the control loop itself where that is possible',
             )
         )
     elif x.missing_share > _MISSING_WARN:
@@ -150,8 +148,8 @@ def _judge_stream(x: StreamSummary) -> list[Finding]:
                 'missing',
                 x.role,
                 f'{text}, {100.0 * x.missing_share:.2g} % of the samples are missing, the longest '
-                'gap lasts '
-                f'{x.longest_gap:.3g} s; record on the machine itself, or with a larger cache',
+                f'gap lasts {x.longest_gap:.3g} s; record on the machine itself, or with a larger '
+                'cache',
             )
         )
     else:
@@ -178,8 +176,7 @@ def _judge_stream(x: StreamSummary) -> list[Finding]:
                     'nan',
                     x.role,
                     f'{x.role}: every value of {name} is NaN; name the topic that carries the '
-                    'effort, '
-                    'or switch its measurement on',
+                    'effort, or switch its measurement on',
                 )
             )
     for name, count in x.nan:
@@ -207,8 +204,7 @@ def _judge_recording(recording: Recording, machine: MachineFacts | None) -> list
                 'short',
                 '',
                 f'the recording lasts {recording.duration:.2g} s; record at least {_SHORT:g} s '
-                'with acceleration, '
-                'cruise and reversal',
+                'with acceleration, cruise and reversal',
             )
         )
     if recording.command is None:
@@ -218,8 +214,7 @@ def _judge_recording(recording: Recording, machine: MachineFacts | None) -> list
                 'no_command',
                 'command',
                 'there is no command stream: the recorded motion will drive the model, which '
-                'leaves the controller '
-                'untested; record the set-point too where there is one',
+                'leaves the controller untested; record the set-point too where there is one',
             )
         )
     if machine is None:
@@ -253,8 +248,7 @@ def _judge_recording(recording: Recording, machine: MachineFacts | None) -> list
                         name,
                         f'{name}: the effort reaches {top:.4g}, beyond the torque_limit '
                         f'{float(limit):g} of the machine; it is no torque in N m (or force in '
-                        'N): '
-                        'state effort_unit in the machine file',
+                        'N): state effort_unit in the machine file',
                     )
                 )
     return found

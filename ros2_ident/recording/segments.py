@@ -33,8 +33,8 @@ def split_stamps(stamp: IntArray, where: str) -> Split:
     """Cut a stream at the backward steps of its stamps.
 
     A message that was merely overtaken has a stamp of its own, lies at most a few periods back,
-    and the next
-    stamps go on above the highest one so far; everything else that steps back is a restart.
+    and the next stamps go on above the highest one so far; everything else that steps back is a
+    restart.
 
     Args:
         stamp: Stamps (T,), ns, in the order of arrival.
@@ -100,10 +100,8 @@ def match_segments(pieces: dict[str, list[Stream]]) -> list[dict[str, Stream]]:
     """Put the segments of the roles together that belong to one play of a bag.
 
     Topics jump back at slightly different moments, but each of them once per restart: with equal
-    numbers of
-    segments the k-th belong together. Where one role missed a play, its segments go, in order,
-    where their
-    stamps overlap most.
+    numbers of segments the k-th belong together. Where one role missed a play, its segments go, in
+    order, where their stamps overlap most.
 
     Args:
         pieces: Segments of each role in the order of arrival.

@@ -20,18 +20,16 @@ def interpolate_setpoint(
     """Evaluate one drive's set-point at every cycle.
 
     Smooth stretches are a spline through the samples: quintic where they are evenly spaced, cubic
-    where not (it
-    reacts less to samples that lie close together), and cubic Hermite where the log holds the
-    velocity. A step is
-    held until the sample that shows it: a spline would ring on both sides, and a controller sees
-    the step whole.
+    where not (it reacts less to samples that lie close together), and cubic Hermite where the log
+    holds the velocity. A step is held until the sample that shows it: a spline would ring on both
+    sides, and a controller sees the step whole.
 
     Args:
         time: Times of the samples (T,), s, increasing.
         position: Set-point (T,), rad or m.
         velocity: Its velocity (T,), rad/s or m/s, or None where the log holds none.
         wanted: Times (K,) to evaluate at, s, increasing; beyond the samples the nearest one is
-        held.
+            held.
 
     Returns:
         Set-point (K,) and its velocity (K,).

@@ -17,16 +17,14 @@ def smooth_motion(
     """Smooth recorded positions and differentiate them twice, without delay.
 
     Cycles without a sample are filled by a cubic spline through the samples. A Butterworth
-    low-pass of order 4
-    runs forwards and backwards (its gain at `cutoff` is then a half, not 0.71); velocity and
-    acceleration are the
-    derivatives of a quintic spline through the result, exact for the frequencies that pass.
+    low-pass of order 4 runs forwards and backwards (its gain at `cutoff` is then a half, not
+    0.71); velocity and acceleration are the derivatives of a quintic spline through the result,
+    exact for the frequencies that pass.
 
     Both ends are continued by point reflection, as if the motion went on with the velocity it has
-    there. Motion
-    that starts and ends at rest is therefore reproduced to its ends; else the acceleration of the
-    first and last
-    `1 / cutoff` seconds is drawn towards zero and better left out.
+    there. Motion that starts and ends at rest is therefore reproduced to its ends; else the
+    acceleration of the first and last `1 / cutoff` seconds is drawn towards zero and better left
+    out.
 
     Args:
         position: Measured positions (D, K), rad or m, NaN at cycles without a sample.
@@ -35,12 +33,11 @@ def smooth_motion(
 
     Returns:
         Position, velocity and acceleration, each (D, K), without NaN; before a drive's first and
-        after its last
-        sample it stands still.
+        after its last sample it stands still.
 
     Raises:
         IdentError: BAD_VALUES where a drive has fewer than four samples or the cutoff does not fit
-        the rate.
+            the rate.
     """
     position = np.atleast_2d(np.asarray(position, dtype=np.float64))
     filled = np.empty_like(position)
@@ -51,15 +48,14 @@ def smooth_motion(
             raise IdentError(
                 ErrorCode.BAD_VALUES,
                 f'drive {row + 1} of {position.shape[0]} has {there.size} position samples, at '
-                'least 4 are needed; '
-                'record a longer motion',
+                'least 4 are needed; record a longer motion',
             )
         rate = 1.0 / (float(np.median(np.diff(there))) * cycle)
         if not 0.0 < cutoff < 0.5 * rate:
             raise IdentError(
                 ErrorCode.BAD_VALUES,
-                f'the smoothing cutoff is {cutoff:g} Hz but positions come at {rate:g} Hz; '
-                f'choose one between 0 and {0.5 * rate:g} Hz',
+                f'the smoothing cutoff is {cutoff:g} Hz but positions come at {rate:g} Hz; choose '
+                f'one between 0 and {0.5 * rate:g} Hz',
             )
         if there.size == samples.size:
             filled[row] = samples
@@ -93,7 +89,7 @@ def low_pass(values: FloatArray, cycle: float, cutoff: float) -> FloatArray:
         values: Rows (D, K) without NaN.
         cycle: Time from column to column, s.
         cutoff: Frequency of gain one half, Hz; at or above half the rate the values come back as
-        they are.
+            they are.
 
     Returns:
         The smooth rows (D, K).

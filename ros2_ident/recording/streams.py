@@ -35,7 +35,7 @@ class Stream:
         names: The D joints' names.
         stamp: Header stamps (T,), ns, strictly increasing.
         position: Positions (T, D), rad or m; None where never measured; NaN where one message left
-        the joint out.
+            the joint out.
         velocity: Velocities (T, D), rad/s or m/s; likewise.
         effort: Efforts (T, D) in the log's unit; likewise.
     """
@@ -63,8 +63,7 @@ class Stream:
         if stamp.ndim != 1 or stamp.dtype.kind not in 'iu':
             raise _fail(
                 f'stamps have to be integers [ns] of shape (T,), found {stamp.dtype} of shape '
-                f'{stamp.shape}; '
-                'convert seconds with round(1e9 * t)'
+                f'{stamp.shape}; convert seconds with round(1e9 * t)'
             )
         stamp = stamp.astype(np.int64)
         if stamp.size == 0:
@@ -75,8 +74,8 @@ class Stream:
         if back.size:
             raise _fail(
                 f'stamps have to increase, but sample {int(back[0]) + 1} is '
-                f'{int(stamp[back[0]] - stamp[back[0] + 1])} ns before its predecessor; '
-                'feed the messages to a RecordingBuilder, which splits and merges'
+                f'{int(stamp[back[0]] - stamp[back[0] + 1])} ns before its predecessor; feed the '
+                'messages to a RecordingBuilder, which splits and merges'
             )
         stamp.setflags(write=False)
         object.__setattr__(self, 'names', names)
@@ -89,14 +88,14 @@ class Stream:
             array = np.asarray(values, dtype=np.float64)
             if array.shape != shape:
                 raise _fail(
-                    f'{field} has shape {array.shape}, expected {shape} (samples, joints); '
-                    'pass None for what was not measured'
+                    f'{field} has shape {array.shape}, expected {shape} (samples, joints); pass '
+                    'None for what was not measured'
                 )
             if np.isinf(array).any():
                 row, column = (int(i) for i in np.argwhere(np.isinf(array))[0])
                 raise _fail(
-                    f'{field} of {names[column]} is infinite at sample {row}; '
-                    'write NaN where there is no measurement'
+                    f'{field} of {names[column]} is infinite at sample {row}; write NaN where '
+                    'there is no measurement'
                 )
             object.__setattr__(self, field, _frozen(array))
         if all(getattr(self, field) is None for field in FIELDS):
@@ -240,8 +239,8 @@ class Recording:
         if all(stream is None for stream in cut.values()):
             raise IdentError(
                 ErrorCode.NO_DATA,
-                f'{self.source or "recording"}: no sample between {begin} and {end} ns; '
-                f'it spans {self.begin} to {self.end} ns',
+                f'{self.source or "recording"}: no sample between {begin} and {end} ns; it spans '
+                f'{self.begin} to {self.end} ns',
             )
         return replace(self, **{role: cut.get(role) for role in ROLES})  # type: ignore[arg-type]
 

@@ -33,8 +33,8 @@ def write_bag(
     Args:
         path: The directory to make.
         streams: A recording, whose roles get their topics' names, or streams by topic name. A
-        joint that has
-            no value in a sample (NaN in every field) is still named there, with NaN.
+            joint that has no value in a sample (NaN in every field) is still named there, with
+            NaN.
         topics: Topic names of the roles of a recording.
         overwrite: Replace a bag that is already there; anything else there is never touched.
         storage: `mcap` (zstd compressed) or `sqlite3`.
