@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which effect explains the gap: every effect at every place, re-identified together with the nominal parameters.
+
+One round screens all candidates against the present residual, fits the promising ones jointly on the fit part, and
+scores every fit on the part held out. `explain` runs rounds until nothing is left or nothing gains.
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.effects import get_effect
+from ros2_ident.gap.case import Case, Part
+from ros2_ident.gap.local_fit import LocalFit, local_fit
+from ros2_ident.gap.screen import Start, screen
+from ros2_ident.models import DriveModel, EffectAt
+from ros2_ident.search import GeneticSearch, GeneticSettings
+
+Array = npt.NDArray[np.float64]
+# Joint fits of one round: the best of the screen, and at least these many candidates.
+_FITS = 12
+_THREADS = 2
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A model fitted on the fit part, and what it leaves.
+
+    Attributes:
+        effects: Effects in the order they came in.
+        theta: (N,) parameters, those of the effects last.
+        fit: (D,) sum of squared residuals on the fit part, in units of the floor.
+        check: (D,) the same on the part held out.
+        jacobian: (R, N) of the weighted residual by the parameters' shares of their box.
+        residual: (R,) weighted residual of the fit part.
+        check_residual: (R',) weighted residual of the part held out.
+    """
+
+    effects: tuple[EffectAt, ...]
+    theta: Array
+    fit: Array
+    check: Array
+    jacobian: Array = field(repr=False)
+    residual: Array = field(repr=False)
+    check_residual: Array = field(repr=False)
+
+    @property
+    def loss(self) -> float:
+        """Sum of squared weighted residuals on both parts."""
+        return float(self.fit.sum() + self.check.sum())
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of the search for an effect.
+
+    Attributes:
+        base: What was there before.
+        gains: Screened gain of every candidate, best start each.
+        fitted: The joint fits, the best first.
+    """
+
+    base: Explanation
+    gains: dict[EffectAt, float]
+    fitted: tuple[Explanation, ...]
+
+
+class Attribution:
+    """Fits of one case.
+
+    Args:
+        case: Machine and recordings.
+        floor: (D,) noise floor of each drive, output unit.
+        stopped: Asked often; True ends everything with the best so far.
+        on_step: Told the share of the present round that is done and a sentence.
+    """
+
+    def __init__(
+        self,
+        case: Case,
+        floor: Array,
+        *,
+        stopped: Callable[[], bool] = lambda: False,
+        on_step: Callable[[float, str], None] = lambda share, text: None,
+    ) -> None:
+        self.case = case
+        self.floor = floor
+        self.stopped = stopped
+        self.on_step = on_step
+        self.weight = 1.0 / floor[case.fit.drive]
+        self.check_weight = 1.0 / floor[case.check.drive]
+
+    # ------------------------------------------------------------------ fits
+
+    def _evaluate(self, models: Sequence[DriveModel], part: Part, weight: Array) -> Callable[[Array], Array]:
+        return lambda theta: part.residual(models, np.atleast_2d(theta)) * weight[None]
+
+    def _box(self, models: Sequence[DriveModel]) -> tuple[Array, Array]:
+        low = np.array([p.low for p in models[0].parameters])
+        high = np.array([p.high for p in models[0].parameters])
+        return low, high
+
+    def nominal(self, settings: GeneticSettings, seed: int) -> Explanation:
+        """Identify the nominal parameters: the genetic algorithm, then local fits from its best survivors."""
+        models = self.case.models((), self.case.fit)
+        low, high = self._box(models)
+        evaluate = self._evaluate(models, self.case.fit, self.weight)
+        search = GeneticSearch(len(low), settings, seed)
+        with ThreadPoolExecutor(_THREADS) as pool:
+            while search.stop_reason is None and not self.stopped():
+                asked = search.ask()
+                slices = [asked[i : i + 32] for i in range(0, len(asked), 32)]
+                told = pool.map(lambda x: np.mean(evaluate(low + (high - low) * x) ** 2, axis=1), slices)
+                costs = np.concatenate(list(told))
+                search.tell(np.where(np.isfinite(costs), costs, np.inf))
+            starts = self._distinct(search)
+            fits = list(
+                pool.map(
+                    lambda x: local_fit(evaluate, low + (high - low) * x, low, high, stopped=self.stopped), starts
+                )
+            )
+        return self._explanation((), min(fits, key=lambda f: f.loss))
+
+    @staticmethod
+    def _distinct(search: GeneticSearch, count: int = 2) -> list[Array]:
+        survivors = np.asarray(search.survivors)
+        chosen = [survivors[0]]
+        for x in survivors[1:]:
+            if len(chosen) < count and min(np.linalg.norm(x - c) for c in chosen) > 0.05:
+                chosen.append(x)
+        return chosen
+
+    def refit(self, base: Explanation, effects: Sequence[EffectAt], theta: Array, iterations: int = 12) -> Explanation:
+        """Fit a set of effects jointly from a start."""
+        models = self.case.models(effects, self.case.fit)
+        low, high = self._box(models)
+        evaluate = self._evaluate(models, self.case.fit, self.weight)
+        found = local_fit(evaluate, theta, low, high, iterations=iterations, stopped=self.stopped)
+        return self._explanation(tuple(effects), found)
+
+    def _explanation(self, effects: tuple[EffectAt, ...], found: LocalFit) -> Explanation:
+        models = self.case.models(effects, self.case.check)
+        check = self._evaluate(models, self.case.check, self.check_weight)(found.theta)[0]
+        check = np.where(np.isfinite(check), check, 1e6)
+        count = len(self.case.drives)
+        return Explanation(
+            effects,
+            found.theta,
+            np.bincount(self.case.fit.drive, found.residual**2, count),
+            np.bincount(self.case.check.drive, check**2, count),
+            found.jacobian,
+            found.residual,
+            check,
+        )
+
+    # ------------------------------------------------------------------ rounds
+
+    def starts(self, base: Explanation, candidate: EffectAt) -> list[Start]:
+        """Screen one candidate against what the base leaves."""
+        models = self.case.models((*base.effects, candidate), self.case.fit)
+        low, high = self._box(models)
+        count = len(base.theta)
+        basis, _ = np.linalg.qr(base.jacobian)
+        return screen(
+            candidate, models, self._evaluate(models, self.case.fit, self.weight), base.theta, base.residual, basis,
+            base.jacobian, low[:count], high[:count],
+        )
+
+    def round(self, base: Explanation, candidates: Sequence[EffectAt], fits: int = _FITS) -> Round:
+        """Try every candidate on top of a base.
+
+        Args:
+            base: What is explained so far.
+            candidates: Effects at places; those already in the base are left out.
+            fits: Joint fits to run.
+
+        Returns:
+            The screened gains and the joint fits, the best on both parts first.
+        """
+        new = [c for c in candidates if c not in base.effects]
+        done = 0
+
+        def look(candidate: EffectAt) -> list[Start]:
+            nonlocal done
+            if self.stopped():
+                return []
+            found = self.starts(base, candidate)
+            done += 1
+            self.on_step(0.4 * done / len(new), f'looking at {candidate.effect} on {candidate.where}')
+            return found
+
+        with ThreadPoolExecutor(_THREADS) as pool:
+            screened = {c: s for c, s in zip(new, pool.map(look, new), strict=True) if s}
+            chosen = self._promising(screened, fits)
+            finished = 0
+
+            def fit(start: Start) -> Explanation | None:
+                nonlocal finished
+                if self.stopped():
+                    return None
+                theta = np.concatenate([start.theta, start.phi])
+                found = self.refit(base, (*base.effects, start.candidate), theta)
+                finished += 1
+                self.on_step(
+                    0.4 + 0.6 * finished / len(chosen),
+                    f'fitted {start.candidate.effect} on {start.candidate.where}',
+                )
+                return found
+
+            results = [e for e in pool.map(fit, chosen) if e is not None]
+        best: dict[EffectAt, Explanation] = {}
+        for e in results:
+            key = e.effects[-1]
+            if key not in best or e.fit.sum() < best[key].fit.sum():
+                best[key] = e
+        gains = {c: s[0].gain for c, s in screened.items()}
+        return Round(base, gains, tuple(sorted(best.values(), key=lambda e: e.loss)))
+
+    def _promising(self, screened: dict[EffectAt, list[Start]], fits: int) -> list[Start]:
+        """Return the starts worth a joint fit: the best candidates, their relatives, and second starts."""
+        order = sorted(screened, key=lambda c: -screened[c][0].gain)
+        chosen = order[:fits]
+        for leader in order[:2]:
+            effect = get_effect(leader.effect)
+            for c in order[fits:]:
+                other = get_effect(c.effect)
+                related = c.effect in effect.confusable or other.family == effect.family
+                if related and c.where in (leader.where, 'all') and c not in chosen:
+                    chosen.append(c)
+        starts = []
+        for rank, c in enumerate(chosen):
+            several = screened[c][: 3 if rank < 3 else 1]
+            starts += [s for s in several if s.gain > 0.5 * several[0].gain or s is several[0]]
+        return starts

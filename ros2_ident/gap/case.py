@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The recordings of one machine, and what any extended model makes of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.effects import CATALOGUE, get_effect
+from ros2_ident.models import DriveModel, EffectAt, Machine, make_model
+from ros2_ident.recording import Dataset
+
+Array = npt.NDArray[np.float64]
+
+# Seconds at a log's start that are not compared: a machine that has stood still holds forces no model knows.
+SETTLE = 0.1
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some recordings and which of their samples are compared.
+
+    Attributes:
+        data: The recordings.
+        masks: For each, (D, K) where a sample is compared.
+    """
+
+    data: tuple[Dataset, ...]
+    masks: tuple[npt.NDArray[np.bool_], ...]
+
+    @property
+    def drive(self) -> npt.NDArray[np.int64]:
+        """(R,) the drive of each value that `residual` returns."""
+        parts = [np.full(int(row.sum()), d) for mask in self.masks for d, row in enumerate(mask)]
+        out: npt.NDArray[np.int64] = np.concatenate(parts)
+        return out
+
+    def residual(self, models: Sequence[DriveModel], theta: Array) -> Array:
+        """Return (S, R) measured less simulated output of (S, N) candidates, recording after recording."""
+        parts = []
+        for model, mask in zip(models, self.masks, strict=True):
+            measured = model.measured
+            simulated = model.simulate(theta)
+            for d, row in enumerate(mask):
+                parts.append(measured[d, row][None] - simulated[:, d, row])
+        return np.concatenate(parts, axis=1)
+
+
+def _settled(data: Dataset, drives: Sequence[str]) -> npt.NDArray[np.bool_]:
+    rows = [data.names.index(name) for name in drives]
+    assert data.effort is not None
+    there: npt.NDArray[np.bool_] = ~np.isnan(data.effort[rows])
+    there[:, : int(round(SETTLE / data.cycle))] = False
+    return there
+
+
+def split(
+    fit: Sequence[Dataset], check: Sequence[Dataset], drives: Sequence[str], block: float = 1.0
+) -> tuple[Part, Part, str]:
+    """Return what to fit on, what to hold out, and how it was split.
+
+    Without a check recording every second block of the fit recordings is held out. The simulation runs through; only
+    the comparison is split, with a tenth of a block between them left out.
+
+    Args:
+        fit: Recordings to fit on.
+        check: Recordings held out, or none.
+        drives: The drives compared.
+        block: Length of a block [s].
+
+    Returns:
+        The two parts, and `check bag` or `blocks`.
+    """
+    masks = tuple(_settled(data, drives) for data in fit)
+    if check:
+        held = tuple(_settled(data, drives) for data in check)
+        return Part(tuple(fit), masks), Part(tuple(check), held), 'check bag'
+    even, odd = [], []
+    for data, mask in zip(fit, masks, strict=True):
+        phase = np.arange(mask.shape[1]) * data.cycle / block
+        inside = phase % 1.0 < 0.9
+        second = np.floor(phase) % 2 == 1
+        even.append(mask & (inside & ~second))
+        odd.append(mask & (inside & second))
+    return Part(tuple(fit), tuple(even)), Part(tuple(fit), tuple(odd)), 'blocks'
+
+
+class Case:
+    """One machine's recordings: those to fit on, and those held out.
+
+    Args:
+        machine: The machine.
+        fit: Recordings for fitting, on the controller's grid.
+        check: Recordings held out; empty for none.
+        drives: The drives compared; all by default.
+        fixed: Parameters not to be identified.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        fit: Sequence[Dataset],
+        check: Sequence[Dataset] = (),
+        *,
+        drives: Sequence[str] | None = None,
+        fixed: Mapping[str, float] | None = None,
+    ) -> None:
+        self.machine = machine
+        self.fixed = dict(fixed or {})
+        self.drives = tuple(drives or machine.drives)
+        self.fit, self.check, self.held_out = split(fit, check, self.drives)
+
+    def models(self, effects: Sequence[EffectAt], part: Part) -> list[DriveModel]:
+        """Return the model with these effects on each recording of a part."""
+        return [
+            make_model(self.machine, data, drives=self.drives, effects=effects, fixed=self.fixed)
+            for data in part.data
+        ]
+
+    def candidates(self, without: Sequence[str] = (), known: Sequence[str] = ()) -> list[EffectAt]:
+        """Return every effect at every place it can sit in this machine.
+
+        Args:
+            without: Effects to leave out.
+            known: Ids to choose from; all by default.
+        """
+        out = []
+        for effect in CATALOGUE.values():
+            if effect.id in without or (known and effect.id not in known) or self.inapplicable(effect.id):
+                continue
+            places = self.drives if effect.place == 'drive' else ('all',)
+            out += [EffectAt(effect.id, where) for where in places]
+        return out
+
+    def inapplicable(self, effect_id: str) -> bool:
+        """Whether an effect cannot be told from a nominal parameter, or has nothing to act on, in this machine."""
+        bounds, controller = self.machine.bounds, self.machine.controller
+        closed = self.fit.data[0].command_position is not None
+        elastic = 'gear_stiffness' in bounds
+        nominal = {
+            'coulomb_friction': 'coulomb_torque' in bounds or 'coulomb_friction' in bounds,
+            'viscous_friction': 'viscous_torque' in bounds or 'viscous_friction' in bounds,
+            'constant_force': 'constant_force' in bounds,
+            'effort_bias': 'constant_force' in bounds,
+            'effort_delay': 'measurement_delay' in bounds,
+            'integral_gain_error': not closed or not float(controller.get('integral_gain', 0.0)),
+            'effort_crosstalk': len(self.machine.drives) < 2,
+        }
+        if nominal.get(effect_id, False):
+            return True
+        if effect_id in ('backlash', 'transmission_eccentricity', 'position_dependent_stiffness') and not elastic:
+            return True
+        effect = get_effect(effect_id)
+        if effect.group == 'controller' and not closed:
+            return True
+        return effect.group == 'structure' and self.machine.kind != 'tripod'

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Levenberg-Marquardt for many small fits of one big simulation.
+
+A batch of eight candidates costs what one costs, so each iteration tries eight damping factors at once.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+# Damping factors tried in one iteration, relative to the last one accepted.
+_LADDER = np.array([1e-3, 1e-2, 0.1, 0.3, 1.0, 3.0, 30.0, 1e3])
+_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class LocalFit:
+    """Where a fit ended.
+
+    Attributes:
+        theta: (N,) parameters.
+        residual: (R,) weighted residual there.
+        jacobian: (R, N) its derivative by the parameters in shares of their box.
+        loss: Mean square of the residual.
+        evaluations: Candidates simulated.
+    """
+
+    theta: Array
+    residual: Array
+    jacobian: Array
+    loss: float
+    evaluations: int
+
+
+def difference_jacobian(
+    evaluate: Callable[[Array], Array], unit: Array, low: Array, span: Array
+) -> tuple[Array, Array]:
+    """Return residual (R,) and forward-difference Jacobian (R, N) at a point of the unit cube."""
+    step = np.where(unit < 0.5, _STEP, -_STEP)
+    points = np.vstack([unit, unit + np.diag(step)])
+    values = evaluate(low + span * points)
+    return values[0], ((values[1:] - values[0]) / step[:, None]).T
+
+
+def local_fit(
+    evaluate: Callable[[Array], Array],
+    start: Array,
+    low: Array,
+    high: Array,
+    *,
+    iterations: int = 12,
+    tolerance: float = 1e-4,
+    stopped: Callable[[], bool] | None = None,
+) -> LocalFit:
+    """Minimise the mean square of a weighted residual vector within a box.
+
+    Args:
+        evaluate: (S, N) candidates to (S, R) weighted residuals, inf where one diverged.
+        start: (N,) start.
+        low: (N,) lower bounds.
+        high: (N,) upper bounds.
+        iterations: Most iterations.
+        tolerance: Relative decrease of the mean square below which the fit has converged.
+        stopped: Asked once an iteration; ends the fit with the best so far.
+
+    Returns:
+        The best point found, never worse than the start.
+
+    Reference:
+        Levenberg 1944; Marquardt 1963; the bounds by projection and by freezing parameters that push outwards.
+    """
+    span = high - low
+    unit = np.clip((start - low) / span, 0.0, 1.0)
+    residual, jacobian = difference_jacobian(evaluate, unit, low, span)
+    loss = float(np.mean(residual**2))
+    evaluations = len(unit) + 1
+    damping = 1e-2
+    for _ in range(iterations):
+        if not np.isfinite(loss) or (stopped is not None and stopped()):
+            break
+        gradient = jacobian.T @ residual
+        free = ~(((unit <= 0.0) & (gradient > 0.0)) | ((unit >= 1.0) & (gradient < 0.0)))
+        hessian = jacobian.T @ jacobian
+        scale = np.maximum(np.diag(hessian), 1e-12 * np.diag(hessian).max() + 1e-300)
+        trials = np.repeat(unit[None], len(_LADDER), axis=0)
+        for i, factor in enumerate(_LADDER * damping):
+            matrix = (hessian + np.diag(factor * scale))[np.ix_(free, free)]
+            trials[i, free] -= np.linalg.lstsq(matrix, gradient[free], rcond=None)[0]
+        np.clip(trials, 0.0, 1.0, out=trials)
+        values = evaluate(low + span * trials)
+        losses = np.mean(values**2, axis=1)
+        evaluations += len(trials)
+        best = int(np.nanargmin(losses))
+        if not losses[best] < loss:
+            if damping > 1e6:
+                break
+            damping *= 1e4
+            continue
+        damping = max(1e-9, damping * _LADDER[best])
+        gain = (loss - losses[best]) / loss
+        unit = trials[best]
+        residual, jacobian = difference_jacobian(evaluate, unit, low, span)
+        loss = float(np.mean(residual**2))
+        evaluations += len(unit) + 1
+        if gain < tolerance:
+            break
+    return LocalFit(low + span * unit, residual, jacobian, loss, evaluations)

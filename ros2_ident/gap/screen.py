@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which effects could explain a residual at all: a look before the fits.
+
+Each effect is tried at a few sizes and shapes by simulation; how the output changes, less what the parameters already
+fitted can imitate, is compared with the residual. It ranks candidates and gives each its starts; it decides nothing.
+"""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.effects import EffectParameter, get_effect
+from ros2_ident.models import DriveModel, EffectAt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where to start a joint fit from.
+
+    Attributes:
+        candidate: The effect and its place.
+        theta: (N,) parameters fitted so far, moved along with the effect.
+        phi: (P,) the effect's own parameters.
+        gain: Decrease of the sum of squared weighted residuals that the linearised fit promises.
+    """
+
+    candidate: EffectAt
+    theta: Array
+    phi: Array
+    gain: float
+
+
+def shape_values(parameter: EffectParameter, model: DriveModel, where: str) -> tuple[float, ...]:
+    """Return the values of a shape parameter to start from, in its own unit."""
+    if parameter.role == 'position':
+        data = model.data
+        position = data.command_position if data.command_position is not None else data.position
+        assert position is not None
+        rows = range(len(data.names)) if where == 'all' else [data.names.index(where)]
+        span = np.nanquantile(position[list(rows)], (0.05, 0.5, 0.95))
+        return tuple(float(v) for v in np.clip(span, parameter.low, parameter.high))
+    if parameter.role == 'time':
+        length = model.measured.shape[1] * model.cycle
+        return tuple(float(v) for v in length * np.linspace(0.1, 0.9, 9))
+    return parameter.starts or (parameter.neutral,)
+
+
+def trials(candidate: EffectAt, model: DriveModel) -> list[list[Array]]:
+    """Return groups of values of an effect's parameters: within a group the sizes superpose, the shape is one.
+
+    Args:
+        candidate: The effect and its place.
+        model: The model on the first recording, for what the starts depend on.
+
+    Returns:
+        Groups of (P,) vectors in physical units.
+    """
+    effect = get_effect(candidate.effect)
+    share = [model.effort_share(p.unit) for p in effect.parameters]
+    neutral = np.array([p.neutral * s for p, s in zip(effect.parameters, share, strict=True)])
+    shapes = [i for i, p in enumerate(effect.parameters) if p.role != 'size']
+    sizes = [i for i, p in enumerate(effect.parameters) if p.role == 'size']
+    grids = [shape_values(effect.parameters[i], model, candidate.where) for i in shapes]
+    groups = []
+    for values in itertools.product(*grids):
+        base = neutral.copy()
+        for i, value in zip(shapes, values, strict=True):
+            base[i] = value
+        linear = []
+        for i in sizes:
+            p = effect.parameters[i]
+            if p.starts:
+                # Not linear in this size: every start stands for itself.
+                for start in p.starts:
+                    point = base.copy()
+                    point[i] = start * share[i]
+                    groups.append([point])
+            else:
+                away = p.high if p.high - p.neutral >= p.neutral - p.low else p.low
+                point = base.copy()
+                point[i] += 0.03 * (away - p.neutral) * share[i]
+                linear.append(point)
+        if linear:
+            groups.append(linear)
+    return groups
+
+
+def screen(
+    candidate: EffectAt,
+    models: Sequence[DriveModel],
+    evaluate: Callable[[Array], Array],
+    theta: Array,
+    residual: Array,
+    basis: Array,
+    jacobian: Array,
+    low: Array,
+    high: Array,
+) -> list[Start]:
+    """Rank the starts of one effect at one place.
+
+    Args:
+        candidate: The effect and its place.
+        models: The model extended by it, one a recording; its parameters are the fitted ones and then the effect's.
+        evaluate: (S, N + P) candidates to (S, R) weighted residuals of these models.
+        theta: (N,) parameters fitted without the effect.
+        residual: (R,) weighted residual there.
+        basis: (R, B) orthonormal basis of the Jacobian's columns.
+        jacobian: (R, N) weighted Jacobian by the parameters' shares of their box.
+        low: (N,) lower bounds of the fitted parameters.
+        high: (N,) upper bounds.
+
+    Returns:
+        One start a group, the most promising first.
+    """
+    groups = trials(candidate, models[0])
+    effect = get_effect(candidate.effect)
+    share = np.array([models[0].effort_share(p.unit) for p in effect.parameters])
+    neutral = np.array([p.neutral for p in effect.parameters]) * share
+    lower = np.array([p.low for p in effect.parameters]) * share
+    upper = np.array([p.high for p in effect.parameters]) * share
+    size = np.array([p.role == 'size' for p in effect.parameters])
+    points = np.array([point for group in groups for point in group])
+    values = evaluate(np.hstack([np.repeat(theta[None], len(points), axis=0), points]))
+    changes = (residual[None] - values).T
+    free = residual - basis @ (basis.T @ residual)
+    starts = []
+    at = 0
+    for group in groups:
+        columns = changes[:, at : at + len(group)]
+        vectors = points[at : at + len(group)]
+        at += len(group)
+        if not np.isfinite(columns).all():
+            continue
+        rest = columns - basis @ (basis.T @ columns)
+        if not (rest**2).sum() > 1e-9:
+            continue
+        factor = np.linalg.lstsq(rest, free, rcond=1e-9)[0]
+        phi = vectors[0].copy()
+        phi[size] = neutral[size]
+        phi = phi + factor @ np.where(size, vectors - neutral, 0.0)
+        clipped = np.clip(phi, lower, upper)
+        # What the bounds cut off is lost; with several sizes the largest cut counts.
+        moved = np.abs(phi - neutral)[size]
+        kept = np.abs(clipped - neutral)[size]
+        ratio = float(np.min(np.where(moved > 0, kept / np.maximum(moved, 1e-300), 1.0))) if size.any() else 1.0
+        if np.sign(phi - neutral)[size] @ np.sign(clipped - neutral)[size] <= 0:
+            ratio = 0.0
+        factor = factor * ratio
+        gain = float(free @ free - ((free - rest @ factor) ** 2).sum())
+        shift = np.linalg.lstsq(jacobian, residual - columns @ factor, rcond=1e-9)[0]
+        moved_theta = np.clip(theta - shift * (high - low), low, high)
+        starts.append(Start(candidate, moved_theta, np.where(size, clipped, phi), gain))
+    return sorted(starts, key=lambda s: -s.gain)
+
