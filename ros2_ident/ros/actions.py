@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Long goals on a single-threaded executor: the callback awaits a future, the worker does the work.
+
+A callback that blocked would keep the executor from answering a cancel. This one is a coroutine: it
+gives the executor back at once and goes on when the run has ended.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+from rclpy.task import Future
+from ros2_ident_msgs.action import Identify
+
+from ros2_ident.errors import ErrorCode, IdentError
+
+Done = Callable[[Any], None]
+
+
+class GoalServer:
+    """An action of which one goal runs at a time, beside whatever else keeps the node busy.
+
+    Args:
+        node: The node.
+        kind: Type of the action.
+        name: Its name.
+        busy: Returns what runs now as words for a sentence, empty for nothing.
+        begin: Starts a goal: gets it, what to call with each feedback, and what to call with the result
+            message at the end. Raises IdentError where the goal is unusable.
+        cancel: Asks the run to end with the best so far.
+        refuse: Is told why a goal was refused.
+        failed: Makes a result message of an error.
+        result_timeout: How long a result can be asked for after the end, s.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        kind: Any,
+        name: str,
+        *,
+        busy: Callable[[], str],
+        begin: Callable[[Any, Done, Done], None],
+        cancel: Callable[[], None],
+        refuse: Callable[[IdentError], None],
+        failed: Callable[[IdentError], Any],
+        result_timeout: float,
+    ) -> None:
+        self._node = node
+        self._kind = kind
+        self._busy = busy
+        self._begin = begin
+        self._cancel = cancel
+        self._refuse = refuse
+        self._failed = failed
+        self._accepted = False
+        self._server = ActionServer(
+            node,
+            kind,
+            name,
+            self._execute,
+            goal_callback=self._answer,
+            cancel_callback=self._answer_cancel,
+            result_timeout=round(result_timeout),
+        )
+
+    def _answer(self, goal: Any) -> GoalResponse:
+        """Accept a goal unless something runs; what is wrong with it is said in its result."""
+        running = self._busy() or ('a goal that is about to start' if self._accepted else '')
+        if running:
+            self._refuse(
+                IdentError(
+                    ErrorCode.BUSY,
+                    f'a goal was refused: {running} is in progress; wait for its end or cancel it',
+                )
+            )
+            return GoalResponse.REJECT
+        self._accepted = True
+        return GoalResponse.ACCEPT
+
+    def _answer_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
+        self._cancel()
+        return CancelResponse.ACCEPT
+
+    async def _execute(self, handle: ServerGoalHandle) -> Any:
+        self._accepted = False
+        done = Future(executor=self._node.executor)
+
+        def finish(result: Any) -> None:
+            done.set_result(result)
+            # a future that is set outside of the executor's round would wait for the next event
+            executor = self._node.executor
+            if executor is not None:
+                executor.wake()
+
+        def tell(progress: Any) -> None:
+            if handle.is_active:
+                handle.publish_feedback(self._kind.Feedback(progress=progress))
+
+        try:
+            self._begin(handle.request, tell, finish)
+        except IdentError as error:
+            self._refuse(error)
+            handle.abort()
+            return self._failed(error)
+        result = await done
+        if handle.is_cancel_requested:
+            handle.canceled()
+        elif result.identification.error_code in (ErrorCode.OK, ErrorCode.CANCELLED):
+            handle.succeed()
+        else:
+            handle.abort()
+        return result
+
+    def destroy(self) -> None:
+        """Take the action off the air."""
+        self._server.destroy()
+
+
+def identify_result(message: Any) -> Any:
+    """Return the action's result that holds an IdentificationResult."""
+    return Identify.Result(identification=message)

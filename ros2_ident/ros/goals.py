@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a goal to a request: everything a run needs, checked before it starts."""
+
+from collections.abc import Sequence
+import math
+from pathlib import Path
+from typing import Any
+
+from ros2_ident_msgs.action import Identify
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.models import load_machine, Machine
+from ros2_ident.recording import Topics
+from ros2_ident.ros.parameters import Snapshot
+from ros2_ident.ros.run import Request
+from ros2_ident.search import Budget
+from ros2_ident.segments import chosen_drives
+from ros2_ident.settings import IdentifySettings
+from ros2_ident.threads import processors
+
+_COUNTS = ('initial_population', 'survivors', 'children', 'generations')
+
+
+def _refuse(text: str) -> IdentError:
+    return IdentError(ErrorCode.INVALID_GOAL, text)
+
+
+def automatic_goal(parameters: Snapshot) -> Any:
+    """Return the goal of a run that starts by itself."""
+    return Identify.Goal(refine=parameters['refine'])
+
+
+def request_of(goal: Any, parameters: Snapshot) -> Request:
+    """Return what a goal asks for, with the node's parameters where it says nothing.
+
+    Args:
+        goal: An `Identify.Goal`.
+        parameters: The node's.
+
+    Raises:
+        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, or what is wrong with the machine file.
+    """
+    machine_file = goal.machine_file or parameters['machine_file']
+    if not machine_file:
+        raise _refuse(
+            'no machine file is given; set the parameter machine_file or name one in the goal'
+        )
+    machine = load_machine(machine_file)
+    if goal.model and goal.model != machine.kind:
+        raise _refuse(
+            f'model is {goal.model!r} and {machine_file} describes a {machine.kind}; '
+            'leave model empty or give another machine file'
+        )
+    drives = tuple(goal.drives) or tuple(parameters['drives']) or None
+    fixed, bounds = _overrides(goal, machine)
+    return Request(
+        machine=machine,
+        machine_text=Path(machine_file).read_text(encoding='utf-8'),
+        drives=chosen_drives(machine, drives),
+        bag_path=_bag_path(goal),
+        topics=Topics(
+            state=parameters['bag_topics.state'],
+            effort=parameters['bag_topics.effort'],
+            command=parameters['bag_topics.command'],
+        ),
+        fixed=fixed,
+        bounds=bounds,
+        settings=_settings(goal, parameters),
+        seed=goal.seed or parameters['seed'],
+        output_directory=parameters['output_directory'],
+    )
+
+
+def _bag_path(goal: Any) -> str:
+    if goal.data_source not in (goal.DATA_SOURCE_LIVE, goal.DATA_SOURCE_BAG):
+        raise _refuse(f'data_source is {goal.data_source}; give 0 (live) or 1 (bag)')
+    from_bag = goal.data_source == goal.DATA_SOURCE_BAG
+    if from_bag and not goal.bag_path:
+        raise _refuse('data_source is 1 (bag) and bag_path is empty; give the path of a bag')
+    if goal.bag_path and not from_bag:
+        raise _refuse('bag_path is given and data_source is 0 (live); set it to 1 to read the bag')
+    if goal.bag_path and not Path(goal.bag_path).expanduser().exists():
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f"{goal.bag_path}: does not exist on the node's machine; give the path of a bag there",
+        )
+    return str(Path(goal.bag_path).expanduser()) if goal.bag_path else ''
+
+
+def _settings(goal: Any, parameters: Snapshot) -> IdentifySettings:
+    changes: dict[str, Any] = {
+        name: getattr(goal, name) for name in (*_COUNTS, 'range_reduction') if getattr(goal, name)
+    }
+    if goal.min_distance:
+        changes['min_distance'] = max(0.0, goal.min_distance)
+    evaluations = goal.evaluation_budget or parameters['evaluation_budget']
+    seconds = goal.time_budget or parameters['time_budget']
+    try:
+        return IdentifySettings(
+            genetic=parameters.genetic(**changes),
+            budget=Budget(evaluations=evaluations or None, seconds=seconds or None),
+            refine=goal.refine,
+            # one processor stays with the thread that receives
+            threads=parameters['workers'] or max(1, processors() - 1),
+        )
+    except IdentError as error:
+        raise _refuse(error.message) from None
+
+
+def _overrides(
+    goal: Any, machine: Machine
+) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
+    """Return the parameters that are held, and the bounds that differ from the machine file's."""
+    names = list(goal.override_names)
+    if len(set(names)) != len(names):
+        raise _refuse('override_names repeats a name; give each only once')
+    lower = _column(goal, 'override_lower', len(names))
+    upper = _column(goal, 'override_upper', len(names))
+    held = _column(goal, 'override_fixed', len(names))
+    fixed, bounds = {}, {}
+    for name, low, high, value in zip(names, lower, upper, held, strict=True):
+        declared = machine.bounds.get(name) or machine.bounds.get(name.rpartition('.')[2])
+        if declared is None:
+            raise IdentError(
+                ErrorCode.UNKNOWN_PARAMETER,
+                f'override_names has {name!r}, no such parameter; choose from '
+                f'{", ".join(machine.bounds)}, or one of a drive as {machine.drives[0]}.NAME',
+            )
+        if math.isnan(low) and math.isnan(high) and math.isnan(value):
+            raise _refuse(f'{name} is in override_names and no value is given for it; give one')
+        if not math.isnan(value):
+            fixed[name] = value
+        if not (math.isnan(low) and math.isnan(high)):
+            bounds[name] = (
+                declared[0] if math.isnan(low) else low,
+                declared[1] if math.isnan(high) else high,
+            )
+    return fixed, bounds
+
+
+def _column(goal: Any, field: str, count: int) -> Sequence[float]:
+    values = list(getattr(goal, field))
+    if values and len(values) != count:
+        raise _refuse(
+            f'{field} has {len(values)} values and override_names {count} names; '
+            'give one value for each name, or none'
+        )
+    return values or [math.nan] * count

@@ -1,0 +1,356 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node `identifier`: brings together what it hears, the worker, and what it says."""
+
+from collections.abc import Callable
+import time
+import traceback
+from typing import Any
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+from ros2_ident_msgs.action import Identify
+from ros2_ident_msgs.msg import IdentificationResult, Progress, Status
+from std_srvs.srv import Trigger
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.ros import parameters
+from ros2_ident.ros.actions import GoalServer, identify_result
+from ros2_ident.ros.capture import Capture
+from ros2_ident.ros.conversion import joint_states, progress_message, result_message
+from ros2_ident.ros.diagnostics import Diagnostics
+from ros2_ident.ros.files import save
+from ros2_ident.ros.goals import automatic_goal, request_of
+from ros2_ident.ros.outlet import Outlet
+from ros2_ident.ros.run import Finished, run
+from ros2_ident.ros.worker import Worker
+
+TICK = 0.1  # s
+# Silence is explained this often, s.
+EXPLAIN = 5.0
+
+Says = Callable[[Any], None]
+
+
+class Identifier(Node):
+    """Identifies drives from what it hears or from bags, one run at a time.
+
+    Args:
+        node_name: Its name.
+        context: For tests: a context of its own.
+        namespace: Prefix of its relative names.
+        cli_args: Arguments of this node alone.
+        parameter_overrides: Values that go before those of the command line.
+
+    Raises:
+        IdentError: Where a parameter has a value it cannot have.
+    """
+
+    def __init__(
+        self,
+        node_name: str = 'identifier',
+        *,
+        context: Context | None = None,
+        namespace: str | None = None,
+        cli_args: list[str] | None = None,
+        parameter_overrides: list[Parameter] | None = None,
+    ) -> None:
+        super().__init__(
+            node_name,
+            context=context,
+            namespace=namespace,
+            cli_args=cli_args,
+            parameter_overrides=parameter_overrides,
+        )
+        parameters.declare(self)
+        for sentence in parameters.unknown(self):
+            self.get_logger().warning(sentence)
+        now = parameters.snapshot(self)
+        self.capture = Capture(
+            self, limit=now['buffer_messages'], keep_streams=now['keep_streams']
+        )
+        self.worker = Worker(self)
+        self.outlet = Outlet(self)
+        self.diagnostics = Diagnostics(self.get_name(), now['missing_warning'])
+        self._state = Status.STATE_WAITING
+        self._sentence = 'no data yet'
+        self._error: IdentError | None = None
+        self._last: Finished | None = None
+        self._ticks = 0
+        self._explained = time.monotonic()
+        self._goals = GoalServer(
+            self,
+            Identify,
+            '~/identify',
+            busy=self._busy,
+            begin=lambda goal, tell, done: self.begin(
+                goal, tell, lambda message: done(identify_result(message))
+            ),
+            cancel=self.worker.cancel,
+            refuse=self._refused,
+            failed=lambda error: identify_result(
+                result_message(None, error, self.get_clock().now().to_msg())
+            ),
+            result_timeout=now['result_timeout'],
+        )
+        self.create_service(Trigger, '~/clear_data', self._clear_data)
+        self.create_service(Trigger, '~/save_result', self._save_result)
+        # /clock stops with the bag, and every timer on it: these go by the steady clock
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = self.create_timer(TICK, self._tick, clock=steady)
+        self._series = self.create_timer(0.01, self._publish_series, clock=steady)
+        self._series.cancel()
+        self.add_on_set_parameters_callback(self._parameters_change)
+        self._publish_status()
+
+    # ------------------------------------------------------------------ runs
+
+    def begin(
+        self,
+        goal: Any,
+        tell: Says | None = None,
+        done: Callable[[IdentificationResult], None] | None = None,
+    ) -> None:
+        """Start a run.
+
+        Args:
+            goal: An `Identify.Goal`.
+            tell: Gets every progress message that is published.
+            done: Gets the result message.
+
+        Raises:
+            IdentError: Where the goal is unusable; nothing has been started then.
+        """
+        now = parameters.snapshot(self)
+        request = request_of(goal, now)
+        buffer = None
+        if not request.bag_path:
+            if self.capture.empty:
+                raise IdentError(
+                    ErrorCode.NO_DATA, f'{self.capture.silence()}; or name a bag to read'
+                )
+            buffer = self.capture.snapshot()
+
+        def job(cancel: Any, say: Says) -> tuple[Finished, str, list[bytes], list[bytes]]:
+            finished = run(request, buffer, cancel, say)
+            path = save(finished)
+            simulated = [x for stream in finished.simulated for x in joint_states(stream)]
+            residual = [x for stream in finished.residual for x in joint_states(stream)]
+            return finished, path, simulated, residual
+
+        def said(progress: Any) -> None:
+            message = progress_message(progress, request.machine, self.get_clock().now().to_msg())
+            self.diagnostics.progress = message
+            self.outlet.progress(message)
+            self._sentence = _progress_sentence(message)
+            if tell is not None:
+                tell(message)
+
+        def ended(value: Any, error: BaseException | None) -> None:
+            message = self._ended(value, error)
+            if done is not None:
+                done(message)
+
+        source = request.bag_path or 'the data received'
+        self._change(
+            Status.STATE_IDENTIFYING,
+            f'identifying {", ".join(request.drives)} from {source}',
+            None,
+        )
+        self.worker.start(job, said, ended, rate=now['progress_rate'])
+
+    def _ended(self, value: Any, error: BaseException | None) -> IdentificationResult:
+        """Publish how a run ended; return the message."""
+        stamp = self.get_clock().now().to_msg()
+        if error is not None:
+            fault = self._fault(error)
+            message = result_message(None, fault, stamp)
+            self._change(Status.STATE_FAILED, fault.message, fault)
+        else:
+            finished, path, simulated, residual = value
+            self._last = finished
+            self.diagnostics.data = finished.data
+            message = result_message(finished, None, stamp, path)
+            self.outlet.series(simulated=simulated, residual=residual)
+            self._series.reset()
+            state = Status.STATE_DONE
+            if message.error_code == ErrorCode.CANCELLED:
+                state = Status.STATE_CANCELLED
+            elif message.error_code:
+                state = Status.STATE_FAILED
+            fault = None
+            if message.error_code:
+                fault = IdentError(ErrorCode(message.error_code), message.error_message)
+            self._change(state, message.outcome_sentence, fault)
+        self.diagnostics.result = message
+        self.outlet.result(message)
+        return message
+
+    def _fault(self, error: BaseException) -> IdentError:
+        """Return what the user is told; what is no user's error goes to the log in full."""
+        if isinstance(error, IdentError):
+            return error
+        text = ''.join(traceback.format_exception(error))
+        self.get_logger().error(f'a run failed by a defect of this package:\n{text}')
+        return IdentError(
+            ErrorCode.INTERNAL,
+            f'a defect of this package ended the run ({type(error).__name__}: {error}); '
+            'please report it with the log',
+        )
+
+    def _busy(self) -> str:
+        return self._sentence if self.worker.busy else ''
+
+    def _refused(self, error: IdentError) -> None:
+        """Say why a goal was refused, without touching what runs."""
+        self.get_logger().warning(error.message)
+        self._error = error
+        self._publish_status()
+
+    def stop(self) -> None:
+        """Ask a run to end with the best so far."""
+        self.worker.cancel()
+
+    # ------------------------------------------------------------------ services, parameters
+
+    def _clear_data(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        count = sum(meter.received for meter in self.capture.meters.values())
+        self.capture.clear()
+        if not self.worker.busy:
+            self._change(Status.STATE_WAITING, 'no data yet', None)
+        response.success = True
+        response.message = f'{count} messages are forgotten'
+        return response
+
+    async def _save_result(
+        self, _: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        last = self._last
+        if last is None or self.worker.busy:
+            response.message = (
+                'a run is in progress; wait for its end'
+                if self.worker.busy
+                else 'nothing has been identified yet; start a run first'
+            )
+            return response
+        directory = parameters.snapshot(self)['output_directory']
+        done = Future(executor=self.executor)
+
+        def ended(value: Any, error: BaseException | None) -> None:
+            done.set_result((value, error))
+
+        self.worker.start(lambda cancel, say: save(last, directory), lambda _: None, ended)
+        path, error = await done
+        response.success = error is None and bool(path)
+        response.message = (
+            path
+            if response.success
+            else (
+                self._fault(error).message
+                if error
+                else 'output_directory is empty; set it to a folder'
+            )
+        )
+        return response
+
+    def _parameters_change(self, changes: list[Parameter]) -> Any:
+        return parameters.check_change(changes, self.worker.busy)
+
+    # ------------------------------------------------------------------ the clock's rounds
+
+    def _tick(self) -> None:
+        self._ticks += 1
+        capture = self.capture
+        limit = self.get_parameter('end_of_stream').value
+        if not capture.empty and not capture.ended:
+            if capture.idle >= limit:
+                self._stream_ended()
+            elif not self.worker.busy and self._state != Status.STATE_RECORDING:
+                self._change(Status.STATE_RECORDING, 'data arrives', None)
+        if capture.empty and not self.worker.busy:
+            self._explain()
+        if self._ticks % round(1.0 / TICK) == 0:
+            capture.flush()
+            if (not capture.empty and not capture.ended) or self.worker.busy:
+                self._publish_status()
+            self._publish_diagnostics()
+
+    def _stream_ended(self) -> None:
+        self.capture.end()
+        counts = ', '.join(
+            f'{meter.received} on {self.capture.topics[role]}'
+            for role, meter in self.capture.meters.items()
+        )
+        self.get_logger().info(f'the stream has ended: {counts}')
+        if self.worker.busy:
+            return
+        if not self.get_parameter('auto_start').value:
+            self._change(
+                Status.STATE_READY, 'the stream has ended; send a goal to ~/identify', None
+            )
+            return
+        try:
+            self.begin(automatic_goal(parameters.snapshot(self)))
+        except IdentError as error:
+            self._change(Status.STATE_FAILED, error.message, error)
+
+    def _explain(self) -> None:
+        if time.monotonic() - self._explained < EXPLAIN:
+            return
+        self._explained = time.monotonic()
+        sentence = self.capture.silence()
+        if sentence != self._sentence and self._state == Status.STATE_WAITING:
+            self.get_logger().warning(sentence)
+            self._sentence = sentence
+            self._publish_status()
+
+    def _publish_series(self) -> None:
+        self.outlet.go_on()
+        if not self.outlet.waiting:
+            self._series.cancel()
+
+    # ------------------------------------------------------------------ status
+
+    def _change(self, state: int, sentence: str, error: IdentError | None) -> None:
+        self._state = state
+        self._sentence = sentence
+        self._error = error
+        log = self.get_logger()
+        if error is not None and error.code != ErrorCode.CANCELLED:
+            log.error(sentence)
+        else:
+            log.info(sentence)
+        self._publish_status()
+
+    def _publish_status(self) -> None:
+        meters = self.capture.meters
+        message = Status(state=self._state, sentence=self._sentence)
+        message.header.stamp = self.get_clock().now().to_msg()
+        message.streams = list(self.capture.topics.values())
+        message.received = [meter.received for meter in meters.values()]
+        message.rate = [meter.rate for meter in meters.values()]
+        message.missing_fraction = [meter.missing_fraction for meter in meters.values()]
+        if self._error is not None:
+            message.error_code = int(self._error.code)
+            message.error_message = self._error.message
+        self.outlet.status(message)
+
+    def _publish_diagnostics(self) -> None:
+        silence = self.capture.silence() if self.capture.empty and not self.worker.busy else ''
+        self.diagnostics.state = self._sentence if self.worker.busy else 'no run in progress'
+        self.outlet.diagnostics(
+            self.diagnostics.message(
+                self.get_clock().now().to_msg(), self.capture.meters, self.capture.topics, silence
+            )
+        )
+
+
+def _progress_sentence(message: Progress) -> str:
+    phase = 'refinement' if message.phase == Progress.PHASE_REFINEMENT else 'genetic algorithm'
+    return (
+        f'{phase}, {message.generation} of {message.generations}, best cost '
+        f'{message.best_cost:.4g} {message.cost_unit}'
+    )

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the node says: its publishers, and long series in pieces small enough to keep it responsive."""
+
+from collections import deque
+from collections.abc import Iterable
+import itertools
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from ros2_ident_msgs.msg import IdentificationResult, Progress, Status
+from sensor_msgs.msg import JointState
+
+LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+EVENTS = QoSProfile(depth=10)
+SERIES = QoSProfile(depth=5000)
+# Messages of a series in one go: about a millisecond.
+_PIECE = 100
+
+
+class Outlet:
+    """The publishers of a node.
+
+    Args:
+        node: The node.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._progress = node.create_publisher(Progress, '~/progress', EVENTS)
+        self._result = node.create_publisher(IdentificationResult, '~/result', LATCHED)
+        self._status = node.create_publisher(Status, '~/status', LATCHED)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', EVENTS)
+        self._series = {
+            name: node.create_publisher(JointState, f'~/{name}', SERIES)
+            for name in ('simulated', 'residual')
+        }
+        self._waiting: deque[tuple[Any, Iterable[bytes]]] = deque()
+
+    def progress(self, message: Progress) -> None:
+        """Publish ~/progress."""
+        self._progress.publish(message)
+
+    def result(self, message: IdentificationResult) -> None:
+        """Publish ~/result, for late subscribers too."""
+        self._result.publish(message)
+
+    def status(self, message: Status) -> None:
+        """Publish ~/status, for late subscribers too."""
+        self._status.publish(message)
+
+    def diagnostics(self, message: DiagnosticArray) -> None:
+        """Publish /diagnostics."""
+        self._diagnostics.publish(message)
+
+    def series(self, **messages: Iterable[bytes]) -> None:
+        """Begin to publish series of serialised messages instead of those still waiting."""
+        self._waiting = deque((self._series[name], iter(x)) for name, x in messages.items())
+
+    @property
+    def waiting(self) -> bool:
+        """Whether messages of a series are left to publish."""
+        return bool(self._waiting)
+
+    def go_on(self) -> None:
+        """Publish the next piece of the series, alternating between them."""
+        if not self._waiting:
+            return
+        publisher, messages = self._waiting.popleft()
+        piece = list(itertools.islice(messages, _PIECE))
+        for message in piece:
+            publisher.publish(message)
+        if len(piece) == _PIECE:
+            self._waiting.append((publisher, messages))

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Declare the node's parameters from the table, refuse wrong ones in sentences, take snapshots."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+import difflib
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.ros.parameter_table import BY_NAME, Entry, literal, TABLE
+from ros2_ident.search import GeneticSettings
+
+_TYPES = {
+    'bool': Parameter.Type.BOOL,
+    'integer': Parameter.Type.INTEGER,
+    'double': Parameter.Type.DOUBLE,
+    'string': Parameter.Type.STRING,
+    'string_array': Parameter.Type.STRING_ARRAY,
+}
+_GENETIC = (
+    'initial_population',
+    'survivors',
+    'children',
+    'generations',
+    'range_reduction',
+    'min_distance',
+    'mutation',
+    'stagnation_generations',
+)
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The parameters at one instant, by name."""
+
+    values: dict[str, Any]
+
+    def __getitem__(self, name: str) -> Any:
+        """Return the value of a parameter of the table."""
+        return self.values[name]
+
+    def genetic(self, **changes: float) -> GeneticSettings:
+        """Return the settings of the search, some of them replaced."""
+        return GeneticSettings(**{name: self.values[name] for name in _GENETIC} | changes)
+
+
+def descriptor(entry: Entry) -> ParameterDescriptor:
+    """Return what `ros2 param describe` shows."""
+    found = ParameterDescriptor(
+        name=entry.name, description=entry.description, read_only=entry.read_only
+    )
+    found.type = _TYPES[entry.kind].value
+    if entry.choices:
+        found.additional_constraints = f'one of {", ".join(entry.choices)}'
+    if entry.low is not None and entry.high is not None:
+        if entry.kind == 'integer':
+            found.integer_range = [
+                IntegerRange(from_value=int(entry.low), to_value=int(entry.high), step=0)
+            ]
+        else:
+            found.floating_point_range = [
+                FloatingPointRange(from_value=entry.low, to_value=entry.high, step=0.0)
+            ]
+    return found
+
+
+def declare(node: Node, table: Iterable[Entry] = TABLE) -> None:
+    """Declare every parameter of the table on a node.
+
+    Raises:
+        IdentError: BAD_VALUES where an override does not fit, with the remedy.
+    """
+    given = dict(node._parameter_overrides)  # as launch files and the command line say; read only
+    for entry in table:
+        value = given[entry.name].value if entry.name in given else None
+        try:
+            # rclpy takes an empty list for bytes: the type comes from a list that is not empty
+            default = [''] if entry.default == () else entry.default
+            node.declare_parameter(entry.name, default, descriptor(entry))
+            if entry.default == () and not value:
+                empty = Parameter(entry.name, Parameter.Type.STRING_ARRAY, [])
+                node.set_parameters([empty])
+        except InvalidParameterTypeException:
+            raise IdentError(ErrorCode.BAD_VALUES, wrong_type(entry, value)) from None
+        except InvalidParameterValueException as exc:
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'parameter {entry.name} is {value!r}, its range is {entry.range or str(exc)}; '
+                'give a value inside it',
+            ) from None
+        found = node.get_parameter(entry.name).value
+        if entry.choices and found not in entry.choices:
+            raise IdentError(ErrorCode.BAD_VALUES, wrong_choice(entry, found))
+
+
+def wrong_type(entry: Entry, value: Any) -> str:
+    """Return the sentence for a value of the wrong type; `1` for a double is the common one."""
+    if entry.kind == 'double' and isinstance(value, int) and not isinstance(value, bool):
+        return (
+            f'parameter {entry.name} is {value}, an integer, and has to be a double; '
+            f'write {value}.0'
+        )
+    return (
+        f'parameter {entry.name} is {value!r} and has to be a {entry.kind.replace("_", " ")}; '
+        f'write it like {literal(entry.default)}'
+    )
+
+
+def wrong_choice(entry: Entry, value: Any) -> str:
+    """Return the sentence for a string that is none of the choices."""
+    return f'parameter {entry.name} is {value!r}; write one of {", ".join(entry.choices)}'
+
+
+def unknown(node: Node) -> list[str]:
+    """Return a sentence for every parameter that was given and that the node does not have."""
+    sentences = []
+    for name in node._parameter_overrides:
+        if node.has_parameter(name) or name.startswith('qos_overrides.'):
+            continue
+        near = difflib.get_close_matches(name, BY_NAME, 1)
+        remedy = (
+            f'did you mean {near[0]}?' if near else 'see docs/parameters.md for those there are.'
+        )
+        sentences.append(f'parameter {name} is not known and has no effect; {remedy}')
+    return sentences
+
+
+def snapshot(node: Node, table: Iterable[Entry] = TABLE) -> Snapshot:
+    """Return all parameters of the table as they are now."""
+    values = {}
+    for entry in table:
+        value = node.get_parameter(entry.name).value
+        values[entry.name] = tuple(value or ()) if entry.kind == 'string_array' else value
+    return Snapshot(values)
+
+
+def check_change(changes: Iterable[Parameter], running: bool) -> SetParametersResult:
+    """Answer a change at run time; rclpy has checked types and ranges before.
+
+    Args:
+        changes: The parameters to be set.
+        running: Whether a run is in progress, which goes on with the values it started with.
+    """
+    for change in changes:
+        entry = BY_NAME.get(change.name)
+        if entry is not None and entry.choices and change.value not in entry.choices:
+            return SetParametersResult(successful=False, reason=wrong_choice(entry, change.value))
+    reason = 'takes effect at the next run; this one goes on with the old value' if running else ''
+    return SetParametersResult(successful=True, reason=reason)
