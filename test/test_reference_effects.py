@@ -60,6 +60,10 @@ CATALOGUE = {
     'rail_radius_error',
     'rod_length_error',
     'effort_crosstalk',
+    'position_dependent_friction',
+    'effort_delay',
+    'effort_filter',
+    'integral_gain_error',
 }
 
 

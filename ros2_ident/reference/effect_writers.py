@@ -8,6 +8,7 @@ form is wanted, and the seed of what is random in it. The equations stand in `ef
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.signal import lfilter
 
 from ros2_ident.reference import layout as at
 from ros2_ident.reference.plant import Array, Plant, set_columns
@@ -266,6 +267,60 @@ def rod_length(plant: Plant, i: int, values: Values, other: bool, seed: int) -> 
     plant.drive[:, at.ROD_LENGTH] += values['length'] * uneven
 
 
+def lagged(signal: Array, time: float, cycle: float) -> Array:
+    """Return a signal (K,) behind a first-order lag that has settled on its first value."""
+    share = 1.0 - np.exp(-cycle / time)
+    out, _ = lfilter([share], [1.0, share - 1.0], signal, zi=[(1.0 - share) * signal[0]])
+    return np.asarray(out, dtype=float)
+
+
+def effort_delay(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
+    """Write effort delay."""
+    if not other:
+        plant.delay[i] += values['time']
+        return
+
+    def late(torque: Array, cycle: float) -> Array:
+        instants = np.arange(torque.shape[1])
+        more = np.random.default_rng(seed).random(instants.size) < 0.1
+        taken = np.maximum(0, instants - round(values['time'] / cycle) - more)
+        out = torque.copy()
+        out[i] = torque[i, taken]
+        return out
+
+    plant.effort_filters.append(late)
+
+
+def effort_filter(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
+    """Write effort filter."""
+
+    def filtered(torque: Array, cycle: float) -> Array:
+        out = torque.copy()
+        if other:
+            half = 0.5 * values['time']
+            out[i] = lagged(lagged(torque[i], half, cycle), half, cycle)
+        else:
+            out[i] = lagged(torque[i], values['time'], cycle)
+        return out
+
+    plant.effort_filters.append(filtered)
+
+
+def integral_gain(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
+    """Write integral gain."""
+    plant.drive[i, at.INTEGRAL_GAIN] *= 1.0 + values['share']
+
+
+def place_friction(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
+    """Write place friction."""
+    columns = {
+        at.PLACE_SLOPE: values['slope'],
+        at.PLACE_MIDDLE: values['middle'],
+        at.PLACE_FORM: float(other),
+    }
+    set_columns(plant, i, columns)
+
+
 def crosstalk(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
     """Write crosstalk."""
 
@@ -278,13 +333,7 @@ def crosstalk(plant: Plant, i: int, values: Values, other: bool, seed: int) -> N
         )
         leak = weights @ torque[others]
         if other:
-            share = 1.0 - np.exp(-cycle / 1.5e-3)
-            slow = np.empty_like(leak)
-            level = leak[0]
-            for k, now in enumerate(leak):
-                level += share * (now - level)
-                slow[k] = level
-            leak = slow
+            leak = lagged(leak, 1.5e-3, cycle)
         out = torque.copy()
         out[i] += values['share'] * leak
         return out

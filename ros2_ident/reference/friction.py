@@ -106,6 +106,11 @@ def friction_torque(
         friction += d[at.LOAD_FRICTION] * abs(loaded) * sign
     if d[at.DRAG] != 0.0:
         friction += d[at.DRAG] * math.copysign(abs(speed) ** d[at.DRAG_EXPONENT], speed)
+    if d[at.PLACE_SLOPE] != 0.0:
+        away = place - d[at.PLACE_MIDDLE]
+        if d[at.PLACE_FORM] == 1.0:
+            away = 0.05 * math.tanh(away / 0.05)
+        friction += coulomb * d[at.PLACE_SLOPE] * away * sign
     if d[at.ASYMMETRY] != 0.0:
         even = sign
         if d[at.ASYMMETRY_WIDTH] > 0.0:

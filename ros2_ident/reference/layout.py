@@ -48,6 +48,9 @@ zero are never read.
     EXTRA_COULOMB_FORM,  # 0 tanh, 1 arctan
     EXTRA_VISCOUS,  # N m s/m
     EXTRA_VISCOUS_EXPONENT,  # 1
+    PLACE_SLOPE,  # 1/m, Coulomb friction along the rail
+    PLACE_MIDDLE,  # m
+    PLACE_FORM,  # 0 linear, 1 levelling off
     DRIFT_RATE,  # 1/s, linear in time
     DRIFT_SHARE,  # 1, at the full dissipated power
     DRIFT_TIME,  # s
@@ -98,7 +101,7 @@ zero are never read.
     BUMPER_STIFFNESS,  # N/m^2
     BUMPER_PLACE,  # m
     DRIVE_COLUMNS,
-) = range(85)
+) = range(88)
 
 # Shared by the machine.
 (
