@@ -255,6 +255,7 @@ class DriveModel(ABC):
                 values[target] = np.full(len(theta), self.fixed[parameter.name])
         for column, target in enumerate(self._targets):
             values[target] = theta[:, column]
+        self._follow(values)
         drives = range(len(self.machine.drives))
         for (name, index), value in values.items():
             if name in SLOTS:
@@ -273,6 +274,20 @@ class DriveModel(ABC):
                         start = rows.MACHINE_COUNT + d * rows.DRIVE_COUNT
                         block[:, start + rows.effect_row(effect.id) + number] = value
         return block
+
+    def _follow(self, values: dict[tuple[str, int | None], Array]) -> None:
+        """Give drives that only follow the mean of the identified ones, where nothing better is known.
+
+        Their gears still move the carriages: with those of the nominal machine, stiff, the torque of the others
+        would be far off.
+        """
+        chosen = [self.machine.drives.index(name) for name in self.drives]
+        for d, drive in enumerate(self.machine.drives):
+            if d in chosen:
+                continue
+            for name in self.machine.bounds:
+                if not SLOTS[name].shared and f'{drive}.{name}' not in self.fixed:
+                    values[name, d] = np.mean([values[name, c] for c in chosen], axis=0)
 
     def _fill(self, block: Array, name: str, drives: Sequence[int] | range, value: Array) -> None:
         row = SLOTS[name].row
