@@ -65,7 +65,7 @@ def block_length(rows: Array, cycle: float, settling: float = SETTLING) -> int:
             coarse = _averages(values, stride)
             longest = max(longest, correlation_time(coarse[np.isfinite(coarse)]))
     length = max(settling / cycle, _TIMES * longest * stride)
-    return max(1, min(round(length), count // FEWEST))
+    return int(max(1, min(length, count // FEWEST)))
 
 
 def correlation_time(values: Array) -> float:
@@ -178,7 +178,7 @@ class Blocks:
         return each, self.interval(lambda m: np.sqrt(m[..., which, :].mean(axis=-1)), level)
 
     def difference(self, before: int, after: int, level: float = 0.95) -> Interval:
-        """Return by how much the mean square (over all drives) falls from one residual to another."""
+        """Return by how much the mean square over all drives falls from one to another."""
         return self.interval(
             lambda m: (m[..., before, :] - m[..., after, :]).mean(axis=-1), level
         )

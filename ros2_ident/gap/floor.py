@@ -3,8 +3,8 @@
 
 Where the command repeats, what repeats is the model's fault and what does not is noise: half the
 mean square difference of successive repeats is the noise variance, whatever the model leaves out.
-Where nothing repeats, the residual's high-frequency part tells: differences of fourth order suppress
-everything that is smooth from sample to sample; taken as white, it is scaled up to the whole band.
+Where nothing repeats, the residual's high-frequency part tells: differences of fourth order
+suppress what is smooth from sample to sample; taken as white, the rest is scaled up to the band.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ _CLIP = 3.0
 _STRETCH = 50
 # Stretches noisier than the quiet ones by this many standard errors hold an effect, not noise.
 _LOUD = 3.0
-# Two stretches of command are the same motion where they differ by less than this share (mean square).
+# Two stretches of command are one motion where they differ by less than this share in the square.
 _SAME = 1e-3
 # A repeat has to last so long, s.
 _SHORTEST = 0.5
@@ -108,8 +108,8 @@ def noise_floor(
         IdentError: NO_DATA where a drive has fewer than a hundred samples in a row of even steps.
 
     Reference:
-        Differences: Hall, Kay and Titterington (1990), Biometrika 77(3). Repeats: von Neumann (1941),
-        Annals of Mathematical Statistics 12(4); ASME V&V 20-2009 for what is made of it.
+        Differences: Hall, Kay and Titterington (1990), Biometrika 77(3). Repeats: von Neumann
+        (1941), Annals of Mathematical Statistics 12(4); ASME V&V 20-2009 for what is made of it.
     """
     names = dataset.names if drives is None else tuple(drives)
     count = len(residual)
@@ -178,7 +178,7 @@ def find_repeats(dataset: Dataset) -> Repeats | None:
 
 
 def _refine(velocity: Array, coarse: int, stride: int) -> int | None:
-    """Return the lag in cycles near `coarse` at which the command repeats best; None where badly."""
+    """Return the lag in cycles near `coarse` where the command repeats best; None if badly."""
     best: tuple[float, int] = (math.inf, coarse)
     for lag in range(max(1, coarse - stride), coarse + stride + 1):
         one, two = velocity[:, :-lag], velocity[:, lag:]
@@ -222,7 +222,7 @@ def _differences(row: Array, stride: int, order: int) -> Array:
 
 
 def _robust(squares: Array) -> tuple[float, float, float]:
-    """Return the root of the mean of squares of normal numbers, with spikes and loud stretches left out.
+    """Return the root mean of squares of normal numbers; spikes and loud stretches left out.
 
     Args:
         squares: Squares in order of time, with expectation sigma^2.
@@ -280,14 +280,19 @@ def _step(row: Array) -> float:
 
 
 def _sentence(
-    value: Array, names: Sequence[str], repeats: Repeats | None, cycle: float, white: Array, unit: str
+    value: Array,
+    names: Sequence[str],
+    repeats: Repeats | None,
+    cycle: float,
+    white: Array,
+    unit: str,
 ) -> str:
     parts = ', '.join(f'{n} {v:.3g}' for n, v in zip(names, value, strict=True))
     tail = f' {unit}' if unit else ''
     if repeats is not None:
         return (
-            f'noise floor {parts}{tail}: what differs between {repeats.count} repeats of a motion of '
-            f'{repeats.period * cycle:.4g} s'
+            f'noise floor {parts}{tail}: what differs between {repeats.count} repeats of a motion '
+            f'of {repeats.period * cycle:.4g} s'
         )
     text = f'noise floor {parts}{tail}: from the fast part of the residual, taken as white noise'
     if (white < 0.8).any():

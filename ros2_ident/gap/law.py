@@ -1,0 +1,295 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controller law as the log itself shows it: gains from logged effort, motion and command.
+
+No dynamics are needed: what the controller saw and what it commanded are both in the log, so a
+wrong gain shows here whatever the machine behind it does.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+from scipy.optimize import minimize
+
+from ros2_ident.gap.blocks import correlation_time
+from ros2_ident.models import Machine
+from ros2_ident.recording import Dataset
+
+Array = NDArray[np.float64]
+
+# Efforts later than this, and set-points later than that, are no matter of a log, s.
+LATEST_EFFORT, LATEST_COMMAND = 0.12, 0.012
+# A late set-point counts where without it the fit leaves so much more (mean square).
+_COUNTS = 1.02
+# Beyond this share of the limit the law does not hold.
+_SATURATED = 0.98
+
+
+@dataclass(frozen=True)
+class Gain:
+    """One gain as the log shows it, the others being what the machine file says.
+
+    Attributes:
+        name: Its key in the machine file; `scale` for a factor on the whole effort.
+        value: Estimate, in the machine file's unit.
+        error: Standard error.
+        expected: The machine file's value.
+        misfit: RMS that is left with it, in the effort's unit.
+    """
+
+    name: str
+    value: float
+    error: float
+    expected: float
+    misfit: float
+
+    @property
+    def ratio(self) -> float:
+        """Estimate over expectation; NaN where nothing is expected."""
+        return self.value / self.expected if self.expected else math.nan
+
+
+@dataclass(frozen=True)
+class Law:
+    """A drive's controller law, compared with its log.
+
+    The zeros of a PI law, k_p and k_I / k_v, can be exchanged without a trace in the log, and lie
+    close together on well-tuned drives. So gains are not solved for all at once: each is fitted
+    alone, and the fits are compared.
+
+    Attributes:
+        drive: Name.
+        gains: Each gain fitted alone, the best explanation first.
+        effort_delay: How late the logged effort is, s.
+        command_delay: How late the controller took up the set-point, s; 0 where none shows.
+        misfit: RMS that the law with all its coefficients free leaves, in the effort's unit.
+        misfit_file: RMS that it leaves with the machine file's gains.
+        explained: Share of the effort's variance that the free law explains.
+        samples: Samples used.
+    """
+
+    drive: str
+    gains: tuple[Gain, ...]
+    effort_delay: float
+    command_delay: float
+    misfit: float
+    misfit_file: float
+    explained: float
+    samples: int
+
+    @property
+    def excess(self) -> float:
+        """RMS that the machine file's gains leave beyond the free law, in the effort's unit."""
+        return math.sqrt(max(0.0, self.misfit_file**2 - self.misfit**2))
+
+
+@dataclass(frozen=True)
+class _Signals:
+    """One drive on the grid of cycles: what the law is made of, and the effort where measured."""
+
+    cycle: float
+    command: Array
+    rate: Array
+    position: Array
+    velocity: Array
+    index: NDArray[np.int64]
+    effort: Array
+    forward: float
+    integral: bool
+
+
+def fit_law(machine: Machine, data: Dataset, drive: str) -> Law | None:
+    """Compare the law M = k_v e + k_I int e dt + c, e = k_p (z_cmd - z) + f v_cmd - v, with a log.
+
+    It is linear in k_v k_p + k_I, k_v, k_I k_p and a constant: the integral of the velocity error is
+    the position error again. Delays of effort and set-point are found by a search around it.
+
+    Args:
+        machine: The machine file, for the law's kind, the gains expected and the torque limit.
+        data: The recording on the grid of controller cycles.
+        drive: The drive.
+
+    Returns:
+        The law; None where command, position or effort were not recorded or the drive stands still.
+    """
+    signals = _signals(machine, data, drive)
+    if signals is None:
+        return None
+    delays = _delays(signals)
+    columns, effort = _Fit(signals).system(delays)
+    free = _solve(columns, effort)[2]
+    gains = {
+        name: float(machine.controller.get(name, 0.0))
+        for name in ('position_gain', 'velocity_gain', 'integral_gain')
+    }
+    known = _law_of(columns, gains)
+    alone = []
+    for name in (*gains, 'scale'):
+        if name == 'scale' and not signals.integral and signals.forward == 0.0:
+            continue  # the same as the velocity gain
+        if name != 'scale' and not gains[name]:
+            continue
+        # The law is linear in each gain by itself.
+        part = known if name == 'scale' else known - _law_of(columns, {**gains, name: 0.0})
+        factor, error, misfit = _solve(
+            np.stack([part, np.ones_like(part)], axis=1), effort - (known - part)
+        )
+        expected = gains.get(name, 1.0)
+        alone.append(
+            Gain(name, float(factor[0]) * expected, error * abs(expected), expected, misfit)
+        )
+    file = _solve(np.ones((effort.size, 1)), effort - known)[2]
+    return Law(
+        drive,
+        tuple(sorted(alone, key=lambda g: g.misfit)),
+        float(delays[0]) * signals.cycle,
+        float(delays[1]) * signals.cycle,
+        free,
+        file,
+        1.0 - free**2 / max(float(effort.var()), 1e-300),
+        effort.size,
+    )
+
+
+def _law_of(columns: Array, gains: dict[str, float]) -> Array:
+    """Return the law's torque but for a constant; columns as of `_Fit.system`."""
+    kp, kv, ki = gains['position_gain'], gains['velocity_gain'], gains['integral_gain']
+    torque: Array = (kv * kp) * columns[:, 0] + kv * columns[:, 1]
+    if ki:
+        torque = torque + (ki * kp) * columns[:, 3] + ki * columns[:, 4]
+    return torque
+
+
+def _solve(columns: Array, effort: Array) -> tuple[Array, float, float]:
+    """Return the coefficients, the first one's standard error and the RMS that is left."""
+    scale = np.sqrt((columns**2).mean(axis=0)) + 1e-300
+    solution = np.linalg.lstsq(columns / scale, effort, rcond=1e-10)[0]
+    left = effort - (columns / scale) @ solution
+    variance = float(left @ left) / max(1, left.size - len(scale)) * correlation_time(left)
+    normal = (columns / scale).T @ (columns / scale)
+    error = math.sqrt(max(0.0, variance * float(np.linalg.pinv(normal)[0, 0]))) / float(scale[0])
+    return solution / scale, error, math.sqrt(float((left**2).mean()))
+
+
+def _delays(signals: _Signals) -> Array:
+    """Return the delays (effort, set-point) in cycles at which the free law leaves least."""
+    high, late = LATEST_EFFORT / signals.cycle, LATEST_COMMAND / signals.cycle
+    rough = _Fit(signals, every=max(1, signals.effort.size // 1500))
+    step = max(1.0, round(0.002 / signals.cycle))
+    grid = [
+        (rough.left(np.array([lag, first])), lag, first)
+        for first in np.arange(0.0, late + 1.0, step)
+        for lag in np.arange(0.0, high + 1.0, step)
+    ]
+    fine = _Fit(signals, every=max(1, signals.effort.size // 4000))
+
+    def polish(start: tuple[float, float], free: bool) -> tuple[float, Array]:
+        corner = np.array(start)
+        simplex = corner + np.array([[0.0, 0.0], [step, 0.0], [0.0, step if free else 0.0]])
+        found = minimize(
+            (lambda x: fine.left(x)) if free else (lambda x: fine.left(np.array([x[0], 0.0]))),
+            corner if free else corner[:1],
+            method='Nelder-Mead',
+            bounds=((0.0, high), (0.0, late))[: 2 if free else 1],
+            options={
+                'xatol': 1e-2, 'fatol': 1e-9, 'maxfev': 120,
+                'initial_simplex': simplex if free else simplex[:2, :1],
+            },
+        )
+        return float(found.fun), np.array([found.x[0], found.x[1] if free else 0.0])
+
+    _, lag, first = min(grid)
+    best, delays = polish((lag, first), True)
+    _, lag, _ = min(entry for entry in grid if entry[2] == 0.0)
+    plain, in_time = polish((lag, 0.0), False)
+    return in_time if plain < _COUNTS * best or delays[1] < 0.5 else delays
+
+
+class _Fit:
+    """The free law's equations at given delays in cycles, on every so many samples."""
+
+    def __init__(self, signals: _Signals, every: int = 1) -> None:
+        self._signals = signals
+        self._index = signals.index[::every]
+        self._effort = signals.effort[::every]
+        self._late = -1.0
+        self._columns = np.empty(0)
+
+    def system(self, delays: Array) -> tuple[Array, Array]:
+        """Return columns and effort at the samples, for delays (effort, set-point) in cycles.
+
+        The columns are position error, velocity error and one; with an integral part its integrals
+        too.
+        """
+        if delays[1] != self._late:
+            self._late = float(delays[1])
+            self._columns = self._law(self._late)
+        at = np.clip(self._index - delays[0], 0.0, len(self._columns) - 1.000001)
+        whole = at.astype(int)
+        part = (at - whole)[:, None]
+        below, above = self._columns[whole], self._columns[whole + 1]
+        return below + part * (above - below), self._effort
+
+    def left(self, delays: Array) -> float:
+        """Return the mean square that is left, as a share of the effort's variance."""
+        columns, effort = self.system(np.maximum(delays, 0.0))
+        normal, right = columns.T @ columns, columns.T @ effort
+        size = np.sqrt(np.diag(normal)) + 1e-300
+        solution = np.linalg.lstsq(normal / np.outer(size, size), right / size, rcond=1e-12)[0]
+        rest = effort - columns @ (solution / size)
+        return float(rest @ rest) / max(float(effort.var()) * effort.size, 1e-300)
+
+    def _law(self, late: float) -> Array:
+        x = self._signals
+        cycles = np.arange(x.position.size)
+        error = np.interp(cycles - late, cycles, x.command) - x.position
+        slip = x.forward * np.interp(cycles - late, cycles, x.rate) - x.velocity
+        columns = [error, slip, np.ones_like(error)]
+        if x.integral:
+            columns += [np.cumsum(error) * x.cycle, np.cumsum(slip) * x.cycle]
+        return np.stack(columns, axis=1)
+
+
+def _signals(machine: Machine, data: Dataset, drive: str) -> _Signals | None:
+    d = data.names.index(drive)
+    if data.command_position is None or data.command_velocity is None:
+        return None
+    if data.position is None or data.effort is None:
+        return None
+    position = _filled(data.position[d])
+    effort = data.effort[d]
+    if position is None or not np.ptp(data.command_position[d]):
+        return None
+    if str(machine.controller.get('law', 'pi')) == 'cascade_p':
+        # Half the sum of two readings, differenced over a cycle.
+        velocity = np.zeros_like(position)
+        velocity[2:] = (position[2:] - position[:-2]) * (0.5 / data.cycle)
+    else:
+        logged = None if data.velocity is None else _filled(data.velocity[d])
+        velocity = np.gradient(position, data.cycle) if logged is None else logged
+    limit = float(machine.controller.get('torque_limit', math.inf))
+    index = np.flatnonzero(np.isfinite(effort) & (np.abs(effort) < _SATURATED * limit))
+    # The first samples of the log are taken up before the delayed effort begins.
+    index = index[index > LATEST_EFFORT / data.cycle]
+    if index.size < 200:
+        return None
+    return _Signals(
+        data.cycle, data.command_position[d], data.command_velocity[d], position, velocity,
+        index, effort[index], float(machine.controller.get('velocity_feedforward', 0.0)),
+        float(machine.controller.get('integral_gain', 0.0)) != 0.0,
+    )
+
+
+def _filled(row: Array) -> Array | None:
+    """Return a row with the cycles between samples filled, None where there are too few.
+
+    By a cubic: straight lines would cut the tips of a fast oscillation and raise the gains.
+    """
+    there = np.flatnonzero(np.isfinite(row))
+    if there.size < 100:
+        return None
+    spline = make_interp_spline(there.astype(float), row[there], k=3)
+    out: Array = spline(np.clip(np.arange(row.size, dtype=float), there[0], there[-1]))
+    return out
