@@ -124,6 +124,26 @@ def test_effort_comes_from_the_state_where_the_effort_stream_lacks_a_drive():
     assert 'holds none of the drives, only x' in data.quality.warnings[0]
 
 
+@pytest.mark.parametrize('apart', [0, 30_000, 210_000, 730_000])
+def test_drives_that_publish_one_by_one(apart):
+    """Each drive has messages of its own, stamped some time after those of the other."""
+    builder = RecordingBuilder()
+    for k in range(0, 400, 2):
+        position, velocity = motion(np.array([k * CYCLE]))
+        for i, name in enumerate(NAMES):
+            stamp = START + k * 500_000 + i * apart
+            builder.add('state', stamp, [name], position[:, i], velocity[:, i], [k + 0.5 * i])
+            builder.add('command', stamp, [name], position[:, i])
+    (recording,) = builder.build()
+    data = align(recording, NAMES, CYCLE)
+    late = round(apart / 500_000)
+    assert {x.stride for x in data.quality.streams} == {2}
+    for i, row in enumerate(data.effort):
+        tick = np.flatnonzero(np.isfinite(row))
+        assert tick.size == 200
+        np.testing.assert_array_equal(row[tick], tick - i * late + 0.5 * i)
+
+
 def test_without_a_command_the_grid_covers_the_state():
     data = align(Recording(stream(np.arange(50) * 2)), NAMES, CYCLE, effort_scale=2.0)
     assert data.command_position is None

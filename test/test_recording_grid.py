@@ -106,6 +106,14 @@ def test_samples_that_keep_to_no_grid_go_to_the_nearest_cycle():
     assert (np.diff(coarse.tick[coarse.keep]) > 0).all()
 
 
+@pytest.mark.parametrize('size', [2, 3, 7, 24])
+def test_few_samples_are_on_the_grid_too(size):
+    stamp, ticks = sampled(np.random.default_rng(size), np.arange(size) * 2, jitter=5e-5)
+    found = find_ticks(stamp, int(stamp[0]), CYCLE)
+    assert found.stride == 2
+    assert np.unique(found.tick - ticks).size == 1
+
+
 def test_a_single_sample():
     found = find_ticks(np.array([START]), START, CYCLE)
     assert found.tick.tolist() == [0]

@@ -101,25 +101,25 @@ def _regular(time: FloatArray, stride: int, cycle: float) -> Ticks | None:
     """Fit phase, drift and numbers of a stream with a sample every `stride` cycles, or None."""
     step = stride * cycle
     drift, phase, clustered = _search(time, step)
-    if clustered < max(_CLUSTERED, 5.0 / np.sqrt(time.size)) and time.size > 2:
+    # a few random phases cluster too, the fewer the more
+    if clustered < min(0.7, max(_CLUSTERED, 5.0 / np.sqrt(time.size))):
         return None
     number = _number((time - phase) / (step * (1.0 + drift)))
     for _ in range(4):
-        drift, phase = _line(step * number.astype(np.float64), time)
-        if abs(drift) > _DRIFT_LIMIT:
+        model = step * number.astype(np.float64)
+        drift, phase = _line(model, time)
+        jitter = float(np.std(time - phase - model * (1.0 + drift)))
+        chance = 5.0 * jitter / max(float(np.std(model)) * np.sqrt(time.size), 1e-300)
+        if time.size < 3 or abs(drift) < max(chance, 1e-9):
+            # no more than chance: two streams of one controller must not differ from noise
+            phase += drift * float(np.mean(model))
+            drift = 0.0
+        elif abs(drift) > _DRIFT_LIMIT:
             return None
         again = _number((time - phase) / (step * (1.0 + drift)))
         if np.array_equal(again, number):
             break
         number = again
-    rest = time - phase - number * step * (1.0 + drift)
-    jitter = float(np.std(rest))
-    spread = float(np.std(number)) * step * np.sqrt(time.size)
-    if time.size < 3 or abs(drift) * spread < 5.0 * jitter or abs(drift) < 1e-9:
-        # no more than chance: two streams of one controller must not get different cycles from
-        # noise
-        phase += drift * step * float(np.mean(number))
-        drift = 0.0
     # numbers count from the cycle nearest to the reference
     shift = round(phase / (cycle * (1.0 + drift)))
     tick = number * stride + shift

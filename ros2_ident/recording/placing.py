@@ -12,11 +12,19 @@ from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray, Recording
 
 @dataclass(frozen=True)
 class Placed:
-    """A stream reduced to the drives, with the cycle number of each sample."""
+    """A stream reduced to the drives, with the cycle number of each sample.
+
+    Attributes:
+        role: `state`, `effort` or `command`.
+        stream: The samples of the drives.
+        ticks: Their cycle numbers.
+        reference: The stamp that the numbers count from, ns.
+    """
 
     role: str
     stream: Stream
     ticks: Ticks
+    reference: int
 
     @property
     def tick(self) -> IntArray:
@@ -39,7 +47,7 @@ class Placed:
     def stamp_of(self, tick: int, cycle: float) -> int:
         """Return the stamp of a cycle on this stream's clock, ns."""
         offset = self.ticks.phase + tick * cycle * (1.0 + self.ticks.drift)
-        return int(self.stream.stamp[0]) + round(offset * 1e9)
+        return self.reference + round(offset * 1e9)
 
 
 def place(
@@ -56,17 +64,17 @@ def place(
             continue
         if not placed:
             reference = int(stream.stamp[0])
-            ticks = find_ticks(stream.stamp, reference, cycle)
+        counted_from = reference + shift
+        stream, ticks = _numbered(stream, counted_from, cycle)
+        if not placed:
             shift = round(ticks.phase * 1e9)
-        else:
-            ticks = find_ticks(stream.stamp, reference + shift, cycle)
-            if ticks.stride and abs(ticks.phase) > 0.35 * cycle:
-                warnings.append(
-                    f'{role}: stamps lie {abs(ticks.phase) * 1e3:.3g} ms beside those of '
-                    f'{next(iter(placed))}, near half a cycle: it may be one cycle off'
-                )
+        elif ticks.stride and abs(ticks.phase) > 0.35 * cycle:
+            warnings.append(
+                f'{role}: stamps lie {abs(ticks.phase) * 1e3:.3g} ms beside those of '
+                f'{next(iter(placed))}, near half a cycle: it may be one cycle off'
+            )
         warnings += _remarks(role, stream, ticks, cycle)
-        placed[role] = Placed(role, stream, ticks)
+        placed[role] = Placed(role, stream, ticks, counted_from)
     if 'state' not in placed and 'effort' not in placed:
         raise IdentError(
             ErrorCode.MISSING_STREAM,
@@ -74,6 +82,50 @@ def place(
             'which they report, or name it',
         )
     return placed
+
+
+def _numbered(stream: Stream, reference: int, cycle: float) -> tuple[Stream, Ticks]:
+    """Number a stream's samples; drives that publish one by one are numbered one by one.
+
+    Args:
+        stream: The stream, reduced to the drives.
+        reference: The stamp that numbers count from, ns.
+        cycle: Controller cycle, s.
+
+    Returns:
+        The stream, with one sample per cycle where its drives had to be put together, and the
+        numbers.
+    """
+    fields = [stream.values(field) for field in FIELDS]
+    there = np.zeros((stream.stamp.size, len(stream.names)), dtype=np.bool_)
+    for values in fields:
+        if values is not None:
+            there |= ~np.isnan(values)
+    if np.mean(there.all(axis=1)) > 0.5 or not there.any(axis=0).all():
+        return stream, find_ticks(stream.stamp, reference, cycle)
+    parts = [find_ticks(stream.stamp[rows], reference, cycle) for rows in there.T]
+    tick = np.unique(np.concatenate([part.tick[part.keep] for part in parts]))
+    merged: list[FloatArray | None] = []
+    for values in fields:
+        if values is None:
+            merged.append(None)
+            continue
+        table = np.full((tick.size, len(stream.names)), np.nan)
+        for column, (rows, part) in enumerate(zip(there.T, parts, strict=True)):
+            place = np.searchsorted(tick, part.tick[part.keep])
+            table[place, column] = values[rows, column][part.keep]
+        merged.append(table)
+    first = parts[0]
+    stride = first.stride if all(part.stride == first.stride for part in parts) else 0
+    length = cycle * (1.0 + first.drift)
+    stamp = reference + np.round((first.phase + tick * length) * 1e9).astype(np.int64)
+    keep = np.ones(tick.size, dtype=np.bool_)
+    jitter = max(part.jitter for part in parts)
+    raw = tick.astype(np.float64)
+    return (
+        Stream(stream.names, stamp, *merged),
+        Ticks(tick, raw, keep, stride, first.phase, first.drift, jitter),
+    )
 
 
 def _remarks(role: str, stream: Stream, ticks: Ticks, cycle: float) -> list[str]:
