@@ -55,8 +55,16 @@ class Problem:
         free = make_model(
             machine, data.datasets[0], drives=self.drives, effects=effects, cutoff=cutoff
         )
-        self.fixed = _expanded(machine, free.parameters, dict(fixed or {}), 'fixed')
-        changed = _expanded(machine, free.parameters, dict(bounds or {}), 'bounded')
+        known = [p.name for p in free.parameters]
+        # Drives that only follow have no free parameters; their gears may be known all the same.
+        followers = [
+            f'{drive}.{name}'
+            for drive in machine.drives
+            for name in machine.bounds
+            if drive not in self.drives and not SLOTS[name].shared
+        ]
+        self.fixed = _expanded([*known, *followers], machine, dict(fixed or {}), 'fixed')
+        changed = _expanded(known, machine, dict(bounds or {}), 'bounded')
         _check_overrides(self.fixed, changed)
         self.models: tuple[DriveModel, ...] = tuple(
             make_model(
@@ -169,23 +177,16 @@ def _check_names(machine: Machine, data: Data) -> None:
 
 
 def _expanded(
-    machine: Machine, parameters: Sequence[Parameter], given: Mapping[str, T], what: str
+    known: Sequence[str], machine: Machine, given: Mapping[str, T], what: str
 ) -> dict[str, T]:
     """Return the entries by full name; a full name goes before the one for every drive."""
-    known = [p.name for p in parameters]
     out: dict[str, T] = {}
     for name, value in sorted(given.items(), key=lambda item: '.' in item[0]):
-        slot = SLOTS.get(name)
+        of_drives = [f'{drive}.{name}' for drive in machine.drives if f'{drive}.{name}' in known]
         if name in known:
             out[name] = value
-        elif name in machine.bounds and slot is not None and not slot.shared:
-            out.update(
-                {
-                    f'{drive}.{name}': value
-                    for drive in machine.drives
-                    if f'{drive}.{name}' in known
-                }
-            )
+        elif of_drives:
+            out.update(dict.fromkeys(of_drives, value))
         else:
             raise IdentError(
                 ErrorCode.UNKNOWN_PARAMETER,

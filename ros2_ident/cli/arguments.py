@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arguments that several subcommands share, and the checks of their values."""
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any
+
+from ros2_ident.errors import ErrorCode, IdentError
+
+
+def positive(text: str) -> float:
+    """Return a number above 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0.0):
+        raise argparse.ArgumentTypeError(f'{text!r} has to be a number above 0')
+    return value
+
+
+def not_negative(text: str) -> float:
+    """Return a number of at least 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value >= 0.0):
+        raise argparse.ArgumentTypeError(f'{text!r} has to be a number of at least 0')
+    return value
+
+
+def count(text: str) -> int:
+    """Return a whole number of at least 1."""
+    value = whole(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f'{text!r} has to be a whole number of at least 1')
+    return value
+
+
+def whole(text: str) -> int:
+    """Return a whole number of at least 0."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = -1
+    if value < 0:
+        raise argparse.ArgumentTypeError(f'{text!r} has to be a whole number of at least 0')
+    return value
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Return the names of a list with commas."""
+    found = tuple(part.strip() for part in text.split(','))
+    if not all(found):
+        raise argparse.ArgumentTypeError(
+            f'{text!r} holds an empty name; write them as drive_1,drive_2'
+        )
+    return found
+
+
+def assignment(text: str) -> tuple[str, float]:
+    """Return name and value of `tool_mass=1.4`."""
+    name, _, value = text.partition('=')
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not name or not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f'{text!r} has to be NAME=VALUE, as tool_mass=1.4')
+    return name, number
+
+
+def interval(text: str) -> tuple[str, tuple[float, float]]:
+    """Return name and bounds of `tool_mass=1:2`."""
+    name, _, value = text.partition('=')
+    low, _, high = value.partition(':')
+    try:
+        ends = float(low), float(high)
+    except ValueError:
+        ends = math.nan, math.nan
+    if not name or not (math.isfinite(ends[0]) and math.isfinite(ends[1])):
+        raise argparse.ArgumentTypeError(f'{text!r} has to be NAME=LOW:HIGH, as tool_mass=1:2')
+    return name, ends
+
+
+def once(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
+    """Return pairs as a dictionary.
+
+    Raises:
+        IdentError: INVALID_GOAL where a name comes twice.
+    """
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL, f'{option} names {name} twice; give it one value'
+            )
+        found[name] = value
+    return found
+
+
+def _drives(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> list[str]:
+    """Complete drive names from the machine file on the command line."""
+    import yaml
+
+    try:
+        known = yaml.safe_load(Path(parsed_args.machine).read_text())['drives']
+    except Exception:  # completion says nothing rather than something wrong
+        return []
+    before, comma, _ = prefix.rpartition(',')
+    return [f'{before}{comma}{name}' for name in known if name not in before.split(',')]
+
+
+def add_bag(parser: argparse.ArgumentParser) -> None:
+    """Add the bag."""
+    parser.add_argument('bag', metavar='BAG', help='bag directory, or an .mcap, .db3 or .bag file')
+
+
+def add_machine(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
+    """Add the machine file."""
+    parser.add_argument(
+        '--machine',
+        required=required,
+        metavar='FILE',
+        help='machine file: what is known and the bounds of what is not, as config/tripod.yaml',
+    )
+
+
+def add_drives(parser: argparse.ArgumentParser) -> None:
+    """Add the list of drives."""
+    action = parser.add_argument(
+        '--drives',
+        type=names,
+        metavar='A,B',
+        help='identify these drives, the others follow their recorded motion; all by default',
+    )
+    action.completer = _drives  # type: ignore[attr-defined]
+
+
+def add_topics(parser: argparse.ArgumentParser) -> None:
+    """Add the topics' names."""
+    group = parser.add_argument_group('topics, where they have other names')
+    topics = (
+        ('state', '/joint_states', 'measured motion'),
+        ('effort', '/effort', 'measured effort'),
+        ('command', '/joint_command', 'set-point'),
+    )
+    for role, default, what in topics:
+        group.add_argument(
+            f'--{role}-topic',
+            default=default,
+            metavar='TOPIC',
+            help=f'{what}; {default} by default',
+        )
+
+
+def topics_of(args: argparse.Namespace) -> Any:
+    """Return the topics of parsed arguments."""
+    from ros2_ident.recording import Topics
+
+    return Topics(args.state_topic, args.effort_topic, args.command_topic)

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ident identify`: a machine's parameters from a bag."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ros2_ident.cli.arguments import (
+    add_bag,
+    add_drives,
+    add_machine,
+    add_topics,
+    assignment,
+    count,
+    interval,
+    once,
+    positive,
+    topics_of,
+    whole,
+)
+
+if TYPE_CHECKING:
+    from ros2_ident.models import Machine
+    from ros2_ident.result import Identification
+    from ros2_ident.segments import Data
+    from ros2_ident.settings import IdentifySettings
+
+DESCRIPTION = (
+    "Identify a machine's parameters from a bag: the paper's genetic algorithm, a local "
+    'refinement, and 95 % intervals. Ctrl-C keeps the best so far.'
+)
+EXAMPLES = (
+    '  ident identify bags/tripod --machine config/tripod.yaml --out results\n'
+    '  ident identify bags/tripod --machine config/tripod.yaml --drives drive_1 --out results\n'
+    '  ident identify my_bag --machine my.yaml --fix tool_mass=1.4 \\\n'
+    '      --bounds drive_1.gear_stiffness=1e4:1e5 --seed 7 --seconds 60 --out results\n'
+    '\n'
+    'writes to DIR: result.json and result.yaml (the same content), history.npz (every candidate),\n'
+    'overlay (a bag with the measured, simulated and residual effort)\n'
+    'exit codes: 0 identified, 1 not (cancelled, budget spent, not identifiable, diverged), 2 bad input\n'
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    add_bag(parser)
+    add_machine(parser)
+    parser.add_argument('--out', required=True, metavar='DIR', help='directory for the results')
+    add_drives(parser)
+    parser.add_argument('--seed', type=whole, default=0, help='same seed and data, same result')
+    parser.add_argument(
+        '--fix',
+        action='append',
+        default=[],
+        type=assignment,
+        metavar='NAME=VALUE',
+        help='hold a parameter; gear_stiffness means that of every drive',
+    )
+    parser.add_argument(
+        '--bounds',
+        action='append',
+        default=[],
+        type=interval,
+        metavar='NAME=LOW:HIGH',
+        help="search here instead of in the machine file's bounds",
+    )
+    parser.add_argument('--no-overlay', action='store_true', help='write no overlay bag')
+    parser.add_argument('--quiet', action='store_true', help='show no progress')
+    _add_search(parser)
+    add_topics(parser)
+
+
+def _add_search(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('search')
+    group.add_argument('--no-refine', action='store_true', help='genetic algorithm only')
+    for name, kind, what in (
+        ('evaluations', count, 'simulate at most so many candidates'),
+        ('seconds', positive, 'stop after this time'),
+        ('generations', count, 'generations, the first included; 12'),
+        ('population', count, 'candidates of the first generation; 1024'),
+        ('survivors', count, 'parents of the next generation; 8'),
+        ('children', count, 'children of each parent; 8'),
+        ('range-reduction', positive, 'shrinkage of the mutation range; 0.5'),
+        ('min-distance', positive, 'least distance of survivors in the unit cube; 0'),
+        ('starts', count, 'most candidates to refine; 4'),
+        ('threads', count, 'threads; one for each processor'),
+    ):
+        group.add_argument(f'--{name}', type=kind, metavar='N', help=what)
+
+
+def settings_of(args: argparse.Namespace) -> 'IdentifySettings':
+    """Return the settings of parsed arguments."""
+    from ros2_ident.search import Budget, GeneticSettings
+    from ros2_ident.settings import IdentifySettings
+
+    given = {
+        'initial_population': args.population,
+        'survivors': args.survivors,
+        'children': args.children,
+        'generations': args.generations,
+        'range_reduction': args.range_reduction,
+        'min_distance': args.min_distance,
+    }
+    starts = {} if args.starts is None else {'starts': args.starts}
+    return IdentifySettings(
+        genetic=GeneticSettings(**{k: v for k, v in given.items() if v is not None}),
+        budget=Budget(evaluations=args.evaluations, seconds=args.seconds),
+        refine=not args.no_refine,
+        threads=args.threads,
+        **starts,
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Identify, write the results, print them."""
+    from ros2_ident.cli.interrupt import interrupts
+    from ros2_ident.cli.progress import make_meter
+    from ros2_ident.cli.table import print_result
+    from ros2_ident.identify import identify, read_problem
+    from ros2_ident.models import load_machine
+    from ros2_ident.report.files import make_directory, write_result
+    from ros2_ident.result import Outcome
+
+    fixed, bounds = once(args.fix, '--fix'), once(args.bounds, '--bounds')
+    settings = settings_of(args)
+    machine = load_machine(args.machine)
+    data = read_problem(args.bag, machine, args.drives, topics=topics_of(args))
+    out = make_directory(args.out)
+    with interrupts() as cancel, make_meter(quiet=args.quiet) as meter:
+        result = identify(
+            machine,
+            data,
+            drives=args.drives,
+            fixed=fixed,
+            bounds=bounds,
+            settings=settings,
+            seed=args.seed,
+            cancel=cancel,
+            on_progress=meter,
+        )
+        files = [*write_result(out, result), *_overlay(args, result, machine, data)]
+    print_result(result)
+    print('written: ' + ', '.join(str(path) for path in files))
+    return 0 if result.outcome is Outcome.IDENTIFIED else 1
+
+
+def _overlay(
+    args: argparse.Namespace, result: 'Identification', machine: 'Machine', data: 'Data'
+) -> tuple[Path, ...]:
+    """Write the overlay bags."""
+    import numpy as np
+
+    from ros2_ident.problem import Problem
+    from ros2_ident.report.overlay import write_overlay
+
+    if args.no_overlay or not np.isfinite(result.theta).all():
+        return ()
+    problem = Problem(machine, data, drives=result.drives, fixed=result.fixed)
+    return write_overlay(Path(args.out) / 'overlay', problem, result.theta, topics=topics_of(args))

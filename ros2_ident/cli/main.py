@@ -1,0 +1,132 @@
+# PYTHON_ARGCOMPLETE_OK
+# SPDX-License-Identifier: Apache-2.0
+"""The command `ident`: finds the subcommand, loads no other, turns errors into sentences.
+
+Exit codes: 0 done and good, 1 done and not good, 2 wrong use or bad input.
+"""
+
+import argparse
+from collections.abc import Sequence
+import importlib
+import os
+import sys
+from typing import cast, Protocol
+
+from ros2_ident.errors import IdentError
+
+# Name: module and line of help. A module of a subcommand has DESCRIPTION, EXAMPLES,
+# add_arguments(parser) and run(args), and imports what is slow in run only.
+COMMANDS: dict[str, tuple[str, str]] = {
+    'check': ('ros2_ident.cli.check', 'say what is in a bag and whether it can be used'),
+    'identify': ('ros2_ident.cli.identify', "identify a machine's parameters from a bag"),
+    'simulate': ('ros2_ident.cli.simulate', 'make a bag of a machine with known parameters'),
+    'paper': ('ros2_ident.cli.paper', "rerun the paper's experiments and write the page on them"),
+}
+
+EXAMPLES = (
+    'examples:\n'
+    '  ident check bags/tripod --machine config/tripod.yaml\n'
+    '  ident identify bags/tripod --machine config/tripod.yaml --out results\n'
+    '  ident identify --help\n'
+    '\n'
+    'exit codes: 0 done and good, 1 done and not good, 2 wrong use or bad input\n'
+)
+
+
+class Command(Protocol):
+    """What a subcommand's module has."""
+
+    DESCRIPTION: str
+    EXAMPLES: str
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Add the subcommand's arguments."""
+        ...
+
+    def run(self, args: argparse.Namespace) -> int:
+        """Run it and return the exit code."""
+        ...
+
+
+def _load(name: str) -> Command:
+    return cast(Command, importlib.import_module(COMMANDS[name][0]))
+
+
+def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser for a command line; only the subcommand among its words is loaded."""
+    parser = argparse.ArgumentParser(
+        prog='ident',
+        description='Identify drive parameters from recorded drive data.',
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument('--version', action='store_true', help='print the version and exit')
+    parsers = parser.add_subparsers(dest='command', metavar='COMMAND', title='commands')
+    wanted = next((word for word in words if word in COMMANDS), None)
+    for name, (_, line) in COMMANDS.items():
+        if name != wanted:
+            parsers.add_parser(name, help=line)
+            continue
+        command = _load(name)
+        own = parsers.add_parser(
+            name,
+            help=line,
+            description=command.DESCRIPTION,
+            epilog=f'examples:\n{command.EXAMPLES}',
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        command.add_arguments(own)
+    return parser
+
+
+def _complete(parser: argparse.ArgumentParser) -> None:
+    if '_ARGCOMPLETE' not in os.environ:
+        return
+    import argcomplete
+
+    argcomplete.autocomplete(parser)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `ident`.
+
+    Args:
+        argv: The words after `ident`; those of the process where None.
+
+    Returns:
+        The exit code.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    parser = make_parser([*words, *os.environ.get('COMP_LINE', '').split()])
+    _complete(parser)
+    try:
+        args = parser.parse_args(words)
+    except SystemExit as exc:
+        return int(exc.code or 0)
+    args.words = words
+    if args.version:
+        from ros2_ident.outcome import package_version
+
+        print(f'ident {package_version()}')
+        return 0
+    if args.command is None:
+        parser.print_help(sys.stderr)
+        return 2
+    try:
+        return _load(args.command).run(args)
+    except IdentError as error:
+        print(f'ident {args.command}: {error.message}', file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f'ident {args.command}: interrupted', file=sys.stderr)
+        return 1
+    except BrokenPipeError:
+        # Whoever read the output has left; there is nobody to tell.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

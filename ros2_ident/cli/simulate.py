@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ident simulate`: a bag of a machine whose parameters are known, from the slow reference."""
+
+import argparse
+import json
+import shlex
+from typing import TYPE_CHECKING
+
+from ros2_ident.cli.arguments import (
+    add_machine,
+    assignment,
+    not_negative,
+    once,
+    positive,
+    whole,
+)
+
+if TYPE_CHECKING:
+    from ros2_ident.models import Machine
+
+DESCRIPTION = (
+    'Make a bag of a machine with known parameters: simulated by the slow reference, with noise, '
+    'quantisation, jitter and lost samples. Parameters that are not set lie a quarter into their '
+    'bounds; all of them are printed and kept in the metadata of the bag.'
+)
+EXAMPLES = (
+    '  ident simulate bags/tripod --machine config/tripod.yaml --seconds 14 --seed 1 \\\n'
+    '      --set tool_mass=1.35 --set gear_stiffness=2e4 --set measurement_delay=0.002\n'
+    '  ident simulate with_stribeck --machine config/tripod.yaml \\\n'
+    '      --effect stribeck@drive_2:torque=0.05,speed=0.03\n'
+    '  ident simulate clean --machine config/emps.yaml --motion reversals --clean\n'
+)
+MOTIONS = (
+    'pick_and_place',
+    'multi_point',
+    'creep',
+    'chirp',
+    'multisine',
+    'reversals',
+    'dwell',
+    'mixed',
+)
+QUARTER = 0.25
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    parser.add_argument('bag', metavar='BAG', help='bag directory to make')
+    add_machine(parser)
+    parser.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        type=assignment,
+        metavar='NAME=VALUE',
+        help='a true parameter; gear_stiffness means that of every drive',
+    )
+    parser.add_argument(
+        '--motion', choices=MOTIONS, default='multi_point', help='multi_point by default'
+    )
+    parser.add_argument('--seconds', type=positive, default=10.0, help='duration; 10 by default')
+    parser.add_argument('--seed', type=whole, default=0, help='of motion, noise and losses')
+    parser.add_argument(
+        '--effect',
+        action='append',
+        default=[],
+        metavar='EFFECT@DRIVE:...',
+        help='something beside the nominal physics, as stribeck@drive_2:size=0.5',
+    )
+    noise = parser.add_mutually_exclusive_group()
+    noise.add_argument(
+        '--noise',
+        type=not_negative,
+        metavar='STD',
+        help="standard deviation of the effort's noise; the machine file's by default",
+    )
+    noise.add_argument(
+        '--clean', action='store_true', help='no noise, quantisation, jitter or losses'
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate, write, print the truth."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from ros2_ident.cli.table import columns
+    from ros2_ident.models import load_machine
+    from ros2_ident.reference.bag_making import CLEAN, nuisance_of, simulate_bag, write_simulated
+    from ros2_ident.reference.effects import parse_effect
+    from ros2_ident.reference.motions import draw_motion
+
+    machine = load_machine(args.machine)
+    truth = _truth(machine, once(args.set, '--set'))
+    rng = np.random.default_rng([args.seed, 1])
+    effects = [parse_effect(text, rng, machine) for text in args.effect]
+    nuisance = CLEAN if args.clean else nuisance_of(machine)
+    if args.noise is not None:
+        nuisance = replace(nuisance, effort_noise=args.noise, effort_step=0.2 * args.noise)
+    motion = draw_motion(args.motion, machine, args.seconds, args.seed)
+    bag = simulate_bag(machine, truth, motion, args.seed, nuisance, effects)
+    path = write_simulated(
+        args.bag,
+        bag,
+        {'command': shlex.join(['ident', *args.words]), 'parameters': json.dumps(truth)},
+    )
+    units = {name: unit for name, (_, _, unit) in machine.bounds.items()}
+    rows = [
+        (name, f'{value:.6g}', units[name.rpartition('.')[2]]) for name, value in truth.items()
+    ]
+    for line in columns(rows, (False, True, False)):
+        print(line)
+    print(f'written: {path}, {motion.seconds:.4g} s of {args.motion}')
+    return 0
+
+
+def _truth(machine: 'Machine', given: dict[str, float]) -> dict[str, float]:
+    """Return the parameters of the reference by name; per drive where one drive differs.
+
+    Raises:
+        IdentError: UNKNOWN_PARAMETER where a name is not the machine's.
+    """
+    from ros2_ident.errors import ErrorCode, IdentError
+    from ros2_ident.models.drive_model import SLOTS
+
+    truth: dict[str, float] = {}
+    left = dict(given)
+    for name, (low, high, _) in machine.bounds.items():
+        value = left.pop(name, low + QUARTER * (high - low))
+        slot = SLOTS.get(name)
+        own = {d: left.pop(f'{d}.{name}') for d in machine.drives if f'{d}.{name}' in left}
+        if own and slot is not None and not slot.shared:
+            truth |= {f'{drive}.{name}': own.get(drive, value) for drive in machine.drives}
+        elif not own:
+            truth[name] = value
+        else:
+            left |= {f'{drive}.{name}': value for drive in own}
+    if left:
+        raise IdentError(
+            ErrorCode.UNKNOWN_PARAMETER,
+            f'{next(iter(left))!r} cannot be set: no such parameter; '
+            f'choose from {", ".join(machine.bounds)}',
+        )
+    return truth

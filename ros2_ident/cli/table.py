@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results as text."""
+
+from collections.abc import Sequence
+import math
+
+from ros2_ident.cli.progress import duration
+from ros2_ident.result import Identification, ParameterEstimate
+
+
+def columns(rows: Sequence[Sequence[str]], right: Sequence[bool]) -> list[str]:
+    """Return rows as lines with aligned columns.
+
+    Args:
+        rows: Cells, the same number in each row.
+        right: For each column whether it is set to the right.
+    """
+    widths = [max(len(row[c]) for row in rows) for c in range(len(right))]
+    return [
+        '  '.join(
+            cell.rjust(width) if to_right else cell.ljust(width)
+            for cell, width, to_right in zip(row, widths, right, strict=True)
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def _number(value: float) -> str:
+    return f'{value:.5g}' if math.isfinite(value) else '-'
+
+
+def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
+    half = 0.5 * (estimate.high - estimate.low)
+    share = 100.0 * half / abs(estimate.value) if estimate.value else math.inf
+    return (
+        estimate.name,
+        _number(estimate.value),
+        f'± {half:.2g}' if math.isfinite(half) else '-',
+        f'{share:.2g} %' if math.isfinite(share) else '',
+        estimate.unit if estimate.unit != '1' else '',
+        estimate.note,
+    )
+
+
+def print_result(result: Identification) -> None:
+    """Print a result on standard output."""
+    rows = [('parameter', 'value', '95 %', '', 'unit', ''), *map(_row, result.parameters)]
+    for line in columns(rows, (False, True, True, True, False, False)):
+        print(line)
+    cost = result.cost
+    refined = '' if math.isnan(cost.refined) else f', refined {cost.refined:.5g} {cost.unit}'
+    print(f'cost: genetic algorithm {cost.ga:.5g} {cost.unit}{refined}')
+    for left in result.residuals:
+        print(
+            f'{left.drive}: residual {left.rms:.5g} {cost.unit} RMS, '
+            f"{100.0 * left.share:.3g} % of the effort's"
+        )
+    print(f'{result.evaluations} candidates in {duration(result.seconds)}, seed {result.seed}')
+    for warning in result.quality.warnings:
+        print(f'warning: {warning}')
+    print(f'{result.outcome.value}: {result.message}')

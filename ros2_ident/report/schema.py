@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A result as plain data and back; `null` stands for what is not a number."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.result import (
+    Array,
+    Cost,
+    DriveResidual,
+    History,
+    Identification,
+    Outcome,
+    ParameterEstimate,
+    Provenance,
+    Quality,
+)
+
+SCHEMA = 'ros2_ident.identification'
+VERSION = 1
+
+
+def plain(value: Any) -> Any:
+    """Return a value as what JSON can hold: NaN and infinity become None, arrays lists."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def to_mapping(result: Identification) -> dict[str, Any]:
+    """Return a result as nested dictionaries of plain values, in the order a reader wants them."""
+    parameters = {}
+    for estimate in result.parameters:
+        entry = asdict(estimate)
+        del entry['name']
+        parameters[estimate.name] = entry
+    data = {
+        'schema': SCHEMA,
+        'version': VERSION,
+        'outcome': result.outcome.value,
+        'message': result.message,
+        'model': result.model,
+        'drives': result.drives,
+        'parameters': parameters,
+        'fixed': result.fixed,
+        'cost': asdict(result.cost),
+        'residual': {
+            left.drive: {'rms': left.rms, 'share': left.share, 'samples': left.samples}
+            for left in result.residuals
+        },
+        'evaluations': result.evaluations,
+        'seconds': result.seconds,
+        'seed': result.seed,
+        'correlation': result.correlation,
+        'search': {
+            'generations': result.generations,
+            'best_costs': result.history.best_costs,
+            'stop': result.search_stop,
+            'refinement': result.refinement,
+        },
+        'quality': asdict(result.quality),
+        'settings': result.settings,
+        'provenance': asdict(result.provenance),
+    }
+    mapping: dict[str, Any] = plain(data)
+    return mapping
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _numbers(values: Any) -> Array:
+    return np.array([_number(v) for v in values], dtype=np.float64)
+
+
+def from_mapping(data: Any, path: Path) -> Identification:
+    """Return the result that a file's content describes.
+
+    Args:
+        data: What `to_mapping` returned.
+        path: The file, for the errors.
+
+    Returns:
+        The result; its history holds the best costs and no candidates.
+
+    Raises:
+        IdentError: BAD_VALUES where it is no result, or another version's.
+    """
+    if not isinstance(data, Mapping) or data.get('schema') != SCHEMA:
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            f'{path}: is no result of an identification; '
+            'give a directory that `ident identify` wrote',
+        )
+    if data.get('version') != VERSION:
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            f'{path}: has version {data.get("version")!r} and this package reads {VERSION}; '
+            'read it with the package version it names',
+        )
+    try:
+        return _result(data)
+    except (AttributeError, KeyError, TypeError, ValueError) as exc:
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            f'{path}: is incomplete or changed ({type(exc).__name__}: {exc}); write it anew',
+        ) from None
+
+
+def _estimate(name: str, entry: Mapping[str, Any]) -> ParameterEstimate:
+    numbers = ('value', 'low', 'high', 'lower_bound', 'upper_bound', 'ga_value')
+    return ParameterEstimate(
+        name=name,
+        unit=str(entry['unit']),
+        at_bound=bool(entry['at_bound']),
+        identifiable=bool(entry['identifiable']),
+        kind=entry['kind'],
+        note=str(entry['note']),
+        **{key: _number(entry[key]) for key in numbers},
+    )
+
+
+def _result(data: Mapping[str, Any]) -> Identification:
+    search, quality = data['search'], data['quality']
+    estimates = tuple(_estimate(name, entry) for name, entry in data['parameters'].items())
+    size = len(estimates)
+    cost = data['cost']
+    outcome = Outcome(data['outcome'])
+    ga = math.inf if cost['ga'] is None else float(cost['ga'])
+    return Identification(
+        outcome=outcome,
+        message=str(data['message']),
+        model=str(data['model']),
+        drives=tuple(data['drives']),
+        parameters=estimates,
+        fixed={name: float(value) for name, value in data['fixed'].items()},
+        correlation=np.array([_numbers(row) for row in data['correlation']]).reshape(size, size),
+        cost=Cost(ga, _number(cost['refined']), str(cost['unit'])),
+        residuals=tuple(
+            DriveResidual(drive, _number(x['rms']), _number(x['share']), int(x['samples']))
+            for drive, x in data['residual'].items()
+        ),
+        evaluations=int(data['evaluations']),
+        generations=int(search['generations']),
+        seconds=float(data['seconds']),
+        seed=int(data['seed']),
+        search_stop=str(search['stop']),
+        refinement=str(search['refinement']),
+        history=History(
+            _numbers(search['best_costs']),
+            np.empty((0, size)),
+            np.empty(0),
+            np.empty(0, dtype=np.int64),
+        ),
+        quality=Quality(
+            int(quality['segments']),
+            float(quality['duration']),
+            int(quality['samples']),
+            {role: float(share) for role, share in quality['missing'].items()},
+            tuple(quality['warnings']),
+        ),
+        provenance=Provenance(**data['provenance']),
+        settings=dict(data['settings']),
+    )
