@@ -35,9 +35,11 @@ EXAMPLES = (
     '  ident identify my_bag --machine my.yaml --fix tool_mass=1.4 \\\n'
     '      --bounds drive_1.gear_stiffness=1e4:1e5 --seed 7 --seconds 60 --out results\n'
     '\n'
-    'writes to DIR: result.json and result.yaml (the same content), history.npz (every candidate),\n'
-    'overlay (a bag with the measured, simulated and residual effort)\n'
-    'exit codes: 0 identified, 1 not (cancelled, budget spent, not identifiable, diverged), 2 bad input\n'
+    'writes to DIR: result.json and result.yaml (the same content), history.npz (every\n'
+    'candidate), overlay (a bag with the measured, simulated and residual effort)\n'
+    '\n'
+    'exit codes: 0 identified; 1 cancelled, budget spent, not identifiable or diverged;\n'
+    '2 wrong use or bad input\n'
 )
 
 
