@@ -1,8 +1,79 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a run, in a folder of its own."""
+"""The files of a run, in a folder of its own inside the output directory."""
 
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording import Stream
+from ros2_ident.report.files import write_result
+from ros2_ident.report.overlay import overlay_streams, write_overlay
 from ros2_ident.ros.run import Finished
 
+CONFIGURATION, OVERLAY = 'configuration.yaml', 'overlay'
 
-def save(finished: Finished, directory: str | None = None) -> str:
-    return ''
+
+def save_result(finished: Finished, directory: str | None = None) -> str:
+    """Write the result and the configuration it was found with.
+
+    Args:
+        finished: The run.
+        directory: Where to make its folder; the request's output directory where None.
+
+    Returns:
+        Path of the result file; empty where the directory is.
+
+    Raises:
+        IdentError: INVALID_GOAL where nothing can be written there.
+    """
+    base = finished.request.output_directory if directory is None else directory
+    if not base:
+        return ''
+    folder = _folder(Path(base).expanduser())
+    path = write_result(folder, finished.identification)[0]
+    (folder / CONFIGURATION).write_text(finished.request.configuration, encoding='utf-8')
+    return str(path)
+
+
+def compare(finished: Finished, result_file: str) -> tuple[list[Stream], list[Stream]]:
+    """Set the simulated effort beside the measured one, and write both as a bag beside the result.
+
+    Args:
+        finished: The run.
+        result_file: Its result file; empty to write nothing.
+
+    Returns:
+        Per segment the simulated effort, and measured less simulated effort, at the measured stamps
+        in the unit of the log; nothing where no candidate converged.
+    """
+    theta = finished.identification.theta
+    if not np.isfinite(theta).all():
+        return [], []
+    problem = finished.problem()
+    if result_file:
+        write_overlay(
+            Path(result_file).with_name(OVERLAY), problem, theta, topics=finished.request.topics
+        )
+    streams = overlay_streams(problem, theta)
+    return [x['simulated'] for x in streams], [x['residual'] for x in streams]
+
+
+def _folder(base: Path) -> Path:
+    """Make a folder named by the time; never one that is there already."""
+    stamp = f'{datetime.now().astimezone():%Y%m%d_%H%M%S}'
+    for number in range(1, 1000):
+        path = base / (stamp if number == 1 else f'{stamp}_{number}')
+        try:
+            path.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as exc:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'output_directory {base} cannot be written ({exc.strerror}); give another one, '
+                'or an empty string to write nothing',
+            ) from None
+        return path
+    raise IdentError(ErrorCode.INVALID_GOAL, f'{base} is full of runs of {stamp}; clear it')

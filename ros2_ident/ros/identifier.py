@@ -93,8 +93,9 @@ def _run(args: Sequence[str] | None, stop: Stop) -> int:
             _finish(node, executor)
         except ExternalShutdownException:
             node.stop()
-            node.worker.join(PATIENCE)
         finally:
+            if not node.worker.join(PATIENCE):
+                print('identifier: the run did not end in time and is given up', file=sys.stderr)
             node.destroy_node()
         return 0
     finally:

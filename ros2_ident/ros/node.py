@@ -22,7 +22,7 @@ from ros2_ident.ros.actions import GoalServer, identify_result
 from ros2_ident.ros.capture import Capture
 from ros2_ident.ros.conversion import joint_states, progress_message, result_message
 from ros2_ident.ros.diagnostics import Diagnostics
-from ros2_ident.ros.files import save
+from ros2_ident.ros.files import compare, save_result
 from ros2_ident.ros.goals import automatic_goal, request_of
 from ros2_ident.ros.outlet import Outlet
 from ros2_ident.ros.run import Finished, run
@@ -69,9 +69,6 @@ class Identifier(Node):
         for sentence in parameters.unknown(self):
             self.get_logger().warning(sentence)
         now = parameters.snapshot(self)
-        self.capture = Capture(
-            self, limit=now['buffer_messages'], keep_streams=now['keep_streams']
-        )
         self.worker = Worker(self)
         self.outlet = Outlet(self)
         self.diagnostics = Diagnostics(self.get_name(), now['missing_warning'])
@@ -79,6 +76,7 @@ class Identifier(Node):
         self._sentence = 'no data yet'
         self._error: IdentError | None = None
         self._last: Finished | None = None
+        self._stopping = False
         self._ticks = 0
         self._explained = time.monotonic()
         self._goals = GoalServer(
@@ -104,6 +102,10 @@ class Identifier(Node):
         self._series = self.create_timer(0.01, self._publish_series, clock=steady)
         self._series.cancel()
         self.add_on_set_parameters_callback(self._parameters_change)
+        # last: what arrives before the executor spins has to fit into the queues
+        self.capture = Capture(
+            self, limit=now['buffer_messages'], keep_streams=now['keep_streams']
+        )
         self._publish_status()
 
     # ------------------------------------------------------------------ runs
@@ -134,12 +136,12 @@ class Identifier(Node):
                 )
             buffer = self.capture.snapshot()
 
-        def job(cancel: Any, say: Says) -> tuple[Finished, str, list[bytes], list[bytes]]:
+        def job(cancel: Any, say: Says) -> tuple[Finished, str, IdentError | None]:
             finished = run(request, buffer, cancel, say)
-            path = save(finished)
-            simulated = [x for stream in finished.simulated for x in joint_states(stream)]
-            residual = [x for stream in finished.residual for x in joint_states(stream)]
-            return finished, path, simulated, residual
+            try:
+                return finished, save_result(finished), None
+            except IdentError as error:  # the result is not lost with its file
+                return finished, '', error
 
         def said(progress: Any) -> None:
             message = progress_message(progress, request.machine, self.get_clock().now().to_msg())
@@ -170,12 +172,11 @@ class Identifier(Node):
             message = result_message(None, fault, stamp)
             self._change(Status.STATE_FAILED, fault.message, fault)
         else:
-            finished, path, simulated, residual = value
+            finished, path, unwritten = value
             self._last = finished
             self.diagnostics.data = finished.data
             message = result_message(finished, None, stamp, path)
-            self.outlet.series(simulated=simulated, residual=residual)
-            self._series.reset()
+            self._compare(finished, path)
             state = Status.STATE_DONE
             if message.error_code == ErrorCode.CANCELLED:
                 state = Status.STATE_CANCELLED
@@ -184,10 +185,33 @@ class Identifier(Node):
             fault = None
             if message.error_code:
                 fault = IdentError(ErrorCode(message.error_code), message.error_message)
-            self._change(state, message.outcome_sentence, fault)
+            if unwritten is not None:
+                self.get_logger().error(unwritten.message)
+            self._change(state, message.outcome_sentence, fault or unwritten)
         self.diagnostics.result = message
         self.outlet.result(message)
         return message
+
+    def _compare(self, finished: Finished, path: str) -> None:
+        """Publish simulated and residual effort, and write them, after the result is out."""
+
+        def work() -> tuple[list[bytes], list[bytes]]:
+            if self._stopping:
+                return [], []
+            simulated, residual = compare(finished, path)
+            return (
+                [x for stream in simulated for x in joint_states(stream)],
+                [x for stream in residual for x in joint_states(stream)],
+            )
+
+        def done(value: Any, error: BaseException | None) -> None:
+            if error is not None:
+                self.get_logger().error(self._fault(error).message)
+                return
+            self.outlet.series(simulated=value[0], residual=value[1])
+            self._series.reset()
+
+        self.worker.chore(work, done)
 
     def _fault(self, error: BaseException) -> IdentError:
         """Return what the user is told; what is no user's error goes to the log in full."""
@@ -211,7 +235,8 @@ class Identifier(Node):
         self._publish_status()
 
     def stop(self) -> None:
-        """Ask a run to end with the best so far."""
+        """Ask a run to end with the best so far, and begin nothing new."""
+        self._stopping = True
         self.worker.cancel()
 
     # ------------------------------------------------------------------ services, parameters
@@ -242,7 +267,7 @@ class Identifier(Node):
         def ended(value: Any, error: BaseException | None) -> None:
             done.set_result((value, error))
 
-        self.worker.start(lambda cancel, say: save(last, directory), lambda _: None, ended)
+        self.worker.chore(lambda: save_result(last, directory), ended)
         path, error = await done
         response.success = error is None and bool(path)
         response.message = (
@@ -262,6 +287,8 @@ class Identifier(Node):
     # ------------------------------------------------------------------ the clock's rounds
 
     def _tick(self) -> None:
+        if self._stopping:
+            return
         self._ticks += 1
         capture = self.capture
         limit = self.get_parameter('end_of_stream').value

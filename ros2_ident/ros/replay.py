@@ -20,14 +20,14 @@ SETTLE = 0.5
 # Time for the last messages to leave this process.
 LINGER = 0.3
 
-EXAMPLES = """examples:
+EXAMPLES = '''examples:
   replay bags/tripod_mixed                          at the recorded pace
   replay bags/tripod_mixed --rate 2 --clock         twice as fast, with /clock at 40 Hz
   replay log.mcap --wait-for-subscribers            not before someone listens to every topic
   replay log.mcap --remap /joint_states:=/arm/joint_states
 
 exit codes: 0 played to its end, 1 not played, 2 wrong arguments, 130 interrupted
-"""
+'''
 
 
 def positive(text: str) -> float:
@@ -51,12 +51,23 @@ def parser() -> argparse.ArgumentParser:
     add('-r', '--rate', type=positive, default=1.0, metavar='FACTOR', help='times faster (1.0)')
     add('-l', '--loop', action='store_true', help='begin again at the end, until interrupted')
     add('-p', '--start-paused', action='store_true', help='wait for a call of ~/resume')
-    add('-d', '--delay', type=float, default=0.0, metavar='S', help='wait before the first message')
     add(
-        '--clock', type=positive, nargs='?', const=40.0, metavar='HZ', help='publish /clock (40 Hz)'
+        '-d', '--delay', type=float, default=0.0, metavar='S', help='wait before the first message'
     )
     add(
-        '--wait-for-subscribers', type=positive, nargs='?', const=10.0, metavar='S',
+        '--clock',
+        type=positive,
+        nargs='?',
+        const=40.0,
+        metavar='HZ',
+        help='publish /clock (40 Hz)',
+    )
+    add(
+        '--wait-for-subscribers',
+        type=positive,
+        nargs='?',
+        const=10.0,
+        metavar='S',
         help='wait until every topic has a subscriber; give up after S seconds (10)',
     )
     add('--topics', nargs='+', metavar='TOPIC', help='play only these')

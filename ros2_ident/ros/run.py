@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One run of an identification, as the worker's thread does it: from a request to files and values.
+"""One run of an identification, as the worker's thread does it: from a request to values.
 
 Knows nothing of rclpy, so that it can be read and tested without.
 """
@@ -7,24 +7,20 @@ Knows nothing of rclpy, so that it can be read and tested without.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 import hashlib
-from pathlib import Path
 import time
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify import identify
 from ros2_ident.models import Machine
 from ros2_ident.problem import Problem
-from ros2_ident.recording import read_bag, Recording, RecordingBuilder, Stream, Topics
+from ros2_ident.recording import read_bag, Recording, RecordingBuilder, Topics
 from ros2_ident.result import Identification
 from ros2_ident.segments import Data, gather
 from ros2_ident.settings import IdentifySettings, OnProgress
-
-Array = npt.NDArray[np.float64]
 
 
 class Cancel(Protocol):
@@ -89,8 +85,6 @@ class Finished:
         request: What was asked for.
         identification: The result.
         data: What it was identified from.
-        simulated: Simulated effort of the drives at the measured stamps, one stream per segment.
-        residual: Measured less simulated effort likewise.
         configuration_sha256: Hash of the request's configuration.
         data_sha256: Hash of the bag, or of the buffered samples.
         seconds: From the request to the result, s.
@@ -99,11 +93,21 @@ class Finished:
     request: Request
     identification: Identification
     data: Data
-    simulated: tuple[Stream, ...]
-    residual: tuple[Stream, ...]
     configuration_sha256: str
     data_sha256: str
     seconds: float
+
+    def problem(self) -> Problem:
+        """Return the model on the data it was identified from."""
+        request = self.request
+        return Problem(
+            request.machine,
+            self.data,
+            drives=request.drives,
+            fixed=request.fixed,
+            bounds=request.bounds,
+            cutoff=request.settings.cutoff,
+        )
 
 
 def run(
@@ -140,13 +144,10 @@ def run(
         cancel=cancel,
         on_progress=on_progress,
     )
-    simulated, residual = compare(request, identification, data)
     return Finished(
         request=request,
         identification=identification,
         data=data,
-        simulated=simulated,
-        residual=residual,
         configuration_sha256=hashlib.sha256(request.configuration.encode()).hexdigest(),
         data_sha256=data.sha256 or _digest(recordings),
         seconds=time.monotonic() - start,
@@ -171,88 +172,3 @@ def _digest(recordings: Sequence[Recording]) -> str:
                 if values is not None:
                     total.update(np.ascontiguousarray(values).tobytes())
     return total.hexdigest()
-
-
-def compare(
-    request: Request, identification: Identification, data: Data
-) -> tuple[tuple[Stream, ...], tuple[Stream, ...]]:
-    """Simulate the estimate and set it beside the measurement.
-
-    Returns:
-        Per segment the simulated effort, and measured less simulated effort, of the drives that were
-        identified at the stamps of the measured samples; nothing where no candidate converged.
-    """
-    theta = identification.theta
-    if not np.isfinite(theta).all():
-        return (), ()
-    problem = Problem(
-        request.machine,
-        data,
-        drives=request.drives,
-        fixed=request.fixed,
-        bounds=request.bounds,
-        cutoff=request.settings.cutoff,
-    )
-    simulated, residual = [], []
-    for number, model in enumerate(problem.models):
-        dataset = data.datasets[number]
-        measured = model.measured
-        rows = np.flatnonzero(~np.isnan(measured).all(axis=0))
-        output = model.simulate(theta[None, :])[0]
-        if not len(rows) or not np.isfinite(output).all():
-            continue
-        stamp = dataset.start + np.rint(rows * dataset.cycle * 1e9).astype(np.int64)
-        if number < len(data.recordings):
-            stamp = _measured_stamps(data.recordings[number], stamp, dataset.cycle)
-        chosen = output[:, rows].T
-        simulated.append(Stream(problem.drives, stamp, effort=chosen))
-        residual.append(Stream(problem.drives, stamp, effort=measured[:, rows].T - chosen))
-    return tuple(simulated), tuple(residual)
-
-
-def _measured_stamps(
-    recording: Recording, stamp: npt.NDArray[np.int64], cycle: float
-) -> npt.NDArray[np.int64]:
-    """Return the stamps of the effort's own messages for the stamps (T,) of the grid.
-
-    A sample lies within half a cycle of its place on the grid; where none does (clocks that run
-    apart) the grid's stamp stays.
-    """
-    stream = recording.effort
-    if stream is None or stream.effort is None:
-        stream = recording.state
-    if stream is None or len(stream.stamp) < 2:
-        return stamp
-    after = np.clip(np.searchsorted(stream.stamp, stamp), 1, len(stream.stamp) - 1)
-    before = after - 1
-    nearer = np.where(
-        np.abs(stream.stamp[before] - stamp) <= np.abs(stream.stamp[after] - stamp), before, after
-    )
-    own = stream.stamp[nearer]
-    fits = np.abs(own - stamp) <= cycle * 0.5e9
-    found = np.where(fits, own, stamp)
-    # two places of the grid cannot share a message
-    return found if (np.diff(found) > 0).all() else stamp
-
-
-def run_folder(base: str | Path, stamp: str) -> Path:
-    """Make the folder of a run inside the output directory; never one that exists already.
-
-    Raises:
-        IdentError: BAD_VALUES where it cannot be made.
-    """
-    root = Path(base).expanduser()
-    for number in range(1000):
-        path = root / (stamp if not number else f'{stamp}-{number}')
-        try:
-            path.mkdir(parents=True)
-        except FileExistsError:
-            continue
-        except OSError as exc:
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                f'output_directory {root} cannot be written ({exc.strerror}); '
-                'give another one, or an empty string to write nothing',
-            ) from None
-        return path
-    raise IdentError(ErrorCode.BAD_VALUES, f'{root} is full of runs of {stamp}; clear it')

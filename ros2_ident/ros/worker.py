@@ -7,6 +7,7 @@ threads, and a node can be destroyed as soon as the thread has been joined.
 """
 
 from collections.abc import Callable
+import contextlib
 import queue
 import threading
 import time
@@ -17,44 +18,44 @@ from rclpy.node import Node
 
 Say = Callable[[Any], None]
 Job = Callable[[threading.Event, Say], Any]
+Done = Callable[[Any, BaseException | None], None]
 
 
 class Worker:
-    """Runs one job at a time.
+    """Runs one job at a time, and chores between them.
 
     Args:
         node: Whose executor is woken.
     """
 
     def __init__(self, node: Node) -> None:
-        self._queue: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._work: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._guard = node.create_guard_condition(self._fetch)
-        self._thread: threading.Thread | None = None
         self._cancel = threading.Event()
+        self._busy = False
+        # a daemon: a job that does not heed its cancel event cannot keep the process alive
+        self._thread = threading.Thread(target=self._live, name='identify', daemon=True)
+        self._thread.start()
 
     @property
     def busy(self) -> bool:
-        """Whether a job runs or its end has not been told yet."""
-        return self._thread is not None
+        """Whether a job runs or its end has not been told yet; chores do not count."""
+        return self._busy
 
-    def start(
-        self,
-        job: Job,
-        on_said: Say,
-        on_done: Callable[[Any, BaseException | None], None],
-        *,
-        rate: float = 5.0,
-    ) -> None:
+    def start(self, job: Job, on_said: Say, on_done: Done, *, rate: float = 5.0) -> None:
         """Run a job in the thread.
 
         Args:
             job: Gets the cancel event and a function that tells what it has to say.
-            on_said: Gets that, in the executor's thread, at most `rate` times a second.
+            on_said: Gets that, in the executor's thread, at most `rate` times a second and once more
+                at the end.
             on_done: Gets the job's value or its exception, in the executor's thread.
             rate: Most messages per second, Hz.
         """
-        if self.busy:
+        if self._busy:
             raise RuntimeError('the worker is busy')
+        self._busy = True
         self._cancel = cancel = threading.Event()
         interval, last = 1.0 / rate, -1e9
         unsaid: list[Any] = []
@@ -69,48 +70,58 @@ class Worker:
                 self._post(lambda: on_said(what))
 
         def finish(value: Any, error: BaseException | None) -> None:
-            self._thread = None
+            self._busy = False
             on_done(value, error)
 
-        def run() -> None:
-            value, error = None, None
-            try:
-                value = job(cancel, say)
-            except Exception as exc:  # whatever it is, the user hears of it
-                error = exc
+        def work() -> None:
+            value, error = _attempt(lambda: job(cancel, say))
             if unsaid:
                 self._post(lambda: on_said(unsaid[0]))
             self._post(lambda: finish(value, error))
 
-        # a daemon: a job that does not heed its cancel event cannot keep the process alive
-        self._thread = threading.Thread(target=run, name='identify', daemon=True)
-        self._thread.start()
+        self._work.put(work)
+
+    def chore(self, task: Callable[[], Any], on_done: Done) -> None:
+        """Do something short in the thread when its turn comes; a job may be started meanwhile."""
+
+        def work() -> None:
+            value, error = _attempt(task)
+            self._post(lambda: on_done(value, error))
+
+        self._work.put(work)
 
     def cancel(self) -> None:
         """Ask the job to end with the best so far."""
         self._cancel.set()
 
     def join(self, timeout: float) -> bool:
-        """Wait for the thread; return whether it ended. What it said last is fetched."""
-        thread = self._thread
-        if thread is not None:
-            thread.join(timeout)
-            if thread.is_alive():
-                return False
-            self._fetch()
-        return True
+        """End the thread after the work it has; return whether it ended. What it said is fetched."""
+        self._work.put(None)
+        self._thread.join(timeout)
+        self._fetch()
+        return not self._thread.is_alive()
+
+    def _live(self) -> None:
+        while (work := self._work.get()) is not None:
+            work()
 
     def _post(self, event: Callable[[], None]) -> None:
-        self._queue.put(event)
-        try:
+        self._events.put(event)
+        # the node may be gone; whoever joins the thread fetches the rest
+        with contextlib.suppress(InvalidHandle, RCLError):
             self._guard.trigger()
-        except (InvalidHandle, RCLError):
-            pass  # the node is gone; whoever joins the thread fetches the rest
 
     def _fetch(self) -> None:
         while True:
             try:
-                event = self._queue.get_nowait()
+                event = self._events.get_nowait()
             except queue.Empty:
                 return
             event()
+
+
+def _attempt(task: Callable[[], Any]) -> tuple[Any, BaseException | None]:
+    try:
+        return task(), None
+    except Exception as error:  # whatever it is, the user hears of it
+        return None, error
