@@ -103,8 +103,8 @@ class _Signals:
 def fit_law(machine: Machine, data: Dataset, drive: str) -> Law | None:
     """Compare the law M = k_v e + k_I int e dt + c, e = k_p (z_cmd - z) + f v_cmd - v, with a log.
 
-    It is linear in k_v k_p + k_I, k_v, k_I k_p and a constant: the integral of the velocity error is
-    the position error again. Delays of effort and set-point are found by a search around it.
+    It is linear in its coefficients: of position error, velocity error, their integrals, and a
+    constant. Delays of effort and set-point are found by a search around it.
 
     Args:
         machine: The machine file, for the law's kind, the gains expected and the torque limit.
@@ -112,7 +112,7 @@ def fit_law(machine: Machine, data: Dataset, drive: str) -> Law | None:
         drive: The drive.
 
     Returns:
-        The law; None where command, position or effort were not recorded or the drive stands still.
+        The law; None where command, position or effort are missing or the drive stands still.
     """
     signals = _signals(machine, data, drive)
     if signals is None:
@@ -177,17 +177,18 @@ def _delays(signals: _Signals) -> Array:
     """Return the delays (effort, set-point) in cycles at which the free law leaves least."""
     high, late = LATEST_EFFORT / signals.cycle, LATEST_COMMAND / signals.cycle
     rough = _Fit(signals, every=max(1, signals.effort.size // 1500))
-    step = max(1.0, round(0.002 / signals.cycle))
-    grid = [
-        (rough.left(np.array([lag, first])), lag, first)
-        for first in np.arange(0.0, late + 1.0, step)
-        for lag in np.arange(0.0, high + 1.0, step)
-    ]
+    # A set-point may be rough from cycle to cycle: every cycle of its delay is looked at.
+    lates = np.arange(0.0, late + 1.0)
+    wide, narrow = (max(1.0, round(t / signals.cycle)) for t in (0.008, 0.002))
+    grid = _scan(rough, np.arange(0.0, high + 1.0, wide), lates)
+    for _, lag, first in (min(grid), min(entry for entry in grid if entry[2] == 0.0)):
+        near = np.arange(max(0.0, lag - wide), min(high, lag + wide) + 1.0, narrow)
+        grid += _scan(rough, near, np.array([first]))
     fine = _Fit(signals, every=max(1, signals.effort.size // 4000))
 
     def polish(start: tuple[float, float], free: bool) -> tuple[float, Array]:
         corner = np.array(start)
-        simplex = corner + np.array([[0.0, 0.0], [step, 0.0], [0.0, step if free else 0.0]])
+        simplex = corner + np.array([[0.0, 0.0], [narrow, 0.0], [0.0, 0.5 if free else 0.0]])
         found = minimize(
             (lambda x: fine.left(x)) if free else (lambda x: fine.left(np.array([x[0], 0.0]))),
             corner if free else corner[:1],
@@ -205,6 +206,15 @@ def _delays(signals: _Signals) -> Array:
     _, lag, _ = min(entry for entry in grid if entry[2] == 0.0)
     plain, in_time = polish((lag, 0.0), False)
     return in_time if plain < _COUNTS * best or delays[1] < 0.5 else delays
+
+
+def _scan(fit: '_Fit', lags: Array, lates: Array) -> list[tuple[float, float, float]]:
+    """Return (what is left, effort delay, set-point delay) for all pairs of delays in cycles."""
+    return [
+        (fit.left(np.array([lag, late])), float(lag), float(late))
+        for late in lates
+        for lag in lags
+    ]
 
 
 class _Fit:
