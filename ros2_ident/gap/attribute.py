@@ -20,8 +20,9 @@ from ros2_ident.models import DriveModel, EffectAt
 from ros2_ident.search import GeneticSearch, GeneticSettings
 
 Array = npt.NDArray[np.float64]
-# Joint fits of one round: the best of the screen, and at least these many candidates.
+# Joint fits of one round: at most, and at least whatever the screen says of them.
 _FITS = 12
+_LEAST = 4
 _THREADS = 2
 
 
@@ -60,11 +61,13 @@ class Round:
     Attributes:
         base: What was there before.
         gains: Screened gain of every candidate, best start each.
+        visible: For every candidate what the log would show of it, see `screen.Start`.
         fitted: The joint fits, the best first.
     """
 
     base: Explanation
     gains: dict[EffectAt, float]
+    visible: dict[EffectAt, float]
     fitted: tuple[Explanation, ...]
 
 
@@ -133,7 +136,7 @@ class Attribution:
                 chosen.append(x)
         return chosen
 
-    def refit(self, base: Explanation, effects: Sequence[EffectAt], theta: Array, iterations: int = 12) -> Explanation:
+    def refit(self, effects: Sequence[EffectAt], theta: Array, iterations: int = 12) -> Explanation:
         """Fit a set of effects jointly from a start."""
         models = self.case.models(effects, self.case.fit)
         low, high = self._box(models)
@@ -202,7 +205,7 @@ class Attribution:
                 if self.stopped():
                     return None
                 theta = np.concatenate([start.theta, start.phi])
-                found = self.refit(base, (*base.effects, start.candidate), theta)
+                found = self.refit((*base.effects, start.candidate), theta)
                 finished += 1
                 self.on_step(
                     0.4 + 0.6 * finished / len(chosen),
@@ -217,18 +220,20 @@ class Attribution:
             if key not in best or e.fit.sum() < best[key].fit.sum():
                 best[key] = e
         gains = {c: s[0].gain for c, s in screened.items()}
-        return Round(base, gains, tuple(sorted(best.values(), key=lambda e: e.loss)))
+        visible = {c: max(one.visible for one in s) for c, s in screened.items()}
+        return Round(base, gains, visible, tuple(sorted(best.values(), key=lambda e: e.loss)))
 
     def _promising(self, screened: dict[EffectAt, list[Start]], fits: int) -> list[Start]:
         """Return the starts worth a joint fit: the best candidates, their relatives, and second starts."""
         order = sorted(screened, key=lambda c: -screened[c][0].gain)
-        chosen = order[:fits]
+        worth = 0.1 * screened[order[0]][0].gain if order else 0.0
+        chosen = [c for rank, c in enumerate(order[:fits]) if rank < _LEAST or screened[c][0].gain > worth]
         for leader in order[:2]:
             effect = get_effect(leader.effect)
-            for c in order[fits:]:
+            for c in order:
                 other = get_effect(c.effect)
                 related = c.effect in effect.confusable or other.family == effect.family
-                if related and c.where in (leader.where, 'all') and c not in chosen:
+                if c not in chosen and related and c.where in (leader.where, 'all'):
                     chosen.append(c)
         starts = []
         for rank, c in enumerate(chosen):

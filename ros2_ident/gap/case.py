@@ -36,6 +36,25 @@ class Part:
         out: npt.NDArray[np.int64] = np.concatenate(parts)
         return out
 
+    def rows(self, values: Array) -> Array:
+        """Return a residual as (D, K), recordings side by side, NaN where nothing is compared."""
+        parts = []
+        at = 0
+        for mask in self.masks:
+            out = np.full(mask.shape, np.nan)
+            for d, row in enumerate(mask):
+                count = int(row.sum())
+                out[d, row] = values[at : at + count]
+                at += count
+            parts.append(out)
+        return np.concatenate(parts, axis=1)
+
+    @property
+    def starts(self) -> tuple[int, ...]:
+        """Columns of `rows` at which a recording begins, besides the first."""
+        widths = np.cumsum([mask.shape[1] for mask in self.masks])
+        return tuple(int(w) for w in widths[:-1])
+
     def residual(self, models: Sequence[DriveModel], theta: Array) -> Array:
         """Return (S, R) measured less simulated output of (S, N) candidates, recording after recording."""
         parts = []

@@ -27,12 +27,15 @@ class Start:
         theta: (N,) parameters fitted so far, moved along with the effect.
         phi: (P,) the effect's own parameters.
         gain: Decrease of the sum of squared weighted residuals that the linearised fit promises.
+        visible: RMS, in units of the floor, of what the largest trial leaves after the fitted parameters imitate it
+            as far as they can, over the drives it sits on; well below 1 the log cannot show the effect.
     """
 
     candidate: EffectAt
     theta: Array
     phi: Array
     gain: float
+    visible: float
 
 
 def shape_values(parameter: EffectParameter, model: DriveModel, where: str) -> tuple[float, ...]:
@@ -128,6 +131,7 @@ def screen(
     values = evaluate(np.hstack([np.repeat(theta[None], len(points), axis=0), points]))
     changes = (residual[None] - values).T
     free = residual - basis @ (basis.T @ residual)
+    samples = len(residual) / (1 if candidate.where == 'all' else len(models[0].drives))
     starts = []
     at = 0
     for group in groups:
@@ -154,6 +158,7 @@ def screen(
         gain = float(free @ free - ((free - rest @ factor) ** 2).sum())
         shift = np.linalg.lstsq(jacobian, residual - columns @ factor, rcond=1e-9)[0]
         moved_theta = np.clip(theta - shift * (high - low), low, high)
-        starts.append(Start(candidate, moved_theta, np.where(size, clipped, phi), gain))
+        visible = float(np.sqrt((rest**2).sum(axis=0).max() / samples))
+        starts.append(Start(candidate, moved_theta, np.where(size, clipped, phi), gain, visible))
     return sorted(starts, key=lambda s: -s.gain)
 

@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The diagnosis of one machine's recordings, from the nominal fit to the advice."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+import math
+import time
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.effects import get_effect
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.attribute import Attribution, Explanation
+from ros2_ident.gap.blocks import Blocks, Interval
+from ros2_ident.gap.case import Case
+from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Value
+from ros2_ident.gap.explain import Explained, Explainer, Rules
+from ros2_ident.gap.floor import Floor, noise_floor
+from ros2_ident.gap.verdict import NONE, UNKNOWN, Verdict, advice, judge
+from ros2_ident.models import EffectAt, Machine
+from ros2_ident.recording import Dataset
+from ros2_ident.search import GeneticSettings, intervals
+
+Array = npt.NDArray[np.float64]
+
+# The nominal search need not be sharp: local fits follow, from its best survivors.
+SEARCH = GeneticSettings(initial_population=256, survivors=6, children=6, generations=6)
+# An effect whose largest trial leaves less than this, in units of the floor, cannot be seen in the log.
+VISIBLE = 0.3
+
+
+@dataclass(frozen=True)
+class DiagnoseProgress:
+    """How far a diagnosis is.
+
+    Attributes:
+        stage: What is being done.
+        fraction: Share of the work done, 0 to 1.
+        best_so_far: The verdict if it ended now, as a sentence; empty for none yet.
+        elapsed: Seconds since the start.
+        eta: Seconds expected until the end, NaN where unknown.
+    """
+
+    stage: str
+    fraction: float
+    best_so_far: str
+    elapsed: float
+    eta: float
+
+
+class _Run:
+    """Clock, cancel and progress of one diagnosis."""
+
+    def __init__(
+        self,
+        seconds: float,
+        cancelled: Callable[[], bool],
+        on_progress: Callable[[DiagnoseProgress], None] | None,
+    ) -> None:
+        self.begin = time.monotonic()
+        self.seconds = seconds
+        self.cancelled = cancelled
+        self.on_progress = on_progress
+        self.best = ''
+        self.stage = (0.0, 1.0)
+
+    @property
+    def elapsed(self) -> float:
+        return time.monotonic() - self.begin
+
+    def stopped(self) -> bool:
+        return self.cancelled() or 0.0 < self.seconds < self.elapsed
+
+    def step(self, share: float, text: str) -> None:
+        if self.on_progress is None:
+            return
+        low, high = self.stage
+        fraction = low + (high - low) * share
+        eta = self.elapsed * (1.0 - fraction) / fraction if fraction > 0.02 else math.nan
+        self.on_progress(DiagnoseProgress(text, fraction, self.best, self.elapsed, eta))
+
+
+def diagnose(
+    machine: Machine,
+    fit: Sequence[Dataset],
+    check: Sequence[Dataset] = (),
+    *,
+    drives: Sequence[str] | None = None,
+    without: Sequence[str] = (),
+    fixed: Mapping[str, float] | None = None,
+    rules: Rules | None = None,
+    seed: int = 1,
+    seconds: float = 0.0,
+    cancelled: Callable[[], bool] = lambda: False,
+    on_progress: Callable[[DiagnoseProgress], None] | None = None,
+) -> Diagnosis:
+    """Say where the gap between simulation and log lies, which effect causes it, and how far it closes.
+
+    Args:
+        machine: The machine.
+        fit: Recordings to fit on.
+        check: Recordings held out; without them every second block of the fit recordings is held out.
+        drives: Drives to look at; all by default.
+        without: Ids of effects to leave out of the catalogue.
+        fixed: Parameters not to be identified.
+        rules: When something counts.
+        seed: Of the search and of the resampling.
+        seconds: Time budget; 0 for none. At its end the best so far is the answer.
+        cancelled: Asked often; True ends with the best so far.
+        on_progress: Told how far it is.
+
+    Returns:
+        The diagnosis.
+
+    Raises:
+        IdentError: NO_DATA, MISSING_STREAM, DIVERGED or UNKNOWN_PARAMETER with the remedy.
+    """
+    from ros2_ident.gap.gates import integrity
+    from ros2_ident.gap.localise import localise
+
+    if not fit:
+        raise IdentError(ErrorCode.NO_DATA, 'there is no recording to fit on; give a bag with drive data')
+    for name in without:
+        get_effect(name)
+    run = _Run(seconds, cancelled, on_progress)
+    case = Case(machine, fit, check, drives=drives, fixed=fixed)
+    run.stage = (0.0, 0.15)
+    run.step(0.0, 'identifying the nominal parameters')
+    guess = np.full(len(case.drives), machine.effort_noise)
+    attribution = Attribution(case, guess, stopped=run.stopped, on_step=run.step)
+    base = attribution.nominal(SEARCH, seed)
+    if not np.isfinite(base.residual).all():
+        raise IdentError(
+            ErrorCode.DIVERGED, 'every candidate diverges on this log; check units, gains and geometry in the machine file'
+        )
+    floor = _floor(attribution, base)
+    attribution = Attribution(case, floor.per_drive, stopped=run.stopped, on_step=run.step)
+    base = attribution.refit((), base.theta)
+    gates = integrity(machine, case, base.theta, floor)
+    explainer = Explainer(attribution, rules or Rules())
+
+    def note(e: Explanation) -> None:
+        names = ', '.join(f'{get_effect(a.effect).title} on {a.where}' for a in e.effects)
+        run.best = f'{names}: closes {100 * explainer.share(base, e):.0f} % of the explainable gap'
+        low = run.stage[1]
+        run.stage = (low, low + 0.5 * (0.95 - low))
+
+    run.stage = (0.15, 0.6)
+    found = explainer.explain(base, case.candidates(without), note)
+    verdict = judge(explainer, found)
+    run.stage = (0.95, 1.0)
+    run.step(0.0, 'saying where')
+    models = case.models((), case.fit)
+    rows = case.fit.rows(base.residual / attribution.weight)
+    where = localise(models[0], rows[:, : models[0].measured.shape[1]], floor, seed=seed)
+    return _compose(explainer, found, verdict, floor, gates, tuple(where), run, seed)
+
+
+def _floor(attribution: Attribution, base: Explanation) -> Floor:
+    """Estimate the floor on the first fit recording; every drive's residual in it, held-out samples included."""
+    case = attribution.case
+    model = case.models((), case.fit)[0]
+    measured = model.measured
+    residual = measured - model.simulate(base.theta[None])[0]
+    residual[:, : int(round(0.1 / model.cycle))] = np.nan
+    return noise_floor(residual, case.fit.data[0], case.drives, model.output_unit)
+
+
+def _compose(
+    explainer: Explainer,
+    found: Explained,
+    verdict: Verdict,
+    floor: Floor,
+    gates: Sequence[tuple[str, str, str]],
+    where: tuple[object, ...],
+    run: _Run,
+    seed: int,
+) -> Diagnosis:
+    attribution = explainer.attribution
+    case = attribution.case
+    chain = found.chain if verdict.effect not in (NONE, UNKNOWN) else found.chain[:1]
+    final = chain[-1]
+    model = case.models(final.effects, case.fit)[0]
+    rows = [case.check.rows(e.check_residual / attribution.check_weight) for e in found.chain]
+    blocks = Blocks(rows, model.cycle, seed=seed, starts=case.check.starts)
+    labels = ['nominal'] + [f'{get_effect(a.effect).title} on {a.where}' for a in found.chain[-1].effects]
+    steps = tuple(Step(labels[i], blocks.rms(i)[1]) for i in range(len(found.chain)))
+    last = len(found.chain) - 1
+    share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
+    values = _values(explainer, final)
+    nominal = {p.name: v for p, v in zip(case.models((), case.fit)[0].parameters, found.chain[0].theta, strict=True)}
+    moved = {
+        name: (values[name].value - v) / v for name, v in nominal.items() if name in values and v != 0.0
+    }
+    testable = _not_testable(found)
+    return Diagnosis(
+        effect=verdict.effect,
+        where=verdict.where,
+        probability=verdict.probability,
+        sentence=_sentence(verdict, explainer, found, floor, model.output_unit),
+        also=verdict.also,
+        confusable=tuple(_ranked(explainer, w.at, w.probability, w.model, case) for w in verdict.confusable),
+        ranking=tuple(_ranked(explainer, w.at, w.probability, w.model, case) for w in verdict.ranking),
+        unit=model.output_unit,
+        steps=steps,
+        floor=floor,
+        share_closed=share,
+        held_out=case.held_out,
+        per_drive=_per_drive(explainer, found, blocks, floor),
+        localisation=where,
+        parameters=values,
+        moved=moved,
+        gates=tuple(gates),
+        not_testable=testable,
+        advice=advice(verdict, testable),
+        complete=found.complete,
+        seconds=run.elapsed,
+        seed=seed,
+    )
+
+
+def _not_testable(found: Explained) -> tuple[EffectAt, ...]:
+    if not found.rounds:
+        return ()
+    return tuple(at for at, seen in found.rounds[0].visible.items() if seen < VISIBLE)
+
+
+def _values(explainer: Explainer, e: Explanation) -> dict[str, Value]:
+    case = explainer.attribution.case
+    model = case.models(e.effects, case.fit)[0]
+    low = np.array([p.low for p in model.parameters])
+    high = np.array([p.high for p in model.parameters])
+    series = np.concatenate([mask.sum(axis=1) for mask in case.fit.masks])
+    found = intervals(e.jacobian / (high - low), e.residual, e.theta, low, high, series=[int(s) for s in series])
+    return {
+        p.name: Value(float(v), p.unit, float(lo), float(hi))
+        for p, v, lo, hi in zip(model.parameters, e.theta, found.low, found.high, strict=True)
+    }
+
+
+def _ranked(explainer: Explainer, at: EffectAt, probability: float, e: Explanation, case: Case) -> Ranked:
+    floor = explainer.attribution.floor
+    gap = float(np.sqrt(np.mean(e.check / explainer.check_count * floor**2)))
+    model = case.models(e.effects, case.fit)[0]
+    prefix = f'{at.effect}.' if at.where == 'all' else f'{at.where}.{at.effect}.'
+    own = {
+        p.name: Value(float(v), p.unit, math.nan, math.nan)
+        for p, v in zip(model.parameters, e.theta, strict=True)
+        if p.name.startswith(prefix)
+    }
+    return Ranked(at, probability, gap, own)
+
+
+def _per_drive(explainer: Explainer, found: Explained, blocks: Blocks, floor: Floor) -> dict[str, DriveGap]:
+    case = explainer.attribution.case
+    models = case.models((), case.check)
+    out = {}
+    for d, name in enumerate(case.drives):
+        torque = np.concatenate([m.measured[d, mask[d]] for m, mask in zip(models, case.check.masks, strict=True)])
+        share = blocks.share_closed(0, len(found.chain) - 1, floor, drive=d).value if len(found.chain) > 1 else 0.0
+        out[name] = DriveGap(
+            before=float(np.sqrt(blocks.squares[0, d])),
+            after=float(np.sqrt(blocks.squares[-1, d])),
+            noise_floor=float(floor.per_drive[d]),
+            share_closed=share,
+            torque_rms=float(np.sqrt(np.mean(torque**2))),
+        )
+    return out
+
+
+def _sentence(verdict: Verdict, explainer: Explainer, found: Explained, floor: Floor, unit: str) -> str:
+    size = explainer.size(found.chain[0])
+    if verdict.effect == NONE:
+        return (
+            f'Nothing is missing: the largest gap of a drive is {size:.2f} times the noise floor '
+            f'({float(np.mean(floor.per_drive)):.4g} {unit}), below the {explainer.rules.material:.2g} that counts.'
+        )
+    if verdict.effect == UNKNOWN:
+        tried = len(found.rounds[0].gains) if found.rounds else 0
+        return (
+            f'Something is missing that is not in the catalogue: the gap on {", ".join(verdict.where)} is {size:.2f} '
+            f'times the noise floor, and the best of {tried} candidates closes {100 * verdict.closed:.0f} % of it.'
+        )
+    effect = get_effect(verdict.effect)
+    more = ''.join(f', then {get_effect(a.effect).title} on {a.where}' for a in verdict.also)
+    return (
+        f'{effect.title} on {", ".join(verdict.where)}{more}: closes {100 * verdict.closed:.0f} % of a gap of '
+        f'{size:.2f} times the noise floor.'
+    )

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The diagnosis as a value, and as the mapping that goes into `diagnosis.json`."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import numpy as np
+
+from ros2_ident.gap.blocks import Interval
+from ros2_ident.gap.floor import Floor
+from ros2_ident.models import EffectAt
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Value:
+    """A fitted parameter.
+
+    Attributes:
+        value: Estimate.
+        unit: Its unit.
+        low: Lower end of the 95 % interval, NaN where not known.
+        high: Upper end.
+    """
+
+    value: float
+    unit: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One effect at one place as an explanation.
+
+    Attributes:
+        at: The effect and its place.
+        probability: That it is the cause.
+        gap_after: Gap on held-out data with it in the model [output unit].
+        parameters: The effect's own parameters.
+    """
+
+    at: EffectAt
+    probability: float
+    gap_after: float
+    parameters: Mapping[str, Value]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One bar of the waterfall.
+
+    Attributes:
+        label: What came in.
+        gap: RMS on held-out data with its interval [output unit].
+    """
+
+    label: str
+    gap: Interval
+
+
+@dataclass(frozen=True)
+class DriveGap:
+    """A drive's gap on held-out data [output unit]."""
+
+    before: float
+    after: float
+    noise_floor: float
+    share_closed: float
+    torque_rms: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Where the gap lies, what causes it, how far it closes.
+
+    Attributes:
+        effect: Id of the effect, `none` or `unknown`.
+        where: Its place.
+        probability: Of the verdict.
+        sentence: The verdict in words, with its evidence.
+        also: Further effects, in order.
+        confusable: What the data cannot tell from the verdict.
+        ranking: Every candidate that was fitted, most probable first.
+        unit: Unit of the gap.
+        steps: The waterfall: the nominal fit, then each effect, on held-out data.
+        floor: The noise floor.
+        share_closed: Share of the explainable gap closed on held-out data, with its interval.
+        held_out: `check bag` or `blocks`.
+        per_drive: Each drive's gap.
+        localisation: Findings, the strongest first.
+        parameters: Parameters of the extended model.
+        moved: How far each nominal parameter moved when the effects came in, as a share of its value.
+        gates: What was checked before any physics, as (name, level, sentence).
+        not_testable: Effects this motion cannot show.
+        advice: What to do next.
+        complete: False where the run was cut short.
+        seconds: Time taken [s].
+        seed: Of the search.
+    """
+
+    effect: str
+    where: tuple[str, ...]
+    probability: float
+    sentence: str
+    also: tuple[EffectAt, ...]
+    confusable: tuple[Ranked, ...]
+    ranking: tuple[Ranked, ...]
+    unit: str
+    steps: tuple[Step, ...]
+    floor: Floor
+    share_closed: Interval
+    held_out: str
+    per_drive: Mapping[str, DriveGap]
+    localisation: tuple[Any, ...]
+    parameters: Mapping[str, Value]
+    moved: Mapping[str, float]
+    gates: tuple[tuple[str, str, str], ...]
+    not_testable: tuple[EffectAt, ...]
+    advice: tuple[str, ...]
+    complete: bool
+    seconds: float
+    seed: int
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _interval(interval: Interval) -> dict[str, float | None]:
+    return {'value': _number(interval.value), 'low': _number(interval.low), 'high': _number(interval.high)}
+
+
+def _values(values: Mapping[str, Value]) -> dict[str, Any]:
+    return {
+        name: {'value': _number(v.value), 'unit': v.unit, 'low': _number(v.low), 'high': _number(v.high)}
+        for name, v in values.items()
+    }
+
+
+def _at(at: EffectAt) -> dict[str, Any]:
+    return {'effect': at.effect, 'where': [at.where]}
+
+
+def to_mapping(d: Diagnosis) -> dict[str, Any]:
+    """Return what `diagnosis.json` holds; numbers that do not exist are null."""
+    before = d.steps[0].gap if d.steps else Interval(math.nan, math.nan, math.nan)
+    after = d.steps[-1].gap if d.steps else before
+    return {
+        'schema': SCHEMA,
+        'verdict': {
+            'effect': d.effect,
+            'where': list(d.where),
+            'probability': _number(d.probability),
+            'sentence': d.sentence,
+        },
+        'also': [_at(a) for a in d.also],
+        'confusable': [{**_at(r.at), 'probability': _number(r.probability)} for r in d.confusable],
+        'ranking': [
+            {
+                **_at(r.at),
+                'probability': _number(r.probability),
+                'gap_after': _number(r.gap_after),
+                'parameters': _values(r.parameters),
+            }
+            for r in d.ranking
+        ],
+        'gap': {
+            'unit': d.unit,
+            'before': _number(before.value),
+            'after': _number(after.value),
+            'noise_floor': _number(float(np.sqrt(np.mean(d.floor.per_drive**2)))),
+            'noise_floor_method': d.floor.method,
+            'share_closed': _number(d.share_closed.value),
+            'share_closed_low': _number(d.share_closed.low),
+            'share_closed_high': _number(d.share_closed.high),
+            'held_out': d.held_out,
+            'steps': [{'label': s.label, **_interval(s.gap)} for s in d.steps],
+            'per_drive': {
+                name: {
+                    'before': _number(g.before),
+                    'after': _number(g.after),
+                    'noise_floor': _number(g.noise_floor),
+                    'share_closed': _number(g.share_closed),
+                    'share_of_torque_before': _number(g.before / g.torque_rms),
+                    'share_of_torque_after': _number(g.after / g.torque_rms),
+                }
+                for name, g in d.per_drive.items()
+            },
+        },
+        'localisation': [
+            {
+                'drive': f.drive,
+                'coordinate': f.coordinate,
+                'region': f.region,
+                'statistic': _number(f.statistic),
+                'p_value': _number(f.p_value),
+                'sentence': f.sentence,
+            }
+            for f in d.localisation
+        ],
+        'parameters': _values(d.parameters),
+        'moved': {name: _number(v) for name, v in d.moved.items()},
+        'gates': [{'gate': g, 'level': level, 'sentence': text} for g, level, text in d.gates],
+        'not_testable': [_at(a) for a in d.not_testable],
+        'advice': list(d.advice),
+        'complete': d.complete,
+        'seconds': d.seconds,
+        'seed': d.seed,
+    }

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From rounds of fits to the effects that are there: forward selection, backward elimination, rivals."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.effects import get_effect
+from ros2_ident.gap.attribute import Attribution, Explanation, Round
+from ros2_ident.models import EffectAt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rules:
+    """When something counts. All of them are shares or RMS in units of the floor; see `docs/diagnosis.md`.
+
+    Attributes:
+        material: Gap of a drive, RMS, below which nothing is missing.
+        step: Least RMS that an effect has to take away from a drive's gap.
+        share: Least share of the explainable gap, on held-out data, that an effect has to close.
+        closed: Least share that all effects together have to close for their names to be believed.
+        rival: How much less of the gap than the best an effect may close and still be taken for confusable.
+        most: Most effects.
+    """
+
+    material: float = 0.5
+    step: float = 0.35
+    share: float = 0.10
+    closed: float = 0.75
+    rival: float = 0.12
+    most: int = 3
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What came of the search for effects.
+
+    Attributes:
+        chain: The nominal fit, then one more effect each.
+        rounds: The rounds that were run.
+        rivals: For each effect found, models with another effect in its place, the best first; itself included.
+        remaining: Gap left, RMS of the worst drive in units of the floor.
+        complete: False where time or patience ran out.
+    """
+
+    chain: tuple[Explanation, ...]
+    rounds: tuple[Round, ...]
+    rivals: tuple[tuple[Explanation, ...], ...]
+    remaining: float
+    complete: bool
+
+
+class Explainer:
+    """Runs the rounds.
+
+    Args:
+        attribution: The fits.
+        rules: When something counts.
+    """
+
+    def __init__(self, attribution: Attribution, rules: Rules) -> None:
+        self.attribution = attribution
+        self.rules = rules
+        case = attribution.case
+        drives = len(case.drives)
+        self.fit_count = np.bincount(case.fit.drive, minlength=drives).astype(float)
+        self.check_count = np.bincount(case.check.drive, minlength=drives).astype(float)
+
+    def gap(self, e: Explanation) -> Array:
+        """Return (D,) mean square of each drive's gap above the floor, in units of the floor squared."""
+        return (e.fit + e.check) / (self.fit_count + self.check_count) - 1.0
+
+    def size(self, e: Explanation) -> float:
+        """Return the RMS of the worst drive's gap in units of the floor."""
+        return float(np.sqrt(np.maximum(self.gap(e), 0.0)).max())
+
+    def share(self, before: Explanation, after: Explanation, part: str = 'both') -> float:
+        """Return the share of the explainable gap of `before` that `after` closes; 0 where there is none."""
+        counts = {'fit': self.fit_count, 'check': self.check_count}.get(part, self.fit_count + self.check_count)
+        pick: Callable[[Explanation], Array] = {
+            'fit': lambda e: e.fit,
+            'check': lambda e: e.check,
+        }.get(part, lambda e: e.fit + e.check)
+        explainable = float((pick(before) - counts).sum())
+        return float((pick(before) - pick(after)).sum()) / explainable if explainable > 0.0 else 0.0
+
+    def material(self, before: Explanation, after: Explanation) -> bool:
+        """Whether a step closes enough to count, on the data it was fitted to and on the data held out."""
+        fall = self.gap(before) - self.gap(after)
+        reduced = float(np.sqrt(np.maximum(fall, 0.0)).max())
+        shares = [self.share(before, after, part) for part in ('both', 'check')]
+        return reduced >= self.rules.step and min(shares) >= self.rules.share
+
+    def score(self, e: Explanation) -> float:
+        """Return what is minimised over models: loss on both parts and a penalty for parameters (BIC)."""
+        samples = self.fit_count.sum() + self.check_count.sum()
+        return e.loss + float(np.log(samples)) * len(e.theta)
+
+    def plausible(self, e: Explanation) -> bool:
+        """Whether the newest effect's sizes stay inside their bounds."""
+        effect = get_effect(e.effects[-1].effect)
+        model = self.attribution.case.models(e.effects, self.attribution.case.fit)[0]
+        names = model.parameters[-len(effect.parameters) :]
+        values = e.theta[-len(effect.parameters) :]
+        for p, declared, value in zip(effect.parameters, names, values, strict=True):
+            edge = 1e-3 * (declared.high - declared.low)
+            neutral = p.neutral * model.effort_share(p.unit)
+            at_edge = value <= declared.low + edge or value >= declared.high - edge
+            if p.role == 'size' and at_edge and abs(value - neutral) > edge:
+                return False
+        return True
+
+    def best(self, round_: Round) -> Explanation | None:
+        """Return the best plausible fit of a round, a simple effect before one that is hardly better."""
+        usable = [e for e in round_.fitted if self.plausible(e)]
+        return min(usable, key=self.score) if usable else None
+
+    def explain(
+        self, base: Explanation, candidates: Sequence[EffectAt], on_best: Callable[[Explanation], None]
+    ) -> Explained:
+        """Add effects while they are material, drop those that became superfluous, and look for rivals."""
+        chain, rounds = [base], []
+        stopped = self.attribution.stopped
+        while len(chain) <= self.rules.most and self.size(chain[-1]) >= self.rules.material and not stopped():
+            round_ = self.attribution.round(chain[-1], candidates, fits=12 if len(chain) == 1 else 8)
+            rounds.append(round_)
+            best = self.best(round_)
+            if best is None or not self.material(chain[-1], best):
+                break
+            chain.append(best)
+            if len(chain) > 2 and not stopped():
+                chain = self.prune(chain)
+            on_best(chain[-1])
+        rivals = self.rivals(chain, rounds)
+        return Explained(tuple(chain), tuple(rounds), rivals, self.size(chain[-1]), not stopped())
+
+    def without(self, e: Explanation, index: int) -> Explanation:
+        """Refit a model with one effect taken out."""
+        effects = tuple(x for i, x in enumerate(e.effects) if i != index)
+        theta = np.delete(e.theta, self.columns(e, index))
+        return self.attribution.refit(effects, theta)
+
+    def columns(self, e: Explanation, index: int) -> list[int]:
+        """Return the columns of theta that hold an effect's parameters."""
+        sizes = [len(get_effect(x.effect).parameters) for x in e.effects]
+        first = len(e.theta) - sum(sizes[index:])
+        return list(range(first, first + sizes[index]))
+
+    def prune(self, chain: list[Explanation]) -> list[Explanation]:
+        """Drop earlier effects that a later one has made superfluous, and order the rest by what they close."""
+        full = chain[-1]
+        kept = full
+        for index in range(len(full.effects) - 2, -1, -1):
+            less = self.without(kept, index)
+            if not self.material(less, kept):
+                kept = less
+        if len(kept.effects) == len(full.effects):
+            return chain
+        steps = [chain[0]]
+        for count in range(1, len(kept.effects)):
+            part = self.attribution.refit(kept.effects[:count], kept.theta[: self.columns(kept, count)[0]])
+            steps.append(part)
+        return [*steps, kept]
+
+    def rivals(self, chain: Sequence[Explanation], rounds: Sequence[Round]) -> tuple[tuple[Explanation, ...], ...]:
+        """For each effect found, put the other candidates of its round in its place in the final model."""
+        final = chain[-1]
+        out = []
+        for index, effect in enumerate(final.effects):
+            source = next((r for r in rounds if any(e.effects[-1] == effect for e in r.fitted)), None)
+            if source is None:
+                out.append((final,))
+                continue
+            leader = next(e for e in source.fitted if e.effects[-1] == effect)
+            if len(final.effects) == 1:
+                out.append(tuple(source.fitted))
+                continue
+            closes = source.base.loss - leader.loss
+            near = [
+                e for e in source.fitted
+                if e.effects[-1] not in final.effects and source.base.loss - e.loss > 0.5 * closes
+            ][:4]
+            models = [final]
+            for other in near:
+                if self.attribution.stopped():
+                    break
+                columns = self.columns(final, index)
+                count = len(get_effect(other.effects[-1].effect).parameters)
+                theta = np.concatenate([np.delete(final.theta, columns), other.theta[-count:]])
+                rest = tuple(x for i, x in enumerate(final.effects) if i != index)
+                models.append(self.attribution.refit((*rest, other.effects[-1]), theta))
+            out.append(tuple(sorted(models, key=lambda e: e.loss)))
+        return tuple(out)
+

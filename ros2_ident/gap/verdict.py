@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is said in the end: the verdict, how probable it is, what it may be confused with, what to do next."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ros2_ident.effects import get_effect
+from ros2_ident.gap.attribute import Explanation
+from ros2_ident.gap.explain import Explained, Explainer
+from ros2_ident.models import EffectAt
+
+NONE, UNKNOWN = 'none', 'unknown'
+
+# Effects no log tells apart: under integral action both are one constant.
+TWINS = ({'constant_force', 'effort_bias'},)
+
+
+@dataclass(frozen=True)
+class Temperatures:
+    """How differences become probabilities; fitted to the project's own blind cases (`docs/blind.md`).
+
+    Attributes:
+        share: Difference in the share of the gap closed that divides a rival's weight by e.
+        size: Difference of the gap's size from the material one that divides the odds of `none` by e.
+        closed: Difference of the share closed from the one required that divides the odds of `unknown` by e.
+    """
+
+    share: float = 0.04
+    size: float = 0.06
+    closed: float = 0.04
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """One effect at one place with its probability.
+
+    Attributes:
+        at: The effect and its place.
+        probability: That it is the cause.
+        model: The fit that holds it.
+    """
+
+    at: EffectAt
+    probability: float
+    model: Explanation
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer.
+
+    Attributes:
+        effect: Id, `none` or `unknown`.
+        where: Place: a drive, `all`, or empty for `none`.
+        probability: Of this answer.
+        also: Further effects found, in order.
+        confusable: What this data cannot tell from the verdict's effect.
+        ranking: Every effect fitted first round, the most probable first.
+        closed: Share of the explainable gap that all effects found close.
+    """
+
+    effect: str
+    where: tuple[str, ...]
+    probability: float
+    also: tuple[EffectAt, ...]
+    confusable: tuple[Weighed, ...]
+    ranking: tuple[Weighed, ...]
+    closed: float
+
+
+def _sigmoid(x: float) -> float:
+    return float(1.0 / (1.0 + np.exp(-np.clip(x, -60.0, 60.0))))
+
+
+def twins(at: EffectAt) -> list[EffectAt]:
+    """Return what is the same as an effect on every possible log."""
+    return [
+        EffectAt(other, at.where) for pair in TWINS if at.effect in pair for other in pair if other != at.effect
+    ]
+
+
+def judge(explainer: Explainer, found: Explained, temperatures: Temperatures | None = None) -> Verdict:
+    """Turn what was found into an answer.
+
+    Args:
+        explainer: Holds the rules and the counts.
+        found: The chain of explanations and the rivals.
+        temperatures: How differences become probabilities.
+
+    Returns:
+        The verdict.
+    """
+    t = temperatures or Temperatures()
+    rules = explainer.rules
+    base, final = found.chain[0], found.chain[-1]
+    size = explainer.size(base)
+    closed = explainer.share(base, final) if len(found.chain) > 1 else 0.0
+    missing = _sigmoid((size - rules.material) / t.size)
+    named = _sigmoid((closed - rules.closed) / t.closed) if len(found.chain) > 1 else 0.0
+    # What is left may be immaterial however small its share.
+    if len(found.chain) > 1 and found.remaining < rules.material:
+        named = max(named, 0.9)
+    ranking = _weigh(explainer, found, missing * named, t)
+    if size < rules.material:
+        return Verdict(NONE, (), 1.0 - missing, (), (), ranking, closed)
+    if len(found.chain) == 1 or named < 0.5:
+        return Verdict(UNKNOWN, _where(explainer, final), missing * (1.0 - named), (), (), ranking, closed)
+    leader = final.effects[0]
+    confusable = _confusable(explainer, found, ranking)
+    probability = next((w.probability for w in ranking if w.at == leader), missing * named)
+    return Verdict(leader.effect, (leader.where,), probability, final.effects[1:], confusable, ranking, closed)
+
+
+def _where(explainer: Explainer, e: Explanation) -> tuple[str, ...]:
+    """Return the drives whose gap is at least half the worst drive's."""
+    gap = explainer.gap(e)
+    drives = explainer.attribution.case.drives
+    worst = gap.max()
+    chosen = tuple(name for name, value in zip(drives, gap, strict=True) if value >= 0.5 * worst)
+    return ('all',) if len(chosen) == len(drives) > 1 else chosen
+
+
+def _weigh(explainer: Explainer, found: Explained, mass: float, t: Temperatures) -> tuple[Weighed, ...]:
+    """Return the candidates fitted, with probabilities that share `mass`."""
+    if not found.rounds:
+        return ()
+    models = found.rivals[0] if found.rivals else found.rounds[0].fitted
+    base = found.chain[0]
+    index = 0
+    best: dict[EffectAt, tuple[float, Explanation]] = {}
+    for e in models:
+        at = e.effects[0] if len(e.effects) > 1 and e.effects[0] == found.chain[-1].effects[index] else e.effects[-1]
+        share = explainer.share(base, e)
+        if at not in best or share > best[at][0]:
+            best[at] = (share, e)
+    for e in found.rounds[0].fitted:
+        best.setdefault(e.effects[-1], (explainer.share(base, e), e))
+    if not best:
+        return ()
+    top = max(share for share, _ in best.values())
+    weights = {at: float(np.exp((share - top) / t.share)) for at, (share, _) in best.items()}
+    # Twins are one answer under two names: both stand, with half the weight each.
+    for at in list(weights):
+        for twin in twins(at):
+            if twin in weights:
+                mean = 0.5 * (weights[at] + weights[twin])
+                weights[at] = weights[twin] = mean
+    total = sum(weights.values())
+    rows = [Weighed(at, mass * weights[at] / total, best[at][1]) for at in best]
+    return tuple(sorted(rows, key=lambda w: -w.probability))
+
+
+def _confusable(explainer: Explainer, found: Explained, ranking: Sequence[Weighed]) -> tuple[Weighed, ...]:
+    """Return the verdict's effect and what closes nearly as much in its place."""
+    base, final = found.chain[0], found.chain[-1]
+    leader = final.effects[0]
+    full = base.loss - final.loss
+    near = []
+    for e in found.rivals[0]:
+        at = leader if leader in e.effects else e.effects[-1]
+        if full > 0 and (base.loss - e.loss) / full >= 1.0 - explainer.rules.rival:
+            near.append(at)
+    for twin in twins(leader):
+        if twin not in near:
+            near.append(twin)
+    by_place = {w.at: w for w in ranking}
+    missing = by_place.get(leader)
+    out = []
+    for at in dict.fromkeys([leader, *near]):
+        known = by_place.get(at)
+        if known is not None:
+            out.append(known)
+        elif missing is not None:
+            out.append(Weighed(at, missing.probability, missing.model))
+    return tuple(out)
+
+
+def advice(verdict: Verdict, not_testable: Sequence[EffectAt]) -> tuple[str, ...]:
+    """Return what to do next, in sentences: motions that tell confusable effects apart, and what could not be seen."""
+    out = []
+    if len(verdict.confusable) > 1:
+        first, *others = verdict.confusable
+        for other in others:
+            motion = get_effect(other.at.effect).separated_by.format(drive=_place(other.at.where))
+            out.append(
+                f'{get_effect(first.at.effect).title} and {get_effect(other.at.effect).title} cannot be told apart '
+                f'on this data; {motion}.'
+            )
+    if verdict.effect == UNKNOWN:
+        out.append(
+            'No effect of the catalogue explains the gap; look at the localisation, and isolate the drive named there '
+            'with slow, single-drive motions both ways.'
+        )
+    if not_testable:
+        names = {get_effect(a.effect).title: _place(a.where) for a in not_testable}
+        out.append('This motion cannot show: ' + ', '.join(f'{k} ({v})' for k, v in names.items()) + '.')
+    return tuple(out)
+
+
+def _place(where: str) -> str:
+    return 'the machine' if where == 'all' else where
