@@ -20,7 +20,7 @@ EFFECT = Effect(
     source='Khatib/FloBaRoID catalogue of disturbance forces; Hooke',
     parameters=(
         EffectParameter('stiffness', 'N/m', -300.0, 300.0, 0.0),
-        EffectParameter('rest', 'm', -1.0, 2.0, 0.5),
+        EffectParameter('rest', 'm', -1.0, 2.0, 0.5, role='position'),
     ),
     hook=Hook.CARRIAGE_FORCE,
     kernel=_kernel,

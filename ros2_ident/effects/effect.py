@@ -71,6 +71,8 @@ class EffectParameter:
         high: Upper bound of the search.
         neutral: Value at which the effect vanishes, or that means nothing while another parameter is neutral.
         starts: Values to start a local search from, where one start would be caught in a local minimum.
+        role: `size` switches the effect off at its neutral value; `shape` only shapes it; `position` and `time` are
+            shapes whose starts follow the log: places the drive visits, instants of the log.
         target: For PARAMETER effects: the kernel's row (see `models.rows`) it acts on.
         how: For PARAMETER effects: whether it is added to the row, multiplied with it, or replaces it.
     """
@@ -81,6 +83,7 @@ class EffectParameter:
     high: float
     neutral: float
     starts: tuple[float, ...] = ()
+    role: Literal['size', 'shape', 'position', 'time'] = 'size'
     target: str = ''
     how: Literal['add', 'scale', 'set'] = 'add'
 

@@ -11,7 +11,7 @@ EFFECT = Effect(
     source='gripping and dropping',
     parameters=(
         EffectParameter('mass', 'kg', -1.0, 1.0, 0.0, target='payload_step'),
-        EffectParameter('time', 's', 0.0, 60.0, 0.0, target='payload_time', starts=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)),
+        EffectParameter('time', 's', 0.0, 60.0, 0.0, target='payload_time', role='time'),
     ),
     hook=Hook.PARAMETER,
     kernel=None,

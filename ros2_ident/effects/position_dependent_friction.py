@@ -20,7 +20,7 @@ EFFECT = Effect(
     source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
     parameters=(
         EffectParameter('slope', '1/m', -10.0, 10.0, 0.0),
-        EffectParameter('middle', 'm', -1.0, 2.0, 0.5),
+        EffectParameter('middle', 'm', -1.0, 2.0, 0.5, role='position'),
     ),
     hook=Hook.FRICTION,
     kernel=_kernel,

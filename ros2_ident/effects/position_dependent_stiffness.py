@@ -20,7 +20,7 @@ EFFECT = Effect(
     source='Ludwig and Gerstmayr 2011, eq. 11; belt length changes with position',
     parameters=(
         EffectParameter('slope', '1/m', -3.0, 3.0, 0.0),
-        EffectParameter('middle', 'm', -1.0, 2.0, 0.5),
+        EffectParameter('middle', 'm', -1.0, 2.0, 0.5, role='position'),
     ),
     hook=Hook.STIFFNESS,
     kernel=_kernel,

@@ -22,7 +22,7 @@ EFFECT = Effect(
     parameters=(
         EffectParameter('sine', 'effort', -0.05, 0.05, 0.0),
         EffectParameter('cosine', 'effort', -0.05, 0.05, 0.0),
-        EffectParameter('order', '1', 0.5, 24.5, 1.0, starts=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0, 14.0, 16.0, 18.0, 20.0, 24.0)),
+        EffectParameter('order', '1', 0.5, 24.5, 1.0, starts=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0, 14.0, 16.0, 18.0, 20.0, 24.0), role='shape'),
     ),
     hook=Hook.TORQUE,
     kernel=_kernel,
