@@ -84,6 +84,15 @@ def test_streams_of_one_controller_agree(seed, jitter, late, begin):
     assert set(first.tick - ticks_one) == set(second.tick - ticks_two)
 
 
+def test_a_recorder_that_takes_now_this_and_now_that_cycle():
+    rng = np.random.default_rng(4)
+    ticks = np.cumsum(rng.integers(9, 12, 3000))
+    stamp, ticks = sampled(rng, ticks, jitter=0.08 * CYCLE, drift=4e-5)
+    found = find_ticks(stamp, int(stamp[0]), CYCLE)
+    assert np.unique(found.tick - ticks).size == 1
+    assert found.drift == pytest.approx(4e-5, abs=1e-6)
+
+
 def test_heavy_jitter_costs_few_samples():
     rng = np.random.default_rng(3)
     stamp, ticks = sampled(rng, drop(rng, np.arange(14000) * 2, 0.01), jitter=0.2 * 2 * CYCLE)

@@ -6,7 +6,7 @@ The stamps give m from their typical spacing, the phase of the grid, and the num
 sample.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ _RATE_TOLERANCE = 0.02
 _DRIFT_LIMIT = 1e-3
 # Length of the mean phase vector below which the stamps do not cluster on the grid.
 _CLUSTERED = 0.1
+# From this length on rounding to the next cycle is right to five standard deviations.
+_SHARP = 0.8
 
 
 @dataclass(frozen=True)
@@ -64,9 +66,9 @@ def sample_period(stamp: IntArray) -> float:
 def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
     """Number the samples of a stream in controller cycles.
 
-    Where the spacing is a multiple of the cycle, numbers are the increasing integers nearest to
-    the stamps (isotonic regression, so that no two samples share a cycle and jitter averages out);
-    else each stamp is rounded to the next cycle by itself.
+    Where the stamps are sharp on the cycles, or the spacing is a multiple of the cycle, numbers
+    are the increasing integers nearest to the stamps (isotonic regression, so that no two samples
+    share a cycle and jitter averages out); else each stamp is rounded to the next cycle by itself.
 
     Args:
         stamp: Stamps (T,), ns, strictly increasing.
@@ -86,23 +88,45 @@ def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
         )
     time = (stamp - reference).astype(np.float64) * 1e-9
     period = sample_period(stamp)
-    stride = round(period / cycle) if period else 0
-    if stride and abs(period / (stride * cycle) - 1.0) < _RATE_TOLERANCE:
-        fitted = _regular(time, stride, cycle)
-        if fitted is not None:
-            return fitted
+    if period:
+        stride = _stride(time, period, cycle)
+        # stamps that are sharp on the cycles themselves need no help from an even spacing, and a
+        # recorder that takes now every tenth, now every eleventh cycle would be bent by it
+        sharp = _regular(time, 1, cycle, _SHARP)
+        if sharp is not None:
+            return replace(sharp, stride=stride or max(1, round(period / cycle)))
+        even = _regular(time, stride, cycle, _CLUSTERED)
+        if even is not None:
+            return even
     tick = np.round(time / cycle).astype(np.int64)
     keep = np.ones(stamp.size, dtype=np.bool_)
     keep[:-1] = np.diff(tick) > 0
     return Ticks(tick, time / cycle, keep, 0, 0.0, 0.0, float(np.std(time - tick * cycle)))
 
 
-def _regular(time: FloatArray, stride: int, cycle: float) -> Ticks | None:
+def _stride(time: FloatArray, period: float, cycle: float) -> int:
+    """Return the number of cycles between samples that their times fit best; 0 where none does."""
+    steps = np.diff(time)
+    single = steps[np.abs(steps - period) < 0.5 * period]
+    # two steps have no scatter to go by: allow for a tenth
+    scatter = float(np.std(single)) / period if single.size > 2 else 0.1
+    slack = _RATE_TOLERANCE + min(0.25, 4.0 * scatter / float(np.sqrt(max(1, single.size))))
+    low = max(1, int(np.ceil(period / cycle * (1.0 - slack))))
+    high = int(np.floor(period / cycle * (1.0 + slack)))
+    candidates = range(low, high + 1)
+    if len(candidates) < 2:
+        return candidates[0] if candidates else 0
+    return max(candidates, key=lambda stride: _search(time, stride * cycle)[2])
+
+
+def _regular(time: FloatArray, stride: int, cycle: float, least: float) -> Ticks | None:
     """Fit phase, drift and numbers of a stream with a sample every `stride` cycles, or None."""
+    if not stride:
+        return None
     step = stride * cycle
     drift, phase, clustered = _search(time, step)
     # a few random phases cluster too, the fewer the more
-    if clustered < min(0.7, max(_CLUSTERED, 5.0 / np.sqrt(time.size))):
+    if clustered < max(least, min(0.7, 5.0 / np.sqrt(time.size))):
         return None
     number = _number((time - phase) / (step * (1.0 + drift)))
     for _ in range(4):
