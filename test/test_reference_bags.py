@@ -12,6 +12,7 @@ from ros2_ident.errors import IdentError
 from ros2_ident.recording import read_bag
 from ros2_ident.reference.bag_making import (
     CLEAN,
+    draw_parameters,
     nuisance_of,
     simulate_bag,
     START,
@@ -152,3 +153,14 @@ def test_bundled_bags_are_what_their_command_makes(name, machine, kind, seconds,
     step = 0.2 * nuisance_of(machine).effort_noise
     assert np.max(np.abs(kept.effort.effort - stream.effort)) < 1.01 * step
     assert sum(file.stat().st_size for file in (ROOT / 'bags' / name).iterdir()) < 1.5e6
+
+
+@pytest.mark.parametrize('machine', [MACHINE, EMPS], ids=['tripod', 'axis'])
+def test_drawn_machines_lie_in_their_box_and_run(machine):
+    for seed in range(3):
+        parameters = draw_parameters(machine, np.random.default_rng(seed))
+        for name, number in parameters.items():
+            low, high, _ = machine['parameters'][name.rpartition('.')[2]]
+            assert low < number < high
+        made = simulate_bag(machine, parameters, draw_motion('mixed', machine, 2.0, seed), seed)
+        assert np.all(np.isfinite(made.log.effort))

@@ -177,3 +177,40 @@ def write_simulated(
         The directory.
     """
     return write_bag(path, bag.streams, custom=notes)
+
+
+def draw_parameters(machine: Any, rng: np.random.Generator) -> dict[str, float]:
+    """Draw one machine's parameters from the inner part of its box, as real machines differ.
+
+    Friction is drawn for each drive by itself, the gear's stiffness spreads by a twentieth about a
+    common value (never below a third of its box: softer gears are another machine), the rest is
+    common.
+
+    Args:
+        machine: A `Machine`, or the mapping a machine file holds.
+        rng: Source of chance.
+
+    Returns:
+        Parameters by name, SI units.
+    """
+    bounds = machine['parameters'] if isinstance(machine, Mapping) else machine.bounds
+    drives = tuple(map(str, section(machine, 'drives')))
+    drawn = {}
+    for name, (low, high, _) in bounds.items():
+        low, high = float(low), float(high)
+        begin = low + (0.35 if name == 'gear_stiffness' else 0.1) * (high - low)
+        end = low + (0.5 if name in ('measurement_delay', 'gear_damping_ratio') else 0.9) * (
+            high - low
+        )
+        common = rng.uniform(begin, end)
+        if len(drives) == 1 or name not in ('gear_stiffness', 'coulomb_torque', 'viscous_torque'):
+            drawn[name] = float(common)
+            continue
+        for drive in drives:
+            own = (
+                common * rng.uniform(0.95, 1.05)
+                if name == 'gear_stiffness'
+                else rng.uniform(begin, end)
+            )
+            drawn[f'{drive}.{name}'] = float(own)
+    return drawn

@@ -89,8 +89,8 @@ KINDS = (
         Quantity('width', 'm', 2e-5, 6e-4),
         (),
         "F = c (|z - s| - width/2) + d (z' - s') outside the gap",
-        'flanks that only push: stiffness up to 1.5 c with depth, damping grown over 20 um, '
-        '0.4 of it on the lower flank',
+        'flanks that only push: stiffness c x / (x + b), damping d x^2 / (x^2 + b^2), depth x, '
+        'b = width / 10; 0.6 d on the lower flank',
         writers.backlash,
         needs='gear',
     ),
@@ -126,7 +126,7 @@ KINDS = (
     Kind(
         'torque_saturation',
         'drive',
-        Quantity('limit', 'N m', 2.0, 0.5),
+        Quantity('limit', 'N m', 2.5, 1.3),
         (),
         'clip(M, +-limit)',
         'M / (1 + |M / limit|^12)^(1/12)',
@@ -171,10 +171,10 @@ KINDS = (
     Kind(
         'friction_drift',
         'drive',
-        Quantity('share', '1', 0.05, 0.6),
+        Quantity('share', '1', 0.05, 0.8),
         (Quantity('time', 's', 3.0, 8.0),),
-        'friction (1 - share t / 10 s)',
-        "friction (1 - share w), w' = (power / rated - w) / time",
+        'friction max(0, 1 - share t / 10 s)',
+        "friction / (1 + share w), w' = (power / 0.5 W - w) / time",
         writers.drift,
     ),
     Kind(
@@ -238,7 +238,7 @@ KINDS = (
         Quantity('time', 's', 3e-4, 6e-3),
         (),
         'set-point of t - time',
-        'whole cycles late, one frame of 1 ms more in a tenth of the cycles',
+        'whole cycles late; beyond 1 ms one cycle more at every twentieth',
         writers.command_delay,
     ),
     Kind(
@@ -257,13 +257,13 @@ KINDS = (
         Quantity('step', 'm', 3e-6, 1e-4),
         (),
         'controller sees z rounded to step',
-        'and its speed from the rounded z through a lag of 2 ms',
+        'and its speed with the derivative of the rounding error, behind a lag of 2 ms',
         writers.quantisation,
     ),
     Kind(
         'frame_resonance',
         'structure',
-        Quantity('mass', 'kg', 300.0, 20.0),
+        Quantity('mass', 'kg', 300.0, 8.0),
         (Quantity('frequency', 'Hz', 8.0, 35.0), Quantity('damping', '1', 0.02, 0.10)),
         "mass y'' + d y' + k y = -sum of the drives' forces",
         "half of d y' grows with |y'| / 4 mm/s",
@@ -296,7 +296,7 @@ KINDS = (
     Kind(
         'rail_radius_error',
         'structure',
-        Quantity('length', 'm', 3e-4, 1e-2, signed=True),
+        Quantity('length', 'm', 5e-4, 1.8e-2, signed=True),
         (),
         'rail radius + length',
         'by 0.85, 1.05 and 1.1 of it on the three rails',
@@ -307,7 +307,7 @@ KINDS = (
     Kind(
         'rod_length_error',
         'structure',
-        Quantity('length', 'm', 4e-4, 1.5e-2, signed=True),
+        Quantity('length', 'm', 7e-4, 2.2e-2, signed=True),
         (),
         'rod length + length',
         'by 1.1, 0.85 and 1.05 of it on the three rods',
@@ -338,7 +338,7 @@ KINDS = (
     Kind(
         'arctan_sign',
         'nuisance',
-        Quantity('width', 'm/s', 2e-3, 5e-3),
+        Quantity('width', 'm/s', 4e-3, 5e-3),
         (),
         '2/pi arctan(pi v / (2 width)) in place of tanh',
         '2/pi arctan(pi v / (2 width)) in place of tanh',

@@ -167,11 +167,12 @@ def drift(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
     if not other:
         set_columns(plant, i, {at.DRIFT_RATE: -values['share'] / 10.0})
         return
-    power = 0.4 * plant.drive[i, at.TORQUE_LIMIT] * plant.drive[i, at.GEAR] / (6.0 * 25.0 * np.pi)
+    # Half a watt of friction warms the tripod's drive; others by their torque limit.
+    power = 0.5 * plant.drive[i, at.TORQUE_LIMIT] * plant.drive[i, at.GEAR] / (6.0 * 25.0 * np.pi)
     columns = {
-        at.DRIFT_SHARE: -values['share'],
+        at.DRIFT_SHARE: values['share'],
         at.DRIFT_TIME: values['time'],
-        at.DRIFT_POWER: power * 6.0,
+        at.DRIFT_POWER: power,
     }
     set_columns(plant, i, columns, internal=True)
 
@@ -196,10 +197,10 @@ def command_delay(plant: Plant, i: int, values: Values, other: bool, seed: int) 
         instants = np.arange(target.shape[1]) * cycle
         when = instants - values['time']
         if other:
-            # Set-points arrive in frames of a millisecond; now and then one is a frame later.
-            frame = 2 * max(1, round(0.5e-3 / cycle)) * cycle
-            late = np.random.default_rng(seed).random(instants.size) < 0.1
-            when = np.floor((when - frame * late) / cycle + 0.5) * cycle
+            # Whole cycles; behind a long delay there is a queue, and now and then one cycle more.
+            late = np.random.default_rng(seed).random(instants.size) < 0.05
+            late &= values['time'] > 2.0 * cycle
+            when = np.floor(when / cycle + 0.5) * cycle - cycle * late
         out, out_speed = target.copy(), speed.copy()
         out[i] = np.interp(when, instants, target[i])
         out_speed[i] = np.interp(when, instants, speed[i], left=0.0)

@@ -54,6 +54,9 @@ class Quantity:
         return 1.0
 
 
+# Kinds that do not fade out with their size: a bristle in place of the tanh, a limit.
+NO_ZERO = ('presliding', 'torque_saturation')
+
 Write = Callable[[Plant, int, Mapping[str, float], bool, int], None]
 
 
@@ -241,7 +244,9 @@ def draw_imperfections(
     names = [
         kind.name
         for kind in kinds().values()
-        if kind.group not in ('nuisance', 'outside') and suits(kind, machine, parameters)
+        if kind.group not in ('nuisance', 'outside')
+        and kind.name not in NO_ZERO
+        and suits(kind, machine, parameters)
     ]
     chosen = rng.choice(names, size=count, replace=False)
     drawn = [draw_effect('arctan_sign', rng, 0.5, ('all',), machine)]

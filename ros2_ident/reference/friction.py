@@ -117,9 +117,9 @@ def friction_torque(
             even = smooth_sign(speed, d[at.ASYMMETRY_WIDTH], 1.0)
         friction *= 1.0 + d[at.ASYMMETRY] * even
     if d[at.DRIFT_RATE] != 0.0:
-        friction *= 1.0 + d[at.DRIFT_RATE] * time
+        friction *= max(0.0, 1.0 + d[at.DRIFT_RATE] * time)
     if d[at.DRIFT_SHARE] != 0.0:
-        friction *= 1.0 + d[at.DRIFT_SHARE] * internals[at.HEAT]
+        friction /= 1.0 + d[at.DRIFT_SHARE] * internals[at.HEAT]
     return friction + outside_friction(time, place, speed, sign, internals, d)
 
 

@@ -28,7 +28,7 @@ zero are never read.
     TORQUE_LIMIT,  # N m
     TORQUE_KNEE,  # 0 hard clip, else exponent of a soft one
     ENCODER_STEP,  # m
-    ENCODER_VELOCITY,  # s, lag of the speed formed from the coarse position; 0: true speed
+    ENCODER_VELOCITY,  # s, lag of the coarse position's error in the speed; 0: true speed
     INTEGRATOR_LEAK,  # 1/s
     MAGNETIC_TORQUE,  # N m
     MAGNETIC_WIDTH,  # N m
@@ -52,7 +52,7 @@ zero are never read.
     PLACE_MIDDLE,  # m
     PLACE_FORM,  # 0 linear, 1 levelling off
     DRIFT_RATE,  # 1/s, linear in time
-    DRIFT_SHARE,  # 1, at the full dissipated power
+    DRIFT_SHARE,  # 1, loss at the rated dissipated power
     DRIFT_TIME,  # s
     DRIFT_POWER,  # W
     BUMP_TORQUE,  # N m

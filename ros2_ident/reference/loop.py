@@ -12,7 +12,7 @@ from ros2_ident.reference.stepper import advance, STAGES
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 # Memory of one drive's controller.
-INTEGRAL, SEEN, SEEN_BEFORE, SEEN_FILTERED, SEEN_SPEED, MAGNETIC, LAST_TORQUE, MEMORY = range(8)
+INTEGRAL, SEEN, SEEN_ERROR, SEEN_FILTERED, SEEN_SPEED, MAGNETIC, LAST_TORQUE, MEMORY = range(8)
 
 
 @compiled
@@ -53,15 +53,18 @@ def control(
     if quantum > 0.0:
         seen = quantum * math.floor(position / quantum + 0.5)
         if d[at.ENCODER_VELOCITY] > 0.0:
-            # The speed comes from the coarse readings, too: differences through a lag.
+            # The speed suffers, too: the reading's error is differentiated and smoothed by a lag.
             share = 1.0 - math.exp(-cycle / d[at.ENCODER_VELOCITY])
-            memory[SEEN_SPEED] += share * ((seen - memory[SEEN]) / cycle - memory[SEEN_SPEED])
-            speed = memory[SEEN_SPEED]
+            error = seen - position
+            memory[SEEN_SPEED] += share * (
+                (error - memory[SEEN_ERROR]) / cycle - memory[SEEN_SPEED]
+            )
+            memory[SEEN_ERROR] = error
+            speed += memory[SEEN_SPEED]
     if law == 1.0:
         mean = 0.5 * (seen + memory[SEEN])
         speed = (mean - memory[SEEN_FILTERED]) / cycle
         memory[SEEN_FILTERED] = mean
-    memory[SEEN_BEFORE] = memory[SEEN]
     memory[SEEN] = seen
     if law == 1.0:
         torque = d[at.VELOCITY_GAIN] * (d[at.POSITION_GAIN] * (target - seen) - speed)

@@ -134,7 +134,7 @@ KINDS = (
     ),
     _kind(
         'speed_dependent_inertia',
-        Quantity('share', 's^2/m^2', 0.03, 1.0),
+        Quantity('share', 's^2/m^2', 0.1, 3.0),
         (),
         'm_e (1 + share v^2)',
         column_writer(at.SPEED_INERTIA, 'share'),
@@ -142,7 +142,7 @@ KINDS = (
     ),
     _kind(
         'slip',
-        Quantity('speed', 'm/s', 2e-4, 2e-2),
+        Quantity('speed', 'm/s', 5e-4, 5e-2),
         (Quantity('force', 'N', 22.0, 40.0),),
         'z - s creeps with speed max(0, |F| / force - 1) sgn(F)',
         _slip,
@@ -171,7 +171,7 @@ KINDS = (
     ),
     _kind(
         'end_cushion',
-        Quantity('stiffness', 'N/m^2', 500.0, 4e4),
+        Quantity('stiffness', 'N/m^2', 1e3, 8e4),
         (Quantity('place', 'm', 0.49, 0.53),),
         '-stiffness max(0, s - place)^2',
         _cushion,

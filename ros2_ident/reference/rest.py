@@ -173,7 +173,8 @@ def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
         memory[i, loop.LAST_TORQUE] = hold
         quantum = d[at.ENCODER_STEP]
         seen = quantum * np.floor(x[i] / quantum + 0.5) if quantum > 0.0 else x[i]
-        memory[i, loop.SEEN : loop.SEEN_FILTERED + 1] = seen
+        memory[i, [loop.SEEN, loop.SEEN_FILTERED]] = seen
+        memory[i, loop.SEEN_ERROR] = seen - x[i]
         if plant.internals:
             own = x[2 * m + i * at.INTERNALS : 2 * m + (i + 1) * at.INTERNALS]
             own[at.CURRENT_A] = own[at.CURRENT_B] = hold
@@ -200,4 +201,3 @@ def set_moving(plant: Plant, x: Array, memory: Array, start: tuple[Array, Array]
     x[m : m + count] = x[m + count : m + 2 * count] = speed
     memory[:, loop.SEEN] = place - way
     memory[:, loop.SEEN_FILTERED] = place - 1.5 * way
-    memory[:, loop.SEEN_SPEED] = speed

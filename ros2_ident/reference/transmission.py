@@ -62,9 +62,9 @@ def gear_force(
     if d[at.BACKLASH_FORM] == 0.0:
         return side * stiffness * depth + damping * rate, lever
     # The flanks meet gradually, and the trailing one damps less than the leading one.
-    ground = 20e-6
-    damping *= depth**2 / (depth**2 + ground**2) * (1.0 if side > 0.0 else 0.4)
-    stiffness *= 1.0 + 0.5 * depth / (depth + 5.0 * ground)
+    ground = 0.1 * d[at.BACKLASH]
+    damping *= depth**2 / (depth**2 + ground**2) * (1.0 if side > 0.0 else 0.6)
+    stiffness *= depth / (depth + ground)
     # A flank can push, never pull.
     return side * max(0.0, stiffness * depth + damping * rate * side), lever
 
