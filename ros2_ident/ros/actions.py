@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Long goals on a single-threaded executor: the callback awaits a future, the worker does the work.
+"""Long goals on one thread: the callback awaits a future while the worker does the work.
 
-A callback that blocked would keep the executor from answering a cancel. This one is a coroutine: it
-gives the executor back at once and goes on when the run has ended.
+A callback that blocked would keep the executor from answering a cancel. This one is a coroutine:
+it gives the executor back at once and goes on when the run has ended.
 """
 
 from collections.abc import Callable
@@ -27,8 +27,8 @@ class GoalServer:
         kind: Type of the action.
         name: Its name.
         busy: Returns what runs now as words for a sentence, empty for nothing.
-        begin: Starts a goal: gets it, what to call with each feedback, and what to call with the result
-            message at the end. Raises IdentError where the goal is unusable.
+        begin: Starts a goal: gets it, what to call with each feedback, and what to call with
+            the result message at the end. Raises IdentError where the goal is unusable.
         cancel: Asks the run to end with the best so far.
         refuse: Is told why a goal was refused.
         failed: Makes a result message of an error.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the node hears: three topics into one RecordingBuilder, as a bag would be read.
 
-Messages are taken as bytes and decoded some hundred at a time, with the decoder that reads bags: a
-callback then costs a few microseconds, whatever the number of joints, and holds the interpreter for
-as long. All methods belong to the executor's thread; `snapshot` hands a copy to another one.
+Messages are taken as bytes and decoded some hundred at a time, with the decoder that reads bags:
+a callback then costs a few microseconds, whatever the number of joints, and holds the interpreter
+for as long. All methods belong to the executor's thread; `snapshot` hands a copy to another one.
 """
 
 from collections.abc import Callable
@@ -243,7 +243,8 @@ class Capture:
             fits, reason = qos_check_compatible(publisher.qos_profile, subscription.qos_profile)
             if fits == QoSCompatibility.ERROR:
                 return (
-                    f'{topic} has a publisher of incompatible QoS ({reason.strip().rstrip(";.")}), '
+                    f'{topic} has a publisher of incompatible QoS '
+                    f'({reason.strip().rstrip(";.")}), '
                     f'see qos_overrides.{topic}.subscription'
                 )
         return f'{topic} has {len(publishers)} publishers and none has sent'

@@ -9,7 +9,6 @@ from builtin_interfaces.msg import Time
 import numpy as np
 import numpy.typing as npt
 from ros2_ident_msgs.msg import IdentificationResult, ParameterEstimate, Progress
-from sensor_msgs.msg import JointState
 
 from ros2_ident.errors import IdentError
 from ros2_ident.models import Machine
@@ -34,26 +33,6 @@ _KINDS = {
 def doubles(values: npt.ArrayLike) -> 'array[float]':
     """Return numbers as rclpy takes them without looking at each."""
     return array('d', np.ascontiguousarray(values, dtype=np.float64).tobytes())
-
-
-def stamp_ns(time: Time) -> int:
-    """Return a stamp in ns."""
-    return int(time.sec) * 1_000_000_000 + int(time.nanosec)
-
-
-def joint_state_values(
-    message: JointState,
-) -> tuple[
-    int, list[str], npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]
-]:
-    """Return stamp [ns], names, position, velocity and effort; the arrays share the message's memory."""
-    return (
-        stamp_ns(message.header.stamp),
-        list(message.name),
-        np.asarray(message.position),
-        np.asarray(message.velocity),
-        np.asarray(message.effort),
-    )
 
 
 def joint_states(stream: Stream) -> list[bytes]:

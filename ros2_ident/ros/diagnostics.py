@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""/diagnostics: how the data, their excitation, the search and the fit are, for the usual monitors."""
+"""/diagnostics for the usual monitors: how data, excitation, search and fit are."""
 
 from collections.abc import Mapping
 import math

@@ -45,8 +45,8 @@ def compare(finished: Finished, result_file: str) -> tuple[list[Stream], list[St
         result_file: Its result file; empty to write nothing.
 
     Returns:
-        Per segment the simulated effort, and measured less simulated effort, at the measured stamps
-        in the unit of the log; nothing where no candidate converged.
+        Per segment the simulated effort, and measured less simulated effort, at the measured
+        stamps in the unit of the log; nothing where no candidate converged.
     """
     theta = finished.identification.theta
     if not np.isfinite(theta).all():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The program `identifier`: starts the node, and ends it on SIGINT or SIGTERM without losing a run."""
+"""The program `identifier`: runs the node and ends it on SIGINT or SIGTERM, no run is lost."""
 
 from collections.abc import Sequence
 import signal
@@ -74,10 +74,10 @@ def _run(args: Sequence[str] | None, stop: Stop) -> int:
     from ros2_ident.errors import IdentError
     from ros2_ident.ros.node import Identifier
 
-    # The worker's Python parts hand the interpreter on this often; the default of 5 ms would be the
-    # latency of every message.
+    # The worker's Python parts hand the interpreter on this often; the default of 5 ms would be
+    # the latency of every message.
     sys.setswitchinterval(0.0005)
-    # Signals are ours: rclpy's handlers would take the context away before the result is published.
+    # Signals are ours: rclpy's would take the context away before the result is published.
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
         try:

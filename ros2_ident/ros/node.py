@@ -282,7 +282,11 @@ class Identifier(Node):
         return response
 
     def _parameters_change(self, changes: list[Parameter]) -> Any:
-        return parameters.check_change(changes, self.worker.busy)
+        answer = parameters.check_change(changes)
+        if answer.successful and self.worker.busy:
+            names = ', '.join(change.name for change in changes)
+            self.get_logger().info(f'{names}: takes effect at the next run')
+        return answer
 
     # ------------------------------------------------------------------ the clock's rounds
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node says: its publishers, and long series in pieces small enough to keep it responsive."""
+"""What the node says: its publishers, and long series in pieces that keep it responsive."""
 
 from collections import deque
 from collections.abc import Iterable

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The one table of the identifier's parameters; declarations, template and page come from it.
 
-`python -m ros2_ident.ros.parameter_table` writes config/identifier.yaml and docs/parameters.md anew.
+`python -m ros2_ident.ros.parameter_table` writes config/identifier.yaml and docs/parameters.md.
 """
 
 from collections.abc import Sequence
@@ -76,20 +76,20 @@ TABLE: tuple[Entry, ...] = (
         'drives',
         'string_array',
         (),
-        'Drives to identify; the others follow their recorded motion. Empty: all of the machine file.',
+        'Drives to identify; the others follow their recorded motion. Empty: all of the machine.',
     ),
     Entry(
         'auto_start',
         'bool',
         True,
-        'Identify by itself when the stream of measurements has ended. Switch it off where only the '
-        'action shall start a run.',
+        'Identify by itself when the stream of measurements has ended. Switch it off where only '
+        'the action shall start a run.',
     ),
     Entry(
         'end_of_stream',
         'double',
         2.0,
-        'The stream has ended when nothing arrived for this long. Raise it where the drives pause.',
+        'The stream has ended when nothing came for this long. Raise it where the drives pause.',
         0.2,
         3600.0,
         's',
@@ -98,13 +98,13 @@ TABLE: tuple[Entry, ...] = (
         'keep_streams',
         'bool',
         False,
-        'Keep the data of a stream that has ended when the next one begins. By default each stream is '
-        'taken by itself, so that a bag played twice is not counted twice.',
+        'Keep the data of a stream that has ended when the next one begins. By default each '
+        'stream is taken by itself, so that a bag played twice is not counted twice.',
     ),
     _count(
         'buffer_messages',
         2_000_000,
-        'Messages held of each stream; when it is full, later ones are counted and not kept.',
+        'Messages held of each stream; when full, later ones are only counted.',
         1000,
         100_000_000,
     ),
@@ -168,8 +168,8 @@ TABLE: tuple[Entry, ...] = (
         'min_distance',
         'double',
         _GENETIC.min_distance,
-        'Least distance between survivors in the unit cube of the first generation. Raise it where '
-        'the search gets trapped.',
+        'Least distance between survivors in the unit cube of the first generation. Raise it '
+        'where the search gets trapped.',
         0.0,
         10.0,
     ),
@@ -216,8 +216,8 @@ TABLE: tuple[Entry, ...] = (
         'result_timeout',
         'double',
         900.0,
-        'How long after its end a goal can still be asked for its result; `~/result` keeps the last '
-        'one for as long as the node runs.',
+        'How long after its end a goal can still be asked for its result; `~/result` keeps the '
+        'last one for as long as the node runs.',
         10.0,
         1e6,
         's',
@@ -278,9 +278,9 @@ def markdown(table: Sequence[Entry] = TABLE) -> str:
         '',
         'Made by `python -m ros2_ident.ros.parameter_table`; a test compares it with the table.',
         '',
-        'A run works with the values in force when it starts and echoes them in its result; a change',
-        'during a run takes effect at the next one. A double needs its point: `time_budget: 10` is',
-        'refused, write `10.0`.',
+        'A run works with the values in force when it starts and echoes them in its result; a',
+        'change during a run takes effect at the next one. A double needs its point:',
+        '`time_budget: 10` is refused, write `10.0`.',
         '',
         '| parameter | type | default | range | what it does |',
         '| --- | --- | --- | --- | --- |',
@@ -288,17 +288,19 @@ def markdown(table: Sequence[Entry] = TABLE) -> str:
     for entry in table:
         text = entry.description + (' Fixed when the node starts.' if entry.read_only else '')
         lines.append(
-            f'| `{entry.name}` | {entry.kind} | `{literal(entry.default)}` | {entry.range} | {text} |'
+            f'| `{entry.name}` | {entry.kind} | `{literal(entry.default)}` | {entry.range} '
+            f'| {text} |'
         )
     lines += [
         '',
         '## Topics and quality of service',
         '',
         '`joint_states`, `effort` and `joint_command` are ordinary names to be remapped',
-        '(`--ros-args -r joint_states:=/arm/joint_states`). They are subscribed best effort, keep last',
-        '1000, so that they match every publisher. To change that, set',
-        '`qos_overrides.<topic>.subscription.<policy>` with the full topic name, policies `history`,',
-        '`depth` and `reliability`; for example on a busy machine, where the publishers are reliable:',
+        '(`--ros-args -r joint_states:=/arm/joint_states`). They are subscribed best effort, keep',
+        'last 1000, so that they match every publisher. To change that, set',
+        '`qos_overrides.<topic>.subscription.<policy>` with the full topic name, policies',
+        '`history`, `depth` and `reliability`; for example where the machine is busy and',
+        'the publishers are reliable:',
         '',
         '```',
         'ros2 run ros2_ident identifier --ros-args \\',
@@ -323,6 +325,6 @@ def generated(root: Path) -> dict[Path, str]:
 
 
 if __name__ == '__main__':
-    for path, text in generated(Path(__file__).parents[2]).items():
+    for path, text in generated(Path(__file__).resolve().parents[2]).items():
         path.write_text(text, encoding='utf-8')
         print(path)

@@ -113,9 +113,12 @@ def wrong_type(entry: Entry, value: Any) -> str:
             f'parameter {entry.name} is {value}, an integer, and has to be a double; '
             f'write {value}.0'
         )
+    kind = entry.kind.replace('_', ' ')
+    article = 'an' if kind == 'integer' else 'a'
+    example = '[drive_1]' if kind == 'string array' else literal(entry.default)
     return (
-        f'parameter {entry.name} is {value!r} and has to be a {entry.kind.replace("_", " ")}; '
-        f'write it like {literal(entry.default)}'
+        f'parameter {entry.name} is {value!r} and has to be {article} {kind}; '
+        f'write it like {example}'
     )
 
 
@@ -147,16 +150,10 @@ def snapshot(node: Node, table: Iterable[Entry] = TABLE) -> Snapshot:
     return Snapshot(values)
 
 
-def check_change(changes: Iterable[Parameter], running: bool) -> SetParametersResult:
-    """Answer a change at run time; rclpy has checked types and ranges before.
-
-    Args:
-        changes: The parameters to be set.
-        running: Whether a run is in progress, which goes on with the values it started with.
-    """
+def check_change(changes: Iterable[Parameter]) -> SetParametersResult:
+    """Answer a change at run time; rclpy has checked types and ranges before."""
     for change in changes:
         entry = BY_NAME.get(change.name)
         if entry is not None and entry.choices and change.value not in entry.choices:
             return SetParametersResult(successful=False, reason=wrong_choice(entry, change.value))
-    reason = 'takes effect at the next run; this one goes on with the old value' if running else ''
-    return SetParametersResult(successful=True, reason=reason)
+    return SetParametersResult(successful=True)

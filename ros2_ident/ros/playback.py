@@ -65,7 +65,7 @@ class Bag:
             reason = ' '.join(str(exc).split()).rstrip('.') or type(exc).__name__
             raise IdentError(
                 ErrorCode.DAMAGED_BAG,
-                f'{path}: cannot be played ({reason}); `mcap recover` or `ros2 bag reindex` may help',
+                f'{path}: cannot be played ({reason}); try `mcap recover` or `ros2 bag reindex`',
             ) from None
         fitting = [x for x in self._reader.connections if x.msgtype == TYPE]
         self.skipped = sorted({x.topic for x in self._reader.connections if x.msgtype != TYPE})
@@ -122,8 +122,8 @@ class Player:
         rate: Times faster than recorded.
         stopped: Whether to end now.
         paused: Whether to wait.
-        on_round: Called with the log time now and the messages played, between the messages; has to
-            be quick.
+        on_round: Called with the log time now and the messages played, between the messages; has
+            to be quick.
     """
 
     def __init__(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The program `replay`: plays a bag's JointState topics, as `ros2 bag play` does, where there is none."""
+"""The program `replay`: plays a bag's JointState topics where there is no `ros2 bag play`."""
 
 import argparse
 from collections.abc import Sequence
@@ -14,20 +14,21 @@ from ros2_ident.errors import IdentError
 from ros2_ident.ros.identifier import missing, Stop
 from ros2_ident.ros.playback import Bag, Message, Player, ProgressLine
 
-# A publisher knows of a subscriber a little before that one knows of it; what is sent in between is
-# lost, and nothing tells when it is over.
+# A publisher knows of a subscriber a little before that one knows of it; what is sent in between
+# is lost, and nothing tells when it is over.
 SETTLE = 0.5
 # Time for the last messages to leave this process.
 LINGER = 0.3
 
-EXAMPLES = '''examples:
-  replay bags/tripod_mixed                          at the recorded pace
-  replay bags/tripod_mixed --rate 2 --clock         twice as fast, with /clock at 40 Hz
-  replay log.mcap --wait-for-subscribers            not before someone listens to every topic
-  replay log.mcap --remap /joint_states:=/arm/joint_states
-
-exit codes: 0 played to its end, 1 not played, 2 wrong arguments, 130 interrupted
-'''
+EXAMPLES = (
+    'examples:\n'
+    '  replay bags/tripod_mixed                   at the recorded pace\n'
+    '  replay bags/tripod_mixed -r 2 --clock      twice as fast, with /clock at 40 Hz\n'
+    '  replay log.mcap --wait-for-subscribers     not before someone listens to every topic\n'
+    '  replay log.mcap --remap /joint_states:=/arm/joint_states\n'
+    '\n'
+    'exit codes: 0 played to its end, 1 not played, 2 wrong arguments, 130 interrupted\n'
+)
 
 
 def positive(text: str) -> float:
@@ -42,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     found = argparse.ArgumentParser(
         prog='replay',
-        description='Play the JointState topics of a bag over ROS 2. Header stamps stay as recorded.',
+        description='Play the JointState topics of a bag. Header stamps stay as recorded.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

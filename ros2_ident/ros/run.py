@@ -163,7 +163,7 @@ def _recordings(request: Request, buffer: RecordingBuilder | None) -> list[Recor
 
 
 def _digest(recordings: Sequence[Recording]) -> str:
-    """Return a hash of the samples, so that two runs on the same live data can be told to be so."""
+    """Return a hash of the samples: the same live data can be told to be the same."""
     total = hashlib.sha256()
     for recording in recordings:
         for role, stream in recording.streams.items():

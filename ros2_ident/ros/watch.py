@@ -113,7 +113,8 @@ def table(message: Any) -> str:
     for p in message.parameters:
         note = f'   {p.note}' if p.note else ''
         lines.append(
-            f'  {p.name:{wide}}  {p.value:11.5g}  {f"{p.low:.5g} to {p.high:.5g}":24} {p.unit}{note}'
+            f'  {p.name:{wide}}  {p.value:11.5g}  '
+            f'{f"{p.low:.5g} to {p.high:.5g}":24} {p.unit}{note}'
         )
     lines.append(
         f'  cost {message.cost_genetic:.5g} {message.cost_unit} after the genetic algorithm, '

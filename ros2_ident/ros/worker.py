@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One thread for the long work, and the way back into the executor's thread.
 
-The thread never publishes: what it has to say goes through a queue, and a guard condition wakes the
-executor to fetch it. So a message costs the thread nothing, nothing in rclpy is used from two
+The thread never publishes: what it has to say goes through a queue, and a guard condition wakes
+the executor to fetch it. So a message costs the thread nothing, nothing in rclpy is used from two
 threads, and a node can be destroyed as soon as the thread has been joined.
 """
 
@@ -48,8 +48,8 @@ class Worker:
 
         Args:
             job: Gets the cancel event and a function that tells what it has to say.
-            on_said: Gets that, in the executor's thread, at most `rate` times a second and once more
-                at the end.
+            on_said: Gets that, in the executor's thread, at most `rate` times a second and once
+                more at the end.
             on_done: Gets the job's value or its exception, in the executor's thread.
             rate: Most messages per second, Hz.
         """
@@ -95,7 +95,7 @@ class Worker:
         self._cancel.set()
 
     def join(self, timeout: float) -> bool:
-        """End the thread after the work it has; return whether it ended. What it said is fetched."""
+        """End the thread after its work; return whether it ended. What it said is fetched."""
         self._work.put(None)
         self._thread.join(timeout)
         self._fetch()

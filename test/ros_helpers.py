@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes in contexts of their own, programs in processes of their own, and waits with a time-out."""
+
+from collections.abc import Callable, Iterator
+import contextlib
+import itertools
+import os
+from pathlib import Path
+import subprocess
+import sys
+import threading
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+MACHINE = ROOT / 'config/tripod.yaml'
+BAG = ROOT / 'bags/tripod_pick_and_place'
+
+_DOMAINS = itertools.count(os.getpid() % 50 + 120)
+
+
+def new_domain() -> int:
+    """Return a domain nobody else in this test run uses."""
+    return 102 + next(_DOMAINS) % 100  # up to 232 is safe with the default ports
+
+
+class Station:
+    """A node in a context of its own, spun by a thread.
+
+    Args:
+        make: Gets the context and returns the node.
+        domain: The DDS domain.
+    """
+
+    def __init__(self, make: Callable[[Any], Any], domain: int) -> None:
+        import rclpy
+        from rclpy.context import Context
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.signals import SignalHandlerOptions
+
+        self.context = Context()
+        rclpy.init(
+            context=self.context,
+            domain_id=domain,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self.node = make(self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self._done = threading.Event()
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        while not self._done.is_set():
+            self.executor.spin_once(0.05)
+            with self._changed:
+                self._changed.notify_all()
+
+    def until(self, condition: Callable[[], Any], what: str, seconds: float = 20.0) -> Any:
+        """Wait until a condition holds; looked at after each of the node's events."""
+        with self._changed:
+            assert self._changed.wait_for(condition, seconds), f'waited {seconds} s for {what}'
+        return condition()
+
+    def close(self) -> None:
+        """Stop spinning and take the node off the air."""
+        import rclpy
+
+        self._done.set()
+        self._thread.join(10.0)
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+
+class Listener(Station):
+    """Collects what an identifier publishes, and calls its action.
+
+    Args:
+        domain: The DDS domain.
+        name: Full name of the identifier.
+    """
+
+    def __init__(self, domain: int, name: str = '/identifier') -> None:
+        from diagnostic_msgs.msg import DiagnosticArray
+        from rclpy.action import ActionClient
+        from rclpy.node import Node
+        from ros2_ident_msgs.action import Identify
+        from ros2_ident_msgs.msg import IdentificationResult, Progress, Status
+        from sensor_msgs.msg import JointState
+
+        from ros2_ident.ros.outlet import LATCHED
+
+        self.progress: list[Any] = []
+        self.results: list[Any] = []
+        self.statuses: list[Any] = []
+        self.simulated: list[Any] = []
+        self.residual: list[Any] = []
+        self.diagnostics: list[Any] = []
+
+        def make(context: Any) -> Any:
+            node = Node('listener', context=context)
+            for kind, topic, kept, qos in (
+                (Progress, f'{name}/progress', self.progress, 100),
+                (IdentificationResult, f'{name}/result', self.results, LATCHED),
+                (Status, f'{name}/status', self.statuses, LATCHED),
+                (JointState, f'{name}/simulated', self.simulated, 10000),
+                (JointState, f'{name}/residual', self.residual, 10000),
+                (DiagnosticArray, '/diagnostics', self.diagnostics, 10),
+            ):
+                node.create_subscription(kind, topic, kept.append, qos)
+            self.action = ActionClient(node, Identify, f'{name}/identify')
+            return node
+
+        super().__init__(make, domain)
+
+    def wait_future(self, future: Any, what: str, seconds: float = 20.0) -> Any:
+        """Return a future's result."""
+        self.until(future.done, what, seconds)
+        return future.result()
+
+    def send(self, goal: Any, on_feedback: Callable[[Any], None] | None = None) -> Any:
+        """Send a goal; return its handle."""
+        self.until(self.action.server_is_ready, 'the action server')
+        return self.wait_future(
+            self.action.send_goal_async(goal, feedback_callback=on_feedback), 'an answer'
+        )
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        """Call a service."""
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready, name)
+        return self.wait_future(client.call_async(request), f'an answer of {name}')
+
+    def state(self) -> int:
+        """Return the last state, -1 before the first."""
+        return self.statuses[-1].state if self.statuses else -1
+
+
+def environment(domain: int, **more: str) -> dict[str, str]:
+    """Return the environment of a program on a domain."""
+    return os.environ | {
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'PYTHONPATH': os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')]),
+        **more,
+    }
+
+
+@contextlib.contextmanager
+def program(
+    module: str, *arguments: str, domain: int, **more: str
+) -> Iterator[subprocess.Popen[str]]:
+    """Run a module of the package in a process of its own; kill it at the end if need be."""
+    process = subprocess.Popen(
+        [sys.executable, '-m', f'ros2_ident.ros.{module}', *arguments],
+        env=environment(domain, **more),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+
+
+def identifier(
+    domain: int, output: Path, *more: str, machine: Path = MACHINE
+) -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
+    """Run the identifier with a small search."""
+    arguments = ['--ros-args']
+    for pair in (
+        f'machine_file:={machine}',
+        f'output_directory:={output}',
+        'end_of_stream:=1.0',
+        'initial_population:=32',
+        'generations:=2',
+        'drives:=[drive_1]',
+        *more,
+    ):
+        arguments += ['-p', pair] if ':=' in pair and not pair.startswith('-') else [pair]
+    return program('identifier', *arguments, domain=domain)
+
+
+def ended(process: subprocess.Popen[str], seconds: float = 30.0) -> tuple[int, str]:
+    """Wait for a program; return its exit code and what it wrote."""
+    try:
+        text, _ = process.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        text, _ = process.communicate()
+        pytest.fail(f'did not end within {seconds} s: {text[-2000:]}')
+    return process.returncode, text

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters: one table, and sentences for what does not fit it."""
+
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+from ros_helpers import environment, new_domain, ROOT
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture
+def node():
+    """A bare node that gets parameters declared."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.node import Node
+    from rclpy.signals import SignalHandlerOptions
+
+    nodes, contexts = [], []
+
+    def make(*arguments: str):
+        context = Context()
+        rclpy.init(
+            context=context,
+            domain_id=new_domain(),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        made = Node('identifier', context=context, cli_args=['--ros-args', *arguments])
+        contexts.append(context)
+        nodes.append(made)
+        return made
+
+    yield make
+    for made, context in zip(nodes, contexts, strict=True):
+        made.destroy_node()
+        rclpy.try_shutdown(context=context)
+
+
+def test_template_and_page_are_made_from_the_table() -> None:
+    from ros2_ident.ros.parameter_table import generated
+
+    for path, text in generated(ROOT).items():
+        assert path.read_text(encoding='utf-8') == text, (
+            f'{path.name} is out of date; run python -m ros2_ident.ros.parameter_table'
+        )
+
+
+def test_the_template_holds_every_default() -> None:
+    from ros2_ident.ros.parameter_table import TABLE, yaml_template
+
+    values = yaml.safe_load(yaml_template())['/**']['ros__parameters']
+    for entry in TABLE:
+        group, _, name = entry.name.rpartition('.')
+        held = values[group] if group else values
+        if entry.default == ():
+            assert name not in held
+        else:
+            assert held[name] == entry.default
+            assert type(held[name]) is type(entry.default)
+
+
+def test_every_entry_is_described_and_inside_its_own_range() -> None:
+    from ros2_ident.ros.parameter_table import TABLE
+
+    for entry in TABLE:
+        assert entry.text.endswith('.') or entry.unit or entry.text.endswith('~')
+        if entry.low is not None:
+            assert entry.low <= entry.default <= entry.high
+        if entry.choices:
+            assert entry.default in entry.choices
+
+
+def test_defaults_are_declared_with_descriptions_and_ranges(node) -> None:
+    from ros2_ident.ros import parameters
+    from ros2_ident.ros.parameter_table import TABLE
+
+    made = node()
+    parameters.declare(made)
+    snapshot = parameters.snapshot(made)
+    for entry in TABLE:
+        assert snapshot[entry.name] == entry.default
+        described = made.describe_parameter(entry.name)
+        assert described.description == entry.description
+        assert described.read_only == entry.read_only
+        ranges = [*described.integer_range, *described.floating_point_range]
+        assert len(ranges) == (entry.low is not None)
+    assert snapshot.genetic(survivors=3).survivors == 3
+
+
+def test_the_template_is_a_parameter_file(node) -> None:
+    from ros2_ident.ros import parameters
+
+    made = node('--params-file', str(ROOT / 'config/identifier.yaml'))
+    parameters.declare(made)
+    assert parameters.unknown(made) == []
+
+
+@pytest.mark.parametrize(
+    ('given', 'said'),
+    [
+        ('time_budget:=10', 'time_budget is 10, an integer, and has to be a double; write 10.0'),
+        ('seed:=0', 'seed is 0, its range is from 1; give a value inside it'),
+        ('seed:=1.5', 'seed is 1.5 and has to be an integer'),
+        ('end_of_stream:=0.1', 'end_of_stream is 0.1, its range is 0.2 to 3600'),
+        ('mutation:=wild', "mutation is 'wild'; write one of gaussian_root, laplace"),
+        ('drives:=3', 'drives is 3 and has to be a string array'),
+    ],
+)
+def test_an_unfitting_value_is_answered_in_a_sentence(node, given: str, said: str) -> None:
+    from ros2_ident.errors import IdentError
+    from ros2_ident.ros import parameters
+
+    with pytest.raises(IdentError) as caught:
+        parameters.declare(node('-p', given))
+    assert said in caught.value.message
+
+
+@pytest.mark.parametrize(('given', 'drives'), [('[a, b]', ('a', 'b')), ('[a]', ('a',))])
+def test_lists_of_names(node, given: str, drives: tuple[str, ...]) -> None:
+    from ros2_ident.ros import parameters
+
+    made = node('-p', f'drives:={given}')
+    parameters.declare(made)
+    assert parameters.snapshot(made)['drives'] == drives
+
+
+def test_a_misspelt_parameter_is_noticed(node) -> None:
+    from ros2_ident.ros import parameters
+
+    made = node('-p', 'generation:=3')
+    parameters.declare(made)
+    assert parameters.unknown(made) == [
+        'parameter generation is not known and has no effect; did you mean generations?'
+    ]
+
+
+def test_changes_are_checked_like_the_first_values(node) -> None:
+    from rclpy.parameter import Parameter
+
+    from ros2_ident.ros import parameters
+
+    made = node()
+    parameters.declare(made)
+    made.add_on_set_parameters_callback(parameters.check_change)
+    assert made.set_parameters([Parameter('seed', value=5)])[0].successful
+    answer = made.set_parameters([Parameter('mutation', value='wild')])[0]
+    assert not answer.successful and 'gaussian_root' in answer.reason
+    assert not made.set_parameters([Parameter('seed', value=-1)])[0].successful
+    assert not made.set_parameters([Parameter('result_timeout', value=20.0)])[0].successful
+    assert parameters.snapshot(made)['seed'] == 5
+
+
+def test_the_program_says_the_sentence_and_ends_with_2() -> None:
+    ran = subprocess.run(
+        [sys.executable, '-m', 'ros2_ident.ros.identifier', '--ros-args', '-p', 'time_budget:=1'],
+        env=environment(new_domain()),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert ran.returncode == 2
+    assert ran.stderr.strip() == (
+        'identifier: parameter time_budget is 1, an integer, and has to be a double; write 1.0'
+    )
+
+
+@pytest.mark.parametrize(
+    ('module', 'said'),
+    [
+        ('ros2_ident_msgs', 'package ros2_ident_msgs not found; build it with'),
+        ('rclpy', 'rclpy not found; source ROS 2 Jazzy'),
+    ],
+)
+@pytest.mark.parametrize('name', ['identifier', 'watch'])
+def test_missing_packages_are_said_in_a_sentence(
+    tmp_path: Path, module: str, said: str, name: str
+) -> None:
+    script = (
+        'import sys\n'
+        f'sys.modules[{module!r}] = None\n'
+        f'from ros2_ident.ros.{name} import main\n'
+        'sys.exit(main([]))'
+    )
+    ran = subprocess.run(
+        [sys.executable, '-c', script],
+        env=environment(new_domain()),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert ran.returncode == 1
+    assert ran.stderr.startswith(f'{name}: {said}') and ran.stderr.count('\n') == 1
