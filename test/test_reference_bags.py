@@ -161,6 +161,6 @@ def test_drawn_machines_lie_in_their_box_and_run(machine):
         parameters = draw_parameters(machine, np.random.default_rng(seed))
         for name, number in parameters.items():
             low, high, _ = machine['parameters'][name.rpartition('.')[2]]
-            assert low < number < high
+            assert float(low) < number < float(high)
         made = simulate_bag(machine, parameters, draw_motion('mixed', machine, 2.0, seed), seed)
         assert np.all(np.isfinite(made.log.effort))
