@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import IdentError
-from ros2_ident.search import finite_differences, refine, RefineStatus
+from ros2_ident.search import finite_differences, refine, RefineStatus, spread_starts
 from ros2_ident.search.jacobian import Box, steps
 
 TIME = np.linspace(0.0, 1.0, 200)
@@ -134,6 +134,27 @@ def test_evaluations_are_limited():
     assert result.status is RefineStatus.EVALUATIONS
     assert result.starts[0].evaluations <= 7
     assert math.isfinite(result.cost)
+
+
+def test_all_evaluations_are_limited():
+    starts = [[3.0, 9000.0], [3.0, 40000.0], [5.0, 2200.0]]
+    whole = refine(residuals, starts, LOW, HIGH)
+    limited = refine(residuals, starts, LOW, HIGH, total_evaluations=30)
+    assert limited.evaluations <= 30 < whole.evaluations
+    assert math.isfinite(limited.cost)
+
+
+def test_spread_starts_are_good_and_apart():
+    rng = np.random.default_rng(0)
+    theta = LOW + rng.random((200, 2)) * (HIGH - LOW)
+    costs = rng.random(200)
+    costs[3] = math.inf
+    chosen = spread_starts(theta, costs, LOW, HIGH, count=5, distance=0.2)
+    assert len(chosen) == 5
+    np.testing.assert_array_equal(chosen[0], theta[np.argmin(costs)])
+    unit = (chosen - LOW) / (HIGH - LOW)
+    apart = np.linalg.norm(unit[:, None] - unit[None, :], axis=2)
+    assert apart[~np.eye(5, dtype=bool)].min() > 0.2
 
 
 @pytest.mark.parametrize(

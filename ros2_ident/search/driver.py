@@ -272,8 +272,8 @@ def minimise(
         cancel: Looked at between slices.
         checkpoint: File that holds the search's state after every generation.
         slice_seconds: Wall time a slice shall take, s; the sizes adapt to it.
-        lot: Candidates that are evaluated in the time of one (vector lanes times threads); slices are
-            multiples of it.
+        lot: Candidates that are evaluated in the time of one (vector lanes times threads); slices
+            are multiples of it.
         interval: Least time between two reports, s.
         clock: Seconds that never step back.
 

@@ -2,13 +2,14 @@
 """The genetic algorithm's operators as pure functions on the unit cube.
 
 Equation numbers are those of Ludwig and Gerstmayr (2011), section 2. The cube's coordinate i is
-(theta_i - theta_i,min) / (theta_i,max - theta_i,min), so that the ranges drop out of eqs. 4, 6 and
-7.
+(theta_i - theta_i,min) / (theta_i,max - theta_i,min), which takes the ranges out of
+eqs. 4, 6 and 7.
 """
 
 from collections.abc import Callable
 import math
 
+from numba import njit
 import numpy as np
 from numpy.typing import NDArray
 
@@ -116,7 +117,8 @@ def kronecker(count: int, dimension: int, rng: np.random.Generator) -> Array:
     for _ in range(64):
         root = (1.0 + root) ** (1.0 / (dimension + 1))
     alpha = root ** -np.arange(1.0, dimension + 1.0)
-    return (rng.random(dimension) + np.arange(1.0, count + 1.0)[:, None] * alpha) % 1.0
+    points: Array = rng.random(dimension) + np.arange(1.0, count + 1.0)[:, None] * alpha
+    return points - np.floor(points)
 
 
 FIRST_GENERATIONS: dict[str, Callable[[int, int, np.random.Generator], Array]] = {
@@ -165,31 +167,28 @@ def select(points: Array, costs: Array, count: int, distance: float) -> Index:
     """
     order = np.argsort(costs, kind='stable')
     order = order[: int(np.searchsorted(costs[order], math.inf))]
-    if distance <= 0.0:
-        return _select_close(points, costs, order, count)
-    ranked = np.ascontiguousarray(points[order].T)
-    free = np.ones(order.size, dtype=bool)
-    taken: list[int] = []
-    squared = distance * distance
-    while len(taken) < count and free.size:
-        best = int(free.argmax())
-        if not free[best]:
-            break
-        taken.append(best)
-        apart = np.square(ranked[0] - ranked[0, best])
-        for row in ranked[1:]:
-            apart += np.square(row - row[best])
-        free &= apart > squared
-    return order[taken]
+    chosen: Index = _take_apart(np.ascontiguousarray(points), order, count, distance * distance)
+    return chosen
 
 
-def _select_close(points: Array, costs: Array, order: Index, count: int) -> Index:
-    """Select without a distance: only copies are left out, and copies have equal costs."""
-    taken: list[int] = []
-    for index in order.tolist():
-        if len(taken) == count:
-            break
-        copies = (i for i in taken if costs[i] == costs[index])
-        if not any(np.array_equal(points[i], points[index]) for i in copies):
-            taken.append(index)
-    return np.array(taken, dtype=np.intp)
+@njit(cache=True, nogil=True)
+def _take_apart(points: Array, order: Index, count: int, squared: float) -> Index:
+    """Take points in this order, each farther than the root of `squared` from those taken."""
+    taken = np.empty(count, dtype=np.intp)
+    size = 0
+    for index in order:
+        free = True
+        for other in taken[:size]:
+            apart = 0.0
+            for i in range(points.shape[1]):
+                apart += (points[index, i] - points[other, i]) ** 2
+            # "Exceeds", eq. 7: at distance 0 a copy is still too near.
+            if not apart > squared:
+                free = False
+                break
+        if free:
+            taken[size] = index
+            size += 1
+            if size == count:
+                break
+    return taken[:size]

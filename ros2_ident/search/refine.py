@@ -197,7 +197,7 @@ def refine(
         high: (N,) upper bounds, physical units.
         cancel: Looked at before every call of `residuals`.
         max_evaluations: Candidates for each start.
-        total_evaluations: Candidates for all starts and the final Jacobian; None for no such limit.
+        total_evaluations: Candidates for all starts and the final Jacobian; None for no limit.
         central: Central differences in the iterations, twice as dear; the final Jacobian always
             is.
         step: Finite-difference step as a fraction of a parameter's scale; see
