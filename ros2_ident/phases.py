@@ -134,7 +134,7 @@ class Run:
             low=self.problem.low,
             high=self.problem.high,
             budget=Budget(
-                evaluations=max(1, int(kept * budget.evaluations)) if budget.evaluations else None,
+                evaluations=self._share(kept),
                 generations=budget.generations,
                 seconds=kept * budget.seconds if budget.seconds else None,
             ),
@@ -142,6 +142,14 @@ class Run:
             lot=self.lot,
             on_progress=self._report_search if self.on_progress else None,
         )
+
+    def _share(self, kept: float) -> int | None:
+        """Return the evaluations that the search may take of the whole run's."""
+        whole = self.settings.budget.evaluations
+        if whole is None:
+            return None
+        # The last Jacobian, for the intervals, has its own.
+        return max(1, min(int(kept * whole), whole - 2 * len(self.names) - 1))
 
     def _evaluate(self, theta: Array) -> Array:
         costs = self.costs(theta)

@@ -17,6 +17,8 @@ from ros2_ident.result import Quality
 SHORTEST = 0.5
 # The models start at rest; where a stretch starts in motion, controllers need this long to forget.
 SETTLING = 0.3
+# Less than this is no motion, rad or m.
+STANDSTILL = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,13 +198,11 @@ def _check_motion(recording: Recording, dataset: Dataset, chosen: tuple[str, ...
                 f'{where}: the effort of {name} is {there[0]:g} in every sample; '
                 'switch its measurement on in the drive, or leave this drive out',
             )
-    driving = (
-        dataset.command_position if dataset.command_position is not None else dataset.position
-    )
-    if (
-        driving is not None
-        and float(np.nanmax(np.nanmax(driving, axis=1) - np.nanmin(driving, axis=1))) == 0.0
-    ):
+    driving = dataset.position if dataset.command_position is None else dataset.command_position
+    if driving is None:
+        return
+    stroke = np.nanmax(driving, axis=1) - np.nanmin(driving, axis=1)
+    if float(np.nanmax(stroke)) < STANDSTILL:
         raise IdentError(
             ErrorCode.NO_DATA,
             f'{where}: no drive moves; record a motion that accelerates every drive',

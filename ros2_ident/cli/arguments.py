@@ -109,7 +109,7 @@ def _drives(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> list[str]
         known = yaml.safe_load(Path(parsed_args.machine).read_text())['drives']
     except Exception:  # completion says nothing rather than something wrong
         return []
-    before, comma, _ = prefix.rpartition(',')
+    before, comma, _last = prefix.rpartition(',')
     return [f'{before}{comma}{name}' for name in known if name not in before.split(',')]
 
 

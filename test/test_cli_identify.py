@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+from identify_cases import axis_bag, AXIS_FILE, recording_of, ROOT, tripod_bag, TRIPOD_FILE
+import numpy as np
+import pytest
+
+from ros2_ident.cli.main import main
+from ros2_ident.recording import Stream, write_bag
+from ros2_ident.reference.bag_making import write_simulated
+
+SMALL = ['--population', '64', '--survivors', '4', '--generations', '4']
+SLOW = ['--population', '1000000', '--generations', '2']
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    return write_simulated(tmp_path_factory.mktemp('bags') / 'axis', axis_bag())
+
+
+@pytest.fixture
+def command(bag, tmp_path):
+    return ['identify', str(bag), '--machine', str(AXIS_FILE), '--out', str(tmp_path / 'out')]
+
+
+def spawn(words):
+    return subprocess.Popen(
+        [sys.executable, '-m', 'ros2_ident.cli.main', *words],
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def refused(words, capsys):
+    """Return the one line on standard error of a command that has to end with 2."""
+    assert main(words) == 2
+    said = capsys.readouterr()
+    assert said.out == ''
+    lines = said.err.strip().splitlines()
+    assert len(lines) == 1, said.err
+    assert 'Traceback' not in said.err
+    return lines[0]
+
+
+def test_identify_writes_its_files_and_ends_well(command, tmp_path, capsys):
+    assert main([*command, *SMALL, '--seed', '1']) == 0
+    said = capsys.readouterr()
+    assert 'emps_axis.moving_mass' in said.out
+    assert 'identified: All 4 parameters are identified.' in said.out
+    assert 'generation 1 of 4' in said.err
+    out = tmp_path / 'out'
+    assert {p.name for p in out.iterdir()} == {
+        'result.json',
+        'result.yaml',
+        'history.npz',
+        'overlay',
+    }
+    data = json.loads((out / 'result.json').read_text())
+    mass = data['parameters']['emps_axis.moving_mass']['value']
+    assert mass == pytest.approx(95.0, rel=0.01)
+    assert data['provenance']['sha256']
+    # A second run replaces the first.
+    assert main([*command, *SMALL, '--seed', '1', '--quiet']) == 0
+    again = json.loads((out / 'result.json').read_text())
+    assert again['parameters'] == data['parameters']
+    assert capsys.readouterr().err == ''
+
+
+def test_options_reach_the_search(command, tmp_path):
+    words = [*SMALL, '--no-refine', '--no-overlay', '--quiet', '--fix', 'moving_mass=95']
+    words += ['--bounds', 'coulomb_friction=10:30', '--seed', '4', '--drives', 'emps_axis']
+    # The search alone, as small as this, is far from the optimum: intervals are wide.
+    assert main([*command, *words]) == 1
+    data = json.loads((tmp_path / 'out' / 'result.json').read_text())
+    assert data['cost']['refined'] is None
+    assert data['fixed'] == {'emps_axis.moving_mass': 95.0}
+    coulomb = data['parameters']['emps_axis.coulomb_friction']
+    assert (coulomb['lower_bound'], coulomb['upper_bound']) == (10.0, 30.0)
+    assert data['seed'] == 4
+    assert data['settings']['genetic']['initial_population'] == 64
+    assert not (tmp_path / 'out' / 'overlay').exists()
+
+
+def test_a_spent_budget_ends_with_1(command, tmp_path, capsys):
+    assert main([*command, '--evaluations', '40', '--quiet']) == 1
+    assert 'budget spent: The budget of evaluations is spent' in capsys.readouterr().out
+    assert json.loads((tmp_path / 'out' / 'result.json').read_text())['outcome'] == 'budget spent'
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_keeps_the_best_so_far(command, tmp_path, number):
+    process = spawn([*command, *SLOW])
+    line = process.stderr.readline()
+    assert line.startswith('generation 1 of 2'), line
+    process.send_signal(number)
+    asked = time.monotonic()
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 1, err
+    assert time.monotonic() - asked < 5.0
+    assert 'stopping; the best so far is kept' in err
+    assert 'cancelled: The run was cancelled' in out
+    data = json.loads((tmp_path / 'out' / 'result.json').read_text())
+    assert data['outcome'] == 'cancelled'
+    assert data['parameters']['emps_axis.moving_mass']['value'] > 0.0
+
+
+@pytest.mark.parametrize(
+    ('options', 'text'),
+    [
+        (['--drives', 'drive_9'], "drive 'drive_9' is not in the machine file; choose from emps"),
+        (['--fix', 'mass=1'], "'mass' cannot be fixed: no such parameter; choose from"),
+        (['--fix', 'moving_mass=1', '--fix', 'moving_mass=2'], '--fix names moving_mass twice'),
+        (['--bounds', 'moving_mass=3:2'], 'moving_mass has the bounds 3 to 2;'),
+        (
+            ['--range-reduction', '2'],
+            'range_reduction is 2.0; give a number above 0 and at most 1',
+        ),
+        (['--state-topic', '/x', '--effort-topic', '/x'], '/x is given as state and as effort'),
+        (
+            ['--state-topic', '/nothing', '--command-topic', '/none', '--effort-topic', '/no'],
+            'none',
+        ),
+    ],
+)
+def test_wrong_use_is_one_sentence_and_2(command, options, text, capsys):
+    line = refused([*command, *options], capsys)
+    assert line.startswith('ident identify: ')
+    assert text in line
+
+
+@pytest.mark.parametrize(
+    ('options', 'text'),
+    [
+        (['--drives', ''], 'holds an empty name'),
+        (['--fix', 'tool_mass'], 'has to be NAME=VALUE'),
+        (['--bounds', 'tool_mass=1'], 'has to be NAME=LOW:HIGH'),
+        (['--seed', '-1'], 'has to be a whole number of at least 0'),
+        (['--generations', '0'], 'has to be a whole number of at least 1'),
+        (['--seconds', 'soon'], 'has to be a number above 0'),
+        (['--nonsense'], 'unrecognized arguments: --nonsense'),
+    ],
+)
+def test_malformed_options_end_with_2(command, options, text, capsys):
+    assert main([*command, *options]) == 2
+    assert text in capsys.readouterr().err
+
+
+def test_a_missing_bag(command, capsys):
+    command[1] = '/nowhere/bag'
+    assert '/nowhere/bag: does not exist; give the path' in refused(command, capsys)
+
+
+def test_a_missing_machine_file(command, capsys):
+    command[3] = '/nowhere/machine.yaml'
+    line = refused(command, capsys)
+    assert '/nowhere/machine.yaml: cannot be read (No such file or directory)' in line
+
+
+def test_a_machine_file_that_is_none(command, tmp_path, capsys):
+    (tmp_path / 'machine.yaml').write_text('machine: rocket\n')
+    command[3] = str(tmp_path / 'machine.yaml')
+    assert "machine is 'rocket'; write one of tripod" in refused(command, capsys)
+
+
+def test_a_damaged_bag(command, tmp_path, capsys):
+    (tmp_path / 'broken.mcap').write_bytes(b'\x89MCAP0\r\n' + bytes(100))
+    command[1] = str(tmp_path / 'broken.mcap')
+    line = refused(command, capsys)
+    assert 'broken.mcap' in line
+    assert 'copy or record the bag again' in line
+
+
+def without_effort(bag):
+    streams = {t: s for t, s in bag.streams.items() if t != '/effort'}
+    return streams
+
+
+def test_a_bag_without_effort(command, tmp_path, capsys):
+    command[1] = str(write_bag(tmp_path / 'silent', without_effort(axis_bag())))
+    assert 'no stream holds an effort' in refused(command, capsys)
+
+
+def test_a_bag_whose_efforts_are_nan(command, tmp_path, capsys):
+    effort = axis_bag().streams['/effort']
+    nothing = Stream(effort.names, effort.stamp, effort=np.full_like(effort.effort, np.nan))
+    streams = {**without_effort(axis_bag()), '/effort': nothing}
+    command[1] = str(write_bag(tmp_path / 'nan', streams))
+    assert 'every effort of the drives is NaN' in refused(command, capsys)
+
+
+def test_a_bag_of_another_machine(command, tmp_path, capsys):
+    command[1] = str(write_simulated(tmp_path / 'tripod', tripod_bag()))
+    assert 'has no joint emps_axis, it holds drive_1, drive_2, drive_3' in refused(command, capsys)
+
+
+def test_results_do_not_go_where_a_file_is(command, tmp_path, capsys):
+    (tmp_path / 'out').write_text('')
+    assert 'give another directory for the results' in refused(command, capsys)
+
+
+@pytest.mark.slow
+def test_a_drive_of_the_tripod_from_the_command_line(tmp_path):
+    bag = write_simulated(tmp_path / 'bag', tripod_bag())
+    words = ['identify', str(bag), '--machine', str(TRIPOD_FILE), '--out', str(tmp_path / 'out')]
+    words += ['--drives', 'drive_1', '--population', '256', '--generations', '6', '--quiet']
+    assert main(words) == 0
+    data = json.loads((tmp_path / 'out' / 'result.json').read_text())
+    assert data['parameters']['tool_mass']['value'] == pytest.approx(1.4, rel=0.02)
+    assert set(data['residual']) == {'drive_1'}
+    assert recording_of(tripod_bag()).state is not None

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
+from identify_cases import (
+    axis,
+    axis_bag,
+    axis_data,
+    AXIS_TRUTH,
+    recording_of,
+    theta_of,
+    tripod,
+    tripod_bag,
+    TRIPOD_TRUTH,
+)
+import numpy as np
+import pytest
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.packing import PackedSearch
+from ros2_ident.problem import Problem
+from ros2_ident.search import GeneticSearch, GeneticSettings
+from ros2_ident.segments import gather
+
+
+def test_short_segments_are_left_out_with_a_warning():
+    whole = recording_of(axis_bag())
+    begin = whole.begin
+    scrap = whole.between(begin + 1_000_000_000, begin + 1_200_000_000)
+    data = gather([whole, scrap], axis())
+    assert len(data.datasets) == 1
+    assert data.recordings == (whole,)
+    assert data.warnings[0].startswith('segment 2 of 2 is left out: test: lasts 0.199 s;')
+
+
+def test_a_single_short_segment_is_an_error():
+    whole = recording_of(axis_bag())
+    begin = whole.begin + 1_000_000_000
+    scrap = whole.between(begin, begin + 200_000_000)
+    with pytest.raises(IdentError, match='record a motion of several seconds') as caught:
+        gather([scrap], axis())
+    assert caught.value.code is ErrorCode.NO_DATA
+
+
+def test_a_segment_that_starts_in_motion_is_compared_later():
+    whole = recording_of(axis_bag())
+    command = whole.command
+    assert command is not None
+    speed = np.gradient(command.position[:, 0], 1e-3)
+    fast = int(np.argmax(np.abs(speed[:2000])))
+    data = gather([whole.between(int(command.stamp[fast]), whole.end + 1)], axis())
+    assert np.isnan(data.datasets[0].effort[:, :299]).all()
+    assert np.isfinite(data.datasets[0].effort[:, 301:]).any()
+    assert 'segment 1 of 1 starts in motion: its first 0.3 s' in data.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ('value', 'code', 'text'),
+    [
+        (None, ErrorCode.MISSING_STREAM, 'no stream holds an effort'),
+        (np.nan, ErrorCode.BAD_VALUES, 'every effort of the drives is NaN'),
+        (0.0, ErrorCode.BAD_VALUES, 'the effort of emps_axis is 0 in every sample'),
+    ],
+)
+def test_efforts_that_tell_nothing_are_refused(value, code, text):
+    whole = recording_of(axis_bag())
+    assert whole.effort is not None
+    effort = None if value is None else np.full_like(whole.effort.effort, value)
+    broken = None if value is None else replace(whole.effort, effort=effort)
+    with pytest.raises(IdentError) as caught:
+        gather([replace(whole, effort=broken)], axis())
+    assert caught.value.code is code
+    assert text in caught.value.message
+
+
+def test_a_machine_that_stands_still_is_refused():
+    whole = recording_of(axis_bag())
+    assert whole.command is not None
+    still = replace(whole.command, position=np.full_like(whole.command.position, 0.1))
+    with pytest.raises(IdentError, match='no drive moves'):
+        gather([replace(whole, command=still)], axis())
+
+
+def test_only_the_chosen_drives_need_an_effort():
+    whole = recording_of(tripod_bag())
+    assert whole.effort is not None
+    partial = whole.effort.effort.copy()
+    partial[:, 0] = np.nan
+    recording = replace(whole, effort=replace(whole.effort, effort=partial))
+    assert gather([recording], tripod(), ['drive_2', 'drive_3']).datasets
+    with pytest.raises(IdentError, match='no effort of drive_1') as caught:
+        gather([recording], tripod(), ['drive_1'])
+    assert caught.value.code is ErrorCode.MISSING_STREAM
+
+
+def test_cost_and_residuals_agree_over_segments():
+    whole = recording_of(axis_bag())
+    half = whole.between(whole.begin, whole.begin + 2_000_000_000)
+    problem = Problem(axis(), gather([whole, half], axis()))
+    theta = theta_of(tuple(p.name for p in problem.parameters), AXIS_TRUTH)[None]
+    theta = np.concatenate([theta, 1.05 * theta])
+    residual = problem.residuals(theta)
+    assert residual.shape == (2, problem.samples)
+    assert sum(problem.series) == problem.samples
+    costs = [problem.cost_of(row) for row in residual]
+    assert problem.costs(theta) == pytest.approx(costs, rel=1e-12)
+    assert costs[0] < costs[1]
+    left = problem.left(residual[0])[0]
+    assert left.rms == pytest.approx(np.sqrt(np.mean(residual[0] ** 2)))
+
+
+def test_a_name_without_a_drive_means_every_drive():
+    data = gather([recording_of(tripod_bag())], tripod())
+    fixed = {'gear_stiffness': 1e4, 'drive_2.gear_stiffness': 2e4}
+    problem = Problem(tripod(), data, fixed=fixed, bounds={'drive_inertia': (8e-5, 1e-4)})
+    assert problem.fixed == {
+        'drive_1.gear_stiffness': 1e4,
+        'drive_2.gear_stiffness': 2e4,
+        'drive_3.gear_stiffness': 1e4,
+    }
+    boxes = {p.name: (p.low, p.high) for p in problem.parameters}
+    assert boxes['drive_3.drive_inertia'] == (8e-5, 1e-4)
+    assert boxes['tool_mass'] == (1.0, 2.0)
+
+
+def test_gears_of_drives_that_only_follow_can_be_known():
+    data = gather([recording_of(tripod_bag())], tripod(), ['drive_1'])
+    known = {'drive_2.gear_stiffness': 2e4}
+    problem = Problem(tripod(), data, drives=['drive_1'], fixed=known)
+    theta = theta_of(tuple(p.name for p in problem.parameters), TRIPOD_TRUTH)[None]
+    assert problem.costs(theta)[0] == pytest.approx(0.01, rel=0.1)
+
+
+def test_a_packed_search_finds_what_the_plain_one_finds():
+    settings = GeneticSettings(initial_population=300, generations=5, survivors=4, children=6)
+    plain = GeneticSearch(3, settings, 7)
+    packed = PackedSearch(3, settings, 7, lambda x: np.floor(5 * x[:, 1]))
+    for search in (plain, packed):
+        while search.stop_reason is None:
+            points = search.ask()
+            search.tell(((points - 0.4) ** 2).sum(axis=1))
+    assert packed.best_point.tobytes() == plain.best_point.tobytes()
+    assert packed.survivors.tobytes() == plain.survivors.tobytes()
+
+
+def test_data_of_other_drives_do_not_fit_the_machine():
+    with pytest.raises(IdentError, match='the data hold emps_axis and not drive_1') as caught:
+        Problem(tripod(), axis_data())
+    assert caught.value.code is ErrorCode.MISSING_STREAM

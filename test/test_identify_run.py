@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+import math
+import threading
+import time
+
+from identify_cases import (
+    axis,
+    axis_bag,
+    axis_data,
+    AXIS_FILE,
+    AXIS_TRUTH,
+    QUICK,
+    recording_of,
+    SHARED,
+    tripod,
+    tripod_bag,
+    TRIPOD_TRUTH,
+)
+import numpy as np
+import pytest
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.identify import identify, IdentifyProgress, read_problem
+from ros2_ident.models import load_machine
+from ros2_ident.result import Outcome
+from ros2_ident.search import Budget, GeneticSettings
+from ros2_ident.segments import gather
+
+
+def test_axis_is_identified_within_its_intervals():
+    result = identify(axis(), axis_data(), settings=QUICK, seed=1)
+    assert result.outcome is Outcome.IDENTIFIED
+    assert result.message == 'All 4 parameters are identified.'
+    for estimate in result.parameters:
+        truth = AXIS_TRUTH[estimate.name.rpartition('.')[2]]
+        half = 0.5 * (estimate.high - estimate.low)
+        assert abs(estimate.value - truth) < 2.0 * half, estimate.name
+        assert estimate.identifiable
+        assert not estimate.at_bound
+        assert estimate.note == ''
+    assert result.cost.refined <= result.cost.ga
+    assert result.cost.refined == pytest.approx(axis().effort_noise, rel=0.1)
+    assert result.residuals[0].drive == 'emps_axis'
+    assert 0.0 < result.residuals[0].share < 0.05
+    assert result.evaluations >= len(result.history.costs) == 64 + 3 * 32
+    assert result.provenance.machine_sha256 == axis().digest
+    assert result.quality.missing['effort'] < 0.01
+
+
+def test_same_seed_gives_the_same_bits_on_one_and_two_threads():
+    runs = [
+        identify(axis(), axis_data(), settings=replace(QUICK, threads=threads), seed=3)
+        for threads in (1, 2, 2)
+    ]
+    for other in runs[1:]:
+        assert other.theta.tobytes() == runs[0].theta.tobytes()
+        assert other.parameters == runs[0].parameters
+        assert other.cost == runs[0].cost
+        assert other.history.costs.tolist() == runs[0].history.costs.tolist()
+
+
+def test_another_seed_searches_elsewhere():
+    one = identify(axis(), axis_data(), settings=QUICK, seed=1)
+    other = identify(axis(), axis_data(), settings=QUICK, seed=2)
+    assert one.parameters[0].ga_value != other.parameters[0].ga_value
+    assert one.parameters[0].value == pytest.approx(other.parameters[0].value, rel=1e-4)
+
+
+def test_tripod_drive_alone_takes_the_others_from_their_recorded_motion():
+    data = gather([recording_of(tripod_bag())], tripod(), ['drive_2'])
+    settings = replace(QUICK, genetic=GeneticSettings(initial_population=256, generations=6))
+    result = identify(tripod(), data, drives=['drive_2'], settings=settings, seed=1)
+    assert result.drives == ('drive_2',)
+    assert result.cost.refined == pytest.approx(0.01, rel=0.1)
+    assert result.parameter('tool_mass').value == pytest.approx(
+        TRIPOD_TRUTH['tool_mass'], rel=0.02
+    )
+    stiffness = result.parameter('drive_2.gear_stiffness').value
+    assert stiffness == pytest.approx(TRIPOD_TRUTH['gear_stiffness'], rel=0.02)
+
+
+def test_without_a_command_the_recorded_motion_drives_the_axis():
+    data = gather([recording_of(axis_bag(), command=None)], axis())
+    result = identify(axis(), data, settings=QUICK, seed=1)
+    assert result.parameter('emps_axis.moving_mass').value == pytest.approx(95.0, rel=0.02)
+
+
+def test_two_segments_are_one_problem():
+    one = recording_of(axis_bag())
+    result = identify(axis(), [one, one], settings=QUICK, seed=1)
+    single = identify(axis(), [one], settings=QUICK, seed=1)
+    assert result.quality.segments == 2
+    assert result.residuals[0].samples == 2 * single.residuals[0].samples
+    assert result.theta == pytest.approx(single.theta, rel=1e-6)
+    mass = [r.parameter('emps_axis.moving_mass') for r in (result, single)]
+    narrower = (mass[0].high - mass[0].low) / (mass[1].high - mass[1].low)
+    assert narrower == pytest.approx(math.sqrt(0.5), rel=0.05)
+
+
+def test_fixed_parameters_are_left_out_and_kept():
+    result = identify(axis(), axis_data(), fixed={'moving_mass': 95.0}, settings=QUICK)
+    assert 'emps_axis.moving_mass' not in [p.name for p in result.parameters]
+    assert result.fixed == {'emps_axis.moving_mass': 95.0}
+
+
+def test_an_estimate_at_its_bound_is_said():
+    result = identify(
+        axis(), axis_data(), bounds={'viscous_friction': (0.0, 100.0)}, settings=QUICK
+    )
+    estimate = result.parameter('emps_axis.viscous_friction')
+    assert estimate.value == 100.0
+    assert estimate.at_bound
+    assert 'at its upper bound' in estimate.note
+    assert 'emps_axis.viscous_friction lies at a bound' in result.message
+
+
+def test_a_parameter_that_the_data_do_not_determine_is_said():
+    result = identify(
+        axis(), axis_data(), bounds={'moving_mass': (94.9999, 95.0001)}, settings=QUICK
+    )
+    assert result.outcome is Outcome.NOT_IDENTIFIABLE
+    estimate = result.parameter('emps_axis.moving_mass')
+    assert not estimate.identifiable
+    assert 'not identifiable from this data' in estimate.note
+    assert 'does not determine 1 of 4 parameters: emps_axis.moving_mass;' in result.message
+    assert result.outcome.error_code is ErrorCode.NOT_IDENTIFIABLE
+
+
+def test_where_everything_diverges_there_is_no_estimate():
+    machine = replace(
+        axis(), controller={**axis().controller, 'velocity_gain': 1e300, 'torque_limit': math.inf}
+    )
+    result = identify(machine, axis_data(), settings=QUICK)
+    assert result.outcome is Outcome.DIVERGED
+    assert np.isnan(result.theta).all()
+    assert result.residuals == ()
+    assert 'narrow the bounds' in result.message
+
+
+def test_cancel_keeps_the_best_so_far_and_is_quick():
+    cancel = threading.Event()
+    asked = []
+
+    def watch(progress: IdentifyProgress) -> None:
+        if progress.evaluations >= 100 and not cancel.is_set():
+            asked.append(time.monotonic())
+            cancel.set()
+
+    settings = replace(QUICK, genetic=GeneticSettings(initial_population=100_000))
+    result = identify(
+        axis(), axis_data(), settings=settings, cancel=cancel, on_progress=watch, seed=5
+    )
+    assert time.monotonic() - asked[0] < 0.5
+    assert result.outcome is Outcome.CANCELLED
+    assert result.outcome.error_code is ErrorCode.CANCELLED
+    assert np.isfinite(result.theta).all()
+    assert math.isfinite(result.cost.ga)
+    assert math.isnan(result.cost.refined)
+    assert result.parameters[0].note == 'interval not computed: the run was cut short'
+
+
+def test_cancel_before_the_start_gives_no_estimate():
+    cancel = threading.Event()
+    cancel.set()
+    result = identify(axis(), axis_data(), settings=QUICK, cancel=cancel)
+    assert result.outcome is Outcome.CANCELLED
+    assert np.isnan(result.theta).all()
+
+
+@pytest.mark.parametrize('evaluations', [50, 150, 400])
+def test_the_budget_of_evaluations_holds_for_both_phases(evaluations):
+    settings = replace(QUICK, budget=Budget(evaluations=evaluations))
+    result = identify(axis(), axis_data(), settings=settings)
+    assert result.evaluations <= evaluations
+    enough = evaluations >= 400
+    assert result.outcome is (Outcome.IDENTIFIED if enough else Outcome.BUDGET_SPENT)
+
+
+def test_the_budget_of_seconds_is_kept():
+    settings = replace(
+        QUICK, genetic=GeneticSettings(initial_population=100_000), budget=Budget(seconds=1.0)
+    )
+    identify(axis(), axis_data(), settings=QUICK)  # compiled beforehand
+    start = time.monotonic()
+    result = identify(axis(), axis_data(), settings=settings)
+    assert time.monotonic() - start < 2.0
+    assert result.outcome is Outcome.BUDGET_SPENT
+
+
+def test_without_refinement_there_are_intervals_all_the_same():
+    result = identify(axis(), axis_data(), settings=replace(QUICK, refine=False))
+    assert math.isnan(result.cost.refined)
+    assert result.best_cost == result.cost.ga
+    assert [p.value for p in result.parameters] == [p.ga_value for p in result.parameters]
+    assert np.isfinite([p.low for p in result.parameters]).all()
+
+
+def test_progress_tells_both_phases():
+    seen: list[IdentifyProgress] = []
+    settings = replace(QUICK, genetic=GeneticSettings(initial_population=512, generations=3))
+    identify(axis(), axis_data(), settings=settings, on_progress=seen.append)
+    assert seen[0].phase == 'search'
+    assert all(p.evaluations <= p.budget for p in seen)
+    assert all(len(p.names) == len(p.best_theta) for p in seen)
+    assert [p.best_cost for p in seen] == sorted((p.best_cost for p in seen), reverse=True)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'code', 'text'),
+    [
+        (
+            {'drives': []},
+            ErrorCode.INVALID_GOAL,
+            'no drive is chosen; name at least one of emps_axis',
+        ),
+        ({'drives': ['x']}, ErrorCode.INVALID_GOAL, "drive 'x' is not in the machine file"),
+        ({'drives': ['emps_axis'] * 2}, ErrorCode.INVALID_GOAL, 'name each only once'),
+        ({'fixed': {'mass': 1.0}}, ErrorCode.UNKNOWN_PARAMETER, "'mass' cannot be fixed: no such"),
+        ({'fixed': {'moving_mass': math.nan}}, ErrorCode.INVALID_GOAL, 'give a finite number'),
+        ({'fixed': AXIS_TRUTH}, ErrorCode.INVALID_GOAL, 'every parameter is fixed'),
+        ({'bounds': {'q': (0, 1)}}, ErrorCode.UNKNOWN_PARAMETER, "'q' cannot be bounded"),
+        (
+            {'bounds': {'moving_mass': (2.0, 1.0)}},
+            ErrorCode.INVALID_GOAL,
+            'has the bounds 2 to 1;',
+        ),
+        (
+            {'bounds': {'moving_mass': (1.0, 2.0)}, 'fixed': {'moving_mass': 1.0}},
+            ErrorCode.INVALID_GOAL,
+            'is both fixed and bounded',
+        ),
+        ({'seed': -1}, ErrorCode.INVALID_GOAL, 'seed is -1; give a whole number'),
+    ],
+)
+def test_wrong_use_is_refused_before_anything_is_simulated(arguments, code, text):
+    with pytest.raises(IdentError) as caught:
+        identify(axis(), axis_data(), settings=QUICK, **arguments)
+    assert caught.value.code is code
+    assert text in caught.value.message
+
+
+def test_a_belt_drive_is_no_machine_for_a_recording():
+    machine = replace(axis(), kind='belt_drive')
+    with pytest.raises(IdentError, match='a belt_drive has no drive model'):
+        identify(machine, axis_data(), settings=QUICK)
+
+
+def test_nothing_to_identify_from():
+    with pytest.raises(IdentError, match='there is no recording to identify from'):
+        identify(axis(), [], settings=QUICK)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (SHARED / 'data' / 'emps_train').exists(), reason='no ../shared/data here')
+def test_emps_comes_out_as_published():
+    machine = load_machine(AXIS_FILE)
+    result = identify(machine, read_problem(SHARED / 'data' / 'emps_train', machine), seed=1)
+    assert result.outcome is Outcome.IDENTIFIED
+    published = {
+        'moving_mass': (95.1089, 0.01),
+        'viscous_friction': (203.5034, 0.04),
+        'coulomb_friction': (20.3935, 0.04),
+        'constant_force': (-3.1648, 0.05),
+    }
+    for name, (value, tolerance) in published.items():
+        assert result.parameter(f'emps_axis.{name}').value == pytest.approx(value, rel=tolerance)
+    assert result.residuals[0].share < 0.045
