@@ -144,6 +144,23 @@ class Attribution:
         found = local_fit(evaluate, theta, low, high, iterations=iterations, stopped=self.stopped)
         return self._explanation(tuple(effects), found)
 
+    def _better(self, base: Explanation, start: Start) -> Array:
+        """Return a screened start, or the base with a trace of the effect where that leaves less."""
+        models = self.case.models((*base.effects, start.candidate), self.case.fit)
+        low, high = self._box(models)
+        neutral = start.phi.copy()
+        for i, p in enumerate(get_effect(start.candidate.effect).parameters):
+            if p.role == 'size':
+                centre = p.neutral * models[0].effort_share(p.unit)
+                neutral[i] = centre + 0.02 * (start.phi[i] - centre)
+        points = np.array(
+            [np.concatenate([start.theta, start.phi]), np.concatenate([base.theta, neutral])]
+        )
+        points = np.clip(points, low, high)
+        losses = np.mean(self._evaluate(models, self.case.fit, self.weight)(points) ** 2, axis=1)
+        best: Array = points[int(np.nanargmin(losses))]
+        return best
+
     def _explanation(self, effects: tuple[EffectAt, ...], found: LocalFit) -> Explanation:
         models = self.case.models(effects, self.case.check)
         check = self._evaluate(models, self.case.check, self.check_weight)(found.theta)[0]
@@ -204,8 +221,7 @@ class Attribution:
                 nonlocal finished
                 if self.stopped():
                     return None
-                theta = np.concatenate([start.theta, start.phi])
-                found = self.refit((*base.effects, start.candidate), theta)
+                found = self.refit((*base.effects, start.candidate), self._better(base, start))
                 finished += 1
                 self.on_step(
                     0.4 + 0.6 * finished / len(chosen),

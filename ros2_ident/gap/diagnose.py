@@ -17,6 +17,7 @@ from ros2_ident.gap.case import Case
 from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Value
 from ros2_ident.gap.explain import Explained, Explainer, Rules
 from ros2_ident.gap.floor import Floor, noise_floor
+from ros2_ident.gap.gates import run_gates
 from ros2_ident.gap.verdict import NONE, UNKNOWN, Verdict, advice, judge
 from ros2_ident.models import EffectAt, Machine
 from ros2_ident.recording import Dataset
@@ -116,9 +117,6 @@ def diagnose(
     Raises:
         IdentError: NO_DATA, MISSING_STREAM, DIVERGED or UNKNOWN_PARAMETER with the remedy.
     """
-    from ros2_ident.gap.gates import integrity
-    from ros2_ident.gap.localise import localise
-
     if not fit:
         raise IdentError(ErrorCode.NO_DATA, 'there is no recording to fit on; give a bag with drive data')
     for name in without:
@@ -137,7 +135,8 @@ def diagnose(
     floor = _floor(attribution, base)
     attribution = Attribution(case, floor.per_drive, stopped=run.stopped, on_step=run.step)
     base = attribution.refit((), base.theta)
-    gates = integrity(machine, case, base.theta, floor)
+    report = run_gates(case.models((), case.fit)[0], base.theta, floor)
+    gates = [(g.gate, g.level, g.sentence) for g in report.gates]
     explainer = Explainer(attribution, rules or Rules())
 
     def note(e: Explanation) -> None:

@@ -131,6 +131,7 @@ def screen(
     values = evaluate(np.hstack([np.repeat(theta[None], len(points), axis=0), points]))
     changes = (residual[None] - values).T
     free = residual - basis @ (basis.T @ residual)
+    nonlinear = any(p.role == 'size' and p.starts for p in effect.parameters)
     samples = len(residual) / (1 if candidate.where == 'all' else len(models[0].drives))
     starts = []
     at = 0
@@ -144,6 +145,9 @@ def screen(
         if not (rest**2).sum() > 1e-9:
             continue
         factor = np.linalg.lstsq(rest, free, rcond=1e-9)[0]
+        if len(group) == 1 and nonlinear:
+            # A trial far from neutral stands for itself; the straight line through it is no guide far away.
+            factor = np.clip(factor, 0.02, 3.0)
         phi = vectors[0].copy()
         phi[size] = neutral[size]
         phi = phi + factor @ np.where(size, vectors - neutral, 0.0)

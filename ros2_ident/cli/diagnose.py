@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ident diagnose`: where the gap between simulation and log lies, what causes it, how far it closes."""
+
+import argparse
+import json
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from ros2_ident.cli.arguments import (
+    add_bag,
+    add_drives,
+    add_machine,
+    add_topics,
+    assignment,
+    names,
+    not_negative,
+    once,
+    topics_of,
+    whole,
+)
+
+if TYPE_CHECKING:
+    from ros2_ident.gap.diagnose import DiagnoseProgress
+    from ros2_ident.gap.diagnosis import Diagnosis
+
+DESCRIPTION = (
+    'Say where the gap between simulation and log lies, which unmodelled effect causes it, and how far it shrinks on '
+    'data not used for fitting. Ctrl-C keeps the best so far.'
+)
+EXAMPLES = (
+    '  ident diagnose fit_bag --check check_bag --machine config/tripod.yaml --out diagnosis\n'
+    '  ident diagnose one_bag --machine config/emps.yaml --without asymmetric_friction,backlash\n'
+    '\n'
+    'writes to DIR: diagnosis.json\n'
+    '\n'
+    'exit codes: 0 the diagnosis is complete; 1 it was cut short; 2 wrong use or bad input\n'
+)
+LINE_EVERY = 5.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    add_bag(parser)
+    parser.add_argument('--check', metavar='BAG', help='recording to judge on; else blocks of the first')
+    add_machine(parser)
+    parser.add_argument('--out', metavar='DIR', help='directory for diagnosis.json')
+    parser.add_argument(
+        '--without', type=names, default=(), metavar='EFFECT,..', help='effects to leave out of the catalogue'
+    )
+    add_drives(parser)
+    parser.add_argument(
+        '--fix', action='append', default=[], type=assignment, metavar='NAME=VALUE', help='hold a parameter'
+    )
+    parser.add_argument('--seed', type=whole, default=1, help='same seed and data, same diagnosis')
+    parser.add_argument('--seconds', type=not_negative, default=0.0, metavar='N', help='stop after this time')
+    parser.add_argument('--quiet', action='store_true', help='show no progress')
+    add_topics(parser)
+
+
+class _Lines:
+    """Progress as plain lines, one every few seconds; on a terminal they overwrite each other."""
+
+    def __init__(self, quiet: bool) -> None:
+        self.quiet = quiet
+        self.last = 0.0
+        self.terminal = sys.stderr.isatty()
+
+    def __call__(self, progress: 'DiagnoseProgress') -> None:
+        now = time.monotonic()
+        if self.quiet or now - self.last < (0.2 if self.terminal else LINE_EVERY):
+            return
+        self.last = now
+        text = f'{100 * progress.fraction:3.0f} %  {progress.elapsed:4.0f} s  {progress.stage}'
+        if progress.best_so_far:
+            text += f'; so far: {progress.best_so_far}'
+        print(f'\r{text:<110.110}' if self.terminal else text, end='' if self.terminal else '\n', file=sys.stderr)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Diagnose, write the result, print it."""
+    from ros2_ident.cli.interrupt import interrupts
+    from ros2_ident.gap.diagnose import diagnose
+    from ros2_ident.gap.diagnosis import to_mapping
+    from ros2_ident.identify import read_problem
+    from ros2_ident.models import load_machine
+    from ros2_ident.report.files import make_directory
+
+    machine = load_machine(args.machine)
+    topics = topics_of(args)
+    fit = read_problem(args.bag, machine, args.drives, topics=topics)
+    check = read_problem(args.check, machine, args.drives, topics=topics) if args.check else None
+    out = make_directory(args.out) if args.out else None
+    with interrupts() as cancel:
+        found = diagnose(
+            machine,
+            fit.datasets,
+            check.datasets if check else (),
+            drives=args.drives,
+            without=args.without,
+            fixed=once(args.fix, '--fix'),
+            seed=args.seed,
+            seconds=args.seconds,
+            cancelled=cancel.is_set,
+            on_progress=_Lines(args.quiet),
+        )
+    if sys.stderr.isatty() and not args.quiet:
+        print(file=sys.stderr)
+    print_diagnosis(found)
+    if out is not None:
+        path = out / 'diagnosis.json'
+        path.write_text(json.dumps(to_mapping(found), indent=1) + '\n', encoding='utf-8')
+        print(f'written: {path}')
+    return 0 if found.complete else 1
+
+
+def print_diagnosis(d: 'Diagnosis') -> None:
+    """Print a diagnosis on standard output, the answer first."""
+    print(f'verdict: {d.sentence} (probability {d.probability:.2f})')
+    for ranked in d.confusable[1:]:
+        print(f'  not to be told from: {ranked.at.effect} on {ranked.at.where} ({ranked.probability:.2f})')
+    for _, level, text in d.gates:
+        if level != 'ok':
+            print(f'{level}: {text}')
+    for finding in d.localisation[:5]:
+        print(f'where: {finding.sentence}')
+    print(f'gap on held-out data ({d.held_out}), RMS in {d.unit}:')
+    for step in d.steps:
+        print(f'  {step.gap.value:9.4g}  [{step.gap.low:.4g}, {step.gap.high:.4g}]  {step.label}')
+    print(f'  {float((d.floor.per_drive**2).mean() ** 0.5):9.4g}  noise floor ({d.floor.method})')
+    if len(d.steps) > 1:
+        s = d.share_closed
+        print(f'share of the explainable gap closed: {s.value:.3f} [{s.low:.3f}, {s.high:.3f}]')
+    nominal = set(d.moved)
+    for name, v in d.parameters.items():
+        moved = f'  moved {100 * d.moved[name]:+.1f} %' if name in nominal and abs(d.moved[name]) >= 0.01 else ''
+        print(f'  {name:45s} {v.value:12.5g} [{v.low:.5g}, {v.high:.5g}] {v.unit}{moved}')
+    for text in d.advice:
+        print(f'advice: {text}')
+    print(f'{d.seconds:.0f} s, seed {d.seed}')
