@@ -128,25 +128,26 @@ def page(draws: Draws, motion: str, seconds: float) -> str:
     lines = [
         '# Coverage of the 95 % intervals',
         '',
-        f'One log of the reference tripod ({motion}, {seconds:g} s, all three drives), {count} draws of its noise',
-        '(0.01 N m, steps of 0.002 N m, jitter 10 us, one sample in a thousand lost). Made by',
+        f'One log of the reference tripod ({motion}, {seconds:g} s, all three drives), {count} draws of',
+        'its noise (0.01 N m, steps of 0.002 N m, jitter 10 us, one sample in a thousand lost). Made by',
         '`python benchmarks/coverage.py --write docs/coverage.md`.',
         '',
-        f'All intervals together cover the truth in {100.0 * share:.1f} % of {draws.covered.size} cases; '
-        f'residual {draws.rms.mean():.5f} N m RMS.',
+        f'All intervals together cover the truth in {100.0 * share:.1f} % of {draws.covered.size} '
+        f'cases; residual {draws.rms.mean():.5f} N m RMS.',
         '',
         '| parameter | truth | unit | covered | mean error | largest error | scatter / stated |',
         '| --- | --- | --- | --- | --- | --- | --- |',
     ]
     for n, name in enumerate(draws.names):
         lines.append(
-            f'| {name} | {draws.truth[n]:g} | {draws.units[n]} | {int(draws.covered[:, n].sum())} of {count} '
-            f'| {error[:, n].mean():+.3f} % | {np.abs(error[:, n]).max():.3f} % | {scatter[n] / stated[n]:.2f} |'
+            f'| {name} | {draws.truth[n]:g} | {draws.units[n]} '
+            f'| {int(draws.covered[:, n].sum())} of {count} | {error[:, n].mean():+.3f} % '
+            f'| {np.abs(error[:, n]).max():.3f} % | {scatter[n] / stated[n]:.2f} |'
         )
     lines += [
         '',
-        '"Scatter / stated" compares the standard deviation of the estimates over the draws with the one that the',
-        'intervals state. A fair 95 % interval covers 36 to 40 of 40 in 95 % of the cases.',
+        '"Scatter / stated" compares the standard deviation of the estimates over the draws with the',
+        'one that the intervals state. A fair 95 % interval covers 36 to 40 of 40 in 95 % of the cases.',
     ]
     return '\n'.join(lines) + '\n'
 

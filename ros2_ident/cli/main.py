@@ -19,7 +19,10 @@ from ros2_ident.errors import IdentError
 COMMANDS: dict[str, tuple[str, str]] = {
     'check': ('ros2_ident.cli.check', 'say what is in a bag and whether it can be used'),
     'identify': ('ros2_ident.cli.identify', "identify a machine's parameters from a bag"),
-    'diagnose': ('ros2_ident.cli.diagnose', 'say where the gap lies, what causes it, how far it closes'),
+    'diagnose': (
+        'ros2_ident.cli.diagnose',
+        'say where the gap lies, what causes it, how far it closes',
+    ),
     'simulate': ('ros2_ident.cli.simulate', 'make a bag of a machine with known parameters'),
     'paper': ('ros2_ident.cli.paper', "rerun the paper's experiments and write the page on them"),
 }

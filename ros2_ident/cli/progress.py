@@ -142,3 +142,55 @@ def make_meter(*, quiet: bool = False, stream: TextIO | None = None) -> Meter:
     if quiet:
         return Silence()
     return Bar(stream) if stream.isatty() else Lines(stream)
+
+
+class FractionMeter:
+    """Progress of anything that knows which part of it is done.
+
+    Args:
+        quiet: Show nothing.
+        stream: Where to; standard error by default.
+    """
+
+    def __init__(self, *, quiet: bool = False, stream: TextIO | None = None) -> None:
+        self._stream = stream or sys.stderr
+        self._quiet = quiet
+        self._bar: Any = None
+        self._last = -math.inf
+        self._start = time.monotonic()
+        if not quiet and self._stream.isatty():
+            from rich.console import Console
+            from rich.progress import Progress
+
+            self._bar = Progress(console=Console(file=self._stream), transient=True)
+            self._task: Any = self._bar.add_task('starting', total=1.0)
+
+    def __enter__(self) -> Self:
+        """Show it."""
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Take it away."""
+        if self._bar is not None:
+            self._bar.stop()
+
+    def __call__(self, fraction: float, text: str) -> None:
+        """Show the part that is done, 0 to 1, and what is being done."""
+        if self._quiet:
+            return
+        if self._bar is not None:
+            self._bar.update(self._task, completed=fraction, description=text)
+            return
+        now = time.monotonic()
+        if now - self._last < LINE_EVERY:
+            return
+        self._last = now
+        gone = now - self._start
+        left = gone * (1.0 - fraction) / fraction if fraction > 0.0 else math.nan
+        print(
+            f'{100.0 * fraction:.0f} %, {text}, {duration(gone)} gone, {duration(left)} to go',
+            file=self._stream,
+            flush=True,
+        )
