@@ -71,7 +71,7 @@ def energy(log, plant, hold):
     return total
 
 
-RODS = Effect('rod_mass', ('all',), {'mass': 0.1}, 'same')
+RODS = Effect('rod_mass', ('all',), {'mass': 0.1}, 'other')
 FRAME = Effect(
     'frame_resonance', ('all',), {'mass': 25.0, 'frequency': 14.0, 'damping': 0.0}, 'same'
 )

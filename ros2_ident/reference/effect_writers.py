@@ -221,7 +221,9 @@ def stiffness(plant: Plant, i: int, values: Values, other: bool, seed: int) -> N
 
 def quantisation(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
     """Write quantisation."""
-    set_columns(plant, i, {at.ENCODER_STEP: values['step'], at.ENCODER_VELOCITY: 2e-3 * other})
+    set_columns(
+        plant, i, {at.ENCODER_STEP: values['step'], at.ENCODER_VELOCITY: 2e-3 if other else 1e-9}
+    )
 
 
 def frame(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
@@ -246,11 +248,11 @@ def payload(plant: Plant, i: int, values: Values, other: bool, seed: int) -> Non
 
 def rods(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
     """Write rods."""
-    # Other: half the mass in a uniform tube, a quarter in the joint at each end.
+    # Lumped at both ends, as calculations by hand do; or uniform, which is exact.
     plant.shared[at.ROD_MASS] = values['mass']
-    plant.shared[at.ROD_AT_CARRIAGE] = 0.5 / 3.0 + 0.25 if other else 1.0 / 3.0
-    plant.shared[at.ROD_BETWEEN] = 0.5 / 6.0 if other else 1.0 / 6.0
-    plant.shared[at.ROD_AT_PLATFORM] = 0.5 / 3.0 + 0.25 if other else 1.0 / 3.0
+    plant.shared[at.ROD_AT_CARRIAGE] = 1.0 / 3.0 if other else 0.5
+    plant.shared[at.ROD_BETWEEN] = 1.0 / 6.0 if other else 0.0
+    plant.shared[at.ROD_AT_PLATFORM] = 1.0 / 3.0 if other else 0.5
     plant.shared[at.ROD_CENTRE] = 0.5
 
 

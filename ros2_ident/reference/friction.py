@@ -112,10 +112,11 @@ def friction_torque(
             away = 0.05 * math.tanh(away / 0.05)
         friction += coulomb * d[at.PLACE_SLOPE] * away * sign
     if d[at.ASYMMETRY] != 0.0:
-        even = sign
         if d[at.ASYMMETRY_WIDTH] > 0.0:
-            even = smooth_sign(speed, d[at.ASYMMETRY_WIDTH], 1.0)
-        friction *= 1.0 + d[at.ASYMMETRY] * even
+            friction *= 1.0 + d[at.ASYMMETRY] * smooth_sign(speed, d[at.ASYMMETRY_WIDTH], 1.0)
+        else:
+            level = coulomb + d[at.VISCOUS] * abs(speed)
+            friction += d[at.ASYMMETRY] * level * abs(sign)
     if d[at.DRIFT_RATE] != 0.0:
         friction *= max(0.0, 1.0 + d[at.DRIFT_RATE] * time)
     if d[at.DRIFT_SHARE] != 0.0:

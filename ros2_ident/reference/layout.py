@@ -34,7 +34,7 @@ zero are never read.
     MAGNETIC_WIDTH,  # N m
     # Friction effects.
     ASYMMETRY,  # 1
-    ASYMMETRY_WIDTH,  # m/s, 0: as sharp as the sign
+    ASYMMETRY_WIDTH,  # m/s, 0: the catalogue's form
     STRIBECK_TORQUE,  # N m
     STRIBECK_SPEED,  # m/s
     STRIBECK_FORM,  # 0 Gaussian, 1 Lorentzian
