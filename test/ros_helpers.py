@@ -20,6 +20,9 @@ BAG = ROOT / 'bags/tripod_pick_and_place'
 _DOMAINS = itertools.count(os.getpid() % 50 + 120)
 
 
+_NUMBERS = itertools.count(1)
+
+
 def new_domain() -> int:
     """Return a domain nobody else in this test run uses."""
     return 102 + next(_DOMAINS) % 100  # up to 232 is safe with the default ports
@@ -101,7 +104,7 @@ class Listener(Station):
         self.diagnostics: list[Any] = []
 
         def make(context: Any) -> Any:
-            node = Node('listener', context=context)
+            node = Node(f'listener{next(_NUMBERS)}', context=context)
             for kind, topic, kept, qos in (
                 (Progress, f'{name}/progress', self.progress, 100),
                 (IdentificationResult, f'{name}/result', self.results, LATCHED),
@@ -170,12 +173,12 @@ def program(
 
 
 def identifier(
-    domain: int, output: Path, *more: str, machine: Path = MACHINE
+    domain: int, output: Path, *more: str, remaps: tuple[str, ...] = ()
 ) -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
     """Run the identifier with a small search."""
     arguments = ['--ros-args']
     for pair in (
-        f'machine_file:={machine}',
+        f'machine_file:={MACHINE}',
         f'output_directory:={output}',
         'end_of_stream:=1.0',
         'initial_population:=32',
@@ -183,7 +186,9 @@ def identifier(
         'drives:=[drive_1]',
         *more,
     ):
-        arguments += ['-p', pair] if ':=' in pair and not pair.startswith('-') else [pair]
+        arguments += ['-p', pair]
+    for pair in remaps:
+        arguments += ['-r', pair]
     return program('identifier', *arguments, domain=domain)
 
 

@@ -6,6 +6,7 @@ import time
 import traceback
 from typing import Any
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
@@ -95,7 +96,10 @@ class Identifier(Node):
             result_timeout=now['result_timeout'],
         )
         self.create_service(Trigger, '~/clear_data', self._clear_data)
-        self.create_service(Trigger, '~/save_result', self._save_result)
+        # it awaits what other callbacks bring, and would shut them out in the node's own group
+        self.create_service(
+            Trigger, '~/save_result', self._save_result, callback_group=ReentrantCallbackGroup()
+        )
         # /clock stops with the bag, and every timer on it: these go by the steady clock
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self.create_timer(TICK, self._tick, clock=steady)

@@ -1,0 +1,323 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The identifier in a process of its own, over DDS."""
+
+import json
+from pathlib import Path
+import signal
+import subprocess
+import time
+
+import pytest
+from ros_helpers import BAG, ended, identifier, Listener, MACHINE, new_domain, program
+
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(120)]
+
+
+def bag_goal(**changes):
+    from ros2_ident_msgs.action import Identify
+
+    goal = Identify.Goal(data_source=Identify.Goal.DATA_SOURCE_BAG, bag_path=str(BAG))
+    for name, value in changes.items():
+        setattr(goal, name, value)
+    return goal
+
+
+@pytest.fixture
+def domain() -> int:
+    return new_domain()
+
+
+@pytest.fixture
+def listener(domain):
+    made = Listener(domain)
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope='module')
+def shared(tmp_path_factory):
+    """A node and its listener for the tests that leave it as they found it."""
+    domain = new_domain()
+    output = tmp_path_factory.mktemp('results')
+    with identifier(domain, output, 'progress_rate:=50.0') as process:
+        made = Listener(domain)
+        made.output = output
+        yield made
+        made.close()
+        process.send_signal(signal.SIGTERM)
+        code, text = ended(process)
+        assert code == 0 and 'Traceback' not in text, text
+
+
+def test_a_replayed_bag_is_identified_and_a_late_subscriber_gets_the_result(
+    domain: int, tmp_path: Path
+) -> None:
+    from ros2_ident_msgs.msg import IdentificationResult, Status
+
+    with identifier(domain, tmp_path) as node:
+        early = Listener(domain)
+        try:
+            with program(
+                'replay', str(BAG), '--rate', '2', '--wait-for-subscribers', '30', domain=domain
+            ) as replay:
+                code, text = ended(replay)
+                assert code == 0, text
+            early.until(lambda: early.results, 'the result', 60.0)
+            early.until(lambda: len(early.residual) > 6900, 'the residual', 30.0)
+            assert early.progress and len(early.progress[-1].best_theta) == 7
+            assert early.progress[-1].parameter_units[0] == 's'
+            assert {x.state for x in early.statuses} >= {
+                Status.STATE_RECORDING, Status.STATE_IDENTIFYING, Status.STATE_DONE,
+            }
+            names = {x.name for x in early.diagnostics[-1].status}
+            assert names == {
+                f'identifier: {x}' for x in ('data', 'excitation', 'search', 'fit')
+            }
+        finally:
+            early.close()
+        late = Listener(domain)
+        try:
+            late.until(lambda: late.results, 'the latched result')
+            late.until(lambda: late.state() == Status.STATE_DONE, 'the latched status')
+            result = late.results[0]
+        finally:
+            late.close()
+        node.send_signal(signal.SIGINT)
+        assert ended(node)[0] == 0
+    assert result.error_code == 0 and result.outcome == IdentificationResult.OUTCOME_CONVERGED
+    assert list(result.drives) == ['drive_1']
+    by_name = {p.name: p for p in result.parameters}
+    mass = by_name['tool_mass']
+    assert mass.low < 1.762 < mass.high and mass.unit == 'kg'
+    assert result.cost_refined < 0.011
+    assert list(early.simulated[0].name) == ['drive_1']
+    stamps = [x.header.stamp.sec * 10**9 + x.header.stamp.nanosec for x in early.residual]
+    assert stamps == sorted(stamps)
+    folder = Path(result.result_file).parent
+    assert folder.parent == tmp_path
+    assert json.loads(Path(result.result_file).read_text(encoding='utf-8'))['parameters']
+    assert (folder / 'overlay/metadata.yaml').exists()
+
+
+def test_a_goal_gives_feedback_and_a_result(shared) -> None:
+    from action_msgs.msg import GoalStatus
+
+    feedback = []
+    handle = shared.send(bag_goal(seed=3, refine=False), feedback.append)
+    assert handle.accepted
+    answer = shared.wait_future(handle.get_result_async(), 'the result', 60.0)
+    result = answer.result.identification
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED
+    assert result.error_code == 0 and result.seed == 3
+    assert result.bag_path == str(BAG) and len(result.bag_sha256) == 64
+    assert feedback and feedback[-1].feedback.progress.evaluations > 0
+    assert len(result.parameters) ** 2 == len(result.correlation)
+
+
+def test_cancel_is_answered_at_once_and_keeps_the_best(shared) -> None:
+    from action_msgs.msg import GoalStatus
+    from ros2_ident_msgs.msg import IdentificationResult, Status
+
+    feedback = []
+    handle = shared.send(
+        bag_goal(initial_population=4000, drives=['drive_1', 'drive_2', 'drive_3']),
+        feedback.append,
+    )
+    shared.until(lambda: len(feedback) > 2, 'feedback', 60.0)
+    cancelled = time.monotonic()
+    answer = shared.wait_future(handle.cancel_goal_async(), 'an answer to the cancel')
+    assert time.monotonic() - cancelled < 0.5
+    assert len(answer.goals_canceling) == 1
+    result = shared.wait_future(handle.get_result_async(), 'the result', 10.0)
+    assert time.monotonic() - cancelled < 2.0
+    assert result.status == GoalStatus.STATUS_CANCELED
+    found = result.result.identification
+    assert found.outcome == IdentificationResult.OUTCOME_CANCELLED
+    assert found.cost_genetic < 1.0 and len(found.parameters) == 17
+    shared.until(lambda: shared.state() == Status.STATE_CANCELLED, 'the status')
+
+
+def test_a_second_goal_is_refused_with_a_reason(shared) -> None:
+    from ros2_ident.errors import ErrorCode
+
+    feedback = []
+    first = shared.send(bag_goal(initial_population=4000), feedback.append)
+    shared.until(lambda: feedback, 'feedback', 60.0)
+    assert not shared.send(bag_goal()).accepted
+    shared.until(
+        lambda: shared.statuses[-1].error_code == ErrorCode.BUSY
+        or any(x.error_code == ErrorCode.BUSY for x in shared.statuses[-5:]),
+        'the reason',
+    )
+    assert any('a goal was refused' in x.error_message for x in shared.statuses)
+    shared.wait_future(first.cancel_goal_async(), 'an answer')
+    shared.wait_future(first.get_result_async(), 'the result', 10.0)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'code', 'said'),
+    [
+        ({'data_source': 0, 'bag_path': ''}, 'NO_DATA', '/joint_states has 0 publishers'),
+        ({'bag_path': ''}, 'INVALID_GOAL', 'bag_path is empty'),
+        ({'bag_path': '/nowhere'}, 'NO_DATA', 'does not exist'),
+        ({'data_source': 0}, 'INVALID_GOAL', 'data_source is 0'),
+        ({'data_source': 7}, 'INVALID_GOAL', 'data_source is 7'),
+        ({'model': 'belt_drive'}, 'INVALID_GOAL', 'describes a tripod'),
+        ({'machine_file': '/nowhere.yaml'}, 'BAD_MACHINE_FILE', 'cannot be read'),
+        ({'drives': ['drive_9']}, 'INVALID_GOAL', 'drive_9'),
+        ({'override_names': ['tool_mass']}, 'INVALID_GOAL', 'no value is given'),
+        (
+            {'override_names': ['tool_mass'], 'override_fixed': [1.0, 2.0]},
+            'INVALID_GOAL', 'override_fixed has 2 values',
+        ),
+        (
+            {'override_names': ['mass'], 'override_fixed': [1.0]},
+            'UNKNOWN_PARAMETER', 'choose from measurement_delay',
+        ),
+        ({'range_reduction': 3.0}, 'INVALID_GOAL', 'range_reduction is 3.0'),
+    ],
+)
+def test_an_unusable_goal_is_answered_with_code_and_sentence(
+    shared, changes: dict, code: str, said: str
+) -> None:
+    from action_msgs.msg import GoalStatus
+
+    from ros2_ident.errors import ErrorCode
+
+    before = len(shared.results)
+    handle = shared.send(bag_goal(**changes))
+    answer = shared.wait_future(handle.get_result_async(), 'the result')
+    assert answer.status == GoalStatus.STATUS_ABORTED
+    found = answer.result.identification
+    assert found.error_code == ErrorCode[code]
+    assert said in found.error_message
+    assert len(shared.results) == before, 'a goal that never ran leaves the last result alone'
+
+
+def test_overrides_reach_the_search(shared) -> None:
+    handle = shared.send(
+        bag_goal(
+            refine=False,
+            override_names=['tool_mass', 'gear_damping_ratio'],
+            override_lower=[1.7, float('nan')],
+            override_upper=[float('nan'), float('nan')],
+            override_fixed=[float('nan'), 0.4],
+        )
+    )
+    answer = shared.wait_future(handle.get_result_async(), 'the result', 60.0)
+    found = {p.name: p for p in answer.result.identification.parameters}
+    assert found['tool_mass'].lower_bound == 1.7 and found['tool_mass'].upper_bound == 2.0
+    assert 'drive_1.gear_damping_ratio' not in found
+
+
+def test_services(shared) -> None:
+    from std_srvs.srv import Trigger
+
+    answer = shared.call(Trigger, '/identifier/save_result', Trigger.Request())
+    assert answer.success and Path(answer.message).exists()
+    assert Path(answer.message).parent.parent == shared.output
+    answer = shared.call(Trigger, '/identifier/clear_data', Trigger.Request())
+    assert answer.success and answer.message == '0 messages are forgotten'
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_run_and_keeps_its_result(
+    domain: int, listener: Listener, tmp_path: Path, number: int
+) -> None:
+    from ros2_ident_msgs.msg import IdentificationResult
+
+    with identifier(domain, tmp_path, 'initial_population:=4000') as node:
+        feedback = []
+        listener.send(bag_goal(), feedback.append)
+        listener.until(lambda: len(feedback) > 1, 'feedback', 60.0)
+        sent = time.monotonic()
+        node.send_signal(number)
+        code, text = ended(node, 10.0)
+        took = time.monotonic() - sent
+    assert code == 0 and 'Traceback' not in text, text
+    assert took < 3.0
+    listener.until(lambda: listener.results, 'the last result')
+    assert listener.results[0].outcome == IdentificationResult.OUTCOME_CANCELLED
+    files = list(tmp_path.glob('*/result.json'))
+    assert len(files) == 1 and 'cancelled' in files[0].read_text(encoding='utf-8')
+
+
+def test_a_signal_ends_an_idle_node(domain: int, listener: Listener, tmp_path: Path) -> None:
+    with identifier(domain, tmp_path) as node:
+        listener.until(lambda: listener.statuses, 'the node')
+        node.send_signal(signal.SIGINT)
+        code, text = ended(node, 10.0)
+    assert code == 0 and 'Traceback' not in text, text
+
+
+def test_two_nodes_on_one_domain_do_not_interfere(domain: int, tmp_path: Path) -> None:
+    elsewhere = (
+        '__node:=one', 'joint_states:=/a/x', 'effort:=/a/effort', 'joint_command:=/a/command'
+    )
+    with (
+        identifier(domain, tmp_path / 'a', remaps=elsewhere) as first,
+        identifier(domain, tmp_path / 'b', remaps=('__ns:=/cell',)) as second,
+    ):
+        one, two = Listener(domain, '/one'), Listener(domain, '/cell/identifier')
+        try:
+            runs = [
+                one.send(bag_goal(seed=11, refine=False)),
+                two.send(bag_goal(seed=12, refine=False)),
+            ]
+            found = [
+                where.wait_future(run.get_result_async(), 'a result', 60.0).result.identification
+                for where, run in zip((one, two), runs, strict=True)
+            ]
+            assert [x.error_message for x in found] == ['', '']
+            assert [x.seed for x in found] == [11, 12]
+            assert one.statuses[-1].streams == ['/a/x', '/a/effort', '/a/command']
+            assert two.statuses[-1].streams[0] == '/cell/joint_states'
+            for where in (one, two):
+                where.until(lambda where=where: where.results, 'the latched result')
+                assert len(where.results) == 1
+            assert (one.results[0].seed, two.results[0].seed) == (11, 12)
+        finally:
+            one.close()
+            two.close()
+        for process in (first, second):
+            process.send_signal(signal.SIGINT)
+            assert ended(process)[0] == 0
+
+
+def test_silence_is_explained(domain: int, listener: Listener, tmp_path: Path) -> None:
+    from std_msgs.msg import String
+
+    listener.node.create_publisher(String, '/joint_states', 10)
+    with identifier(domain, tmp_path) as node:
+        listener.until(
+            lambda: any('wrong type std_msgs/msg/String' in x.sentence for x in listener.statuses),
+            'the sentence', 15.0,
+        )
+        node.send_signal(signal.SIGTERM)
+        _, text = ended(node)
+    assert 'no data yet: /joint_states has a publisher of the wrong type' in text
+    assert '/effort has 0 publishers' in text
+
+
+def test_replay_says_what_is_wrong(domain: int, tmp_path: Path) -> None:
+    for arguments, code, said in (
+        ([str(tmp_path / 'none')], 1, 'does not exist'),
+        ([str(MACHINE)], 1, 'cannot be played'),
+        ([str(BAG), '--topics', '/x'], 1, 'has no JointState topic /x'),
+        ([str(BAG), '--wait-for-subscribers', '0.2'], 1, 'nobody listened to'),
+        ([str(BAG), '--rate', '0'], 2, '0 is not above 0'),
+    ):
+        with program('replay', *arguments, domain=domain) as process:
+            got, text = ended(process)
+        assert got == code and said in text and 'Traceback' not in text, text
+
+
+def test_replay_stops_on_a_signal(domain: int) -> None:
+    with program('replay', str(BAG), '--loop', '--rate', '20', domain=domain) as process:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert line.startswith('replay: 100 %'), line
+        process.send_signal(signal.SIGINT)
+        code, text = ended(process)
+    assert code == 130 and 'Traceback' not in text, text
+    assert isinstance(process, subprocess.Popen)
