@@ -38,7 +38,8 @@ class DriveState(NamedTuple):
         direction: Direction of motion for friction, -1..1.
         coulomb: Nominal Coulomb friction [N m] (N on an axis with force as effort).
         viscous: Nominal viscous friction [N m s/m].
-        gear: Motor angle per travel [rad/m]; 1 on an axis with force as effort.
+        gear: Force per torque [1/m]; 1 on an axis with force as effort.
+        turn: Motor angle per travel [rad/m].
         time: Time since the start of the log [s].
         elapsed: Time since the present torque was commanded [s].
         travel: Way gone since `memory` was written [m].
@@ -53,6 +54,7 @@ class DriveState(NamedTuple):
     coulomb: Any
     viscous: Any
     gear: Any
+    turn: Any
     time: Any
     elapsed: Any
     travel: Any

@@ -9,7 +9,7 @@ from ros2_ident.lanes import cosine, inlined, sine
 
 @inlined
 def _kernel(value: Any, drive: Any, p: Any) -> Any:
-    angle = p[2] * drive.gear * drive.position
+    angle = p[2] * drive.turn * drive.position
     return value + p[0] * sine(angle) + p[1] * cosine(angle)
 
 

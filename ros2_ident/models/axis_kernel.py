@@ -37,12 +37,10 @@ def _derivative(par, first, mem, own, on, rigid, mode, acceleration, gear, eps, 
         s = z
         w = v
         force = _rigid_force(par, first, mem, own, on, gear, z, v, time)
-        mass = load(par, (first + dk.MOTOR_MASS) * W) + load(par, (first + dk.RAIL_MASS) * W)
     else:
         s = load(y, 2 * W)
         w = load(y, 3 * W)
         force = dk.gear_force(par, first, mem, own, on, gear, z, v, s, w, time)
-        mass = load(par, (first + dk.MOTOR_MASS) * W)
         rail = load(par, (first + dk.RAIL_MASS) * W)
         push = force + dk.carriage_force(par, first, mem, own, on, gear, z, v, s, time)
         store(out, 2 * W, w)
@@ -50,7 +48,7 @@ def _derivative(par, first, mem, own, on, rigid, mode, acceleration, gear, eps, 
     store(out, 0, v)
     if mode == dk.CLOSED_LOOP:
         torque = dk.motor_torque(par, first, mem, own, on, gear, eps, z, v, s, force, time, elapsed)
-        store(out, W, (gear * torque - force) / mass)
+        store(out, W, (gear * torque - force) * load(mem, (own + dk.LIGHTNESS) * W))
     else:
         store(out, W, spread(acceleration))
 
@@ -103,11 +101,15 @@ def _build(digest):
                 mem[:] = 0.0
                 y[:] = 0.0
                 start = spread(command[d * count] if driven else motion[d * count])
-                hold = _rigid_force(par, first, mem, 0, flags, gear, start, zero, 0.0)
+                hold = load(par, (first + dk.RAIL_MASS) * W) * load(par, GRAVITY * W)
                 stretch = zero if rigid else hold / load(par, (first + dk.STIFFNESS) * W)
                 z = start + stretch if driven else start
                 store(y, 0, z)
                 store(y, 2 * W, z - stretch)
+                moved = load(par, (first + dk.MOTOR_MASS) * W)
+                if rigid:
+                    moved = moved + load(par, (first + dk.RAIL_MASS) * W)
+                store(mem, dk.LIGHTNESS * W, 1.0 / moved)
                 store(mem, dk.INTEGRAL * W, hold * (1.0 / gear))
                 store(mem, dk.APPLIED * W, hold * (1.0 / gear))
                 store(mem, dk.ANCHOR * W, z)

@@ -27,9 +27,9 @@ W = WIDTH
 CLOSED_LOOP, PRESCRIBED = 0, 1
 VELOCITY_FROM_STATE, VELOCITY_FROM_POSITIONS = 0, 1
 
-# What a drive remembers between cycles: rows of its memory block.
-INTEGRAL, COMMANDED, APPLIED, BRISTLE, ANCHOR, READ_ERROR, LAST_READ, LAST_BUT_ONE = range(8)
-MEMORY_COUNT = 8
+# What a drive remembers between cycles: rows of its memory block. LIGHTNESS is one over the moved mass.
+INTEGRAL, COMMANDED, APPLIED, BRISTLE, ANCHOR, READ_ERROR, LAST_READ, LAST_BUT_ONE, LIGHTNESS = range(9)
+MEMORY_COUNT = 9
 
 SIGN_MASK = mask_of(Hook.SIGN)
 TORQUE_MASK = mask_of(Hook.TORQUE)
@@ -40,12 +40,12 @@ READING_MASK = mask_of(Hook.READING)
 
 (
     STIFFNESS, DAMPING, MOTOR_MASS, RAIL_MASS, COULOMB, VISCOUS,
-    KP, KV, KI, COMMAND_DELAY, LIMIT,
-) = range(11)
-assert DRIVE_ROWS[:11] == (
+    KP, KV, KI, COMMAND_DELAY, LIMIT, TURN,
+) = range(12)
+assert DRIVE_ROWS[:12] == (
     'gear_stiffness', 'gear_damping', 'motor_mass', 'rail_mass', 'coulomb', 'viscous',
     'position_gain', 'velocity_gain', 'integral_gain', 'command_delay',
-    'torque_limit',
+    'torque_limit', 'motor_turn',
 )
 
 
@@ -55,7 +55,7 @@ def drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, ela
     return DriveState(
         z, v, s, force, direction,
         load(par, (first + COULOMB) * W), load(par, (first + VISCOUS) * W),
-        spread(gear), spread(time), spread(elapsed),
+        spread(gear), load(par, (first + TURN) * W), spread(time), spread(elapsed),
         z - load(mem, (own + ANCHOR) * W), load(mem, (own + BRISTLE) * W),
     )
 
@@ -92,7 +92,7 @@ def motor_torque(par, first, mem, own, on, gear, eps, z, v, s, force, time, elap
         friction = hooks.friction_hook(friction, state, on, par, first)
         if on & TORQUE_MASK:
             state = DriveState(
-                z, v, s, force, direction, state.coulomb, state.viscous, state.gear, state.time,
+                z, v, s, force, direction, state.coulomb, state.viscous, state.gear, state.turn, state.time,
                 state.elapsed, state.travel, load(mem, (own + APPLIED) * W),
             )
             torque = hooks.torque_hook(torque, state, on, par, first)
@@ -126,7 +126,7 @@ def keep_torque(par, first, mem, own, on, gear, z, v, s, time, cycle):
     if on & TORQUE_MASK:
         zero = spread(0.0)
         state = DriveState(
-            z, v, s, zero, zero, zero, zero, spread(gear), spread(time), spread(cycle), zero,
+            z, v, s, zero, zero, zero, zero, spread(gear), load(par, (first + TURN) * W), spread(time), spread(cycle), zero,
             load(mem, (own + APPLIED) * W),
         )
         store(mem, (own + APPLIED) * W, hooks.torque_hook(load(mem, (own + COMMANDED) * W), state, on, par, first))

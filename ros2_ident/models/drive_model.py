@@ -96,6 +96,9 @@ class DriveModel(ABC):
         self.cutoff = cutoff
         self.drives = self._chosen(drives)
         self.gear = constant(machine.drive, 'gear_factor', 'drive', 1.0)
+        # Where effort is a force, the gear factor is 1 and says nothing of the motor's angle.
+        length = constant(machine.drive, 'travel_per_turn', 'drive', 2.0 * math.pi / self.gear)
+        self.turn = 2.0 * math.pi / length
         self.eps = constant(machine.drive, 'coulomb_regularisation', 'drive', 5e-3)
         self.limit = constant(machine.controller, 'torque_limit', 'controller', math.inf)
         self.feedforward = constant(machine.controller, 'velocity_feedforward', 'controller', 0.0)
@@ -228,6 +231,7 @@ class DriveModel(ABC):
         controller, drive = self.machine.controller, self.machine.drive
         for d in range(len(self.machine.drives)):
             base[rows.row_of('torque_limit', d)] = self.limit
+            base[rows.row_of('motor_turn', d)] = self.turn
             base[rows.row_of('rail_mass', d)] = constant(drive, 'rail_mass', 'drive', 0.0)
             for key in ('position_gain', 'velocity_gain', 'integral_gain'):
                 default = 0.0 if key == 'integral_gain' or self.data.command_position is None else None

@@ -34,6 +34,7 @@ DRIVE_ROWS = (
     'integral_gain',      # N m/m
     'command_delay',      # s
     'torque_limit',       # N m
+    'motor_turn',         # rad/m, motor angle per travel
     'effort_delay',       # s
     'effort_gain',        # 1
     'effort_bias',        # N m

@@ -183,7 +183,7 @@ def _derivative(par, mem, link, y, push, out, on, mode, motion, k, count, gear, 
         force = dk.gear_force(par, first, mem, own, flags, gear, z, v, s, w, time)
         if mode[d] == dk.CLOSED_LOOP:
             torque = dk.motor_torque(par, first, mem, own, flags, gear, eps, z, v, s, force, time, elapsed)
-            acceleration = (gear * torque - force) / load(par, (first + dk.MOTOR_MASS) * W)
+            acceleration = (gear * torque - force) * load(mem, (own + dk.LIGHTNESS) * W)
         else:
             acceleration = spread(motion[(6 + d) * count + k])
         store(out, d * W, v)
@@ -245,9 +245,8 @@ def _build(digest):
                 first = MACHINE_COUNT + d * DRIVE_COUNT
                 own = d * dk.MEMORY_COUNT
                 s = load(y, (6 + d) * W)
-                hold = load(link, (6 + d) * W) - dk.carriage_force(
-                    par, first, mem, own, on[d], gear, s, zero, s, 0.0
-                )
+                # Gravity only: what else pulls at the start is not known to the integral part.
+                hold = load(link, (6 + d) * W)
                 stretch = hold / load(par, (first + dk.STIFFNESS) * W)
                 if mode[d] == dk.CLOSED_LOOP:
                     store(y, d * W, s + stretch)
@@ -255,6 +254,7 @@ def _build(digest):
                     store(y, d * W, s)
                     store(y, (6 + d) * W, s - stretch)
                 z = load(y, d * W)
+                store(mem, (own + dk.LIGHTNESS) * W, 1.0 / load(par, (first + dk.MOTOR_MASS) * W))
                 store(mem, (own + dk.INTEGRAL) * W, hold * (1.0 / gear))
                 store(mem, (own + dk.APPLIED) * W, hold * (1.0 / gear))
                 store(mem, (own + dk.ANCHOR) * W, z)
