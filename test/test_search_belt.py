@@ -28,6 +28,18 @@ def test_forty_truths_anywhere_in_the_box(benchmark):
     assert max(evaluations) <= 2760
 
 
+def test_the_example_in_the_docs(monkeypatch, capsys):
+    root = Path(__file__).parents[1]
+    monkeypatch.chdir(root)
+    text = (root / 'docs' / 'search.md').read_text(encoding='utf-8')
+    example = text.split('```python\n')[1].split('```')[0]
+    scope = {}
+    exec(example, scope)
+    np.testing.assert_allclose(scope['refined'].theta, [1.83e5, 51.0], rtol=1e-9)
+    assert scope['known'].words == ('', '')
+    assert 'All generations are done' in capsys.readouterr().out
+
+
 def test_the_papers_own_truth(benchmark):
     runs = [benchmark.identify(benchmark.PAPER_TRUTH, benchmark.MANY_MINIMA, s) for s in range(10)]
     refined = np.array([r[1] for r in runs])
