@@ -149,14 +149,15 @@ def matrices(constants: Array) -> tuple[Array, Array]:
 
 
 @njit(cache=True, nogil=True)
-def _multiply(a: Array, b: Array, out: Array) -> None:
+def _multiply(a: Array, b: Array, factor: float, out: Array) -> None:
+    """Write factor a b, of square matrices; plain loops compile quickest."""
     size = a.shape[0]
     for i in range(size):
         for j in range(size):
             total = 0.0
             for k in range(size):
                 total += a[i, k] * b[k, j]
-            out[i, j] = total
+            out[i, j] = total * factor
 
 
 @njit(cache=True, nogil=True)
@@ -168,28 +169,36 @@ def matrix_exponential(matrix: Array) -> Array:
         remainder after the 13th power is below 1e-19.
     """
     count, size = matrix.shape[0], matrix.shape[1]
-    result = np.empty_like(matrix)
+    result = np.empty((count, size, size))
     scaled, power = np.empty((size, size)), np.empty((size, size))
+    total = np.empty((size, size))
     for s in range(count):
         norm = 0.0
         for i in range(size):
-            norm = max(norm, np.abs(matrix[s, i]).sum())
-        if not math.isfinite(norm):
-            result[s] = math.nan
-            continue
-        squarings = max(0, int(math.ceil(math.log2(max(norm, 1e-300) * 4.0))))
-        scaled[:] = matrix[s] * 0.5**squarings
+            row = 0.0
+            for j in range(size):
+                row += abs(matrix[s, i, j])
+            norm = max(norm, row)
+        # A norm that is no number makes no squarings, and the result is none either.
+        squarings = 0
+        if math.isfinite(norm) and norm > 0.25:
+            squarings = int(math.ceil(math.log2(norm * 4.0)))
+        for i in range(size):
+            for j in range(size):
+                scaled[i, j] = matrix[s, i, j] * 0.5**squarings
+                total[i, j] = 1.0 if i == j else 0.0
         # Horner: e^A = 1 + A (1 + A/2 (1 + A/3 (...))).
-        total = result[s]
-        total[:] = np.eye(size)
         for n in range(13, 0, -1):
-            _multiply(scaled, total, power)
-            total[:] = power / n
+            _multiply(scaled, total, 1.0 / n, power)
             for i in range(size):
-                total[i, i] += 1.0
+                power[i, i] += 1.0
+            total, power = power, total
         for _ in range(squarings):
-            _multiply(total, total, power)
-            total[:] = power
+            _multiply(total, total, 1.0, power)
+            total, power = power, total
+        for i in range(size):
+            for j in range(size):
+                result[s, i, j] = total[i, j]
     return result
 
 
@@ -215,7 +224,13 @@ def transition_rows(constants: Array, cycle: float) -> Array:
                 system[s, 3 + i, j] = -stiffness[s, i, j] / mass[s, i] * (cycle / speed)
         # The set-point is a seventh state that stays constant over the sample.
         system[s, 3, 6] = constants[s, P] / mass[s, 0] * (cycle / speed)
-    return np.ascontiguousarray(matrix_exponential(system)[:, :6, :])
+    step = matrix_exponential(system)
+    rows = np.empty((count, 6, 7))
+    for s in range(count):
+        for i in range(6):
+            for j in range(7):
+                rows[s, i, j] = step[s, i, j]
+    return rows
 
 
 @njit(cache=True, nogil=True, fastmath={'contract'})
@@ -226,7 +241,8 @@ def matrix_response(rows: Array, gain: Array, reference: Array) -> Array:
     state, moved = np.empty(6), np.empty(6)
     start = reference[0]
     for s in range(count):
-        state[:] = 0.0
+        for i in range(6):
+            state[i] = 0.0
         for k in range(samples):
             u = reference[k] - start
             torque = gain[s] * (u - state[0])
@@ -238,5 +254,5 @@ def matrix_response(rows: Array, gain: Array, reference: Array) -> Array:
                 for j in range(6):
                     total += rows[s, i, j] * state[j]
                 moved[i] = total
-            state[:] = moved
+            state, moved = moved, state
     return out
