@@ -128,9 +128,9 @@ def page(draws: Draws, motion: str, seconds: float) -> str:
     lines = [
         '# Coverage of the 95 % intervals',
         '',
-        f'One log of the reference tripod ({motion}, {seconds:g} s, all three drives), {count} draws of',
-        'its noise (0.01 N m, steps of 0.002 N m, jitter 10 us, one sample in a thousand lost). Made by',
-        '`python benchmarks/coverage.py --write docs/coverage.md`.',
+        f'One log of the reference tripod ({motion}, {seconds:g} s, all three drives), {count} draws',
+        'of its noise (0.01 N m, steps of 0.002 N m, jitter 10 us, one sample in a thousand lost).',
+        'Made by `python benchmarks/coverage.py --write docs/coverage.md`.',
         '',
         f'All intervals together cover the truth in {100.0 * share:.1f} % of {draws.covered.size} '
         f'cases; residual {draws.rms.mean():.5f} N m RMS.',
@@ -146,8 +146,9 @@ def page(draws: Draws, motion: str, seconds: float) -> str:
         )
     lines += [
         '',
-        '"Scatter / stated" compares the standard deviation of the estimates over the draws with the',
-        'one that the intervals state. A fair 95 % interval covers 36 to 40 of 40 in 95 % of the cases.',
+        '"Scatter / stated" compares the standard deviation of the estimates over the draws with',
+        'the one that the intervals state. A fair 95 % interval covers 36 to 40 of 40 in 95 % of',
+        'the cases.',
     ]
     return '\n'.join(lines) + '\n'
 

@@ -6,8 +6,8 @@ import argparse
 from ros2_ident.cli.arguments import count
 
 DESCRIPTION = (
-    'Rerun the experiments of Ludwig and Gerstmayr (2011) and write a page with our figures beside '
-    "the paper's."
+    'Rerun the experiments of Ludwig and Gerstmayr (2011) and write a page with our figures '
+    "beside the paper's."
 )
 EXAMPLES = (
     '  ident paper --out docs\n'
