@@ -144,59 +144,60 @@ def belt_section(findings: BeltFindings) -> str:
     modes = ', '.join(f'{f:.1f}' for f in findings.modes)
     anywhere = findings.rates[20, 0.0]
     seeds = len(anywhere[0])
-    return f"""## Section 3: the belt drive
-
-The printed inertia (1e-2 kg m²) and radius (1e-3 m) give a first eigenfrequency of 1 Hz. J = 2e-5
-kg m², r = 1e-2 m, l3,0 = 0.975 m and x0 = 0.2 m are **inferred** from Fig. 4, and so are the
-heights and times of the set-point's steps: nine of 0.1° at 0.1 to 0.9 s. The drive is linear and
-is discretised exactly.
-
-### Figure 4: first eigenfrequency
-
-![First eigenfrequency over the rail position](paper/figure_4.png)
-
-Ours: {low:.1f} to {high:.1f} Hz over x0 = 0 to 0.7 m; read off the paper's figure: within 65 to 85
-Hz. At x0 = 0.2 m the modes are at {modes} Hz.
-
-### Figures 5 to 7: set-point, angle and torque
-
-![Set-point and angle](paper/figure_5.png)
-![Driving torque](paper/figure_6.png)
-![Driving torque, close-up](paper/figure_7.png)
-
-Largest torque: {findings.largest_torque:.2f} Nm, in the paper about 0.35 Nm; from 0.2 to 0.26 s:
-{findings.close_torque:.3f} Nm, in the paper about 0.08 Nm. The undamped oscillations of successive
-steps add up or cancel by their phases, so the largest torque depends on step times that the paper
-does not give.
-
-### Identification: Table 2 over {seeds} seeds
-
-Found means: both parameters within 1 % in the genetic algorithm's own result, without refinement.
-In brackets the 95 % interval of the share. "Truth anywhere" draws EA and P anywhere in the search
-box: the paper's truth lies in its very middle.
-
-{_table(findings)}
-
-{_distance_finding(findings)}
-
-{_survivor_finding(findings)}
-
-The cost has {findings.minima} local minima along EA at the true P (the paper: a "high number").
-
-Readings behind the table: the root of eq. 5 (`gaussian_root`); fewer candidates survive where eq.
-7 leaves no room for more, so d_min,0 = 0.5 costs fewer simulations; the exponent of eqs. 6 and 7
-counts from the first generation, whose children spread over the whole box.
-
-### Figures 8 and 9: the candidates
-
-![Cost of all candidates, 8 survivors](paper/figure_8.png)
-
-{_figure_8(findings)}
-
-![Cost of all candidates, 20 survivors](paper/figure_9.png)
-
-{_figure_9(findings)}
-"""
+    parts = [
+        '## Section 3: the belt drive',
+        (
+            'The printed inertia (1e-2 kg m²) and radius (1e-3 m) give a first eigenfrequency '
+            'of 1 Hz. J = 2e-5 kg m², r = 1e-2 m, l3,0 = 0.975 m and x0 = 0.2 m are '
+            "**inferred** from Fig. 4, and so are the heights and times of the set-point's "
+            'steps: nine of 0.1° at 0.1 to 0.9 s. The drive is linear and is discretised '
+            'exactly.'
+        ),
+        '### Figure 4: first eigenfrequency',
+        '![First eigenfrequency over the rail position](paper/figure_4.png)',
+        (
+            f"Ours: {low:.1f} to {high:.1f} Hz over x0 = 0 to 0.7 m; read off the paper's "
+            f'figure: within 65 to 85 Hz. At x0 = 0.2 m the modes are at {modes} Hz.'
+        ),
+        '### Figures 5 to 7: set-point, angle and torque',
+        (
+            '![Set-point and angle](paper/figure_5.png)\n'
+            '![Driving torque](paper/figure_6.png)\n'
+            '![Driving torque, close-up](paper/figure_7.png)'
+        ),
+        (
+            f'Largest torque: {findings.largest_torque:.2f} Nm, in the paper about 0.35 Nm; '
+            f'from 0.2 to 0.26 s: {findings.close_torque:.3f} Nm, in the paper about 0.08 Nm. '
+            'The undamped oscillations of successive steps add up or cancel by their phases, '
+            'so the largest torque depends on step times that the paper does not give.'
+        ),
+        f'### Identification: Table 2 over {seeds} seeds',
+        (
+            "Found means: both parameters within 1 % in the genetic algorithm's own result, "
+            'without refinement. In brackets the 95 % interval of the share. "Truth anywhere" '
+            "draws EA and P anywhere in the search box: the paper's truth lies in its very "
+            'middle.'
+        ),
+        _table(findings),
+        _distance_finding(findings),
+        _survivor_finding(findings),
+        (
+            f'The cost has {findings.minima} local minima along EA at the true P (the paper: a '
+            '"high number").'
+        ),
+        (
+            'Readings behind the table: the root of eq. 5 (`gaussian_root`); fewer candidates '
+            'survive where eq. 7 leaves no room for more, so d_min,0 = 0.5 costs fewer '
+            'simulations; the exponent of eqs. 6 and 7 counts from the first generation, '
+            'whose children spread over the whole box.'
+        ),
+        '### Figures 8 and 9: the candidates',
+        '![Cost of all candidates, 8 survivors](paper/figure_8.png)',
+        _figure_8(findings),
+        '![Cost of all candidates, 20 survivors](paper/figure_9.png)',
+        _figure_9(findings),
+    ]
+    return '\n\n'.join(parts) + '\n'
 
 
 def _figure_8(findings: BeltFindings) -> str:

@@ -19,16 +19,14 @@ from ros2_ident.paper.belt import (
 from ros2_ident.paper.page import belt_section, BeltFindings
 from ros2_ident.paper.tripod import tripod_section
 
-HEAD = """# The paper, run again
-
-Ludwig, R. and Gerstmayr, J.: Automatic parameter identification for generic robot models.
-Multibody Dynamics 2011, ECCOMAS Thematic Conference, Brussels.
-
-`ident paper` wrote this page: every number and picture of ours comes from that run, the paper's
-numbers stand beside them. The print has lost square roots, exponents and two constants; how we
-read it is said where it matters.
-
-"""
+HEAD = (
+    '# The paper, run again\n\n'
+    'Ludwig, R. and Gerstmayr, J.: Automatic parameter identification for generic robot models. '
+    'Multibody Dynamics 2011, ECCOMAS Thematic Conference, Brussels.\n\n'
+    '`ident paper` wrote this page: every number and picture of ours comes from that run, the '
+    "paper's numbers stand beside them. The print has lost square roots, exponents and two "
+    'constants; how we read it is said where it matters.\n\n'
+)
 
 
 def nothing(fraction: float, text: str) -> None:
