@@ -166,10 +166,11 @@ def belt_section(findings: BeltFindings) -> str:
             '![Driving torque, close-up](paper/figure_7.png)'
         ),
         (
-            f'Largest torque: {findings.largest_torque:.2f} Nm, in the paper about 0.35 Nm; '
-            f'from 0.2 to 0.26 s: {findings.close_torque:.3f} Nm, in the paper about 0.08 Nm. '
-            'The undamped oscillations of successive steps add up or cancel by their phases, '
-            'so the largest torque depends on step times that the paper does not give.'
+            f'Largest torque: {findings.largest_torque:.2f} Nm, from 0.2 to 0.26 s '
+            f"{findings.close_torque:.3f} Nm; the axes of the paper's figures end at 0.4 and "
+            '0.08 Nm. The undamped oscillations of successive steps add up or cancel by their '
+            'phases, so the torque depends on step times and heights that the paper does not '
+            'give.'
         ),
         f'### Identification: Table 2 over {seeds} seeds',
         (
