@@ -156,8 +156,8 @@ def belt_section(findings: BeltFindings) -> str:
         '### Figure 4: first eigenfrequency',
         '![First eigenfrequency over the rail position](paper/figure_4.png)',
         (
-            f"Ours: {low:.1f} to {high:.1f} Hz over x0 = 0 to 0.7 m; read off the paper's "
-            f'figure: within 65 to 85 Hz. At x0 = 0.2 m the modes are at {modes} Hz.'
+            f"Ours: {low:.1f} to {high:.1f} Hz over x0 = 0 to 0.7 m; the axis of the paper's "
+            f'figure: 65 to 85 Hz. At x0 = 0.2 m the modes are at {modes} Hz.'
         ),
         '### Figures 5 to 7: set-point, angle and torque',
         (
