@@ -4,13 +4,14 @@
 from typing import Any
 
 from ros2_ident.effects.effect import Effect, EffectParameter, Hook
-from ros2_ident.lanes import exp, inlined, maximum, spread
+from ros2_ident.lanes import exp, inlined, maximum, spread, where
 
 
 @inlined
 def _kernel(value: Any, drive: Any, p: Any) -> Any:
     tau = maximum(p[0], spread(1e-6))
-    return value + (drive.memory - value) * exp(-drive.elapsed / tau)
+    late = value + (drive.memory - value) * exp(-drive.elapsed / tau)
+    return where(p[0] > spread(1e-7), late, value)
 
 
 EFFECT = Effect(

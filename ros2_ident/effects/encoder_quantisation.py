@@ -4,13 +4,13 @@
 from typing import Any
 
 from ros2_ident.effects.effect import Effect, EffectParameter, Hook
-from ros2_ident.lanes import floor, inlined, maximum, spread
+from ros2_ident.lanes import floor, inlined, maximum, spread, where
 
 
 @inlined
 def _kernel(value: Any, drive: Any, p: Any) -> Any:
     step = maximum(p[0], spread(1e-12))
-    return step * floor(value / step + 0.5)
+    return where(p[0] > spread(1e-9), step * floor(value / step + 0.5), value)
 
 
 EFFECT = Effect(

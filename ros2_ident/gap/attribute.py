@@ -178,16 +178,34 @@ class Attribution:
 
     # ------------------------------------------------------------------ rounds
 
-    def starts(self, base: Explanation, candidate: EffectAt) -> list[Start]:
-        """Screen one candidate against what the base leaves."""
+    def starts(self, base: Explanation, candidate: EffectAt, basis: Array, inverse: Array) -> list[Start]:
+        """Screen one candidate against what the base leaves; see `screen` for the last two."""
         models = self.case.models((*base.effects, candidate), self.case.fit)
         low, high = self._box(models)
         count = len(base.theta)
-        basis, _ = np.linalg.qr(base.jacobian)
         return screen(
             candidate, models, self._evaluate(models, self.case.fit, self.weight), base.theta, base.residual, basis,
-            base.jacobian, low[:count], high[:count],
+            inverse, low[:count], high[:count],
         )
+
+    def look(self, base: Explanation, candidates: Sequence[EffectAt]) -> dict[EffectAt, list[Start]]:
+        """Screen every candidate on top of a base; those already in it are left out."""
+        new = [c for c in candidates if c not in base.effects]
+        basis, triangle = np.linalg.qr(base.jacobian)
+        inverse = np.linalg.pinv(triangle, rcond=1e-9) @ basis.T
+        done = 0
+
+        def one(candidate: EffectAt) -> list[Start]:
+            nonlocal done
+            if self.stopped():
+                return []
+            found = self.starts(base, candidate, basis, inverse)
+            done += 1
+            self.on_step(0.5 * done / len(new), f'looking at {candidate.effect} on {candidate.where}')
+            return found
+
+        with ThreadPoolExecutor(_THREADS) as pool:
+            return {c: s for c, s in zip(new, pool.map(one, new), strict=True) if s}
 
     def round(self, base: Explanation, candidates: Sequence[EffectAt], fits: int = _FITS) -> Round:
         """Try every candidate on top of a base.
@@ -200,44 +218,35 @@ class Attribution:
         Returns:
             The screened gains and the joint fits, the best on both parts first.
         """
-        new = [c for c in candidates if c not in base.effects]
-        done = 0
+        screened = self.look(base, candidates)
+        chosen = self._promising(screened, fits)
+        finished = 0
 
-        def look(candidate: EffectAt) -> list[Start]:
-            nonlocal done
+        def fit(start: Start) -> Explanation | None:
+            nonlocal finished
             if self.stopped():
-                return []
-            found = self.starts(base, candidate)
-            done += 1
-            self.on_step(0.4 * done / len(new), f'looking at {candidate.effect} on {candidate.where}')
+                return None
+            found = self.refit((*base.effects, start.candidate), self._better(base, start))
+            finished += 1
+            self.on_step(
+                0.5 + 0.5 * finished / len(chosen),
+                f'fitted {start.candidate.effect} on {start.candidate.where}',
+            )
             return found
 
         with ThreadPoolExecutor(_THREADS) as pool:
-            screened = {c: s for c, s in zip(new, pool.map(look, new), strict=True) if s}
-            chosen = self._promising(screened, fits)
-            finished = 0
-
-            def fit(start: Start) -> Explanation | None:
-                nonlocal finished
-                if self.stopped():
-                    return None
-                found = self.refit((*base.effects, start.candidate), self._better(base, start))
-                finished += 1
-                self.on_step(
-                    0.4 + 0.6 * finished / len(chosen),
-                    f'fitted {start.candidate.effect} on {start.candidate.where}',
-                )
-                return found
-
             results = [e for e in pool.map(fit, chosen) if e is not None]
         best: dict[EffectAt, Explanation] = {}
         for e in results:
             key = e.effects[-1]
             if key not in best or e.fit.sum() < best[key].fit.sum():
                 best[key] = e
-        gains = {c: s[0].gain for c, s in screened.items()}
-        visible = {c: max(one.visible for one in s) for c, s in screened.items()}
-        return Round(base, gains, visible, tuple(sorted(best.values(), key=lambda e: e.loss)))
+        return Round(
+            base,
+            {c: s[0].gain for c, s in screened.items()},
+            visibility(screened),
+            tuple(sorted(best.values(), key=lambda e: e.loss)),
+        )
 
     def _promising(self, screened: dict[EffectAt, list[Start]], fits: int) -> list[Start]:
         """Return the starts worth a joint fit: the best candidates, their relatives, and second starts."""
@@ -256,3 +265,8 @@ class Attribution:
             several = screened[c][: 3 if rank < 3 else 1]
             starts += [s for s in several if s.gain > 0.5 * several[0].gain or s is several[0]]
         return starts
+
+
+def visibility(screened: dict[EffectAt, list[Start]]) -> dict[EffectAt, float]:
+    """Return for every candidate what the log would show of it, see `screen.Start`."""
+    return {c: max(one.visible for one in starts) for c, starts in screened.items()}

@@ -11,13 +11,15 @@ import numpy.typing as npt
 
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.attribute import Attribution, Explanation
+from ros2_ident.gap.attribute import Attribution, Explanation, visibility
 from ros2_ident.gap.blocks import Blocks, Interval
 from ros2_ident.gap.case import Case
+from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Value
 from ros2_ident.gap.explain import Explained, Explainer, Rules
 from ros2_ident.gap.floor import Floor, noise_floor
 from ros2_ident.gap.gates import run_gates
+from ros2_ident.gap.localise import Finding, localise
 from ros2_ident.gap.verdict import NONE, UNKNOWN, Verdict, advice, judge
 from ros2_ident.models import EffectAt, Machine
 from ros2_ident.recording import Dataset
@@ -146,14 +148,18 @@ def diagnose(
         run.stage = (low, low + 0.5 * (0.95 - low))
 
     run.stage = (0.15, 0.6)
-    found = explainer.explain(base, case.candidates(without), note)
+    candidates = case.candidates(without)
+    found = explainer.explain(base, candidates, note)
+    # Where nothing is missing nothing was tried; what the motion could not have shown is said all the same.
+    visible = found.rounds[0].visible if found.rounds else visibility(attribution.look(base, candidates))
     verdict = judge(explainer, found)
     run.stage = (0.95, 1.0)
     run.step(0.0, 'saying where')
-    models = case.models((), case.fit)
-    rows = case.fit.rows(base.residual / attribution.weight)
-    where = localise(models[0], rows[:, : models[0].measured.shape[1]], floor, seed=seed)
-    return _compose(explainer, found, verdict, floor, gates, tuple(where), run, seed)
+    model = case.models((), case.fit)[0]
+    rows = case.fit.rows(base.residual / attribution.weight)[:, : model.measured.shape[1]]
+    where = localise(motion_of(model, base.theta), rows, floor, seed=seed)
+    testable = tuple(at for at, seen in visible.items() if seen < VISIBLE)
+    return _compose(explainer, found, verdict, floor, gates, where, testable, run, seed)
 
 
 def _floor(attribution: Attribution, base: Explanation) -> Floor:
@@ -172,7 +178,8 @@ def _compose(
     verdict: Verdict,
     floor: Floor,
     gates: Sequence[tuple[str, str, str]],
-    where: tuple[object, ...],
+    where: tuple[Finding, ...],
+    testable: tuple[EffectAt, ...],
     run: _Run,
     seed: int,
 ) -> Diagnosis:
@@ -192,20 +199,25 @@ def _compose(
     moved = {
         name: (values[name].value - v) / v for name, v in nominal.items() if name in values and v != 0.0
     }
-    testable = _not_testable(found)
     return Diagnosis(
         effect=verdict.effect,
         where=verdict.where,
         probability=verdict.probability,
         sentence=_sentence(verdict, explainer, found, floor, model.output_unit),
         also=verdict.also,
-        confusable=tuple(_ranked(explainer, w.at, w.probability, w.model, case) for w in verdict.confusable),
-        ranking=tuple(_ranked(explainer, w.at, w.probability, w.model, case) for w in verdict.ranking),
+        confusable=tuple(_ranked(explainer, found.chain[0], w.at, w.probability, w.model) for w in verdict.confusable),
+        ranking=tuple(_ranked(explainer, found.chain[0], w.at, w.probability, w.model) for w in verdict.ranking),
         unit=model.output_unit,
         steps=steps,
         floor=floor,
         share_closed=share,
         held_out=case.held_out,
+        evidence={
+            'size': explainer.size(found.chain[0]),
+            'remaining': found.remaining,
+            'closed': verdict.closed,
+            'material': explainer.rules.material,
+        },
         per_drive=_per_drive(explainer, found, blocks, floor),
         localisation=where,
         parameters=values,
@@ -217,12 +229,6 @@ def _compose(
         seconds=run.elapsed,
         seed=seed,
     )
-
-
-def _not_testable(found: Explained) -> tuple[EffectAt, ...]:
-    if not found.rounds:
-        return ()
-    return tuple(at for at, seen in found.rounds[0].visible.items() if seen < VISIBLE)
 
 
 def _values(explainer: Explainer, e: Explanation) -> dict[str, Value]:
@@ -238,7 +244,10 @@ def _values(explainer: Explainer, e: Explanation) -> dict[str, Value]:
     }
 
 
-def _ranked(explainer: Explainer, at: EffectAt, probability: float, e: Explanation, case: Case) -> Ranked:
+def _ranked(
+    explainer: Explainer, base: Explanation, at: EffectAt, probability: float, e: Explanation
+) -> Ranked:
+    case = explainer.attribution.case
     floor = explainer.attribution.floor
     gap = float(np.sqrt(np.mean(e.check / explainer.check_count * floor**2)))
     model = case.models(e.effects, case.fit)[0]
@@ -248,7 +257,7 @@ def _ranked(explainer: Explainer, at: EffectAt, probability: float, e: Explanati
         for p, v in zip(model.parameters, e.theta, strict=True)
         if p.name.startswith(prefix)
     }
-    return Ranked(at, probability, gap, own)
+    return Ranked(at, probability, gap, explainer.share(base, e), own)
 
 
 def _per_drive(explainer: Explainer, found: Explained, blocks: Blocks, floor: Floor) -> dict[str, DriveGap]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ros2_ident.gap.blocks import Interval
 from ros2_ident.gap.floor import Floor
+from ros2_ident.gap.localise import Finding
 from ros2_ident.models import EffectAt
 
 SCHEMA = 1
@@ -40,12 +41,14 @@ class Ranked:
         at: The effect and its place.
         probability: That it is the cause.
         gap_after: Gap on held-out data with it in the model [output unit].
+        share: Share of the explainable gap of the nominal fit that it closes, on all data.
         parameters: The effect's own parameters.
     """
 
     at: EffectAt
     probability: float
     gap_after: float
+    share: float
     parameters: Mapping[str, Value]
 
 
@@ -90,6 +93,8 @@ class Diagnosis:
         floor: The noise floor.
         share_closed: Share of the explainable gap closed on held-out data, with its interval.
         held_out: `check bag` or `blocks`.
+        evidence: The numbers the verdict rests on: size of the gap and what remains of it, RMS of the worst drive in
+            units of the floor, the share closed, and the size from which a gap is material.
         per_drive: Each drive's gap.
         localisation: Findings, the strongest first.
         parameters: Parameters of the extended model.
@@ -114,8 +119,9 @@ class Diagnosis:
     floor: Floor
     share_closed: Interval
     held_out: str
+    evidence: Mapping[str, float]
     per_drive: Mapping[str, DriveGap]
-    localisation: tuple[Any, ...]
+    localisation: tuple[Finding, ...]
     parameters: Mapping[str, Value]
     moved: Mapping[str, float]
     gates: tuple[tuple[str, str, str], ...]
@@ -164,6 +170,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
                 **_at(r.at),
                 'probability': _number(r.probability),
                 'gap_after': _number(r.gap_after),
+                'share': _number(r.share),
                 'parameters': _values(r.parameters),
             }
             for r in d.ranking
@@ -191,6 +198,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
                 for name, g in d.per_drive.items()
             },
         },
+        'evidence': {name: _number(v) for name, v in d.evidence.items()},
         'localisation': [
             {
                 'drive': f.drive,

@@ -17,6 +17,9 @@ from ros2_ident.models import DriveModel, EffectAt
 
 Array = npt.NDArray[np.float64]
 
+# Shares of a size's range: what is tried where the output is linear in it, and what counts as a large effect.
+_TRIAL, _LARGE = 0.03, 0.17
+
 
 @dataclass(frozen=True)
 class Start:
@@ -27,8 +30,9 @@ class Start:
         theta: (N,) parameters fitted so far, moved along with the effect.
         phi: (P,) the effect's own parameters.
         gain: Decrease of the sum of squared weighted residuals that the linearised fit promises.
-        visible: RMS, in units of the floor, of what the largest trial leaves after the fitted parameters imitate it
-            as far as they can, over the drives it sits on; well below 1 the log cannot show the effect.
+        visible: RMS, in units of the floor, of what a large effect of this kind (a sixth of its range, or a start)
+            leaves after the fitted parameters imitate it as far as they can, over the drives it sits on; well below 1
+            the log cannot show the effect.
     """
 
     candidate: EffectAt
@@ -86,7 +90,7 @@ def trials(candidate: EffectAt, model: DriveModel) -> list[list[Array]]:
             else:
                 away = p.high if p.high - p.neutral >= p.neutral - p.low else p.low
                 point = base.copy()
-                point[i] += 0.03 * (away - p.neutral) * share[i]
+                point[i] += _TRIAL * (away - p.neutral) * share[i]
                 linear.append(point)
         if linear:
             groups.append(linear)
@@ -100,7 +104,7 @@ def screen(
     theta: Array,
     residual: Array,
     basis: Array,
-    jacobian: Array,
+    inverse: Array,
     low: Array,
     high: Array,
 ) -> list[Start]:
@@ -113,7 +117,7 @@ def screen(
         theta: (N,) parameters fitted without the effect.
         residual: (R,) weighted residual there.
         basis: (R, B) orthonormal basis of the Jacobian's columns.
-        jacobian: (R, N) weighted Jacobian by the parameters' shares of their box.
+        inverse: (N, R) pseudo-inverse of the Jacobian by the parameters' shares of their box.
         low: (N,) lower bounds of the fitted parameters.
         high: (N,) upper bounds.
 
@@ -160,9 +164,10 @@ def screen(
             ratio = 0.0
         factor = factor * ratio
         gain = float(free @ free - ((free - rest @ factor) ** 2).sum())
-        shift = np.linalg.lstsq(jacobian, residual - columns @ factor, rcond=1e-9)[0]
+        shift = inverse @ (residual - columns @ factor)
         moved_theta = np.clip(theta - shift * (high - low), low, high)
-        visible = float(np.sqrt((rest**2).sum(axis=0).max() / samples))
+        enlarge = 1.0 if nonlinear else _LARGE / _TRIAL
+        visible = enlarge * float(np.sqrt((rest**2).sum(axis=0).max() / samples))
         starts.append(Start(candidate, moved_theta, np.where(size, clipped, phi), gain, visible))
     return sorted(starts, key=lambda s: -s.gain)
 
