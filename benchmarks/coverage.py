@@ -128,12 +128,13 @@ def page(draws: Draws, motion: str, seconds: float) -> str:
     lines = [
         '# Coverage of the 95 % intervals',
         '',
-        f'One log of the reference tripod ({motion}, {seconds:g} s, all three drives), {count} draws',
-        'of its noise (0.01 N m, steps of 0.002 N m, jitter 10 us, one sample in a thousand lost).',
+        f'One log of the reference tripod ({motion}, {seconds:g} s, all three drives), {count}',
+        'draws of its noise (0.01 N m, steps of 0.002 N m, jitter 10 us, one sample in a thousand',
+        'lost).',
         'Made by `python benchmarks/coverage.py --write docs/coverage.md`.',
         '',
-        f'All intervals together cover the truth in {100.0 * share:.1f} % of {draws.covered.size} '
-        f'cases; residual {draws.rms.mean():.5f} N m RMS.',
+        f'All intervals together cover the truth in {100.0 * share:.1f} % of '
+        f'{draws.covered.size} cases; residual {draws.rms.mean():.5f} N m RMS.',
         '',
         '| parameter | truth | unit | covered | mean error | largest error | scatter / stated |',
         '| --- | --- | --- | --- | --- | --- | --- |',

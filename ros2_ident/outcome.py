@@ -2,7 +2,7 @@
 """From what a run found to the result: the outcome, its words, and where it came from."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, UTC
 import importlib.metadata
 import platform
@@ -14,6 +14,7 @@ from ros2_ident.models import Parameter
 from ros2_ident.problem import Array, Problem
 from ros2_ident.result import (
     Cost,
+    DriveResidual,
     History,
     Identification,
     Outcome,
@@ -23,6 +24,8 @@ from ros2_ident.result import (
 from ros2_ident.search import Intervals, Refinement, RefineStatus, SearchResult, StopReason
 
 PACKAGE = 'ros2_ident'
+# A residual of so many times the effort's noise has another cause beside it.
+WELL_ABOVE = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +68,8 @@ def assemble(
     )
     outcome, message = _judge(found, estimates)
     size = len(estimates)
+    left = problem.left(found.residual) if found.residual.size else ()
+    quality = problem.data.quality(problem.samples)
     refined = found.refined is not None and np.isfinite(found.refined.cost)
     return Identification(
         outcome=outcome,
@@ -81,7 +86,7 @@ def assemble(
             problem.cost_of(found.residual) if refined else float('nan'),
             problem.unit,
         ),
-        residuals=problem.left(found.residual) if found.residual.size else (),
+        residuals=left,
         evaluations=found.evaluations,
         generations=found.ga.generations,
         seconds=found.seconds,
@@ -91,9 +96,20 @@ def assemble(
         history=History(
             np.array(found.ga.best_costs), found.candidates, found.costs, found.generations
         ),
-        quality=problem.data.quality(problem.samples),
+        quality=replace(quality, warnings=quality.warnings + _gap(problem, left)),
         provenance=_provenance(problem),
         settings=settings,
+    )
+
+
+def _gap(problem: Problem, left: tuple[DriveResidual, ...]) -> tuple[str, ...]:
+    """Return a sentence for each drive whose residual is well above the noise of its effort."""
+    noise = problem.machine.effort_noise
+    return tuple(
+        f'{x.drive}: the residual is {x.rms / noise:.2g} times the effort noise of the machine '
+        'file; `ident diagnose` looks for what the model leaves out'
+        for x in left
+        if noise > 0.0 and x.rms > WELL_ABOVE * noise
     )
 
 
@@ -151,8 +167,8 @@ def _judge(found: Found, estimates: tuple[ParameterEstimate, ...]) -> tuple[Outc
         return Outcome.BUDGET_SPENT, spent
     bounded = [e.name for e in estimates if e.at_bound]
     leaning = (
-        f' {", ".join(bounded)} {"lies" if len(bounded) == 1 else "lie"} at a bound: widen it '
-        'if the true value may lie beyond.'
+        f' {", ".join(bounded)} {"lies" if len(bounded) == 1 else "lie"} at a bound: check '
+        'whether the true value can lie beyond.'
         if bounded
         else ''
     )

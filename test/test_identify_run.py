@@ -112,7 +112,7 @@ def test_an_estimate_at_its_bound_is_said():
     assert estimate.value == 100.0
     assert estimate.at_bound
     assert 'at its upper bound' in estimate.note
-    assert 'emps_axis.viscous_friction lies at a bound' in result.message
+    assert 'emps_axis.viscous_friction lies at a bound: check' in result.message
 
 
 def test_a_parameter_that_the_data_do_not_determine_is_said():
@@ -266,3 +266,11 @@ def test_emps_comes_out_as_published():
     for name, (value, tolerance) in published.items():
         assert result.parameter(f'emps_axis.{name}').value == pytest.approx(value, rel=tolerance)
     assert result.residuals[0].share < 0.045
+
+
+def test_what_the_model_leaves_out_is_pointed_at():
+    machine = replace(axis(), effort_noise=0.1)
+    result = identify(machine, axis_data(), settings=QUICK)
+    (warning,) = [w for w in result.quality.warnings if 'residual' in w]
+    assert warning.startswith('emps_axis: the residual is 3 times the effort noise')
+    assert '`ident diagnose`' in warning

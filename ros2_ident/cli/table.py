@@ -7,6 +7,9 @@ import math
 from ros2_ident.cli.progress import duration
 from ros2_ident.result import Identification, ParameterEstimate
 
+# A half width beyond this share of the value, in percent, is told by itself.
+TELLING = 1000.0
+
 
 def columns(rows: Sequence[Sequence[str]], right: Sequence[bool]) -> list[str]:
     """Return rows as lines with aligned columns.
@@ -32,11 +35,12 @@ def _number(value: float) -> str:
 def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
     half = 0.5 * (estimate.high - estimate.low)
     share = 100.0 * half / abs(estimate.value) if estimate.value else math.inf
+    small = share < TELLING
     return (
         estimate.name,
         _number(estimate.value),
         f'± {half:.2g}' if math.isfinite(half) else '-',
-        f'{share:.2g} %' if math.isfinite(share) else '',
+        f'{share:.2g} %' if small else '',
         estimate.unit if estimate.unit != '1' else '',
         estimate.note,
     )
