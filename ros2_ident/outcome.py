@@ -185,7 +185,7 @@ def _judge(found: Found, estimates: tuple[ParameterEstimate, ...]) -> tuple[Outc
 def _spent(found: Found) -> str:
     """Return which budget ended the run early, as a sentence; empty where none did."""
     if found.ga.stop in (StopReason.EVALUATIONS, StopReason.SECONDS):
-        return found.ga.stop.value
+        return str(found.ga.stop.value)
     status = found.refined.status if found.refined else None
     if status is RefineStatus.CANCELLED:
         return StopReason.SECONDS.value
