@@ -67,6 +67,7 @@ class Capture:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.limit = limit
+        self.on_latency: Callable[[int], None] | None = None  # for measurements, ns
         self.keep_streams = keep_streams
         self._node = node
         self._clock = clock
@@ -87,6 +88,8 @@ class Capture:
             inbox.data.append(data)
             inbox.sent.append(sent)
             inbox.latency.append(now - sent)
+            if self.on_latency is not None:
+                self.on_latency(now - sent)
             self._arrived = self._clock()
             if len(inbox.data) >= _BATCH:
                 self._decode(role)

@@ -100,8 +100,7 @@ def _settings(goal: Any, parameters: Snapshot) -> IdentifySettings:
             genetic=parameters.genetic(**changes),
             budget=Budget(evaluations=evaluations or None, seconds=seconds or None),
             refine=goal.refine,
-            # one processor stays with the thread that receives
-            threads=parameters['workers'] or max(1, processors() - 1),
+            threads=parameters['workers'] or processors(),
         )
     except IdentError as error:
         raise _refuse(error.message) from None

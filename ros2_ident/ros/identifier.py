@@ -9,6 +9,9 @@ from types import FrameType
 
 # A run heeds its cancel event within a slice of the search; its files take the rest of this, s.
 PATIENCE = 10.0
+# The worker's Python parts hand the interpreter on this often; the default of 5 ms would be the
+# latency of every message, s.
+SWITCH_INTERVAL = 0.0005
 _HINTS = {
     'ros2_ident_msgs': (
         'package ros2_ident_msgs not found; build it with `colcon build` in the folder of '
@@ -74,9 +77,7 @@ def _run(args: Sequence[str] | None, stop: Stop) -> int:
     from ros2_ident.errors import IdentError
     from ros2_ident.ros.node import Identifier
 
-    # The worker's Python parts hand the interpreter on this often; the default of 5 ms would be
-    # the latency of every message.
-    sys.setswitchinterval(0.0005)
+    sys.setswitchinterval(SWITCH_INTERVAL)
     # Signals are ours: rclpy's would take the context away before the result is published.
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:

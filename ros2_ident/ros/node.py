@@ -20,6 +20,7 @@ from std_srvs.srv import Trigger
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.ros import parameters
 from ros2_ident.ros.actions import GoalServer, identify_result
+from ros2_ident.ros.board import Board
 from ros2_ident.ros.capture import Capture
 from ros2_ident.ros.conversion import joint_states, progress_message, result_message
 from ros2_ident.ros.diagnostics import Diagnostics
@@ -73,9 +74,6 @@ class Identifier(Node):
         self.worker = Worker(self)
         self.outlet = Outlet(self)
         self.diagnostics = Diagnostics(self.get_name(), now['missing_warning'])
-        self._state = Status.STATE_WAITING
-        self._sentence = 'no data yet'
-        self._error: IdentError | None = None
         self._last: Finished | None = None
         self._stopping = False
         self._ticks = 0
@@ -89,7 +87,7 @@ class Identifier(Node):
                 goal, tell, lambda message: done(identify_result(message))
             ),
             cancel=self.worker.cancel,
-            refuse=self._refused,
+            refuse=lambda error: self.board.refuse(error),
             failed=lambda error: identify_result(
                 result_message(None, error, self.get_clock().now().to_msg())
             ),
@@ -110,7 +108,8 @@ class Identifier(Node):
         self.capture = Capture(
             self, limit=now['buffer_messages'], keep_streams=now['keep_streams']
         )
-        self._publish_status()
+        self.board = Board(self, self.outlet, self.capture)
+        self.board.publish()
 
     # ------------------------------------------------------------------ runs
 
@@ -151,7 +150,7 @@ class Identifier(Node):
             message = progress_message(progress, request.machine, self.get_clock().now().to_msg())
             self.diagnostics.progress = message
             self.outlet.progress(message)
-            self._sentence = _progress_sentence(message)
+            self.board.sentence = _progress_sentence(message)
             if tell is not None:
                 tell(message)
 
@@ -161,10 +160,9 @@ class Identifier(Node):
                 done(message)
 
         source = request.bag_path or 'the data received'
-        self._change(
+        self.board.change(
             Status.STATE_IDENTIFYING,
             f'identifying {", ".join(request.drives)} from {source}',
-            None,
         )
         self.worker.start(job, said, ended, rate=now['progress_rate'])
 
@@ -174,7 +172,7 @@ class Identifier(Node):
         if error is not None:
             fault = self._fault(error)
             message = result_message(None, fault, stamp)
-            self._change(Status.STATE_FAILED, fault.message, fault)
+            self.board.change(Status.STATE_FAILED, fault.message, fault)
         else:
             finished, path, unwritten = value
             self._last = finished
@@ -191,7 +189,7 @@ class Identifier(Node):
                 fault = IdentError(ErrorCode(message.error_code), message.error_message)
             if unwritten is not None:
                 self.get_logger().error(unwritten.message)
-            self._change(state, message.outcome_sentence, fault or unwritten)
+            self.board.change(state, message.outcome_sentence, fault or unwritten)
         self.diagnostics.result = message
         self.outlet.result(message)
         return message
@@ -230,13 +228,7 @@ class Identifier(Node):
         )
 
     def _busy(self) -> str:
-        return self._sentence if self.worker.busy else ''
-
-    def _refused(self, error: IdentError) -> None:
-        """Say why a goal was refused, without touching what runs."""
-        self.get_logger().warning(error.message)
-        self._error = error
-        self._publish_status()
+        return self.board.sentence if self.worker.busy else ''
 
     def stop(self) -> None:
         """Ask a run to end with the best so far, and begin nothing new."""
@@ -249,7 +241,7 @@ class Identifier(Node):
         count = sum(meter.received for meter in self.capture.meters.values())
         self.capture.clear()
         if not self.worker.busy:
-            self._change(Status.STATE_WAITING, 'no data yet', None)
+            self.board.change(Status.STATE_WAITING, 'no data yet')
         response.success = True
         response.message = f'{count} messages are forgotten'
         return response
@@ -303,14 +295,14 @@ class Identifier(Node):
         if not capture.empty and not capture.ended:
             if capture.idle >= limit:
                 self._stream_ended()
-            elif not self.worker.busy and self._state != Status.STATE_RECORDING:
-                self._change(Status.STATE_RECORDING, 'data arrives', None)
+            elif not self.worker.busy and self.board.state != Status.STATE_RECORDING:
+                self.board.change(Status.STATE_RECORDING, 'data arrives')
         if capture.empty and not self.worker.busy:
             self._explain()
         if self._ticks % round(1.0 / TICK) == 0:
             capture.flush()
             if (not capture.empty and not capture.ended) or self.worker.busy:
-                self._publish_status()
+                self.board.publish()
             self._publish_diagnostics()
 
     def _stream_ended(self) -> None:
@@ -323,59 +315,30 @@ class Identifier(Node):
         if self.worker.busy:
             return
         if not self.get_parameter('auto_start').value:
-            self._change(
-                Status.STATE_READY, 'the stream has ended; send a goal to ~/identify', None
+            self.board.change(
+                Status.STATE_READY, 'the stream has ended; send a goal to ~/identify'
             )
             return
         try:
             self.begin(automatic_goal(parameters.snapshot(self)))
         except IdentError as error:
-            self._change(Status.STATE_FAILED, error.message, error)
+            self.board.change(Status.STATE_FAILED, error.message, error)
 
     def _explain(self) -> None:
         if time.monotonic() - self._explained < EXPLAIN:
             return
         self._explained = time.monotonic()
-        sentence = self.capture.silence()
-        if sentence != self._sentence and self._state == Status.STATE_WAITING:
-            self.get_logger().warning(sentence)
-            self._sentence = sentence
-            self._publish_status()
+        if self.board.state == Status.STATE_WAITING:
+            self.board.warn(self.capture.silence())
 
     def _publish_series(self) -> None:
         self.outlet.go_on()
         if not self.outlet.waiting:
             self._series.cancel()
 
-    # ------------------------------------------------------------------ status
-
-    def _change(self, state: int, sentence: str, error: IdentError | None) -> None:
-        self._state = state
-        self._sentence = sentence
-        self._error = error
-        log = self.get_logger()
-        if error is not None and error.code != ErrorCode.CANCELLED:
-            log.error(sentence)
-        else:
-            log.info(sentence)
-        self._publish_status()
-
-    def _publish_status(self) -> None:
-        meters = self.capture.meters
-        message = Status(state=self._state, sentence=self._sentence)
-        message.header.stamp = self.get_clock().now().to_msg()
-        message.streams = list(self.capture.topics.values())
-        message.received = [meter.received for meter in meters.values()]
-        message.rate = [meter.rate for meter in meters.values()]
-        message.missing_fraction = [meter.missing_fraction for meter in meters.values()]
-        if self._error is not None:
-            message.error_code = int(self._error.code)
-            message.error_message = self._error.message
-        self.outlet.status(message)
-
     def _publish_diagnostics(self) -> None:
         silence = self.capture.silence() if self.capture.empty and not self.worker.busy else ''
-        self.diagnostics.state = self._sentence if self.worker.busy else 'no run in progress'
+        self.diagnostics.state = self.board.sentence if self.worker.busy else 'no run in progress'
         self.outlet.diagnostics(
             self.diagnostics.message(
                 self.get_clock().now().to_msg(), self.capture.meters, self.capture.topics, silence

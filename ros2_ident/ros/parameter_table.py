@@ -207,7 +207,7 @@ TABLE: tuple[Entry, ...] = (
     _count(
         'workers',
         0,
-        'Threads that simulate; 0: as many as there are cores, less one that receives messages.',
+        'Threads that simulate; 0: one for each processor. The thread that receives goes first.',
         0,
         1024,
     ),

@@ -17,8 +17,9 @@ from ros2_ident.ros.playback import Bag, Message, Player, ProgressLine
 # A publisher knows of a subscriber a little before that one knows of it; what is sent in between
 # is lost, and nothing tells when it is over.
 SETTLE = 0.5
-# Time for the last messages to leave this process.
-LINGER = 0.3
+# Time for the last messages to leave this process: what reliable subscribers may take to confirm
+# them, and what comes on top for the others.
+PATIENCE, LINGER = 1.0, 0.3
 
 EXAMPLES = (
     'examples:\n'
@@ -246,8 +247,10 @@ class Station:
         """Let the last messages out and take the node off the air."""
         from rclpy.duration import Duration
 
+        deadline = time.monotonic() + PATIENCE
         for publisher in self._publishers.values():
-            publisher.wait_for_all_acked(Duration(seconds=1.0))
+            left = max(0.0, deadline - time.monotonic())
+            publisher.wait_for_all_acked(Duration(seconds=left))
         time.sleep(LINGER)
         self._closing = True
         self._thread.join()

@@ -8,6 +8,7 @@ threads, and a node can be destroyed as soon as the thread has been joined.
 
 from collections.abc import Callable
 import contextlib
+import os
 import queue
 import threading
 import time
@@ -15,6 +16,9 @@ from typing import Any
 
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
 from rclpy.node import Node
+
+# As `nice` does by default.
+NICE = 10
 
 Say = Callable[[Any], None]
 Job = Callable[[threading.Event, Say], Any]
@@ -102,6 +106,10 @@ class Worker:
         return not self._thread.is_alive()
 
     def _live(self) -> None:
+        # Linux keeps a niceness for each thread, and the threads that simulate inherit this one:
+        # where all processors are busy, the thread that receives messages goes first.
+        with contextlib.suppress(OSError, AttributeError):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
         while (work := self._work.get()) is not None:
             work()
 

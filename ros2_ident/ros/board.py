@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the node is doing, said on ~/status and in the log."""
+
+from rclpy.node import Node
+from ros2_ident_msgs.msg import Status
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.ros.capture import Capture
+from ros2_ident.ros.outlet import Outlet
+
+
+class Board:
+    """The node's state in a number and in words.
+
+    Args:
+        node: The node.
+        outlet: Where the status goes.
+        capture: Whose streams it lists.
+
+    Attributes:
+        state: One of the message's states.
+        sentence: The same in words.
+    """
+
+    def __init__(self, node: Node, outlet: Outlet, capture: Capture) -> None:
+        self.state: int = Status.STATE_WAITING
+        self.sentence = 'no data yet'
+        self._error: IdentError | None = None
+        self._node = node
+        self._outlet = outlet
+        self._capture = capture
+
+    def change(self, state: int, sentence: str, error: IdentError | None = None) -> None:
+        """Enter a state."""
+        self.state = state
+        self.sentence = sentence
+        self._error = error
+        log = self._node.get_logger()
+        if error is not None and error.code != ErrorCode.CANCELLED:
+            log.error(sentence)
+        else:
+            log.info(sentence)
+        self.publish()
+
+    def warn(self, sentence: str) -> None:
+        """Say something else in the same state, once."""
+        if sentence != self.sentence:
+            self._node.get_logger().warning(sentence)
+            self.sentence = sentence
+            self.publish()
+
+    def refuse(self, error: IdentError) -> None:
+        """Say why a goal was refused, without touching what runs."""
+        self._node.get_logger().warning(error.message)
+        self._error = error
+        self.publish()
+
+    def publish(self) -> None:
+        """Publish the state as it is."""
+        meters = self._capture.meters
+        message = Status(state=self.state, sentence=self.sentence)
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.streams = list(self._capture.topics.values())
+        message.received = [meter.received for meter in meters.values()]
+        message.rate = [meter.rate for meter in meters.values()]
+        message.missing_fraction = [meter.missing_fraction for meter in meters.values()]
+        if self._error is not None:
+            message.error_code = int(self._error.code)
+            message.error_message = self._error.message
+        self._outlet.status(message)
