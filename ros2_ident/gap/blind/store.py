@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The directory of a run: what is sealed, what was answered, what was scored."""
+
+from collections.abc import Mapping, Sequence
+import json
+from pathlib import Path
+from typing import Any
+
+from ros2_ident.errors import ErrorCode, IdentError
+
+RUN, SEALED, TABLE, MACHINE = 'run.json', 'sealed', 'table.jsonl', 'machine.yaml'
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a file such that a reader finds all of it or none."""
+    partial = path.with_name(path.name + '.partial')
+    partial.write_text(json.dumps(content, indent=1) + '\n', encoding='utf-8')
+    partial.replace(path)
+
+
+def read_json(path: Path) -> Any:
+    """Read a JSON file; None where there is none."""
+    try:
+        return json.loads(path.read_text(encoding='utf-8'))
+    except FileNotFoundError:
+        return None
+
+
+class Store:
+    """Paths and files of one run.
+
+    Args:
+        root: The run's directory.
+    """
+
+    def __init__(self, root: str | Path) -> None:
+        self.root = Path(root)
+
+    @property
+    def machine(self) -> Path:
+        """The machine file that the diagnosis reads."""
+        return self.root / MACHINE
+
+    def case(self, number: int) -> Path:
+        """Return the directory of a case."""
+        return self.root / 'cases' / f'case_{number:04d}'
+
+    def begin(self, what: Mapping[str, Any], machine: str | Path) -> None:
+        """Begin a run, or go on with the one that is here.
+
+        Raises:
+            IdentError: INVALID_GOAL where another run is here.
+        """
+        (self.root / SEALED).mkdir(parents=True, exist_ok=True)
+        there = read_json(self.root / RUN)
+        text = Path(machine).read_text(encoding='utf-8')
+        if there is None:
+            self.machine.write_text(text, encoding='utf-8')
+            write_json(self.root / RUN, dict(what))
+            return
+        same = all(there.get(key) == what[key] for key in ('cases', 'seed', 'shares'))
+        if not same or self.machine.read_text(encoding='utf-8') != text:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{self.root} holds another run ({there["cases"]} cases, seed {there["seed"]}); '
+                'give an empty directory, or the same machine, cases, seed and shares to go on',
+            )
+
+    def about(self) -> dict[str, Any]:
+        """Return what the run is.
+
+        Raises:
+            IdentError: INVALID_GOAL where there is no run.
+        """
+        found = read_json(self.root / RUN)
+        if found is None:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL, f'{self.root} holds no run of `ident blind`; give another'
+            )
+        return dict(found)
+
+    def note(self, **more: Any) -> None:
+        """Add to what the run is."""
+        write_json(self.root / RUN, {**self.about(), **more})
+
+    def sealed(self, number: int) -> dict[str, str] | None:
+        """Return a sealed label, or None."""
+        found: dict[str, str] | None = read_json(self.root / SEALED / f'{number:04d}.json')
+        return found
+
+    def seal(self, number: int, sealed: Mapping[str, str]) -> None:
+        """Keep a sealed label."""
+        write_json(self.root / SEALED / f'{number:04d}.json', dict(sealed))
+
+    def answered(self, number: int) -> dict[str, Any] | None:
+        """Return how a diagnosis went, or None where it has not ended."""
+        found: dict[str, Any] | None = read_json(self.case(number) / 'run.json')
+        return found
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the scored cases."""
+        path = self.root / TABLE
+        if not path.exists():
+            return []
+        lines = path.read_text(encoding='utf-8').splitlines()
+        return [json.loads(line) for line in lines if line.strip()]
+
+    def write_rows(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Keep the scored cases, in the order of their numbers."""
+        path = self.root / TABLE
+        partial = path.with_name(path.name + '.partial')
+        ordered = sorted(rows, key=lambda row: int(row['case']))
+        partial.write_text(''.join(json.dumps(row) + '\n' for row in ordered), encoding='utf-8')
+        partial.replace(path)
