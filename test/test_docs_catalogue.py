@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page on the effects says what the catalogue says."""
+
+from pathlib import Path
+
+import pytest
+
+from ros2_ident.effects import CATALOGUE
+from ros2_ident.report import catalogue_page
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_the_page_is_made_from_the_catalogue() -> None:
+    for path, text in catalogue_page.generated(ROOT).items():
+        assert path.read_text(encoding='utf-8') == text, (
+            f'{path.name} is out of date; run python -m ros2_ident.report.catalogue_page'
+        )
+
+
+@pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda effect: effect.id)
+def test_an_entry_holds_what_a_reader_needs(effect) -> None:
+    text = '\n'.join(catalogue_page.section(effect))
+    assert catalogue_page.what_it_is(effect).endswith('.')
+    for part in (effect.equation, effect.source, effect.family, *effect.confusable):
+        assert part in text
+    for parameter in effect.parameters:
+        assert f'| `{parameter.name}` | {parameter.unit} |' in text
+    assert '{drive}' not in text
+
+
+@pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda effect: effect.id)
+def test_what_an_effect_is_taken_for_is_in_the_catalogue_too(effect) -> None:
+    assert set(effect.confusable) <= set(CATALOGUE) - {effect.id}
