@@ -9,14 +9,14 @@ from ros2_ident.lanes import inlined
 
 @inlined
 def _kernel(value: Any, drive: Any, p: Any) -> Any:
-    return value + p[0]
+    return value - p[0]
 
 
 EFFECT = Effect(
     id='constant_force',
     group='drive',
     title='constant force',
-    equation='F on the carriage',
+    equation='F on the carriage, against the positive direction',
     source='Janot, Gautier, Brunot 2019, offset',
     parameters=(
         EffectParameter('force', 'N', -30.0, 30.0, 0.0),
