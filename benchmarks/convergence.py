@@ -28,13 +28,22 @@ TABLE_5 = {
 STEPS = (1, 2, 4, 8, 16)
 
 
-def model_and_reference(parameters: dict[str, float], kind: str, seconds: float) -> tuple[Tripod, np.ndarray]:
+def model_and_reference(
+    parameters: dict[str, float], kind: str, seconds: float
+) -> tuple[Tripod, np.ndarray]:
     """Return the fast model on a motion, and the reference's logged torque (3, K) on the same set-points."""
     machine = load_machine(Path(__file__).parents[1] / 'config' / 'tripod.yaml')
     motion = draw_motion(kind, machine, seconds, 7)
     log = simulate_tripod(machine, parameters, motion.position, motion.velocity)
     data = Dataset(
-        machine.drives, float(machine.controller['cycle']), 0, motion.position, motion.velocity, None, None, log.effort
+        machine.drives,
+        float(machine.controller['cycle']),
+        0,
+        motion.position,
+        motion.velocity,
+        None,
+        None,
+        log.effort,
     )
     return Tripod(machine, data), log.effort
 
@@ -65,7 +74,9 @@ def chosen(parameters: dict[str, float]) -> int:
 
 def table() -> list[str]:
     """Return the study as lines of Markdown."""
-    head = '| ' + ' | '.join(f'{s} ({500 / s:.4g} us)' for s in STEPS) + ' | chosen | error there |'
+    head = (
+        '| ' + ' | '.join(f'{s} ({500 / s:.4g} us)' for s in STEPS) + ' | chosen | error there |'
+    )
     lines = [
         '| motion | c_G [N/m] | zeta_G | J_D [kg m^2] | M_C [N m] ' + head,
         '|' + ' --- |' * (5 + len(STEPS) + 2),
@@ -104,7 +115,9 @@ def main() -> None:
         text = path.read_text(encoding='utf-8')
         begin, end = '<!-- table -->\n', '<!-- end -->'
         before, rest = text.split(begin)
-        path.write_text(before + begin + '\n'.join(lines) + '\n' + end + rest.split(end)[1], encoding='utf-8')
+        path.write_text(
+            before + begin + '\n'.join(lines) + '\n' + end + rest.split(end)[1], encoding='utf-8'
+        )
 
 
 if __name__ == '__main__':

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """A vector of eight doubles as a numba type: one candidate in each SIMD lane.
 
-Kernels are written once, as if for one candidate; every operation on a `Lanes` value works on eight of them. The
-compiler splits the vector where the machine's registers are shorter. Lanes never mix, so a candidate's result does
-not depend on its neighbours.
+Kernels are written once, as if for one candidate; every operation on a `Lanes` value works on
+eight of them. The compiler splits the vector where the machine's registers are shorter. Lanes
+never mix, so a candidate's result does not depend on its neighbours.
 
-Values come from `load(array, offset)` and `spread(scalar)`, go back with `store`, and combine with `+ - * /`, the
-comparisons (which give a `Mask`) and the functions below. Division by zero gives inf or NaN, as in numpy.
+Values come from `load(array, offset)` and `spread(scalar)`, go back with `store`, and combine with
+`+ - * /`, the comparisons (which give a `Mask`) and the functions below. Division by zero gives
+inf or NaN, as in numpy.
 """
 # mypy: ignore-errors
 # numba's extension interface is not typed.
 
 import operator
 
-import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
@@ -25,6 +25,7 @@ from numba.extending import (
     models,
     register_model,
 )
+import numpy as np
 
 WIDTH = 8
 # Kernels are many small functions; a call that stays a call spills every vector register.
@@ -106,9 +107,7 @@ for _op, _symbol in (
     (operator.gt, '>'),
     (operator.ge, '>='),
 ):
-    _binary(
-        _op, lambda b, x, y, s=_symbol: b.fcmp_ordered(s, x, y), result=mask_type
-    )
+    _binary(_op, lambda b, x, y, s=_symbol: b.fcmp_ordered(s, x, y), result=mask_type)
 _binary(operator.and_, lambda b, x, y: b.and_(x, y), mask_type, mask_type)
 _binary(operator.or_, lambda b, x, y: b.or_(x, y), mask_type, mask_type)
 
@@ -316,7 +315,8 @@ def cosine(x):
 def tanh(x):
     """Return the hyperbolic tangent to 5e-11 absolute.
 
-    A rational fit x P(x**2)/Q(x**2) on [-9.2, 9.2] (minimax by reweighted least squares), constant beyond.
+    A rational fit x P(x**2)/Q(x**2) on [-9.2, 9.2] (minimax by reweighted least squares), constant
+    beyond.
     """
     x = clip(x, spread(-9.2), spread(9.2))
     u = x * x * (1.0 / 84.64)

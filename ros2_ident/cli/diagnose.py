@@ -42,18 +42,31 @@ LINE_EVERY = 5.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_bag(parser)
-    parser.add_argument('--check', metavar='BAG', help='recording to judge on; else blocks of the first')
+    parser.add_argument(
+        '--check', metavar='BAG', help='recording to judge on; else blocks of the first'
+    )
     add_machine(parser)
     parser.add_argument('--out', metavar='DIR', help='directory for diagnosis.json')
     parser.add_argument(
-        '--without', type=names, default=(), metavar='EFFECT,..', help='effects to leave out of the catalogue'
+        '--without',
+        type=names,
+        default=(),
+        metavar='EFFECT,..',
+        help='effects to leave out of the catalogue',
     )
     add_drives(parser)
     parser.add_argument(
-        '--fix', action='append', default=[], type=assignment, metavar='NAME=VALUE', help='hold a parameter'
+        '--fix',
+        action='append',
+        default=[],
+        type=assignment,
+        metavar='NAME=VALUE',
+        help='hold a parameter',
     )
     parser.add_argument('--seed', type=whole, default=1, help='same seed and data, same diagnosis')
-    parser.add_argument('--seconds', type=not_negative, default=0.0, metavar='N', help='stop after this time')
+    parser.add_argument(
+        '--seconds', type=not_negative, default=0.0, metavar='N', help='stop after this time'
+    )
     parser.add_argument('--quiet', action='store_true', help='show no progress')
     add_topics(parser)
 
@@ -74,7 +87,11 @@ class _Lines:
         text = f'{100 * progress.fraction:3.0f} %  {progress.elapsed:4.0f} s  {progress.stage}'
         if progress.best_so_far:
             text += f'; so far: {progress.best_so_far}'
-        print(f'\r{text:<110.110}' if self.terminal else text, end='' if self.terminal else '\n', file=sys.stderr)
+        print(
+            f'\r{text:<110.110}' if self.terminal else text,
+            end='' if self.terminal else '\n',
+            file=sys.stderr,
+        )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -118,7 +135,9 @@ def print_diagnosis(d: 'Diagnosis') -> None:
     """Print a diagnosis on standard output, the answer first."""
     print(f'verdict: {d.sentence} (probability {d.probability:.2f})')
     for ranked in d.confusable[1:]:
-        print(f'  not to be told from: {ranked.at.effect} on {ranked.at.where} ({ranked.probability:.2f})')
+        print(
+            f'  not to be told from: {ranked.at.effect} on {ranked.at.where} ({ranked.probability:.2f})'
+        )
     for _, level, text in d.gates:
         if level != 'ok':
             print(f'{level}: {text}')
@@ -133,7 +152,11 @@ def print_diagnosis(d: 'Diagnosis') -> None:
         print(f'share of the explainable gap closed: {s.value:.3f} [{s.low:.3f}, {s.high:.3f}]')
     nominal = set(d.moved)
     for name, v in d.parameters.items():
-        moved = f'  moved {100 * d.moved[name]:+.1f} %' if name in nominal and abs(d.moved[name]) >= 0.01 else ''
+        moved = (
+            f'  moved {100 * d.moved[name]:+.1f} %'
+            if name in nominal and abs(d.moved[name]) >= 0.01
+            else ''
+        )
         print(f'  {name:45s} {v.value:12.5g} [{v.low:.5g}, {v.high:.5g}] {v.unit}{moved}')
     for text in d.advice:
         print(f'advice: {text}')

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The catalogue: every module of this folder that defines EFFECT is one effect."""
 
+from collections.abc import Mapping
 import importlib
 import pkgutil
-from collections.abc import Mapping
 from types import MappingProxyType
 
 from ros2_ident.effects.effect import DriveState, Effect, EffectParameter, Hook

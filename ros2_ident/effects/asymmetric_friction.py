@@ -26,6 +26,9 @@ EFFECT = Effect(
     kernel=_kernel,
     place='drive',
     family='direction',
-    confusable=('constant_force', 'effort_bias',),
+    confusable=(
+        'constant_force',
+        'effort_bias',
+    ),
     separated_by='mirror the motion of {drive}, at several speeds, and dwell at both ends',
 )

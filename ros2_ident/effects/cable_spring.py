@@ -26,6 +26,10 @@ EFFECT = Effect(
     kernel=_kernel,
     place='drive',
     family='position',
-    confusable=('position_dependent_friction', 'rail_radius_error', 'rod_length_error',),
+    confusable=(
+        'position_dependent_friction',
+        'rail_radius_error',
+        'rod_length_error',
+    ),
     separated_by='sweep {drive} slowly both ways over its whole stroke',
 )

@@ -16,6 +16,9 @@ EFFECT = Effect(
     kernel=None,
     place='drive',
     family='loop timing',
-    confusable=('current_loop_lag', 'effort_delay',),
+    confusable=(
+        'current_loop_lag',
+        'effort_delay',
+    ),
     separated_by='compare set-point and measured position of {drive} in a chirp',
 )

@@ -18,13 +18,14 @@ EFFECT = Effect(
     title='constant force',
     equation='F on the carriage, against the positive direction',
     source='Janot, Gautier, Brunot 2019, offset',
-    parameters=(
-        EffectParameter('force', 'N', -30.0, 30.0, 0.0),
-    ),
+    parameters=(EffectParameter('force', 'N', -30.0, 30.0, 0.0),),
     hook=Hook.CARRIAGE_FORCE,
     kernel=_kernel,
     place='drive',
     family='offset',
-    confusable=('effort_bias', 'asymmetric_friction',),
+    confusable=(
+        'effort_bias',
+        'asymmetric_friction',
+    ),
     separated_by='no motion can: turn the axis over, or log the effort with the motor switched off',
 )

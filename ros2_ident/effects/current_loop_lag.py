@@ -18,15 +18,18 @@ EFFECT = Effect(
     id='current_loop_lag',
     group='controller',
     title='current-loop lag',
-    equation='M\' = (M_commanded - M) / tau',
+    equation="M' = (M_commanded - M) / tau",
     source='Leonhard, Control of Electrical Drives',
-    parameters=(
-        EffectParameter('time_constant', 's', 0.0, 0.02, 0.0, starts=(1e-3,)),
-    ),
+    parameters=(EffectParameter('time_constant', 's', 0.0, 0.02, 0.0, starts=(1e-3,)),),
     hook=Hook.TORQUE,
     kernel=_kernel,
     place='drive',
     family='loop timing',
-    confusable=('command_delay', 'effort_filter', 'effort_delay', 'velocity_gain_error',),
+    confusable=(
+        'command_delay',
+        'effort_filter',
+        'effort_delay',
+        'velocity_gain_error',
+    ),
     separated_by='excite {drive} with a chirp beyond the crossover of its velocity loop',
 )

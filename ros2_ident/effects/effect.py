@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an effect is: data, and a small kernel that fills one hook of a simulation step."""
 
-import enum
 from collections.abc import Callable
 from dataclasses import dataclass
+import enum
 from typing import Any, Literal, NamedTuple
 
 Group = Literal['structure', 'drive', 'controller', 'measurement']
@@ -12,9 +12,11 @@ Group = Literal['structure', 'drive', 'controller', 'measurement']
 class Hook(enum.Enum):
     """Where in a simulation step an effect acts, and what its kernel changes.
 
-    A kernel of a per-drive hook is `kernel(value, drive, p) -> value`: `value` is what the step would use without
-    the effect, `drive` a `DriveState`, `p` the tuple of the effect's parameters; all are `Lanes`.
-    PARAMETER effects have no kernel: each of their parameters names what it is added to or multiplied with.
+    A kernel of a per-drive hook is `kernel(value, drive, p) -> value`: `value` is what the step
+    would use without the effect, `drive` a `DriveState`, `p` the tuple of the effect's parameters;
+    all are `Lanes`.
+    PARAMETER effects have no kernel: each of their parameters names what it is added to or
+    multiplied with.
     """
 
     SIGN = 'direction of friction, -1..1: nominally tanh(v / regularisation)'
@@ -43,7 +45,8 @@ class DriveState(NamedTuple):
         time: Time since the start of the log [s].
         elapsed: Time since the present torque was commanded [s].
         travel: Way gone since `memory` was written [m].
-        memory: What the hook's own effect kept: for SIGN the bristle state, for TORQUE the last torque.
+        memory: What the hook's own effect kept: for SIGN the bristle state, for TORQUE the last
+            torque.
     """
 
     position: Any
@@ -67,16 +70,20 @@ class EffectParameter:
 
     Attributes:
         name: Short name, unique within the effect.
-        unit: SI unit as text; one that begins with `effort` (N m or N, whichever the machine logs) has bounds as shares
-            of the controller's limit.
+        unit: SI unit as text; one that begins with `effort` (N m or N, whichever the machine logs)
+            has bounds as shares of the controller's limit.
         low: Lower bound of the search, physical sign included.
         high: Upper bound of the search.
-        neutral: Value at which the effect vanishes, or that means nothing while another parameter is neutral.
-        starts: Values to start a local search from, where one start would be caught in a local minimum.
-        role: `size` switches the effect off at its neutral value; `shape` only shapes it; `position` and `time` are
+        neutral: Value at which the effect vanishes, or that means nothing while another parameter
+            is neutral.
+        starts: Values to start a local search from, where one start would be caught in a local
+            minimum.
+        role: `size` switches the effect off at its neutral value; `shape` only shapes it;
+            `position` and `time` are
             shapes whose starts follow the log: places the drive visits, instants of the log.
         target: For PARAMETER effects: the kernel's row (see `models.rows`) it acts on.
-        how: For PARAMETER effects: whether it is added to the row, multiplied with it, or replaces it.
+        how: For PARAMETER effects: whether it is added to the row, multiplied with it, or replaces
+            it.
     """
 
     name: str

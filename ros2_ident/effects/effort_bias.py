@@ -9,13 +9,14 @@ EFFECT = Effect(
     title='effort bias',
     equation='logged effort plus b',
     source='offset of a current sensor',
-    parameters=(
-        EffectParameter('bias', 'effort', -0.1, 0.1, 0.0, target='effort_bias'),
-    ),
+    parameters=(EffectParameter('bias', 'effort', -0.1, 0.1, 0.0, target='effort_bias'),),
     hook=Hook.PARAMETER,
     kernel=None,
     place='drive',
     family='offset',
-    confusable=('constant_force', 'asymmetric_friction',),
+    confusable=(
+        'constant_force',
+        'asymmetric_friction',
+    ),
     separated_by='no motion can: turn the axis over, or log the effort with the motor switched off',
 )

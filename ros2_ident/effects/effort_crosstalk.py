@@ -9,13 +9,14 @@ EFFECT = Effect(
     title='effort cross-talk',
     equation='logged effort plus c times the sum of the others',
     source='shared supply or shunt',
-    parameters=(
-        EffectParameter('coefficient', '1', -0.3, 0.3, 0.0, target='effort_crosstalk'),
-    ),
+    parameters=(EffectParameter('coefficient', '1', -0.3, 0.3, 0.0, target='effort_crosstalk'),),
     hook=Hook.PARAMETER,
     kernel=None,
     place='drive',
     family='coupling',
-    confusable=('payload_change', 'rod_mass',),
+    confusable=(
+        'payload_change',
+        'rod_mass',
+    ),
     separated_by='move the other drives while {drive} rests',
 )

@@ -7,7 +7,7 @@ EFFECT = Effect(
     id='effort_filter',
     group='measurement',
     title='effort filter',
-    equation='tau M_log\' = M - M_log',
+    equation="tau M_log' = M - M_log",
     source='first-order low-pass',
     parameters=(
         EffectParameter('time_constant', 's', 0.0, 0.02, 0.0, target='effort_lag', starts=(2e-3,)),
@@ -16,6 +16,9 @@ EFFECT = Effect(
     kernel=None,
     place='drive',
     family='log timing',
-    confusable=('effort_delay', 'current_loop_lag',),
+    confusable=(
+        'effort_delay',
+        'current_loop_lag',
+    ),
     separated_by='excite {drive} with a chirp: a filter loses gain',
 )

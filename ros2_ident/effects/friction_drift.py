@@ -18,9 +18,7 @@ EFFECT = Effect(
     title='drifting friction',
     equation='friction torque times 1 + r t',
     source='Bittencourt and Gunnarsson, J. Dyn. Syst. Meas. Control 134(5), 2012, linearised',
-    parameters=(
-        EffectParameter('rate', '1/s', -0.1, 0.1, 0.0),
-    ),
+    parameters=(EffectParameter('rate', '1/s', -0.1, 0.1, 0.0),),
     hook=Hook.FRICTION,
     kernel=_kernel,
     place='drive',

@@ -16,6 +16,9 @@ EFFECT = Effect(
     kernel=None,
     place='drive',
     family='loop gains',
-    confusable=('velocity_gain_error', 'position_gain_error',),
+    confusable=(
+        'velocity_gain_error',
+        'position_gain_error',
+    ),
     separated_by='compare the logged effort of {drive} with the law: no motion needed',
 )

@@ -17,6 +17,9 @@ EFFECT = Effect(
     kernel=None,
     place='all',
     family='mass',
-    confusable=('rod_mass', 'torque_constant_error',),
+    confusable=(
+        'rod_mass',
+        'torque_constant_error',
+    ),
     separated_by='hold still before and after the change of payload',
 )

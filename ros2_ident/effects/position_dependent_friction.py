@@ -26,6 +26,9 @@ EFFECT = Effect(
     kernel=_kernel,
     place='drive',
     family='position',
-    confusable=('cable_spring', 'load_dependent_friction',),
+    confusable=(
+        'cable_spring',
+        'load_dependent_friction',
+    ),
     separated_by='sweep {drive} slowly both ways over its whole stroke',
 )

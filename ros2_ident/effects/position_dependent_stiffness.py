@@ -26,6 +26,9 @@ EFFECT = Effect(
     kernel=_kernel,
     place='drive',
     family='elasticity',
-    confusable=('payload_change', 'frame_resonance',),
+    confusable=(
+        'payload_change',
+        'frame_resonance',
+    ),
     separated_by='excite {drive} with the same chirp at three positions',
 )

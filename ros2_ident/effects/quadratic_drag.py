@@ -18,13 +18,14 @@ EFFECT = Effect(
     title='quadratic drag',
     equation='Q v |v| added to the friction torque',
     source='MuJoCo dcmotor note; nonlinear viscous friction',
-    parameters=(
-        EffectParameter('torque', 'effort s^2/m^2', 0.0, 1.0, 0.0),
-    ),
+    parameters=(EffectParameter('torque', 'effort s^2/m^2', 0.0, 1.0, 0.0),),
     hook=Hook.FRICTION,
     kernel=_kernel,
     place='drive',
     family='speed-dependent friction',
-    confusable=('viscous_friction', 'velocity_gain_error',),
+    confusable=(
+        'viscous_friction',
+        'velocity_gain_error',
+    ),
     separated_by='run {drive} at five constant speeds over its whole range, both ways',
 )

@@ -9,13 +9,15 @@ EFFECT = Effect(
     title='rail-radius error',
     equation='rail radius plus d',
     source='kinematic calibration',
-    parameters=(
-        EffectParameter('error', 'm', -0.05, 0.05, 0.0, target='rail_radius'),
-    ),
+    parameters=(EffectParameter('error', 'm', -0.05, 0.05, 0.0, target='rail_radius'),),
     hook=Hook.PARAMETER,
     kernel=None,
     place='all',
     family='geometry',
-    confusable=('rod_length_error', 'cable_spring', 'rod_mass',),
+    confusable=(
+        'rod_length_error',
+        'cable_spring',
+        'rod_mass',
+    ),
     separated_by='hold still at many places of the workspace',
 )

@@ -9,13 +9,15 @@ EFFECT = Effect(
     title='rod-length error',
     equation='rod length plus d',
     source='kinematic calibration',
-    parameters=(
-        EffectParameter('error', 'm', -0.05, 0.05, 0.0, target='rod_length'),
-    ),
+    parameters=(EffectParameter('error', 'm', -0.05, 0.05, 0.0, target='rod_length'),),
     hook=Hook.PARAMETER,
     kernel=None,
     place='all',
     family='geometry',
-    confusable=('rail_radius_error', 'cable_spring', 'rod_mass',),
+    confusable=(
+        'rail_radius_error',
+        'cable_spring',
+        'rod_mass',
+    ),
     separated_by='hold still at many places of the workspace',
 )

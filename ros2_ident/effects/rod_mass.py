@@ -9,13 +9,14 @@ EFFECT = Effect(
     title='rod mass',
     equation='half of each rod at the carriage, half at the platform',
     source='Codourey, IJRR 17(12), 1998',
-    parameters=(
-        EffectParameter('mass', 'kg', 0.0, 0.5, 0.0, target='rod_mass'),
-    ),
+    parameters=(EffectParameter('mass', 'kg', 0.0, 0.5, 0.0, target='rod_mass'),),
     hook=Hook.PARAMETER,
     kernel=None,
     place='all',
     family='mass',
-    confusable=('payload_change', 'torque_constant_error',),
+    confusable=(
+        'payload_change',
+        'torque_constant_error',
+    ),
     separated_by='make the same acceleration at the rim and in the middle of the workspace',
 )

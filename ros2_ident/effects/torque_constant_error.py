@@ -9,13 +9,14 @@ EFFECT = Effect(
     title='torque constant error',
     equation='logged effort times g',
     source='MuJoCo dcmotor note; gap between current and torque',
-    parameters=(
-        EffectParameter('factor', '1', 0.7, 1.4, 1.0, target='effort_gain', how='scale'),
-    ),
+    parameters=(EffectParameter('factor', '1', 0.7, 1.4, 1.0, target='effort_gain', how='scale'),),
     hook=Hook.PARAMETER,
     kernel=None,
     place='drive',
     family='scale of effort',
-    confusable=('velocity_gain_error', 'load_dependent_friction',),
+    confusable=(
+        'velocity_gain_error',
+        'load_dependent_friction',
+    ),
     separated_by='repeat the motion of {drive} with a weighed mass added',
 )

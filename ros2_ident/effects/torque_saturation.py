@@ -10,7 +10,16 @@ EFFECT = Effect(
     equation='commanded torque clipped at a share of its limit',
     source='Rhoban BAM; MuJoCo dcmotor note',
     parameters=(
-        EffectParameter('share', '1', 0.02, 1.0, 1.0, target='torque_limit', how='scale', starts=(0.1, 0.2, 0.4)),
+        EffectParameter(
+            'share',
+            '1',
+            0.02,
+            1.0,
+            1.0,
+            target='torque_limit',
+            how='scale',
+            starts=(0.1, 0.2, 0.4),
+        ),
     ),
     hook=Hook.PARAMETER,
     kernel=None,

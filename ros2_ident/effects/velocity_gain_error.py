@@ -16,6 +16,10 @@ EFFECT = Effect(
     kernel=None,
     place='drive',
     family='loop gains',
-    confusable=('position_gain_error', 'integral_gain_error', 'viscous_friction',),
+    confusable=(
+        'position_gain_error',
+        'integral_gain_error',
+        'viscous_friction',
+    ),
     separated_by='compare the logged effort of {drive} with the law: no motion needed',
 )

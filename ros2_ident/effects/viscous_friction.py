@@ -9,13 +9,14 @@ EFFECT = Effect(
     title='viscous friction',
     equation='M_V v',
     source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
-    parameters=(
-        EffectParameter('torque', 'effort s/m', 0.0, 2.0, 0.0, target='viscous'),
-    ),
+    parameters=(EffectParameter('torque', 'effort s/m', 0.0, 2.0, 0.0, target='viscous'),),
     hook=Hook.PARAMETER,
     kernel=None,
     place='drive',
     family='speed-dependent friction',
-    confusable=('quadratic_drag', 'velocity_gain_error',),
+    confusable=(
+        'quadratic_drag',
+        'velocity_gain_error',
+    ),
     separated_by='run {drive} at five constant speeds over its whole range, both ways',
 )

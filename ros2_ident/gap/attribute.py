@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which effect explains the gap: every effect at every place, re-identified together with the nominal parameters.
 
-One round screens all candidates against the present residual, fits the promising ones jointly on the fit part, and
-scores every fit on the part held out. `explain` runs rounds until nothing is left or nothing gains.
+One round screens all candidates against the present residual, fits the promising ones jointly on
+the fit part, and scores every fit on the part held out. `explain` runs rounds until nothing is
+left or nothing gains.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,8 +15,8 @@ import numpy.typing as npt
 
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case, Part
-from ros2_ident.gap.local_fit import LocalFit, local_fit
-from ros2_ident.gap.screen import Start, screen
+from ros2_ident.gap.local_fit import local_fit, LocalFit
+from ros2_ident.gap.screen import screen, Start
 from ros2_ident.models import DriveModel, EffectAt
 from ros2_ident.search import GeneticSearch, GeneticSettings
 
@@ -98,7 +99,9 @@ class Attribution:
 
     # ------------------------------------------------------------------ fits
 
-    def _evaluate(self, models: Sequence[DriveModel], part: Part, weight: Array) -> Callable[[Array], Array]:
+    def _evaluate(
+        self, models: Sequence[DriveModel], part: Part, weight: Array
+    ) -> Callable[[Array], Array]:
         return lambda theta: part.residual(models, np.atleast_2d(theta)) * weight[None]
 
     def _box(self, models: Sequence[DriveModel]) -> tuple[Array, Array]:
@@ -116,13 +119,18 @@ class Attribution:
             while search.stop_reason is None and not self.stopped():
                 asked = search.ask()
                 slices = [asked[i : i + 32] for i in range(0, len(asked), 32)]
-                told = pool.map(lambda x: np.mean(evaluate(low + (high - low) * x) ** 2, axis=1), slices)
+                told = pool.map(
+                    lambda x: np.mean(evaluate(low + (high - low) * x) ** 2, axis=1), slices
+                )
                 costs = np.concatenate(list(told))
                 search.tell(np.where(np.isfinite(costs), costs, np.inf))
             starts = self._distinct(search)
             fits = list(
                 pool.map(
-                    lambda x: local_fit(evaluate, low + (high - low) * x, low, high, stopped=self.stopped), starts
+                    lambda x: local_fit(
+                        evaluate, low + (high - low) * x, low, high, stopped=self.stopped
+                    ),
+                    starts,
                 )
             )
         return self._explanation((), min(fits, key=lambda f: f.loss))
@@ -136,7 +144,9 @@ class Attribution:
                 chosen.append(x)
         return chosen
 
-    def refit(self, effects: Sequence[EffectAt], theta: Array, iterations: int = 12) -> Explanation:
+    def refit(
+        self, effects: Sequence[EffectAt], theta: Array, iterations: int = 12
+    ) -> Explanation:
         """Fit a set of effects jointly from a start."""
         models = self.case.models(effects, self.case.fit)
         low, high = self._box(models)
@@ -178,17 +188,28 @@ class Attribution:
 
     # ------------------------------------------------------------------ rounds
 
-    def starts(self, base: Explanation, candidate: EffectAt, basis: Array, inverse: Array) -> list[Start]:
+    def starts(
+        self, base: Explanation, candidate: EffectAt, basis: Array, inverse: Array
+    ) -> list[Start]:
         """Screen one candidate against what the base leaves; see `screen` for the last two."""
         models = self.case.models((*base.effects, candidate), self.case.fit)
         low, high = self._box(models)
         count = len(base.theta)
         return screen(
-            candidate, models, self._evaluate(models, self.case.fit, self.weight), base.theta, base.residual, basis,
-            inverse, low[:count], high[:count],
+            candidate,
+            models,
+            self._evaluate(models, self.case.fit, self.weight),
+            base.theta,
+            base.residual,
+            basis,
+            inverse,
+            low[:count],
+            high[:count],
         )
 
-    def look(self, base: Explanation, candidates: Sequence[EffectAt]) -> dict[EffectAt, list[Start]]:
+    def look(
+        self, base: Explanation, candidates: Sequence[EffectAt]
+    ) -> dict[EffectAt, list[Start]]:
         """Screen every candidate on top of a base; those already in it are left out."""
         new = [c for c in candidates if c not in base.effects]
         basis, triangle = np.linalg.qr(base.jacobian)
@@ -201,7 +222,9 @@ class Attribution:
                 return []
             found = self.starts(base, candidate, basis, inverse)
             done += 1
-            self.on_step(0.5 * done / len(new), f'looking at {candidate.effect} on {candidate.where}')
+            self.on_step(
+                0.5 * done / len(new), f'looking at {candidate.effect} on {candidate.where}'
+            )
             return found
 
         with ThreadPoolExecutor(_THREADS) as pool:
@@ -252,7 +275,11 @@ class Attribution:
         """Return the starts worth a joint fit: the best candidates, their relatives, and second starts."""
         order = sorted(screened, key=lambda c: -screened[c][0].gain)
         worth = 0.1 * screened[order[0]][0].gain if order else 0.0
-        chosen = [c for rank, c in enumerate(order[:fits]) if rank < _LEAST or screened[c][0].gain > worth]
+        chosen = [
+            c
+            for rank, c in enumerate(order[:fits])
+            if rank < _LEAST or screened[c][0].gain > worth
+        ]
         for leader in order[:2]:
             effect = get_effect(leader.effect)
             for c in order:

@@ -13,7 +13,8 @@ from ros2_ident.recording import Dataset
 
 Array = npt.NDArray[np.float64]
 
-# Seconds at a log's start that are not compared: a machine that has stood still holds forces no model knows.
+# Seconds at a log's start that are not compared: a machine that has stood still holds forces no
+# model knows.
 SETTLE = 0.1
 
 
@@ -79,8 +80,8 @@ def split(
 ) -> tuple[Part, Part, str]:
     """Return what to fit on, what to hold out, and how it was split.
 
-    Without a check recording every second block of the fit recordings is held out. The simulation runs through; only
-    the comparison is split, with a tenth of a block between them left out.
+    Without a check recording every second block of the fit recordings is held out. The simulation
+    runs through; only the comparison is split, with a tenth of a block between them left out.
 
     Args:
         fit: Recordings to fit on.
@@ -146,7 +147,11 @@ class Case:
         """
         out = []
         for effect in CATALOGUE.values():
-            if effect.id in without or (known and effect.id not in known) or self.inapplicable(effect.id):
+            if (
+                effect.id in without
+                or (known and effect.id not in known)
+                or self.inapplicable(effect.id)
+            ):
                 continue
             places = self.drives if effect.place == 'drive' else ('all',)
             out += [EffectAt(effect.id, where) for where in places]
@@ -168,7 +173,10 @@ class Case:
         }
         if nominal.get(effect_id, False):
             return True
-        if effect_id in ('backlash', 'transmission_eccentricity', 'position_dependent_stiffness') and not elastic:
+        if (
+            effect_id in ('backlash', 'transmission_eccentricity', 'position_dependent_stiffness')
+            and not elastic
+        ):
             return True
         effect = get_effect(effect_id)
         if effect.group == 'controller' and not closed:

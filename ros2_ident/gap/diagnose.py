@@ -20,7 +20,7 @@ from ros2_ident.gap.explain import Explained, Explainer, Rules
 from ros2_ident.gap.floor import Floor, noise_floor
 from ros2_ident.gap.gates import run_gates
 from ros2_ident.gap.localise import Finding, localise
-from ros2_ident.gap.verdict import NONE, UNKNOWN, Verdict, advice, judge
+from ros2_ident.gap.verdict import advice, judge, NONE, UNKNOWN, Verdict
 from ros2_ident.models import EffectAt, Machine
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings, intervals
@@ -29,7 +29,8 @@ Array = npt.NDArray[np.float64]
 
 # The nominal search need not be sharp: local fits follow, from its best survivors.
 SEARCH = GeneticSettings(initial_population=256, survivors=6, children=6, generations=6)
-# An effect whose largest trial leaves less than this, in units of the floor, cannot be seen in the log.
+# An effect whose largest trial leaves less than this, in units of the floor, cannot be seen in the
+# log.
 VISIBLE = 0.3
 
 
@@ -103,7 +104,8 @@ def diagnose(
     Args:
         machine: The machine.
         fit: Recordings to fit on.
-        check: Recordings held out; without them every second block of the fit recordings is held out.
+        check: Recordings held out; without them every second block of the fit recordings is held
+            out.
         drives: Drives to look at; all by default.
         without: Ids of effects to leave out of the catalogue.
         fixed: Parameters not to be identified.
@@ -120,7 +122,9 @@ def diagnose(
         IdentError: NO_DATA, MISSING_STREAM, DIVERGED or UNKNOWN_PARAMETER with the remedy.
     """
     if not fit:
-        raise IdentError(ErrorCode.NO_DATA, 'there is no recording to fit on; give a bag with drive data')
+        raise IdentError(
+            ErrorCode.NO_DATA, 'there is no recording to fit on; give a bag with drive data'
+        )
     for name in without:
         get_effect(name)
     run = _Run(seconds, cancelled, on_progress)
@@ -132,7 +136,8 @@ def diagnose(
     base = attribution.nominal(SEARCH, seed)
     if not np.isfinite(base.residual).all():
         raise IdentError(
-            ErrorCode.DIVERGED, 'every candidate diverges on this log; check units, gains and geometry in the machine file'
+            ErrorCode.DIVERGED,
+            'every candidate diverges on this log; check units, gains and geometry in the machine file',
         )
     floor = _floor(attribution, base)
     attribution = Attribution(case, floor.per_drive, stopped=run.stopped, on_step=run.step)
@@ -150,8 +155,11 @@ def diagnose(
     run.stage = (0.15, 0.6)
     candidates = case.candidates(without)
     found = explainer.explain(base, candidates, note)
-    # Where nothing is missing nothing was tried; what the motion could not have shown is said all the same.
-    visible = found.rounds[0].visible if found.rounds else visibility(attribution.look(base, candidates))
+    # Where nothing is missing nothing was tried; what the motion could not have shown is said all
+    # the same.
+    visible = (
+        found.rounds[0].visible if found.rounds else visibility(attribution.look(base, candidates))
+    )
     verdict = judge(explainer, found)
     run.stage = (0.95, 1.0)
     run.step(0.0, 'saying where')
@@ -190,14 +198,21 @@ def _compose(
     model = case.models(final.effects, case.fit)[0]
     rows = [case.check.rows(e.check_residual / attribution.check_weight) for e in found.chain]
     blocks = Blocks(rows, model.cycle, seed=seed, starts=case.check.starts)
-    labels = ['nominal'] + [f'{get_effect(a.effect).title} on {a.where}' for a in found.chain[-1].effects]
+    labels = ['nominal'] + [
+        f'{get_effect(a.effect).title} on {a.where}' for a in found.chain[-1].effects
+    ]
     steps = tuple(Step(labels[i], blocks.rms(i)[1]) for i in range(len(found.chain)))
     last = len(found.chain) - 1
     share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
     values = _values(explainer, final)
-    nominal = {p.name: v for p, v in zip(case.models((), case.fit)[0].parameters, found.chain[0].theta, strict=True)}
+    nominal = {
+        p.name: v
+        for p, v in zip(case.models((), case.fit)[0].parameters, found.chain[0].theta, strict=True)
+    }
     moved = {
-        name: (values[name].value - v) / v for name, v in nominal.items() if name in values and v != 0.0
+        name: (values[name].value - v) / v
+        for name, v in nominal.items()
+        if name in values and v != 0.0
     }
     return Diagnosis(
         effect=verdict.effect,
@@ -205,8 +220,14 @@ def _compose(
         probability=verdict.probability,
         sentence=_sentence(verdict, explainer, found, floor, model.output_unit),
         also=verdict.also,
-        confusable=tuple(_ranked(explainer, found.chain[0], w.at, w.probability, w.model) for w in verdict.confusable),
-        ranking=tuple(_ranked(explainer, found.chain[0], w.at, w.probability, w.model) for w in verdict.ranking),
+        confusable=tuple(
+            _ranked(explainer, found.chain[0], w.at, w.probability, w.model)
+            for w in verdict.confusable
+        ),
+        ranking=tuple(
+            _ranked(explainer, found.chain[0], w.at, w.probability, w.model)
+            for w in verdict.ranking
+        ),
         unit=model.output_unit,
         steps=steps,
         floor=floor,
@@ -237,7 +258,9 @@ def _values(explainer: Explainer, e: Explanation) -> dict[str, Value]:
     low = np.array([p.low for p in model.parameters])
     high = np.array([p.high for p in model.parameters])
     series = np.concatenate([mask.sum(axis=1) for mask in case.fit.masks])
-    found = intervals(e.jacobian / (high - low), e.residual, e.theta, low, high, series=[int(s) for s in series])
+    found = intervals(
+        e.jacobian / (high - low), e.residual, e.theta, low, high, series=[int(s) for s in series]
+    )
     return {
         p.name: Value(float(v), p.unit, float(lo), float(hi))
         for p, v, lo, hi in zip(model.parameters, e.theta, found.low, found.high, strict=True)
@@ -260,13 +283,21 @@ def _ranked(
     return Ranked(at, probability, gap, explainer.share(base, e), own)
 
 
-def _per_drive(explainer: Explainer, found: Explained, blocks: Blocks, floor: Floor) -> dict[str, DriveGap]:
+def _per_drive(
+    explainer: Explainer, found: Explained, blocks: Blocks, floor: Floor
+) -> dict[str, DriveGap]:
     case = explainer.attribution.case
     models = case.models((), case.check)
     out = {}
     for d, name in enumerate(case.drives):
-        torque = np.concatenate([m.measured[d, mask[d]] for m, mask in zip(models, case.check.masks, strict=True)])
-        share = blocks.share_closed(0, len(found.chain) - 1, floor, drive=d).value if len(found.chain) > 1 else 0.0
+        torque = np.concatenate(
+            [m.measured[d, mask[d]] for m, mask in zip(models, case.check.masks, strict=True)]
+        )
+        share = (
+            blocks.share_closed(0, len(found.chain) - 1, floor, drive=d).value
+            if len(found.chain) > 1
+            else 0.0
+        )
         out[name] = DriveGap(
             before=float(np.sqrt(blocks.squares[0, d])),
             after=float(np.sqrt(blocks.squares[-1, d])),
@@ -277,7 +308,9 @@ def _per_drive(explainer: Explainer, found: Explained, blocks: Blocks, floor: Fl
     return out
 
 
-def _sentence(verdict: Verdict, explainer: Explainer, found: Explained, floor: Floor, unit: str) -> str:
+def _sentence(
+    verdict: Verdict, explainer: Explainer, found: Explained, floor: Floor, unit: str
+) -> str:
     size = explainer.size(found.chain[0])
     if verdict.effect == NONE:
         return (

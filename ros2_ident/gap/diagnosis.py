@@ -93,12 +93,14 @@ class Diagnosis:
         floor: The noise floor.
         share_closed: Share of the explainable gap closed on held-out data, with its interval.
         held_out: `check bag` or `blocks`.
-        evidence: The numbers the verdict rests on: size of the gap and what remains of it, RMS of the worst drive in
-            units of the floor, the share closed, and the size from which a gap is material.
+        evidence: The numbers the verdict rests on: size of the gap and what remains of it, RMS of
+            the worst drive in units of the floor, the share closed, and the size from which a gap
+            is material.
         per_drive: Each drive's gap.
         localisation: Findings, the strongest first.
         parameters: Parameters of the extended model.
-        moved: How far each nominal parameter moved when the effects came in, as a share of its value.
+        moved: How far each nominal parameter moved when the effects came in, as a share of its
+            value.
         gates: What was checked before any physics, as (name, level, sentence).
         not_testable: Effects this motion cannot show.
         advice: What to do next.
@@ -137,12 +139,21 @@ def _number(value: float) -> float | None:
 
 
 def _interval(interval: Interval) -> dict[str, float | None]:
-    return {'value': _number(interval.value), 'low': _number(interval.low), 'high': _number(interval.high)}
+    return {
+        'value': _number(interval.value),
+        'low': _number(interval.low),
+        'high': _number(interval.high),
+    }
 
 
 def _values(values: Mapping[str, Value]) -> dict[str, Any]:
     return {
-        name: {'value': _number(v.value), 'unit': v.unit, 'low': _number(v.low), 'high': _number(v.high)}
+        name: {
+            'value': _number(v.value),
+            'unit': v.unit,
+            'low': _number(v.low),
+            'high': _number(v.high),
+        }
         for name, v in values.items()
     }
 

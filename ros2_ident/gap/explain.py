@@ -23,7 +23,8 @@ class Rules:
         step: Least RMS that an effect has to take away from a drive's gap.
         share: Least share of the explainable gap, on held-out data, that an effect has to close.
         closed: Least share that all effects together have to close for their names to be believed.
-        rival: How much less of the gap than the best an effect may close and still be taken for confusable.
+        rival: How much less of the gap than the best an effect may close and still be taken for
+            confusable.
         most: Most effects.
     """
 
@@ -42,7 +43,8 @@ class Explained:
     Attributes:
         chain: The nominal fit, then one more effect each.
         rounds: The rounds that were run.
-        rivals: For each effect found, models with another effect in its place, the best first; itself included.
+        rivals: For each effect found, models with another effect in its place, the best first;
+            itself included.
         remaining: Gap left, RMS of the worst drive in units of the floor.
         complete: False where time or patience ran out.
     """
@@ -80,13 +82,17 @@ class Explainer:
 
     def share(self, before: Explanation, after: Explanation, part: str = 'both') -> float:
         """Return the share of the explainable gap of `before` that `after` closes; 0 where there is none."""
-        counts = {'fit': self.fit_count, 'check': self.check_count}.get(part, self.fit_count + self.check_count)
+        counts = {'fit': self.fit_count, 'check': self.check_count}.get(
+            part, self.fit_count + self.check_count
+        )
         pick: Callable[[Explanation], Array] = {
             'fit': lambda e: e.fit,
             'check': lambda e: e.check,
         }.get(part, lambda e: e.fit + e.check)
         explainable = float((pick(before) - counts).sum())
-        return float((pick(before) - pick(after)).sum()) / explainable if explainable > 0.0 else 0.0
+        return (
+            float((pick(before) - pick(after)).sum()) / explainable if explainable > 0.0 else 0.0
+        )
 
     def material(self, before: Explanation, after: Explanation) -> bool:
         """Whether a step closes enough to count, on the data it was fitted to and on the data held out."""
@@ -120,13 +126,22 @@ class Explainer:
         return min(usable, key=self.score) if usable else None
 
     def explain(
-        self, base: Explanation, candidates: Sequence[EffectAt], on_best: Callable[[Explanation], None]
+        self,
+        base: Explanation,
+        candidates: Sequence[EffectAt],
+        on_best: Callable[[Explanation], None],
     ) -> Explained:
         """Add effects while they are material, drop those that became superfluous, and look for rivals."""
         chain, rounds = [base], []
         stopped = self.attribution.stopped
-        while len(chain) <= self.rules.most and self.size(chain[-1]) >= self.rules.material and not stopped():
-            round_ = self.attribution.round(chain[-1], candidates, fits=12 if len(chain) == 1 else 8)
+        while (
+            len(chain) <= self.rules.most
+            and self.size(chain[-1]) >= self.rules.material
+            and not stopped()
+        ):
+            round_ = self.attribution.round(
+                chain[-1], candidates, fits=12 if len(chain) == 1 else 8
+            )
             rounds.append(round_)
             best = self.best(round_)
             if best is None or not self.material(chain[-1], best):
@@ -162,16 +177,22 @@ class Explainer:
             return chain
         steps = [chain[0]]
         for count in range(1, len(kept.effects)):
-            part = self.attribution.refit(kept.effects[:count], kept.theta[: self.columns(kept, count)[0]])
+            part = self.attribution.refit(
+                kept.effects[:count], kept.theta[: self.columns(kept, count)[0]]
+            )
             steps.append(part)
         return [*steps, kept]
 
-    def rivals(self, chain: Sequence[Explanation], rounds: Sequence[Round]) -> tuple[tuple[Explanation, ...], ...]:
+    def rivals(
+        self, chain: Sequence[Explanation], rounds: Sequence[Round]
+    ) -> tuple[tuple[Explanation, ...], ...]:
         """For each effect found, put the other candidates of its round in its place in the final model."""
         final = chain[-1]
         out = []
         for index, effect in enumerate(final.effects):
-            source = next((r for r in rounds if any(e.effects[-1] == effect for e in r.fitted)), None)
+            source = next(
+                (r for r in rounds if any(e.effects[-1] == effect for e in r.fitted)), None
+            )
             if source is None:
                 out.append((final,))
                 continue
@@ -181,7 +202,8 @@ class Explainer:
                 continue
             closes = source.base.loss - leader.loss
             near = [
-                e for e in source.fitted
+                e
+                for e in source.fitted
                 if e.effects[-1] not in final.effects and source.base.loss - e.loss > 0.5 * closes
             ][:4]
             models = [final]
@@ -195,4 +217,3 @@ class Explainer:
                 models.append(self.attribution.refit((*rest, other.effects[-1]), theta))
             out.append(tuple(sorted(models, key=lambda e: e.loss)))
         return tuple(out)
-

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Levenberg-Marquardt for many small fits of one big simulation.
 
-A batch of eight candidates costs what one costs, so each iteration tries eight damping factors at once.
+A batch of eight candidates costs what one costs, so each iteration tries eight damping factors at
+once.
 """
 
 from collections.abc import Callable
@@ -70,7 +71,8 @@ def local_fit(
         The best point found, never worse than the start.
 
     Reference:
-        Levenberg 1944; Marquardt 1963; the bounds by projection and by freezing parameters that push outwards.
+        Levenberg 1944; Marquardt 1963; the bounds by projection and by freezing parameters that
+        push outwards.
     """
     span = high - low
     unit = np.clip((start - low) / span, 0.0, 1.0)

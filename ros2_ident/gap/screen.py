@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which effects could explain a residual at all: a look before the fits.
 
-Each effect is tried at a few sizes and shapes by simulation; how the output changes, less what the parameters already
-fitted can imitate, is compared with the residual. It ranks candidates and gives each its starts; it decides nothing.
+Each effect is tried at a few sizes and shapes by simulation; how the output changes, less what the
+parameters already fitted can imitate, is compared with the residual. It ranks candidates and gives
+each its starts; it decides nothing.
 """
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+import itertools
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +18,8 @@ from ros2_ident.models import DriveModel, EffectAt
 
 Array = npt.NDArray[np.float64]
 
-# Shares of a size's range: what is tried where the output is linear in it, and what counts as a large effect.
+# Shares of a size's range: what is tried where the output is linear in it, and what counts as a
+# large effect.
 _TRIAL, _LARGE = 0.03, 0.17
 
 
@@ -30,9 +32,9 @@ class Start:
         theta: (N,) parameters fitted so far, moved along with the effect.
         phi: (P,) the effect's own parameters.
         gain: Decrease of the sum of squared weighted residuals that the linearised fit promises.
-        visible: RMS, in units of the floor, of what a large effect of this kind (a sixth of its range, or a start)
-            leaves after the fitted parameters imitate it as far as they can, over the drives it sits on; well below 1
-            the log cannot show the effect.
+        visible: RMS, in units of the floor, of what a large effect of this kind (a sixth of its
+            range, or a start) leaves after the fitted parameters imitate it as far as they can,
+            over the drives it sits on; well below 1 the log cannot show the effect.
     """
 
     candidate: EffectAt
@@ -112,7 +114,8 @@ def screen(
 
     Args:
         candidate: The effect and its place.
-        models: The model extended by it, one a recording; its parameters are the fitted ones and then the effect's.
+        models: The model extended by it, one a recording; its parameters are the fitted ones and
+            then the effect's.
         evaluate: (S, N + P) candidates to (S, R) weighted residuals of these models.
         theta: (N,) parameters fitted without the effect.
         residual: (R,) weighted residual there.
@@ -150,7 +153,8 @@ def screen(
             continue
         factor = np.linalg.lstsq(rest, free, rcond=1e-9)[0]
         if len(group) == 1 and nonlinear:
-            # A trial far from neutral stands for itself; the straight line through it is no guide far away.
+            # A trial far from neutral stands for itself; the straight line through it is no guide
+            # far away.
             factor = np.clip(factor, 0.02, 3.0)
         phi = vectors[0].copy()
         phi[size] = neutral[size]
@@ -159,7 +163,11 @@ def screen(
         # What the bounds cut off is lost; with several sizes the largest cut counts.
         moved = np.abs(phi - neutral)[size]
         kept = np.abs(clipped - neutral)[size]
-        ratio = float(np.min(np.where(moved > 0, kept / np.maximum(moved, 1e-300), 1.0))) if size.any() else 1.0
+        ratio = (
+            float(np.min(np.where(moved > 0, kept / np.maximum(moved, 1e-300), 1.0)))
+            if size.any()
+            else 1.0
+        )
         if np.sign(phi - neutral)[size] @ np.sign(clipped - neutral)[size] <= 0:
             ratio = 0.0
         factor = factor * ratio
@@ -170,4 +178,3 @@ def screen(
         visible = enlarge * float(np.sqrt((rest**2).sum(axis=0).max() / samples))
         starts.append(Start(candidate, moved_theta, np.where(size, clipped, phi), gain, visible))
     return sorted(starts, key=lambda s: -s.gain)
-

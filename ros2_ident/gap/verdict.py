@@ -23,8 +23,10 @@ class Temperatures:
 
     Attributes:
         share: Difference in the share of the gap closed that divides a rival's weight by e.
-        size: Difference of the gap's size from the material one that divides the odds of `none` by e.
-        closed: Difference of the share closed from the one required that divides the odds of `unknown` by e.
+        size: Difference of the gap's size from the material one that divides the odds of `none` by
+            e.
+        closed: Difference of the share closed from the one required that divides the odds of
+            `unknown` by e.
     """
 
     share: float = 0.04
@@ -77,11 +79,17 @@ def _sigmoid(x: float) -> float:
 def twins(at: EffectAt) -> list[EffectAt]:
     """Return what is the same as an effect on every possible log."""
     return [
-        EffectAt(other, at.where) for pair in TWINS if at.effect in pair for other in pair if other != at.effect
+        EffectAt(other, at.where)
+        for pair in TWINS
+        if at.effect in pair
+        for other in pair
+        if other != at.effect
     ]
 
 
-def judge(explainer: Explainer, found: Explained, temperatures: Temperatures | None = None) -> Verdict:
+def judge(
+    explainer: Explainer, found: Explained, temperatures: Temperatures | None = None
+) -> Verdict:
     """Turn what was found into an answer.
 
     Args:
@@ -106,11 +114,15 @@ def judge(explainer: Explainer, found: Explained, temperatures: Temperatures | N
     if size < rules.material:
         return Verdict(NONE, (), 1.0 - missing, (), (), ranking, closed)
     if len(found.chain) == 1 or named < 0.5:
-        return Verdict(UNKNOWN, _where(explainer, final), missing * (1.0 - named), (), (), ranking, closed)
+        return Verdict(
+            UNKNOWN, _where(explainer, final), missing * (1.0 - named), (), (), ranking, closed
+        )
     leader = final.effects[0]
     confusable = _confusable(explainer, found, ranking)
     probability = next((w.probability for w in ranking if w.at == leader), missing * named)
-    return Verdict(leader.effect, (leader.where,), probability, final.effects[1:], confusable, ranking, closed)
+    return Verdict(
+        leader.effect, (leader.where,), probability, final.effects[1:], confusable, ranking, closed
+    )
 
 
 def _where(explainer: Explainer, e: Explanation) -> tuple[str, ...]:
@@ -122,7 +134,9 @@ def _where(explainer: Explainer, e: Explanation) -> tuple[str, ...]:
     return ('all',) if len(chosen) == len(drives) > 1 else chosen
 
 
-def _weigh(explainer: Explainer, found: Explained, mass: float, t: Temperatures) -> tuple[Weighed, ...]:
+def _weigh(
+    explainer: Explainer, found: Explained, mass: float, t: Temperatures
+) -> tuple[Weighed, ...]:
     """Return the candidates fitted, with probabilities that share `mass`."""
     if not found.rounds:
         return ()
@@ -131,7 +145,11 @@ def _weigh(explainer: Explainer, found: Explained, mass: float, t: Temperatures)
     index = 0
     best: dict[EffectAt, tuple[float, Explanation]] = {}
     for e in models:
-        at = e.effects[0] if len(e.effects) > 1 and e.effects[0] == found.chain[-1].effects[index] else e.effects[-1]
+        at = (
+            e.effects[0]
+            if len(e.effects) > 1 and e.effects[0] == found.chain[-1].effects[index]
+            else e.effects[-1]
+        )
         share = explainer.share(base, e)
         if at not in best or share > best[at][0]:
             best[at] = (share, e)
@@ -152,7 +170,9 @@ def _weigh(explainer: Explainer, found: Explained, mass: float, t: Temperatures)
     return tuple(sorted(rows, key=lambda w: -w.probability))
 
 
-def _confusable(explainer: Explainer, found: Explained, ranking: Sequence[Weighed]) -> tuple[Weighed, ...]:
+def _confusable(
+    explainer: Explainer, found: Explained, ranking: Sequence[Weighed]
+) -> tuple[Weighed, ...]:
     """Return the verdict's effect and what closes nearly as much in its place."""
     base, final = found.chain[0], found.chain[-1]
     leader = final.effects[0]
@@ -195,7 +215,9 @@ def advice(verdict: Verdict, not_testable: Sequence[EffectAt]) -> tuple[str, ...
         )
     if not_testable:
         names = {get_effect(a.effect).title: _place(a.where) for a in not_testable}
-        out.append('This motion cannot show: ' + ', '.join(f'{k} ({v})' for k, v in names.items()) + '.')
+        out.append(
+            'This motion cannot show: ' + ', '.join(f'{k} ({v})' for k, v in names.items()) + '.'
+        )
     return tuple(out)
 
 

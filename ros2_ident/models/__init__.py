@@ -6,12 +6,14 @@ from collections.abc import Mapping, Sequence
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models.drive_model import DriveModel, EffectAt
 from ros2_ident.models.linear_axis import LinearAxis
-from ros2_ident.models.machine import Machine, load_machine, machine_from_mapping
+from ros2_ident.models.machine import load_machine, Machine, machine_from_mapping
 from ros2_ident.models.parameter import Parameter
 from ros2_ident.models.tripod import Tripod
 from ros2_ident.recording import Dataset
 
-DRIVE_MODELS: Mapping[str, type[DriveModel]] = {model.name: model for model in (Tripod, LinearAxis)}
+DRIVE_MODELS: Mapping[str, type[DriveModel]] = {
+    model.name: model for model in (Tripod, LinearAxis)
+}
 
 
 def make_model(
@@ -26,7 +28,8 @@ def make_model(
     """Return the model of a machine on a recording; the arguments are `DriveModel`'s.
 
     Raises:
-        IdentError: UNKNOWN_MODEL where the machine's kind has no drives to simulate, or as `DriveModel`.
+        IdentError: UNKNOWN_MODEL where the machine's kind has no drives to simulate, or as
+        `DriveModel`.
     """
     try:
         kind = DRIVE_MODELS[machine.kind]

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Linear axes that do not know of each other, eight candidates at once.
 
-Each drive moves one carriage, through a gear's spring or, rigid, as one mass with it. Integration as in
-`tripod_kernel`: Runge-Kutta of fourth order, its steps within a controller cycle chosen by stiffness.
+Each drive moves one carriage, through a gear's spring or, rigid, as one mass with it. Integration
+as in `tripod_kernel`: Runge-Kutta of fourth order, its steps within a controller cycle chosen by
+stiffness.
 """
 # mypy: ignore-errors
 
-import numpy as np
 from numba import njit
+import numpy as np
 
-from ros2_ident.lanes import WIDTH, inlined, load, spread, store
+from ros2_ident.lanes import inlined, load, spread, store, WIDTH
 from ros2_ident.models import drive_kernel as dk
 from ros2_ident.models.hooks import sources_digest
 from ros2_ident.models.rows import DRIVE_COUNT, MACHINE_COUNT, row_of
@@ -29,7 +30,9 @@ def _rigid_force(par, first, mem, own, on, gear, z, v, time):
 
 
 @inlined
-def _derivative(par, first, mem, own, on, rigid, mode, acceleration, gear, eps, y, out, time, elapsed):
+def _derivative(
+    par, first, mem, own, on, rigid, mode, acceleration, gear, eps, y, out, time, elapsed
+):
     """Write the derivative of one drive's state `y` into `out`."""
     z = load(y, 0)
     v = load(y, W)
@@ -47,7 +50,9 @@ def _derivative(par, first, mem, own, on, rigid, mode, acceleration, gear, eps, 
         store(out, 3 * W, push / rail - load(par, GRAVITY * W))
     store(out, 0, v)
     if mode == dk.CLOSED_LOOP:
-        torque = dk.motor_torque(par, first, mem, own, on, gear, eps, z, v, s, force, time, elapsed)
+        torque = dk.motor_torque(
+            par, first, mem, own, on, gear, eps, z, v, s, force, time, elapsed
+        )
         store(out, W, (gear * torque - force) * load(mem, (own + dk.LIGHTNESS) * W))
     else:
         store(out, W, spread(acceleration))
@@ -56,8 +61,21 @@ def _derivative(par, first, mem, own, on, rigid, mode, acceleration, gear, eps, 
 def _build(digest):
     @njit(nogil=True, cache=True)
     def simulate(
-        blocks, substeps, command, motion, mode, on, delayed, rigid, gear, eps, cycle, law, feedforward,
-        out, finite,
+        blocks,
+        substeps,
+        command,
+        motion,
+        mode,
+        on,
+        delayed,
+        rigid,
+        gear,
+        eps,
+        cycle,
+        law,
+        feedforward,
+        out,
+        finite,
     ):
         """Simulate blocks of eight candidates; arguments as in `tripod_kernel.simulate`.
 
@@ -65,7 +83,8 @@ def _build(digest):
             blocks: (G, R * 8) rows of `models.rows`.
             substeps: (G,) Runge-Kutta steps in a cycle.
             command: (2 * D * K,) set-point positions of the drives, then their rates.
-            motion: (3 * D * K,) recorded position, velocity and acceleration of prescribed motors, else empty.
+            motion: (3 * D * K,) recorded position, velocity and acceleration of prescribed motors,
+                else empty.
             mode: (D,) CLOSED_LOOP or PRESCRIBED.
             on: (D,) flags of the effects.
             delayed: Whether command delays are on.
@@ -121,10 +140,24 @@ def _build(digest):
                     acceleration = 0.0
                     if driven:
                         zc = dk.set_point(command, d * count, count, k, delay, cycle, delayed)
-                        vc = dk.set_point(command, (drives + d) * count, count, k, delay, cycle, delayed)
+                        vc = dk.set_point(
+                            command, (drives + d) * count, count, k, delay, cycle, delayed
+                        )
                         torque = dk.control(
-                            par, first, mem, 0, flags, law, feedforward, cycle, gear, load(y, 0), load(y, W),
-                            zc, vc, time,
+                            par,
+                            first,
+                            mem,
+                            0,
+                            flags,
+                            law,
+                            feedforward,
+                            cycle,
+                            gear,
+                            load(y, 0),
+                            load(y, W),
+                            zc,
+                            vc,
+                            time,
                         )
                     else:
                         acceleration = motion[(2 * drives + d) * count + k]
@@ -156,8 +189,20 @@ def _build(digest):
                         for part in range(4):
                             at = 0.0 if part == 0 else (h if part == 3 else 0.5 * h)
                             _derivative(
-                                par, first, mem, 0, flags, rigid, mode[d], acceleration, gear, eps, stage, slope,
-                                time + since + at, since + at,
+                                par,
+                                first,
+                                mem,
+                                0,
+                                flags,
+                                rigid,
+                                mode[d],
+                                acceleration,
+                                gear,
+                                eps,
+                                stage,
+                                slope,
+                                time + since + at,
+                                since + at,
                             )
                             weight = 1.0 if part == 0 or part == 3 else 2.0
                             ahead = h if part == 2 else 0.5 * h
@@ -170,8 +215,22 @@ def _build(digest):
                             store(y, r * W, value)
                             store(stage, r * W, value)
                             store(total, r * W, zero)
-                        dk.keep_bristle(par, first, mem, 0, flags, gear, eps, load(y, 0), load(y, W))
-                    dk.keep_torque(par, first, mem, 0, flags, gear, load(y, 0), load(y, W), load(y, 0), time, cycle)
+                        dk.keep_bristle(
+                            par, first, mem, 0, flags, gear, eps, load(y, 0), load(y, W)
+                        )
+                    dk.keep_torque(
+                        par,
+                        first,
+                        mem,
+                        0,
+                        flags,
+                        gear,
+                        load(y, 0),
+                        load(y, W),
+                        load(y, 0),
+                        time,
+                        cycle,
+                    )
                 for lane in range(W):
                     for r in range(states):
                         if not np.isfinite(y[r * W + lane]):

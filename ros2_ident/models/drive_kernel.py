@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """One drive in one instant: its controller, motor, friction and gear, with whichever effects are on.
 
-Every function works on eight candidates at once (see `ros2_ident.lanes`). Units are those of the rows.
+Every function works on eight candidates at once (see `ros2_ident.lanes`). Units are those of the
+rows.
 """
 # mypy: ignore-errors
 
 from ros2_ident.effects import DriveState, Hook
 from ros2_ident.lanes import (
-    WIDTH,
     absolute,
     clip,
     floor,
@@ -18,6 +18,7 @@ from ros2_ident.lanes import (
     take,
     tanh,
     where,
+    WIDTH,
 )
 from ros2_ident.models import hooks
 from ros2_ident.models.hooks import mask_of
@@ -27,8 +28,11 @@ W = WIDTH
 CLOSED_LOOP, PRESCRIBED = 0, 1
 VELOCITY_FROM_STATE, VELOCITY_FROM_POSITIONS = 0, 1
 
-# What a drive remembers between cycles: rows of its memory block. LIGHTNESS is one over the moved mass.
-INTEGRAL, COMMANDED, APPLIED, BRISTLE, ANCHOR, READ_ERROR, LAST_READ, LAST_BUT_ONE, LIGHTNESS = range(9)
+# What a drive remembers between cycles: rows of its memory block. LIGHTNESS is one over the moved
+# mass.
+INTEGRAL, COMMANDED, APPLIED, BRISTLE, ANCHOR, READ_ERROR, LAST_READ, LAST_BUT_ONE, LIGHTNESS = (
+    range(9)
+)
 MEMORY_COUNT = 9
 
 SIGN_MASK = mask_of(Hook.SIGN)
@@ -39,13 +43,32 @@ CARRIAGE_MASK = mask_of(Hook.CARRIAGE_FORCE)
 READING_MASK = mask_of(Hook.READING)
 
 (
-    STIFFNESS, DAMPING, MOTOR_MASS, RAIL_MASS, COULOMB, VISCOUS,
-    KP, KV, KI, COMMAND_DELAY, LIMIT, TURN,
+    STIFFNESS,
+    DAMPING,
+    MOTOR_MASS,
+    RAIL_MASS,
+    COULOMB,
+    VISCOUS,
+    KP,
+    KV,
+    KI,
+    COMMAND_DELAY,
+    LIMIT,
+    TURN,
 ) = range(12)
 assert DRIVE_ROWS[:12] == (
-    'gear_stiffness', 'gear_damping', 'motor_mass', 'rail_mass', 'coulomb', 'viscous',
-    'position_gain', 'velocity_gain', 'integral_gain', 'command_delay',
-    'torque_limit', 'motor_turn',
+    'gear_stiffness',
+    'gear_damping',
+    'motor_mass',
+    'rail_mass',
+    'coulomb',
+    'viscous',
+    'position_gain',
+    'velocity_gain',
+    'integral_gain',
+    'command_delay',
+    'torque_limit',
+    'motor_turn',
 )
 
 
@@ -53,10 +76,19 @@ assert DRIVE_ROWS[:12] == (
 def drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, elapsed):
     """Collect what the kernels of effects see."""
     return DriveState(
-        z, v, s, force, direction,
-        load(par, (first + COULOMB) * W), load(par, (first + VISCOUS) * W),
-        spread(gear), load(par, (first + TURN) * W), spread(time), spread(elapsed),
-        z - load(mem, (own + ANCHOR) * W), load(mem, (own + BRISTLE) * W),
+        z,
+        v,
+        s,
+        force,
+        direction,
+        load(par, (first + COULOMB) * W),
+        load(par, (first + VISCOUS) * W),
+        spread(gear),
+        load(par, (first + TURN) * W),
+        spread(time),
+        spread(elapsed),
+        z - load(mem, (own + ANCHOR) * W),
+        load(mem, (own + BRISTLE) * W),
     )
 
 
@@ -92,8 +124,19 @@ def motor_torque(par, first, mem, own, on, gear, eps, z, v, s, force, time, elap
         friction = hooks.friction_hook(friction, state, on, par, first)
         if on & TORQUE_MASK:
             state = DriveState(
-                z, v, s, force, direction, state.coulomb, state.viscous, state.gear, state.turn, state.time,
-                state.elapsed, state.travel, load(mem, (own + APPLIED) * W),
+                z,
+                v,
+                s,
+                force,
+                direction,
+                state.coulomb,
+                state.viscous,
+                state.gear,
+                state.turn,
+                state.time,
+                state.elapsed,
+                state.travel,
+                load(mem, (own + APPLIED) * W),
             )
             torque = hooks.torque_hook(torque, state, on, par, first)
     return torque - friction
@@ -126,10 +169,25 @@ def keep_torque(par, first, mem, own, on, gear, z, v, s, time, cycle):
     if on & TORQUE_MASK:
         zero = spread(0.0)
         state = DriveState(
-            z, v, s, zero, zero, zero, zero, spread(gear), load(par, (first + TURN) * W), spread(time), spread(cycle), zero,
+            z,
+            v,
+            s,
+            zero,
+            zero,
+            zero,
+            zero,
+            spread(gear),
+            load(par, (first + TURN) * W),
+            spread(time),
+            spread(cycle),
+            zero,
             load(mem, (own + APPLIED) * W),
         )
-        store(mem, (own + APPLIED) * W, hooks.torque_hook(load(mem, (own + COMMANDED) * W), state, on, par, first))
+        store(
+            mem,
+            (own + APPLIED) * W,
+            hooks.torque_hook(load(mem, (own + COMMANDED) * W), state, on, par, first),
+        )
 
 
 @inlined

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """From named parameters to a compiled simulation: what the tripod and the linear axis share."""
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import math
 
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident import lanes
-from ros2_ident.effects import Effect, Hook, get_effect
+from ros2_ident.effects import Effect, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import drive_kernel, measurement, rows
-from ros2_ident.models.machine import Machine, constant
+from ros2_ident.models.machine import constant, Machine
 from ros2_ident.models.parameter import Kind, Parameter
 from ros2_ident.recording import Dataset
 
@@ -45,7 +45,9 @@ SLOTS: Mapping[str, Slot] = {
     'viscous_torque': Slot('viscous', False, 'physical', 'linear viscous friction'),
     'coulomb_friction': Slot('coulomb', False, 'physical', 'Coulomb 1785'),
     'viscous_friction': Slot('viscous', False, 'physical', 'linear viscous friction'),
-    'constant_force': Slot('effort_bias', False, 'physical', 'Janot, Gautier, Brunot 2019, offset'),
+    'constant_force': Slot(
+        'effort_bias', False, 'physical', 'Janot, Gautier, Brunot 2019, offset'
+    ),
 }
 
 
@@ -62,17 +64,19 @@ class DriveModel(ABC):
 
     Args:
         machine: The machine file's content.
-        data: The recording on the controller's grid. Without a command the recorded motion drives the model
-            (inverse mode): motors follow it and the torque it takes is the output.
-        drives: Drives whose torque is compared and whose parameters are free; the others follow their recorded
-            motion. All by default.
+        data: The recording on the controller's grid. Without a command the recorded motion drives
+            the model (inverse mode): motors follow it and the torque it takes is the output.
+        drives: Drives whose torque is compared and whose parameters are free; the others follow
+            their recorded motion. All by default.
         effects: Effects besides the nominal physics.
         fixed: Values of parameters that are not to be identified, by name.
         cutoff: Low-pass of recorded motion where it drives the model [Hz].
-        substeps: Integration steps in a controller cycle; by default chosen for each candidate's stiffness.
+        substeps: Integration steps in a controller cycle; by default chosen for each candidate's
+            stiffness.
 
     Raises:
-        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, MISSING_STREAM or BAD_MACHINE_FILE with the remedy.
+        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, MISSING_STREAM or BAD_MACHINE_FILE with the
+        remedy.
     """
 
     name = ''
@@ -117,7 +121,9 @@ class DriveModel(ABC):
             if effect.hook is not Hook.PARAMETER:
                 for d in self._places(at):
                     self._on[d] |= rows.bit(effect.id)
-        active = {(p.target, p.name) for at in self.effects for p in get_effect(at.effect).parameters}
+        active = {
+            (p.target, p.name) for at in self.effects for p in get_effect(at.effect).parameters
+        }
         self._delayed = any(target == 'command_delay' for target, _ in active)
         self._frame = any(target == 'frame_frequency' for target, _ in active)
         self._command, self._motion, self._mode = self._inputs()
@@ -188,10 +194,16 @@ class DriveModel(ABC):
         for p in effect.parameters:
             scale = self.effort_share(p.unit)
             declared = Parameter(
-                f'{prefix}.{p.name}', p.unit.replace('effort', unit), p.low * scale, p.high * scale, kind,
+                f'{prefix}.{p.name}',
+                p.unit.replace('effort', unit),
+                p.low * scale,
+                p.high * scale,
+                kind,
                 effect.source,
             )
-            out.append((declared, (f'{effect.id}.{p.name}', None if at.where == 'all' else places[0])))
+            out.append(
+                (declared, (f'{effect.id}.{p.name}', None if at.where == 'all' else places[0]))
+            )
         return out
 
     def effort_share(self, unit: str) -> float:
@@ -234,7 +246,9 @@ class DriveModel(ABC):
             base[rows.row_of('motor_turn', d)] = self.turn
             base[rows.row_of('rail_mass', d)] = constant(drive, 'rail_mass', 'drive', 0.0)
             for key in ('position_gain', 'velocity_gain', 'integral_gain'):
-                default = 0.0 if key == 'integral_gain' or self.data.command_position is None else None
+                default = (
+                    0.0 if key == 'integral_gain' or self.data.command_position is None else None
+                )
                 base[rows.row_of(key, d)] = constant(controller, key, 'controller', default)
 
     def nominal(self, name: str) -> float:
@@ -246,7 +260,9 @@ class DriveModel(ABC):
         """Return (S, R) kernel rows of (S, N) candidates in physical units."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
         if theta.shape[1] != len(self._parameters):
-            raise ValueError(f'theta has {theta.shape[1]} columns, the model {len(self._parameters)} parameters')
+            raise ValueError(
+                f'theta has {theta.shape[1]} columns, the model {len(self._parameters)} parameters'
+            )
         block = np.repeat(self._base[None], len(theta), axis=0)
         values: dict[tuple[str, int | None], Array] = {}
         for d, drive in enumerate(self.machine.drives):
@@ -282,8 +298,8 @@ class DriveModel(ABC):
     def _follow(self, values: dict[tuple[str, int | None], Array]) -> None:
         """Give drives that only follow the mean of the identified ones, where nothing better is known.
 
-        Their gears still move the carriages: with those of the nominal machine, stiff, the torque of the others
-        would be far off.
+        Their gears still move the carriages: with those of the nominal machine, stiff, the torque
+        of the others would be far off.
         """
         chosen = [self.machine.drives.index(name) for name in self.drives]
         for d, drive in enumerate(self.machine.drives):
@@ -308,7 +324,9 @@ class DriveModel(ABC):
         motor = block[:, rows.row_of('motor_mass', d)]
         rail = block[:, rows.row_of('rail_mass', d)]
         both = np.maximum(motor + rail, 1e-12)
-        root = np.sqrt(np.maximum(block[:, rows.row_of('gear_stiffness', d)] * motor * rail / both, 0.0))
+        root = np.sqrt(
+            np.maximum(block[:, rows.row_of('gear_stiffness', d)] * motor * rail / both, 0.0)
+        )
         block[:, damping] *= 2.0 * root
 
     @staticmethod
@@ -341,7 +359,11 @@ class DriveModel(ABC):
         for d in range(len(self.machine.drives)):
             motor = np.maximum(block[:, rows.row_of('motor_mass', d)], 1e-9)
             rail = block[:, rows.row_of('rail_mass', d)]
-            slope = self.gear * block[:, rows.row_of('coulomb', d)] / (self.eps * (motor + (rail if self.rigid else 0.0)))
+            slope = (
+                self.gear
+                * block[:, rows.row_of('coulomb', d)]
+                / (self.eps * (motor + (rail if self.rigid else 0.0)))
+            )
             need = np.maximum(need, self.cycle * slope / 1.5)
             if not self.rigid:
                 inverse = 1.0 / motor + 1.0 / np.maximum(rail, 1e-9)
@@ -361,7 +383,11 @@ class DriveModel(ABC):
     def _inputs(self) -> tuple[Array, Array, npt.NDArray[np.int64]]:
         data = self.data
         order = [data.names.index(name) for name in self.machine.drives]
-        count = data.command_position.shape[1] if data.command_position is not None else data.effort.shape[1]
+        count = (
+            data.command_position.shape[1]
+            if data.command_position is not None
+            else data.effort.shape[1]
+        )
         mode = np.full(len(order), drive_kernel.PRESCRIBED, dtype=np.int64)
         command = np.zeros(2 * len(order) * count)
         motion = np.zeros(0)
@@ -379,12 +405,15 @@ class DriveModel(ABC):
                     'record joint_states with positions or joint_command',
                 )
             from ros2_ident.recording import smooth_motion
+
             smooth = smooth_motion(data.position[order], data.cycle, self.cutoff)
             motion = np.concatenate([np.asarray(part).ravel() for part in smooth])
         return command, motion, mode
 
     @abstractmethod
-    def _run(self, blocks: Array, steps: npt.NDArray[np.int64], torque: Array, finite: Array) -> None:
+    def _run(
+        self, blocks: Array, steps: npt.NDArray[np.int64], torque: Array, finite: Array
+    ) -> None:
         """Run the compiled simulation of (G, R * 8) blocks."""
 
     def simulate(self, theta: Array) -> Array:
@@ -394,7 +423,8 @@ class DriveModel(ABC):
             theta: (S, N) candidates, physical units, in the order of `parameters`.
 
         Returns:
-            (S, D, K) torque of `outputs` at every controller cycle [`output_unit`]; inf where a candidate diverged.
+            (S, D, K) torque of `outputs` at every controller cycle [`output_unit`]; inf where a
+            candidate diverged.
         """
         block = self.rows(theta)
         count = self._command.size // (2 * len(self.machine.drives))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The hooks of a simulation step: for each, one compiled function that runs the effects in it that are on.
 
-Which effects are on is the same for all candidates of a batch, so the branch on it costs next to nothing and nothing
-is compiled again when another effect is tried.
+Which effects are on is the same for all candidates of a batch, so the branch on it costs next to
+nothing and nothing is compiled again when another effect is tried.
 """
 # mypy: ignore-errors
 
@@ -10,8 +10,8 @@ import hashlib
 from pathlib import Path
 
 from ros2_ident.effects import Hook
-from ros2_ident.lanes import WIDTH, inlined, load
-from ros2_ident.models.rows import KERNEL_EFFECTS, bit, effect_row
+from ros2_ident.lanes import inlined, load, WIDTH
+from ros2_ident.models.rows import bit, effect_row, KERNEL_EFFECTS
 
 W = WIDTH
 
@@ -80,11 +80,15 @@ reading_hook = _compose(Hook.READING)
 def sources_digest():
     """Return a digest of everything the kernels are compiled from.
 
-    numba's cache looks at one source file only; the kernels close over this digest, so that a change in an effect or
-    in the lanes makes a new entry.
+    numba's cache looks at one source file only; the kernels close over this digest, so that a
+    change in an effect or in the lanes makes a new entry.
     """
     package = Path(__file__).parents[1]
-    files = [package / 'lanes.py', *(package / 'effects').glob('*.py'), *(package / 'models').glob('*.py')]
+    files = [
+        package / 'lanes.py',
+        *(package / 'effects').glob('*.py'),
+        *(package / 'models').glob('*.py'),
+    ]
     digest = hashlib.sha256()
     for path in sorted(files):
         digest.update(path.read_bytes())

@@ -26,8 +26,23 @@ class LinearAxis(DriveModel):
         self._drive_constants(base)
         return base
 
-    def _run(self, blocks: Array, steps: npt.NDArray[np.int64], torque: Array, finite: Array) -> None:
+    def _run(
+        self, blocks: Array, steps: npt.NDArray[np.int64], torque: Array, finite: Array
+    ) -> None:
         simulate(
-            blocks, steps, self._command, self._motion, self._mode, self._on, self._delayed, self.rigid, self.gear,
-            self.eps, self.cycle, self.law, self.feedforward, torque, finite,
+            blocks,
+            steps,
+            self._command,
+            self._motion,
+            self._mode,
+            self._on,
+            self._delayed,
+            self.rigid,
+            self.gear,
+            self.eps,
+            self.cycle,
+            self.law,
+            self.feedforward,
+            torque,
+            finite,
         )

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The machine file: what is known of a machine, and the box of what is not."""
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +27,8 @@ class Machine:
         controller: Constants of the controller; SI units.
         bounds: `{name: (low, high, unit)}` of the parameters to be identified.
         effort_unit: Unit of the logged effort.
-        effort_scale: Factor from the logged effort to N m (or N): a torque constant [N m/A], or the rated
-            torque over 100 %.
+        effort_scale: Factor from the logged effort to N m (or N): a torque constant [N m/A], or
+            the rated torque over 100 %.
         effort_noise: Standard deviation of the logged effort's noise, in the model's effort unit.
         digest: SHA-256 of the file, empty where the machine was made in memory.
     """
@@ -92,11 +92,15 @@ def machine_from_mapping(data: Any, where: object = 'machine file', digest: str 
             low, high, unit = entry
             bounds[str(name)] = (float(low), float(high), str(unit))
         except (TypeError, ValueError):
-            raise _fail(where, f'parameter {name}: write [min, max, unit], found {entry!r}') from None
+            raise _fail(
+                where, f'parameter {name}: write [min, max, unit], found {entry!r}'
+            ) from None
         if not bounds[str(name)][0] < bounds[str(name)][1]:
             raise _fail(where, f'parameter {name}: min has to be below max, found {entry!r}')
     if not bounds:
-        raise _fail(where, 'parameters is empty: name at least one, as `tool_mass: [1.0, 2.0, kg]`')
+        raise _fail(
+            where, 'parameters is empty: name at least one, as `tool_mass: [1.0, 2.0, kg]`'
+        )
     unit = str(data.get('effort_unit', 'N m'))
     if unit not in EFFORT_UNITS:
         raise IdentError(
@@ -141,7 +145,9 @@ def load_machine(path: str | Path) -> Machine:
     try:
         raw = Path(path).read_bytes()
     except OSError as exc:
-        raise _fail(path, f'cannot be read ({exc.strerror}); give the path of a machine file') from None
+        raise _fail(
+            path, f'cannot be read ({exc.strerror}); give the path of a machine file'
+        ) from None
     try:
         data = yaml.safe_load(raw)
     except yaml.YAMLError as exc:
@@ -150,7 +156,9 @@ def load_machine(path: str | Path) -> Machine:
     return machine_from_mapping(data, path, hashlib.sha256(raw).hexdigest())
 
 
-def constant(section: Mapping[str, Any], key: str, where: str, default: float | None = None) -> float:
+def constant(
+    section: Mapping[str, Any], key: str, where: str, default: float | None = None
+) -> float:
     """Return one number of a machine file's section.
 
     Args:
@@ -168,7 +176,8 @@ def constant(section: Mapping[str, Any], key: str, where: str, default: float | 
     value = section.get(key, default)
     if value is None:
         raise IdentError(
-            ErrorCode.BAD_MACHINE_FILE, f'machine file: {where}.{key} is missing; add it as a number'
+            ErrorCode.BAD_MACHINE_FILE,
+            f'machine file: {where}.{key} is missing; add it as a number',
         )
     try:
         return float(value)

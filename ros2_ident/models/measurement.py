@@ -2,8 +2,8 @@
 """From the torque a controller commanded to the torque a log holds; and the cost of a candidate."""
 # mypy: ignore-errors
 
-import numpy as np
 from numba import njit
+import numpy as np
 
 from ros2_ident.lanes import WIDTH
 from ros2_ident.models.hooks import sources_digest
@@ -25,8 +25,9 @@ def _logged(block, torque, finite, cycle, out):
         torque: (D, K, 8) commanded torque.
         finite: (8,) 1.0 where the candidate stayed finite.
         cycle: Controller cycle [s].
-        out: (8, D, K) logged torque, written; inf where the candidate diverged. The delay interpolates linearly
-            between cycles; before the first cycle the torque is the first one.
+        out: (8, D, K) logged torque, written; inf where the candidate diverged. The delay
+            interpolates linearly between cycles; before the first cycle the torque is the first
+            one.
     """
     drives, count, _ = torque.shape
     for lane in range(W):
@@ -84,7 +85,8 @@ def _build(digest):
         Args:
             simulated: (S, D, K) logged torque.
             measured: (D, K) measured torque, NaN where there is no sample.
-            out: (S,) cost, written; inf for a diverged candidate. Outputs without a sample do not count.
+            out: (S,) cost, written; inf for a diverged candidate. Outputs without a sample do not
+                count.
         """
         _ = digest
         for i in range(simulated.shape[0]):

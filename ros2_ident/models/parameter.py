@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What can be identified: one named number with its unit and its box."""
 
-import math
 from dataclasses import dataclass
+import math
 from typing import Literal
 
 from ros2_ident.errors import ErrorCode, IdentError

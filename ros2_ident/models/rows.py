@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a candidate's numbers lie in a block of eight: names of the rows the kernels read.
 
-A block is a flat array; row r holds the eight lanes' values at [8 r, 8 r + 8). First the machine's rows, then each
-drive's, then each drive's effects in the catalogue's order.
+A block is a flat array; row r holds the eight lanes' values at [8 r, 8 r + 8). First the machine's
+rows, then each drive's, then each drive's effects in the catalogue's order.
 """
 
 import numpy as np
@@ -11,35 +11,35 @@ import numpy.typing as npt
 from ros2_ident.effects import CATALOGUE, Hook
 
 MACHINE_ROWS = (
-    'rail_radius',        # m
-    'rod_length',         # m
-    'tool_mass',          # kg
-    'rod_mass',           # kg, each rod's, halved between its ends
-    'gravity',            # m/s^2, against the axes
-    'payload_step',       # kg, added to the tool from payload_time on
-    'payload_time',       # s
-    'frame_inverse_mass', # 1/kg, 0 for a frame that does not move
-    'frame_frequency',    # Hz, of the frame without the machine
-    'frame_damping',      # 1
+    'rail_radius',  # m
+    'rod_length',  # m
+    'tool_mass',  # kg
+    'rod_mass',  # kg, each rod's, halved between its ends
+    'gravity',  # m/s^2, against the axes
+    'payload_step',  # kg, added to the tool from payload_time on
+    'payload_time',  # s
+    'frame_inverse_mass',  # 1/kg, 0 for a frame that does not move
+    'frame_frequency',  # Hz, of the frame without the machine
+    'frame_damping',  # 1
 )
 DRIVE_ROWS = (
-    'gear_stiffness',     # N/m
-    'gear_damping',       # N s/m
-    'motor_mass',         # kg, the motor's inertia at the rail
-    'rail_mass',          # kg
-    'coulomb',            # N m
-    'viscous',            # N m s/m
-    'position_gain',      # 1/s
-    'velocity_gain',      # N m s/m
-    'integral_gain',      # N m/m
-    'command_delay',      # s
-    'torque_limit',       # N m
-    'motor_turn',         # rad/m, motor angle per travel
-    'effort_delay',       # s
-    'effort_gain',        # 1
-    'effort_bias',        # N m
-    'effort_lag',         # s
-    'effort_crosstalk',   # 1, of the other drives' effort into this one's
+    'gear_stiffness',  # N/m
+    'gear_damping',  # N s/m
+    'motor_mass',  # kg, the motor's inertia at the rail
+    'rail_mass',  # kg
+    'coulomb',  # N m
+    'viscous',  # N m s/m
+    'position_gain',  # 1/s
+    'velocity_gain',  # N m s/m
+    'integral_gain',  # N m/m
+    'command_delay',  # s
+    'torque_limit',  # N m
+    'motor_turn',  # rad/m, motor angle per travel
+    'effort_delay',  # s
+    'effort_gain',  # 1
+    'effort_bias',  # N m
+    'effort_lag',  # s
+    'effort_crosstalk',  # 1, of the other drives' effort into this one's
 )
 NEUTRAL = {
     'effort_gain': 1.0,

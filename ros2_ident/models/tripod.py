@@ -24,7 +24,8 @@ class Tripod(DriveModel):
         azimuth = np.asarray(geometry.get('rail_azimuth', ()), dtype=float)
         if azimuth.shape != (3,):
             raise IdentError(
-                ErrorCode.BAD_MACHINE_FILE, 'machine file: geometry.rail_azimuth needs three angles in rad'
+                ErrorCode.BAD_MACHINE_FILE,
+                'machine file: geometry.rail_azimuth needs three angles in rad',
             )
         direction = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
         difference = np.linalg.inv(direction[1:] - direction[0])
@@ -32,8 +33,24 @@ class Tripod(DriveModel):
         self._drive_constants(base)
         return base
 
-    def _run(self, blocks: Array, steps: npt.NDArray[np.int64], torque: Array, finite: Array) -> None:
+    def _run(
+        self, blocks: Array, steps: npt.NDArray[np.int64], torque: Array, finite: Array
+    ) -> None:
         simulate(
-            blocks, steps, self._command, self._motion, self._mode, self._on, self._delayed, self._frame, self._grid,
-            self.gear, self.eps, self.cycle, self.law, self.feedforward, torque, finite,
+            blocks,
+            steps,
+            self._command,
+            self._motion,
+            self._mode,
+            self._on,
+            self._delayed,
+            self._frame,
+            self._grid,
+            self.gear,
+            self.eps,
+            self.cycle,
+            self.law,
+            self.feedforward,
+            torque,
+            finite,
         )

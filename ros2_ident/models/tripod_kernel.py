@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tripod, all drives coupled, eight candidates at once.
 
-Coordinates: motors z and carriages s. The platform follows from the carriages in closed form. In a controller cycle
-the linkage moves by a fraction of a millimetre while the gear's spring may swing: geometry, mass matrix and
-centripetal load are taken once a cycle, at its predicted middle (error of second order), and the drives are
-integrated over it by Runge-Kutta steps of fourth order, as many as a candidate's stiffness asks for.
+Coordinates: motors z and carriages s. The platform follows from the carriages in closed form. In a
+controller cycle
+the linkage moves by a fraction of a millimetre while the gear's spring may swing: geometry, mass
+    matrix and
+centripetal load are taken once a cycle, at its predicted middle (error of second order), and the
+drives are integrated over it by Runge-Kutta steps of fourth order, as many as a candidate's
+stiffness asks for.
 """
 # mypy: ignore-errors
 
-import numpy as np
 from numba import njit
+import numpy as np
 
-from ros2_ident.lanes import WIDTH, inlined, load, spread, sqrt, store, where
+from ros2_ident.lanes import inlined, load, spread, sqrt, store, where, WIDTH
 from ros2_ident.models import drive_kernel as dk
 from ros2_ident.models.hooks import sources_digest
 from ros2_ident.models.rows import DRIVE_COUNT, MACHINE_COUNT, row_of
@@ -30,7 +33,8 @@ FRAME_DAMPING = row_of('frame_damping')
 
 # State rows: motors 0-2, their rates 3-5, carriages 6-8, their rates 9-11, frame 12, its rate 13.
 STATES = 14
-# Rows of the linkage block: inverse mass matrix 0-5 (11 22 33 12 13 23), load 6-8, coupling of the frame's
+# Rows of the linkage block: inverse mass matrix 0-5 (11 22 33 12 13 23), load 6-8, coupling of the
+# frame's
 # acceleration 9-11, its own bias 12, the mass it carries 13.
 LINKAGE = 14
 
@@ -39,8 +43,8 @@ LINKAGE = 14
 def _linkage(par, s1, s2, s3, w1, w2, w3, grid, tool, frame, out):
     """Write mass matrix and load of the linkage at carriages s [m] and rates w [m/s].
 
-    s'' = inverse mass matrix (gear forces - load). `grid` holds the inverse of the two rail directions' differences
-    from the first (2x2) and the directions themselves (3x2).
+    s'' = inverse mass matrix (gear forces - load). `grid` holds the inverse of the two rail
+    directions' differences from the first (2x2) and the directions themselves (3x2).
     """
     radius = load(par, RADIUS * W)
     length = load(par, LENGTH * W)
@@ -55,7 +59,8 @@ def _linkage(par, s1, s2, s3, w1, w2, w3, grid, tool, frame, out):
     h3 = 0.5 * u3 * u3
     qx = (grid[0] * h2 + grid[1] * h3) * inverse - radius * grid[4]
     qy = (grid[2] * h2 + grid[3] * h3) * inverse - radius * grid[5]
-    # |q + b zeta|^2 + zeta^2 = L^2 for the height zeta of carriage 1 above the platform; the platform hangs below.
+    # |q + b zeta|^2 + zeta^2 = L^2 for the height zeta of carriage 1 above the platform; the
+    # platform hangs below.
     a = bx * bx + by * by + 1.0
     b = bx * qx + by * qy
     zeta = (sqrt(b * b - a * (qx * qx + qy * qy - length * length)) - b) / a
@@ -123,7 +128,8 @@ def _linkage(par, s1, s2, s3, w1, w2, w3, grid, tool, frame, out):
     store(out, 4 * W, n13 * det)
     store(out, 5 * W, (m12 * m13 - m11 * m23) * det)
     if frame:
-        # The frame lifts everything: what its acceleration does to the carriages is what gravity does.
+        # The frame lifts everything: what its acceleration does to the carriages is what gravity
+        # does.
         store(out, 9 * W, g1)
         store(out, 10 * W, g2)
         store(out, 11 * W, g3)
@@ -155,7 +161,9 @@ def _carriage_accelerations(par, link, push, y, frame, out):
         b3 = i13 * g1 + i23 * g2 + i33 * g3
         omega = load(par, FRAME_FREQUENCY * W) * 6.283185307179586
         light = load(par, FRAME_INVERSE * W)
-        back = omega * (omega * load(y, 12 * W) + 2.0 * load(par, FRAME_DAMPING * W) * load(y, 13 * W))
+        back = omega * (
+            omega * load(y, 12 * W) + 2.0 * load(par, FRAME_DAMPING * W) * load(y, 13 * W)
+        )
         push_back = g1 * a1 + g2 * a2 + g3 * a3 + load(link, 12 * W)
         carried = load(link, 13 * W) - (g1 * b1 + g2 * b2 + g3 * b3)
         lift = -(back + light * push_back) / (light * carried + 1.0)
@@ -170,7 +178,9 @@ def _carriage_accelerations(par, link, push, y, frame, out):
 
 
 @inlined
-def _derivative(par, mem, link, y, push, out, on, mode, motion, k, count, gear, eps, time, elapsed, frame):
+def _derivative(
+    par, mem, link, y, push, out, on, mode, motion, k, count, gear, eps, time, elapsed, frame
+):
     """Write the derivative of the state `y` into `out`."""
     for d in range(3):
         first = MACHINE_COUNT + d * DRIVE_COUNT
@@ -182,21 +192,42 @@ def _derivative(par, mem, link, y, push, out, on, mode, motion, k, count, gear, 
         flags = on[d]
         force = dk.gear_force(par, first, mem, own, flags, gear, z, v, s, w, time)
         if mode[d] == dk.CLOSED_LOOP:
-            torque = dk.motor_torque(par, first, mem, own, flags, gear, eps, z, v, s, force, time, elapsed)
+            torque = dk.motor_torque(
+                par, first, mem, own, flags, gear, eps, z, v, s, force, time, elapsed
+            )
             acceleration = (gear * torque - force) * load(mem, (own + dk.LIGHTNESS) * W)
         else:
             acceleration = spread(motion[(6 + d) * count + k])
         store(out, d * W, v)
         store(out, (3 + d) * W, acceleration)
         store(out, (6 + d) * W, w)
-        store(push, d * W, force + dk.carriage_force(par, first, mem, own, flags, gear, z, v, s, time))
+        store(
+            push,
+            d * W,
+            force + dk.carriage_force(par, first, mem, own, flags, gear, z, v, s, time),
+        )
     _carriage_accelerations(par, link, push, y, frame, out)
 
 
 def _build(digest):
     @njit(nogil=True, cache=True)
     def simulate(
-        blocks, substeps, command, motion, mode, on, delayed, frame, grid, gear, eps, cycle, law, feedforward, out, finite,
+        blocks,
+        substeps,
+        command,
+        motion,
+        mode,
+        on,
+        delayed,
+        frame,
+        grid,
+        gear,
+        eps,
+        cycle,
+        law,
+        feedforward,
+        out,
+        finite,
     ):
         """Simulate blocks of eight candidates; see `tripod.Tripod.simulate`.
 
@@ -204,7 +235,8 @@ def _build(digest):
             blocks: (G, R * 8) rows of `models.rows`.
             substeps: (G,) Runge-Kutta steps in a cycle.
             command: (6 * K,) set-point positions of the three drives, then their rates.
-            motion: (9 * K,) recorded position, velocity and acceleration of prescribed motors, else empty.
+            motion: (9 * K,) recorded position, velocity and acceleration of prescribed motors,
+                else empty.
             mode: (3,) CLOSED_LOOP or PRESCRIBED.
             on: (3,) flags of the effects.
             delayed: Whether command delays are on.
@@ -239,7 +271,17 @@ def _build(digest):
                 start = command[d * count] if mode[d] == dk.CLOSED_LOOP else motion[d * count]
                 store(y, (6 + d) * W, spread(start))
             _linkage(
-                par, load(y, 6 * W), load(y, 7 * W), load(y, 8 * W), zero, zero, zero, grid, tool, frame, link
+                par,
+                load(y, 6 * W),
+                load(y, 7 * W),
+                load(y, 8 * W),
+                zero,
+                zero,
+                zero,
+                grid,
+                tool,
+                frame,
+                link,
             )
             for d in range(3):
                 first = MACHINE_COUNT + d * DRIVE_COUNT
@@ -272,9 +314,24 @@ def _build(digest):
                     if mode[d] == dk.CLOSED_LOOP:
                         delay = load(par, (first + dk.COMMAND_DELAY) * W)
                         zc = dk.set_point(command, d * count, count, k, delay, cycle, delayed)
-                        vc = dk.set_point(command, (3 + d) * count, count, k, delay, cycle, delayed)
+                        vc = dk.set_point(
+                            command, (3 + d) * count, count, k, delay, cycle, delayed
+                        )
                         torque = dk.control(
-                            par, first, mem, own, on[d], law, feedforward, cycle, gear, z, v, zc, vc, time
+                            par,
+                            first,
+                            mem,
+                            own,
+                            on[d],
+                            law,
+                            feedforward,
+                            cycle,
+                            gear,
+                            z,
+                            v,
+                            zc,
+                            vc,
+                            time,
                         )
                     else:
                         z = spread(motion[d * count + k])
@@ -288,7 +345,9 @@ def _build(digest):
                         friction = -dk.motor_torque(
                             par, first, mem, own, on[d], gear, eps, z, v, s, force, time, 0.0
                         )
-                        inertia = load(par, (first + dk.MOTOR_MASS) * W) * motion[(6 + d) * count + k]
+                        inertia = (
+                            load(par, (first + dk.MOTOR_MASS) * W) * motion[(6 + d) * count + k]
+                        )
                         torque = (inertia + force) * (1.0 / gear) + friction
                     store(out, ((g * 3 + d) * count + k) * W, torque)
                 # The middle of the cycle, as the present rates predict it.
@@ -299,12 +358,22 @@ def _build(digest):
                 now = tool
                 if payload_on(par):
                     now = where(
-                        spread(time) >= load(par, PAYLOAD_TIME * W), tool + load(par, PAYLOAD * W), tool
+                        spread(time) >= load(par, PAYLOAD_TIME * W),
+                        tool + load(par, PAYLOAD * W),
+                        tool,
                     )
                 _linkage(
-                    par, load(y, 6 * W) + half * w1, load(y, 7 * W) + half * w2, load(y, 8 * W) + half * w3,
-                    w1 + half * load(slope, 9 * W), w2 + half * load(slope, 10 * W),
-                    w3 + half * load(slope, 11 * W), grid, now, frame, link,
+                    par,
+                    load(y, 6 * W) + half * w1,
+                    load(y, 7 * W) + half * w2,
+                    load(y, 8 * W) + half * w3,
+                    w1 + half * load(slope, 9 * W),
+                    w2 + half * load(slope, 10 * W),
+                    w3 + half * load(slope, 11 * W),
+                    grid,
+                    now,
+                    frame,
+                    link,
                 )
                 for r in range(states):
                     store(stage, r * W, load(y, r * W))
@@ -315,8 +384,22 @@ def _build(digest):
                         # Classical Runge-Kutta: slopes at 0, h/2, h/2, h, weighted 1, 2, 2, 1.
                         at = 0.0 if part == 0 else (h if part == 3 else 0.5 * h)
                         _derivative(
-                            par, mem, link, stage, push, slope, on, mode, motion, k, count, gear, eps,
-                            time + since + at, since + at, frame,
+                            par,
+                            mem,
+                            link,
+                            stage,
+                            push,
+                            slope,
+                            on,
+                            mode,
+                            motion,
+                            k,
+                            count,
+                            gear,
+                            eps,
+                            time + since + at,
+                            since + at,
+                            frame,
                         )
                         weight = 1.0 if part == 0 or part == 3 else 2.0
                         ahead = h if part == 2 else 0.5 * h
@@ -331,13 +414,29 @@ def _build(digest):
                         store(total, r * W, zero)
                     for d in range(3):
                         dk.keep_bristle(
-                            par, MACHINE_COUNT + d * DRIVE_COUNT, mem, d * dk.MEMORY_COUNT, on[d], gear, eps,
-                            load(y, d * W), load(y, (3 + d) * W),
+                            par,
+                            MACHINE_COUNT + d * DRIVE_COUNT,
+                            mem,
+                            d * dk.MEMORY_COUNT,
+                            on[d],
+                            gear,
+                            eps,
+                            load(y, d * W),
+                            load(y, (3 + d) * W),
                         )
                 for d in range(3):
                     dk.keep_torque(
-                        par, MACHINE_COUNT + d * DRIVE_COUNT, mem, d * dk.MEMORY_COUNT, on[d], gear,
-                        load(y, d * W), load(y, (3 + d) * W), load(y, (6 + d) * W), time, cycle,
+                        par,
+                        MACHINE_COUNT + d * DRIVE_COUNT,
+                        mem,
+                        d * dk.MEMORY_COUNT,
+                        on[d],
+                        gear,
+                        load(y, d * W),
+                        load(y, (3 + d) * W),
+                        load(y, (6 + d) * W),
+                        time,
+                        cycle,
                     )
             for lane in range(W):
                 good = 1.0
