@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The coordinates along which a gap is looked for: what the drives did when it was logged."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ros2_ident.models import DriveModel
+from ros2_ident.recording import smooth_motion
+
+Array = NDArray[np.float64]
+Parity = Literal['', 'odd', 'even']
+
+PHASES = ('rest', 'creep', 'acceleration', 'cruise', 'deceleration', 'reversal')
+# Motion up to this frequency is kept, Hz.
+_CUTOFF = 50.0
+# Shares of the top speed and of the top acceleration below which a drive rests, creeps, cruises.
+_REST, _SLOW, _STEADY = 0.01, 0.1, 0.1
+# Orders of the motor's turn that are looked at.
+ORDERS = 24
+# An order has to go round so often within the stroke to be told from a plain position.
+_TURNS = 1.5
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What D drives did at each of K cycles, at the time the logged effort belongs to.
+
+    Attributes:
+        drives: Their names.
+        cycle: Time from column to column, s.
+        gear: Motor angle per travel, rad/m; 0 where it is not known.
+        position: (D, K), m.
+        velocity: (D, K), m/s.
+        acceleration: (D, K), m/s^2.
+        jerk: (D, K), m/s^3.
+        torque: (D, K) simulated effort, N m or N.
+        load: (D, K) what of it goes through the transmission: without friction and motor inertia.
+        unit: Unit of the effort.
+    """
+
+    drives: tuple[str, ...]
+    cycle: float
+    gear: float
+    position: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    torque: Array
+    load: Array
+    unit: str
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """Columns that a residual may depend on.
+
+    Attributes:
+        name: As in a finding.
+        parity: `odd` where the columns change sign with the direction of motion.
+        unit: Unit of `place`.
+        columns: (T, B) columns, each nonzero in its own region.
+        place: (B, 2) ends of each column's region, NaN where it has none.
+        labels: Names of the regions where they are no numbers.
+        pick: 1 where all columns count together; where only the best group counts, its size.
+    """
+
+    name: str
+    parity: Parity
+    unit: str
+    columns: Array
+    place: Array
+    labels: tuple[str, ...] = ()
+    pick: int = 1
+
+
+def motion_of(model: DriveModel, theta: Array) -> Motion:
+    """Return what the drives of a model did, by the recording where it holds positions.
+
+    Args:
+        model: The model with its data.
+        theta: (N,) its parameters: delay of the log, friction and motor inertia among them.
+
+    Returns:
+        The motion, later by the measurement delay, as the logged effort is.
+    """
+    data = model.data
+    rows = [data.names.index(name) for name in model.drives]
+    source = data.position if data.position is not None else data.command_position
+    assert source is not None
+    cutoff = min(_CUTOFF, 0.1 / data.cycle)
+    position, velocity, acceleration = smooth_motion(source[rows], data.cycle, cutoff)
+    values = dict(model.fixed)
+    values |= {p.name: float(v) for p, v in zip(model.parameters, theta, strict=True)}
+    delay = values.get('measurement_delay', 0.0) / data.cycle
+    at = np.maximum(np.arange(position.shape[1]) - delay, 0.0)
+    grid = np.arange(position.shape[1])
+    position, velocity, acceleration = (
+        np.stack([np.interp(at, grid, row) for row in part])
+        for part in (position, velocity, acceleration)
+    )
+    torque = model.simulate(np.atleast_2d(theta))[0]
+    load = torque.copy()
+    for d, name in enumerate(model.drives):
+        def get(*keys: str, name: str = name) -> float:
+            return next((values[f'{name}.{k}'] for k in keys if f'{name}.{k}' in values), 0.0)
+
+        load[d] -= get('coulomb_torque', 'coulomb_friction') * np.tanh(velocity[d] / model.eps)
+        load[d] -= get('viscous_torque', 'viscous_friction') * velocity[d]
+        load[d] -= get('drive_inertia') * model.gear * acceleration[d]
+    return Motion(
+        tuple(model.drives), data.cycle, model.gear if model.gear != 1.0 else 0.0, position,
+        velocity, acceleration, np.gradient(acceleration, data.cycle, axis=1), torque, load,
+        model.output_unit,
+    )
+
+
+def direction(velocity: Array) -> Array:
+    """Return (K,) the direction of motion, -1 or 1; while a drive hardly moves, the last one."""
+    fast = np.abs(velocity) > _REST * _top(velocity)
+    if not fast.any():
+        return np.ones_like(velocity)
+    last = np.maximum.accumulate(np.where(fast, np.arange(velocity.size), 0))
+    last = np.where(last == 0, int(np.argmax(fast)), last)
+    out: Array = np.sign(velocity[last])
+    return out
+
+
+def phases(velocity: Array, acceleration: Array) -> NDArray[np.int64]:
+    """Return (K,) the phase of motion as its number in `PHASES`."""
+    speed = np.abs(velocity) / max(_top(velocity), 1e-300)
+    push = np.abs(acceleration) / max(_top(acceleration), 1e-300)
+    out = np.where(velocity * acceleration > 0.0, 2, 4)
+    out[push < _STEADY] = 3
+    slow = speed < _SLOW
+    out[slow] = 1
+    out[(speed < _REST) & (push < 0.5 * _STEADY)] = 0
+    # A slow stretch is a reversal where the drive leaves it the other way.
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(int), [0]])))
+    heading = direction(velocity)
+    for begin, end in edges.reshape(-1, 2):
+        if begin > 0 and end < velocity.size and heading[begin - 1] != heading[end]:
+            out[begin:end] = 5
+    return out
+
+
+def since_reversal(position: Array, velocity: Array) -> Array:
+    """Return (K,) the way gone since the last change of direction, m."""
+    heading = direction(velocity)
+    turn = np.concatenate([[0.0], np.diff(heading)]) != 0.0
+    last = np.maximum.accumulate(np.where(turn, np.arange(position.size), 0))
+    out: Array = np.abs(position - position[last])
+    return out
+
+
+def _sign(values: Array) -> Array:
+    out: Array = np.sign(values)
+    return out
+
+
+def _top(values: Array) -> float:
+    return float(np.percentile(np.abs(values), 99.5))
+
+
+def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coordinate]:
+    """Return the coordinates of one drive at some cycles.
+
+    Args:
+        motion: What the drives did.
+        drive: Number of the drive.
+        at: (T,) cycles.
+    """
+    d = drive
+    heading = direction(motion.velocity[d])[at]
+    velocity = motion.velocity[d, at]
+    position = motion.position[d, at]
+    load, torque = motion.load[d, at], motion.torque[d, at]
+    phase = phases(motion.velocity[d], motion.acceleration[d])[at]
+    way = since_reversal(motion.position[d], motion.velocity[d])[at]
+    speed: Array = np.abs(velocity)
+    unit = motion.unit
+    found = [
+        _named('phase', phase, heading),
+        _binned('velocity', 'odd', 'm/s', speed, _sign(velocity), _graded(speed)),
+        _binned('velocity', 'even', 'm/s', speed, None, _graded(speed)),
+        _binned('position', '', 'm', position, None, 12),
+        _binned('position', 'odd', 'm', position, heading, 8),
+        _binned('acceleration', '', 'm/s^2', motion.acceleration[d, at], None, 10),
+        _binned('jerk', '', 'm/s^3', motion.jerk[d, at], None, 10),
+        _binned('load', '', unit, load, None, 8),
+        _binned('load', 'odd', unit, load, heading, 8),
+        _binned('torque', '', unit, torque, None, 8),
+        _binned('way since reversal', 'odd', 'm', way, heading, _graded(way)),
+        _binned('time', '', 's', at.astype(np.float64) * motion.cycle, None, 5),
+        _binned('time', 'odd', 's', at.astype(np.float64) * motion.cycle, heading, 5),
+    ]
+    rates = _rates(motion.torque[d], motion.cycle, at)
+    found.append(_linear('torque rate', ('rate', 'bend'), rates))
+    lags = range(-20, 45, 5)
+    recent = [_late(motion.acceleration[d], at, 1e-3 * lag / motion.cycle) for lag in lags]
+    found.append(_linear('recent acceleration', tuple(f'{lag} ms ago' for lag in lags), recent))
+    others = [o for o in range(len(motion.drives)) if o != d]
+    if others:
+        rows = [row[o, at] for o in others for row in (motion.torque, motion.acceleration)]
+        labels = tuple(
+            f'{what} of {motion.drives[o]}' for o in others for what in ('torque', 'acceleration')
+        )
+        found.append(_linear('other drives', labels, rows))
+    if motion.gear:
+        found += _orders(position, motion.gear)
+    return [c for c in found if c.columns.shape[1]]
+
+
+def _orders(position: Array, gear: float) -> list[Coordinate]:
+    """Return sine and cosine of each order of the motor's angle that the stroke can resolve."""
+    angle = gear * position
+    turns = float(np.ptp(angle)) / (2.0 * np.pi)
+    orders = [k for k in range(1, ORDERS + 1) if k * turns >= _TURNS]
+    if not orders:
+        return []
+    columns = np.stack(
+        [f(k * angle) for k in orders for f in (np.cos, np.sin)], axis=1
+    )
+    # What is smooth over the stroke is the position's matter.
+    smooth = np.vander((position - position.mean()) / max(np.ptp(position), 1e-300), 4)
+    columns = columns - smooth @ np.linalg.lstsq(smooth, columns, rcond=None)[0]
+    place = np.repeat(np.asarray(orders, dtype=float), 2)[:, None].repeat(2, axis=1)
+    return [Coordinate('motor angle', '', 'per turn', columns, place, pick=2)]
+
+
+def places(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coordinate]:
+    """Return coordinates that cut a drive's motion into regions, to see where the gap is large.
+
+    Args:
+        motion: What the drives did.
+        drive: Number of the drive.
+        at: (T,) cycles.
+    """
+    d = drive
+    phase = phases(motion.velocity[d], motion.acceleration[d])[at]
+    named = _named('phase', phase, np.zeros(at.size))
+    speed: Array = np.abs(motion.velocity[d, at])
+    way = since_reversal(motion.position[d], motion.velocity[d])[at]
+    return [
+        named,
+        _binned('velocity', '', 'm/s', speed, None, _graded(speed)),
+        _binned('position', '', 'm', motion.position[d, at], None, 8),
+        _binned('acceleration', '', 'm/s^2', np.abs(motion.acceleration[d, at]), None, 6),
+        _binned('load', '', motion.unit, motion.load[d, at], None, 8),
+        _binned('way since reversal', '', 'm', way, None, _graded(way)),
+        _binned('time', '', 's', at.astype(np.float64) * motion.cycle, None, 6),
+    ]
+
+
+def _graded(values: Array) -> Array:
+    """Return edges that lie closer towards zero, of bins that are not too thinly filled."""
+    top = float(values.max(initial=1e-12))
+    shares = np.array([0.0, 0.005, 0.01, 0.02, 0.04, 0.08, 0.15, 0.25, 0.4, 0.6, 0.8, 1.0])
+    edges = [0.0]
+    for edge in top * shares[1:]:
+        inside = np.count_nonzero((values >= edges[-1]) & (values < edge))
+        if inside >= max(8.0, 0.005 * values.size):
+            edges.append(float(edge))
+    edges[-1] = top
+    return np.array(edges if len(edges) > 1 else [0.0, top], dtype=np.float64)
+
+
+def _late(row: Array, at: NDArray[np.int64], cycles: float) -> Array:
+    """Return a row as it was so many cycles before each of some cycles."""
+    out: Array = row[np.clip(at - round(cycles), 0, row.size - 1)]
+    return out
+
+
+def _rates(row: Array, cycle: float, at: NDArray[np.int64]) -> list[Array]:
+    """Return first and second derivative of a row."""
+    rate = np.gradient(row, cycle)
+    return [rate[at], np.gradient(rate, cycle)[at]]
+
+
+def _linear(name: str, labels: tuple[str, ...], rows: Sequence[Array]) -> Coordinate:
+    """Return columns that the residual may be proportional to."""
+    columns = np.stack(rows, axis=1)
+    columns = columns - columns.mean(axis=0)
+    return Coordinate(name, '', '', columns, np.full((len(labels), 2), np.nan), labels)
+
+
+def _named(name: str, index: NDArray[np.int64], heading: Array) -> Coordinate:
+    """Return a column for each phase, and one for each that changes sign with the direction."""
+    there = [i for i in range(len(PHASES)) if (index == i).sum() >= 5]
+    columns = [(index == i).astype(float) for i in there]
+    labels = tuple(PHASES[i] for i in there)
+    if heading.any():
+        columns += [(index == i) * heading for i in there if i != 0]
+        labels += tuple(PHASES[i] for i in there if i != 0)
+    return Coordinate(
+        name, '', '', np.stack(columns, axis=1), np.full((len(labels), 2), np.nan), labels
+    )
+
+
+def _binned(
+    name: str, parity: Parity, unit: str, values: Array, factor: Array | None, bins: int | Array
+) -> Coordinate:
+    """Return a column for each bin: between given edges, or so many of equally many samples."""
+    edges = bin_edges(values, bins) if isinstance(bins, int) else bins
+    number = np.clip(np.searchsorted(edges, values, side='right') - 1, 0, edges.size - 2)
+    columns = (number[:, None] == np.arange(edges.size - 1)).astype(float)
+    if factor is not None:
+        columns *= factor[:, None]
+    place = np.stack([edges[:-1], edges[1:]], axis=1)
+    keep = np.abs(columns).sum(axis=0) > 0.0
+    return Coordinate(name, parity, unit, columns[:, keep], place[keep])
+
+
+def bin_edges(values: Array, count: int) -> Array:
+    """Return edges of bins that hold about equally many samples."""
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
+    if edges.size < 2:
+        edges = np.array([edges[0], edges[0] + 1e-12])
+    return edges

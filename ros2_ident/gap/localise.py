@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a gap lies: which coordinate of the motion the residual follows, and in which region.
+
+For each drive and coordinate the residual is averaged over regions of it, or a line is fitted. The
+share of the explainable gap that this explains is compared with what it would be by chance: the
+residual is cut into blocks longer than its memory and each block's sign is thrown by a coin. What
+is coherent from block to block is lost then; what is coherent within a block is not.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ros2_ident.gap.blocks import correlation_time, FEWEST, SETTLING
+from ros2_ident.gap.coordinates import Coordinate, coordinates, Motion, PHASES, phases, places
+from ros2_ident.gap.floor import Floor
+from ros2_ident.gap.spectrum import find_peak, motion_band
+from ros2_ident.gap.wording import concentration, region_of, sentence_of
+
+Array = NDArray[np.float64]
+
+# Samples are averaged over so long, s: the coordinates change little meanwhile.
+_STEP = 0.005
+# A block is so many times as long as the residual's memory.
+_TIMES = 12.0
+# Sign changes thrown.
+_FLIPS = 3999
+# False findings among the findings, in the mean.
+LEVEL = 0.05
+# What explains less than this, as RMS over the floor, is of no matter even where it is certain.
+MATERIAL = 0.2
+# Where the gap is large its share has to be so much above the share of the time.
+CONTRAST = 0.2
+# A coordinate with this share leads: what it leaves is taken for the noise.
+_LEADING = 0.3
+# A drive whose slow gap is below this share of the floor has nothing to be explained.
+_LEAST = 0.1
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One coordinate that a drive's residual follows.
+
+    Attributes:
+        drive: Name.
+        coordinate: Name, with its parity: `velocity, odd`; `size by ...` where the residual has
+            no one sign but is large in a region.
+        region: Where along it, in words.
+        statistic: Share of the drive's explainable gap that it explains, corrected for chance.
+        p_value: Probability of as much by chance, before the correction for many coordinates.
+        sentence: In words.
+        size: RMS that it explains, in the effort's unit.
+        over_floor: The same over the drive's noise floor.
+        beyond: Share that it still explains once the drive's leading coordinate is taken out.
+        significant: Whether it holds after the correction for many coordinates, and matters.
+    """
+
+    drive: str
+    coordinate: str
+    region: str
+    statistic: float
+    p_value: float
+    sentence: str
+    size: float
+    over_floor: float
+    beyond: float
+    significant: bool
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """A drive's residual on the coarse grid.
+
+    Attributes:
+        at: (T,) cycles.
+        value: (T,) mean residual times the root of `weight`.
+        weight: (T,) samples averaged.
+        block: (T,) number of the block.
+        explainable: Sum of squares above the noise.
+        widen: Factor on what chance gives, for the memory that reaches across blocks.
+    """
+
+    at: NDArray[np.int64]
+    value: Array
+    weight: Array
+    block: NDArray[np.int64]
+    explainable: float
+    widen: float
+
+
+def localise(
+    motion: Motion,
+    residual: Array,
+    floor: Floor,
+    *,
+    seed: int = 0,
+    flips: int = _FLIPS,
+    everything: bool = False,
+) -> tuple[Finding, ...]:
+    """Find the coordinates that explain the gap.
+
+    Args:
+        motion: What the drives did, from `coordinates.motion_of`.
+        residual: (D, K) measured less simulated effort, NaN where there is no sample.
+        floor: Noise floor of the D drives.
+        seed: Seed of the coin.
+        flips: How often it is thrown.
+        everything: Return coordinates that are not significant too.
+
+    Returns:
+        The findings: the drive with the largest gap first, then what explains most of it.
+
+    Reference:
+        Sign flips: Wu (1986), Annals of Statistics 14, the wild bootstrap; in blocks: Shao (2010),
+        Journal of the American Statistical Association 105. False discovery rate: Benjamini and
+        Hochberg (1995), Journal of the Royal Statistical Society B 57.
+    """
+    found: list[Finding] = []
+    for d in range(len(residual)):
+        generator = np.random.default_rng((seed, d))
+        noise = float(floor.per_drive[d])
+        coarse = _coarse(residual[d], motion.cycle, noise)
+        if coarse is None:
+            continue
+        found += _drive(motion, d, coarse, noise, flips, generator)
+        found += _swing(motion, d, residual[d], noise, coarse)
+    limit = _cut([f.p_value for f in found], LEVEL)
+    found = [
+        replace(f, significant=f.p_value <= limit and f.over_floor >= MATERIAL and not _faint(f))
+        for f in found
+    ]
+    size = np.sqrt(np.nanmean(residual**2, axis=1)) / floor.per_drive
+    gap = dict(zip(motion.drives, size.tolist(), strict=True))
+    found.sort(key=lambda f: (-f.significant, -gap[f.drive], -f.over_floor))
+    return tuple(f for f in found if everything or f.significant)
+
+
+def _faint(finding: Finding) -> bool:
+    """Whether a place where the gap is large hardly stands out from the rest of the time."""
+    return finding.coordinate.startswith('size by') and finding.statistic < CONTRAST
+
+
+def _cut(p_values: Sequence[float], level: float) -> float:
+    """Return the largest p-value that Benjamini and Hochberg let pass, -1 where none."""
+    ordered = np.sort(np.asarray(p_values))
+    rank = np.arange(1, ordered.size + 1)
+    passed = np.flatnonzero(ordered <= level * rank / max(1, ordered.size))
+    return float(ordered[passed[-1]]) if passed.size else -1.0
+
+
+def _coarse(row: Array, cycle: float, noise: float) -> _Drive | None:
+    stride = max(1, round(_STEP / cycle))
+    size = row.size // stride * stride
+    parts = row[:size].reshape(-1, stride)
+    there = np.isfinite(parts)
+    weight = there.sum(axis=1).astype(float)
+    keep = weight > 0.0
+    if keep.sum() < 10 * FEWEST:
+        return None
+    total = np.where(there, parts, 0.0).sum(axis=1)[keep]
+    weight = weight[keep]
+    at = (np.flatnonzero(keep) * stride + stride // 2).astype(np.int64)
+    value = total / np.sqrt(weight)
+    block, widen = _blocks(total / weight, at, cycle, row.size)
+    explainable = float(value @ value) - noise**2 * value.size
+    if explainable < (_LEAST * noise) ** 2 * float(weight.sum()):
+        # Nothing to share out; what is found is stated as a share of this little then.
+        explainable = (_LEAST * noise) ** 2 * float(weight.sum())
+    return _Drive(at, value, weight, block, explainable, widen)
+
+
+def _blocks(
+    mean: Array, at: NDArray[np.int64], cycle: float, size: int
+) -> tuple[NDArray[np.int64], float]:
+    """Return the number of each value's block (T,), and the factor `_Drive.widen`."""
+    stride = float(np.median(np.diff(at)))
+    memory = correlation_time(mean)
+    length = max(SETTLING / cycle, _TIMES * memory * stride)
+    length = max(1.0, min(length, size / FEWEST))
+    block = np.unique((at // length).astype(np.int64), return_inverse=True)[1]
+    # What neighbouring blocks have in common is lost with the coin: their part of the variance.
+    return block, 1.0 / (1.0 - min(0.5 * (memory - 1.0) * stride / length, 1.0 / 3.0))
+
+
+def _orthonormal(columns: Array, weight: Array, constant: bool) -> Array:
+    """Return an orthonormal basis of weighted columns, without the constant unless asked for."""
+    root = np.sqrt(weight)[:, None]
+    weighted = columns * root
+    if not constant:
+        one = root / np.linalg.norm(root)
+        weighted = weighted - one * (one * weighted).sum(axis=0)
+    weighted = weighted / np.maximum(np.sqrt((weighted**2).sum(axis=0)), 1e-300)
+    # By the small Gram matrix: a decomposition of the long one would wake the library's threads.
+    size, turn = np.linalg.eigh(np.einsum('tb,tc->bc', weighted, weighted))
+    keep = size > 1e-8 * max(float(size.max(initial=0.0)), 1e-300)
+    kept: Array = np.einsum('tb,bc->tc', weighted, turn[:, keep] / np.sqrt(size[keep]))
+    return kept
+
+
+def _bases(coordinate: Coordinate, weight: Array) -> list[Array]:
+    """Return one basis, or one for each group of columns where only the best group counts."""
+    if coordinate.pick == 1:
+        return [_orthonormal(coordinate.columns, weight, False)]
+    groups = range(0, coordinate.columns.shape[1], coordinate.pick)
+    return [
+        _orthonormal(coordinate.columns[:, g : g + coordinate.pick], weight, False) for g in groups
+    ]
+
+
+def _drive(
+    motion: Motion,
+    d: int,
+    coarse: _Drive,
+    noise: float,
+    flips: int,
+    generator: np.random.Generator,
+) -> list[Finding]:
+    root = np.sqrt(coarse.weight)
+    offset = Coordinate('offset', 'even', '', np.ones((root.size, 1)), np.full((1, 2), np.nan))
+    one = root[:, None] / np.linalg.norm(root)
+    centred = coarse.value - one[:, 0] * float(one[:, 0] @ coarse.value)
+    every = [offset, *coordinates(motion, d, coarse.at)]
+    bases = [[one], *(_bases(c, coarse.weight) for c in every[1:])]
+    moving = phases(motion.velocity[d], motion.acceleration[d])[coarse.at]
+    values = [coarse.value, *([centred] * (len(every) - 1))]
+    block, widen = coarse.block, coarse.widen
+    signs = generator.choice(np.array([-1.0, 1.0]), (flips, int(block.max()) + 1))
+    found = _tested(values, bases, block, widen, signs, coarse.explainable)
+    first = max(range(len(found)), key=lambda i: found[i][0])
+    if found[first][0] >= _LEADING:
+        # The memory of what the leading coordinate leaves is that of the noise: its own is the
+        # effect's, and blocks that long would hide what repeats within them.
+        basis = found[first][2]
+        left = values[first] - basis @ (basis.T @ values[first])
+        block, widen = _blocks(left / root, coarse.at, motion.cycle, motion.position.shape[1])
+        again = generator.choice(np.array([-1.0, 1.0]), (flips, int(block.max()) + 1))
+        found = _tested(values, bases, block, widen, again, coarse.explainable)
+    leading = max((f for f in found if f[1] <= LEVEL), default=(0.0, 1.0, one), key=lambda f: f[0])
+    out = _sizes(motion, d, coarse, noise, signs)
+    for coordinate, value, (share, p_value, basis) in zip(every, values, found, strict=True):
+        fitted = basis @ (basis.T @ value)
+        left = value - leading[2] @ (leading[2].T @ value)
+        beyond = float(((basis.T @ left) ** 2).sum()) - noise**2 * basis.shape[1]
+        size = math.sqrt(share * coarse.explainable / float(coarse.weight.sum()))
+        region, shape = region_of(coordinate, fitted / root, coarse.weight, noise)
+        power = np.bincount(moving, fitted**2, len(PHASES)).astype(float)
+        time = np.bincount(moving, coarse.weight, len(PHASES)).astype(float)
+        name = f'{coordinate.name}, {coordinate.parity}' if coordinate.parity else coordinate.name
+        out.append(
+            Finding(
+                motion.drives[d], name, region, share, p_value,
+                sentence_of(
+                    motion.drives[d], coordinate, region, shape, share, size, motion.unit, power,
+                    time,
+                ),
+                size, size / noise, max(0.0, beyond / coarse.explainable), False,
+            )
+        )
+    return out
+
+
+def _tested(
+    values: Sequence[Array],
+    bases: Sequence[Sequence[Array]],
+    block: NDArray[np.int64],
+    widen: float,
+    signs: Array,
+    explainable: float,
+) -> list[tuple[float, float, Array]]:
+    """Return for each coordinate its share, its p-value and the basis that explains most."""
+    out = []
+    for value, groups in zip(values, bases, strict=True):
+        observed, chance, best = -1.0, np.zeros(len(signs)), groups[0]
+        for basis in groups:
+            parts = np.zeros((signs.shape[1], basis.shape[1]))
+            np.add.at(parts, block, basis * value[:, None])
+            square = float((parts.sum(axis=0) ** 2).sum())
+            chance = np.maximum(chance, widen * (_thrown(signs, parts) ** 2).sum(axis=1))
+            if square > observed:
+                observed, best = square, basis
+        p_value = (1.0 + float((chance >= observed).sum())) / (1.0 + chance.size)
+        expected = float(chance.mean())
+        gain = max(0.0, observed - expected)
+        out.append((gain / max(explainable - expected, gain, 1e-300), p_value, best))
+    return out
+
+
+def _thrown(signs: Array, parts: Array) -> Array:
+    """Return signs @ parts, without the library's threads: they cost more than they bring here."""
+    out: Array = np.einsum('fn,nb->fb', signs, parts)
+    return out
+
+
+def _sizes(
+    motion: Motion, d: int, coarse: _Drive, noise: float, signs: Array
+) -> list[Finding]:
+    """Look where the gap is large, whatever its sign: impacts and ringing have none."""
+    power = coarse.value**2 - noise**2
+    total = float(power.sum())
+    if total < (_LEAST * noise) ** 2 * float(coarse.weight.sum()):
+        return []
+    centred = power - power.mean()
+    number = signs.shape[1]
+    size = math.sqrt(total / float(coarse.weight.sum()))
+    out = []
+    for coordinate in places(motion, d, coarse.at):
+        inside = np.abs(coordinate.columns) > 0.0
+        time = inside.sum(axis=0).astype(float)
+        parts = np.zeros((number, time.size))
+        np.add.at(parts, coarse.block, inside * centred[:, None])
+        observed = float((parts.sum(axis=0) ** 2 / time).sum())
+        chance = (_thrown(signs, parts) ** 2 / time).sum(axis=1)
+        p_value = (1.0 + float((chance >= observed).sum())) / (1.0 + chance.size)
+        region, share, text = concentration(
+            motion.drives[d], coordinate, inside.T @ power, time, motion.unit, size
+        )
+        out.append(
+            Finding(
+                motion.drives[d], f'size by {coordinate.name}', region, share, p_value, text,
+                size * math.sqrt(share), size * math.sqrt(share) / noise, share, False,
+            )
+        )
+    return out
+
+
+def _swing(motion: Motion, d: int, row: Array, noise: float, coarse: _Drive) -> list[Finding]:
+    peak = find_peak(row, motion.cycle, noise, motion_band(motion.acceleration[d], motion.cycle))
+    if peak is None:
+        return []
+    share = min(1.0, peak.size**2 * float(coarse.weight.sum()) / coarse.explainable)
+    region = f'{peak.low:.3g} to {peak.high:.3g} Hz'
+    text = (
+        f'{motion.drives[d]}: a swing at {peak.frequency:.3g} Hz (band {region}); '
+        f'{100.0 * share:.0f} % of what can be explained, {peak.size:.2g} {motion.unit} RMS'
+    )
+    return [
+        Finding(
+            motion.drives[d],
+            'frequency',
+            region,
+            share,
+            peak.p_value,
+            text,
+            peak.size,
+            peak.size / noise,
+            share,
+            False,
+        )
+    ]

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Peaks in the spectrum of a residual: what swings by itself, whatever the motion asks for."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+Array = NDArray[np.float64]
+
+# Segments of about a second, but so many at least.
+_SEGMENTS = 6
+# The highest frequency looked at, as a share of the sampling rate.
+_TOP = 0.4
+# Below this frequency everything is motion, Hz.
+_SLOW = 3.0
+# Of the motion's acceleration this share of the power lies below its band's end.
+_POWER = 0.95
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A band that stands above what surrounds it.
+
+    Attributes:
+        frequency: Where it is highest, Hz.
+        low: Lower end of the band, Hz.
+        high: Upper end, Hz.
+        size: RMS of what stands above the surroundings, in the residual's unit.
+        p_value: Probability of so high a peak anywhere by chance.
+    """
+
+    frequency: float
+    low: float
+    high: float
+    size: float
+    p_value: float
+
+
+def spectrum(row: Array, cycle: float) -> tuple[Array, Array, int]:
+    """Return frequencies [Hz], a residual's averaged periodogram and the segments averaged.
+
+    Args:
+        row: (K,) residual, NaN where there is no sample.
+        cycle: Time from column to column, s.
+
+    Returns:
+        (F,) frequencies, (F,) periodogram, 1 for white noise of variance 1; and the segments, 0
+        where the row is too short.
+
+    Reference:
+        Welch (1967), IEEE Transactions on Audio and Electroacoustics 15(2).
+    """
+    there = np.flatnonzero(np.isfinite(row))
+    if there.size < 64:
+        return np.zeros(0), np.zeros(0), 0
+    stride = int(np.bincount(np.diff(there)).argmax())
+    even = row[int(there[0]) % stride :: stride]
+    even = np.where(np.isfinite(even), even, 0.0)
+    rate = 1.0 / (stride * cycle)
+    length = int(min(rate, even.size // _SEGMENTS))
+    window = np.hanning(length)
+    starts = np.arange(0, even.size - length + 1, max(1, length // 2))
+    pieces = np.stack([even[s : s + length] for s in starts]) * window
+    power = (np.abs(np.fft.rfft(pieces, axis=1)) ** 2).mean(axis=0) / float((window**2).sum())
+    return np.fft.rfftfreq(length, 1.0 / rate).astype(np.float64), power, int(starts.size)
+
+
+def find_peak(row: Array, cycle: float, noise: float, low: float) -> Peak | None:
+    """Find the highest peak above its surroundings, beyond a frequency.
+
+    Args:
+        row: (K,) residual, NaN where there is no sample.
+        cycle: Time from column to column, s.
+        noise: Noise floor; its density is the least that the surroundings are taken for.
+        low: Frequency from which on to look, Hz.
+
+    Returns:
+        The peak, significant or not; None where there is nothing to look at.
+    """
+    frequency, power, segments = spectrum(row, cycle)
+    if not segments or noise <= 0.0:
+        return None
+    power = power / noise**2
+    inside = np.flatnonzero((frequency > low) & (frequency < 2.0 * _TOP * frequency[-1]))
+    if inside.size < 8:
+        return None
+    around = np.array([_beside(power, frequency, float(f)) for f in frequency[inside]])
+    ratio = power[inside] / around
+    # Hann windows that overlap by half share a sixth of their amplitude.
+    freedom = 2.0 * segments / (1.0 + 2.0 / 36.0)
+    top = int(np.argmax(ratio))
+    p_value = float(min(1.0, inside.size * chi2.sf(ratio[top] * freedom, freedom)))
+    high = ratio > max(1.0, 0.25 * ratio[top])
+    first = last = top
+    while first > 0 and high[first - 1]:
+        first -= 1
+    while last < high.size - 1 and high[last + 1]:
+        last += 1
+    band = inside[first : last + 1]
+    excess = float((power[band] - around[first : last + 1]).sum())
+    size = noise * math.sqrt(max(0.0, excess / (frequency.size - 1)))
+    peak = float(frequency[band[int(np.argmax(power[band]))]])
+    return Peak(peak, float(frequency[band[0]]), float(frequency[band[-1]]), size, p_value)
+
+
+def motion_band(acceleration: Array, cycle: float) -> float:
+    """Return the frequency below which an acceleration has nearly all its power, Hz.
+
+    Args:
+        acceleration: (K,).
+        cycle: Time from column to column, s.
+    """
+    power = np.abs(np.fft.rfft(acceleration - acceleration.mean())) ** 2
+    total = np.cumsum(power) / max(float(power.sum()), 1e-300)
+    frequency = np.fft.rfftfreq(acceleration.size, cycle)
+    return max(_SLOW, float(frequency[int(np.argmax(total > _POWER))]))
+
+
+def _beside(power: Array, frequency: Array, at: float) -> float:
+    """Return the higher of the median densities below and above a frequency, at least 1.
+
+    A peak stands above both of its sides; a slope, as coloured noise has, only above one.
+    """
+    medians = [1.0]
+    for low, high in ((0.4, 0.75), (1.35, 2.2)):
+        side = power[(frequency >= low * at) & (frequency <= high * at)]
+        if side.size:
+            medians.append(float(np.median(side)))
+    return max(medians)

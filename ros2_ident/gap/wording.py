@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Words for where a gap lies."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ros2_ident.gap.coordinates import Coordinate, PHASES
+
+Array = NDArray[np.float64]
+
+# The regions that hold this share of what is explained are named.
+_MOST = 0.75
+# Phases that hold this share of it, and so many times their share of the time, are named.
+_MAINLY, _DENSER = 0.5, 1.5
+
+
+def region_of(
+    coordinate: Coordinate, fitted: Array, weight: Array, noise: float
+) -> tuple[str, str]:
+    """Return where along a coordinate a fitted residual lies, and its shape, in words.
+
+    Args:
+        coordinate: The coordinate.
+        fitted: (T,) part of the residual that it explains, in the effort's unit.
+        weight: (T,) samples that each entry stands for.
+        noise: Noise floor.
+    """
+    if coordinate.name == 'offset':
+        mean = float(np.average(fitted, weights=weight))
+        return 'everywhere', f'{mean:+.2g}'
+    if coordinate.pick > 1:
+        return _order(coordinate, fitted), ''
+    sides = np.sign(coordinate.columns)
+    inside = np.abs(coordinate.columns) > 0.0
+    if coordinate.labels:
+        if not np.isin(np.abs(sides), (0.0, 1.0)).all() or coordinate.name != 'phase':
+            size = np.abs((coordinate.columns / coordinate.columns.std(axis=0)).T @ fitted)
+            near = coordinate.name == 'recent acceleration'
+            return 'within 40 ms' if near else coordinate.labels[int(np.argmax(size))], ''
+        power = dict.fromkeys(PHASES, 0.0)
+        for name, column in zip(coordinate.labels, inside.T, strict=True):
+            power[name] = float((weight * fitted**2)[column].sum())
+        names = sorted(power, key=lambda n: -power[n])
+        total = sum(power.values())
+        held, chosen = 0.0, []
+        for name in names:
+            chosen.append(name)
+            held += power[name]
+            if held >= _MOST * total:
+                break
+        return ', '.join(chosen), ''
+    counts = np.array([float(weight[c].sum()) for c in inside.T])
+    means = np.array(
+        [
+            float(np.average((fitted * s)[c], weights=weight[c]))
+            for s, c in zip(sides.T, inside.T, strict=True)
+        ]
+    )
+    power = np.maximum(counts * means**2 - noise**2, 0.0)
+    region, _, _ = _region(coordinate, power)
+    return region, _shape(means, coordinate.place.mean(axis=1), counts)
+
+
+def _region(coordinate: Coordinate, power: Array) -> tuple[str, int, int]:
+    """Return the shortest region that holds most of the power, in words and as its end columns."""
+    first, last = _narrowest(power)
+    ends = coordinate.place
+    low, high = ends[first, 0], ends[last, 1]
+    if last - first + 1 > 0.8 * len(ends):
+        return 'everywhere', first, last
+    if first == 0:
+        return f'below {high:.2g} {coordinate.unit}', first, last
+    if last == len(ends) - 1:
+        return f'above {low:.2g} {coordinate.unit}', first, last
+    return f'{low:.2g} to {high:.2g} {coordinate.unit}', first, last
+
+
+def concentration(
+    drive: str, coordinate: Coordinate, power: Array, time: Array, unit: str, size: float
+) -> tuple[str, float, str]:
+    """Return where the gap is large, how much more so than by its share of time, and the sentence.
+
+    Args:
+        drive: The drive.
+        coordinate: What cuts the motion into regions.
+        power: (B,) squares above the noise in each region.
+        time: (B,) samples in each region.
+        unit: Unit of the effort.
+        size: RMS of the gap above the noise.
+    """
+    share, lasts = power / power.sum(), time / time.sum()
+    if coordinate.labels:
+        density = share / np.maximum(lasts, 1e-9)
+        chosen: list[int] = []
+        for i in np.argsort(-density):
+            if share[chosen].sum() >= _MOST or density[i] < 1.0:
+                break
+            chosen.append(int(i))
+        region = ', '.join(coordinate.labels[i] for i in chosen)
+    else:
+        region, first, last = _region(coordinate, np.maximum(power, 0.0))
+        chosen = list(range(first, last + 1))
+    held, part = float(share[chosen].sum()), float(lasts[chosen].sum())
+    name = {'velocity': 'speed', 'load': 'transmitted load'}.get(coordinate.name, coordinate.name)
+    where = f'in {region}' if coordinate.labels else f'where the {name} is {region}'
+    text = (
+        f'{drive}: {100.0 * held:.0f} % of the gap of {size:.2g} {unit} lies {where}, '
+        f'{100.0 * part:.0f} % of the time'
+    )
+    return region, min(1.0, max(0.0, held - part)), text
+
+
+def _order(coordinate: Coordinate, fitted: Array) -> str:
+    """Return the motor order whose lines hold most."""
+    columns = coordinate.columns / np.linalg.norm(coordinate.columns, axis=0)
+    power = (columns.T @ fitted) ** 2
+    groups = power.reshape(-1, coordinate.pick).sum(axis=1)
+    return f'order {coordinate.place[coordinate.pick * int(np.argmax(groups)), 0]:.0f}'
+
+
+def _narrowest(power: Array) -> tuple[int, int]:
+    """Return the ends of the shortest run that holds most of the power."""
+    total = np.concatenate([[0.0], np.cumsum(power)])
+    if total[-1] <= 0.0:
+        return 0, len(power) - 1
+    best = (len(power), 0.0, 0, len(power) - 1)
+    for first in range(len(power)):
+        enough = np.flatnonzero(total[first + 1 :] - total[first] >= _MOST * total[-1])
+        if enough.size:
+            last = first + int(enough[0])
+            best = min(best, (last - first, -(total[last + 1] - total[first]), first, last))
+    return best[2], best[3]
+
+
+def _shape(means: Array, centres: Array, counts: Array) -> str:
+    """Return whether the means go up or down along the coordinate."""
+    if means.size < 4:
+        return ''
+    a = centres - np.average(centres, weights=counts)
+    b = means - np.average(means, weights=counts)
+    spread = np.sqrt(np.average(a**2, weights=counts) * np.average(b**2, weights=counts))
+    slope = float(np.average(a * b, weights=counts)) / max(float(spread), 1e-300)
+    return 'rising' if slope > 0.9 else 'falling' if slope < -0.9 else ''
+
+
+def sentence_of(
+    drive: str,
+    coordinate: Coordinate,
+    region: str,
+    shape: str,
+    share: float,
+    size: float,
+    unit: str,
+    power: Array,
+    time: Array,
+) -> str:
+    """Return a finding in words.
+
+    Args:
+        drive: The drive.
+        coordinate: What the residual follows.
+        region: Where along it.
+        shape: Rising, falling, or the offset's value.
+        share: Share of the explainable gap.
+        size: RMS that it explains.
+        unit: Unit of the effort.
+        power: (P,) what is explained in each phase.
+        time: (P,) samples in each phase.
+    """
+    name = coordinate.name
+    if name == 'offset':
+        what = f'a constant {shape} {unit}'
+    elif name == 'motor angle':
+        what = f'periodic in the motor angle, {region} per turn'
+    elif name == 'phase':
+        what = f'in {region}'
+    elif name == 'other drives':
+        what = f'follows the {region}'
+    elif name == 'torque rate':
+        what = 'follows the rate of the torque, as a wrong delay does'
+    elif name == 'recent acceleration':
+        what = 'follows the acceleration of the last moments'
+    else:
+        what = {'velocity': 'speed', 'load': 'transmitted load'}.get(name, name)
+        what = f'{what} {region}' if region != 'everywhere' else f'along the {what}'
+        if shape:
+            what += f', {shape} with it'
+    parts = [what]
+    if name not in ('phase', 'offset'):
+        where = _phases(power, time)
+        if where:
+            parts.insert(0, where)
+    if coordinate.parity == 'odd':
+        parts.append('odd in velocity')
+    elif coordinate.parity == 'even':
+        parts.append('even in velocity')
+    return (
+        f'{drive}: {", ".join(parts)}; {100.0 * share:.0f} % of what can be explained, '
+        f'{size:.2g} {unit} RMS'
+    )
+
+
+def _phases(power: Array, time: Array) -> str:
+    """Return the phase that holds most, where it holds much more than its time."""
+    total, whole = float(power.sum()), float(time.sum())
+    if total <= 0.0:
+        return ''
+    held, lasts = power / total, time / whole
+    top = int(np.argmax(held))
+    if held[top] < _MAINLY or held[top] < _DENSER * lasts[top]:
+        return ''
+    words = {
+        'rest': 'at rest', 'creep': 'creeping', 'acceleration': 'accelerating',
+        'cruise': 'cruising', 'deceleration': 'braking', 'reversal': 'at reversals',
+    }
+    return words[PHASES[top]]
