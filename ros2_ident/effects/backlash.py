@@ -28,6 +28,5 @@ EFFECT = Effect(
         'stribeck',
         'presliding',
     ),
-    separated_by='reverse the load of {drive} without reversing its motion: strong decelerations
-    against gravity',
+    separated_by='reverse the load of {drive} without its motion: brake hard against gravity',
 )

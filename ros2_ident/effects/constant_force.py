@@ -27,5 +27,5 @@ EFFECT = Effect(
         'effort_bias',
         'asymmetric_friction',
     ),
-    separated_by='no motion can: turn the axis over, or log the effort with the motor switched off',
+    separated_by='no motion can: turn the axis over, or log the effort with the motor off',
 )

@@ -18,5 +18,5 @@ EFFECT = Effect(
         'constant_force',
         'asymmetric_friction',
     ),
-    separated_by='no motion can: turn the axis over, or log the effort with the motor switched off',
+    separated_by='no motion can: turn the axis over, or log the effort with the motor off',
 )
