@@ -7,9 +7,9 @@ import shlex
 from ros2_ident.cli.arguments import count, whole
 
 DESCRIPTION = (
-    'Draw machines with and without unmodelled effects, seal what was put into them, diagnose their '
-    'bags in other processes, open the seals, score. The same command goes on with an interrupted '
-    'run.'
+    'Draw machines with and without unmodelled effects, seal what was put into them, diagnose '
+    'their bags in other processes, open the seals, score. The same command goes on with an '
+    'interrupted run.'
 )
 EXAMPLES = (
     '  ident blind --cases 300 --seed 7 --out blind_7\n'

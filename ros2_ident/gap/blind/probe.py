@@ -95,7 +95,14 @@ class Probe:
         every = max(1, round(PERIOD / motion.cycle))
         logged[:, ::every] = effort[:, ::every]
         return Dataset(
-            self.machine.drives, motion.cycle, 0, motion.position, motion.velocity, None, None, logged
+            self.machine.drives,
+            motion.cycle,
+            0,
+            motion.position,
+            motion.velocity,
+            None,
+            None,
+            logged,
         )
 
     @cached_property

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The blind check from the draw to the table: draw and seal all, diagnose all, open, score."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import as_completed, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
@@ -20,7 +20,7 @@ import ros2_ident
 from ros2_ident.gap.blind import seal
 from ros2_ident.gap.blind.draw import Drawer, plan, Shares, Wanted
 from ros2_ident.gap.blind.label import to_mapping
-from ros2_ident.gap.blind.store import read_json, Store, write_json
+from ros2_ident.gap.blind.store import Store, write_json
 from ros2_ident.gap.blind.truth import make_row
 from ros2_ident.models import load_machine
 from ros2_ident.reference.bag_making import nuisance_of, simulate_bag, write_simulated
@@ -122,6 +122,66 @@ class _Worker:
         self.process.wait()
 
 
+def ask_all(
+    store: Store,
+    orders: Mapping[int, dict[str, str]],
+    processes: int,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Iterator[int]:
+    """Diagnose cases in processes of their own, and keep how each went.
+
+    Args:
+        store: The run.
+        orders: Paths by the case's number, see `worker.diagnose`.
+        processes: How many at a time.
+        stopped: Asked often; True ends the processes and raises `Stopped`.
+
+    Yields:
+        The numbers of the cases as they are answered.
+    """
+    todo: queue.SimpleQueue[int] = queue.SimpleQueue()
+    answered: queue.SimpleQueue[int] = queue.SimpleQueue()
+    for number in orders:
+        todo.put(number)
+    end = threading.Event()
+    workers: dict[int, _Worker] = {}
+
+    def serve(index: int) -> None:
+        while not end.is_set():
+            try:
+                number = todo.get_nowait()
+            except queue.Empty:
+                return
+            try:
+                if index not in workers:
+                    workers[index] = _Worker(store)
+                answer = workers[index].ask(orders[number])
+            except ConnectionError as exc:
+                workers.pop(index).end()
+                answer = {'error': str(exc)}
+            if not end.is_set():
+                write_json(store.case(number) / 'run.json', answer)
+                answered.put(number)
+
+    threads = [threading.Thread(target=serve, args=(i,)) for i in range(processes)]
+    for thread in threads:
+        thread.start()
+    try:
+        while any(t.is_alive() for t in threads) or not answered.empty():
+            if stopped():
+                raise Stopped
+            try:
+                yield answered.get(timeout=0.2)
+            except queue.Empty:
+                continue
+    finally:
+        end.set()
+        for worker in list(workers.values()):
+            worker.end()
+        for thread in threads:
+            thread.join()
+
+
 class BlindCheck:
     """One run in one directory; every step goes on where it was left.
 
@@ -176,60 +236,21 @@ class BlindCheck:
     def diagnose(self) -> None:
         """Diagnose what is not diagnosed yet, in processes that are told paths only."""
         cases = int(self.store.about()['cases'])
-        todo: queue.SimpleQueue[int] = queue.SimpleQueue()
         missing = [n for n in range(1, cases + 1) if self.store.answered(n) is None]
-        for number in missing:
-            todo.put(number)
-        answered: queue.SimpleQueue[int] = queue.SimpleQueue()
-        end = threading.Event()
-        workers: dict[int, _Worker] = {}
-
-        def serve(index: int) -> None:
-            while not end.is_set():
-                try:
-                    number = todo.get_nowait()
-                except queue.Empty:
-                    break
-                try:
-                    if index not in workers:
-                        workers[index] = _Worker(self.store)
-                    answer = workers[index].ask(self._order(number))
-                except ConnectionError as exc:
-                    workers.pop(index).end()
-                    answer = {'error': str(exc)}
-                if not end.is_set():
-                    write_json(self.store.case(number) / 'run.json', answer)
-                    answered.put(number)
-
-        threads = [threading.Thread(target=serve, args=(i,)) for i in range(self.processes)]
-        for thread in threads:
-            thread.start()
+        orders = {n: self._order(n) for n in missing}
         done = cases - len(missing)
-        try:
-            while any(t.is_alive() for t in threads) or not answered.empty():
-                try:
-                    answered.get(timeout=0.2)
-                    done += 1
-                except queue.Empty:
-                    pass
-                self._progress('diagnosing', done, cases)
-                if self._stopped():
-                    raise Stopped
-        finally:
-            end.set()
-            for worker in list(workers.values()):
-                worker.end()
-            for thread in threads:
-                thread.join()
+        self._progress('diagnosing', done, cases)
+        for _ in ask_all(self.store, orders, self.processes, self._stopped):
+            done += 1
+            self._progress('diagnosing', done, cases)
 
     def _order(self, number: int) -> dict[str, str]:
         folder = self.store.case(number).resolve()
-        out = folder / 'diagnosis'
         return {
             'fit': str(folder / 'fit'),
             'check': str(folder / 'check'),
             'machine': str(self.store.machine.resolve()),
-            'out': str(out),
+            'out': str(folder / 'diagnosis'),
         }
 
     def score(self, again: bool = False) -> list[dict[str, Any]]:
@@ -264,9 +285,3 @@ class BlindCheck:
                 if self._stopped():
                     raise Stopped
         return [rows[n] for n in sorted(rows)]
-
-
-def missing_answers(store: Store) -> Sequence[int]:
-    """Return the cases that have not been diagnosed."""
-    cases = int(store.about()['cases'])
-    return [n for n in range(1, cases + 1) if read_json(store.case(n) / 'run.json') is None]

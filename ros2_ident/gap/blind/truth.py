@@ -69,7 +69,9 @@ def make_row(label_plain: Mapping[str, Any], case: Path, machine_file: Path) -> 
     went = read_json(case / 'run.json') or {'error': 'no diagnosis'}
     every = (*label.imperfections, *label.effects)
     alone = [probe.truth([effect]) for effect in label.effects]
-    listed = alone[0] if len(alone) == 1 else (probe.truth(label.effects) if alone else _nothing(probe))
+    listed = (
+        alone[0] if len(alone) == 1 else (probe.truth(label.effects) if alone else _nothing(probe))
+    )
     small = probe.truth(label.imperfections) if label.imperfections else _nothing(probe)
     everything = probe.truth(every) if label.imperfections and label.effects else None
     if everything is None:
@@ -92,7 +94,7 @@ def make_row(label_plain: Mapping[str, Any], case: Path, machine_file: Path) -> 
     }
     if diagnosis is None:
         return row
-    row |= _answer(diagnosis)
+    row |= answer_of(diagnosis)
     row['share'] |= _true_share(probe, every, everything, small, diagnosis)
     row['parameters'] = _errors(label, diagnosis)
     return row
@@ -103,7 +105,7 @@ def _nothing(probe: Probe) -> Left:
     return Left(zero, zero)
 
 
-def _answer(d: Mapping[str, Any]) -> dict[str, Any]:
+def answer_of(d: Mapping[str, Any]) -> dict[str, Any]:
     """Return what of a diagnosis the scores need."""
     gap = d['gap']
     return {
@@ -169,7 +171,9 @@ def _true_share(
     nominal = make_model(probe.machine, data)
     try:
         with_effects = np.array([values[p.name] for p in extended.parameters])
-        without = np.array([values[p.name] / (1.0 + moved.get(p.name, 0.0)) for p in nominal.parameters])
+        without = np.array(
+            [values[p.name] / (1.0 + moved.get(p.name, 0.0)) for p in nominal.parameters]
+        )
     except KeyError:
         return out
     skip = int(round(0.1 / data.cycle))
@@ -184,7 +188,7 @@ def _true_share(
 
 
 def _errors(label: Label, diagnosis: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the relative errors of the sizes of effects that were found, where the form is shared."""
+    """Return the relative errors of the sizes found, where the form is shared."""
     values = {name: v['value'] for name, v in diagnosis['parameters'].items()}
     out = []
     for effect in label.effects:
@@ -206,5 +210,7 @@ def _errors(label: Label, diagnosis: Mapping[str, Any]) -> list[dict[str, Any]]:
             size = 1.0 / max(abs(known[0]), 1e-9)
         else:
             size = float(np.linalg.norm(known))
-        out.append({'effect': effect.name, 'true': true, 'found': size, 'error': abs(size / true - 1.0)})
+        out.append(
+            {'effect': effect.name, 'true': true, 'found': size, 'error': abs(size / true - 1.0)}
+        )
     return out
