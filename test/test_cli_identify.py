@@ -98,7 +98,9 @@ def test_a_spent_budget_ends_with_1(command, tmp_path, capsys):
 def test_a_signal_keeps_the_best_so_far(command, tmp_path, number):
     process = spawn([*command, *SLOW])
     line = process.stderr.readline()
-    assert line.startswith('generation 1 of 2'), line
+    if not line.startswith('generation 1 of 2'):
+        process.kill()
+        pytest.fail(line + process.stderr.read())
     process.send_signal(number)
     asked = time.monotonic()
     out, err = process.communicate(timeout=60)
