@@ -24,28 +24,29 @@ ROLES = {
     'time': 'shape, an instant',
 }
 
-INTRODUCTION = '''\
-# The catalogue of effects
-
-Made by `python -m ros2_ident.report.catalogue_page`; a test compares it with the catalogue.
-
-An effect is one way in which a machine differs from its nominal model ([models.md](models.md)).
-`ident diagnose` tries each at each place where it can sit, together with the nominal parameters.
-How to add one: [adding_an_effect.md](adding_an_effect.md).
-
-How to read an entry:
-
-- Symbols: v is the motor's speed and z its position, both at the rail; s is the carriage's
-  position; M a torque; t the time since the log began. Friction opposes the motion.
-- A unit with `effort` is N m, or N on a machine that logs a force. Its bounds are shares of the
-  controller's limit: 0.05 means 5 % of `controller.torque_limit`, or five times `effort_noise`
-  where the machine file states no limit.
-- At its neutral value a parameter of the role *size* switches the effect off. A *shape* means
-  nothing while the size is neutral.
-- *Place*: each drive can have its own, or the machine has one.
-- Effects of one *family* look alike on ordinary motions.
-- *Confusable*: one log may not tell these apart. *Separated by* is the motion that does.
-'''
+INTRODUCTION = (
+    '# The catalogue of effects',
+    '',
+    'Made by `python -m ros2_ident.report.catalogue_page`; a test compares it with the catalogue.',
+    '',
+    'An effect is one way in which a machine differs from its nominal model',
+    '([models.md](models.md)). `ident diagnose` tries each at each place where it can sit, together',
+    'with the nominal parameters.',
+    'How to add one: [adding_an_effect.md](adding_an_effect.md).',
+    '',
+    'How to read an entry:',
+    '',
+    "- Symbols: v is the motor's speed and z its position, both at the rail; s is the carriage's",
+    '  position; M a torque; t the time since the log began. Friction opposes the motion.',
+    '- A unit with `effort` is N m, or N on a machine that logs a force. Its bounds are shares of',
+    "  the controller's limit: 0.05 means 5 % of `controller.torque_limit`, or five times",
+    '  `effort_noise` where the machine file states no limit.',
+    '- At its neutral value a parameter of the role *size* switches the effect off. A *shape*',
+    '  means nothing while the size is neutral.',
+    '- *Place*: each drive can have its own, or the machine has one.',
+    '- Effects of one *family* look alike on ordinary motions.',
+    '- *Confusable*: one log may not tell these apart. *Separated by* is the motion that does.',
+)
 
 
 def _number(value: float) -> str:
@@ -113,7 +114,7 @@ def section(effect: Effect) -> list[str]:
 
 def markdown() -> str:
     """Return docs/effects.md."""
-    lines = [INTRODUCTION]
+    lines = [*INTRODUCTION, '']
     grouped = {
         group: [effect for effect in CATALOGUE.values() if effect.group == group]
         for group in GROUPS
