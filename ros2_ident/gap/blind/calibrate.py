@@ -27,6 +27,8 @@ FALSE_ALARMS = 0.025
 MISFLAGGED = 0.05
 COVERED = 0.97
 MOST = 3.0
+# Smaller gaps drown in the imperfections of every log, however small those of a table are.
+LEAST = 0.3
 TINY = 1e-4
 
 
@@ -68,7 +70,7 @@ def material_size(nulls: Array, start: float) -> float:
         return start
     order = np.sort(nulls)
     allowed = int(FALSE_ALARMS * order.size)
-    return float(1.05 * order[order.size - 1 - allowed])
+    return max(LEAST, float(1.05 * order[order.size - 1 - allowed]))
 
 
 def closed_share(known: Array, unknown: Array, start: float) -> float:

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rows of a blind check's table, made by hand."""
+
+from typing import Any
+
+
+def effect(name: str, where: str, rho: float, form: str = 'other') -> dict[str, Any]:
+    return {'effect': name, 'where': [where], 'rho': rho, 'form': form}
+
+
+def row(
+    case: int,
+    sort: str,
+    effects: list[dict[str, Any]],
+    verdict: tuple[str, str],
+    probability: float = 0.9,
+    also: tuple[tuple[str, str], ...] = (),
+    rivals: tuple[tuple[str, str], ...] = (),
+    **more: Any,
+) -> dict[str, Any]:
+    rho = max((e['rho'] for e in effects), default=0.0)
+    name, place = verdict
+    where = [place] if place else []
+    return {
+        'case': case,
+        'sort': sort,
+        'motions': [['mixed', 1.0], ['dwell', 1.0]],
+        'effects': effects,
+        'imperfections': [],
+        'rho': rho,
+        'rho_small': 0.0,
+        'rho_all': rho,
+        'error': '',
+        'seconds': 50.0,
+        'cpu_seconds': 40.0,
+        'verdict': {'effect': name, 'where': where, 'probability': probability},
+        'also': [{'effect': n, 'where': [w]} for n, w in also],
+        'confusable': [
+            {'effect': n, 'where': [w], 'probability': 0.1} for n, w in ((name, place), *rivals)
+        ],
+        'ranking': [
+            {'effect': n, 'where': [w], 'probability': 0.1, 'gap_after': g, 'share': s}
+            for (n, w), g, s in zip(
+                ((name, place), *rivals), (0.011, 0.012, 0.015), (0.95, 0.9, 0.5), strict=False
+            )
+        ],
+        'evidence': {'size': rho, 'remaining': 0.1, 'closed': 0.95},
+        'not_testable': [],
+        'gap': {'before': 0.01 * (1 + rho**2) ** 0.5, 'after': 0.0101, 'noise_floor': 0.01},
+        'share': {'predicted': 0.95, 'low': 0.9, 'high': 1.0, 'oracle': 0.97, 'actual': 0.8},
+        'complete': True,
+        'parameters': [],
+    } | more
+
+
+def table() -> list[dict[str, Any]]:
+    """Return a table in which every score is known by counting."""
+    stribeck = [effect('stribeck', 'drive_1', 3.0)]
+    bias = [effect('effort_bias', 'drive_2', 2.0)]
+    delay = [effect('command_delay', 'drive_3', 0.7)]
+    two = [effect('backlash', 'drive_1', 2.0), effect('stribeck', 'drive_2', 1.5)]
+    slip = [effect('slip', 'drive_1', 2.0)]
+    drag = [effect('quadratic_drag', 'drive_1', 0.1)]
+    crash = row(12, 'single', stribeck, ('none', ''))
+    for key in ('verdict', 'also', 'confusable', 'ranking', 'evidence', 'share', 'not_testable'):
+        del crash[key]
+    crash |= {'error': 'exit code 2', 'seconds': 1.0}
+    return [
+        row(1, 'none', [], ('none', '')),
+        row(2, 'none', [], ('stribeck', 'drive_1'), 0.4),
+        row(3, 'single', stribeck, ('stribeck', 'drive_1'), rivals=(('presliding', 'drive_1'),)),
+        row(4, 'single', stribeck, ('presliding', 'drive_1'), rivals=(('stribeck', 'drive_1'),)),
+        row(5, 'single', bias, ('constant_force', 'drive_2')),
+        row(6, 'single', delay, ('none', ''), 0.6),
+        row(7, 'pair', two, ('stribeck', 'drive_2'), also=(('backlash', 'drive_1'),)),
+        row(8, 'pair', two, ('backlash', 'drive_1'), also=(('cable_spring', 'drive_1'),)),
+        row(9, 'outside', slip, ('unknown', 'drive_1')),
+        row(10, 'hidden', drag, ('none', ''), not_testable=[['quadratic_drag', 'drive_1']]),
+        row(11, 'hidden', drag, ('none', '')),
+        crash,
+    ]
