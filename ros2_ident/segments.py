@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.models import Machine
+from ros2_ident.models import DRIVE_MODELS, Machine
 from ros2_ident.models.machine import constant
 from ros2_ident.recording import align, Dataset, read_bag, Recording, Topics
 from ros2_ident.result import Quality
 
 # A shorter stretch holds hardly a motion.
 SHORTEST = 0.5
-# The models start at rest; where a stretch starts in motion, controllers need this long to forget.
+# The tripod starts at rest; where a stretch starts in motion, controllers need this long to forget.
 SETTLING = 0.3
 # Less than this is no motion, rad or m.
 STANDSTILL = 1e-9
@@ -120,7 +120,7 @@ def gather(
             first = first or error
             warnings.append(f'{place} is left out: {error.message}')
             continue
-        kept.append((_settled(dataset, place, warnings), recording))
+        kept.append((_settled(dataset, machine, place, warnings), recording))
     if not kept:
         assert first is not None
         raise first
@@ -209,10 +209,12 @@ def _check_motion(recording: Recording, dataset: Dataset, chosen: tuple[str, ...
         )
 
 
-def _settled(dataset: Dataset, place: str, warnings: list[str]) -> Dataset:
+def _settled(dataset: Dataset, machine: Machine, place: str, warnings: list[str]) -> Dataset:
     """Leave out the efforts at the start of a stretch that begins in motion."""
     speed = dataset.command_velocity
     if speed is None or dataset.effort is None:
+        return dataset
+    if dataset.position is not None and DRIVE_MODELS[machine.kind].starts_in_motion:
         return dataset
     fast = np.abs(speed).max()
     if fast == 0.0 or np.abs(speed[:, 0]).max() < 0.02 * fast:

@@ -47,7 +47,8 @@ def test_a_segment_that_starts_in_motion_is_compared_later():
     assert command is not None
     speed = np.gradient(command.position[:, 0], 1e-3)
     fast = int(np.argmax(np.abs(speed[:2000])))
-    data = gather([whole.between(int(command.stamp[fast]), whole.end + 1)], axis())
+    moving = replace(whole.between(int(command.stamp[fast]), whole.end + 1), state=None)
+    data = gather([moving], axis())
     assert np.isnan(data.datasets[0].effort[:, :299]).all()
     assert np.isfinite(data.datasets[0].effort[:, 301:]).any()
     assert 'segment 1 of 1 starts in motion: its first 0.3 s' in data.warnings[0]

@@ -65,6 +65,7 @@ def _build(digest):
         substeps,
         command,
         motion,
+        begin,
         mode,
         on,
         delayed,
@@ -85,6 +86,7 @@ def _build(digest):
             command: (2 * D * K,) set-point positions of the drives, then their rates.
             motion: (3 * D * K,) recorded position, velocity and acceleration of prescribed motors,
                 else empty.
+            begin: (2 * D,) where the motors start, then how fast.
             mode: (D,) CLOSED_LOOP or PRESCRIBED.
             on: (D,) flags of the effects.
             delayed: Whether command delays are on.
@@ -119,12 +121,15 @@ def _build(digest):
                 driven = mode[d] == dk.CLOSED_LOOP
                 mem[:] = 0.0
                 y[:] = 0.0
-                start = spread(command[d * count] if driven else motion[d * count])
+                start = spread(begin[d])
+                rate = spread(begin[drives + d])
                 hold = load(par, (first + dk.RAIL_MASS) * W) * load(par, GRAVITY * W)
                 stretch = zero if rigid else hold / load(par, (first + dk.STIFFNESS) * W)
                 z = start + stretch if driven else start
                 store(y, 0, z)
+                store(y, W, rate)
                 store(y, 2 * W, z - stretch)
+                store(y, 3 * W, rate)
                 moved = load(par, (first + dk.MOTOR_MASS) * W)
                 if rigid:
                     moved = moved + load(par, (first + dk.RAIL_MASS) * W)
@@ -132,8 +137,8 @@ def _build(digest):
                 store(mem, dk.INTEGRAL * W, hold * (1.0 / gear))
                 store(mem, dk.APPLIED * W, hold * (1.0 / gear))
                 store(mem, dk.ANCHOR * W, z)
-                store(mem, dk.LAST_READ * W, z)
-                store(mem, dk.LAST_BUT_ONE * W, z)
+                store(mem, dk.LAST_READ * W, z - rate * cycle)
+                store(mem, dk.LAST_BUT_ONE * W, z - 2.0 * rate * cycle)
                 delay = load(par, (first + dk.COMMAND_DELAY) * W)
                 for k in range(count):
                     time = k * cycle

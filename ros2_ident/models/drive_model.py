@@ -80,6 +80,8 @@ class DriveModel(ABC):
     """
 
     name = ''
+    # Whether the model can begin in the middle of a motion, from the measured position.
+    starts_in_motion = False
 
     def __init__(
         self,

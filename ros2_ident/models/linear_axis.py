@@ -9,15 +9,21 @@ from ros2_ident.models.axis_kernel import simulate
 from ros2_ident.models.drive_model import Array, DriveModel
 from ros2_ident.models.machine import constant
 
+# A set-point slower than this share of its fastest at the log's start counts as rest.
+_REST = 0.02
+# Samples of the position that show how fast an axis starts.
+_FIRST = 10
+
 
 class LinearAxis(DriveModel):
-    """The tripod's drive without rods; gravity along the axis as the machine file says; see `DriveModel`."""
+    """The tripod's drive without rods, gravity along the axis adjustable; see `DriveModel`."""
 
     name = 'linear_axis'
+    starts_in_motion = True
 
     @property
     def rigid(self) -> bool:
-        """Whether motor and carriage move as one mass: where no gear stiffness is among the parameters."""
+        """Whether motor and carriage are one mass: where no gear stiffness is to be found."""
         return 'gear_stiffness' not in self.machine.bounds
 
     def _constants(self) -> Array:
@@ -25,6 +31,36 @@ class LinearAxis(DriveModel):
         base[rows.row_of('gravity')] = constant(self.machine.geometry, 'gravity', 'geometry', 0.0)
         self._drive_constants(base)
         return base
+
+    def _inputs(self) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+        command, motion, mode = super()._inputs()
+        self._begin = self._start(command, motion)
+        return command, motion, mode
+
+    def _start(self, command: Array, motion: Array) -> Array:
+        """Return (2 * D,) where the motors start and how fast.
+
+        An axis starts at rest where its set-point is, unless the log shows that it moves already: its
+        first measured positions then say where it is and how fast.
+        """
+        drives = len(self.machine.drives)
+        first = (motion if self.data.command_position is None else command).reshape(-1)
+        count = first.size // (drives * (3 if self.data.command_position is None else 2))
+        begin = np.zeros(2 * drives)
+        begin[:drives] = first[: drives * count : count]
+        speed = self.data.command_velocity
+        if self.data.position is None or speed is None:
+            return begin
+        for d, name in enumerate(self.machine.drives):
+            row = self.data.names.index(name)
+            if abs(speed[row, 0]) <= _REST * np.abs(speed[row]).max():
+                continue
+            there = np.flatnonzero(np.isfinite(self.data.position[row]))[:_FIRST]
+            if len(there) < _FIRST:
+                continue
+            _, slope, place = np.polyfit(there * self.cycle, self.data.position[row, there], 2)
+            begin[d], begin[drives + d] = place, slope
+        return begin
 
     def _run(
         self, blocks: Array, steps: npt.NDArray[np.int64], torque: Array, finite: Array
@@ -34,6 +70,7 @@ class LinearAxis(DriveModel):
             steps,
             self._command,
             self._motion,
+            self._begin,
             self._mode,
             self._on,
             self._delayed,
