@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Links of the pages lead somewhere, and their commands are commands."""
+
+from pathlib import Path
+import re
+import shlex
+
+import pytest
+
+from ros2_ident.cli.main import make_parser
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([*ROOT.glob('*.md'), *ROOT.glob('docs/*.md'), ROOT / 'bags/README.md'])
+LINK = re.compile(r'\]\(([^)#\s]*)(?:#([^)\s]*))?\)')
+FENCE = re.compile(r'^```(?:bash)?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
+
+
+def anchors(page: Path) -> set[str]:
+    """What links into a page may name: its headings, lower case, without punctuation."""
+    headings = re.findall(r'^#+ (.*)$', page.read_text(encoding='utf-8'), re.MULTILINE)
+    return {re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-') for heading in headings}
+
+
+def commands() -> list[tuple[str, str]]:
+    found = []
+    for page in PAGES:
+        text = page.read_text(encoding='utf-8')
+        for block in FENCE.findall(text):
+            for line in block.replace('\\\n', ' ').splitlines():
+                if line.startswith('ident '):
+                    found.append((page.name, line))
+    return found
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target, anchor in LINK.findall(page.read_text(encoding='utf-8')):
+        if '://' in target:
+            continue
+        path = (page.parent / target).resolve() if target else page
+        assert path.exists(), f'{page.name}: {target} is not there'
+        if anchor:
+            assert anchor in anchors(path), f'{page.name}: {target} has no heading {anchor}'
+
+
+def test_the_index_lists_every_page() -> None:
+    text = (ROOT / 'docs/index.md').read_text(encoding='utf-8')
+    for page in ROOT.glob('docs/*.md'):
+        assert page.name == 'index.md' or f'({page.name})' in text, (
+            f'docs/index.md has no line on {page.name}; add one'
+        )
+
+
+@pytest.mark.parametrize(('page', 'line'), commands())
+def test_a_command_on_a_page_is_one(page: str, line: str) -> None:
+    words = [word for word in shlex.split(line, comments=True)[1:] if word != '$TRUTH']
+    args = make_parser(words).parse_args(words)
+    assert args.command
+    for word in words:
+        if word.startswith(('config/', 'bags/')):
+            assert (ROOT / word).exists(), f'{page}: {word} is not there'
+
+
+def test_the_machine_file_of_the_readme_is_one() -> None:
+    import yaml
+
+    from ros2_ident.models import machine_from_mapping
+    from ros2_ident.models.drive_model import SLOTS
+
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    block = re.search(r'^```yaml\n(.*?)^```$', text, re.MULTILINE | re.DOTALL)
+    assert block is not None
+    machine = machine_from_mapping(yaml.safe_load(block[1]))
+    assert set(machine.bounds) <= set(SLOTS)
+
+
+def test_the_page_on_the_models_names_every_parameter() -> None:
+    from ros2_ident.models.drive_model import SLOTS
+
+    text = (ROOT / 'docs/models.md').read_text(encoding='utf-8')
+    for name in SLOTS:
+        assert f'`{name}`' in text
