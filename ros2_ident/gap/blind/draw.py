@@ -292,4 +292,7 @@ class Drawer:
             effect, left = self._sized(str(name), total / np.sqrt(count), rounds=3)
             if left < 1.5 * IMPERFECT[1]:
                 out.append(effect)
+        # Linearised, and on one recording, they can look smaller than they are.
+        while out and self.probe.truth(out).size > IMPERFECT[1]:
+            out.pop()
         return tuple(out)

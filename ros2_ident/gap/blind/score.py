@@ -229,6 +229,7 @@ def score(rows: Sequence[Row]) -> list[Score]:
             3.0,
         ),
         _share('drive right', placed, _drive, '98 %', 0.98),
+        _share('singles: no further effect named', sets, lambda r: not r['also'], '', 0.0),
         _share('pairs: one of them first', pairs, lambda r: hits_of_pair(r, 1) == 1, '98 %', 0.98),
         _share(
             'pairs: both in the first two', pairs, lambda r: hits_of_pair(r, 2) == 2, '80 %', 0.8

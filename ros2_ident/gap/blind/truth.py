@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.gap.blind.label import effect_mapping, from_mapping, Label
-from ros2_ident.gap.blind.probe import Left, Probe, SHARP
+from ros2_ident.gap.blind.probe import Left, Probe
 from ros2_ident.gap.blind.store import read_json
 from ros2_ident.models import EffectAt, load_machine, make_model
 from ros2_ident.reference.effects import Effect
@@ -165,7 +165,7 @@ def _true_share(
         return out
     values = {name: v['value'] for name, v in diagnosis['parameters'].items()}
     moved = diagnosis['moved']
-    data = probe.dataset(1, probe.effort(1, every, SHARP))
+    data = probe.dataset(1, probe.effort(1, every))
     at = [EffectAt(e['effect'], e['where'][0]) for e in effects]
     extended = make_model(probe.machine, data, effects=at)
     nominal = make_model(probe.machine, data)
