@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes in contexts of their own, programs in processes of their own, and waits with a time-out."""
+"""Nodes in contexts and programs in processes of their own, and waits with a time-out."""
 
 from collections.abc import Callable, Iterator
 import contextlib
@@ -62,7 +62,7 @@ class Station:
             with self._changed:
                 self._changed.notify_all()
 
-    def until(self, condition: Callable[[], Any], what: str, seconds: float = 20.0) -> Any:
+    def until(self, condition: Callable[[], Any], what: str, seconds: float = 60.0) -> Any:
         """Wait until a condition holds; looked at after each of the node's events."""
         with self._changed:
             assert self._changed.wait_for(condition, seconds), f'waited {seconds} s for {what}'
@@ -119,7 +119,7 @@ class Listener(Station):
 
         super().__init__(make, domain)
 
-    def wait_future(self, future: Any, what: str, seconds: float = 20.0) -> Any:
+    def wait_future(self, future: Any, what: str, seconds: float = 60.0) -> Any:
         """Return a future's result."""
         self.until(future.done, what, seconds)
         return future.result()
@@ -127,6 +127,8 @@ class Listener(Station):
     def send(self, goal: Any, on_feedback: Callable[[Any], None] | None = None) -> Any:
         """Send a goal; return its handle."""
         self.until(self.action.server_is_ready, 'the action server')
+        # it answers only those it knows of; what is latched comes when it does
+        self.until(lambda: self.statuses, 'the status')
         return self.wait_future(
             self.action.send_goal_async(goal, feedback_callback=on_feedback), 'an answer'
         )
@@ -192,7 +194,7 @@ def identifier(
     return program('identifier', *arguments, domain=domain)
 
 
-def ended(process: subprocess.Popen[str], seconds: float = 30.0) -> tuple[int, str]:
+def ended(process: subprocess.Popen[str], seconds: float = 90.0) -> tuple[int, str]:
     """Wait for a program; return its exit code and what it wrote."""
     try:
         text, _ = process.communicate(timeout=seconds)

@@ -10,7 +10,7 @@ import time
 import pytest
 from ros_helpers import BAG, ended, identifier, Listener, MACHINE, new_domain, program
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 
 
 def bag_goal(**changes):
@@ -58,12 +58,18 @@ def test_a_replayed_bag_is_identified_and_a_late_subscriber_gets_the_result(
         early = Listener(domain)
         try:
             with program(
-                'replay', str(BAG), '--rate', '2', '--wait-for-subscribers', '30', domain=domain
+                'replay', str(BAG), '--wait-for-subscribers', '60', domain=domain
             ) as replay:
                 code, text = ended(replay)
                 assert code == 0, text
             early.until(lambda: early.results, 'the result', 60.0)
-            early.until(lambda: len(early.residual) > 6900, 'the residual', 30.0)
+            heard = early.statuses[-1].received[1]
+            assert heard > 0.9 * 7000, 'only a machine that is very busy loses more'
+            early.until(
+                lambda: min(len(early.residual), len(early.simulated)) >= 0.95 * heard,
+                'the residual',
+                60.0,
+            )
             assert early.progress and len(early.progress[-1].best_theta) == 7
             assert early.progress[-1].parameter_units[0] == 's'
             assert {x.state for x in early.statuses} >= {

@@ -6,9 +6,8 @@ import subprocess
 import sys
 
 import pytest
-import yaml
-
 from ros_helpers import environment, new_domain, ROOT
+import yaml
 
 pytestmark = pytest.mark.ros
 

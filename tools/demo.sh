@@ -33,7 +33,7 @@ pids+=($!)
 python -m ros2_ident.ros.watch --seconds 240 &
 watch=$!
 pids+=("$watch")
-python -m ros2_ident.ros.replay "$bag" --wait-for-subscribers 30 &
+python -m ros2_ident.ros.replay "$bag" --wait-for-subscribers 60 &
 pids+=($!)
 
 code=0

@@ -30,12 +30,13 @@ def automatic_goal(parameters: Snapshot) -> Any:
     return Identify.Goal(refine=parameters['refine'])
 
 
-def request_of(goal: Any, parameters: Snapshot) -> Request:
+def request_of(goal: Any, parameters: Snapshot, *, receiving: bool = False) -> Request:
     """Return what a goal asks for, with the node's parameters where it says nothing.
 
     Args:
         goal: An `Identify.Goal`.
         parameters: The node's.
+        receiving: Whether messages arrive that must not wait for the simulation.
 
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, or what is wrong with the machine file.
@@ -65,7 +66,7 @@ def request_of(goal: Any, parameters: Snapshot) -> Request:
         ),
         fixed=fixed,
         bounds=bounds,
-        settings=_settings(goal, parameters),
+        settings=_settings(goal, parameters, receiving),
         seed=goal.seed or parameters['seed'],
         output_directory=parameters['output_directory'],
     )
@@ -87,7 +88,7 @@ def _bag_path(goal: Any) -> str:
     return str(Path(goal.bag_path).expanduser()) if goal.bag_path else ''
 
 
-def _settings(goal: Any, parameters: Snapshot) -> IdentifySettings:
+def _settings(goal: Any, parameters: Snapshot, receiving: bool) -> IdentifySettings:
     changes: dict[str, Any] = {
         name: getattr(goal, name) for name in (*_COUNTS, 'range_reduction') if getattr(goal, name)
     }
@@ -100,7 +101,7 @@ def _settings(goal: Any, parameters: Snapshot) -> IdentifySettings:
             genetic=parameters.genetic(**changes),
             budget=Budget(evaluations=evaluations or None, seconds=seconds or None),
             refine=goal.refine,
-            threads=parameters['workers'] or processors(),
+            threads=parameters['workers'] or max(1, processors() - receiving),
         )
     except IdentError as error:
         raise _refuse(error.message) from None

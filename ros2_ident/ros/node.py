@@ -31,6 +31,8 @@ from ros2_ident.ros.run import Finished, run
 from ros2_ident.ros.worker import Worker
 
 TICK = 0.1  # s
+# With a message as young as this one, s, data is arriving.
+RECEIVING = 0.5
 # Silence is explained this often, s.
 EXPLAIN = 5.0
 
@@ -130,7 +132,7 @@ class Identifier(Node):
             IdentError: Where the goal is unusable; nothing has been started then.
         """
         now = parameters.snapshot(self)
-        request = request_of(goal, now)
+        request = request_of(goal, now, receiving=self.capture.idle < RECEIVING)
         buffer = None
         if not request.bag_path:
             if self.capture.empty:

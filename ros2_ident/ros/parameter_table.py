@@ -207,7 +207,7 @@ TABLE: tuple[Entry, ...] = (
     _count(
         'workers',
         0,
-        'Threads that simulate; 0: one for each processor. The thread that receives goes first.',
+        'Threads that simulate; 0: one for each processor, one less while data arrives.',
         0,
         1024,
     ),

@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is heard is what a bag would hold."""
+
+import math
+
+import numpy as np
+import pytest
+from ros_helpers import BAG, ended, MACHINE, new_domain, program, Station
+
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
+
+
+class Ear(Station):
+    """A bare node with a Capture."""
+
+    def __init__(self, domain: int, **options) -> None:
+        from rclpy.node import Node
+
+        from ros2_ident.ros.capture import Capture
+
+        self.now = 0.0
+
+        def make(context):
+            node = Node(
+                'ear',
+                context=context,
+                cli_args=[
+                    x
+                    for topic in ('joint_states', 'effort', 'joint_command')
+                    for x in (
+                        '--ros-args', '-p',
+                        f'qos_overrides./{topic}.subscription.reliability:=reliable',
+                    )
+                ],
+            )
+            self.capture = Capture(
+                node, **{'limit': 100_000, 'clock': lambda: self.now} | options
+            )
+            return node
+
+        super().__init__(make, domain)
+
+    def received(self) -> int:
+        return sum(
+            len(inbox.data) + inbox.meter.received + inbox.meter.malformed + inbox.meter.dropped
+            for inbox in self.capture._inbox.values()
+        )
+
+
+class Mouth:
+    """Publishes into an Ear, from the same process."""
+
+    def __init__(self, ear: Ear) -> None:
+        from sensor_msgs.msg import JointState
+
+        self.ear = ear
+        self.sent = 0
+        self.publishers = {
+            topic: ear.node.create_publisher(JointState, topic, 1000)
+            for topic in ('joint_states', 'effort', 'joint_command')
+        }
+        ear.until(
+            lambda: all(p.get_subscription_count() for p in self.publishers.values()), 'a match'
+        )
+
+    def say(self, stamp: float, names, topic: str = 'joint_states', **fields) -> None:
+        from sensor_msgs.msg import JointState
+
+        message = JointState(name=list(names), **fields)
+        ns = round(stamp * 1e9)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(ns, 1_000_000_000)
+        self.publish(message, topic)
+
+    def publish(self, message, topic: str = 'joint_states') -> None:
+        self.publishers[topic].publish(message)
+        self.sent += 1
+        self.ear.until(lambda: self.ear.received() >= self.sent, 'the message')
+
+
+@pytest.fixture
+def ear():
+    made = []
+
+    def make(**options) -> Ear:
+        made.append(Ear(new_domain(), **options))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+def test_a_replayed_bag_gives_the_same_data_set_as_the_bag_read_directly() -> None:
+    from ros2_ident.models import load_machine
+    from ros2_ident.recording import read_bag
+    from ros2_ident.segments import gather
+
+    domain = new_domain()
+    ear = Ear(domain)
+    try:
+        with program(
+            'replay', str(BAG), '--rate', '2', '--wait-for-subscribers', '60', domain=domain
+        ) as replay:
+            assert ended(replay)[0] == 0
+        direct = read_bag(BAG)
+        count = sum(len(x.stamp) for x in direct[0].streams.values())
+        ear.until(lambda: ear.received() == count, f'{count} messages')
+        heard = ear.capture.snapshot().build()
+    finally:
+        ear.close()
+    assert len(heard) == len(direct) == 1
+    assert heard[0].streams == direct[0].streams
+    machine = load_machine(MACHINE)
+    one, two = (gather(x, machine).datasets[0] for x in (heard, direct))
+    for name in ('command_position', 'command_velocity', 'position', 'velocity', 'effort'):
+        assert np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True)
+    assert (one.start, one.cycle, one.names) == (two.start, two.cycle, two.names)
+    assert one.quality == two.quality
+
+
+def test_joints_go_by_name_in_any_order_and_number(ear) -> None:
+    mouth = Mouth(listening := ear())
+    mouth.say(1.0, ['a', 'b'], position=[1.0, 2.0], effort=[0.1, math.nan])
+    mouth.say(1.1, ['b', 'a'], position=[4.0, 3.0], effort=[0.4, 0.3])
+    mouth.say(1.2, ['b'], position=[6.0])
+    (recording,) = listening.capture.snapshot().build()
+    assert recording.state.names == ('a', 'b')
+    assert np.array_equal(
+        recording.state.position, [[1.0, 2.0], [3.0, 4.0], [math.nan, 6.0]], equal_nan=True
+    )
+    assert np.array_equal(
+        recording.state.effort, [[0.1, math.nan], [0.3, 0.4], [math.nan] * 2], equal_nan=True
+    )
+    assert recording.state.velocity is None
+    assert recording.state.stamp.tolist() == [1_000_000_000, 1_100_000_000, 1_200_000_000]
+
+
+def test_a_backward_stamp_closes_the_segment(ear) -> None:
+    mouth = Mouth(listening := ear())
+    for k in (*range(50), *range(50)):
+        mouth.say(1.0 + 0.01 * k, ['a'], position=[float(k)])
+    assert len(listening.capture.snapshot().build()) == 2
+    assert listening.capture.meters['state'].backward == 1
+    assert listening.capture.meters['state'].missing == 0
+
+
+def test_missing_samples_are_counted(ear) -> None:
+    mouth = Mouth(listening := ear())
+    for k in range(100):
+        if k not in (40, 41, 70):
+            mouth.say(1.0 + 0.01 * k, ['a'], position=[float(k)])
+    listening.capture.flush()
+    meter = listening.capture.meters['state']
+    assert (meter.received, meter.missing) == (97, 3)
+    assert meter.missing_fraction == pytest.approx(0.03)
+    assert meter.rate == pytest.approx(100.0)
+    assert 0.0 < meter.latency(99) < 5.0
+
+
+def test_malformed_messages_are_counted_and_the_others_kept(ear) -> None:
+    mouth = Mouth(listening := ear())
+    mouth.say(1.0, ['a', 'b'], position=[1.0, 2.0])
+    mouth.say(1.1, ['a', 'b'], position=[1.0])
+    mouth.say(1.2, ['a', 'a'], position=[1.0, 2.0])
+    mouth.say(1.3, ['a', 'b'], position=[3.0, 4.0])
+    (recording,) = listening.capture.snapshot().build()
+    assert recording.state.position.tolist() == [[1.0, 2.0], [3.0, 4.0]]
+    assert listening.capture.meters['state'].malformed == 2
+    assert any('no proper sensor_msgs/msg/JointState' in x for x in recording.warnings)
+
+
+def test_unstamped_messages_get_the_time_of_publishing(ear) -> None:
+    mouth = Mouth(listening := ear())
+    for k in range(3):
+        mouth.say(0.0, ['a'], position=[float(k)])
+    (recording,) = listening.capture.snapshot().build()
+    assert (np.diff(recording.state.stamp) > 0).all() and recording.state.stamp[0] > 10**18
+    assert any('header stamps are 0' in x for x in recording.warnings)
+
+
+def test_a_full_buffer_counts_and_says_so(ear) -> None:
+    mouth = Mouth(listening := ear(limit=5))
+    for k in range(8):
+        mouth.say(1.0 + 0.01 * k, ['a'], position=[float(k)])
+    (recording,) = listening.capture.snapshot().build()
+    assert len(recording.state.stamp) == 5
+    assert listening.capture.meters['state'].dropped == 3
+    assert any('raise buffer_messages' in x for x in recording.warnings)
+
+
+@pytest.mark.parametrize('keep', [False, True])
+def test_a_new_stream_replaces_the_ended_one_unless_it_is_kept(ear, keep: bool) -> None:
+    from ros2_ident.errors import IdentError
+
+    mouth = Mouth(listening := ear(keep_streams=keep))
+    capture = listening.capture
+    assert capture.empty and capture.idle == math.inf
+    for k in range(40):
+        mouth.say(1.0 + 0.01 * k, ['a'], position=[float(k)])
+    listening.now = 3.0
+    assert capture.idle == 3.0 and not capture.ended
+    capture.end()
+    assert capture.ended and len(capture.snapshot().build()) == 1
+    mouth.sent = mouth.sent if keep else 0
+    mouth.say(1.0, ['a'], position=[0.0])
+    listening.until(lambda: not capture.ended, 'the new stream')
+    mouth.sent = listening.received()
+    for k in range(1, 40):
+        mouth.say(1.0 + 0.01 * k, ['a'], position=[float(-k)])
+    found = capture.snapshot().build()
+    assert len(found) == (2 if keep else 1)
+    assert found[-1].state.position[-1] == -39.0
+    capture.clear()
+    assert capture.empty
+    with pytest.raises(IdentError):
+        capture.snapshot().build()
+
+
+def test_incompatible_qos_is_named(ear) -> None:
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import JointState
+
+    listening = ear()
+    listening.node.create_publisher(
+        JointState, '/effort', QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    )
+    listening.until(
+        lambda: '/effort has a publisher of incompatible QoS' in listening.capture.silence(),
+        'the sentence',
+    )

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pace of a replay, and the worker: parts that need no DDS."""
+
+import io
+from pathlib import Path
+import time
+
+import pytest
+from ros_helpers import BAG, ended, new_domain, program, Station
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.ros.playback import Bag, Message, Player, ProgressLine
+
+STEP = 2_000_000  # ns
+
+
+def messages(count: int):
+    return iter(Message('/x', 10**18 + k * STEP, bytes([k % 256])) for k in range(count))
+
+
+def test_messages_come_in_order_and_at_their_times() -> None:
+    came = []
+    player = Player(messages(200), lambda m: came.append((time.monotonic_ns(), m.data[0])))
+    assert player.play() and player.count == 200
+    assert [x for _, x in came] == list(range(200))
+    late = sorted((at - came[0][0]) - k * STEP for k, (at, _) in enumerate(came))
+    assert late[0] > -STEP, 'never early'
+    assert late[len(late) // 2] < STEP, 'half of them within a period, on a busy machine too'
+
+
+@pytest.mark.parametrize('rate', [0.5, 4.0])
+def test_rate(rate: float) -> None:
+    began = time.monotonic()
+    Player(messages(100), lambda m: None, rate=rate).play()
+    expected = 99 * STEP * 1e-9 / rate
+    assert expected <= time.monotonic() - began < expected + 0.3
+
+
+def test_pause_shifts_what_follows_and_stop_ends_it() -> None:
+    paused = [True, True, False]
+    player = Player(
+        messages(5), lambda m: None, paused=lambda: paused.pop(0) if paused else False
+    )
+    began = time.monotonic()
+    assert player.play()
+    assert time.monotonic() - began >= 0.1
+    player = Player(messages(5), lambda m: None, stopped=lambda: player.count == 2)
+    assert not player.play() and player.count == 2
+
+
+def test_a_bag_is_read_as_it_was_recorded() -> None:
+    from ros2_ident.recording import cdr, read_bag
+
+    bag = Bag(BAG)
+    found = list(bag.messages())
+    bag.close()
+    assert len(found) == bag.count and set(bag.topics) == {x.topic for x in found}
+    assert all(a.log_time <= b.log_time for a, b in zip(found, found[1:], strict=False))
+    states = cdr.decode([x.data for x in found if x.topic == '/joint_states'])
+    assert states[0].stamp.tolist() == read_bag(BAG)[0].state.stamp.tolist()
+    assert bag.duration == pytest.approx(7.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ('path', 'topics', 'code'),
+    [
+        ('/nowhere', None, ErrorCode.NO_DATA),
+        (__file__, None, ErrorCode.DAMAGED_BAG),
+        (BAG, ['/x'], ErrorCode.MISSING_STREAM),
+    ],
+)
+def test_what_cannot_be_played(path: Path | str, topics, code: ErrorCode) -> None:
+    with pytest.raises(IdentError) as caught:
+        Bag(path, topics)
+    assert caught.value.code == code
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_bar_on_a_terminal_and_lines_elsewhere() -> None:
+    bar, lines, nothing = Terminal(), io.StringIO(), io.StringIO()
+    for stream, quiet in ((bar, False), (lines, False), (nothing, True)):
+        line = ProgressLine(7.0, 200, stream, quiet)
+        line.show(3.5, 100)
+        line.show(7.0, 200, last=True)
+    assert bar.getvalue() == (
+        '\r[' + '#' * 30 + '] 100 % 7.0 of 7.0 s, 200 of 200 messages\x1b[K\n'
+    )
+    assert lines.getvalue() == 'replay: 100 %, 7.0 of 7.0 s, 200 of 200 messages\n'
+    assert nothing.getvalue() == ''
+
+
+@pytest.mark.ros
+def test_clock_remaps_and_a_paused_start() -> None:
+    from rclpy.node import Node
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import JointState
+    from std_srvs.srv import Trigger
+
+    domain = new_domain()
+    clocks, states = [], []
+
+    def make(context):
+        node = Node('watch', context=context)
+        node.create_subscription(Clock, '/clock', clocks.append, 1000)
+        node.create_subscription(JointState, '/arm/states', states.append, 10000)
+        return node
+
+    station = Station(make, domain)
+    try:
+        with program(
+            'replay', str(BAG), '--rate', '7', '--clock', '100', '--start-paused',
+            '--topics', '/joint_states', '--remap', '/joint_states:=/arm/states',
+            '--wait-for-subscribers', '60', domain=domain,
+        ) as replay:
+            client = station.node.create_client(Trigger, '/replay/resume')
+            station.until(client.service_is_ready, 'the service')
+            assert not states
+            answer = client.call_async(Trigger.Request())
+            station.until(answer.done, 'an answer')
+            code, text = ended(replay)
+        assert code == 0, text
+        station.until(lambda: len(states) > 6900, 'the messages')
+    finally:
+        station.close()
+    seconds = [x.clock.sec + 1e-9 * x.clock.nanosec for x in clocks]
+    assert seconds == sorted(seconds)
+    assert 50 <= len(clocks) <= 110, 'a hundred a second of wall time'
+    first = states[0].header.stamp
+    assert abs(seconds[0] - first.sec - 1e-9 * first.nanosec) < 0.1
+
+
+@pytest.mark.ros
+def test_the_worker_tells_everything_in_the_executors_thread() -> None:
+    import threading
+
+    from rclpy.node import Node
+
+    from ros2_ident.ros.worker import Worker
+
+    said, done, threads = [], [], set()
+    workers = []
+
+    def make(context):
+        node = Node('worker', context=context)
+        workers.append(Worker(node))
+        return node
+
+    station = Station(make, new_domain())
+    try:
+        worker = workers[0]
+
+        def job(cancel, say):
+            for k in range(50):
+                say(k)
+            cancel.wait(10.0)
+            return 'result'
+
+        def on_said(what) -> None:
+            threads.add(threading.current_thread().name)
+            said.append(what)
+
+        worker.start(job, on_said, lambda *x: done.append(x), rate=1.0)
+        assert worker.busy
+        with pytest.raises(RuntimeError):
+            worker.start(job, on_said, lambda *x: None)
+        station.until(lambda: said, 'the first')
+        worker.chore(lambda: 1 / 0, lambda *x: done.append(x))
+        worker.cancel()
+        station.until(lambda: len(done) == 2, 'the end')
+        assert said == [0, 49], 'the first, and the last that was held back'
+        assert done[0] == ('result', None)
+        assert isinstance(done[1][1], ZeroDivisionError)
+        assert threads == {station._thread.name}
+        assert not worker.busy and worker.join(5.0)
+    finally:
+        station.close()
