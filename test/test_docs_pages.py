@@ -80,3 +80,14 @@ def test_the_page_on_the_models_names_every_parameter() -> None:
     text = (ROOT / 'docs/models.md').read_text(encoding='utf-8')
     for name in SLOTS:
         assert f'`{name}`' in text
+
+
+def test_the_architecture_names_every_folder_and_module() -> None:
+    text = (ROOT / 'docs/architecture.md').read_text(encoding='utf-8')
+    for path in (ROOT / 'ros2_ident').iterdir():
+        if path.is_dir() and (path / '__init__.py').exists():
+            assert f'| `{path.name}/` |' in text, (
+                f'docs/architecture.md has no row on {path.name}/'
+            )
+        elif path.suffix == '.py' and path.name != '__init__.py':
+            assert f'| `{path.name}` |' in text, f'docs/architecture.md has no row on {path.name}'
