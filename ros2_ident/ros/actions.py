@@ -32,6 +32,7 @@ class GoalServer:
         cancel: Asks the run to end with the best so far.
         refuse: Is told why a goal was refused.
         failed: Makes a result message of an error.
+        code: Returns the error code in a result message.
         result_timeout: How long a result can be asked for after the end, s.
     """
 
@@ -46,6 +47,7 @@ class GoalServer:
         cancel: Callable[[], None],
         refuse: Callable[[IdentError], None],
         failed: Callable[[IdentError], Any],
+        code: Callable[[Any], int],
         result_timeout: float,
     ) -> None:
         self._node = node
@@ -55,6 +57,7 @@ class GoalServer:
         self._cancel = cancel
         self._refuse = refuse
         self._failed = failed
+        self._code = code
         self._accepted = False
         self._server = ActionServer(
             node,
@@ -97,7 +100,7 @@ class GoalServer:
 
         def tell(progress: Any) -> None:
             if handle.is_active:
-                handle.publish_feedback(self._kind.Feedback(progress=progress))
+                handle.publish_feedback(progress)
 
         try:
             self._begin(handle.request, tell, finish)
@@ -108,7 +111,7 @@ class GoalServer:
         result = await done
         if handle.is_cancel_requested:
             handle.canceled()
-        elif result.identification.error_code in (ErrorCode.OK, ErrorCode.CANCELLED):
+        elif self._code(result) in (ErrorCode.OK, ErrorCode.CANCELLED):
             handle.succeed()
         else:
             handle.abort()
@@ -122,3 +125,13 @@ class GoalServer:
 def identify_result(message: Any) -> Any:
     """Return the action's result that holds an IdentificationResult."""
     return Identify.Result(identification=message)
+
+
+def identify_feedback(message: Any) -> Any:
+    """Return the action's feedback that holds a Progress."""
+    return Identify.Feedback(progress=message)
+
+
+def identify_code(result: Any) -> int:
+    """Return the error code in the action's result."""
+    return int(result.identification.error_code)

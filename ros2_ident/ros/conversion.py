@@ -147,3 +147,12 @@ def _estimate(found: Any) -> ParameterEstimate:
         kind=_KINDS[found.kind],
         note=found.note,
     )
+
+
+def progress_sentence(message: Progress) -> str:
+    """Return a progress message in words."""
+    phase = 'refinement' if message.phase == Progress.PHASE_REFINEMENT else 'genetic algorithm'
+    return (
+        f'{phase}, {message.generation} of {message.generations}, best cost '
+        f'{message.best_cost:.4g} {message.cost_unit}'
+    )

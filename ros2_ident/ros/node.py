@@ -14,15 +14,20 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 from ros2_ident_msgs.action import Identify
-from ros2_ident_msgs.msg import IdentificationResult, Progress, Status
+from ros2_ident_msgs.msg import IdentificationResult, Status
 from std_srvs.srv import Trigger
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.ros import parameters
-from ros2_ident.ros.actions import GoalServer, identify_result
+from ros2_ident.ros.actions import GoalServer, identify_code, identify_feedback, identify_result
 from ros2_ident.ros.board import Board
 from ros2_ident.ros.capture import Capture
-from ros2_ident.ros.conversion import joint_states, progress_message, result_message
+from ros2_ident.ros.conversion import (
+    joint_states,
+    progress_message,
+    progress_sentence,
+    result_message,
+)
 from ros2_ident.ros.diagnostics import Diagnostics
 from ros2_ident.ros.files import compare, save_result
 from ros2_ident.ros.goals import automatic_goal, request_of
@@ -85,14 +90,11 @@ class Identifier(Node):
             Identify,
             '~/identify',
             busy=self._busy,
-            begin=lambda goal, tell, done: self.begin(
-                goal, tell, lambda message: done(identify_result(message))
-            ),
+            begin=self._begin_goal,
             cancel=self.worker.cancel,
             refuse=lambda error: self.board.refuse(error),
-            failed=lambda error: identify_result(
-                result_message(None, error, self.get_clock().now().to_msg())
-            ),
+            failed=lambda error: identify_result(self._failed(error)),
+            code=identify_code,
             result_timeout=now['result_timeout'],
         )
         self.create_service(Trigger, '~/clear_data', self._clear_data)
@@ -152,7 +154,7 @@ class Identifier(Node):
             message = progress_message(progress, request.machine, self.get_clock().now().to_msg())
             self.diagnostics.progress = message
             self.outlet.progress(message)
-            self.board.sentence = _progress_sentence(message)
+            self.board.sentence = progress_sentence(message)
             if tell is not None:
                 tell(message)
 
@@ -168,18 +170,27 @@ class Identifier(Node):
         )
         self.worker.start(job, said, ended, rate=now['progress_rate'])
 
+    def _begin_goal(self, goal: Any, tell: Says, done: Says) -> None:
+        self.begin(
+            goal,
+            lambda message: tell(identify_feedback(message)),
+            lambda message: done(identify_result(message)),
+        )
+
+    def _failed(self, error: IdentError) -> IdentificationResult:
+        return result_message(None, error, self.get_clock().now().to_msg())
+
     def _ended(self, value: Any, error: BaseException | None) -> IdentificationResult:
         """Publish how a run ended; return the message."""
-        stamp = self.get_clock().now().to_msg()
         if error is not None:
             fault = self._fault(error)
-            message = result_message(None, fault, stamp)
+            message = self._failed(fault)
             self.board.change(Status.STATE_FAILED, fault.message, fault)
         else:
             finished, path, unwritten = value
             self._last = finished
             self.diagnostics.data = finished.data
-            message = result_message(finished, None, stamp, path)
+            message = result_message(finished, None, self.get_clock().now().to_msg(), path)
             self._compare(finished, path)
             state = Status.STATE_DONE
             if message.error_code == ErrorCode.CANCELLED:
@@ -253,11 +264,7 @@ class Identifier(Node):
     ) -> Trigger.Response:
         last = self._last
         if last is None or self.worker.busy:
-            response.message = (
-                'a run is in progress; wait for its end'
-                if self.worker.busy
-                else 'nothing has been identified yet; start a run first'
-            )
+            response.message = 'nothing has been identified yet, or a run is in progress'
             return response
         directory = parameters.snapshot(self)['output_directory']
         done = Future(executor=self.executor)
@@ -268,15 +275,9 @@ class Identifier(Node):
         self.worker.chore(lambda: save_result(last, directory), ended)
         path, error = await done
         response.success = error is None and bool(path)
-        response.message = (
-            path
-            if response.success
-            else (
-                self._fault(error).message
-                if error
-                else 'output_directory is empty; set it to a folder'
-            )
-        )
+        response.message = path or 'output_directory is empty; set it to a folder'
+        if error is not None:
+            response.message = self._fault(error).message
         return response
 
     def _parameters_change(self, changes: list[Parameter]) -> Any:
@@ -346,11 +347,3 @@ class Identifier(Node):
                 self.get_clock().now().to_msg(), self.capture.meters, self.capture.topics, silence
             )
         )
-
-
-def _progress_sentence(message: Progress) -> str:
-    phase = 'refinement' if message.phase == Progress.PHASE_REFINEMENT else 'genetic algorithm'
-    return (
-        f'{phase}, {message.generation} of {message.generations}, best cost '
-        f'{message.best_cost:.4g} {message.cost_unit}'
-    )
