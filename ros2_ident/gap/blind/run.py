@@ -67,11 +67,16 @@ def _score_case(root: str, number: int, label: dict[str, Any]) -> dict[str, Any]
 @contextmanager
 def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     context = multiprocessing.get_context('spawn')
+    before = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_quiet)
     try:
         yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in set(multiprocessing.active_children()) - before:
+            child.terminate()  # half a case is worth nothing
+        raise
+    pool.shutdown()
 
 
 def scrubbed() -> dict[str, str]:
