@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The blind check from the draw to the table: draw and seal all, diagnose all, open, score."""
 
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import as_completed, ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import replace
 import json
@@ -10,11 +10,12 @@ import multiprocessing
 import os
 from pathlib import Path
 import queue
+import shutil
 import signal
 import subprocess
 import sys
 import threading
-from typing import Any
+from typing import Any, TypeVar
 
 import ros2_ident
 from ros2_ident.gap.blind import seal
@@ -30,6 +31,7 @@ PATIENCE = 900.0  # s, after which a diagnosis is ended
 PARTS = {'drawing': (0.0, 0.12), 'diagnosing': (0.12, 0.92), 'scoring': (0.92, 1.0)}
 
 Tell = Callable[[float, str], None]
+_T = TypeVar('_T')
 
 
 class Stopped(Exception):
@@ -50,7 +52,8 @@ def draw_case(store: Store, wanted: Wanted, seed: int) -> dict[str, str]:
     )
     effects = (*label.imperfections, *label.effects)
     folder = store.case(label.case)
-    folder.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(folder, ignore_errors=True)  # left by a draw that was cut short
+    folder.mkdir(parents=True)
     for i, (name, order) in enumerate(zip(('fit', 'check'), label.motions, strict=True)):
         bag = simulate_bag(
             machine, label.parameters, order.draw(machine), label.seed + i, nuisance, effects
@@ -77,6 +80,16 @@ def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
             child.terminate()  # half a case is worth nothing
         raise
     pool.shutdown()
+
+
+def _finished(tasks: Iterable[Future[_T]], stopped: Callable[[], bool]) -> Iterator[Future[_T]]:
+    """Yield tasks as they finish; raise `Stopped` when asked to, not only when one does."""
+    left = set(tasks)
+    while left:
+        done, left = wait(left, timeout=0.2, return_when=FIRST_COMPLETED)
+        yield from done
+        if stopped():
+            raise Stopped
 
 
 def scrubbed() -> dict[str, str]:
@@ -229,11 +242,9 @@ class BlindCheck:
         missing = [w for w in wanted if self.store.sealed(w.case) is None]
         with _pool(self.processes) as pool:
             tasks = {pool.submit(draw_case, self.store, w, seed): w for w in missing}
-            for done, task in enumerate(as_completed(tasks)):
+            for done, task in enumerate(_finished(tasks, self._stopped)):
                 self.store.seal(tasks[task].case, task.result())
                 self._progress('drawing', cases - len(missing) + done + 1, cases)
-                if self._stopped():
-                    raise Stopped
         digest = seal.manifest([self.store.sealed(n) or {} for n in range(1, cases + 1)])
         self.store.note(manifest=digest)
         return digest
@@ -282,11 +293,9 @@ class BlindCheck:
                 )
                 for n in ready
             ]
-            for done, task in enumerate(as_completed(tasks)):
+            for done, task in enumerate(_finished(tasks, self._stopped)):
                 row = task.result()
                 rows[int(row['case'])] = row
                 self.store.write_rows(list(rows.values()))
                 self._progress('scoring', done + 1, len(ready))
-                if self._stopped():
-                    raise Stopped
         return [rows[n] for n in sorted(rows)]
