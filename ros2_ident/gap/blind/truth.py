@@ -171,11 +171,12 @@ def _true_share(
     nominal = make_model(probe.machine, data)
     try:
         with_effects = np.array([values[p.name] for p in extended.parameters])
-        without = np.array(
-            [values[p.name] / (1.0 + moved.get(p.name, 0.0)) for p in nominal.parameters]
-        )
-    except KeyError:
-        return out
+        known = diagnosis.get('nominal') or {
+            p.name: values[p.name] / (1.0 + moved.get(p.name, 0.0)) for p in nominal.parameters
+        }
+        without = np.array([float(known[p.name]) for p in nominal.parameters])
+    except (KeyError, ZeroDivisionError):
+        return out  # a parameter that moved to zero does not say where it was
     skip = int(round(0.1 / data.cycle))
     assert data.effort is not None
     squares = []
