@@ -144,8 +144,9 @@ def test_a_diverging_candidate_costs_infinity(run) -> None:
     assert costs[1] == np.inf
 
 
-# Presliding has no neutral value: its smallest way is the sharpest friction there is.
-@pytest.mark.parametrize('effect_id', sorted(set(CATALOGUE) - {'presliding'}))
+# Presliding has no neutral value: its smallest way is the sharpest friction there is. A flexible
+# gear is what the tripod has anyway.
+@pytest.mark.parametrize('effect_id', sorted(set(CATALOGUE) - {'presliding', 'gear_flexibility'}))
 def test_an_effect_at_its_neutral_values_changes_nothing(model: Tripod, effect_id: str) -> None:
     effect = get_effect(effect_id)
     where = 'all' if effect.place == 'all' else 'drive_2'
@@ -157,7 +158,7 @@ def test_an_effect_at_its_neutral_values_changes_nothing(model: Tripod, effect_i
     assert np.abs(with_it - plain).max() < 1e-9
 
 
-@pytest.mark.parametrize('effect_id', sorted(CATALOGUE))
+@pytest.mark.parametrize('effect_id', sorted(set(CATALOGUE) - {'gear_flexibility'}))
 def test_an_effect_inside_its_bounds_changes_the_log(model: Tripod, effect_id: str) -> None:
     effect = get_effect(effect_id)
     where = 'all' if effect.place == 'all' else 'drive_2'
@@ -214,6 +215,26 @@ def test_axis_follows_its_reference_elastic_and_upright() -> None:
     model = make_model(machine, data)
     error = model.simulate(theta_of(model, values)[None])[0] - log.effort
     assert np.sqrt(np.mean(error**2)) < 1e-5
+
+
+def test_a_flexible_gear_belongs_to_a_rigid_axis(model: Tripod) -> None:
+    with pytest.raises(IdentError, match='its parameter is gear_stiffness'):
+        Tripod(MACHINE, model.data, effects=[EffectAt('gear_flexibility', 'drive_1')])
+    machine = load_machine(CONFIG / 'emps.yaml')
+    time = np.arange(3000) * 1e-3
+    position = (0.1 * np.sin(2.0 * time) ** 2)[None]
+    velocity = np.gradient(position, 1e-3, axis=1)
+    data = Dataset(machine.drives, 1e-3, 0, position, velocity, None, None, np.zeros((1, 3000)))
+    theta = [95.0, 200.0, 20.0, -3.0]
+    rigid = make_model(machine, data).simulate(np.array([theta]))[0, 0]
+    at = [EffectAt('gear_flexibility', 'emps_axis')]
+    flexible = make_model(machine, data, effects=at)
+    change = [
+        np.sqrt(np.mean((flexible.simulate(np.array([[*theta, 0.3, f, 0.05]]))[0, 0] - rigid) ** 2))
+        for f in (8.0, 60.0)
+    ]
+    # The stiffer the gear, the more it is one mass again.
+    assert change[0] > 3.0 * change[1] > 0.0
 
 
 def test_unknown_names_are_refused_with_the_known_ones(run) -> None:

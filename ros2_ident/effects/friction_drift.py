@@ -4,21 +4,26 @@
 from typing import Any
 
 from ros2_ident.effects.effect import Effect, EffectParameter, Hook
-from ros2_ident.lanes import inlined
+from ros2_ident.lanes import exp, inlined
 
 
 @inlined
 def _kernel(value: Any, drive: Any, p: Any) -> Any:
-    return value * (1.0 + p[0] * drive.time)
+    return value * (1.0 + p[0] * (1.0 - exp(-drive.time / p[1])))
 
 
 EFFECT = Effect(
     id='friction_drift',
     group='drive',
     title='drifting friction',
-    equation='friction torque times 1 + r t',
-    source='Bittencourt and Gunnarsson, J. Dyn. Syst. Meas. Control 134(5), 2012, linearised',
-    parameters=(EffectParameter('rate', '1/s', -0.1, 0.1, 0.0),),
+    equation='friction torque times 1 + a (1 - exp(-t/T))',
+    source='Bittencourt and Gunnarsson, J. Dyn. Syst. Meas. Control 134(5), 2012',
+    parameters=(
+        EffectParameter('share', '1', -0.9, 3.0, 0.0),
+        EffectParameter(
+            'time_constant', 's', 0.5, 1000.0, 10.0, starts=(2.0, 8.0, 100.0), role='shape'
+        ),
+    ),
     hook=Hook.FRICTION,
     kernel=_kernel,
     place='drive',

@@ -178,6 +178,8 @@ class Case:
             and not elastic
         ):
             return True
+        if effect_id == 'gear_flexibility' and elastic:
+            return True
         effect = get_effect(effect_id)
         if effect.group == 'controller' and not closed:
             return True

@@ -31,9 +31,9 @@ class Rules:
     material: float = 0.5
     step: float = 0.35
     share: float = 0.10
-    closed: float = 0.75
+    closed: float = 0.5
     rival: float = 0.12
-    most: int = 3
+    most: int = 4
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ class Explained:
         rounds: The rounds that were run.
         rivals: For each effect found, models with another effect in its place, the best first;
             itself included.
+        rests: For each effect found, the final model without it, fitted anew.
         remaining: Gap left, RMS of the worst drive in units of the floor.
         complete: False where time or patience ran out.
     """
@@ -52,6 +53,7 @@ class Explained:
     chain: tuple[Explanation, ...]
     rounds: tuple[Round, ...]
     rivals: tuple[tuple[Explanation, ...], ...]
+    rests: tuple[Explanation, ...]
     remaining: float
     complete: bool
 
@@ -150,8 +152,21 @@ class Explainer:
             if len(chain) > 2 and not stopped():
                 chain = self.prune(chain)
             on_best(chain[-1])
+        rests = self.rests(chain)
         rivals = self.rivals(chain, rounds)
-        return Explained(tuple(chain), tuple(rounds), rivals, self.size(chain[-1]), not stopped())
+        return Explained(
+            tuple(chain), tuple(rounds), rivals, rests, self.size(chain[-1]), not stopped()
+        )
+
+    def rests(self, chain: Sequence[Explanation]) -> tuple[Explanation, ...]:
+        """For each effect of the final model, what is left when it is taken out again."""
+        final = chain[-1]
+        if len(final.effects) == 1:
+            return (chain[0],)
+        return tuple(
+            chain[-2] if index == len(final.effects) - 1 else self.without(final, index)
+            for index in range(len(final.effects))
+        )
 
     def without(self, e: Explanation, index: int) -> Explanation:
         """Refit a model with one effect taken out."""

@@ -174,13 +174,15 @@ def _confusable(
     explainer: Explainer, found: Explained, ranking: Sequence[Weighed]
 ) -> tuple[Weighed, ...]:
     """Return the verdict's effect and what closes nearly as much in its place."""
-    base, final = found.chain[0], found.chain[-1]
+    final = found.chain[-1]
     leader = final.effects[0]
-    full = base.loss - final.loss
+    # What the effect itself takes away from the final model, not what all of them do.
+    rest = found.rests[0]
+    full = rest.loss - final.loss
     near = []
     for e in found.rivals[0]:
         at = leader if leader in e.effects else e.effects[-1]
-        if full > 0 and (base.loss - e.loss) / full >= 1.0 - explainer.rules.rival:
+        if full > 0 and (rest.loss - e.loss) / full >= 1.0 - explainer.rules.rival:
             near.append(at)
     for twin in twins(leader):
         if twin not in near:

@@ -90,7 +90,7 @@ def _build(digest):
             mode: (D,) CLOSED_LOOP or PRESCRIBED.
             on: (D,) flags of the effects.
             delayed: Whether command delays are on.
-            rigid: Whether motor and carriage are one mass.
+            rigid: (D,) whether motor and carriage are one mass.
             gear: Motor angle per travel [rad/m].
             eps: Regularisation of Coulomb friction [m/s].
             cycle: Controller cycle [s].
@@ -102,7 +102,6 @@ def _build(digest):
         _ = digest
         drives = mode.shape[0]
         count = out.shape[2]
-        states = 2 if rigid else STATES
         y = np.zeros(STATES * W)
         stage = np.zeros(STATES * W)
         slope = np.zeros(STATES * W)
@@ -119,19 +118,21 @@ def _build(digest):
                 first = MACHINE_COUNT + d * DRIVE_COUNT
                 flags = on[d]
                 driven = mode[d] == dk.CLOSED_LOOP
+                one = rigid[d]
+                states = 2 if one else STATES
                 mem[:] = 0.0
                 y[:] = 0.0
                 start = spread(begin[d])
                 rate = spread(begin[drives + d])
                 hold = load(par, (first + dk.RAIL_MASS) * W) * load(par, GRAVITY * W)
-                stretch = zero if rigid else hold / load(par, (first + dk.STIFFNESS) * W)
+                stretch = zero if one else hold / load(par, (first + dk.STIFFNESS) * W)
                 z = start + stretch if driven else start
                 store(y, 0, z)
                 store(y, W, rate)
                 store(y, 2 * W, z - stretch)
                 store(y, 3 * W, rate)
                 moved = load(par, (first + dk.MOTOR_MASS) * W)
-                if rigid:
+                if one:
                     moved = moved + load(par, (first + dk.RAIL_MASS) * W)
                 store(mem, dk.LIGHTNESS * W, 1.0 / moved)
                 store(mem, dk.INTEGRAL * W, hold * (1.0 / gear))
@@ -171,7 +172,7 @@ def _build(digest):
                         store(y, 0, z)
                         store(y, W, v)
                         mass = load(par, (first + dk.MOTOR_MASS) * W)
-                        if rigid:
+                        if one:
                             s = z
                             force = _rigid_force(par, first, mem, 0, flags, gear, z, v, time)
                             mass = mass + load(par, (first + dk.RAIL_MASS) * W)
@@ -199,7 +200,7 @@ def _build(digest):
                                 mem,
                                 0,
                                 flags,
-                                rigid,
+                                one,
                                 mode[d],
                                 acceleration,
                                 gear,

@@ -126,6 +126,14 @@ class DriveModel(ABC):
         active = {
             (p.target, p.name) for at in self.effects for p in get_effect(at.effect).parameters
         }
+        places = [self._places(at) for at in self.effects if at.effect == 'gear_flexibility']
+        if places and not self.rigid:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                'gear_flexibility has no place in a machine whose gear is elastic already; '
+                'its parameter is gear_stiffness',
+            )
+        self._flexible = np.isin(np.arange(len(machine.drives)), [d for p in places for d in p])
         self._delayed = any(target == 'command_delay' for target, _ in active)
         self._frame = any(target == 'frame_frequency' for target, _ in active)
         self._command, self._motion, self._mode = self._inputs()
@@ -295,6 +303,8 @@ class DriveModel(ABC):
                     for d in self._places(at):
                         start = rows.MACHINE_COUNT + d * rows.DRIVE_COUNT
                         block[:, start + rows.effect_row(effect.id) + number] = value
+        for d in np.flatnonzero(self._flexible):
+            self._split(block, int(d))
         return block
 
     def _follow(self, values: dict[tuple[str, int | None], Array]) -> None:
@@ -332,6 +342,19 @@ class DriveModel(ABC):
         block[:, damping] *= 2.0 * root
 
     @staticmethod
+    def _split(block: Array, d: int) -> None:
+        """Hang a share of a rigid drive's mass on a spring behind the motor."""
+        motor, rail = rows.row_of('motor_mass', d), rows.row_of('rail_mass', d)
+        share = np.clip(block[:, rows.row_of('load_share', d)], 1e-3, 0.999)
+        mass = block[:, motor] + block[:, rail]
+        block[:, motor], block[:, rail] = mass * (1.0 - share), mass * share
+        reduced = mass * share * (1.0 - share)
+        omega = 2.0 * math.pi * block[:, rows.row_of('load_frequency', d)]
+        block[:, rows.row_of('gear_stiffness', d)] = reduced * omega**2
+        damping = 2.0 * block[:, rows.row_of('load_damping', d)] * omega
+        block[:, rows.row_of('gear_damping', d)] = reduced * damping
+
+    @staticmethod
     def _shift(block: Array, target: str, how: str, drives: Sequence[int], value: Array) -> None:
         places = [None] if target in rows.MACHINE_ROWS else list(drives)
         for d in places:
@@ -364,10 +387,10 @@ class DriveModel(ABC):
             slope = (
                 self.gear
                 * block[:, rows.row_of('coulomb', d)]
-                / (self.eps * (motor + (rail if self.rigid else 0.0)))
+                / (self.eps * (motor + (rail if self.stiff[d] else 0.0)))
             )
             need = np.maximum(need, self.cycle * slope / 1.5)
-            if not self.rigid:
+            if not self.stiff[d]:
                 inverse = 1.0 / motor + 1.0 / np.maximum(rail, 1e-9)
                 omega = np.sqrt(block[:, rows.row_of('gear_stiffness', d)] * inverse)
                 rate = block[:, rows.row_of('gear_damping', d)] * inverse
@@ -377,8 +400,16 @@ class DriveModel(ABC):
 
     @property
     def rigid(self) -> bool:
-        """Whether motor and carriage move as one mass."""
+        """Whether nominally motor and carriage move as one mass."""
         return False
+
+    @property
+    def stiff(self) -> npt.NDArray[np.bool_]:
+        """(D,) whether motor and carriage of a drive move as one mass, effects included."""
+        out: npt.NDArray[np.bool_] = (
+            np.full(len(self.machine.drives), self.rigid) & ~self._flexible
+        )
+        return out
 
     # ------------------------------------------------------------------ inputs and simulation
 

@@ -74,7 +74,7 @@ class LinearAxis(DriveModel):
             self._mode,
             self._on,
             self._delayed,
-            self.rigid,
+            self.stiff,
             self.gear,
             self.eps,
             self.cycle,

@@ -18,6 +18,7 @@ MACHINE_ROWS = (
     'gravity',  # m/s^2, against the axes
     'payload_step',  # kg, added to the tool from payload_time on
     'payload_time',  # s
+    'payload_duration',  # s
     'frame_inverse_mass',  # 1/kg, 0 for a frame that does not move
     'frame_frequency',  # Hz, of the frame without the machine
     'frame_damping',  # 1
@@ -40,8 +41,14 @@ DRIVE_ROWS = (
     'effort_bias',  # N m
     'effort_lag',  # s
     'effort_crosstalk',  # 1, of the other drives' effort into this one's
+    'load_share',  # 1, of the moved mass, behind a flexible gear where the model is rigid
+    'load_frequency',  # Hz, of motor and load against each other
+    'load_damping',  # 1
 )
 NEUTRAL = {
+    'payload_duration': 1e9,
+    'load_frequency': 30.0,
+    'load_damping': 0.05,
     'effort_gain': 1.0,
 }
 

@@ -27,6 +27,7 @@ ROD = row_of('rod_mass')
 GRAVITY = row_of('gravity')
 PAYLOAD = row_of('payload_step')
 PAYLOAD_TIME = row_of('payload_time')
+PAYLOAD_DURATION = row_of('payload_duration')
 FRAME_INVERSE = row_of('frame_inverse_mass')
 FRAME_FREQUENCY = row_of('frame_frequency')
 FRAME_DAMPING = row_of('frame_damping')
@@ -358,7 +359,11 @@ def _build(digest):
                 now = tool
                 if payload_on(par):
                     now = where(
-                        spread(time) >= load(par, PAYLOAD_TIME * W),
+                        (spread(time) >= load(par, PAYLOAD_TIME * W))
+                        & (
+                            spread(time)
+                            < load(par, PAYLOAD_TIME * W) + load(par, PAYLOAD_DURATION * W)
+                        ),
                         tool + load(par, PAYLOAD * W),
                         tool,
                     )
