@@ -79,7 +79,7 @@ def waterfall(stages: Sequence[Stage], floor: Interval, unit: str) -> Figure:
     else:
         axes.set_xlim(0.0, 1.3 * max(max(v.value, v.high) for v in (*values, floor)))
     axes.set_yticks(range(len(labels)), labels)
-    axes.invert_yaxis()
+    axes.set_ylim(len(labels) - 0.4, -0.6)
     axes.set_xlabel(f'gap between simulated and measured effort, RMS [{unit}], with 95 % interval')
     plain(axes)
     axes.grid(axis='y', visible=False)

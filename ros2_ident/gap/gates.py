@@ -177,7 +177,8 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
     lag, solution, share = best_lag(columns, effort, stride * data.cycle, 0.0)
     # What is small beside the rest of the effort has no sign that could be trusted.
     small = 0.1 * float(effort.std())
-    sound = solution[0] > 0.0 or float(np.std(solution[0] * acceleration)) < small
+    weight = float(np.std(solution[0] * acceleration))
+    sound = solution[0] > 0.0 or weight < small
     friction = columns[:, 1:3] @ solution[1:3]
     loses = float(np.mean(velocity * friction)) >= 0.0 or float(np.std(friction)) < 3.0 * small
     text = (
@@ -186,7 +187,7 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
     )
     level: Level = 'ok'
     if not sound or not loses:
-        level = 'fail' if not sound and not loses else 'warn'
+        level = 'fail' if not sound and (weight > 3.0 * small or not loses) else 'warn'
         what = 'inertia' if not sound else 'friction'
         text += f', but {what} comes out negative; check the sign of effort and position'
     found.append(Gate('sign', drive, level, float(solution[0]), 'effort s^2/m', text))

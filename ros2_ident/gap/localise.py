@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ros2_ident.gap.blocks import correlation_time, FEWEST, SETTLING
+from ros2_ident.gap.coherence import bases_of, blocks_of, Coarse, coarse_of, LEAST, tested, thrown
 from ros2_ident.gap.coordinates import Coordinate, coordinates, Motion, PHASES, phases, places
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.spectrum import find_peak, motion_band
@@ -22,10 +22,6 @@ from ros2_ident.gap.wording import concentration, region_of, sentence_of
 
 Array = NDArray[np.float64]
 
-# Samples are averaged over so long, s: the coordinates change little meanwhile.
-_STEP = 0.005
-# A block is so many times as long as the residual's memory.
-_TIMES = 12.0
 # Sign changes thrown.
 _FLIPS = 3999
 # False findings among the findings, in the mean.
@@ -35,9 +31,10 @@ MATERIAL = 0.2
 # Where the gap is large its share has to be so much above the share of the time.
 CONTRAST = 0.2
 # A coordinate with this share leads: what it leaves is taken for the noise.
-_LEADING = 0.3
-# A drive whose slow gap is below this share of the floor has nothing to be explained.
-_LEAST = 0.1
+_LEADING = 0.4
+# Where none is certain, one with this share of a gap as large as this over the floor is told.
+_LIKELY, _LARGE = 0.3, 0.5
+_DOUBT = '; not certain, the motion passes there too few times'
 
 
 @dataclass(frozen=True)
@@ -70,27 +67,6 @@ class Finding:
     significant: bool
 
 
-@dataclass(frozen=True)
-class _Drive:
-    """A drive's residual on the coarse grid.
-
-    Attributes:
-        at: (T,) cycles.
-        value: (T,) mean residual times the root of `weight`.
-        weight: (T,) samples averaged.
-        block: (T,) number of the block.
-        explainable: Sum of squares above the noise.
-        widen: Factor on what chance gives, for the memory that reaches across blocks.
-    """
-
-    at: NDArray[np.int64]
-    value: Array
-    weight: Array
-    block: NDArray[np.int64]
-    explainable: float
-    widen: float
-
-
 def localise(
     motion: Motion,
     residual: Array,
@@ -111,7 +87,8 @@ def localise(
         everything: Return coordinates that are not significant too.
 
     Returns:
-        The findings: the drive with the largest gap first, then what explains most of it.
+        The findings: the drive with the largest gap first, then what explains most of it. Where a
+        drive with a large gap has none, what explains most is added, as not significant.
 
     Reference:
         Sign flips: Wu (1986), Annals of Statistics 14, the wild bootstrap; in blocks: Shao (2010),
@@ -122,7 +99,7 @@ def localise(
     for d in range(len(residual)):
         generator = np.random.default_rng((seed, d))
         noise = float(floor.per_drive[d])
-        coarse = _coarse(residual[d], motion.cycle, noise)
+        coarse = coarse_of(residual[d], motion.cycle, noise)
         if coarse is None:
             continue
         found += _drive(motion, d, coarse, noise, flips, generator)
@@ -132,10 +109,25 @@ def localise(
         replace(f, significant=f.p_value <= limit and f.over_floor >= MATERIAL and not _faint(f))
         for f in found
     ]
+    found += _likely(found, motion.drives)
     size = np.sqrt(np.nanmean(residual**2, axis=1)) / floor.per_drive
     gap = dict(zip(motion.drives, size.tolist(), strict=True))
     found.sort(key=lambda f: (-f.significant, -gap[f.drive], -f.over_floor))
-    return tuple(f for f in found if everything or f.significant)
+    return tuple(f for f in found if everything or f.significant or f.sentence.endswith(_DOUBT))
+
+
+def _likely(found: list[Finding], drives: Sequence[str]) -> list[Finding]:
+    """Return what explains most on drives with a large gap where no coordinate is certain."""
+    out = []
+    for drive in drives:
+        means = [f for f in found if f.drive == drive and not f.coordinate.startswith('size by')]
+        best = max(means, key=lambda f: f.statistic, default=None)
+        if best is None or any(f.significant for f in means):
+            continue
+        if best.statistic >= _LIKELY and best.over_floor >= _LARGE:
+            found.remove(best)
+            out.append(replace(best, sentence=best.sentence + _DOUBT))
+    return out
 
 
 def _faint(finding: Finding) -> bool:
@@ -151,69 +143,10 @@ def _cut(p_values: Sequence[float], level: float) -> float:
     return float(ordered[passed[-1]]) if passed.size else -1.0
 
 
-def _coarse(row: Array, cycle: float, noise: float) -> _Drive | None:
-    stride = max(1, round(_STEP / cycle))
-    size = row.size // stride * stride
-    parts = row[:size].reshape(-1, stride)
-    there = np.isfinite(parts)
-    weight = there.sum(axis=1).astype(float)
-    keep = weight > 0.0
-    if keep.sum() < 10 * FEWEST:
-        return None
-    total = np.where(there, parts, 0.0).sum(axis=1)[keep]
-    weight = weight[keep]
-    at = (np.flatnonzero(keep) * stride + stride // 2).astype(np.int64)
-    value = total / np.sqrt(weight)
-    block, widen = _blocks(total / weight, at, cycle, row.size)
-    explainable = float(value @ value) - noise**2 * value.size
-    if explainable < (_LEAST * noise) ** 2 * float(weight.sum()):
-        # Nothing to share out; what is found is stated as a share of this little then.
-        explainable = (_LEAST * noise) ** 2 * float(weight.sum())
-    return _Drive(at, value, weight, block, explainable, widen)
-
-
-def _blocks(
-    mean: Array, at: NDArray[np.int64], cycle: float, size: int
-) -> tuple[NDArray[np.int64], float]:
-    """Return the number of each value's block (T,), and the factor `_Drive.widen`."""
-    stride = float(np.median(np.diff(at)))
-    memory = correlation_time(mean)
-    length = max(SETTLING / cycle, _TIMES * memory * stride)
-    length = max(1.0, min(length, size / FEWEST))
-    block = np.unique((at // length).astype(np.int64), return_inverse=True)[1]
-    # What neighbouring blocks have in common is lost with the coin: their part of the variance.
-    return block, 1.0 / (1.0 - min(0.5 * (memory - 1.0) * stride / length, 1.0 / 3.0))
-
-
-def _orthonormal(columns: Array, weight: Array, constant: bool) -> Array:
-    """Return an orthonormal basis of weighted columns, without the constant unless asked for."""
-    root = np.sqrt(weight)[:, None]
-    weighted = columns * root
-    if not constant:
-        one = root / np.linalg.norm(root)
-        weighted = weighted - one * (one * weighted).sum(axis=0)
-    weighted = weighted / np.maximum(np.sqrt((weighted**2).sum(axis=0)), 1e-300)
-    # By the small Gram matrix: a decomposition of the long one would wake the library's threads.
-    size, turn = np.linalg.eigh(np.einsum('tb,tc->bc', weighted, weighted))
-    keep = size > 1e-8 * max(float(size.max(initial=0.0)), 1e-300)
-    kept: Array = np.einsum('tb,bc->tc', weighted, turn[:, keep] / np.sqrt(size[keep]))
-    return kept
-
-
-def _bases(coordinate: Coordinate, weight: Array) -> list[Array]:
-    """Return one basis, or one for each group of columns where only the best group counts."""
-    if coordinate.pick == 1:
-        return [_orthonormal(coordinate.columns, weight, False)]
-    groups = range(0, coordinate.columns.shape[1], coordinate.pick)
-    return [
-        _orthonormal(coordinate.columns[:, g : g + coordinate.pick], weight, False) for g in groups
-    ]
-
-
 def _drive(
     motion: Motion,
     d: int,
-    coarse: _Drive,
+    coarse: Coarse,
     noise: float,
     flips: int,
     generator: np.random.Generator,
@@ -223,23 +156,27 @@ def _drive(
     one = root[:, None] / np.linalg.norm(root)
     centred = coarse.value - one[:, 0] * float(one[:, 0] @ coarse.value)
     every = [offset, *coordinates(motion, d, coarse.at)]
-    bases = [[one], *(_bases(c, coarse.weight) for c in every[1:])]
+    bases = [[one], *(bases_of(c, coarse.weight) for c in every[1:])]
     moving = phases(motion.velocity[d], motion.acceleration[d])[coarse.at]
     values = [coarse.value, *([centred] * (len(every) - 1))]
     block, widen = coarse.block, coarse.widen
     signs = generator.choice(np.array([-1.0, 1.0]), (flips, int(block.max()) + 1))
-    found = _tested(values, bases, block, widen, signs, coarse.explainable)
-    first = max(range(len(found)), key=lambda i: found[i][0])
-    if found[first][0] >= _LEADING:
+    sizes = _sizes(motion, d, coarse, noise, signs)
+    fits = [
+        max(((float(((g.T @ v) ** 2).sum()), i) for i, g in enumerate(groups)))
+        for v, groups in zip(values, bases, strict=True)
+    ]
+    first = max(range(len(fits)), key=lambda i: fits[i][0])
+    basis = bases[first][fits[first][1]]
+    if fits[first][0] - noise**2 * basis.shape[1] >= _LEADING * coarse.explainable:
         # The memory of what the leading coordinate leaves is that of the noise: its own is the
         # effect's, and blocks that long would hide what repeats within them.
-        basis = found[first][2]
         left = values[first] - basis @ (basis.T @ values[first])
-        block, widen = _blocks(left / root, coarse.at, motion.cycle, motion.position.shape[1])
-        again = generator.choice(np.array([-1.0, 1.0]), (flips, int(block.max()) + 1))
-        found = _tested(values, bases, block, widen, again, coarse.explainable)
+        block, widen = blocks_of(left / root, coarse.at, motion.cycle, motion.position.shape[1])
+        signs = generator.choice(np.array([-1.0, 1.0]), (flips, int(block.max()) + 1))
+    found = tested(values, bases, block, widen, signs, coarse.explainable)
     leading = max((f for f in found if f[1] <= LEVEL), default=(0.0, 1.0, one), key=lambda f: f[0])
-    out = _sizes(motion, d, coarse, noise, signs)
+    out = sizes
     for coordinate, value, (share, p_value, basis) in zip(every, values, found, strict=True):
         fitted = basis @ (basis.T @ value)
         left = value - leading[2] @ (leading[2].T @ value)
@@ -262,45 +199,13 @@ def _drive(
     return out
 
 
-def _tested(
-    values: Sequence[Array],
-    bases: Sequence[Sequence[Array]],
-    block: NDArray[np.int64],
-    widen: float,
-    signs: Array,
-    explainable: float,
-) -> list[tuple[float, float, Array]]:
-    """Return for each coordinate its share, its p-value and the basis that explains most."""
-    out = []
-    for value, groups in zip(values, bases, strict=True):
-        observed, chance, best = -1.0, np.zeros(len(signs)), groups[0]
-        for basis in groups:
-            parts = np.zeros((signs.shape[1], basis.shape[1]))
-            np.add.at(parts, block, basis * value[:, None])
-            square = float((parts.sum(axis=0) ** 2).sum())
-            chance = np.maximum(chance, widen * (_thrown(signs, parts) ** 2).sum(axis=1))
-            if square > observed:
-                observed, best = square, basis
-        p_value = (1.0 + float((chance >= observed).sum())) / (1.0 + chance.size)
-        expected = float(chance.mean())
-        gain = max(0.0, observed - expected)
-        out.append((gain / max(explainable - expected, gain, 1e-300), p_value, best))
-    return out
-
-
-def _thrown(signs: Array, parts: Array) -> Array:
-    """Return signs @ parts, without the library's threads: they cost more than they bring here."""
-    out: Array = np.einsum('fn,nb->fb', signs, parts)
-    return out
-
-
 def _sizes(
-    motion: Motion, d: int, coarse: _Drive, noise: float, signs: Array
+    motion: Motion, d: int, coarse: Coarse, noise: float, signs: Array
 ) -> list[Finding]:
     """Look where the gap is large, whatever its sign: impacts and ringing have none."""
     power = coarse.value**2 - noise**2
     total = float(power.sum())
-    if total < (_LEAST * noise) ** 2 * float(coarse.weight.sum()):
+    if total < (LEAST * noise) ** 2 * float(coarse.weight.sum()):
         return []
     centred = power - power.mean()
     number = signs.shape[1]
@@ -312,7 +217,7 @@ def _sizes(
         parts = np.zeros((number, time.size))
         np.add.at(parts, coarse.block, inside * centred[:, None])
         observed = float((parts.sum(axis=0) ** 2 / time).sum())
-        chance = (_thrown(signs, parts) ** 2 / time).sum(axis=1)
+        chance = (thrown(signs, parts) ** 2 / time).sum(axis=1)
         p_value = (1.0 + float((chance >= observed).sum())) / (1.0 + chance.size)
         region, share, text = concentration(
             motion.drives[d], coordinate, inside.T @ power, time, motion.unit, size
@@ -326,7 +231,7 @@ def _sizes(
     return out
 
 
-def _swing(motion: Motion, d: int, row: Array, noise: float, coarse: _Drive) -> list[Finding]:
+def _swing(motion: Motion, d: int, row: Array, noise: float, coarse: Coarse) -> list[Finding]:
     peak = find_peak(row, motion.cycle, noise, motion_band(motion.acceleration[d], motion.cycle))
     if peak is None:
         return []

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Motions, residuals and floors made for the tests of the gap's parts."""
+
+from dataclasses import dataclass
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from ros2_ident.gap.coordinates import Motion
+from ros2_ident.gap.floor import Floor
+from ros2_ident.models import DriveModel, load_machine, make_model
+from ros2_ident.recording import align, Dataset, read_bag
+
+CYCLE = 5e-4
+NOISE = 0.01
+ROOT = Path(__file__).parents[1]
+PRACTICE = Path(__file__).parents[2] / 'shared' / 'blind' / 'practice'
+
+needs_practice = pytest.mark.skipif(
+    not PRACTICE.is_dir(), reason='the practice cases are not beside the repository'
+)
+
+_NAMES = {
+    'measurement_delay': 'dT',
+    'gear_stiffness': 'c_G',
+    'gear_damping_ratio': 'zeta_G',
+    'tool_mass': 'm_t',
+    'drive_inertia': 'J_D',
+    'coulomb_torque': 'M_C',
+    'viscous_torque': 'M_V',
+}
+
+
+def floor_of(drives: int = 2, value: float = NOISE) -> Floor:
+    ones = np.ones(drives)
+    return Floor(
+        value * ones, 0.98 * value * ones, 1.02 * value * ones, 'high frequency', None,
+        0.0 * ones, ones, '',
+    )
+
+
+def motion(seconds: float = 8.0, drives: int = 2, seed: int = 0) -> Motion:
+    """Return moves of different lengths and speeds with rests between them."""
+    generator = np.random.default_rng(seed)
+    count = round(seconds / CYCLE)
+    time = np.arange(count) * CYCLE
+    position = np.zeros((drives, count))
+    for d in range(drives):
+        at = 0.3
+        here = 0.5
+        while at < seconds - 0.5:
+            lasts = generator.uniform(0.15, 0.9)
+            there = np.clip(here + generator.normal(0.0, 0.08), 0.4, 0.6)
+            x = np.clip((time - at) / lasts, 0.0, 1.0)
+            position[d] += (there - here) * (10.0 * x**3 - 15.0 * x**4 + 6.0 * x**5)
+            here = there
+            at += lasts + (0.2 if generator.random() < 0.3 else 0.0)
+        position[d] += 0.5
+    velocity = np.gradient(position, CYCLE, axis=1)
+    acceleration = np.gradient(velocity, CYCLE, axis=1)
+    load = 0.2 + 0.03 * acceleration + 0.01 * np.sin(2.0 * position / 0.05)
+    torque = load + 0.05 * np.tanh(velocity / 0.005) + 0.03 * velocity
+    return Motion(
+        tuple(f'drive_{d + 1}' for d in range(drives)), CYCLE, 78.54, position, velocity,
+        acceleration, np.gradient(acceleration, CYCLE, axis=1), torque, load, 'N m',
+    )
+
+
+def residual(
+    of: Motion, planted: np.ndarray | None = None, drive: int = 0, *, phi: float = 0.0,
+    noise: float = NOISE, seed: int = 0,
+) -> np.ndarray:
+    """Return noise sampled every other cycle, coloured by `phi`, with a signal on one drive."""
+    drives, count = of.position.shape
+    white = np.random.default_rng(seed).standard_normal((drives, count // 2 + 2000))
+    coloured = lfilter([1.0], [1.0, -phi], white, axis=1)[:, 2000:] * np.sqrt(1.0 - phi**2)
+    out = np.full((drives, count), np.nan)
+    out[:, ::2] = noise * coloured[:, : (count + 1) // 2]
+    if planted is not None:
+        out[drive] += planted
+    return out
+
+
+@dataclass(frozen=True)
+class Case:
+    """A practice case at its true nominal parameters: what is left is its effect."""
+
+    label: dict
+    data: Dataset
+    model: DriveModel
+    theta: np.ndarray
+    residual: np.ndarray
+
+
+def practice_case(number: int, bag: str = 'fit') -> Case:
+    folder = PRACTICE / f'case_{number:03d}'
+    label = json.loads((folder / 'label.json').read_text())
+    machine = load_machine(ROOT / 'config' / 'tripod.yaml')
+    data = align(read_bag(folder / bag)[0], machine.drives, machine.controller['cycle'])
+    model = make_model(machine, data)
+    theta = []
+    for parameter in model.parameters:
+        *drive, name = parameter.name.split('.')
+        index = machine.drives.index(drive[0]) if drive else 0
+        theta.append(label['theta'][index][_NAMES[name]])
+    values = np.array(theta)
+    return Case(label, data, model, values, model.measured - model.simulate(values[None])[0])

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+import time
+
+from gap_signals import floor_of
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from ros2_ident.gap.blocks import block_length, Blocks, correlation_time, FEWEST
+
+
+def _coloured(generator, phi, shape):
+    white = generator.standard_normal((*shape[:-1], shape[-1] + 1000))
+    return lfilter([1.0], [1.0, -phi], white, axis=-1)[..., 1000:] * np.sqrt(1.0 - phi**2)
+
+
+def test_correlation_time_of_an_autoregression():
+    series = _coloured(np.random.default_rng(0), 0.9, (200_000,))
+    assert correlation_time(series) == pytest.approx(1.9 / 0.1, rel=0.1)
+    assert correlation_time(np.random.default_rng(0).standard_normal(20_000)) < 1.2
+
+
+def test_blocks_are_at_least_the_settling_time_and_at_most_a_part_of_the_log():
+    white = np.random.default_rng(0).standard_normal((2, 8000))
+    assert block_length(white, 1e-3) == 100
+    walk = np.cumsum(white, axis=1)
+    assert block_length(walk, 1e-3) == 8000 // FEWEST
+
+
+def test_intervals_cover():
+    generator = np.random.default_rng(1)
+    hits = 0
+    for seed in range(100):
+        rows = _coloured(generator, 0.9, (2, 6000))
+        found = Blocks([rows], 1e-3, count=300, seed=seed).rms()[1]
+        hits += found.low <= 1.0 <= found.high
+    assert 86 <= hits <= 100
+
+
+def test_the_share_closed_covers_and_knows_its_limits():
+    generator = np.random.default_rng(2)
+    floor = floor_of(2, 1.0)
+    hits = 0
+    for seed in range(80):
+        effect = 1.5 * _coloured(generator, 0.95, (2, 6000))
+        noise = generator.standard_normal((2, 6000))
+        found = Blocks([noise + effect, noise + 0.3 * effect], 1e-3, count=300, seed=seed)
+        share = found.share_closed(0, 1, floor)
+        hits += share.low <= 0.91 <= share.high
+    assert 68 <= hits <= 80
+    same = Blocks([noise, noise], 1e-3)
+    assert np.isnan(same.share_closed(0, 1, floor_of(2, 2.0)).value)
+
+
+def test_a_paired_difference_is_sharper_than_either():
+    generator = np.random.default_rng(3)
+    shared = 3.0 * _coloured(generator, 0.99, (1, 8000))
+    one = shared + generator.standard_normal((1, 8000))
+    found = Blocks([one, 0.99 * one], 1e-3)
+    gain = found.difference(0, 1)
+    assert gain.low > 0.0
+    assert gain.value == pytest.approx(found.squares[0, 0] * (1.0 - 0.99**2))
+
+
+def test_missing_samples_do_not_count():
+    rows = np.random.default_rng(4).standard_normal((1, 8000))
+    rows[:, 1::2] = np.nan
+    assert Blocks([rows], 5e-4).rms()[1].value == pytest.approx(np.sqrt(np.nanmean(rows**2)))
+
+
+def test_the_same_seed_gives_the_same_interval_and_is_quick():
+    rows = np.random.default_rng(5).standard_normal((2, 3, 12000))
+    begin = time.process_time()
+    one = Blocks(list(rows), 1e-3, seed=7).rms()[1]
+    assert time.process_time() - begin < 0.5
+    assert one == Blocks(list(rows), 1e-3, seed=7).rms()[1]

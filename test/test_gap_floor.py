@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+from gap_signals import CYCLE, motion, needs_practice, NOISE, practice_case, residual
+import numpy as np
+import pytest
+
+from ros2_ident.errors import IdentError
+from ros2_ident.gap.floor import find_repeats, noise_floor
+from ros2_ident.recording import Dataset
+
+
+def _data(of, effort, velocity=None):
+    rate = of.velocity if velocity is None else velocity
+    position = np.cumsum(rate, axis=1) * CYCLE
+    return Dataset(of.drives, CYCLE, 0, position, rate, None, None, effort)
+
+
+def test_white_noise_is_measured():
+    of = motion()
+    row = residual(of)
+    floor = noise_floor(row, _data(of, row))
+    assert floor.method == 'high frequency'
+    assert floor.per_drive == pytest.approx([NOISE, NOISE], rel=0.04)
+    assert (floor.low < floor.per_drive).all()
+    assert (floor.per_drive < floor.high).all()
+    assert floor.white == pytest.approx([1.0, 1.0], abs=0.1)
+
+
+@pytest.mark.parametrize('planted', ['friction', 'spikes', 'ringing'])
+def test_an_effect_does_not_change_the_floor(planted):
+    of = motion()
+    time = np.arange(of.position.shape[1]) * CYCLE
+    signal = {
+        'friction': 0.1 * np.tanh(of.velocity[0] / 0.003),
+        'spikes': np.where(np.arange(time.size) % 1600 == 0, 1.0, 0.0),
+        'ringing': 0.05 * np.sin(2.0 * np.pi * 24.0 * time),
+    }[planted]
+    clean, dirty = residual(of), residual(of, signal)
+    one, two = (noise_floor(r, _data(of, r)).per_drive for r in (clean, dirty))
+    assert two == pytest.approx(one, rel=0.02)
+
+
+def test_a_coarse_step_is_part_of_the_floor():
+    of = motion()
+    step = 0.05
+    effort = np.round(residual(of, 0.2 * of.torque[0], noise=1e-4) / step) * step
+    floor = noise_floor(effort - 0.2 * of.torque, _data(of, effort))
+    assert floor.step[0] == pytest.approx(step)
+    assert floor.per_drive[0] >= step / np.sqrt(12.0)
+
+
+def test_repeats_are_found_and_cancel_what_repeats():
+    of = motion(3.0)
+    rate = np.tile(of.velocity, 4)
+    effect = np.tile(0.1 * np.sign(of.velocity), 4)
+    row = NOISE * np.random.default_rng(1).standard_normal(rate.shape) + effect
+    data = _data(of, row, rate)
+    repeats = find_repeats(data)
+    assert repeats is not None
+    assert (repeats.period, repeats.count) == (of.velocity.shape[1], 4)
+    floor = noise_floor(row, data)
+    assert floor.method == 'repeats'
+    assert floor.per_drive == pytest.approx([NOISE, NOISE], rel=0.04)
+
+
+def test_a_motion_without_repeats_has_none():
+    of = motion()
+    assert find_repeats(_data(of, residual(of))) is None
+
+
+def test_too_few_samples_are_refused():
+    of = motion()
+    row = np.full(of.position.shape, np.nan)
+    row[:, :200:2] = 0.0
+    with pytest.raises(IdentError, match='too few'):
+        noise_floor(row, _data(of, row))
+
+
+@needs_practice
+def test_the_practice_noise_comes_out():
+    values = []
+    for number in (0, 3, 4, 9, 11, 15):
+        case = practice_case(number)
+        values.append(noise_floor(case.residual, case.data).per_drive)
+    assert np.mean(values) == pytest.approx(NOISE, rel=0.02)
+    assert np.array(values) == pytest.approx(NOISE, rel=0.06)

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
+from gap_signals import needs_practice, practice_case
+import numpy as np
+import pytest
+
+from ros2_ident.gap.floor import noise_floor
+from ros2_ident.gap.gates import check_effort, check_law, check_streams, run_gates
+from ros2_ident.gap.law import fit_law, Gain, Law
+from ros2_ident.recording import AlignQuality, StreamQuality
+
+
+def _law(**changes):
+    gains = (Gain('velocity_gain', 4.5, 0.01, 4.5, 0.01),)
+    base = Law('drive_1', gains, 0.03, 0.0, 0.01, 0.01, 0.999, 8000)
+    return replace(base, **changes)
+
+
+def test_a_law_that_fits_passes():
+    (gate,) = check_law(_law(), 'drive_1', noise=0.01)
+    assert (gate.gate, gate.level) == ('law', 'ok')
+
+
+def test_a_wrong_gain_is_named_with_its_size():
+    gains = (Gain('velocity_gain', 5.4, 0.01, 4.5, 0.01), Gain('scale', 1.1, 0.01, 1.0, 0.03))
+    (gate,) = check_law(_law(gains=gains, misfit_file=0.04), 'drive_1')
+    assert gate.level == 'warn'
+    assert gate.number == pytest.approx(1.2)
+    assert 'velocity gain of 5.4 for 4.5 (+20.0 %)' in gate.sentence
+
+
+def test_a_law_that_explains_nothing_fails():
+    (gate,) = check_law(_law(explained=0.3), 'drive_1')
+    assert gate.level == 'fail'
+
+
+def test_noise_beyond_the_floor_is_told_apart_from_gains():
+    found = check_law(_law(misfit=0.02, misfit_file=0.02), 'drive_1', noise=0.01)
+    assert [g.gate for g in found] == ['law_noise', 'law']
+
+
+def test_without_a_command_there_is_nothing_to_check():
+    (gate,) = check_law(None, 'drive_1')
+    assert gate.level == 'warn'
+    assert 'cannot be checked' in gate.sentence
+
+
+@pytest.mark.parametrize(('missing', 'level'), [(0, 'ok'), (50, 'warn'), (500, 'fail')])
+def test_missing_samples(missing, level):
+    case = type('Data', (), {})()
+    stream = StreamQuality('effort', 1000, missing, 1000.0, 1e-5, 2)
+    case.quality = AlignQuality((stream,))
+    assert check_streams(case)[0].level == level
+
+
+@needs_practice
+@pytest.mark.parametrize(
+    ('number', 'gain', 'ratio'), [(10, 'velocity_gain', 1.2584), (8, 'scale', 1.0672)]
+)
+def test_a_wrong_gain_shows_in_the_log(number, gain, ratio):
+    case = practice_case(number)
+    law = fit_law(case.model.machine, case.data, 'drive_1')
+    assert law.gains[0].name == gain
+    assert law.gains[0].ratio == pytest.approx(ratio, rel=0.005)
+    others = run_gates(case.model).of('law')
+    assert [g.drive for g in others if g.level != 'ok'] == ['drive_1']
+
+
+@needs_practice
+@pytest.mark.parametrize('number', [5, 9])
+def test_delays_do_not_spoil_the_law(number):
+    case = practice_case(number)
+    law = fit_law(case.model.machine, case.data, 'drive_2')
+    assert law.effort_delay == pytest.approx(case.label['theta'][0]['dT'], abs=2e-4)
+    late = case.label['values'].get('cmd_delay', 0.0)
+    assert law.command_delay == pytest.approx(late, abs=2e-4)
+    assert law.misfit_file == pytest.approx(0.01, rel=0.05)
+
+
+@needs_practice
+@pytest.mark.parametrize('number', [15, 16, 17])
+def test_nulls_pass_all_gates(number):
+    case = practice_case(number)
+    report = run_gates(case.model, case.theta, noise_floor(case.residual, case.data))
+    assert report.level == 'ok'
+    assert {g.gate for g in report.gates} >= {'missing', 'jitter', 'sign', 'limit', 'law', 'step'}
+    assert max(g.number for g in report.of('step')) < 0.1
+
+
+@needs_practice
+def test_a_reversed_effort_fails():
+    case = practice_case(15)
+    reversed_data = replace(case.data, effort=-case.data.effort)
+    found = check_effort(case.model.machine, reversed_data, 'drive_1')
+    assert {g.gate: g.level for g in found}['sign'] == 'fail'
+    scaled = replace(case.data, effort=1000.0 * np.asarray(case.data.effort))
+    found = check_effort(case.model.machine, scaled, 'drive_1')
+    assert {g.gate: g.level for g in found}['limit'] == 'fail'

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+from gap_signals import CYCLE, floor_of, motion, needs_practice, practice_case, residual
+import numpy as np
+import pytest
+
+from ros2_ident.gap.coordinates import direction, motion_of, PHASES, phases, since_reversal
+from ros2_ident.gap.floor import noise_floor
+from ros2_ident.gap.localise import localise
+from ros2_ident.gap.spectrum import find_peak
+
+OF = motion()
+TIME = np.arange(OF.position.shape[1]) * CYCLE
+V, Z, A = OF.velocity[0], OF.position[0], OF.acceleration[0]
+HEAD = direction(V)
+
+
+PLANTED = {
+    'offset, even': np.full(TIME.size, 0.02),
+    'velocity, odd': 0.03 * np.exp(-((V / 0.05) ** 2)) * np.tanh(V / 0.003),
+    'velocity, even': 0.05 * np.abs(V),
+    'position': 0.8 * (Z - Z.mean()),
+    'motor angle': 0.03 * np.sin(3.0 * 78.54 * Z + 0.4),
+    'load, odd': 0.06 * np.abs(OF.load[0]) * np.tanh(V / 0.005),
+    'acceleration': 0.006 * A,
+    'time, odd': 0.05 * (TIME / 8.0 - 0.5) * HEAD,
+    'frequency': 0.02 * np.sin(2.0 * np.pi * 31.0 * TIME),
+}
+# What lies on nearly the same curve in this motion.
+TWINS = {
+    'velocity, odd': {'phase', 'way since reversal, odd'},
+    'load, odd': {'velocity, odd', 'phase', 'position, odd', 'time, odd'},
+    'acceleration': {'load', 'torque', 'recent acceleration', 'torque rate'},
+}
+
+
+@pytest.mark.parametrize('name', sorted(PLANTED))
+def test_what_is_planted_is_found(name):
+    found = localise(OF, residual(OF, PLANTED[name], 0), floor_of())
+    assert found[0].drive == 'drive_1'
+    by_mean = [f for f in found if not f.coordinate.startswith('size by')]
+    assert by_mean[0].coordinate in {name, *TWINS.get(name, ())}
+    assert name in {f.coordinate for f in found}
+    assert by_mean[0].statistic > 0.4
+    assert by_mean[0].p_value < 0.01
+    assert not [f for f in found if f.drive == 'drive_2']
+
+
+def test_sentences_say_where():
+    found = localise(OF, residual(OF, PLANTED['velocity, odd'], 0), floor_of())
+    text = next(f.sentence for f in found if f.coordinate == 'velocity, odd')
+    assert text.startswith('drive_1: ')
+    assert 'odd in velocity' in text
+    assert '% of what can be explained' in text
+    found = localise(OF, residual(OF, PLANTED['motor angle'], 1), floor_of())
+    ripple = residual(OF, 0.03 * np.sin(3.0 * 78.54 * OF.position[1]), 1)
+    found = localise(OF, ripple, floor_of())
+    assert 'drive_2: periodic in the motor angle, order 3 per turn' in found[0].sentence
+
+
+def test_a_loud_place_without_a_sign_is_found():
+    noise = np.random.default_rng(3).standard_normal(TIME.size)
+    found = localise(OF, residual(OF, 0.04 * noise * (np.abs(V) > 0.15), 0), floor_of())
+    assert found[0].coordinate.startswith('size by')
+    assert 'of the gap' in found[0].sentence
+
+
+@pytest.mark.parametrize('phi', [0.9, 0.98])
+def test_coloured_noise_gives_no_more_false_findings_than_stated(phi):
+    false = 0
+    for seed in range(8):
+        row = residual(OF, phi=phi, seed=100 + seed)
+        # A floor below the noise: everything counts as explainable, and as material.
+        false += bool(localise(OF, row, floor_of(value=0.004), seed=seed, flips=999))
+    assert false <= 2  # at most 5 % expected; 3 or more of 8 has a probability below 0.6 %
+
+
+def test_findings_repeat_with_the_seed():
+    row = residual(OF, PLANTED['position'], 0)
+    one = localise(OF, row, floor_of(), seed=4)
+    assert one == localise(OF, row, floor_of(), seed=4)
+
+
+def test_phases_and_the_way_since_a_reversal():
+    time = np.arange(4000) * 1e-3
+    velocity = np.sin(2.0 * np.pi * time / 2.0)
+    acceleration = np.gradient(velocity, 1e-3)
+    number = phases(velocity, acceleration)
+    assert PHASES[number[250]] == 'acceleration'
+    assert PHASES[number[750]] == 'deceleration'
+    assert PHASES[number[500]] == 'cruise'
+    assert PHASES[number[1000]] == 'reversal'
+    way = since_reversal(np.cumsum(velocity) * 1e-3, velocity)
+    assert way[1010] < 1e-3
+    assert way[1990] == pytest.approx(2.0 / np.pi, rel=0.02)
+
+
+def test_a_slope_of_the_spectrum_is_no_peak():
+    row = residual(OF, phi=0.95)[0]
+    assert find_peak(row, CYCLE, 0.003, 3.0).p_value > 0.001
+    row = residual(OF, PLANTED['frequency'], 0, phi=0.95)[0]
+    peak = find_peak(row, CYCLE, 0.003, 3.0)
+    assert peak.p_value < 1e-6
+    assert peak.frequency == pytest.approx(31.0, abs=1.5)
+    assert peak.size == pytest.approx(0.02 / np.sqrt(2.0), rel=0.25)
+
+
+def _of_case(number):
+    case = practice_case(number)
+    floor = noise_floor(case.residual, case.data)
+    return case, localise(motion_of(case.model, case.theta), case.residual, floor)
+
+
+@needs_practice
+@pytest.mark.parametrize(
+    ('number', 'coordinates'),
+    [
+        (0, {'velocity, odd', 'phase', 'way since reversal, odd'}),
+        (2, {'offset, even', 'velocity, even', 'phase'}),
+        (4, {'motor angle'}),
+        (6, {'position', 'offset, even'}),
+        (7, {'offset, even'}),
+        (9, {'size by acceleration', 'recent acceleration', 'frequency', 'size by phase'}),
+        (11, {'frequency'}),
+    ],
+)
+def test_practice_cases_are_localised(number, coordinates):
+    case, found = _of_case(number)
+    if case.label['where'] != ['all']:
+        assert found[0].drive == case.label['where'][0]
+    assert coordinates & {f.coordinate for f in found[:3]}
+
+
+@needs_practice
+@pytest.mark.parametrize('number', [15, 16, 17])
+def test_practice_nulls_have_nothing_to_localise(number):
+    assert _of_case(number)[1] == ()
