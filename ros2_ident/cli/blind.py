@@ -50,6 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
     parser.add_argument('--page', metavar='FILE', help='page to write; DIR/blind.md by default')
     parser.add_argument(
+        '--notes', metavar='FILE', help='text for the page: why a level is not reached'
+    )
+    parser.add_argument(
         '--rescore', metavar='DIR', help='score a run again from its table, without diagnosing'
     )
     parser.add_argument(
@@ -89,6 +92,7 @@ def run(args: argparse.Namespace) -> int:
     found = score(rows)
     for line in sentences(found):
         print(line)
-    page = write_page(args.page or root / 'blind.md', rows, found, check.store.about())
+    notes = Path(args.notes).read_text(encoding='utf-8') if args.notes else ''
+    page = write_page(args.page or root / 'blind.md', rows, found, check.store.about(), notes)
     print(f'written: {page}')
     return 0

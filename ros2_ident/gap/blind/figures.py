@@ -10,6 +10,7 @@ matplotlib.use('Agg')
 
 from matplotlib import pyplot as plt  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
+from matplotlib.ticker import NullLocator  # noqa: E402
 import numpy as np  # noqa: E402
 
 from ros2_ident.gap.blind.score import (  # noqa: E402
@@ -49,6 +50,10 @@ def detection(rows: Sequence[Row], path: Path) -> Path:
         ax.errorbar(middle, share, [low, high], fmt='o-', capsize=3, label=label)
     ax.plot(*zip(*LEVELS, strict=True), 'k^', label='level for the first')
     ax.set_xscale('log')
+    ticks = (0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0)
+    ax.set_xticks(ticks, [f'{t:g}' for t in ticks])
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.set_xlim(EDGES[0], EDGES[-1])
     ax.set_xlabel('true size after the nominal fit, in units of the noise')
     ax.set_ylabel('share of the cases')
     ax.set_ylim(-0.03, 1.03)

@@ -47,7 +47,11 @@ file of the run. Then the seals are opened.
 
 
 def write_page(
-    path: str | Path, rows: Sequence[Row], scores: Sequence[Score], about: Mapping[str, Any]
+    path: str | Path,
+    rows: Sequence[Row],
+    scores: Sequence[Score],
+    about: Mapping[str, Any],
+    notes: str = '',
 ) -> Path:
     """Write the page and its pictures.
 
@@ -56,6 +60,7 @@ def write_page(
         rows: The table.
         scores: From `score.score`.
         about: From the run's directory: command, seed, manifest.
+        notes: What a person has found out about the levels that are not reached.
 
     Returns:
         The page.
@@ -88,6 +93,8 @@ def write_page(
     text += [f'- {s.name}: {figure(s)} of {s.count}, level {s.level}.' for s in missed] or [
         'Every level that this run can judge is reached.'
     ]
+    if notes:
+        text += ['', notes.strip()]
     unjudged = [s.name for s in scores if s.reached is None]
     if unjudged:
         text += ['', 'No case of this run asks for: ' + '; '.join(unjudged) + '.']

@@ -263,36 +263,28 @@ def _unknown(row: Row) -> bool:
 
 def _shares_closed(singles: Sequence[Row]) -> list[Score]:
     known = [r for r in singles if named(r) and math.isfinite(shares_near(r))]
-    with_interval = [
-        r for r in known if r['share']['low'] is not None and r['share']['high'] is not None
-    ]
-    actual = [r for r in with_interval if r['share']['actual'] is not None]
+    bounded = [r for r in known if None not in (r['share']['low'], r['share']['high'])]
+    actual = [r for r in bounded if r['share']['actual'] is not None]
+    first = 'share closed within 0.05 of the generator with the effect removed'
+    second = 'share closed within 0.05 of what the model closes without noise'
     return [
-        _share(
-            'share closed within 0.05 of the generator with the effect removed',
-            known,
-            lambda r: shares_near(r) <= SHARE_NEAR,
-            '90 %',
-            0.9,
-        ),
-        _share(
-            'its interval covers that',
-            with_interval,
-            lambda r: _inside(r, 'oracle'),
-            '90 to 98 %',
-            0.9,
-        ),
-        _share(
-            'share closed within 0.05 of what the model closes without noise',
-            actual,
-            lambda r: abs(r['share']['predicted'] - r['share']['actual']) <= SHARE_NEAR,
-            '90 %',
-            0.9,
-        ),
-        _share(
-            'its interval covers that ', actual, lambda r: _inside(r, 'actual'), '90 to 98 %', 0.9
-        ),
+        _share(first, known, lambda r: shares_near(r) <= SHARE_NEAR, '90 %', 0.9),
+        _covers('its interval covers the former', bounded, 'oracle'),
+        _share(second, actual, _near_actual, '90 %', 0.9),
+        _covers('its interval covers the latter', actual, 'actual'),
     ]
+
+
+def _near_actual(row: Row) -> bool:
+    share = row['share']
+    return bool(abs(share['predicted'] - share['actual']) <= SHARE_NEAR)
+
+
+def _covers(name: str, rows: Sequence[Row], key: str) -> Score:
+    """Return how often the 95 % interval holds the truth; more than 98 % has to be significant."""
+    s = _share(name, rows, lambda r: _inside(r, key), '90 to 98 %', 0.9)
+    good = bool(s.value >= 0.9 and s.low <= 0.98) if rows else None
+    return Score(s.name, s.value, s.low, s.high, s.count, s.level, good)
 
 
 def _rest(rows: Sequence[Row]) -> list[Score]:
