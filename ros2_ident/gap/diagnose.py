@@ -2,7 +2,7 @@
 """The diagnosis of one machine's recordings, from the nominal fit to the advice."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 import time
 
@@ -139,7 +139,7 @@ def diagnose(
             ErrorCode.DIVERGED,
             'every candidate diverges on this log; check units, gains and geometry in the machine file',
         )
-    floor = _floor(attribution, base)
+    floor = _capped(_floor(attribution, base), machine.effort_noise)
     attribution = Attribution(case, floor.per_drive, stopped=run.stopped, on_step=run.step)
     base = attribution.refit((), base.theta)
     report = run_gates(case.models((), case.fit)[0], base.theta, floor)
@@ -178,6 +178,18 @@ def _floor(attribution: Attribution, base: Explanation) -> Floor:
     residual = measured - model.simulate(base.theta[None])[0]
     residual[:, : int(round(0.1 / model.cycle))] = np.nan
     return noise_floor(residual, case.fit.data[0], case.drives, model.output_unit)
+
+
+def _capped(floor: Floor, noise: float) -> Floor:
+    """Limit a floor taken from the fast part of the residual by the noise the machine file states.
+
+    What is fast and more than that is no noise of the log: steps of an encoder in the loop, a ripple
+    at speed. It belongs to the gap.
+    """
+    if floor.method == 'repeats':
+        return floor
+    limit = 1.3 * noise
+    return replace(floor, per_drive=np.minimum(floor.per_drive, limit))
 
 
 def _compose(
@@ -243,6 +255,7 @@ def _compose(
         localisation=where,
         parameters=values,
         moved=moved,
+        nominal=nominal,
         gates=tuple(gates),
         not_testable=testable,
         advice=advice(verdict, testable),

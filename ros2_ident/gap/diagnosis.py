@@ -99,6 +99,7 @@ class Diagnosis:
         per_drive: Each drive's gap.
         localisation: Findings, the strongest first.
         parameters: Parameters of the extended model.
+        nominal: Values of the nominal fit.
         moved: How far each nominal parameter moved when the effects came in, as a share of its
             value.
         gates: What was checked before any physics, as (name, level, sentence).
@@ -125,6 +126,7 @@ class Diagnosis:
     per_drive: Mapping[str, DriveGap]
     localisation: tuple[Finding, ...]
     parameters: Mapping[str, Value]
+    nominal: Mapping[str, float]
     moved: Mapping[str, float]
     gates: tuple[tuple[str, str, str], ...]
     not_testable: tuple[EffectAt, ...]
@@ -222,6 +224,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
             for f in d.localisation
         ],
         'parameters': _values(d.parameters),
+        'nominal': {name: _number(float(v)) for name, v in d.nominal.items()},
         'moved': {name: _number(v) for name, v in d.moved.items()},
         'gates': [{'gate': g, 'level': level, 'sentence': text} for g, level, text in d.gates],
         'not_testable': [_at(a) for a in d.not_testable],

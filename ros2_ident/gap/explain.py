@@ -16,21 +16,28 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Rules:
-    """When something counts. All of them are shares or RMS in units of the floor; see `docs/diagnosis.md`.
+    """When something counts: shares, or RMS in units of the floor; see `docs/diagnosis.md`.
 
     Attributes:
         material: Gap of a drive, RMS, below which nothing is missing.
-        step: Least RMS that an effect has to take away from a drive's gap.
+        unknown: Gap of a drive from which something is called missing though nothing closes it.
+        step: Least RMS that the first effect has to take away from a drive's gap.
+        later: The same for every further effect: the first one's real form differs from the
+            catalogue's, and that difference is no effect of its own.
         share: Least share of the explainable gap, on held-out data, that an effect has to close.
+        part: Least share of the nominal fit's gap that a further effect has to close.
         closed: Least share that all effects together have to close for their names to be believed.
         rival: How much less of the gap than the best an effect may close and still be taken for
             confusable.
         most: Most effects.
     """
 
-    material: float = 0.5
+    material: float = 0.4
+    unknown: float = 0.8
     step: float = 0.35
+    later: float = 0.5
     share: float = 0.10
+    part: float = 0.05
     closed: float = 0.5
     rival: float = 0.12
     most: int = 4
@@ -97,11 +104,18 @@ class Explainer:
         )
 
     def material(self, before: Explanation, after: Explanation) -> bool:
-        """Whether a step closes enough to count, on the data it was fitted to and on the data held out."""
+        """Whether a step closes enough to count, on all data and on the data held out."""
         fall = self.gap(before) - self.gap(after)
         reduced = float(np.sqrt(np.maximum(fall, 0.0)).max())
         shares = [self.share(before, after, part) for part in ('both', 'check')]
-        return reduced >= self.rules.step and min(shares) >= self.rules.share
+        least = self.rules.step if not before.effects else self.rules.later
+        return reduced >= least and min(shares) >= self.rules.share
+
+    def closes(self, chain: Sequence[Explanation], after: Explanation) -> float:
+        """Return what a step closes, as a share of the gap of the chain's first fit."""
+        explainable = self.gap(chain[0]).sum()
+        fall = (self.gap(chain[-1]) - self.gap(after)).sum()
+        return float(fall / explainable) if explainable > 0.0 else 0.0
 
     def score(self, e: Explanation) -> float:
         """Return what is minimised over models: loss on both parts and a penalty for parameters (BIC)."""
@@ -133,7 +147,7 @@ class Explainer:
         candidates: Sequence[EffectAt],
         on_best: Callable[[Explanation], None],
     ) -> Explained:
-        """Add effects while they are material, drop those that became superfluous, and look for rivals."""
+        """Add effects while they are material, drop what became superfluous, look for rivals."""
         chain, rounds = [base], []
         stopped = self.attribution.stopped
         while (
@@ -147,6 +161,8 @@ class Explainer:
             rounds.append(round_)
             best = self.best(round_)
             if best is None or not self.material(chain[-1], best):
+                break
+            if len(chain) > 1 and self.closes(chain, best) < self.rules.part:
                 break
             chain.append(best)
             if len(chain) > 2 and not stopped():

@@ -113,6 +113,9 @@ def judge(
     ranking = _weigh(explainer, found, missing * named, t)
     if size < rules.material:
         return Verdict(NONE, (), 1.0 - missing, (), (), ranking, closed)
+    if len(found.chain) == 1 and size < rules.unknown:
+        # Too small to be sure of it, and nothing explains it: small imperfections look like this.
+        return Verdict(NONE, (), _sigmoid((rules.unknown - size) / t.size), (), (), ranking, closed)
     if len(found.chain) == 1 or named < 0.5:
         return Verdict(
             UNKNOWN, _where(explainer, final), missing * (1.0 - named), (), (), ranking, closed
