@@ -165,7 +165,8 @@ def diagnose(
     run.step(0.0, 'saying where')
     model = case.models((), case.fit)[0]
     rows = case.fit.rows(base.residual / attribution.weight)[:, : model.measured.shape[1]]
-    where = localise(motion_of(model, base.theta), rows, floor, seed=seed)
+    findings = localise(motion_of(model, base.theta), rows, floor, seed=seed)
+    where = tuple(f for f in findings if f.significant)
     testable = tuple(at for at, seen in visible.items() if seen < VISIBLE)
     return _compose(explainer, found, verdict, floor, gates, where, testable, run, seed)
 

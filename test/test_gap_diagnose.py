@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole diagnosis on an axis whose logs the slow reference makes."""
+
+import json
+import threading
+
+import numpy as np
+import pytest
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.diagnose import diagnose
+from ros2_ident.gap.diagnosis import to_mapping
+from ros2_ident.gap.explain import Rules
+from ros2_ident.models import machine_from_mapping
+from ros2_ident.recording import Dataset
+from ros2_ident.reference.axis import simulate_axis
+from ros2_ident.reference.effects import Effect
+
+CYCLE = 1e-3
+NOISE = 0.01
+MACHINE = machine_from_mapping(
+    {
+        'machine': 'linear_axis',
+        'drives': ['lift'],
+        'geometry': {'gravity': 9.81},
+        'drive': {'gear_factor': 78.54, 'rail_mass': 1.5, 'coulomb_regularisation': 5e-3},
+        'controller': {
+            'cycle': CYCLE,
+            'position_gain': 60.0,
+            'velocity_gain': 4.5,
+            'integral_gain': 250.0,
+            'velocity_feedforward': 1.0,
+            'torque_limit': 6.0,
+        },
+        'effort_noise': NOISE,
+        'parameters': {
+            'gear_stiffness': [1e4, 3e5, 'N/m'],
+            'gear_damping_ratio': [0.0, 2.0, '1'],
+            'drive_inertia': [5e-5, 15e-5, 'kg m^2'],
+            'coulomb_torque': [0.0, 0.2, 'N m'],
+            'viscous_torque': [0.0, 0.2, 'N m s/m'],
+        },
+    }
+)
+TRUTH = {
+    'gear_stiffness': 1.5e5,
+    'gear_damping_ratio': 0.4,
+    'drive_inertia': 9e-5,
+    'coulomb_torque': 0.05,
+    'viscous_torque': 0.05,
+}
+
+
+def recording(seed: int, effects: tuple[Effect, ...] = ()) -> Dataset:
+    rng = np.random.default_rng(seed)
+    time = np.arange(5000) * CYCLE
+    position = np.full_like(time, 0.4)
+    for _ in range(4):
+        rate, phase, size = rng.uniform(1.0, 9.0), rng.uniform(0, 6.28), rng.uniform(0.01, 0.04)
+        position += size * (np.sin(rate * time + phase) - np.sin(phase))
+    ramp = np.clip(time / 0.5, 0.0, 1.0)
+    position = 0.4 + (position - 0.4) * ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
+    velocity = np.gradient(position, CYCLE)
+    log = simulate_axis(MACHINE, TRUTH, position[None], velocity[None], effects)
+    effort = log.effort + NOISE * rng.standard_normal(log.effort.shape)
+    return Dataset(
+        MACHINE.drives,
+        CYCLE,
+        0,
+        position[None],
+        velocity[None],
+        log.position,
+        log.velocity,
+        np.round(effort / 0.002) * 0.002,
+    )
+
+
+def stribeck() -> Effect:
+    return Effect('stribeck', ('lift',), {'torque': 0.08, 'speed': 0.03}, 'other')
+
+
+@pytest.fixture(scope='module')
+def found():
+    effects = (stribeck(),)
+    return diagnose(MACHINE, [recording(1, effects)], [recording(2, effects)], seed=3)
+
+
+def test_an_effect_is_named_with_its_place(found) -> None:
+    assert (found.effect, found.where) == ('stribeck', ('lift',))
+    assert found.probability > 0.5
+    assert found.complete
+    assert found.held_out == 'check bag'
+    assert found.confusable[0].at.effect == 'stribeck'
+
+
+def test_the_gap_closes_on_data_not_used_for_fitting(found) -> None:
+    gaps = [step.gap.value for step in found.steps]
+    assert gaps[-1] < 0.6 * gaps[0]
+    assert found.share_closed.value > 0.9
+    assert found.floor.per_drive[0] == pytest.approx(NOISE, rel=0.05)
+
+
+def test_the_effect_gives_the_nominal_parameters_back(found) -> None:
+    # Friction had carried the effect as far as it could.
+    for name in ('lift.coulomb_torque', 'lift.viscous_torque'):
+        truth = TRUTH[name.split('.')[1]]
+        after = abs(found.parameters[name].value - truth)
+        assert after < 0.5 * abs(found.nominal[name] - truth), name
+    assert found.moved.keys() <= found.nominal.keys()
+
+
+def test_the_gap_is_found_where_the_axis_reverses(found) -> None:
+    assert found.localisation
+    assert all(finding.drive == 'lift' for finding in found.localisation)
+
+
+def test_the_file_holds_what_the_interface_promises(found) -> None:
+    data = json.loads(json.dumps(to_mapping(found), allow_nan=False))
+    assert set(data['verdict']) >= {'effect', 'where', 'probability'}
+    assert set(data['gap']) >= {
+        'unit',
+        'before',
+        'after',
+        'noise_floor',
+        'share_closed',
+        'per_drive',
+        'held_out',
+    }
+    for entry in data['ranking']:
+        assert set(entry) >= {'effect', 'where', 'probability', 'gap_after', 'parameters'}
+    for entry in data['localisation']:
+        assert set(entry) >= {
+            'drive',
+            'coordinate',
+            'region',
+            'statistic',
+            'p_value',
+            'sentence',
+        }
+    assert data['also'] == [] and isinstance(data['advice'], list)
+
+
+def test_nothing_is_missing_where_nothing_is() -> None:
+    found = diagnose(MACHINE, [recording(4)], [recording(5)], seed=3)
+    assert found.effect == 'none'
+    assert found.where == ()
+    assert 'Nothing is missing' in found.sentence
+
+
+def test_one_recording_is_split_into_blocks() -> None:
+    found = diagnose(MACHINE, [recording(1, (stribeck(),))], seed=3, without=('presliding',))
+    assert found.held_out == 'blocks'
+    assert found.effect == 'stribeck'
+    assert all(r.at.effect != 'presliding' for r in found.ranking)
+
+
+def test_same_seed_same_diagnosis() -> None:
+    data = recording(1, (stribeck(),))
+    few = ('torque_ripple', 'friction_drift', 'transmission_eccentricity', 'backlash')
+    first, second = (to_mapping(diagnose(MACHINE, [data], seed=3, without=few)) for _ in range(2))
+    first.pop('seconds'), second.pop('seconds')
+    assert first == second
+
+
+def test_a_cancel_keeps_the_best_so_far() -> None:
+    effects = (stribeck(),)
+    event = threading.Event()
+
+    def stop(progress) -> None:
+        if progress.fraction > 0.3:
+            event.set()
+
+    found = diagnose(
+        MACHINE, [recording(1, effects)], seed=3, cancelled=event.is_set, on_progress=stop
+    )
+    assert not found.complete
+    assert found.steps[0].gap.value > NOISE
+
+
+def test_bad_input_is_one_sentence() -> None:
+    with pytest.raises(IdentError, match='there is no recording to fit on') as info:
+        diagnose(MACHINE, [])
+    assert info.value.code is ErrorCode.NO_DATA
+    with pytest.raises(IdentError, match="no effect is called 'gremlins'"):
+        diagnose(MACHINE, [recording(4)], without=('gremlins',))
+
+
+def test_rules_say_when_something_counts() -> None:
+    effects = (stribeck(),)
+    lenient = diagnose(
+        MACHINE, [recording(1, effects)], seed=3, rules=Rules(material=50.0), without=('backlash',)
+    )
+    assert lenient.effect == 'none'
