@@ -36,6 +36,7 @@ IMPERFECT = (0.1, 0.4)
 HIDDEN_BELOW = 0.2
 SHOWN_ABOVE = 1.0
 # Beyond these the tables' ranges end; a limit reaches down to what small motions need.
+SMALLEST = -3.0
 LARGEST = {'torque_saturation': 3.5, 'position_dependent_stiffness': 1.0}
 SAME_FORM = 0.25
 TRIES = 6
@@ -221,7 +222,7 @@ class Drawer:
             if miss < 0.15:
                 break
             wish = size + np.log(target / max(left, 0.05)) / decades
-            wish = float(np.clip(wish, -1.0, top))
+            wish = float(np.clip(wish, SMALLEST, top))
             if abs(wish - size) < 0.01:
                 break
             size = wish
