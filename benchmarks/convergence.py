@@ -31,7 +31,7 @@ STEPS = (1, 2, 4, 8, 16)
 def model_and_reference(
     parameters: dict[str, float], kind: str, seconds: float
 ) -> tuple[Tripod, np.ndarray]:
-    """Return the fast model on a motion, and the reference's logged torque (3, K) on the same set-points."""
+    """Return the fast model on a motion, and the reference's logged torque (3, K)."""
     machine = load_machine(Path(__file__).parents[1] / 'config' / 'tripod.yaml')
     motion = draw_motion(kind, machine, seconds, 7)
     log = simulate_tripod(machine, parameters, motion.position, motion.velocity)
@@ -54,7 +54,7 @@ def theta_of(model: Tripod, parameters: dict[str, float]) -> np.ndarray:
 
 
 def errors(parameters: dict[str, float], kind: str, seconds: float) -> dict[int | None, float]:
-    """Return the RMS torque error of the worst drive [N m] by steps a cycle; None is the model's own choice."""
+    """Return the worst drive's RMS error [N m] by steps a cycle; None: the model's choice."""
     model, effort = model_and_reference(parameters, kind, seconds)
     theta = theta_of(model, parameters)
     out: dict[int | None, float] = {}
@@ -97,8 +97,9 @@ def table() -> list[str]:
         found = errors(p, kind, 3.0)
         cells = ' | '.join(f'{found[s]:.1e}' for s in STEPS)
         lines.append(
-            f'| {kind} | {p["gear_stiffness"]:.3g} | {p["gear_damping_ratio"]:.2g} | {p["drive_inertia"]:.2g} '
-            f'| {p["coulomb_torque"]:.2g} | {cells} | {chosen(p)} | {found[None]:.1e} |'
+            f'| {kind} | {p["gear_stiffness"]:.3g} | {p["gear_damping_ratio"]:.2g} '
+            f'| {p["drive_inertia"]:.2g} | {p["coulomb_torque"]:.2g} | {cells} '
+            f'| {chosen(p)} | {found[None]:.1e} |'
         )
     return lines
 

@@ -13,21 +13,24 @@ inf or NaN, as in numpy.
 # numba's extension interface is not typed.
 
 import operator
+from typing import Any
 
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
-from numba.extending import (
-    intrinsic,
-    lower_builtin,
-    lower_cast,
-    models,
-    register_model,
-)
+from numba.extending import intrinsic as _intrinsic
+from numba.extending import lower_builtin, lower_cast, models, register_model
 import numpy as np
 
 WIDTH = 8
+
+
+def intrinsic(function) -> Any:
+    """Return numba's intrinsic; its own type says nothing of the arguments kernels pass."""
+    return _intrinsic(function)
+
+
 # Kernels are many small functions; a call that stays a call spills every vector register.
 inlined = njit(forceinline=True)
 # Contraction lets the compiler fuse a*b + c; reassociation would make results depend on its mood.
@@ -148,7 +151,7 @@ def _pointer(context, builder, array_type, array, offset, offset_type):
 
 @intrinsic
 def load(typingctx, array, offset):
-    """Return eight neighbours of the flat float64 `array` from `offset` on; no bounds are checked."""
+    """Return eight neighbours of the flat float64 `array` from `offset` on, unchecked."""
 
     def codegen(context, builder, sig, args):
         pointer = _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
@@ -160,7 +163,7 @@ def load(typingctx, array, offset):
 
 @intrinsic
 def store(typingctx, array, offset, value):
-    """Write `value` to eight neighbours of the flat float64 `array` from `offset` on; no bounds are checked."""
+    """Write `value` to eight neighbours of the flat float64 `array`, unchecked."""
 
     def codegen(context, builder, sig, args):
         pointer = _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
@@ -173,7 +176,7 @@ def store(typingctx, array, offset, value):
 
 @intrinsic
 def take(typingctx, array, index):
-    """Return the elements of the flat float64 `array` at the whole-numbered lanes of `index`, unchecked."""
+    """Return elements of the flat float64 `array` at the whole numbers `index`, unchecked."""
 
     def codegen(context, builder, sig, args):
         data = context.make_array(sig.args[0])(context, builder, args[0]).data

@@ -15,7 +15,7 @@ from ros2_ident.result import Quality
 
 # A shorter stretch holds hardly a motion.
 SHORTEST = 0.5
-# The tripod starts at rest; where a stretch starts in motion, controllers need this long to forget.
+# The tripod starts at rest; a log that starts in motion needs so long to be forgotten.
 SETTLING = 0.3
 # Less than this is no motion, rad or m.
 STANDSTILL = 1e-9
@@ -97,6 +97,12 @@ def gather(
     Raises:
         IdentError: NO_DATA where none can be used; where there is only one, what is wrong with it.
     """
+    if machine.kind not in DRIVE_MODELS:
+        raise IdentError(
+            ErrorCode.UNKNOWN_MODEL,
+            f'a {machine.kind} is not identified from a bag of drives; '
+            f'use a machine file of one of {", ".join(DRIVE_MODELS)}',
+        )
     chosen = chosen_drives(machine, drives)
     cycle = constant(machine.controller, 'cycle', 'controller')
     if not recordings:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ident diagnose`: where the gap between simulation and log lies, what causes it, how far it closes."""
+"""`ident diagnose`: where the gap to the log lies, what causes it, how far it closes."""
 
 import argparse
 import json
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from ros2_ident.gap.diagnosis import Diagnosis
 
 DESCRIPTION = (
-    'Say where the gap between simulation and log lies, which unmodelled effect causes it, and how far it shrinks on '
-    'data not used for fitting. Ctrl-C keeps the best so far.'
+    'Say where the gap between simulation and log lies, which unmodelled effect causes it, '
+    'and how far it shrinks on data not used for fitting. Ctrl-C keeps the best so far.'
 )
 EXAMPLES = (
     '  ident diagnose fit_bag --check check_bag --machine config/tripod.yaml --out diagnosis\n'
@@ -136,7 +136,8 @@ def print_diagnosis(d: 'Diagnosis') -> None:
     print(f'verdict: {d.sentence} (probability {d.probability:.2f})')
     for ranked in d.confusable[1:]:
         print(
-            f'  not to be told from: {ranked.at.effect} on {ranked.at.where} ({ranked.probability:.2f})'
+            f'  not to be told from: {ranked.at.effect} on {ranked.at.where} '
+            f'({ranked.probability:.2f})'
         )
     for _, level, text in d.gates:
         if level != 'ok':

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which effect explains the gap: every effect at every place, re-identified together with the nominal parameters.
+"""Which effect explains the gap: each at each place, fitted with the nominal parameters.
 
 One round screens all candidates against the present residual, fits the promising ones jointly on
 the fit part, and scores every fit on the part held out. `explain` runs rounds until nothing is
@@ -110,7 +110,7 @@ class Attribution:
         return low, high
 
     def nominal(self, settings: GeneticSettings, seed: int) -> Explanation:
-        """Identify the nominal parameters: the genetic algorithm, then local fits from its best survivors."""
+        """Identify the nominal parameters: genetic algorithm, then local fits from survivors."""
         models = self.case.models((), self.case.fit)
         low, high = self._box(models)
         evaluate = self._evaluate(models, self.case.fit, self.weight)
@@ -155,7 +155,7 @@ class Attribution:
         return self._explanation(tuple(effects), found)
 
     def _better(self, base: Explanation, start: Start) -> Array:
-        """Return a screened start, or the base with a trace of the effect where that leaves less."""
+        """Return a screened start, or the base with a trace of the effect if that is better."""
         models = self.case.models((*base.effects, start.candidate), self.case.fit)
         low, high = self._box(models)
         neutral = start.phi.copy()
@@ -179,12 +179,18 @@ class Attribution:
         return Explanation(
             effects,
             found.theta,
-            np.bincount(self.case.fit.drive, found.residual**2, count),
-            np.bincount(self.case.check.drive, check**2, count),
+            self._sums(self.case.fit, found.residual, count),
+            self._sums(self.case.check, check, count),
             found.jacobian,
             found.residual,
             check,
         )
+
+    @staticmethod
+    def _sums(part: Part, residual: Array, count: int) -> Array:
+        """Return (D,) sums of squares of each drive."""
+        out: Array = np.bincount(part.drive, residual**2, count).astype(float)
+        return out
 
     # ------------------------------------------------------------------ rounds
 
@@ -272,7 +278,7 @@ class Attribution:
         )
 
     def _promising(self, screened: dict[EffectAt, list[Start]], fits: int) -> list[Start]:
-        """Return the starts worth a joint fit: the best candidates, their relatives, and second starts."""
+        """Return the starts worth a joint fit: best candidates, relatives, second starts."""
         order = sorted(screened, key=lambda c: -screened[c][0].gain)
         worth = 0.1 * screened[order[0]][0].gain if order else 0.0
         chosen = [

@@ -57,7 +57,7 @@ class Part:
         return tuple(int(w) for w in widths[:-1])
 
     def residual(self, models: Sequence[DriveModel], theta: Array) -> Array:
-        """Return (S, R) measured less simulated output of (S, N) candidates, recording after recording."""
+        """Return (S, R) measured less simulated output of (S, N) candidates."""
         parts = []
         for model, mask in zip(models, self.masks, strict=True):
             measured = model.measured
@@ -158,7 +158,7 @@ class Case:
         return out
 
     def inapplicable(self, effect_id: str) -> bool:
-        """Whether an effect cannot be told from a nominal parameter, or has nothing to act on, in this machine."""
+        """Whether an effect is a nominal parameter of this machine, or has nothing to act on."""
         bounds, controller = self.machine.bounds, self.machine.controller
         closed = self.fit.data[0].command_position is not None
         elastic = 'gear_stiffness' in bounds
@@ -178,7 +178,9 @@ class Case:
             and not elastic
         ):
             return True
-        if effect_id == 'gear_flexibility' and elastic:
+        # What hangs behind a flexible gear would carry the weight alone.
+        lifted = float(self.machine.geometry.get('gravity', 0.0)) != 0.0
+        if effect_id == 'gear_flexibility' and (elastic or lifted):
             return True
         effect = get_effect(effect_id)
         if effect.group == 'controller' and not closed:

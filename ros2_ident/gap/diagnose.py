@@ -99,7 +99,7 @@ def diagnose(
     cancelled: Callable[[], bool] = lambda: False,
     on_progress: Callable[[DiagnoseProgress], None] | None = None,
 ) -> Diagnosis:
-    """Say where the gap between simulation and log lies, which effect causes it, and how far it closes.
+    """Say where the gap lies, which effect causes it, and how far it closes with it.
 
     Args:
         machine: The machine.
@@ -137,7 +137,8 @@ def diagnose(
     if not np.isfinite(base.residual).all():
         raise IdentError(
             ErrorCode.DIVERGED,
-            'every candidate diverges on this log; check units, gains and geometry in the machine file',
+            'every candidate diverges on this log; '
+            'check units, gains and geometry in the machine file',
         )
     floor = _capped(_floor(attribution, base), machine.effort_noise)
     attribution = Attribution(case, floor.per_drive, stopped=run.stopped, on_step=run.step)
@@ -172,7 +173,7 @@ def diagnose(
 
 
 def _floor(attribution: Attribution, base: Explanation) -> Floor:
-    """Estimate the floor on the first fit recording; every drive's residual in it, held-out samples included."""
+    """Estimate the floor on the whole first recording of the fit part."""
     case = attribution.case
     model = case.models((), case.fit)[0]
     measured = model.measured
@@ -182,10 +183,10 @@ def _floor(attribution: Attribution, base: Explanation) -> Floor:
 
 
 def _capped(floor: Floor, noise: float) -> Floor:
-    """Limit a floor taken from the fast part of the residual by the noise the machine file states.
+    """Limit a floor taken from the fast part of the residual by the noise that is stated.
 
-    What is fast and more than that is no noise of the log: steps of an encoder in the loop, a ripple
-    at speed. It belongs to the gap.
+    What is fast and more than that is no noise of the log: steps of an encoder in the loop, a
+    ripple at speed. It belongs to the gap.
     """
     if floor.method == 'repeats':
         return floor
@@ -326,20 +327,32 @@ def _sentence(
     verdict: Verdict, explainer: Explainer, found: Explained, floor: Floor, unit: str
 ) -> str:
     size = explainer.size(found.chain[0])
-    if verdict.effect == NONE:
+    level = f'{float(np.mean(floor.per_drive)):.4g} {unit}'
+    if verdict.effect == NONE and size < explainer.rules.material:
         return (
             f'Nothing is missing: the largest gap of a drive is {size:.2f} times the noise floor '
-            f'({float(np.mean(floor.per_drive)):.4g} {unit}), below the {explainer.rules.material:.2g} that counts.'
+            f'({level}), below the {explainer.rules.material:.2g} that counts.'
+        )
+    if verdict.effect == NONE:
+        return (
+            f'Nothing can be named: the largest gap of a drive is {size:.2f} times the floor '
+            f'({level}), and no effect of the catalogue closes enough of it to count.'
         )
     if verdict.effect == UNKNOWN:
         tried = len(found.rounds[0].gains) if found.rounds else 0
+        best = max((explainer.share(found.chain[0], w.model) for w in verdict.ranking), default=0)
+        closed = 100 * max(verdict.closed, best, 0)
         return (
-            f'Something is missing that is not in the catalogue: the gap on {", ".join(verdict.where)} is {size:.2f} '
-            f'times the noise floor, and the best of {tried} candidates closes {100 * verdict.closed:.0f} % of it.'
+            f'Something is missing that is not in the catalogue: the gap on '
+            f'{", ".join(verdict.where)} is {size:.2f} times the noise floor, and the best of '
+            f'{tried} candidates closes {closed:.0f} % of it.'
         )
     effect = get_effect(verdict.effect)
     more = ''.join(f', then {get_effect(a.effect).title} on {a.where}' for a in verdict.also)
+    rest = ''
+    if found.remaining >= explainer.rules.unknown:
+        rest = f' What is left, {found.remaining:.2f} times the floor, is none of the catalogue.'
     return (
-        f'{effect.title} on {", ".join(verdict.where)}{more}: closes {100 * verdict.closed:.0f} % of a gap of '
-        f'{size:.2f} times the noise floor.'
+        f'{effect.title} on {", ".join(verdict.where)}{more}: closes {100 * verdict.closed:.0f} % '
+        f'of a gap of {size:.2f} times the noise floor.{rest}'
     )

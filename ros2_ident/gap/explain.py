@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From rounds of fits to the effects that are there: forward selection, backward elimination, rivals."""
+"""From rounds of fits to the effects that are there: selection, elimination, rivals."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -82,15 +82,16 @@ class Explainer:
         self.check_count = np.bincount(case.check.drive, minlength=drives).astype(float)
 
     def gap(self, e: Explanation) -> Array:
-        """Return (D,) mean square of each drive's gap above the floor, in units of the floor squared."""
-        return (e.fit + e.check) / (self.fit_count + self.check_count) - 1.0
+        """Return (D,) mean square of each drive's gap, in units of the floor squared."""
+        out: Array = (e.fit + e.check) / (self.fit_count + self.check_count) - 1.0
+        return out
 
     def size(self, e: Explanation) -> float:
         """Return the RMS of the worst drive's gap in units of the floor."""
         return float(np.sqrt(np.maximum(self.gap(e), 0.0)).max())
 
     def share(self, before: Explanation, after: Explanation, part: str = 'both') -> float:
-        """Return the share of the explainable gap of `before` that `after` closes; 0 where there is none."""
+        """Return the share of the gap of `before` that `after` closes; 0 where there is none."""
         counts = {'fit': self.fit_count, 'check': self.check_count}.get(
             part, self.fit_count + self.check_count
         )
@@ -118,7 +119,7 @@ class Explainer:
         return float(fall / explainable) if explainable > 0.0 else 0.0
 
     def score(self, e: Explanation) -> float:
-        """Return what is minimised over models: loss on both parts and a penalty for parameters (BIC)."""
+        """Return what is minimised over models: loss on both parts, and BIC's penalty."""
         samples = self.fit_count.sum() + self.check_count.sum()
         return e.loss + float(np.log(samples)) * len(e.theta)
 
@@ -137,7 +138,7 @@ class Explainer:
         return True
 
     def best(self, round_: Round) -> Explanation | None:
-        """Return the best plausible fit of a round, a simple effect before one that is hardly better."""
+        """Return the best plausible fit, a simple effect before one that is hardly better."""
         usable = [e for e in round_.fitted if self.plausible(e)]
         return min(usable, key=self.score) if usable else None
 
@@ -197,7 +198,7 @@ class Explainer:
         return list(range(first, first + sizes[index]))
 
     def prune(self, chain: list[Explanation]) -> list[Explanation]:
-        """Drop earlier effects that a later one has made superfluous, and order the rest by what they close."""
+        """Drop earlier effects that a later one has made superfluous."""
         full = chain[-1]
         kept = full
         for index in range(len(full.effects) - 2, -1, -1):
@@ -217,9 +218,9 @@ class Explainer:
     def rivals(
         self, chain: Sequence[Explanation], rounds: Sequence[Round]
     ) -> tuple[tuple[Explanation, ...], ...]:
-        """For each effect found, put the other candidates of its round in its place in the final model."""
+        """For each effect found, put its rivals in its place in the final model."""
         final = chain[-1]
-        out = []
+        out: list[tuple[Explanation, ...]] = []
         for index, effect in enumerate(final.effects):
             source = next(
                 (r for r in rounds if any(e.effects[-1] == effect for e in r.fitted)), None

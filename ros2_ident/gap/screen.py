@@ -60,7 +60,7 @@ def shape_values(parameter: EffectParameter, model: DriveModel, where: str) -> t
 
 
 def trials(candidate: EffectAt, model: DriveModel) -> list[list[Array]]:
-    """Return groups of values of an effect's parameters: within a group the sizes superpose, the shape is one.
+    """Return groups of values of an effect's parameters: within one, sizes superpose.
 
     Args:
         candidate: The effect and its place.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is said in the end: the verdict, how probable it is, what it may be confused with, what to do next."""
+"""What is said in the end: verdict, probability, what it may be confused with, advice."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ TWINS = ({'constant_force', 'effort_bias'},)
 
 @dataclass(frozen=True)
 class Temperatures:
-    """How differences become probabilities; fitted to the project's own blind cases (`docs/blind.md`).
+    """How differences become probabilities; from blind cases (`docs/blind.md`).
 
     Attributes:
         share: Difference in the share of the gap closed that divides a rival's weight by e.
@@ -115,7 +115,8 @@ def judge(
         return Verdict(NONE, (), 1.0 - missing, (), (), ranking, closed)
     if len(found.chain) == 1 and size < rules.unknown:
         # Too small to be sure of it, and nothing explains it: small imperfections look like this.
-        return Verdict(NONE, (), _sigmoid((rules.unknown - size) / t.size), (), (), ranking, closed)
+        sure = _sigmoid((rules.unknown - size) / t.size)
+        return Verdict(NONE, (), sure, (), (), ranking, closed)
     if len(found.chain) == 1 or named < 0.5:
         return Verdict(
             UNKNOWN, _where(explainer, final), missing * (1.0 - named), (), (), ranking, closed
@@ -203,25 +204,27 @@ def _confusable(
 
 
 def advice(verdict: Verdict, not_testable: Sequence[EffectAt]) -> tuple[str, ...]:
-    """Return what to do next, in sentences: motions that tell confusable effects apart, and what could not be seen."""
+    """Return what to do next: motions that tell effects apart, and what was not to be seen."""
     out = []
     if len(verdict.confusable) > 1:
         first, *others = verdict.confusable
         for other in others:
             motion = get_effect(other.at.effect).separated_by.format(drive=_place(other.at.where))
-            out.append(
-                f'{get_effect(first.at.effect).title} and {get_effect(other.at.effect).title} cannot be told apart '
-                f'on this data; {motion}.'
-            )
+            one, two = get_effect(first.at.effect).title, get_effect(other.at.effect).title
+            out.append(f'{one} and {two} cannot be told apart on this data; {motion}.')
     if verdict.effect == UNKNOWN:
         out.append(
-            'No effect of the catalogue explains the gap; look at the localisation, and isolate the drive named there '
-            'with slow, single-drive motions both ways.'
+            'No effect of the catalogue explains the gap; look at the localisation, and isolate '
+            'the drive named there with slow, single-drive motions both ways.'
         )
     if not_testable:
-        names = {get_effect(a.effect).title: _place(a.where) for a in not_testable}
+        places: dict[str, list[str]] = {}
+        for at in not_testable:
+            places.setdefault(get_effect(at.effect).title, []).append(_place(at.where))
         out.append(
-            'This motion cannot show: ' + ', '.join(f'{k} ({v})' for k, v in names.items()) + '.'
+            'This motion cannot show: '
+            + ', '.join(f'{title} ({", ".join(where)})' for title, where in places.items())
+            + '.'
         )
     return tuple(out)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One drive in one instant: its controller, motor, friction and gear, with whichever effects are on.
+"""One drive in one instant: controller, motor, friction and gear, with whichever effects are on.
 
 Every function works on eight candidates at once (see `ros2_ident.lanes`). Units are those of the
 rows.
@@ -111,7 +111,7 @@ def gear_force(par, first, mem, own, on, gear, z, v, s, w, time):
 
 @inlined
 def motor_torque(par, first, mem, own, on, gear, eps, z, v, s, force, time, elapsed):
-    """Return the torque [N m] that accelerates the motor, before the gear's force: applied less friction."""
+    """Return the torque [N m] that moves the motor and its gear: applied less friction."""
     direction = tanh(v * (1.0 / eps))
     torque = load(mem, (own + COMMANDED) * W)
     friction = load(par, (first + COULOMB) * W) * direction + load(par, (first + VISCOUS) * W) * v
@@ -204,7 +204,7 @@ def set_point(command, base, count, k, delay, cycle, delayed):
 
 @inlined
 def control(par, first, mem, own, on, law, feedforward, cycle, gear, z, v, zc, vc, time):
-    """Run one cycle of a drive's controller and return the commanded torque, kept for the cycle."""
+    """Run one cycle of a drive's controller; return the commanded torque, kept for the cycle."""
     read = z
     rate = v
     if on & READING_MASK:

@@ -40,7 +40,7 @@ SLOTS: Mapping[str, Slot] = {
     'gear_damping_ratio': Slot('gear_damping', False, 'physical', f'{_PAPER}, eq. 23'),
     'tool_mass': Slot('tool_mass', True, 'physical', _PAPER),
     'drive_inertia': Slot('motor_mass', False, 'physical', _PAPER),
-    'moving_mass': Slot('motor_mass', False, 'physical', 'Newton; motor and carriage as one mass'),
+    'moving_mass': Slot('rail_mass', False, 'physical', 'Newton; motor and carriage as one mass'),
     'coulomb_torque': Slot('coulomb', False, 'physical', 'Coulomb 1785'),
     'viscous_torque': Slot('viscous', False, 'physical', 'linear viscous friction'),
     'coulomb_friction': Slot('coulomb', False, 'physical', 'Coulomb 1785'),
@@ -109,10 +109,11 @@ class DriveModel(ABC):
         self.limit = constant(machine.controller, 'torque_limit', 'controller', math.inf)
         self.feedforward = constant(machine.controller, 'velocity_feedforward', 'controller', 0.0)
         self.cycle = data.cycle
-        law = str(machine.controller.get('law', 'pi'))
-        if law not in ('pi', 'cascade_p'):
+        law = str(machine.controller.get('law', 'cascade_pi'))
+        if law not in ('pi', 'cascade_pi', 'cascade_p'):
             raise IdentError(
-                ErrorCode.BAD_MACHINE_FILE, f'controller.law is {law!r}; write pi or cascade_p'
+                ErrorCode.BAD_MACHINE_FILE,
+                f'controller.law is {law!r}; write cascade_pi or cascade_p',
             )
         self.law = int(law == 'cascade_p')
         self._parameters, self._targets = self._declare()
@@ -157,7 +158,8 @@ class DriveModel(ABC):
         if at.where not in self.machine.drives:
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
-                f'{at.effect} cannot sit on {at.where!r}; choose from {", ".join(self.machine.drives)} or all',
+                f'{at.effect} cannot sit on {at.where!r}; '
+                f'choose from {", ".join(self.machine.drives)} or all',
             )
         return [self.machine.drives.index(at.where)]
 
@@ -187,7 +189,8 @@ class DriveModel(ABC):
             if name not in names:
                 raise IdentError(
                     ErrorCode.UNKNOWN_PARAMETER,
-                    f'{name!r} cannot be fixed: no such parameter; the model has {", ".join(sorted(names))}',
+                    f'{name!r} cannot be fixed: no such parameter; '
+                    f'the model has {", ".join(sorted(names))}',
                 )
         free = [entry for entry in declared if entry[0].name not in self.fixed]
         self._all = declared
@@ -217,7 +220,7 @@ class DriveModel(ABC):
         return out
 
     def effort_share(self, unit: str) -> float:
-        """Return what the bounds of an effect's parameter are multiplied with, see `EffectParameter`."""
+        """Return the factor on the bounds of an effect's parameter, see `EffectParameter`."""
         if not unit.startswith('effort'):
             return 1.0
         return self.limit if math.isfinite(self.limit) else 100.0 * self.machine.effort_noise
@@ -241,6 +244,7 @@ class DriveModel(ABC):
     def measured(self) -> Array:
         """(D, K) measured output of `outputs`; NaN at cycles without a sample."""
         index = [self.data.names.index(name) for name in self.drives]
+        assert self.data.effort is not None
         return np.ascontiguousarray(self.data.effort[index])
 
     # ------------------------------------------------------------------ candidates to rows
@@ -262,7 +266,7 @@ class DriveModel(ABC):
                 base[rows.row_of(key, d)] = constant(controller, key, 'controller', default)
 
     def nominal(self, name: str) -> float:
-        """Return the value a parameter has on a drive that only follows: stiff, in the middle of its box."""
+        """Return a parameter's value on a drive that only follows: stiff, or mid-box."""
         low, high, _ = self.machine.bounds[name]
         return low + 0.8 * (high - low) if name == 'gear_stiffness' else 0.5 * (low + high)
 
@@ -303,12 +307,12 @@ class DriveModel(ABC):
                     for d in self._places(at):
                         start = rows.MACHINE_COUNT + d * rows.DRIVE_COUNT
                         block[:, start + rows.effect_row(effect.id) + number] = value
-        for d in np.flatnonzero(self._flexible):
-            self._split(block, int(d))
+        for flexible in np.flatnonzero(self._flexible):
+            self._split(block, int(flexible))
         return block
 
     def _follow(self, values: dict[tuple[str, int | None], Array]) -> None:
-        """Give drives that only follow the mean of the identified ones, where nothing better is known.
+        """Give drives that only follow the mean of the identified ones, unless they are known.
 
         Their gears still move the carriages: with those of the nominal machine, stiff, the torque
         of the others would be far off.
@@ -374,7 +378,7 @@ class DriveModel(ABC):
         return self._steps(self.rows(theta))
 
     def _steps(self, block: Array) -> npt.NDArray[np.int64]:
-        """Return (S,) integration steps in a cycle: by the gear's frequency and damping and friction's slope.
+        """Return (S,) integration steps in a cycle, by the gear's and the friction's stiffness.
 
         The limits come from the convergence study in `docs/convergence.md`.
         """
@@ -416,15 +420,11 @@ class DriveModel(ABC):
     def _inputs(self) -> tuple[Array, Array, npt.NDArray[np.int64]]:
         data = self.data
         order = [data.names.index(name) for name in self.machine.drives]
-        count = (
-            data.command_position.shape[1]
-            if data.command_position is not None
-            else data.effort.shape[1]
-        )
+        count = data.cycles
         mode = np.full(len(order), drive_kernel.PRESCRIBED, dtype=np.int64)
         command = np.zeros(2 * len(order) * count)
         motion = np.zeros(0)
-        if data.command_position is not None:
+        if data.command_position is not None and data.command_velocity is not None:
             command = np.concatenate(
                 [data.command_position[order].ravel(), data.command_velocity[order].ravel()]
             )
@@ -482,7 +482,7 @@ class DriveModel(ABC):
         return logged[: len(block)]
 
     def costs(self, theta: Array) -> Array:
-        """Return (S,) costs of (S, N) candidates, eq. 2 of the paper [`output_unit`]; inf where one diverged."""
+        """Return (S,) costs of (S, N) candidates, eq. 2 [`output_unit`]; inf: diverged."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
         cost = np.empty(len(theta))
         measured = self.measured
@@ -492,7 +492,7 @@ class DriveModel(ABC):
         return cost
 
     def residuals(self, theta: Array) -> Array:
-        """Return (S, R) measured less simulated torque at the R measured samples, drive after drive (eq. 1)."""
+        """Return (S, R) measured less simulated torque, drive by drive (eq. 1)."""
         measured = self.measured
         there = ~np.isnan(measured)
         simulated = self.simulate(theta)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The hooks of a simulation step: for each, one compiled function that runs the effects in it that are on.
+"""The hooks of a simulation step: for each, one function that runs the effects that are on.
 
 Which effects are on is the same for all candidates of a batch, so the branch on it costs next to
 nothing and nothing is compiled again when another effect is tried.

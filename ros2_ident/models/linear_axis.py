@@ -27,7 +27,7 @@ class LinearAxis(DriveModel):
         return 'gear_stiffness' not in self.machine.bounds
 
     def _constants(self) -> Array:
-        base = rows.neutral_rows(1, len(self.machine.drives))[0]
+        base: Array = rows.neutral_rows(1, len(self.machine.drives))[0]
         base[rows.row_of('gravity')] = constant(self.machine.geometry, 'gravity', 'geometry', 0.0)
         self._drive_constants(base)
         return base
@@ -40,8 +40,8 @@ class LinearAxis(DriveModel):
     def _start(self, command: Array, motion: Array) -> Array:
         """Return (2 * D,) where the motors start and how fast.
 
-        An axis starts at rest where its set-point is, unless the log shows that it moves already: its
-        first measured positions then say where it is and how fast.
+        An axis starts at rest where its set-point is, unless the log shows that it moves already:
+        its first measured positions then say where it is and how fast.
         """
         drives = len(self.machine.drives)
         first = (motion if self.data.command_position is None else command).reshape(-1)
@@ -58,7 +58,8 @@ class LinearAxis(DriveModel):
             there = np.flatnonzero(np.isfinite(self.data.position[row]))[:_FIRST]
             if len(there) < _FIRST:
                 continue
-            _, slope, place = np.polyfit(there * self.cycle, self.data.position[row, there], 2)
+            seen = self.data.position[row, there]
+            _, slope, place = np.polyfit(there * self.cycle, seen, 2)
             begin[d], begin[drives + d] = place, slope
         return begin
 

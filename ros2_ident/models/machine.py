@@ -113,7 +113,8 @@ def machine_from_mapping(data: Any, where: object = 'machine file', digest: str 
         if key not in data:
             raise IdentError(
                 ErrorCode.WRONG_UNITS,
-                f'{where}: effort_unit {unit} needs {key} to become a torque; add the line `{key}: ...`',
+                f'{where}: effort_unit {unit} needs {key} to become a torque; '
+                f'add the line `{key}: ...`',
             )
         scale = float(data[key]) * (1.0 if unit == 'A' else 0.01)
     return Machine(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the torque a controller commanded to the torque a log holds; and the cost of a candidate."""
+"""From the torque a controller commanded to the one a log holds; and a candidate's cost."""
 # mypy: ignore-errors
 
 from numba import njit

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tripod with three vertical linear drives: section 4 of Ludwig and Gerstmayr 2011, all drives coupled."""
+"""The tripod of Ludwig and Gerstmayr 2011, section 4: three vertical drives, all coupled."""
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ class Tripod(DriveModel):
     name = 'tripod'
 
     def _constants(self) -> Array:
-        base = rows.neutral_rows(1, 3)[0]
+        base: Array = rows.neutral_rows(1, 3)[0]
         geometry = self.machine.geometry
         for key in ('rail_radius', 'rod_length', 'gravity'):
             base[rows.row_of(key)] = constant(geometry, key, 'geometry')

@@ -140,7 +140,7 @@ def _linkage(par, s1, s2, s3, w1, w2, w3, grid, tool, frame, out):
 
 @inlined
 def _carriage_accelerations(par, link, push, y, frame, out):
-    """Write the carriages' (rows 9-11) and the frame's (13) accelerations into `out` from the forces `push`."""
+    """Write the accelerations of carriages (rows 9-11) and frame (13) into `out`."""
     f1 = load(push, 0) - load(link, 6 * W)
     f2 = load(push, W) - load(link, 7 * W)
     f3 = load(push, 2 * W) - load(link, 8 * W)
@@ -456,10 +456,10 @@ def _build(digest):
 @inlined
 def payload_on(par):
     """Return whether any lane's tool changes its mass."""
+    found = False
     for lane in range(W):
-        if par[PAYLOAD * W + lane] != 0.0:
-            return True
-    return False
+        found |= par[PAYLOAD * W + lane] != 0.0
+    return found
 
 
 simulate = _build(sources_digest())
