@@ -138,9 +138,17 @@ class Explainer:
         return True
 
     def best(self, round_: Round) -> Explanation | None:
-        """Return the best plausible fit, a simple effect before one that is hardly better."""
-        usable = [e for e in round_.fitted if self.plausible(e)]
-        return min(usable, key=self.score) if usable else None
+        """Return the best fit, a simple effect before one that is hardly better."""
+        if not round_.fitted:
+            return None
+        best = min(round_.fitted, key=self.score)
+        inside = [e for e in round_.fitted if self.plausible(e)]
+        if not inside:
+            return best
+        # A size at its bound is a reason to doubt, unless nothing else comes near.
+        usable = min(inside, key=self.score)
+        close = self.share(round_.base, usable) > 0.5 * self.share(round_.base, best)
+        return usable if close else best
 
     def explain(
         self,

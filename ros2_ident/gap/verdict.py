@@ -29,8 +29,8 @@ class Temperatures:
             `unknown` by e.
     """
 
-    share: float = 0.04
-    size: float = 0.06
+    share: float = 0.02
+    size: float = 0.04
     closed: float = 0.04
 
 
@@ -123,7 +123,9 @@ def judge(
         )
     leader = final.effects[0]
     confusable = _confusable(explainer, found, ranking)
-    probability = next((w.probability for w in ranking if w.at == leader), missing * named)
+    # Twins are one answer under two names.
+    same = {leader, *twins(leader)}
+    probability = sum(w.probability for w in ranking if w.at in same)
     return Verdict(
         leader.effect, (leader.where,), probability, final.effects[1:], confusable, ranking, closed
     )
