@@ -21,7 +21,7 @@ test: setup ## all tests; ARGS='-k search' for some
 lint: setup ## ruff, mypy, licence headers
 	@. ./env.sh; tools/lint.sh
 
-bench: setup ## all benchmarks
+bench: setup ## benchmarks of search, integration step and latency, 4 minutes
 	@. ./env.sh; tools/bench.sh
 
 docs: setup ## API pages from the docstrings into build/docs

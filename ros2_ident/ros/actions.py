@@ -34,6 +34,9 @@ class GoalServer:
         failed: Makes a result message of an error.
         code: Returns the error code in a result message.
         result_timeout: How long a result can be asked for after the end, s.
+
+    Attributes:
+        pending: Whether a goal has been accepted that has not begun yet.
     """
 
     def __init__(
@@ -58,7 +61,7 @@ class GoalServer:
         self._refuse = refuse
         self._failed = failed
         self._code = code
-        self._accepted = False
+        self.pending = False
         self._server = ActionServer(
             node,
             kind,
@@ -71,24 +74,28 @@ class GoalServer:
 
     def _answer(self, goal: Any) -> GoalResponse:
         """Accept a goal unless something runs; what is wrong with it is said in its result."""
-        running = self._busy() or ('a goal that is about to start' if self._accepted else '')
-        if running:
-            self._refuse(
-                IdentError(
-                    ErrorCode.BUSY,
-                    f'a goal was refused: {running} is in progress; wait for its end or cancel it',
-                )
-            )
+        error = self._occupied()
+        if error is not None:
+            self._refuse(error)
             return GoalResponse.REJECT
-        self._accepted = True
+        self.pending = True
         return GoalResponse.ACCEPT
+
+    def _occupied(self) -> IdentError | None:
+        running = self._busy()
+        if not running:
+            return None
+        return IdentError(
+            ErrorCode.BUSY,
+            f'a goal was refused: {running} is in progress; wait for its end or cancel it',
+        )
 
     def _answer_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         self._cancel()
         return CancelResponse.ACCEPT
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
-        self._accepted = False
+        self.pending = False
         done = Future(executor=self._node.executor)
 
         def finish(result: Any) -> None:
@@ -103,6 +110,9 @@ class GoalServer:
                 handle.publish_feedback(progress)
 
         try:
+            # a run may have started by itself since the goal was accepted
+            if (error := self._occupied()) is not None:
+                raise error
             self._begin(handle.request, tell, finish)
         except IdentError as error:
             self._refuse(error)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the node is doing, said on ~/status and in the log."""
 
+import traceback
+
 from rclpy.node import Node
 from ros2_ident_msgs.msg import Status
 
@@ -54,6 +56,18 @@ class Board:
         self._node.get_logger().warning(error.message)
         self._error = error
         self.publish()
+
+    def fault(self, error: BaseException) -> IdentError:
+        """Return what the user is told; what is no user's error goes to the log in full."""
+        if isinstance(error, IdentError):
+            return error
+        text = ''.join(traceback.format_exception(error))
+        self._node.get_logger().error(f'a run failed by a defect of this package:\n{text}')
+        return IdentError(
+            ErrorCode.INTERNAL,
+            f'a defect of this package ended the run ({type(error).__name__}: {error}); '
+            'please report it with the log',
+        )
 
     def publish(self) -> None:
         """Publish the state as it is."""

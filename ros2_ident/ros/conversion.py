@@ -24,7 +24,7 @@ _OUTCOMES = {
     Outcome.CANCELLED: IdentificationResult.OUTCOME_CANCELLED,
     Outcome.DIVERGED: IdentificationResult.OUTCOME_NONE,
 }
-_KINDS = {
+KINDS = {
     'physical': ParameterEstimate.KIND_PHYSICAL,
     'measurement': ParameterEstimate.KIND_MEASUREMENT,
 }
@@ -144,7 +144,7 @@ def _estimate(found: Any) -> ParameterEstimate:
         genetic_value=found.ga_value,
         at_bound=found.at_bound,
         identifiable=found.identifiable,
-        kind=_KINDS[found.kind],
+        kind=KINDS[found.kind],
         note=found.note,
     )
 

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""/diagnostics for the usual monitors: how data, excitation, search and fit are."""
+"""/diagnostics for the usual monitors: how data, excitation, search, fit and gap are."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import math
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
-from ros2_ident_msgs.msg import IdentificationResult, Progress
+from ros2_ident_msgs.msg import Gap, IdentificationResult, Progress
 
+from ros2_ident.errors import ErrorCode
 from ros2_ident.ros.meter import StreamMeter
 from ros2_ident.segments import Data
 
@@ -50,6 +51,7 @@ class Diagnostics:
         self.data: Data | None = None
         self.progress: Progress | None = None
         self.result: IdentificationResult | None = None
+        self.gap: Gap | None = None
         self.state = ''
 
     def message(
@@ -74,6 +76,7 @@ class Diagnostics:
             self._excitation(),
             self._search(),
             self._fit(),
+            self._gap(),
         ]
         return array
 
@@ -157,6 +160,43 @@ class Diagnostics:
         elif bound or loose:
             level = DiagnosticStatus.WARN
         return _status(name, level, r.error_message or r.outcome_sentence, values)
+
+    def _gap(self) -> DiagnosticStatus:
+        name = f'{self.name}: gap'
+        g = self.gap
+        if g is None:
+            return _status(name, DiagnosticStatus.OK, 'nothing diagnosed yet', {})
+        if not g.effect:
+            return _status(name, DiagnosticStatus.ERROR, g.error_message, {})
+        values: dict[str, object] = {
+            'verdict': _place(g.effect, g.where),
+            'probability': g.probability,
+            'share closed': g.share_closed,
+            'judged on': g.held_out,
+        }
+        largest, text = -1.0, 'no gap is known'
+        for drive, before, floor in zip(
+            g.drives, g.drive_before, g.drive_noise_floor, strict=True
+        ):
+            values[f'{drive}: gap [{g.unit}]'] = before
+            values[f'{drive}: noise floor [{g.unit}]'] = floor
+            if before > largest * floor:
+                largest = before / floor if floor > 0.0 else math.inf
+                text = f'largest gap {before:.3g} {g.unit} on {drive}, {largest:.2g} x the noise'
+        if g.also:
+            values['also'] = ', '.join(_place(a.effect, a.where) for a in g.also)
+        if g.error_code == ErrorCode.CANCELLED:
+            text += '; cancelled'
+        if g.effect == g.EFFECT_NONE:
+            return _status(name, DiagnosticStatus.OK, f'{text}; nothing is missing', values)
+        missing = 'something not in the catalogue'
+        if g.effect != g.EFFECT_UNKNOWN:
+            missing = _place(g.effect, g.where)
+        return _status(name, DiagnosticStatus.WARN, f'{text}; missing: {missing}', values)
+
+
+def _place(effect: str, where: Sequence[str]) -> str:
+    return f'{effect} on {", ".join(where)}' if where else effect
 
 
 def excitation(data: Data) -> dict[str, tuple[float, float, int]]:

@@ -2,17 +2,22 @@
 """The files of a run, in a folder of its own inside the output directory."""
 
 from datetime import datetime
+import json
+import math
 from pathlib import Path
 
 import numpy as np
 
+from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.diagnosis import to_mapping
 from ros2_ident.recording import Stream
 from ros2_ident.report.files import write_result
 from ros2_ident.report.overlay import overlay_streams, write_overlay
+from ros2_ident.ros.diagnose_run import Diagnosed
 from ros2_ident.ros.run import Finished
 
-CONFIGURATION, OVERLAY = 'configuration.yaml', 'overlay'
+CONFIGURATION, DIAGNOSIS, OVERLAY = 'configuration.yaml', 'diagnosis.json', 'overlay'
 
 
 def save_result(finished: Finished, directory: str | None = None) -> str:
@@ -35,6 +40,52 @@ def save_result(finished: Finished, directory: str | None = None) -> str:
     path = write_result(folder, finished.identification)[0]
     (folder / CONFIGURATION).write_text(finished.request.configuration, encoding='utf-8')
     return str(path)
+
+
+def save_diagnosis(done: Diagnosed) -> str:
+    """Write a diagnosis and the configuration it was made with.
+
+    Args:
+        done: The run.
+
+    Returns:
+        Path of the diagnosis file; empty where the request has no output directory.
+
+    Raises:
+        IdentError: INVALID_GOAL where nothing can be written there.
+    """
+    if not done.request.output_directory:
+        return ''
+    folder = _folder(Path(done.request.output_directory).expanduser())
+    (folder / CONFIGURATION).write_text(done.request.configuration, encoding='utf-8')
+    path = folder / DIAGNOSIS
+    path.write_text(json.dumps(to_mapping(done.diagnosis), indent=1) + '\n', encoding='utf-8')
+    return str(path)
+
+
+def draw_diagnosis(done: Diagnosed, result_file: str) -> None:
+    """Draw how far the gap closes and what is most probable, beside the diagnosis file.
+
+    Args:
+        done: The run.
+        result_file: Path of its diagnosis file.
+    """
+    # matplotlib takes a second to load, and most runs of the node need none of it
+    from ros2_ident.gap.blocks import Interval
+    from ros2_ident.gap.charts import Rank, ranking, Stage, waterfall
+
+    found = done.diagnosis
+    floor = Interval(found.floor.together, math.nan, math.nan)
+    stages = [Stage(step.label, step.gap) for step in found.steps]
+    ranks = [
+        Rank(f'{get_effect(r.at.effect).title} on {r.at.where}', r.probability, r.gap_after)
+        for r in found.ranking
+    ]
+    figures = {'waterfall': waterfall(stages, floor, found.unit)} if stages else {}
+    if ranks:
+        figures['ranking'] = ranking(ranks, found.unit)
+    for name, figure in figures.items():
+        figure.savefig(Path(result_file).with_name(f'{name}.png'), dpi=120)
 
 
 def compare(finished: Finished, result_file: str) -> tuple[list[Stream], list[Stream]]:

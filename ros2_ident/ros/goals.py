@@ -8,9 +8,11 @@ from typing import Any
 
 from ros2_ident_msgs.action import Identify
 
+from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.recording import Topics
+from ros2_ident.ros.diagnose_run import DiagnoseRequest
 from ros2_ident.ros.parameters import Snapshot
 from ros2_ident.ros.run import Request
 from ros2_ident.search import Budget
@@ -41,11 +43,7 @@ def request_of(goal: Any, parameters: Snapshot, *, receiving: bool = False) -> R
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, or what is wrong with the machine file.
     """
-    machine_file = goal.machine_file or parameters['machine_file']
-    if not machine_file:
-        raise _refuse(
-            'no machine file is given; set the parameter machine_file or name one in the goal'
-        )
+    machine_file = _machine_file(goal, parameters)
     machine = load_machine(machine_file)
     if goal.model and goal.model != machine.kind:
         raise _refuse(
@@ -58,12 +56,8 @@ def request_of(goal: Any, parameters: Snapshot, *, receiving: bool = False) -> R
         machine=machine,
         machine_text=Path(machine_file).read_text(encoding='utf-8'),
         drives=chosen_drives(machine, drives),
-        bag_path=_bag_path(goal),
-        topics=Topics(
-            state=parameters['bag_topics.state'],
-            effort=parameters['bag_topics.effort'],
-            command=parameters['bag_topics.command'],
-        ),
+        bag_path=_bag_path(goal, 'bag_path'),
+        topics=_topics(parameters),
         fixed=fixed,
         bounds=bounds,
         settings=_settings(goal, parameters, receiving),
@@ -72,20 +66,78 @@ def request_of(goal: Any, parameters: Snapshot, *, receiving: bool = False) -> R
     )
 
 
-def _bag_path(goal: Any) -> str:
+def diagnose_request_of(goal: Any, parameters: Snapshot) -> DiagnoseRequest:
+    """Return what a goal asks for, with the node's parameters where it says nothing.
+
+    Args:
+        goal: A `Diagnose.Goal`.
+        parameters: The node's.
+
+    Raises:
+        IdentError: INVALID_GOAL, NO_DATA, UNKNOWN_PARAMETER for a strange effect, or what is wrong
+            with the machine file.
+    """
+    machine_file = _machine_file(goal, parameters)
+    machine = load_machine(machine_file)
+    if not (math.isfinite(goal.time_budget) and goal.time_budget >= 0.0):
+        raise _refuse(
+            f'time_budget is {goal.time_budget:g}; give seconds of at least 0, 0 for no limit'
+        )
+    for name in goal.without_effects:
+        get_effect(name)
+    drives = tuple(goal.drives) or tuple(parameters['drives']) or None
+    return DiagnoseRequest(
+        machine=machine,
+        machine_text=Path(machine_file).read_text(encoding='utf-8'),
+        drives=chosen_drives(machine, drives),
+        fit_path=_bag_path(goal, 'fit_bag_path'),
+        check_path=_existing(goal.check_bag_path),
+        topics=_topics(parameters),
+        without=tuple(goal.without_effects),
+        seconds=goal.time_budget or parameters['time_budget'],
+        seed=goal.seed or parameters['seed'],
+        output_directory=parameters['output_directory'],
+    )
+
+
+def _machine_file(goal: Any, parameters: Snapshot) -> str:
+    machine_file: str = goal.machine_file or parameters['machine_file']
+    if not machine_file:
+        raise _refuse(
+            'no machine file is given; set the parameter machine_file or name one in the goal'
+        )
+    return machine_file
+
+
+def _topics(parameters: Snapshot) -> Topics:
+    return Topics(
+        state=parameters['bag_topics.state'],
+        effort=parameters['bag_topics.effort'],
+        command=parameters['bag_topics.command'],
+    )
+
+
+def _bag_path(goal: Any, field: str) -> str:
+    """Return the path of the bag in a field of the goal, empty for live data."""
+    path = getattr(goal, field)
     if goal.data_source not in (goal.DATA_SOURCE_LIVE, goal.DATA_SOURCE_BAG):
         raise _refuse(f'data_source is {goal.data_source}; give 0 (live) or 1 (bag)')
     from_bag = goal.data_source == goal.DATA_SOURCE_BAG
-    if from_bag and not goal.bag_path:
-        raise _refuse('data_source is 1 (bag) and bag_path is empty; give the path of a bag')
-    if goal.bag_path and not from_bag:
-        raise _refuse('bag_path is given and data_source is 0 (live); set it to 1 to read the bag')
-    if goal.bag_path and not Path(goal.bag_path).expanduser().exists():
+    if from_bag and not path:
+        raise _refuse(f'data_source is 1 (bag) and {field} is empty; give the path of a bag')
+    if path and not from_bag:
+        raise _refuse(f'{field} is given and data_source is 0 (live); set it to 1 to read the bag')
+    return _existing(path)
+
+
+def _existing(path: str) -> str:
+    """Return a bag's path, empty as it is."""
+    if path and not Path(path).expanduser().exists():
         raise IdentError(
             ErrorCode.NO_DATA,
-            f"{goal.bag_path}: does not exist on the node's machine; give the path of a bag there",
+            f"{path}: does not exist on the node's machine; give the path of a bag there",
         )
-    return str(Path(goal.bag_path).expanduser()) if goal.bag_path else ''
+    return str(Path(path).expanduser()) if path else ''
 
 
 def _settings(goal: Any, parameters: Snapshot, receiving: bool) -> IdentifySettings:

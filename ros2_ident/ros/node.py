@@ -3,7 +3,6 @@
 
 from collections.abc import Callable
 import time
-import traceback
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -18,6 +17,7 @@ from ros2_ident_msgs.msg import IdentificationResult, Status
 from std_srvs.srv import Trigger
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording import RecordingBuilder
 from ros2_ident.ros import parameters
 from ros2_ident.ros.actions import GoalServer, identify_code, identify_feedback, identify_result
 from ros2_ident.ros.board import Board
@@ -28,6 +28,7 @@ from ros2_ident.ros.conversion import (
     progress_sentence,
     result_message,
 )
+from ros2_ident.ros.diagnoser import Diagnoser
 from ros2_ident.ros.diagnostics import Diagnostics
 from ros2_ident.ros.files import compare, save_result
 from ros2_ident.ros.goals import automatic_goal, request_of
@@ -45,7 +46,7 @@ Says = Callable[[Any], None]
 
 
 class Identifier(Node):
-    """Identifies drives from what it hears or from bags, one run at a time.
+    """Identifies drives and diagnoses gaps from what it hears or from bags, one run at a time.
 
     Args:
         node_name: Its name.
@@ -82,14 +83,14 @@ class Identifier(Node):
         self.outlet = Outlet(self)
         self.diagnostics = Diagnostics(self.get_name(), now['missing_warning'])
         self._last: Finished | None = None
-        self._stopping = False
+        self.stopping = False
         self._ticks = 0
         self._explained = time.monotonic()
-        self._goals = GoalServer(
+        identifying = GoalServer(
             self,
             Identify,
             '~/identify',
-            busy=self._busy,
+            busy=self.occupation,
             begin=self._begin_goal,
             cancel=self.worker.cancel,
             refuse=lambda error: self.board.refuse(error),
@@ -97,6 +98,7 @@ class Identifier(Node):
             code=identify_code,
             result_timeout=now['result_timeout'],
         )
+        self._servers = (identifying, Diagnoser(self).server)
         self.create_service(Trigger, '~/clear_data', self._clear_data)
         # it awaits what other callbacks bring, and would shut them out in the node's own group
         self.create_service(
@@ -135,13 +137,7 @@ class Identifier(Node):
         """
         now = parameters.snapshot(self)
         request = request_of(goal, now, receiving=self.capture.idle < RECEIVING)
-        buffer = None
-        if not request.bag_path:
-            if self.capture.empty:
-                raise IdentError(
-                    ErrorCode.NO_DATA, f'{self.capture.silence()}; or name a bag to read'
-                )
-            buffer = self.capture.snapshot()
+        buffer = None if request.bag_path else self.received()
 
         def job(cancel: Any, say: Says) -> tuple[Finished, str, IdentError | None]:
             finished = run(request, buffer, cancel, say)
@@ -170,6 +166,16 @@ class Identifier(Node):
         )
         self.worker.start(job, said, ended, rate=now['progress_rate'])
 
+    def received(self) -> RecordingBuilder:
+        """Return what has been received.
+
+        Raises:
+            IdentError: NO_DATA where that is nothing.
+        """
+        if self.capture.empty:
+            raise IdentError(ErrorCode.NO_DATA, f'{self.capture.silence()}; or name a bag to read')
+        return self.capture.snapshot()
+
     def _begin_goal(self, goal: Any, tell: Says, done: Says) -> None:
         self.begin(
             goal,
@@ -183,7 +189,7 @@ class Identifier(Node):
     def _ended(self, value: Any, error: BaseException | None) -> IdentificationResult:
         """Publish how a run ended; return the message."""
         if error is not None:
-            fault = self._fault(error)
+            fault = self.board.fault(error)
             message = self._failed(fault)
             self.board.change(Status.STATE_FAILED, fault.message, fault)
         else:
@@ -211,7 +217,7 @@ class Identifier(Node):
         """Publish simulated and residual effort, and write them, after the result is out."""
 
         def work() -> tuple[list[bytes], list[bytes]]:
-            if self._stopping:
+            if self.stopping:
                 return [], []
             simulated, residual = compare(finished, path)
             return (
@@ -221,31 +227,22 @@ class Identifier(Node):
 
         def done(value: Any, error: BaseException | None) -> None:
             if error is not None:
-                self.get_logger().error(self._fault(error).message)
+                self.get_logger().error(self.board.fault(error).message)
                 return
             self.outlet.series(simulated=value[0], residual=value[1])
             self._series.reset()
 
         self.worker.chore(work, done)
 
-    def _fault(self, error: BaseException) -> IdentError:
-        """Return what the user is told; what is no user's error goes to the log in full."""
-        if isinstance(error, IdentError):
-            return error
-        text = ''.join(traceback.format_exception(error))
-        self.get_logger().error(f'a run failed by a defect of this package:\n{text}')
-        return IdentError(
-            ErrorCode.INTERNAL,
-            f'a defect of this package ended the run ({type(error).__name__}: {error}); '
-            'please report it with the log',
-        )
-
-    def _busy(self) -> str:
-        return self.board.sentence if self.worker.busy else ''
+    def occupation(self) -> str:
+        """Return what runs now as words for a sentence, empty for nothing."""
+        if self.worker.busy:
+            return self.board.sentence
+        return 'a goal that is about to start' if any(s.pending for s in self._servers) else ''
 
     def stop(self) -> None:
         """Ask a run to end with the best so far, and begin nothing new."""
-        self._stopping = True
+        self.stopping = True
         self.worker.cancel()
 
     # ------------------------------------------------------------------ services, parameters
@@ -277,7 +274,7 @@ class Identifier(Node):
         response.success = error is None and bool(path)
         response.message = path or 'output_directory is empty; set it to a folder'
         if error is not None:
-            response.message = self._fault(error).message
+            response.message = self.board.fault(error).message
         return response
 
     def _parameters_change(self, changes: list[Parameter]) -> Any:
@@ -290,9 +287,10 @@ class Identifier(Node):
     # ------------------------------------------------------------------ the clock's rounds
 
     def _tick(self) -> None:
-        if self._stopping:
+        if self.stopping:
             return
         self._ticks += 1
+        self.worker.remind()
         capture = self.capture
         limit = self.get_parameter('end_of_stream').value
         if not capture.empty and not capture.ended:
@@ -319,7 +317,8 @@ class Identifier(Node):
             return
         if not self.get_parameter('auto_start').value:
             self.board.change(
-                Status.STATE_READY, 'the stream has ended; send a goal to ~/identify'
+                Status.STATE_READY,
+                'the stream has ended; send a goal to ~/identify or ~/diagnose',
             )
             return
         try:

@@ -9,7 +9,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros2_ident_msgs.msg import IdentificationResult, Progress, Status
+from ros2_ident_msgs.msg import Gap, IdentificationResult, Progress, Status
 from sensor_msgs.msg import JointState
 
 LATCHED = QoSProfile(
@@ -31,6 +31,7 @@ class Outlet:
     def __init__(self, node: Node) -> None:
         self._progress = node.create_publisher(Progress, '~/progress', EVENTS)
         self._result = node.create_publisher(IdentificationResult, '~/result', LATCHED)
+        self._gap = node.create_publisher(Gap, '~/gap', LATCHED)
         self._status = node.create_publisher(Status, '~/status', LATCHED)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', EVENTS)
         self._series = {
@@ -46,6 +47,10 @@ class Outlet:
     def result(self, message: IdentificationResult) -> None:
         """Publish ~/result, for late subscribers too."""
         self._result.publish(message)
+
+    def gap(self, message: Gap) -> None:
+        """Publish ~/gap, for late subscribers too."""
+        self._gap.publish(message)
 
     def status(self, message: Status) -> None:
         """Publish ~/status, for late subscribers too."""

@@ -76,7 +76,8 @@ TABLE: tuple[Entry, ...] = (
         'drives',
         'string_array',
         (),
-        'Drives to identify; the others follow their recorded motion. Empty: all of the machine.',
+        'Drives to identify or to diagnose where a goal names none; the others follow their '
+        'recorded motion. Empty: all of the machine.',
     ),
     Entry(
         'auto_start',
@@ -120,8 +121,8 @@ TABLE: tuple[Entry, ...] = (
         'output_directory',
         'string',
         '~/.ros/ros2_ident',
-        'Every run makes a folder in here with the result file and the overlay bag. '
-        'Empty: nothing is written.',
+        'Every run makes a folder in here: with the result file and the overlay bag, or with the '
+        'diagnosis and its charts. Empty: nothing is written.',
     ),
     Entry(
         'bag_topics.state',
@@ -199,7 +200,8 @@ TABLE: tuple[Entry, ...] = (
         'time_budget',
         'double',
         0.0,
-        'Time after which a run ends with the best so far; 0 for no limit.',
+        'Time after which a run of either action ends with the best so far where its goal names '
+        'none; 0 for no limit.',
         0.0,
         1e7,
         's',
@@ -216,8 +218,8 @@ TABLE: tuple[Entry, ...] = (
         'result_timeout',
         'double',
         900.0,
-        'How long after its end a goal can still be asked for its result; `~/result` keeps the '
-        'last one for as long as the node runs.',
+        'How long after its end a goal can still be asked for its result; `~/result` and `~/gap` '
+        'keep the last one for as long as the node runs.',
         10.0,
         1e6,
         's',
@@ -307,7 +309,7 @@ def markdown(table: Sequence[Entry] = TABLE) -> str:
         '  -p qos_overrides./joint_states.subscription.reliability:=reliable',
         '```',
         '',
-        '`~/result` and `~/status` are latched (reliable, transient local, depth 1):',
+        '`~/result`, `~/gap` and `~/status` are latched (reliable, transient local, depth 1):',
         '',
         '```',
         'ros2 topic echo --once --qos-durability transient_local /identifier/result',

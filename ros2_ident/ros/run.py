@@ -131,7 +131,7 @@ def run(
         IdentError: With the remedy.
     """
     start = time.monotonic()
-    recordings = _recordings(request, buffer)
+    recordings = recordings_of(request.bag_path, request.topics, buffer)
     data = gather(recordings, request.machine, request.drives)
     identification = identify(
         request.machine,
@@ -154,9 +154,12 @@ def run(
     )
 
 
-def _recordings(request: Request, buffer: RecordingBuilder | None) -> list[Recording]:
-    if request.bag_path:
-        return read_bag(request.bag_path, request.topics)
+def recordings_of(
+    bag_path: str, topics: Topics, buffer: RecordingBuilder | None
+) -> list[Recording]:
+    """Return the recordings of a bag, or what the node has received where no bag is named."""
+    if bag_path:
+        return read_bag(bag_path, topics)
     if buffer is None:
         raise IdentError(ErrorCode.NO_DATA, 'there is no live data; replay a bag or name its path')
     return buffer.build()

@@ -6,6 +6,7 @@ the executor to fetch it. So a message costs the thread nothing, nothing in rclp
 threads, and a node can be destroyed as soon as the thread has been joined.
 """
 
+from collections import deque
 from collections.abc import Callable
 import contextlib
 import os
@@ -38,6 +39,8 @@ class Worker:
         self._guard = node.create_guard_condition(self._fetch)
         self._cancel = threading.Event()
         self._busy = False
+        self._interval, self._said = 0.2, -1e9
+        self._utter: Callable[[], None] = _nothing
         # a daemon: a job that does not heed its cancel event cannot keep the process alive
         self._thread = threading.Thread(target=self._live, name='identify', daemon=True)
         self._thread.start()
@@ -61,29 +64,35 @@ class Worker:
             raise RuntimeError('the worker is busy')
         self._busy = True
         self._cancel = cancel = threading.Event()
-        interval, last = 1.0 / rate, -1e9
-        unsaid: list[Any] = []
+        self._interval, self._said = 1.0 / rate, -1e9
+        unsaid: deque[Any] = deque(maxlen=1)
+
+        def utter() -> None:
+            if unsaid:
+                on_said(unsaid.popleft())
 
         def say(what: Any) -> None:
-            nonlocal last
-            now = time.monotonic()
-            unsaid[:] = [what]
-            if now - last >= interval:
-                last = now
-                unsaid.clear()
-                self._post(lambda: on_said(what))
+            unsaid.append(what)
+            if self._due():
+                self._post(utter)
 
         def finish(value: Any, error: BaseException | None) -> None:
             self._busy = False
+            self._utter = _nothing
             on_done(value, error)
 
         def work() -> None:
             value, error = _attempt(lambda: job(cancel, say))
-            if unsaid:
-                self._post(lambda: on_said(unsaid[0]))
+            self._post(utter)
             self._post(lambda: finish(value, error))
 
+        self._utter = utter
         self._work.put(work)
+
+    def remind(self) -> None:
+        """Let out what came too soon after something else; called often by the executor."""
+        if self._busy and self._due():
+            self._utter()
 
     def chore(self, task: Callable[[], Any], on_done: Done) -> None:
         """Do something short in the thread when its turn comes; a job may be started meanwhile."""
@@ -113,6 +122,14 @@ class Worker:
         while (work := self._work.get()) is not None:
             work()
 
+    def _due(self) -> bool:
+        """Whether the job may be heard again; if so, not again for an interval."""
+        now = time.monotonic()
+        if now - self._said < self._interval:
+            return False
+        self._said = now
+        return True
+
     def _post(self, event: Callable[[], None]) -> None:
         self._events.put(event)
         # the node may be gone; whoever joins the thread fetches the rest
@@ -126,6 +143,10 @@ class Worker:
             except queue.Empty:
                 return
             event()
+
+
+def _nothing() -> None:
+    """Say nothing: there is no job."""
 
 
 def _attempt(task: Callable[[], Any]) -> tuple[Any, BaseException | None]:

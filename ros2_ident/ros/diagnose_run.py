@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One diagnosis, as the worker's thread does it: from a request to values.
+
+Knows nothing of rclpy, so that it can be read and tested without.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+import math
+import time
+
+import yaml
+
+from ros2_ident.effects import CATALOGUE
+from ros2_ident.gap.diagnose import diagnose, DiagnoseProgress
+from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.models import EffectAt, Machine, make_model, Parameter
+from ros2_ident.recording import Dataset, RecordingBuilder, Topics
+from ros2_ident.ros.run import Cancel, recordings_of
+from ros2_ident.segments import Data, gather
+
+
+@dataclass(frozen=True)
+class DiagnoseRequest:
+    """What a diagnosis is to do; complete, so that a change of parameters has no effect on it.
+
+    Attributes:
+        machine: The machine.
+        machine_text: Content of its file.
+        drives: Drives to look at, in the machine's order.
+        fit_path: Bag to fit to; empty for what the node has received.
+        check_path: Bag to judge on; empty for blocks held out of the first.
+        topics: Names of the topics in the bags.
+        without: Ids of effects to leave out of the catalogue.
+        seconds: Time budget, s; 0 for none.
+        seed: Of the random generator.
+        output_directory: Where to make the run's folder; empty to write nothing.
+    """
+
+    machine: Machine
+    machine_text: str
+    drives: tuple[str, ...]
+    fit_path: str = ''
+    check_path: str = ''
+    topics: Topics = field(default_factory=Topics)
+    without: tuple[str, ...] = ()
+    seconds: float = 0.0
+    seed: int = 1
+    output_directory: str = ''
+
+    @property
+    def configuration(self) -> str:
+        """Machine file and settings in force, as YAML."""
+        settings = {
+            'drives': list(self.drives),
+            'fit_bag': self.fit_path,
+            'check_bag': self.check_path,
+            'without_effects': list(self.without),
+            'time_budget': self.seconds,
+            'seed': self.seed,
+        }
+        machine = yaml.safe_load(self.machine_text) if self.machine_text else {}
+        return yaml.safe_dump({'machine': machine, 'settings': settings}, sort_keys=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosed:
+    """What a diagnosis leaves behind.
+
+    Attributes:
+        request: What was asked for.
+        diagnosis: The result.
+        data: What it was fitted to.
+        declared: Parameters of the nominal model and of every effect in the ranking, by name.
+        cancelled: Whether it was cut short by a cancel.
+        seconds: From the request to the result, s.
+    """
+
+    request: DiagnoseRequest
+    diagnosis: Diagnosis
+    data: Data
+    declared: Mapping[str, Parameter]
+    cancelled: bool
+    seconds: float
+
+
+def run_diagnosis(
+    request: DiagnoseRequest,
+    buffer: RecordingBuilder | None,
+    cancel: Cancel,
+    on_progress: Callable[[DiagnoseProgress], None],
+) -> Diagnosed:
+    """Do a diagnosis.
+
+    Args:
+        request: What to do.
+        buffer: What the node has received; needed where the request names no bag to fit to.
+        cancel: The best so far is kept.
+        on_progress: Called from this thread.
+
+    Returns:
+        The result, also where the run was cancelled.
+
+    Raises:
+        IdentError: With the remedy.
+    """
+    start = time.monotonic()
+
+    def tell(progress: DiagnoseProgress) -> None:
+        on_progress(replace(progress, elapsed=time.monotonic() - start))
+
+    tell(DiagnoseProgress('reading the recordings', 0.0, '', 0.0, math.nan))
+    machine, drives = request.machine, request.drives
+    fit = gather(recordings_of(request.fit_path, request.topics, buffer), machine, drives)
+    check: tuple[Dataset, ...] = ()
+    if request.check_path:
+        recordings = recordings_of(request.check_path, request.topics, None)
+        check = gather(recordings, machine, drives).datasets
+    asked = False
+
+    def stop() -> bool:
+        """Whether to end; not before anything was simulated, there would be no best to keep."""
+        nonlocal asked
+        first, asked = not asked, True
+        spent = 0.0 < request.seconds < time.monotonic() - start
+        return not first and (cancel.is_set() or spent)
+
+    found = diagnose(
+        machine,
+        fit.datasets,
+        check,
+        drives=drives,
+        without=request.without,
+        seed=request.seed,
+        cancelled=stop,
+        on_progress=tell,
+    )
+    return Diagnosed(
+        request=request,
+        diagnosis=found,
+        data=fit,
+        declared=_declared(request, fit.datasets[0], found),
+        cancelled=cancel.is_set() and not found.complete,
+        seconds=time.monotonic() - start,
+    )
+
+
+def _declared(
+    request: DiagnoseRequest, dataset: Dataset, found: Diagnosis
+) -> dict[str, Parameter]:
+    """Return the units and bounds the fits worked with; an effort's depend on the drive."""
+    effects: list[EffectAt] = [ranked.at for ranked in found.ranking]
+    if found.where and found.effect in CATALOGUE:
+        effects += [EffectAt(found.effect, found.where[0]), *found.also]
+    effects = list(dict.fromkeys(effects))
+    model = make_model(request.machine, dataset, drives=request.drives, effects=effects)
+    return {parameter.name: parameter for parameter in model.parameters}

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The action ~/diagnose: from a goal to a run, and from its end to messages and files."""
+
+from collections.abc import Callable
+from typing import Any, TYPE_CHECKING
+
+from ros2_ident_msgs.action import Diagnose
+from ros2_ident_msgs.msg import Gap, Status
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.ros import parameters
+from ros2_ident.ros.actions import GoalServer
+from ros2_ident.ros.diagnose_run import Diagnosed, run_diagnosis
+from ros2_ident.ros.files import draw_diagnosis, save_diagnosis
+from ros2_ident.ros.gap_conversion import (
+    diagnose_code,
+    diagnose_result,
+    feedback_message,
+    feedback_sentence,
+    gap_message,
+)
+from ros2_ident.ros.goals import diagnose_request_of
+
+if TYPE_CHECKING:
+    from ros2_ident.ros.node import Identifier
+
+Says = Callable[[Any], None]
+
+
+class Diagnoser:
+    """Serves ~/diagnose with the node's worker, board and outlet.
+
+    Args:
+        node: The node.
+
+    Attributes:
+        server: The action's server.
+    """
+
+    def __init__(self, node: 'Identifier') -> None:
+        self._node = node
+        self.server = GoalServer(
+            node,
+            Diagnose,
+            '~/diagnose',
+            busy=node.occupation,
+            begin=self._begin,
+            cancel=node.worker.cancel,
+            refuse=lambda error: node.board.refuse(error),
+            failed=lambda error: diagnose_result(self._message(None, error)),
+            code=diagnose_code,
+            result_timeout=parameters.snapshot(node)['result_timeout'],
+        )
+
+    def _begin(self, goal: Any, tell: Says, done: Says) -> None:
+        node = self._node
+        now = parameters.snapshot(node)
+        request = diagnose_request_of(goal, now)
+        buffer = None if request.fit_path else node.received()
+
+        def job(cancel: Any, say: Says) -> tuple[Diagnosed, str, IdentError | None]:
+            found = run_diagnosis(request, buffer, cancel, say)
+            try:
+                return found, save_diagnosis(found), None
+            except IdentError as error:  # the diagnosis is not lost with its file
+                return found, '', error
+
+        def said(progress: Any) -> None:
+            feedback = feedback_message(progress)
+            node.board.sentence = feedback_sentence(feedback)
+            tell(feedback)
+
+        def ended(value: Any, error: BaseException | None) -> None:
+            done(diagnose_result(self._ended(value, error)))
+
+        node.diagnostics.progress = None  # an earlier run's would pass for this one's
+        source = request.fit_path or 'the data received'
+        node.board.change(
+            Status.STATE_DIAGNOSING, f'diagnosing {", ".join(request.drives)} from {source}'
+        )
+        node.worker.start(job, said, ended, rate=now['progress_rate'])
+
+    def _message(self, found: Diagnosed | None, error: IdentError | None, path: str = '') -> Gap:
+        return gap_message(found, error, self._node.get_clock().now().to_msg(), path)
+
+    def _ended(self, value: Any, error: BaseException | None) -> Gap:
+        """Publish how a diagnosis ended; return the message."""
+        node = self._node
+        if error is not None:
+            fault = node.board.fault(error)
+            message = self._message(None, fault)
+            node.board.change(Status.STATE_FAILED, fault.message, fault)
+        else:
+            found, path, unwritten = value
+            node.diagnostics.data = found.data
+            message = self._message(found, None, path)
+            state, fault = Status.STATE_DONE, unwritten
+            if found.cancelled:
+                state = Status.STATE_CANCELLED
+                fault = IdentError(ErrorCode.CANCELLED, message.error_message)
+            if unwritten is not None:
+                node.get_logger().error(unwritten.message)
+            node.board.change(state, found.diagnosis.sentence, fault)
+            self._draw(found, path)
+        node.diagnostics.gap = message
+        node.outlet.gap(message)
+        return message
+
+    def _draw(self, found: Diagnosed, path: str) -> None:
+        """Draw the charts after the result is out; they take longer than all other files."""
+        if not path:
+            return
+        node = self._node
+
+        def drawn(_: Any, error: BaseException | None) -> None:
+            if error is not None:
+                node.get_logger().error(node.board.fault(error).message)
+
+        node.worker.chore(lambda: None if node.stopping else draw_diagnosis(found, path), drawn)

@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The action ~/diagnose and the latched ~/gap, over DDS; one axis, a catalogue of few effects."""
+
+from collections.abc import Iterator
+import json
+import math
+from pathlib import Path
+import signal
+import time
+from typing import Any
+
+import pytest
+from ros_helpers import ended, identifier, Listener, new_domain, program, ROOT
+
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
+
+BAG = ROOT / 'bags/axis_reversals'
+AXIS = ROOT / 'config/emps.yaml'
+TRIPOD_BAG, TRIPOD = ROOT / 'bags/tripod_pick_and_place', ROOT / 'config/tripod.yaml'
+KEPT = ('coulomb_friction', 'cable_spring', 'torque_ripple')
+
+
+class Diagnostician(Listener):
+    """Also hears ~/gap, and sends its goals to ~/diagnose."""
+
+    def __init__(self, domain: int) -> None:
+        from rclpy.action import ActionClient
+        from ros2_ident_msgs.action import Diagnose
+        from ros2_ident_msgs.msg import Gap
+
+        from ros2_ident.ros.outlet import LATCHED
+
+        super().__init__(domain)
+        self.gaps: list[Any] = []
+        self.node.create_subscription(Gap, '/identifier/gap', self.gaps.append, LATCHED)
+        self.identify = self.action
+        self.action = ActionClient(self.node, Diagnose, '/identifier/diagnose')
+
+    def diagnose(self, goal: Any, seconds: float = 120.0) -> tuple[int, Any]:
+        """Send a goal; return the status at its end and the gap."""
+        handle = self.send(goal)
+        answer = self.wait_future(handle.get_result_async(), 'the result', seconds)
+        return answer.status, answer.result.gap
+
+
+def goal_of(**changes: Any) -> Any:
+    from ros2_ident_msgs.action import Diagnose
+
+    from ros2_ident.effects import CATALOGUE
+
+    goal = Diagnose.Goal(
+        data_source=Diagnose.Goal.DATA_SOURCE_BAG,
+        fit_bag_path=str(BAG),
+        without_effects=[name for name in CATALOGUE if name not in KEPT],
+    )
+    for name, value in changes.items():
+        setattr(goal, name, value)
+    return goal
+
+
+@pytest.fixture(scope='module')
+def frictionless(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The axis as if nobody knew of its Coulomb friction."""
+    lines = AXIS.read_text(encoding='utf-8').splitlines(keepends=True)
+    path = tmp_path_factory.mktemp('machine') / 'frictionless.yaml'
+    path.write_text(''.join(x for x in lines if 'coulomb_friction' not in x), encoding='utf-8')
+    return path
+
+
+@pytest.fixture(scope='module')
+def shared(tmp_path_factory: pytest.TempPathFactory, frictionless: Path) -> Iterator[Any]:
+    """A node that has nothing to identify by itself, and its listener."""
+    domain = new_domain()
+    output = tmp_path_factory.mktemp('results')
+    with identifier(
+        domain, output, f'machine_file:={frictionless}', 'drives:=[emps_axis]',
+        'progress_rate:=50.0', 'auto_start:=false',
+    ) as process:
+        made = Diagnostician(domain)
+        made.domain, made.output = domain, output
+        yield made
+        made.close()
+        process.send_signal(signal.SIGTERM)
+        code, text = ended(process)
+        assert code == 0 and 'Traceback' not in text, text
+
+
+def test_a_goal_gives_feedback_a_result_and_a_latched_gap(shared: Any) -> None:
+    from action_msgs.msg import GoalStatus
+    from diagnostic_msgs.msg import DiagnosticStatus
+    from ros2_ident_msgs.msg import Status
+
+    feedback: list[Any] = []
+    handle = shared.send(goal_of(seed=3), lambda x: feedback.append(x.feedback))
+    assert handle.accepted
+    answer = shared.wait_future(handle.get_result_async(), 'the result', 120.0)
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED
+    gap = answer.result.gap
+    assert (gap.error_code, gap.error_message) == (0, '')
+    assert (gap.effect, list(gap.where)) == ('coulomb_friction', ['emps_axis'])
+    assert gap.probability > 0.9 and gap.unit == 'N' and gap.held_out == 'blocks'
+    assert gap.before_low < gap.before < gap.before_high
+    assert gap.after < 1.1 * gap.noise_floor < 0.1 * gap.before
+    assert gap.share_closed > 0.99 and gap.seed == 3 and gap.seconds > 0.0
+    assert list(gap.drives) == ['emps_axis'] and len(gap.drive_share_closed) == 1
+    assert gap.localisation and gap.package_version
+
+    leader = gap.ranking[0]
+    assert (leader.effect, leader.probability) == ('coulomb_friction', gap.probability)
+    assert math.isnan(leader.gap_after_low)
+    found = {p.name: p for p in leader.parameters}
+    assert set(found) == {
+        'emps_axis.moving_mass', 'emps_axis.viscous_friction', 'emps_axis.constant_force',
+        'emps_axis.coulomb_friction.torque',
+    }
+    torque = found['emps_axis.coulomb_friction.torque']
+    assert torque.low < 20.4 < torque.high and torque.identifiable and not torque.at_bound
+    assert torque.lower_bound <= torque.value <= torque.upper_bound and torque.unit == 'N'
+    assert math.isnan(torque.genetic_value)
+
+    stages = [x.stage for x in feedback]
+    assert stages[0] == 'reading the recordings' and len(set(stages)) > 2
+    fractions = [x.fraction for x in feedback]
+    assert all(0.0 <= x <= 1.0 for x in fractions)
+    assert [x.elapsed for x in feedback] == sorted(x.elapsed for x in feedback)
+    assert 'Coulomb friction' in feedback[-1].best_so_far
+    states = [x.state for x in shared.statuses]
+    assert Status.STATE_DIAGNOSING in states
+    shared.until(lambda: shared.state() == Status.STATE_DONE, 'the status')
+
+    folder = Path(gap.result_file).parent
+    assert folder.parent == shared.output
+    written = json.loads(Path(gap.result_file).read_text(encoding='utf-8'))
+    assert written['verdict']['effect'] == 'coulomb_friction'
+    assert written['gap']['before'] == gap.before
+    assert 'without_effects' in (folder / 'configuration.yaml').read_text(encoding='utf-8')
+
+    late = Diagnostician(shared.domain)
+    try:
+        late.until(lambda: late.gaps, 'the latched gap')
+        # NaN is not equal to itself, its text is
+        assert str(late.gaps[0]) == str(gap)
+        late.until(lambda: late.diagnostics, 'the diagnostics')
+        entry = next(x for x in late.diagnostics[-1].status if x.name == 'identifier: gap')
+    finally:
+        late.close()
+    assert entry.level == DiagnosticStatus.WARN
+    assert 'on emps_axis' in entry.message and 'coulomb_friction' in entry.message
+    shared.until(lambda: (folder / 'ranking.png').exists(), 'the charts')
+    assert (folder / 'waterfall.png').stat().st_size > 1000
+
+
+def test_nothing_missing_is_an_answer(shared: Any) -> None:
+    from action_msgs.msg import GoalStatus
+    from diagnostic_msgs.msg import DiagnosticStatus
+
+    count = len(shared.diagnostics)
+    status, gap = shared.diagnose(goal_of(machine_file=str(AXIS), check_bag_path=str(BAG)))
+    assert status == GoalStatus.STATUS_SUCCEEDED and gap.error_message == ''
+    assert (gap.effect, list(gap.where), list(gap.ranking)) == (gap.EFFECT_NONE, [], [])
+    assert gap.held_out == 'check bag'
+
+    def entry() -> Any:
+        late = [x for array in shared.diagnostics[count + 2 :] for x in array.status]
+        found = [x for x in late if x.name == 'identifier: gap']
+        return [x for x in found if 'nothing is missing' in x.message]
+
+    shared.until(entry, 'the diagnostics')
+    assert entry()[-1].level == DiagnosticStatus.OK
+
+
+def test_cancel_is_answered_at_once_and_keeps_the_best(shared: Any) -> None:
+    from action_msgs.msg import GoalStatus
+    from ros2_ident_msgs.action import Identify
+    from ros2_ident_msgs.msg import Status
+
+    from ros2_ident.errors import ErrorCode
+
+    feedback: list[Any] = []
+    handle = shared.send(
+        goal_of(
+            machine_file=str(TRIPOD), fit_bag_path=str(TRIPOD_BAG), without_effects=[],
+            drives=['drive_1'],
+        ),
+        lambda x: feedback.append(x.feedback),
+    )
+    shared.until(lambda: len(feedback) > 1, 'feedback')
+    # whatever runs, a goal of either action is refused with the reason
+    assert not shared.send(goal_of()).accepted
+    other = Identify.Goal(data_source=Identify.Goal.DATA_SOURCE_BAG, bag_path=str(BAG))
+    shared.until(shared.identify.server_is_ready, 'the other action')
+    refused = shared.wait_future(shared.identify.send_goal_async(other), 'an answer')
+    assert not refused.accepted
+    shared.until(
+        lambda: any(
+            x.error_code == ErrorCode.BUSY and 'a goal was refused: diagnosing' in x.error_message
+            for x in shared.statuses
+        ),
+        'the reason',
+    )
+    cancelled = time.monotonic()
+    answer = shared.wait_future(handle.cancel_goal_async(), 'an answer to the cancel')
+    assert time.monotonic() - cancelled < 0.5
+    assert len(answer.goals_canceling) == 1
+    result = shared.wait_future(handle.get_result_async(), 'the result')
+    assert result.status == GoalStatus.STATUS_CANCELED
+    gap = result.result.gap
+    assert gap.error_code == ErrorCode.CANCELLED and 'best so far' in gap.error_message
+    assert gap.effect and gap.before > 0.0 and list(gap.drives) == ['drive_1']
+    assert Path(gap.result_file).exists()
+    shared.until(lambda: shared.state() == Status.STATE_CANCELLED, 'the status')
+
+
+@pytest.mark.parametrize(
+    ('changes', 'code', 'said'),
+    [
+        ({'data_source': 0, 'fit_bag_path': ''}, 'NO_DATA', '/joint_states has 0 publishers'),
+        ({'data_source': 0}, 'INVALID_GOAL', 'fit_bag_path is given and data_source is 0'),
+        ({'fit_bag_path': ''}, 'INVALID_GOAL', 'fit_bag_path is empty'),
+        ({'fit_bag_path': '/nowhere'}, 'NO_DATA', '/nowhere: does not exist'),
+        ({'check_bag_path': '/nowhere'}, 'NO_DATA', '/nowhere: does not exist'),
+        ({'check_bag_path': str(TRIPOD_BAG)}, 'MISSING_STREAM', 'emps_axis'),
+        ({'machine_file': '/nowhere.yaml'}, 'BAD_MACHINE_FILE', 'cannot be read'),
+        ({'machine_file': str(ROOT / 'Makefile')}, 'BAD_MACHINE_FILE', 'Makefile'),
+        ({'drives': ['drive_9']}, 'INVALID_GOAL', 'drive_9'),
+        ({'without_effects': ['gremlins']}, 'UNKNOWN_PARAMETER', "no effect is called 'gremlins'"),
+        ({'time_budget': -1.0}, 'INVALID_GOAL', 'time_budget is -1'),
+    ],
+)
+def test_an_unusable_goal_is_answered_with_code_and_sentence(
+    shared: Any, changes: dict[str, Any], code: str, said: str
+) -> None:
+    from action_msgs.msg import GoalStatus
+
+    from ros2_ident.errors import ErrorCode
+
+    status, gap = shared.diagnose(goal_of(**changes))
+    assert status == GoalStatus.STATUS_ABORTED
+    assert (gap.error_code, gap.effect) == (ErrorCode[code], '')
+    assert said in gap.error_message, gap.error_message
+    assert math.isnan(gap.before) and math.isnan(gap.share_closed)
+    assert not gap.result_file
+
+
+def test_a_spent_budget_is_no_error_and_is_said(shared: Any) -> None:
+    from action_msgs.msg import GoalStatus
+
+    status, gap = shared.diagnose(goal_of(time_budget=0.01))
+    assert status == GoalStatus.STATUS_SUCCEEDED and gap.error_code == 0
+    assert gap.advice[0].startswith('The time budget of 0.01 s ended the run')
+
+
+def test_live_data_is_diagnosed(shared: Any) -> None:
+    from ros2_ident_msgs.msg import Status
+
+    with program(
+        'replay', str(BAG), '--rate', '4', '--wait-for-subscribers', '60', domain=shared.domain
+    ) as replay:
+        code, text = ended(replay)
+        assert code == 0, text
+    shared.until(lambda: shared.state() == Status.STATE_READY, 'the end of the stream')
+    _, gap = shared.diagnose(goal_of(data_source=0, fit_bag_path=''))
+    assert gap.error_message == '' and gap.effect == 'coulomb_friction'
+
+
+def test_a_signal_ends_a_diagnosis_and_keeps_its_result(tmp_path: Path) -> None:
+    from ros2_ident.errors import ErrorCode
+
+    domain = new_domain()
+    with identifier(domain, tmp_path, f'machine_file:={TRIPOD}') as process:
+        listener = Diagnostician(domain)
+        try:
+            feedback: list[Any] = []
+            goal = goal_of(fit_bag_path=str(TRIPOD_BAG), without_effects=[])
+            listener.send(goal, feedback.append)
+            listener.until(lambda: len(feedback) > 1, 'feedback')
+            process.send_signal(signal.SIGINT)
+            code, text = ended(process)
+            assert code == 0 and 'Traceback' not in text, text
+            listener.until(lambda: listener.gaps, 'the last gap')
+            assert listener.gaps[0].error_code == ErrorCode.CANCELLED
+        finally:
+            listener.close()
+    assert len(list(tmp_path.glob('*/diagnosis.json'))) == 1
