@@ -65,16 +65,25 @@ class Trial:
         return bool((self.error < SUCCESS).all())
 
 
-def belt_machine() -> Machine:
-    """Return the belt drive that comes with the package, from the source tree or installed."""
-    beside = Path(str(files('ros2_ident'))).parent / 'config' / 'belt_drive.yaml'
+def shipped_machine(name: str) -> Machine:
+    """Return a machine that comes with the package, from the source tree or installed.
+
+    Args:
+        name: Its file without the ending: `belt_drive`, `tripod`.
+    """
+    beside = Path(str(files('ros2_ident'))).parent / 'config' / f'{name}.yaml'
     if beside.is_file():
         return load_machine(beside)
     for folder in Path(str(files('ros2_ident'))).parents:
-        shared = folder / 'share' / 'ros2_ident' / 'config' / 'belt_drive.yaml'
+        shared = folder / 'share' / 'ros2_ident' / 'config' / f'{name}.yaml'
         if shared.is_file():
             return load_machine(shared)
     return load_machine(beside)  # whose error names the path
+
+
+def belt_machine() -> Machine:
+    """Return the belt drive that comes with the package."""
+    return shipped_machine('belt_drive')
 
 
 def box(belt: BeltDrive) -> tuple[Array, Array]:

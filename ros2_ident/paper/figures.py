@@ -20,17 +20,19 @@ def _axes(width: float = 6.4, height: float = 3.4) -> tuple[Figure, Any]:
     figure = Figure(figsize=(width, height), layout='constrained')
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    _tidy(axes)
+    tidy(axes)
     return figure, axes
 
 
-def _tidy(axes: Any) -> None:
+def tidy(axes: Any) -> None:
+    """Give axes the look that all pictures of the page share."""
     axes.spines[['top', 'right']].set_visible(False)
     axes.grid(color='#e4e4e4', linewidth=0.6)
     axes.set_axisbelow(True)
 
 
-def _save(figure: Figure, path: Path) -> None:
+def save(figure: Figure, path: Path) -> None:
+    """Write a picture."""
     # Without a date in the file, equal pictures are equal files.
     figure.savefig(path, dpi=120, metadata={'Software': None})
 
@@ -43,7 +45,7 @@ def eigenfrequency(path: Path) -> tuple[float, float]:
     axes.plot(positions, first, color=INK, linewidth=1.8)
     axes.set(xlabel='x0 (m)', ylabel='f (Hz)', xlim=(0.0, 0.7), ylim=(65.0, 85.0))
     axes.set_title('First eigenfrequency over the rail position, P = 45 Nm/rad', fontsize=10)
-    _save(figure, path)
+    save(figure, path)
     return float(first.min()), float(first.max())
 
 
@@ -57,7 +59,7 @@ def angle(path: Path, belt: BeltDrive) -> None:
     axes.set(xlabel='t (s)', ylabel='angle (degrees)', xlim=(0.0, 1.0))
     axes.legend(frameon=False, loc='upper left')
     axes.set_title('Step-like set-point and angle of the driving gear', fontsize=10)
-    _save(figure, path)
+    save(figure, path)
 
 
 def torque(path: Path, belt: BeltDrive, window: tuple[float, float]) -> float:
@@ -77,7 +79,7 @@ def torque(path: Path, belt: BeltDrive, window: tuple[float, float]) -> float:
     )
     axes.set(xlabel='t (s)', ylabel='M1 (Nm)', xlim=window)
     axes.set_title('Driving torque' + (', close-up' if close else ''), fontsize=10)
-    _save(figure, path)
+    save(figure, path)
     return float(np.abs(moment[seen]).max())
 
 
@@ -86,7 +88,7 @@ def cloud(path: Path, belt: BeltDrive, trial: Trial, title: str) -> None:
     figure = Figure(figsize=(10.0, 4.2))
     FigureCanvasAgg(figure)
     flat = figure.add_axes((0.07, 0.13, 0.46, 0.76))
-    _tidy(flat)
+    tidy(flat)
     stiffness = trial.points[:, 0] * 1e-5
     gain = trial.points[:, 1]
     flat.plot(stiffness, trial.costs, '.', color=INK, markersize=3, alpha=0.45)
@@ -122,7 +124,7 @@ def cloud(path: Path, belt: BeltDrive, trial: Trial, title: str) -> None:
     solid.view_init(22.0, -60.0)
     solid.set_box_aspect(None, zoom=0.88)
     figure.suptitle(title, fontsize=10)
-    _save(figure, path)
+    save(figure, path)
 
 
 def _line(belt: BeltDrive) -> tuple[Array, Array]:
