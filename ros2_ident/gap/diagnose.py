@@ -183,15 +183,14 @@ def _floor(attribution: Attribution, base: Explanation) -> Floor:
 
 
 def _capped(floor: Floor, noise: float) -> Floor:
-    """Limit a floor taken from the fast part of the residual by the noise that is stated.
+    """Keep a floor taken from the fast part of the residual near the noise that is stated.
 
     What is fast and more than that is no noise of the log: steps of an encoder in the loop, a
-    ripple at speed. It belongs to the gap.
+    ripple at speed. It belongs to the gap. And a log that was smoothed before has no fast part.
     """
     if floor.method == 'repeats':
         return floor
-    limit = 1.3 * noise
-    return replace(floor, per_drive=np.minimum(floor.per_drive, limit))
+    return replace(floor, per_drive=np.clip(floor.per_drive, 0.5 * noise, 1.3 * noise))
 
 
 def _compose(

@@ -70,7 +70,8 @@ class DriveModel(ABC):
             their recorded motion. All by default.
         effects: Effects besides the nominal physics.
         fixed: Values of parameters that are not to be identified, by name.
-        cutoff: Low-pass of recorded motion where it drives the model [Hz].
+        cutoff: Low-pass of recorded motion where it drives the model [Hz]; at most a fifth of the
+            log's rate.
         substeps: Integration steps in a controller cycle; by default chosen for each candidate's
             stiffness.
 
@@ -439,7 +440,10 @@ class DriveModel(ABC):
                 )
             from ros2_ident.recording import smooth_motion
 
-            smooth = smooth_motion(data.position[order], data.cycle, self.cutoff)
+            # A slow log holds nothing above half its rate, and its smoothing needs some room.
+            rate = np.isfinite(data.position[order]).mean() / data.cycle
+            cutoff = min(self.cutoff, 0.2 * float(rate))
+            smooth = smooth_motion(data.position[order], data.cycle, cutoff)
             motion = np.concatenate([np.asarray(part).ravel() for part in smooth])
         return command, motion, mode
 
