@@ -30,14 +30,15 @@ from ros2_ident.threads import processors
 
 Array = npt.NDArray[np.float64]
 
+# Table 5 of the paper, first column; the paper prints no friction.
 TRUTH = {
-    'measurement_delay': 0.0021,
-    'gear_stiffness': 2.0e4,
-    'gear_damping_ratio': 0.3,
-    'tool_mass': 1.4,
-    'drive_inertia': 9.0e-5,
+    'measurement_delay': 0.024903,
+    'gear_stiffness': 232139.0,
+    'gear_damping_ratio': 0.396306,
+    'tool_mass': 1.76244,
+    'drive_inertia': 89.0817e-6,
     'coulomb_torque': 0.05,
-    'viscous_torque': 0.03,
+    'viscous_torque': 0.05,
 }
 
 
