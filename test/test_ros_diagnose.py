@@ -263,16 +263,18 @@ def test_live_data_is_diagnosed(shared: Any) -> None:
     assert gap.error_message == '' and gap.effect == 'coulomb_friction'
 
 
-def test_a_signal_ends_a_diagnosis_and_keeps_its_result(tmp_path: Path) -> None:
+def test_a_signal_ends_a_diagnosis_and_keeps_its_result(
+    tmp_path: Path, frictionless: Path
+) -> None:
     from ros2_ident.errors import ErrorCode
 
     domain = new_domain()
-    with identifier(domain, tmp_path, f'machine_file:={TRIPOD}') as process:
+    machine = f'machine_file:={frictionless}'
+    with identifier(domain, tmp_path, machine, 'drives:=[emps_axis]') as process:
         listener = Diagnostician(domain)
         try:
             feedback: list[Any] = []
-            goal = goal_of(fit_bag_path=str(TRIPOD_BAG), without_effects=[])
-            listener.send(goal, feedback.append)
+            listener.send(goal_of(without_effects=[]), feedback.append)
             listener.until(lambda: len(feedback) > 1, 'feedback')
             process.send_signal(signal.SIGINT)
             code, text = ended(process)

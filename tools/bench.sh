@@ -3,8 +3,8 @@
 # The benchmarks that need nothing but the package, with their default arguments: each takes less
 # than two minutes on two cores. Fails if one of them did, after the last.
 #
-# Not among them: benchmarks/coverage.py (tens of minutes), benchmarks/practice.py (wants a folder
-# of cases).
+# Not among them: benchmarks/coverage.py (five minutes and more), benchmarks/practice.py (wants a
+# folder of cases).
 set -uo pipefail
 cd "${0%/*}/.." || exit
 failed=0

@@ -94,13 +94,14 @@ class Diagnoser:
             found, path, unwritten = value
             node.diagnostics.data = found.data
             message = self._message(found, None, path)
-            state, fault = Status.STATE_DONE, unwritten
+            state, fault, sentence = Status.STATE_DONE, unwritten, found.diagnosis.sentence
             if found.cancelled:
                 state = Status.STATE_CANCELLED
+                sentence = f'The diagnosis was {message.error_message}. By then: {sentence}'
                 fault = IdentError(ErrorCode.CANCELLED, message.error_message)
             if unwritten is not None:
                 node.get_logger().error(unwritten.message)
-            node.board.change(state, found.diagnosis.sentence, fault)
+            node.board.change(state, sentence, fault)
             self._draw(found, path)
         node.diagnostics.gap = message
         node.outlet.gap(message)

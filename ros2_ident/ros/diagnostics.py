@@ -192,6 +192,8 @@ class Diagnostics:
         missing = 'something not in the catalogue'
         if g.effect != g.EFFECT_UNKNOWN:
             missing = _place(g.effect, g.where)
+        elif g.error_code:
+            missing = 'not found by then'
         return _status(name, DiagnosticStatus.WARN, f'{text}; missing: {missing}', values)
 
 
