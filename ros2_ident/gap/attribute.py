@@ -115,15 +115,20 @@ class Attribution:
         low, high = self._box(models)
         evaluate = self._evaluate(models, self.case.fit, self.weight)
         search = GeneticSearch(len(low), settings, seed)
+
+        def costs_of(points: Array) -> Array:
+            if self.stopped():
+                return np.full(len(points), np.inf)
+            costs = np.mean(evaluate(low + (high - low) * points) ** 2, axis=1)
+            return np.where(np.isfinite(costs), costs, np.inf)
+
         with ThreadPoolExecutor(_THREADS) as pool:
             while search.stop_reason is None and not self.stopped():
                 asked = search.ask()
-                slices = [asked[i : i + 32] for i in range(0, len(asked), 32)]
-                told = pool.map(
-                    lambda x: np.mean(evaluate(low + (high - low) * x) ** 2, axis=1), slices
-                )
-                costs = np.concatenate(list(told))
-                search.tell(np.where(np.isfinite(costs), costs, np.inf))
+                slices = [asked[i : i + 16] for i in range(0, len(asked), 16)]
+                search.tell(np.concatenate(list(pool.map(costs_of, slices))))
+                share = 0.7 * search.generation / settings.generations
+                self.on_step(share, 'identifying the nominal parameters')
             starts = self._distinct(search)
             fits = list(
                 pool.map(
@@ -138,6 +143,9 @@ class Attribution:
     @staticmethod
     def _distinct(search: GeneticSearch, count: int = 2) -> list[Array]:
         survivors = np.asarray(search.survivors)
+        if not len(survivors):
+            # Stopped before anything was simulated, or everything diverged.
+            return [np.full(search.dimension, 0.5)]
         chosen = [survivors[0]]
         for x in survivors[1:]:
             if len(chosen) < count and min(np.linalg.norm(x - c) for c in chosen) > 0.05:

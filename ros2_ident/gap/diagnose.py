@@ -143,8 +143,10 @@ def diagnose(
     floor = _capped(_floor(attribution, base), machine.effort_noise)
     attribution = Attribution(case, floor.per_drive, stopped=run.stopped, on_step=run.step)
     base = attribution.refit((), base.theta)
-    report = run_gates(case.models((), case.fit)[0], base.theta, floor)
-    gates = [(g.gate, g.level, g.sentence) for g in report.gates]
+    gates: list[tuple[str, str, str]] = []
+    if not run.stopped():
+        report = run_gates(case.models((), case.fit)[0], base.theta, floor)
+        gates = [(g.gate, g.level, g.sentence) for g in report.gates]
     explainer = Explainer(attribution, rules or Rules())
 
     def note(e: Explanation) -> None:
@@ -166,8 +168,10 @@ def diagnose(
     run.step(0.0, 'saying where')
     model = case.models((), case.fit)[0]
     rows = case.fit.rows(base.residual / attribution.weight)[:, : model.measured.shape[1]]
-    findings = localise(motion_of(model, base.theta), rows, floor, seed=seed)
-    where = tuple(f for f in findings if f.significant)
+    where: tuple[Finding, ...] = ()
+    if not run.stopped():
+        findings = localise(motion_of(model, base.theta), rows, floor, seed=seed)
+        where = tuple(f for f in findings if f.significant)
     testable = tuple(at for at, seen in visible.items() if seen < VISIBLE)
     return _compose(explainer, found, verdict, floor, gates, where, testable, run, seed)
 
@@ -336,6 +340,11 @@ def _sentence(
         return (
             f'Nothing can be named: the largest gap of a drive is {size:.2f} times the floor '
             f'({level}), and no effect of the catalogue closes enough of it to count.'
+        )
+    if verdict.effect == UNKNOWN and not found.complete:
+        return (
+            f'The run was cut short: a gap of {size:.2f} times the noise floor ({level}) is '
+            'there, and nothing was found yet that explains it.'
         )
     if verdict.effect == UNKNOWN:
         tried = len(found.rounds[0].gains) if found.rounds else 0

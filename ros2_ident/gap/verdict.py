@@ -113,6 +113,9 @@ def judge(
     ranking = _weigh(explainer, found, missing * named, t)
     if size < rules.material:
         return Verdict(NONE, (), 1.0 - missing, (), (), ranking, closed)
+    if len(found.chain) == 1 and not found.complete:
+        # Cut short before anything was found: no answer, said with no confidence.
+        return Verdict(UNKNOWN, _where(explainer, final), 0.0, (), (), ranking, closed)
     if len(found.chain) == 1 and size < rules.unknown:
         # Too small to be sure of it, and nothing explains it: small imperfections look like this.
         sure = _sigmoid((rules.unknown - size) / t.size)
@@ -214,7 +217,7 @@ def advice(verdict: Verdict, not_testable: Sequence[EffectAt]) -> tuple[str, ...
             motion = get_effect(other.at.effect).separated_by.format(drive=_place(other.at.where))
             one, two = get_effect(first.at.effect).title, get_effect(other.at.effect).title
             out.append(f'{one} and {two} cannot be told apart on this data; {motion}.')
-    if verdict.effect == UNKNOWN:
+    if verdict.effect == UNKNOWN and verdict.probability > 0.0:
         out.append(
             'No effect of the catalogue explains the gap; look at the localisation, and isolate '
             'the drive named there with slow, single-drive motions both ways.'

@@ -116,14 +116,10 @@ def run_diagnosis(
     if request.check_path:
         recordings = recordings_of(request.check_path, request.topics, None)
         check = gather(recordings, machine, drives).datasets
-    asked = False
 
     def stop() -> bool:
-        """Whether to end; not before anything was simulated, there would be no best to keep."""
-        nonlocal asked
-        first, asked = not asked, True
         spent = 0.0 < request.seconds < time.monotonic() - start
-        return not first and (cancel.is_set() or spent)
+        return cancel.is_set() or spent
 
     found = diagnose(
         machine,
