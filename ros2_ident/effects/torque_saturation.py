@@ -18,7 +18,7 @@ EFFECT = Effect(
             1.0,
             target='torque_limit',
             how='scale',
-            starts=(0.1, 0.2, 0.4),
+            starts=(0.04, 0.06, 0.09, 0.13, 0.2, 0.3, 0.45),
         ),
     ),
     hook=Hook.PARAMETER,
