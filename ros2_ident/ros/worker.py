@@ -74,7 +74,9 @@ class Worker:
         def say(what: Any) -> None:
             unsaid.append(what)
             if self._due():
-                self._post(utter)
+                # What is due now is said, whatever comes before the executor gets to it.
+                unsaid.clear()
+                self._post(lambda: on_said(what))
 
         def finish(value: Any, error: BaseException | None) -> None:
             self._busy = False
