@@ -2,7 +2,6 @@
 """`ident diagnose`: where the gap to the log lies, what causes it, how far it closes."""
 
 import argparse
-import json
 import sys
 import time
 from typing import TYPE_CHECKING
@@ -101,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.gap.diagnosis import to_mapping
     from ros2_ident.identify import read_problem
     from ros2_ident.models import load_machine
-    from ros2_ident.report.files import make_directory
+    from ros2_ident.report.files import make_directory, write_diagnosis
 
     machine = load_machine(args.machine)
     topics = topics_of(args)
@@ -125,9 +124,7 @@ def run(args: argparse.Namespace) -> int:
         print(file=sys.stderr)
     print_diagnosis(found)
     if out is not None:
-        path = out / 'diagnosis.json'
-        path.write_text(json.dumps(to_mapping(found), indent=1) + '\n', encoding='utf-8')
-        print(f'written: {path}')
+        print(f'written: {write_diagnosis(out, to_mapping(found))}')
     return 0 if found.complete else 1
 
 

@@ -125,9 +125,7 @@ class DriveModel(ABC):
             if effect.hook is not Hook.PARAMETER:
                 for d in self._places(at):
                     self._on[d] |= rows.bit(effect.id)
-        active = {
-            (p.target, p.name) for at in self.effects for p in get_effect(at.effect).parameters
-        }
+        targets = {p.target for at in self.effects for p in get_effect(at.effect).parameters}
         places = [self._places(at) for at in self.effects if at.effect == 'gear_flexibility']
         if places and not self.rigid:
             raise IdentError(
@@ -136,8 +134,8 @@ class DriveModel(ABC):
                 'its parameter is gear_stiffness',
             )
         self._flexible = np.isin(np.arange(len(machine.drives)), [d for p in places for d in p])
-        self._delayed = any(target == 'command_delay' for target, _ in active)
-        self._frame = any(target == 'frame_frequency' for target, _ in active)
+        self._delayed = 'command_delay' in targets
+        self._frame = 'frame_frequency' in targets
         self._command, self._motion, self._mode = self._inputs()
 
     # ------------------------------------------------------------------ declaration
@@ -266,11 +264,6 @@ class DriveModel(ABC):
                 )
                 base[rows.row_of(key, d)] = constant(controller, key, 'controller', default)
 
-    def nominal(self, name: str) -> float:
-        """Return a parameter's value on a drive that only follows: stiff, or mid-box."""
-        low, high, _ = self.machine.bounds[name]
-        return low + 0.8 * (high - low) if name == 'gear_stiffness' else 0.5 * (low + high)
-
     def rows(self, theta: Array) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
@@ -282,9 +275,8 @@ class DriveModel(ABC):
         values: dict[tuple[str, int | None], Array] = {}
         for d, drive in enumerate(self.machine.drives):
             for name in self.machine.bounds:
-                if not SLOTS[name].shared:
-                    fixed = self.fixed.get(f'{drive}.{name}', self.nominal(name))
-                    values[name, d] = np.full(len(theta), fixed)
+                if f'{drive}.{name}' in self.fixed:
+                    values[name, d] = np.full(len(theta), self.fixed[f'{drive}.{name}'])
         for parameter, target in self._all:
             if parameter.name in self.fixed:
                 values[target] = np.full(len(theta), self.fixed[parameter.name])

@@ -6,6 +6,7 @@ nothing and nothing is compiled again when another effect is tried.
 """
 # mypy: ignore-errors
 
+import functools
 import hashlib
 from pathlib import Path
 
@@ -77,6 +78,7 @@ carriage_hook = _compose(Hook.CARRIAGE_FORCE)
 reading_hook = _compose(Hook.READING)
 
 
+@functools.cache
 def sources_digest():
     """Return a digest of everything the kernels are compiled from.
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files an identification leaves: `result.json`, `result.yaml`, `history.npz`."""
+"""The files of a run: `result.json`, `result.yaml`, `history.npz`, `diagnosis.json`."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 import json
 import os
@@ -15,6 +16,7 @@ from ros2_ident.report.schema import from_mapping, to_mapping
 from ros2_ident.result import History, Identification
 
 JSON, YAML, HISTORY = 'result.json', 'result.yaml', 'history.npz'
+DIAGNOSIS = 'diagnosis.json'
 
 
 def make_directory(path: str | Path) -> Path:
@@ -44,6 +46,20 @@ def _replace(path: Path, text: str) -> Path:
     partial = path.with_name(path.name + '.partial')
     partial.write_text(text, encoding='utf-8')
     return partial.replace(path)
+
+
+def write_diagnosis(directory: str | Path, content: Mapping[str, Any]) -> Path:
+    """Write a diagnosis.
+
+    Args:
+        directory: Exists.
+        content: From `gap.diagnosis.to_mapping`.
+
+    Returns:
+        The file, `diagnosis.json`.
+    """
+    text = json.dumps(content, indent=1, allow_nan=False) + '\n'
+    return _replace(Path(directory) / DIAGNOSIS, text)
 
 
 def write_result(directory: str | Path, result: Identification) -> tuple[Path, ...]:

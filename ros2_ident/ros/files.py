@@ -2,7 +2,6 @@
 """The files of a run, in a folder of its own inside the output directory."""
 
 from datetime import datetime
-import json
 import math
 from pathlib import Path
 
@@ -12,12 +11,12 @@ from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnosis import to_mapping
 from ros2_ident.recording import Stream
-from ros2_ident.report.files import write_result
+from ros2_ident.report.files import write_diagnosis, write_result
 from ros2_ident.report.overlay import overlay_streams, write_overlay
 from ros2_ident.ros.diagnose_run import Diagnosed
 from ros2_ident.ros.run import Finished
 
-CONFIGURATION, DIAGNOSIS, OVERLAY = 'configuration.yaml', 'diagnosis.json', 'overlay'
+CONFIGURATION, OVERLAY = 'configuration.yaml', 'overlay'
 
 
 def save_result(finished: Finished, directory: str | None = None) -> str:
@@ -58,9 +57,7 @@ def save_diagnosis(done: Diagnosed) -> str:
         return ''
     folder = _folder(Path(done.request.output_directory).expanduser())
     (folder / CONFIGURATION).write_text(done.request.configuration, encoding='utf-8')
-    path = folder / DIAGNOSIS
-    path.write_text(json.dumps(to_mapping(done.diagnosis), indent=1) + '\n', encoding='utf-8')
-    return str(path)
+    return str(write_diagnosis(folder, to_mapping(done.diagnosis)))
 
 
 def draw_diagnosis(done: Diagnosed, result_file: str) -> None:
