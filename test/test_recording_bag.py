@@ -12,6 +12,7 @@ import pytest
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
+import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import read_bag, Recording, Stream, Topics, write_bag
@@ -180,6 +181,87 @@ def test_a_ros_1_bag(tmp_path):
     np.testing.assert_array_equal(read.state.position[:, 1], -np.arange(20.0))
 
 
+def write_ros_1(path, recording, compression, start=0, stop=None):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types = store.types
+    time = types['builtin_interfaces/msg/Time']
+    writer = Writer1(path)
+    if compression:
+        writer.set_compression(compression)
+    with writer:
+        for topic, stream in (
+            ('/joint_states', recording.state),
+            ('/effort', recording.effort),
+            ('/joint_command', recording.command),
+        ):
+            connection = writer.add_connection(topic, JOINT_STATE, typestore=store)
+            for k, stamp in list(enumerate(stream.stamp.tolist()))[start:stop]:
+                header = types['std_msgs/msg/Header'](k, time(*divmod(stamp, 10**9)), '')
+                fields = [stream.values(x) for x in FIELDS]
+                arrays = [np.empty(0) if x is None else x[k] for x in fields]
+                data = types[JOINT_STATE](header, list(stream.names), *arrays)
+                writer.write(connection, stamp, store.serialize_ros1(data, JOINT_STATE))
+
+
+def write_split(path, recording, storage):
+    """Write a bag of two files under one metadata.yaml, as `ros2 bag record` splits."""
+    middle = int(recording.state.stamp[150])
+    pieces = []
+    for number, (begin, end) in enumerate([(0, middle), (middle, 1 << 62)]):
+        part = write_bag(
+            path.with_name(f'log_{number}'), recording.between(begin, end), storage=storage
+        )
+        pieces.append(yaml.safe_load((part / 'metadata.yaml').read_text()))
+    whole = pieces[0]
+    whole_info, more = (x['rosbag2_bagfile_information'] for x in pieces)
+    for key in ('relative_file_paths', 'files'):
+        whole_info[key] += more[key]
+    whole_info['message_count'] += more['message_count']
+    for one, two in zip(
+        whole_info['topics_with_message_count'], more['topics_with_message_count'], strict=True
+    ):
+        one['message_count'] += two['message_count']
+    path.mkdir()
+    for info, number in ((whole_info, 0), (more, 1)):
+        name = info['relative_file_paths'][-1 if number else 0]
+        path.with_name(f'log_{number}').joinpath(name).rename(path / name)
+    (path / 'metadata.yaml').write_text(yaml.safe_dump(whole))
+
+
+@pytest.mark.parametrize(
+    ('kind', 'option'),
+    [
+        *(('ros 1', x) for x in (None, *Writer1.CompressionFormat)),
+        *(('split', x) for x in ('mcap', 'sqlite3')),
+        ('split ros 1', None),
+    ],
+)
+def test_every_kind_of_file_gives_the_same_streams(tmp_path, kind, option):
+    recording = make_recording(300)
+    path = tmp_path / 'log.bag'
+    if kind == 'ros 1':
+        write_ros_1(path, recording, option)
+    elif kind == 'split ros 1':
+        path = tmp_path / 'log'
+        path.mkdir()
+        write_ros_1(path / 'log_0.bag', recording, option, stop=150)
+        write_ros_1(path / 'log_1.bag', recording, option, start=150)
+    else:
+        path = tmp_path / 'log'
+        write_split(path, recording, option)
+    (read,) = read_bag(path)
+    assert (read.state, read.effort, read.command) == (
+        recording.state,
+        recording.effort,
+        recording.command,
+    )
+    assert read.warnings == ()
+    if kind == 'split':
+        (path / 'metadata.yaml').unlink()
+        (read,) = read_bag(path)
+        assert read.state == recording.state
+
+
 def test_a_loop_in_a_bag_gives_segments(tmp_path):
     stamps = [START + k * MS for k in range(50)] * 2
     path = write_messages(tmp_path / 'log', [message(position=[1.0], stamp=s) for s in stamps])
@@ -234,8 +316,8 @@ def test_errors_name_the_remedy(bag, tmp_path):
     fails(tmp_path / 'zero.mcap', ErrorCode.DAMAGED_BAG, r'is empty \(0 bytes\)')
     (tmp_path / 'text.mcap').write_text('hello')
     fails(tmp_path / 'text.mcap', ErrorCode.DAMAGED_BAG, 'no MCAP file: its first bytes are')
-    (tmp_path / 'text.csv').write_text('a,b')
-    fails(tmp_path / 'text.csv', ErrorCode.DAMAGED_BAG, 'give an .mcap, .db3 or .bag file')
+    (tmp_path / 'text.xls').write_text('a,b')
+    fails(tmp_path / 'text.xls', ErrorCode.DAMAGED_BAG, 'give an .mcap, .db3, .bag or .csv file')
     (tmp_path / 'text.db3').write_text('not a database' * 100)
     fails(tmp_path / 'text.db3', ErrorCode.DAMAGED_BAG, r'sqlite3 text.db3 .recover')
 

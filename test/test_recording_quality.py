@@ -22,6 +22,9 @@ class Machine:
     geometry: dict = field(default_factory=lambda: {'gravity': 9.81})
     controller: dict = field(default_factory=lambda: {'cycle': 1e-3, 'torque_limit': 6.0})
     effort_scale: float = 1.0
+    # 0.2 N m at rest at 10 rad/m: 2 N, the weight of 0.2 kg
+    drive: dict = field(default_factory=lambda: {'gear_factor': 10.0, 'rail_mass': 0.05})
+    bounds: dict = field(default_factory=lambda: {'tool_mass': (0.12, 0.17, 'kg')})
 
 
 def motion():
@@ -116,6 +119,20 @@ def test_compensated_gravity_is_seen():
     assert 'gravity acts along this drive but the effort at rest' in (
         report.of('effort_gravity')[0].sentence
     )
+
+
+@pytest.mark.parametrize(
+    ('scale', 'level', 'times'),
+    [(2.0, 'warn', '1.8'), (0.5, 'warn', '0.6'), (9.0, 'error', '8.3')],
+)
+def test_efforts_that_do_not_fit_the_weight(scale, level, times):
+    (finding,) = check([recording()], Machine(effort_scale=scale)).of('effort_weight')
+    assert finding.level == level
+    assert re.search(
+        rf'hold [\d.]+ N, the machine weighs 1.67 to 2.16 N: the effort is {times}\d* times',
+        finding.sentence,
+    )
+    assert 'state effort_unit with torque_constant or rated_torque' in finding.sentence
 
 
 def test_an_effort_that_has_nothing_to_do_with_the_motion():

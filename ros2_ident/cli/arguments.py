@@ -31,6 +31,17 @@ def not_negative(text: str) -> float:
     return value
 
 
+def number(text: str) -> float:
+    """Return a finite number other than 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value) or value == 0.0:
+        raise argparse.ArgumentTypeError(f'{text!r} has to be a number other than 0')
+    return value
+
+
 def count(text: str) -> int:
     """Return a whole number of at least 1."""
     value = whole(text)
@@ -115,7 +126,9 @@ def _drives(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> list[str]
 
 def add_bag(parser: argparse.ArgumentParser) -> None:
     """Add the bag."""
-    parser.add_argument('bag', metavar='BAG', help='bag directory, or an .mcap, .db3 or .bag file')
+    parser.add_argument(
+        'bag', metavar='BAG', help='bag directory, or an .mcap, .db3, .bag or .csv file'
+    )
 
 
 def add_machine(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
@@ -141,7 +154,7 @@ def add_drives(parser: argparse.ArgumentParser) -> None:
 
 def add_topics(parser: argparse.ArgumentParser) -> None:
     """Add the topics' names."""
-    group = parser.add_argument_group('topics, where they have other names')
+    group = parser.add_argument_group('topics and columns, where they have other names')
     topics = (
         ('state', '/joint_states', 'measured motion'),
         ('effort', '/effort', 'measured effort'),
@@ -154,10 +167,48 @@ def add_topics(parser: argparse.ArgumentParser) -> None:
             metavar='TOPIC',
             help=f'{what}; {default} by default',
         )
+    group.add_argument(
+        '--columns',
+        default='',
+        metavar='FILE',
+        help='column map of a .csv file, as in docs/logs.md; NAME.columns.yaml by default',
+    )
 
 
 def topics_of(args: argparse.Namespace) -> Any:
     """Return the topics of parsed arguments."""
     from ros2_ident.recording import Topics
 
-    return Topics(args.state_topic, args.effort_topic, args.command_topic)
+    return Topics(args.state_topic, args.effort_topic, args.command_topic, args.columns)
+
+
+def add_effort(parser: argparse.ArgumentParser) -> None:
+    """Add what the effort of the log is."""
+    group = parser.add_argument_group('effort of the log, where the machine file says otherwise')
+    group.add_argument('--effort-unit', metavar='UNIT', help='N m, N, A or percent (of the rated)')
+    group.add_argument(
+        '--torque-constant', type=number, metavar='X', help='N m/A or N/A, for the unit A'
+    )
+    group.add_argument(
+        '--rated-torque', type=number, metavar='X', help='N m or N at 100 %%, for the unit percent'
+    )
+
+
+def machine_of(args: argparse.Namespace) -> Any:
+    """Return the machine of parsed arguments, its effort unit as `add_effort` has it.
+
+    Raises:
+        IdentError: As `load_machine`; WRONG_UNITS for a unit that lacks its constant.
+    """
+    from ros2_ident.models import load_machine
+
+    machine = load_machine(args.machine)
+    if args.effort_unit is None and (args.torque_constant or args.rated_torque):
+        raise IdentError(
+            ErrorCode.WRONG_UNITS,
+            'a torque constant or rated torque is given without its unit; add `--effort-unit A` '
+            'or `--effort-unit percent`',
+        )
+    if args.effort_unit is None:
+        return machine
+    return machine.with_effort_unit(args.effort_unit, args.torque_constant, args.rated_torque)

@@ -4,7 +4,15 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import add_bag, add_drives, add_machine, add_topics, topics_of
+from ros2_ident.cli.arguments import (
+    add_bag,
+    add_drives,
+    add_effort,
+    add_machine,
+    add_topics,
+    machine_of,
+    topics_of,
+)
 
 if TYPE_CHECKING:
     from ros2_ident.models import Machine
@@ -28,17 +36,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_bag(parser)
     add_machine(parser, required=False)
     add_drives(parser)
+    add_effort(parser)
     add_topics(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the report."""
     from ros2_ident.errors import IdentError
-    from ros2_ident.models import load_machine
     from ros2_ident.recording import check, read_bag, render
     from ros2_ident.segments import gather
 
-    machine = load_machine(args.machine) if args.machine else None
+    machine = machine_of(args) if args.machine else None
     recordings = read_bag(args.bag, topics_of(args))
     report = check(recordings, machine)
     for line in render(report):

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 from ros2_ident.cli.arguments import (
     add_bag,
     add_drives,
+    add_effort,
     add_machine,
     add_topics,
     assignment,
+    machine_of,
     names,
     not_negative,
     once,
@@ -67,6 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--seconds', type=not_negative, default=0.0, metavar='N', help='stop after this time'
     )
     parser.add_argument('--quiet', action='store_true', help='show no progress')
+    add_effort(parser)
     add_topics(parser)
 
 
@@ -99,10 +102,9 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.gap.diagnose import diagnose
     from ros2_ident.gap.diagnosis import to_mapping
     from ros2_ident.identify import read_problem
-    from ros2_ident.models import load_machine
     from ros2_ident.report.files import make_directory, write_diagnosis
 
-    machine = load_machine(args.machine)
+    machine = machine_of(args)
     topics = topics_of(args)
     fit = read_problem(args.bag, machine, args.drives, topics=topics)
     check = read_problem(args.check, machine, args.drives, topics=topics) if args.check else None

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 from ros2_ident.cli.arguments import (
     add_bag,
     add_drives,
+    add_effort,
     add_machine,
     add_topics,
     assignment,
     count,
     interval,
+    machine_of,
     once,
     positive,
     topics_of,
@@ -69,6 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--no-overlay', action='store_true', help='write no overlay bag')
     parser.add_argument('--quiet', action='store_true', help='show no progress')
     _add_search(parser)
+    add_effort(parser)
     add_topics(parser)
 
 
@@ -119,13 +122,12 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.progress import make_meter
     from ros2_ident.cli.table import print_result
     from ros2_ident.identify import identify, read_problem
-    from ros2_ident.models import load_machine
     from ros2_ident.report.files import make_directory, write_result
     from ros2_ident.result import Outcome
 
     fixed, bounds = once(args.fix, '--fix'), once(args.bounds, '--bounds')
     settings = settings_of(args)
-    machine = load_machine(args.machine)
+    machine = machine_of(args)
     data = read_problem(args.bag, machine, args.drives, topics=topics_of(args))
     out = make_directory(args.out)
     with interrupts() as cancel, make_meter(quiet=args.quiet) as meter:

@@ -201,7 +201,7 @@ class DriveModel(ABC):
         places = self._places(at)
         kind: Kind = 'measurement' if effect.group == 'measurement' else 'physical'
         prefix = effect.id if at.where == 'all' else f'{at.where}.{effect.id}'
-        unit = self.machine.effort_unit if self.machine.effort_unit in ('N', 'N m') else 'N m'
+        unit = self.machine.model_unit
         out: list[tuple[Parameter, tuple[str, int | None]]] = []
         for p in effect.parameters:
             scale = self.effort_share(p.unit)
@@ -237,7 +237,7 @@ class DriveModel(ABC):
     @property
     def output_unit(self) -> str:
         """Unit of the output and of the cost."""
-        return 'N' if self.machine.effort_unit == 'N' else 'N m'
+        return self.machine.model_unit
 
     @property
     def measured(self) -> Array:

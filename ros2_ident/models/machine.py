@@ -10,9 +10,9 @@ from typing import Any
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording.streams import effort_factor
 
 KINDS = ('tripod', 'linear_axis', 'belt_drive')
-EFFORT_UNITS = ('N m', 'N', 'A', 'percent')
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,27 @@ class Machine:
     effort_noise: float = 0.01
     digest: str = ''
 
+    @property
+    def model_unit(self) -> str:
+        """Unit of an effort of the model: `N` where a log states a force or there is no gear."""
+        force = self.effort_unit == 'N'
+        other = self.effort_unit in ('A', 'percent') and 'gear_factor' not in self.drive
+        return 'N' if force or other else 'N m'
+
     def with_bounds(self, bounds: Mapping[str, tuple[float, float, str]]) -> 'Machine':
         """Return the same machine with another box."""
         return replace(self, bounds=dict(bounds))
+
+    def with_effort_unit(
+        self, unit: str, torque_constant: float | None = None, rated_torque: float | None = None
+    ) -> 'Machine':
+        """Return the same machine with a log in another unit; the arguments are `effort_factor`'s.
+
+        Raises:
+            IdentError: WRONG_UNITS for an unknown unit or a missing constant.
+        """
+        factor = effort_factor(unit, torque_constant, rated_torque)
+        return replace(self, effort_unit=unit, effort_scale=factor)
 
 
 def _fail(path: object, text: str) -> IdentError:
@@ -102,21 +120,10 @@ def machine_from_mapping(data: Any, where: object = 'machine file', digest: str 
             where, 'parameters is empty: name at least one, as `tool_mass: [1.0, 2.0, kg]`'
         )
     unit = str(data.get('effort_unit', 'N m'))
-    if unit not in EFFORT_UNITS:
-        raise IdentError(
-            ErrorCode.WRONG_UNITS,
-            f'{where}: effort_unit is {unit!r}; write one of {", ".join(EFFORT_UNITS)}',
-        )
-    scale = 1.0
-    if unit in ('A', 'percent'):
-        key = 'torque_constant' if unit == 'A' else 'rated_torque'
-        if key not in data:
-            raise IdentError(
-                ErrorCode.WRONG_UNITS,
-                f'{where}: effort_unit {unit} needs {key} to become a torque; '
-                f'add the line `{key}: ...`',
-            )
-        scale = float(data[key]) * (1.0 if unit == 'A' else 0.01)
+    try:
+        scale = effort_factor(unit, data.get('torque_constant'), data.get('rated_torque'))
+    except IdentError as error:
+        raise IdentError(error.code, f'{where}: {error.message}') from None
     return Machine(
         kind=kind,
         drives=tuple(map(str, drives)),

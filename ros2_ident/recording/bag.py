@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read bags into recordings: MCAP, db3 and ROS 1, whole or damaged."""
+"""Read logs into recordings: MCAP, db3 and ROS 1 bags, whole or damaged, and tables."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,23 +15,28 @@ from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.mcap_scan import scan
 from ros2_ident.recording.storage import digest, storage_files, SUFFIXES, unpack_messages, unpacked
 from ros2_ident.recording.streams import Recording, ROLES
+from ros2_ident.recording.table import read_table
+from ros2_ident.recording.table import SUFFIXES as TABLES
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 
 
 @dataclass(frozen=True)
 class Topics:
-    """Which topic plays which role; an empty name leaves the role out.
+    """Where in a log is what: the topic of each role; an empty name leaves the role out.
 
     Attributes:
         state: Measured positions and velocities, and efforts where the drive reports them here.
         effort: Measured efforts on a topic of their own.
         command: The controller's set-point.
+        columns: Column map of a table (CSV), which has no topics; where empty, the file
+            `NAME.columns.yaml` beside `NAME.csv`.
     """
 
     state: str = '/joint_states'
     effort: str = '/effort'
     command: str = '/joint_command'
+    columns: str = ''
 
     def roles(self) -> dict[str, str]:
         """Return the role of each topic, with absolute names.
@@ -81,11 +86,11 @@ def _damaged(path: Path, text: str) -> IdentError:
 
 
 def read_bag(path: str | Path, topics: Topics | None = None) -> list[Recording]:
-    """Read a bag's JointState topics.
+    """Read a bag's JointState topics, or a table's columns.
 
     Args:
-        path: A bag directory with or without metadata.yaml, or a bare `.mcap`, `.db3` or `.bag`
-            file.
+        path: A bag directory with or without metadata.yaml, a bare `.mcap`, `.db3` or `.bag`
+            file, or a `.csv` file.
         topics: Which topics to read; the default names where None.
 
     Returns:
@@ -93,10 +98,14 @@ def read_bag(path: str | Path, topics: Topics | None = None) -> list[Recording]:
         not yield is said in their warnings.
 
     Raises:
-        IdentError: NO_DATA, MISSING_STREAM, DAMAGED_BAG or BAD_VALUES, each with the remedy.
+        IdentError: NO_DATA, MISSING_STREAM, DAMAGED_BAG, BAD_VALUES or INVALID_GOAL, each with
+            the remedy.
     """
     path = Path(path)
-    roles = (topics or Topics()).roles()
+    topics = topics or Topics()
+    if path.suffix.lower() in TABLES:
+        return read_table(path, topics.columns)
+    roles = topics.roles()
     files, warnings = storage_files(path)
     raw = _read(path, files, warnings, roles)
     _check_topics(path, raw, roles)
@@ -114,7 +123,7 @@ def _read(path: Path, files: list[Path], warnings: list[str], roles: dict[str, s
     empty = [x for x in files if not x.stat().st_size]
     if empty:
         raise _damaged(empty[0], 'is empty (0 bytes); copy or record the bag again')
-    if path.is_dir() and not warnings:
+    if (path / 'metadata.yaml').exists() and not warnings:
         try:
             return _read_regular([path], roles)
         except Exception:
@@ -144,7 +153,7 @@ def _unreadable(files: list[Path], plain: list[Path], exc: Exception) -> IdentEr
         (x, y.suffix) for x, y in zip(files, plain, strict=True) if y.suffix != '.mcap'
     )
     if kind not in SUFFIXES:
-        remedy = 'give an .mcap, .db3 or .bag file or a bag directory'
+        remedy = 'give an .mcap, .db3, .bag or .csv file or a bag directory'
     elif isinstance(exc, sqlite3.Error) or kind == '.db3':
         remedy = (
             f'what is left comes out with `sqlite3 {path.name} .recover`, or copy the file again'
@@ -181,7 +190,7 @@ def _read_damaged(files: list[Path], plain: list[Path], roles: dict[str, str]) -
             found = scan(unpacked_file)
         except ValueError as exc:
             raise _damaged(
-                path, f'cannot be read ({exc}); give an .mcap, .db3 or .bag file'
+                path, f'cannot be read ({exc}); give an .mcap, .db3, .bag or .csv file'
             ) from None
         raw.types.update(found.types)
         for topic, log_time, data in found.messages:

@@ -15,6 +15,9 @@ from ros2_ident.recording.streams import FIELDS, Recording, Stream
 
 # Shares of missing samples from which a warning, and an error, is due.
 _MISSING_WARN, _MISSING_ERROR = 0.01, 0.2
+# Efforts at rest so many times off the machine's weight are worth a warning, and no torques.
+# Static friction alone may take or give a good part of the weight.
+_WEIGHT_WARN, _WEIGHT_ERROR = 1.6, 3.0
 # Shorter recordings hardly hold an acceleration, a cruise and a reversal, s.
 _SHORT = 2.0
 
@@ -33,6 +36,14 @@ class MachineFacts(Protocol):
     @property
     def controller(self) -> Mapping[str, Any]:
         """Controller, with `cycle` in s and `torque_limit` where there is one."""
+
+    @property
+    def drive(self) -> Mapping[str, Any]:
+        """Constants of a drive, with `gear_factor` in rad/m and `rail_mass` in kg."""
+
+    @property
+    def bounds(self) -> Mapping[str, tuple[float, float, str]]:
+        """Bounds of what is to be identified, by name: low, high, unit."""
 
     @property
     def effort_scale(self) -> float:
@@ -83,6 +94,8 @@ def check(recordings: Sequence[Recording], machine: MachineFacts | None = None) 
         found, said = _judge_drives(number, recording, machine)
         drives += found
         findings += said
+        if machine is not None:
+            findings += _judge_weight(found, machine)
     return Report(recordings[0].source, tuple(streams), tuple(drives), tuple(findings))
 
 
@@ -282,3 +295,37 @@ def _judge_drives(
         if summary is not None:
             drives.append(summary)
     return drives, findings
+
+
+def _judge_weight(drives: Sequence[DriveSummary], machine: MachineFacts) -> list[Finding]:
+    """Compare what the drives hold at rest with the weight of the machine.
+
+    All drives raised by the same height raise the whole machine by it, so their forces at rest add
+    up to its weight in every pose.
+    """
+    gravity = float(machine.geometry.get('gravity', 0.0))
+    held = [x.effort_rest for x in drives if x.drive in machine.drives]
+    if not gravity or len(held) < len(machine.drives) or not np.isfinite(held).all():
+        return []
+    carriages = len(machine.drives) * float(machine.drive.get('rail_mass', 0.0))
+    loads = [machine.bounds[x] for x in ('tool_mass', 'moving_mass') if x in machine.bounds]
+    low = gravity * (carriages + sum(x[0] for x in loads))
+    high = gravity * (carriages + sum(x[1] for x in loads))
+    force = sum(held) * float(machine.drive.get('gear_factor', 1.0))
+    # nothing held or a reversed sign is said drive by drive
+    if low * gravity <= 0.0 or force * gravity < 0.05 * low * gravity:
+        return []
+    off = force / high if force > high else min(1.0, force / low)
+    if 1.0 / _WEIGHT_WARN < off < _WEIGHT_WARN:
+        return []
+    level: Level = 'warn' if 1.0 / _WEIGHT_ERROR < off < _WEIGHT_ERROR else 'error'
+    return [
+        Finding(
+            level,
+            'effort_weight',
+            '',
+            f'the efforts at rest hold {force:.3g} N, the machine weighs {low:.3g} to {high:.3g} '
+            f'N: the effort is {off:.2g} times a torque; state effort_unit with torque_constant '
+            'or rated_torque in the machine file, or correct its gear_factor and masses',
+        )
+    ]

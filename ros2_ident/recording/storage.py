@@ -47,7 +47,7 @@ def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
         )
     # split recordings count up: bag_9 comes before bag_10
     files.sort(key=lambda x: [int(p) if p.isdigit() else p for p in re.split(r'(\d+)', x.name)])
-    if (path / 'metadata.yaml').exists():
+    if (path / 'metadata.yaml').exists() or all(x.suffix == '.bag' for x in files):
         return files, []
     return files, [f'{path}: metadata.yaml is missing; `ros2 bag reindex {path}` writes it anew']
 

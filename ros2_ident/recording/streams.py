@@ -270,13 +270,17 @@ def effort_factor(
             f'effort unit is {unit!r}; write one of N m, N, A, percent',
         )
     key, value, share = needed[unit]
-    if value is None or not np.isfinite(value) or value == 0.0:
+    try:
+        factor = float(value) if value is not None else 0.0
+    except (TypeError, ValueError):
+        factor = 0.0
+    if not np.isfinite(factor) or factor == 0.0:
         raise IdentError(
             ErrorCode.WRONG_UNITS,
-            f'effort unit {unit} needs {key} to become a torque, found {value}; add `{key}` to '
-            'the machine file',
+            f'effort unit {unit} needs {key} to become a torque, found {value}; add the line '
+            f'`{key}: ...` to the machine file, or give --{key.replace("_", "-")}',
         )
-    return float(value) * share
+    return factor * share
 
 
 def scale_effort(recording: Recording, factor: float | Iterable[float]) -> Recording:
