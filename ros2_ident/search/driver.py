@@ -175,9 +175,16 @@ class _Run:
 
     def note(self, points: Array, costs: Array) -> None:
         self.done += len(points)
-        best = int(np.argmin(costs))
-        if costs[best] < self.best_cost:
-            self.best_cost = float(costs[best])
+        best = int(costs.argmin())
+        lowest = float(costs[best])
+        if math.isnan(lowest):  # the least of an array with NaN in it
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                'evaluate returned NaN; a diverged candidate has to cost inf, '
+                'and a NaN in the data has to be left out of the cost',
+            )
+        if lowest < self.best_cost:
+            self.best_cost = lowest
             self.best_point = points[best].copy()
 
     def report(self, *, last: bool = False) -> None:
@@ -213,12 +220,6 @@ def _checked(costs: Any, count: int) -> Array:
             ErrorCode.BAD_VALUES,
             f'evaluate returned the shape {told.shape} for {count} candidates; '
             'it has to return one cost for each',
-        )
-    if np.isnan(told).any():
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            'evaluate returned NaN; a diverged candidate has to cost inf, '
-            'and a NaN in the data has to be left out of the cost',
         )
     return told
 
@@ -321,7 +322,7 @@ def _evaluate_generation(
     evaluate: Evaluate, points: Array, run: _Run, slicer: Slicer, cancel: Cancel | None
 ) -> tuple[Array, StopReason | None]:
     """Return the costs (S,) of a generation, or why it was cut off."""
-    costs = np.full(len(points), math.inf)
+    costs = np.empty(len(points))
     start = 0
     while start < len(points):
         if cancel is not None and cancel.is_set():

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Index = NDArray[np.intp]
 
+TINY = float(np.finfo(np.float64).tiny)
+
 
 def gaussian_root(uniform: Array) -> Array:
     """Return mutation steps whose magnitude follows exp(-s^2).
@@ -30,7 +32,10 @@ def gaussian_root(uniform: Array) -> Array:
     Reference:
         Ludwig and Gerstmayr (2011), eq. 5, with the square root that its print lost.
     """
-    return np.sign(uniform - 0.5) * np.sqrt(_exponential(uniform))
+    steps, sign = _exponential(uniform)
+    np.sqrt(steps, out=steps)
+    steps *= sign
+    return steps
 
 
 def laplace(uniform: Array) -> Array:
@@ -45,14 +50,24 @@ def laplace(uniform: Array) -> Array:
     Reference:
         Ludwig and Gerstmayr (2011), eq. 5, read without a root.
     """
-    return np.sign(uniform - 0.5) * _exponential(uniform)
+    steps, sign = _exponential(uniform)
+    steps *= sign
+    return steps
 
 
-def _exponential(uniform: Array) -> Array:
+def _exponential(uniform: Array) -> tuple[Array, Array]:
+    """Return -ln(2 |x - 1/2|) and sgn(x - 1/2), in place: generations are small, calls dear."""
+    sign = uniform - 0.5
+    steps = np.abs(sign)
+    steps += steps
+    np.sign(sign, out=sign)
     # At x = 1/2 the logarithm's pole is multiplied by sgn(0) = 0; a finite stand-in keeps that
     # zero.
-    distance = np.maximum(2.0 * np.abs(uniform - 0.5), np.finfo(np.float64).tiny)
-    return np.maximum(-np.log(distance), 0.0)
+    np.maximum(steps, TINY, out=steps)
+    np.log(steps, out=steps)
+    np.negative(steps, out=steps)
+    np.maximum(steps, 0.0, out=steps)
+    return steps, sign
 
 
 MUTATIONS: dict[str, Callable[[Array], Array]] = {
@@ -143,9 +158,19 @@ def mutate(
     Returns:
         (P * children, N) in the unit cube; the children of one parent are neighbours.
     """
-    repeated = np.repeat(parents, children, axis=0)
-    steps = MUTATIONS[law](rng.random(repeated.shape))
-    return np.clip(repeated + scale * steps, 0.0, 1.0)
+    steps = MUTATIONS[law](rng.random((len(parents) * children, parents.shape[1])))
+    _step(parents, scale, steps)
+    return steps
+
+
+@njit(cache=True, nogil=True)
+def _step(parents: Array, scale: float, steps: Array) -> None:
+    """Turn the children's steps into their places in the cube."""
+    children = len(steps) // len(parents)
+    for child in range(len(steps)):
+        for i in range(steps.shape[1]):
+            place = parents[child // children, i] + scale * steps[child, i]
+            steps[child, i] = min(max(place, 0.0), 1.0)
 
 
 def select(points: Array, costs: Array, count: int, distance: float) -> Index:
@@ -165,18 +190,18 @@ def select(points: Array, costs: Array, count: int, distance: float) -> Index:
     Returns:
         (P,) indices by rising cost, P <= count.
     """
-    order = np.argsort(costs, kind='stable')
-    order = order[: int(np.searchsorted(costs[order], math.inf))]
-    chosen: Index = _take_apart(np.ascontiguousarray(points), order, count, distance * distance)
+    chosen: Index = _take_apart(np.ascontiguousarray(points), costs, count, distance * distance)
     return chosen
 
 
 @njit(cache=True, nogil=True)
-def _take_apart(points: Array, order: Index, count: int, squared: float) -> Index:
-    """Take points in this order, each farther than the root of `squared` from those taken."""
+def _take_apart(points: Array, costs: Array, count: int, squared: float) -> Index:
+    """Take points by rising cost, each farther than the root of `squared` from those taken."""
     taken = np.empty(count, dtype=np.intp)
     size = 0
-    for index in order:
+    for index in np.argsort(costs, kind='mergesort'):  # a stable one
+        if costs[index] == math.inf:
+            break
         free = True
         for other in taken[:size]:
             apart = 0.0
