@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from ros2_ident.effects import CATALOGUE
-from ros2_ident.report import catalogue_page
+from ros2_ident.report import catalogue_page, reference_pages
 
 ROOT = Path(__file__).parents[1]
 
@@ -15,6 +15,13 @@ def test_the_page_is_made_from_the_catalogue() -> None:
     for path, text in catalogue_page.generated(ROOT).items():
         assert path.read_text(encoding='utf-8') == text, (
             f'{path.name} is out of date; run python -m ros2_ident.report.catalogue_page'
+        )
+
+
+def test_reference_pages_are_made_from_the_code() -> None:
+    for path, text in reference_pages.generated(ROOT).items():
+        assert path.read_text(encoding='utf-8') == text, (
+            f'{path.name} is out of date; run python -m ros2_ident.report.reference_pages'
         )
 
 

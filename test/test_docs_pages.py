@@ -61,19 +61,6 @@ def test_a_command_on_a_page_is_one(page: str, line: str) -> None:
             assert (ROOT / word).exists(), f'{page}: {word} is not there'
 
 
-def test_the_machine_file_of_the_readme_is_one() -> None:
-    import yaml
-
-    from ros2_ident.models import machine_from_mapping
-    from ros2_ident.models.drive_model import SLOTS
-
-    text = (ROOT / 'README.md').read_text(encoding='utf-8')
-    block = re.search(r'^```yaml\n(.*?)^```$', text, re.MULTILINE | re.DOTALL)
-    assert block is not None
-    machine = machine_from_mapping(yaml.safe_load(block[1]))
-    assert set(machine.bounds) <= set(SLOTS)
-
-
 def test_the_page_on_the_models_names_every_parameter() -> None:
     from ros2_ident.models.drive_model import SLOTS
 

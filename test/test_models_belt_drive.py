@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.models import load_machine
 from ros2_ident.models.belt_drive import BeltDrive, CONSTANTS, step_reference, StepReference
 from ros2_ident.models.belt_kernels import matrices, matrix_exponential, modes
-from ros2_ident.models.machine import load_machine
 from ros2_ident.reference.belt_drive import simulate_belt
 
 MACHINE = load_machine(Path(__file__).parents[1] / 'config' / 'belt_drive.yaml')

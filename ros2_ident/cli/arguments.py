@@ -124,10 +124,13 @@ def _drives(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> list[str]
     return [f'{before}{comma}{name}' for name in known if name not in before.split(',')]
 
 
-def add_bag(parser: argparse.ArgumentParser) -> None:
+def add_bag(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
     """Add the bag."""
     parser.add_argument(
-        'bag', metavar='BAG', help='bag directory, or an .mcap, .db3, .bag or .csv file'
+        'bag',
+        metavar='BAG',
+        nargs=None if required else '?',
+        help='bag directory, or an .mcap, .db3, .bag or .csv file',
     )
 
 
@@ -202,7 +205,15 @@ def machine_of(args: argparse.Namespace) -> Any:
     """
     from ros2_ident.models import load_machine
 
-    machine = load_machine(args.machine)
+    return with_effort(load_machine(args.machine), args)
+
+
+def with_effort(machine: Any, args: argparse.Namespace) -> Any:
+    """Return a machine with the effort unit of parsed arguments.
+
+    Raises:
+        IdentError: WRONG_UNITS for a unit that lacks its constant.
+    """
     if args.effort_unit is None and (args.torque_constant or args.rated_torque):
         raise IdentError(
             ErrorCode.WRONG_UNITS,

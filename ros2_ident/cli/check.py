@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ident check`: what is in a bag, and whether it can be used."""
+"""`ident check`: what is in a bag, what is in a machine file, and whether they can be used."""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -10,8 +10,8 @@ from ros2_ident.cli.arguments import (
     add_effort,
     add_machine,
     add_topics,
-    machine_of,
     topics_of,
+    with_effort,
 )
 
 if TYPE_CHECKING:
@@ -19,11 +19,12 @@ if TYPE_CHECKING:
 
 DESCRIPTION = (
     'Say what is in a bag: streams, rates, gaps, missing values, motion, and whether the efforts '
-    'are plausible; with a machine file also whether they fit it, and how long an identification '
-    'takes.'
+    'are plausible. With a machine file also what is missing or implausible in it, by itself and '
+    'beside the bag, each with the line to change, and how long an identification takes.'
 )
 EXAMPLES = (
     '  ident check my_bag\n'
+    '  ident check --machine my.yaml\n'
     '  ident check my_bag --machine my.yaml\n'
     '  ident check my_bag --machine my.yaml --effort-topic /drives/torque\n'
     '\n'
@@ -33,7 +34,7 @@ EXAMPLES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    add_bag(parser)
+    add_bag(parser, required=False)
     add_machine(parser, required=False)
     add_drives(parser)
     add_effort(parser)
@@ -42,23 +43,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the report."""
-    from ros2_ident.errors import IdentError
-    from ros2_ident.recording import check, read_bag, render
+    from dataclasses import replace
+
+    from ros2_ident.commissioning import check_both, check_machine
+    from ros2_ident.errors import ErrorCode, IdentError
+    from ros2_ident.models.machine_file import read_machine_file
+    from ros2_ident.recording import check, read_bag, render, Report
     from ros2_ident.segments import gather
 
-    machine = machine_of(args) if args.machine else None
-    recordings = read_bag(args.bag, topics_of(args))
-    report = check(recordings, machine)
+    file = read_machine_file(args.machine) if args.machine else None
+    if file is not None and file.machine is not None:
+        file = replace(file, machine=with_effort(file.machine, args))
+    if args.bag is None:
+        if file is None:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL, 'nothing is to be checked; give a bag, --machine, or both'
+            )
+        report = Report(file.name, findings=check_machine(file))
+        recordings = []
+    else:
+        recordings = read_bag(args.bag, topics_of(args))
+        report = check_both(recordings, file, args.drives) if file else check(recordings)
     for line in render(report):
         print(line)
-    if machine is not None:
-        try:
-            data = gather(recordings, machine, args.drives)
-            print(_estimate(machine, args, data))
-        except IdentError as error:
-            print(f'error: cannot be identified: {error.message}')
-            return 1
-    return 1 if report.level == 'error' else 0
+    if report.level == 'error':
+        return 1
+    if file is not None and file.machine is not None:
+        if recordings:
+            print(_estimate(file.machine, args, gather(recordings, file.machine, args.drives)))
+        elif report.level == 'ok':
+            print('ok    every key is known and plausible')
+    return 0
 
 
 def _estimate(machine: 'Machine', args: argparse.Namespace, data: object) -> str:

@@ -17,6 +17,7 @@ from ros2_ident.errors import IdentError
 # Name: module and line of help. A module of a subcommand has DESCRIPTION, EXAMPLES,
 # add_arguments(parser) and run(args), and imports what is slow in run only.
 COMMANDS: dict[str, tuple[str, str]] = {
+    'new-machine': ('ros2_ident.cli.new_machine', 'write a commented machine file'),
     'check': ('ros2_ident.cli.check', 'say what is in a bag and whether it can be used'),
     'identify': ('ros2_ident.cli.identify', "identify a machine's parameters from a bag"),
     'diagnose': (

@@ -1,18 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The machine file: what is known of a machine, and the box of what is not."""
+"""What is known of a machine, and the box of what is not: a machine file's content."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-import hashlib
-from pathlib import Path
 from typing import Any
-
-import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.streams import effort_factor
-
-KINDS = ('tripod', 'linear_axis', 'belt_drive')
 
 
 @dataclass(frozen=True)
@@ -65,103 +59,6 @@ class Machine:
         """
         factor = effort_factor(unit, torque_constant, rated_torque)
         return replace(self, effort_unit=unit, effort_scale=factor)
-
-
-def _fail(path: object, text: str) -> IdentError:
-    return IdentError(ErrorCode.BAD_MACHINE_FILE, f'{path}: {text}')
-
-
-def machine_from_mapping(data: Any, where: object = 'machine file', digest: str = '') -> Machine:
-    """Build a machine from a parsed machine file.
-
-    Args:
-        data: The mapping a machine file holds.
-        where: What to call it in error messages.
-        digest: SHA-256 of the file.
-
-    Returns:
-        The machine.
-
-    Raises:
-        IdentError: BAD_MACHINE_FILE naming the line's key and the remedy.
-    """
-    if not isinstance(data, Mapping):
-        raise _fail(where, 'holds no mapping; start from a file in config/')
-    kind = data.get('machine')
-    if kind not in KINDS:
-        raise IdentError(
-            ErrorCode.UNKNOWN_MODEL,
-            f'{where}: machine is {kind!r}; write one of {", ".join(KINDS)}',
-        )
-    drives = data.get('drives')
-    if not isinstance(drives, list) or not drives or len(set(map(str, drives))) != len(drives):
-        raise _fail(where, 'drives has to be a list of different joint names')
-    if kind == 'tripod' and len(drives) != 3:
-        raise _fail(where, f'a tripod has three drives, drives lists {len(drives)}')
-    sections = {}
-    for key in ('geometry', 'drive', 'controller', 'parameters'):
-        section = data.get(key, {})
-        if not isinstance(section, Mapping):
-            raise _fail(where, f'{key} has to be a mapping of names to values')
-        sections[key] = section
-    bounds = {}
-    for name, entry in sections['parameters'].items():
-        try:
-            low, high, unit = entry
-            bounds[str(name)] = (float(low), float(high), str(unit))
-        except (TypeError, ValueError):
-            raise _fail(
-                where, f'parameter {name}: write [min, max, unit], found {entry!r}'
-            ) from None
-        if not bounds[str(name)][0] < bounds[str(name)][1]:
-            raise _fail(where, f'parameter {name}: min has to be below max, found {entry!r}')
-    if not bounds:
-        raise _fail(
-            where, 'parameters is empty: name at least one, as `tool_mass: [1.0, 2.0, kg]`'
-        )
-    unit = str(data.get('effort_unit', 'N m'))
-    try:
-        scale = effort_factor(unit, data.get('torque_constant'), data.get('rated_torque'))
-    except IdentError as error:
-        raise IdentError(error.code, f'{where}: {error.message}') from None
-    return Machine(
-        kind=kind,
-        drives=tuple(map(str, drives)),
-        geometry=dict(sections['geometry']),
-        drive=dict(sections['drive']),
-        controller=dict(sections['controller']),
-        bounds=bounds,
-        effort_unit=unit,
-        effort_scale=scale,
-        effort_noise=float(data.get('effort_noise', 0.01)),
-        digest=digest,
-    )
-
-
-def load_machine(path: str | Path) -> Machine:
-    """Read a machine file.
-
-    Args:
-        path: A YAML file in the format of `config/tripod.yaml`.
-
-    Returns:
-        The machine.
-
-    Raises:
-        IdentError: BAD_MACHINE_FILE, UNKNOWN_MODEL or WRONG_UNITS with the remedy.
-    """
-    try:
-        raw = Path(path).read_bytes()
-    except OSError as exc:
-        raise _fail(
-            path, f'cannot be read ({exc.strerror}); give the path of a machine file'
-        ) from None
-    try:
-        data = yaml.safe_load(raw)
-    except yaml.YAMLError as exc:
-        line = str(exc).replace('\n', ' ')
-        raise _fail(path, f'is no YAML: {line}') from None
-    return machine_from_mapping(data, path, hashlib.sha256(raw).hexdigest())
 
 
 def constant(

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ros2_ident.models import load_machine, Machine
 from ros2_ident.models.belt_drive import BeltDrive, step_reference
-from ros2_ident.models.machine import load_machine, Machine
 from ros2_ident.search import GeneticSearch, GeneticSettings, MANY_MINIMA, minimise
 
 Array = NDArray[np.float64]

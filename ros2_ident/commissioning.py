@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A machine file held against a bag of the machine: what in it cannot be, and on which line."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.errors import IdentError
+from ros2_ident.gap.floor import noise_floor
+from ros2_ident.models.machine import constant, Machine
+from ros2_ident.models.machine_file import MachineFile
+from ros2_ident.recording import check, Dataset, Finding, Recording, Report
+from ros2_ident.segments import gather
+
+# What a finding on the bag may owe to the machine file.
+_KEY_OF = {
+    'missing_stream': ('drives',),
+    'effort_unit': ('effort_unit',),
+    'effort_gravity': ('geometry', 'gravity'),
+    'effort_weight': ('drive', 'gear_factor'),
+}
+# An axis that goes farther is measured in millimetres or in radians of its motor, m.
+_LONG = 30.0
+# Where the noise differs from what it should be by more, something is wrong, not inexact.
+_NOISE = 3.0
+
+
+def check_machine(file: MachineFile) -> tuple[Finding, ...]:
+    """Return what there is to change in a machine file by itself, each with its line."""
+    return tuple(Finding(x.level, 'machine', '', file.sentence(x)) for x in file.remarks)
+
+
+def check_both(
+    recordings: Sequence[Recording], file: MachineFile, drives: Sequence[str] | None = None
+) -> Report:
+    """Judge recordings, the machine file, and whether they fit each other.
+
+    Args:
+        recordings: What a bag holds.
+        file: The machine file.
+        drives: Drives that are to be identified; all where None.
+
+    Returns:
+        The report; a finding that a line of the machine file can mend names it.
+    """
+    machine = file.machine
+    report = check(recordings, machine)
+    findings = [_with_line(finding, file, recordings) for finding in report.findings]
+    findings += check_machine(file)
+    if machine is not None and machine.kind != 'belt_drive':
+        try:
+            data = gather(recordings, machine, drives)
+        except IdentError as error:
+            findings.append(Finding('error', 'unusable', '', error.message))
+        else:
+            findings += _fit(report, machine, file)
+            for dataset in data.datasets:
+                findings += _reach(dataset, machine, file)
+                findings += _noise(dataset, machine, file)
+    return replace(report, findings=tuple(findings))
+
+
+def _with_line(finding: Finding, file: MachineFile, recordings: Sequence[Recording]) -> Finding:
+    """Return a finding with the line of the machine file that may mend it."""
+    path = _KEY_OF.get(finding.code)
+    if path is None or finding.level == 'ok':
+        return finding
+    said = f'{finding.sentence} ({file.place(path)}: {path[-1]})'
+    machine, state = file.machine, recordings[0].state
+    if finding.code == 'missing_stream' and machine is not None and state is not None:
+        unknown = [name for name in machine.drives if name not in state.names]
+        if unknown:
+            said = (
+                f'{file.place(path)}: drives names {", ".join(unknown)}, the bag holds '
+                f'{", ".join(state.names)}; write the names of the bag'
+            )
+    return replace(finding, sentence=said)
+
+
+def _fit(report: Report, machine: Machine, file: MachineFile) -> Iterator[Finding]:
+    """Compare what the summaries of the streams say with the machine file."""
+    cycle = constant(machine.controller, 'cycle', 'controller')
+    for stream in report.streams:
+        if stream.role == 'command' and stream.rate * cycle > 1.5:
+            yield Finding(
+                'warn',
+                'machine',
+                'command',
+                f'{file.place(("controller", "cycle"))}: cycle is {cycle:g} s but set-points come '
+                f'every {1.0 / stream.rate:.3g} s; write the period of the velocity controller',
+            )
+    for drive in report.drives:
+        if drive.stroke > _LONG:
+            yield Finding(
+                'warn',
+                'machine',
+                drive.drive,
+                f'{drive.drive}: moves by {drive.stroke:.4g} m; record positions of the carriage '
+                'in m, not mm or the angle of the motor (divide that by '
+                f'{file.place(("drive", "gear_factor"))}: gear_factor)',
+            )
+
+
+def _reach(dataset: Dataset, machine: Machine, file: MachineFile) -> Iterator[Finding]:
+    """Say where the rods of a tripod cannot meet at the recorded positions."""
+    if machine.kind != 'tripod' or dataset.position is None:
+        return
+    order = [dataset.names.index(name) for name in machine.drives]
+    height = dataset.position[order]
+    radius = constant(machine.geometry, 'rail_radius', 'geometry')
+    rod = constant(machine.geometry, 'rod_length', 'geometry')
+    azimuth = np.asarray(machine.geometry['rail_azimuth'], dtype=float)[:, None]
+    corner = np.stack(
+        [*np.broadcast_arrays(radius * np.cos(azimuth), radius * np.sin(azimuth), height)], axis=-1
+    )
+    # The rods meet where the circle through the three carriages is smaller than they are long.
+    side = [np.linalg.norm(corner[i] - corner[i - 1], axis=-1) for i in range(3)]
+    area = np.linalg.norm(np.cross(corner[1] - corner[0], corner[2] - corner[0]), axis=-1)
+    circle: npt.NDArray[np.float64] = side[0] * side[1] * side[2] / (2.0 * area)
+    share = float(np.mean(circle[np.isfinite(circle)] >= rod)) if circle.size else 0.0
+    if share > 0.0:
+        yield Finding(
+            'error',
+            'machine',
+            '',
+            f'{file.place(("geometry", "rod_length"))}: rods of {rod:g} m do not meet in '
+            f'{100.0 * share:.2g} % of the recorded positions; correct rod_length, rail_radius, '
+            'rail_azimuth, or the unit of the positions (m)',
+        )
+
+
+def _noise(dataset: Dataset, machine: Machine, file: MachineFile) -> Iterator[Finding]:
+    """Compare the noise of the machine file with what does not repeat, or is too fast, in the log.
+
+    The fast part also holds what the controller makes of the encoder's steps, so that it is judged
+    with a wide margin.
+    """
+    assert dataset.effort is not None
+    try:
+        floor = noise_floor(dataset.effort, dataset)
+    except IdentError:
+        return  # too short a log to tell
+    ratio = floor.together / machine.effort_noise if machine.effort_noise > 0.0 else math.inf
+    if not 1.0 / _NOISE < ratio < _NOISE:
+        yield Finding(
+            'warn',
+            'machine',
+            'effort',
+            f'{file.place(("effort_noise",))}: effort_noise is {machine.effort_noise:g} '
+            f'{machine.model_unit}, the log looks like {floor.together:.2g}; write its standard '
+            'deviation at rest',
+        )

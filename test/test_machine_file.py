@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Machine files: a new one works as it is, and what is wrong with one is said with its line."""
+
+from pathlib import Path
+import re
+
+from identify_cases import axis_bag, AXIS_FILE, ROOT
+import numpy as np
+import pytest
+import yaml
+
+from ros2_ident.cli import check as cli_check
+from ros2_ident.cli.main import main
+from ros2_ident.errors import IdentError
+from ros2_ident.models import load_machine, machine_from_mapping
+from ros2_ident.models.belt_drive import BeltDrive, CONSTANTS, step_reference
+from ros2_ident.models.drive_model import SLOTS
+from ros2_ident.models.machine_file import read_machine_file
+from ros2_ident.models.machine_keys import KEYS, keys_of, KINDS
+from ros2_ident.models.machine_template import machine_template
+from ros2_ident.recording import Stream, write_bag
+
+BAGS = {'tripod': ROOT / 'bags' / 'tripod_mixed', 'emps': ROOT / 'bags' / 'axis_reversals'}
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_new_machine_file_loads_without_a_remark(kind, tmp_path, capsys):
+    path = tmp_path / 'new.yaml'
+    assert main(['new-machine', '--kind', kind, '--out', str(path)]) == 0
+    assert f'written: {path}' in capsys.readouterr().out
+    file = read_machine_file(path)
+    assert file.machine is not None
+    assert file.machine.kind == kind
+    assert file.remarks == ()
+    assert main(['check', '--machine', str(path)]) == 0
+    assert 'every key is known and plausible' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_new_machine_file_says_unit_and_meaning_of_every_key(kind):
+    text = ' '.join(machine_template(kind).replace('#', ' ').split())
+    for key in keys_of(kind).values():
+        assert ' '.join(key.meaning.split()) in text, key.path
+        assert key.unit in text
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_what_stands_behind_a_comment_can_be_taken_in(kind):
+    text = re.sub(r'^( *)# (\w+: [^#]*#)', r'\1\2', machine_template(kind), flags=re.MULTILINE)
+    machine = machine_from_mapping(yaml.safe_load(text))
+    known = {path[1] for path in keys_of(kind) if path[0] == 'parameters'}
+    assert set(machine.bounds) == known
+
+
+def test_the_table_knows_what_the_models_know():
+    drives = [*keys_of('tripod'), *keys_of('linear_axis')]
+    assert {path[1] for path in drives if path[0] == 'parameters'} == set(SLOTS)
+    belt = {path: key for path, key in keys_of('belt_drive').items() if path[1:]}
+    assert {p[1] for p in belt if p[0] == 'parameters'} == set(CONSTANTS)
+    for name, (section, unit, _) in CONSTANTS.items():
+        assert belt[section, name].unit == unit
+    for key in KEYS:
+        assert set(key.examples) <= set(KINDS)
+
+
+def test_a_new_belt_drive_is_a_model():
+    machine = machine_from_mapping(yaml.safe_load(machine_template('belt_drive')))
+    outputs = BeltDrive(machine, step_reference()).simulate(np.array([[2e5, 45.0]]))
+    assert np.isfinite(outputs).all()
+    assert np.abs(outputs).max() > 0.0
+
+
+def test_drives_are_named(tmp_path, capsys):
+    assert main(['new-machine', '--kind', 'tripod', '--drives', 'a,b,c']) == 0
+    machine = machine_from_mapping(yaml.safe_load(capsys.readouterr().out))
+    assert machine.drives == ('a', 'b', 'c')
+    assert main(['new-machine', '--kind', 'tripod', '--drives', 'a,b']) == 2
+    assert 'a tripod has three drives, drives lists 2' in capsys.readouterr().err
+
+
+def test_a_file_that_is_there_is_kept(tmp_path, capsys):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('mine')
+    assert main(['new-machine', '--kind', 'tripod', '--out', str(path)]) == 2
+    assert 'exists already' in capsys.readouterr().err
+    assert path.read_text() == 'mine'
+
+
+@pytest.mark.slow
+def test_from_a_new_machine_file_to_a_result(tmp_path, capsys):
+    file, bag, out = (str(tmp_path / name) for name in ('axis.yaml', 'bag', 'out'))
+    assert main(['new-machine', '--kind', 'linear_axis', '--drives', 'x', '--out', file]) == 0
+    assert main(['simulate', bag, '--machine', file, '--seconds', '2', '--seed', '3']) == 0
+    assert main(['check', bag, '--machine', file]) == 0
+    assert '\nwarn' not in capsys.readouterr().out
+    words = ['--population', '128', '--generations', '6', '--no-overlay', '--quiet']
+    assert main(['identify', bag, '--machine', file, '--out', out, *words]) == 0
+    found = yaml.safe_load((tmp_path / 'out' / 'result.yaml').read_text())
+    inertia = found['parameters']['x.drive_inertia']['value']
+    assert inertia == pytest.approx(2e-5 + 0.25 * 28e-5, rel=0.05)  # simulate's: a quarter up
+
+
+def changed(path: Path, old: str, new: str, kind: str = 'linear_axis') -> tuple[str, int]:
+    """Write a new machine file with one text replaced; return its path and the text's line."""
+    text = machine_template(kind)
+    assert text.count(old) == 1, old
+    path.write_text(text.replace(old, new))
+    return str(path), text[: text.index(old)].count('\n') + 1
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'code', 'said'),
+    [
+        (
+            'machine: linear_axis ',
+            'machine: polar ',
+            'UNKNOWN_MODEL',
+            "machine is 'polar'; write one",
+        ),
+        ('drives: [axis]', 'drives: axis', 'BAD_MACHINE_FILE', 'a list of different joint names'),
+        ('unit: N m ', 'unit: Nm ', 'WRONG_UNITS', "effort unit is 'Nm'; write one of N m"),
+        ('unit: N m ', 'unit: A ', 'WRONG_UNITS', 'effort unit A needs torque_constant'),
+        ('rail_mass: 3.5', 'rail_mass: heavy', 'BAD_MACHINE_FILE', 'write a number in kg'),
+        ('rail_mass: 3.5', 'rail_mas: 3.5', 'BAD_MACHINE_FILE', 'write rail_mass, or remove the'),
+        ('rail_mass: 3.5', 'rod_length: 3.5', 'BAD_MACHINE_FILE', "no key 'drive.rod_length'"),
+        ('rail_mass: 3.5', 'rail_mass: 0', 'BAD_MACHINE_FILE', 'nothing has a mass: give drive.'),
+        ('rail_mass: 3.5', 'gravity: 0', 'BAD_MACHINE_FILE', 'it belongs under geometry'),
+        ('rail_mass: 3.5', 'gear_factor: 1', 'BAD_MACHINE_FILE', 'stands there twice'),
+        ('  law: cascade_pi', '  law: pid', 'BAD_MACHINE_FILE', "law is 'pid'; write one of casc"),
+        ('2.0, "1"', 'x, "1"', 'BAD_MACHINE_FILE', 'write [min, max, unit]'),
+        ('2.0, "1"', '-1, "1"', 'BAD_MACHINE_FILE', 'min has to be below max'),
+        ('0.05, s]', '0.05, ms]', 'WRONG_UNITS', "is in 'ms' but read as s; convert the bounds"),
+        (
+            'measurement_delay: ',
+            'measurement_dely: ',
+            'UNKNOWN_PARAMETER',
+            'write measurement_delay, or remove the line',
+        ),
+    ],
+)
+def test_an_error_names_file_line_and_remedy(old, new, code, said, tmp_path, capsys):
+    path, line = changed(tmp_path / 'my.yaml', old, new)
+    with pytest.raises(IdentError) as caught:
+        load_machine(path)
+    assert caught.value.code.name == code
+    assert caught.value.message.startswith(f'{path}:{line}: ')
+    assert said in caught.value.message
+    assert main(['check', '--machine', path]) == 1
+    assert f'error {caught.value.message}\n' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('kind', 'old', 'section', 'said'),
+    [
+        ('linear_axis', '  cycle: 0.001', 'controller', 'add the line `cycle: 0.001`'),
+        ('linear_axis', '  drive_inertia: ', 'parameters', 'parameters lacks drive_inertia'),
+        ('tripod', '  rod_length: 0.6', 'geometry', 'add the line `rod_length: 0.6`'),
+        ('tripod', '  gear_stiffness: ', 'parameters', 'a tripod has elastic gears'),
+        ('belt_drive', '  radius: 0.01', 'geometry', 'geometry.radius is missing'),
+    ],
+)
+def test_what_is_missing_is_said_where_it_belongs(kind, old, section, said, tmp_path):
+    path, _ = changed(tmp_path / 'my.yaml', old, '  # ', kind)
+    lines = machine_template(kind).splitlines()
+    line = next(i for i, text in enumerate(lines, 1) if text.startswith(f'{section}:'))
+    with pytest.raises(IdentError) as caught:
+        load_machine(path)
+    assert caught.value.message.startswith(f'{path}:{line}: ')
+    assert said in caught.value.message
+
+
+@pytest.mark.parametrize(
+    ('kind', 'old', 'new', 'said'),
+    [
+        (
+            'linear_axis',
+            'cycle: 0.001',
+            'cycle: 1.0',
+            'cycle is 1 s, 1e-06 to 0.05 would be',
+        ),
+        ('linear_axis', 'gear_factor: 78.54', 'gear_factor: 0.01', 'check value and unit'),
+        ('linear_axis', '[1.0e+4, 3.0e+5', '[-1.0e+4, 3.0e+5', 'gear_stiffness is [-10000, 30'),
+        ('linear_axis', 'unit: N m', 'unit: N', 'a force needs none; leave it out, or state'),
+        ('linear_axis', '# travel_per_turn: 0.08', 'travel_per_turn: 0.04', 'one turn is 0.08 m'),
+        ('linear_axis', '  gear_factor: ', '  # ', 'but drive.gear_factor is missing; add it in'),
+        ('tripod', '4.1887902]', '240]', 'write the angles in rad'),
+    ],
+)
+def test_what_is_implausible_is_a_warning_and_loads(kind, old, new, said, tmp_path, capsys):
+    path, _ = changed(tmp_path / 'my.yaml', old, new, kind)
+    load_machine(path)
+    assert main(['check', '--machine', path]) == 0
+    (warning,) = [x for x in capsys.readouterr().out.splitlines() if x.startswith('warn')]
+    assert said in warning
+    assert f'{path}:' in warning
+
+
+def test_a_file_that_is_no_yaml_names_the_line(tmp_path):
+    path = tmp_path / 'my.yaml'
+    path.write_text('machine: tripod\ndrives: [a, b\ngeometry:\n')
+    with pytest.raises(IdentError, match=r'my.yaml:3: is no YAML'):
+        load_machine(path)
+
+
+def test_shipped_machine_files_have_nothing_to_change():
+    for path in ROOT.glob('config/*.yaml'):
+        if path.name != 'identifier.yaml':
+            assert read_machine_file(path).remarks == (), path
+
+
+def test_nothing_to_check_is_said(capsys):
+    assert main(['check']) == 2
+    assert 'give a bag, --machine, or both' in capsys.readouterr().err
+
+
+# ------------------------------------------------------------------ beside a bag
+
+
+@pytest.mark.parametrize(
+    ('machine', 'level', 'old', 'new', 'key', 'said'),
+    [
+        ('tripod', 'error', 'drive_3]', 'drive_x]', 'drives', 'drives names drive_x, the bag h'),
+        ('tripod', 'error', 'length: 0.60', 'length: 0.3005', 'rod_length', 'rods of 0.3005 m do'),
+        ('tripod', 'error', 'factor: 78.', 'factor: 7.8', 'gear_factor', 'the machine weighs'),
+        ('tripod', 'warn', 'cycle: 5.0e-4', 'cycle: 5.0e-3', 'cycle', 'set-points come every'),
+        ('tripod', 'warn', 'noise: 0.01', 'noise: 1.0', 'effort_noise', 'the log looks like 0.01'),
+        ('tripod', 'warn', 'gravity: 9.81', 'gravity: -9.81', 'gravity', 'it pulls downwards'),
+        ('emps', 'error', 'limit: 351.5', 'limit: 3.5', 'effort_unit', 'it is no torque in N m'),
+    ],
+)
+def test_what_does_not_fit_the_bag_names_the_line(
+    machine, level, old, new, key, said, tmp_path, monkeypatch, capsys
+):
+    text = (ROOT / 'config' / f'{machine}.yaml').read_text()
+    assert text.count(old) == 1
+    path = tmp_path / 'my.yaml'
+    path.write_text(text.replace(old, new))
+    lines = enumerate(text.splitlines(), 1)
+    line = next(i for i, x in lines if x.strip().startswith(f'{key}:'))
+    monkeypatch.setattr(cli_check, '_estimate', lambda *_: '')  # simulates, and says nothing here
+    code = main(['check', str(BAGS[machine]), '--machine', str(path)])
+    assert code == (1 if level == 'error' else 0)
+    out = capsys.readouterr().out.splitlines()
+    assert any(x.startswith(level) and said in x and f'{path}:{line}: ' in x for x in out)
+
+
+def test_millimetres_are_noticed(tmp_path, capsys):
+    streams = {}
+    for topic, stream in axis_bag().streams.items():
+        position = None if stream.position is None else 1e3 * np.asarray(stream.position)
+        streams[topic] = Stream(stream.names, stream.stamp, position, effort=stream.effort)
+    bag = write_bag(tmp_path / 'mm', streams)
+    main(['check', str(bag), '--machine', str(AXIS_FILE)])
+    assert 'record positions of the carriage in m, not mm' in capsys.readouterr().out
+
+
+def test_a_good_pair_has_no_warning(capsys):
+    for machine, bag in BAGS.items():
+        file = ROOT / 'config' / f'{machine}.yaml'
+        assert main(['check', str(bag), '--machine', str(file)]) == 0
+        said = capsys.readouterr().out
+        assert '\nwarn' not in said
+        assert 'identification: ' in said
