@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import os
 from pathlib import Path
+import shlex
 import subprocess
 import sys
 import time
@@ -10,7 +11,10 @@ import numpy as np
 import pytest
 import yaml
 
-from ros2_ident.cli.main import COMMANDS, main
+from ros2_ident.cli import arguments
+from ros2_ident.cli.main import COMMANDS, main, make_parser
+from ros2_ident.effects import CATALOGUE
+from ros2_ident.models.machine_keys import KINDS
 from ros2_ident.recording import read_bag, Stream, write_bag
 from ros2_ident.reference.bag_making import write_simulated
 
@@ -33,7 +37,6 @@ def test_help_is_quick_and_loads_nothing_slow():
         times.append(time.monotonic() - start)
     assert done.returncode == 0
     assert all(name in done.stdout for name in COMMANDS)
-    assert 'exit codes: 0 done and good' in done.stdout
     assert min(times) < 0.5
     script = (
         'import sys; from ros2_ident.cli.main import main; main(["identify", "--help"]);'
@@ -49,10 +52,25 @@ def test_help_is_quick_and_loads_nothing_slow():
 
 
 @pytest.mark.parametrize('name', COMMANDS)
-def test_every_command_has_help_with_examples(name, capsys):
+def test_every_command_has_help_with_examples_that_work(name, capsys):
     assert main([name, '--help']) == 0
     said = capsys.readouterr().out
-    assert f'ident {name}' in said.split('examples:')[1]
+    assert 'exit codes: 0 ' in said
+    assert '2 wrong use or bad input' in ' '.join(said.split())
+    examples = said.split('examples:\n')[1].split('\n\n')[0].replace('\\\n', ' ').splitlines()
+    assert any(line.startswith(f'  ident {name} ') for line in examples)
+    for line in examples:
+        words = shlex.split(line)
+        assert words.pop(0) == 'ident'
+        assert make_parser(words).parse_args(words).command == words[0]
+        for word in words:
+            assert not word.startswith(('config/', 'bags/')) or (ROOT / word).exists(), word
+
+
+def test_the_help_of_ident_says_its_exit_codes(capsys):
+    assert main(['--help']) == 0
+    said = ' '.join(capsys.readouterr().out.split())
+    assert 'exit codes: 0 done and good; 1 done and not good; 2 wrong use or bad input; 3' in said
 
 
 def test_without_a_command_the_help_comes_with_2(capsys):
@@ -70,13 +88,43 @@ def test_version(capsys):
     assert capsys.readouterr().out.startswith('ident ')
 
 
-def test_tab_completes_options_and_drives(tmp_path):
-    line = f'ident identify bag --machine {TRIPOD_FILE} --drives drive_1,'
+def test_kinds_on_the_command_line_are_those_of_machine_files():
+    (words,) = (
+        action.choices
+        for action in make_parser(['new-machine'])._actions[-1].choices['new-machine']._actions
+        if action.dest == 'kind'
+    )
+    assert tuple(words) == tuple(KINDS)
+
+
+@pytest.mark.parametrize(
+    ('line', 'expected'),
+    [
+        ('ident dia', ['diagnose']),
+        ('ident identify bag --bou', ['--bounds']),
+        ('ident check bags/axis_r', ['bags/axis_reversals/']),
+        ('ident check --machine config/em', ['config/emps.yaml']),
+        ('ident new-machine --kind t', ['tripod']),
+        (
+            'ident identify bag --machine config/tripod.yaml --drives drive_1,',
+            ['drive_1,drive_2', 'drive_1,drive_3'],
+        ),
+        ('ident identify bag --machine config/tripod.yaml --fix to', ['tool_mass=']),
+        ('ident diagnose bag --without stribeck,backl', ['stribeck,backlash']),
+        (
+            'ident simulate bag --machine config/emps.yaml --effect presl',
+            ['presliding@all:', 'presliding@emps_axis:'],
+        ),
+        ('ident identify bag --machine config/missing.yaml --fix to', []),
+    ],
+)
+def test_tab_completes(line, expected, tmp_path):
     answer = tmp_path / 'answer'
     script = tmp_path / 'run.py'
     script.write_text('from ros2_ident.cli.main import main\nmain()\n')
     subprocess.run(
         [sys.executable, str(script)],
+        cwd=ROOT,
         env={
             **os.environ,
             'PYTHONPATH': str(ROOT),
@@ -88,7 +136,11 @@ def test_tab_completes_options_and_drives(tmp_path):
         },
         timeout=60,
     )
-    assert answer.read_text().split() == ['drive_1,drive_2', 'drive_1,drive_3']
+    assert sorted(answer.read_text().split()) == expected
+
+
+def test_tab_knows_the_effects_without_loading_them():
+    assert arguments.effects('') == sorted(CATALOGUE)
 
 
 def test_check_of_a_good_bag(tmp_path, capsys):

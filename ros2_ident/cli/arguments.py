@@ -2,6 +2,7 @@
 """Arguments that several subcommands share, and the checks of their values."""
 
 import argparse
+from collections.abc import Callable
 import math
 from pathlib import Path
 from typing import Any
@@ -112,36 +113,91 @@ def once(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
     return found
 
 
-def _drives(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> list[str]:
-    """Complete drive names from the machine file on the command line."""
+# ---------------------------------------------------------------------- completion by tab
+
+
+def complete(action: argparse.Action, words: Callable[..., list[str]]) -> None:
+    """Let tab complete an argument by `words(prefix=..., parsed_args=...)`."""
+    action.completer = words  # type: ignore[attr-defined]
+
+
+def _machine_file(parsed_args: argparse.Namespace) -> dict[str, Any]:
+    """Return the content of the machine file on the command line; empty where there is none."""
     import yaml
 
     try:
-        known = yaml.safe_load(Path(parsed_args.machine).read_text())['drives']
+        content = yaml.safe_load(Path(parsed_args.machine).read_text(encoding='utf-8'))
+        return {'drives': list(content['drives']), 'parameters': list(content['parameters'])}
     except Exception:  # completion says nothing rather than something wrong
-        return []
+        return {'drives': [], 'parameters': []}
+
+
+def _after_comma(prefix: str, known: list[str]) -> list[str]:
+    """Complete the last name of a list with commas."""
     before, comma, _last = prefix.rpartition(',')
     return [f'{before}{comma}{name}' for name in known if name not in before.split(',')]
 
 
+def drives(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> list[str]:
+    """Complete drives of the machine file."""
+    return _after_comma(prefix, _machine_file(parsed_args)['drives'])
+
+
+def parameters(parsed_args: argparse.Namespace, **_: Any) -> list[str]:
+    """Complete parameters of the machine file, for `NAME=VALUE`."""
+    return [f'{name}=' for name in _machine_file(parsed_args)['parameters']]
+
+
+def effects(prefix: str, **_: Any) -> list[str]:
+    """Complete effects: each is a module, so that none has to be loaded."""
+    folder = Path(__file__).parents[1] / 'effects'
+    found = [path.stem for path in sorted(folder.glob('[a-z]*.py')) if path.stem != 'effect']
+    return _after_comma(prefix, found)
+
+
+def effects_at(parsed_args: argparse.Namespace, **_: Any) -> list[str]:
+    """Complete `EFFECT@DRIVE:`."""
+    places = [*_machine_file(parsed_args)['drives'], 'all']
+    return [f'{effect}@{place}:' for effect in effects('') for place in places]
+
+
+def bags(prefix: str, **_: Any) -> list[str]:
+    """Complete directories and files that can be logs."""
+    from argcomplete.completers import FilesCompleter
+
+    return list(FilesCompleter(('mcap', 'db3', 'bag', 'csv'))(prefix))
+
+
+def machine_files(prefix: str, **_: Any) -> list[str]:
+    """Complete directories and YAML files."""
+    from argcomplete.completers import FilesCompleter
+
+    return list(FilesCompleter(('yaml', 'yml'))(prefix))
+
+
+# ---------------------------------------------------------------------- shared arguments
+
+
 def add_bag(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
     """Add the bag."""
-    parser.add_argument(
+    action = parser.add_argument(
         'bag',
         metavar='BAG',
         nargs=None if required else '?',
         help='bag directory, or an .mcap, .db3, .bag or .csv file',
     )
+    complete(action, bags)
 
 
 def add_machine(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
     """Add the machine file."""
-    parser.add_argument(
+    action = parser.add_argument(
         '--machine',
         required=required,
         metavar='FILE',
         help='machine file: what is known and the bounds of what is not, as config/tripod.yaml',
     )
+    complete(action, machine_files)
 
 
 def add_drives(parser: argparse.ArgumentParser) -> None:
@@ -152,7 +208,7 @@ def add_drives(parser: argparse.ArgumentParser) -> None:
         metavar='A,B',
         help='identify these drives, the others follow their recorded motion; all by default',
     )
-    action.completer = _drives  # type: ignore[attr-defined]
+    complete(action, drives)
 
 
 def add_topics(parser: argparse.ArgumentParser) -> None:

@@ -18,6 +18,7 @@ EXAMPLES = (
     'writes to DIR: the bags in cases/, the seals in sealed/, table.jsonl with one line a case, '
     'blind.md with pictures\n'
 )
+EXIT_CODES = {0: 'scored', 1: 'stopped; the same command goes on'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

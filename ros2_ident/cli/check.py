@@ -23,13 +23,12 @@ DESCRIPTION = (
     'beside the bag, each with the line to change, and how long an identification takes.'
 )
 EXAMPLES = (
-    '  ident check my_bag\n'
-    '  ident check --machine my.yaml\n'
-    '  ident check my_bag --machine my.yaml\n'
+    '  ident check bags/axis_reversals\n'
+    '  ident check --machine config/tripod.yaml\n'
+    '  ident check bags/tripod_mixed --machine config/tripod.yaml\n'
     '  ident check my_bag --machine my.yaml --effort-topic /drives/torque\n'
-    '\n'
-    'exit codes: 0 nothing wrong (warnings included), 1 errors found, 2 the bag cannot be read\n'
 )
+EXIT_CODES = {0: 'nothing wrong, warnings included', 1: 'errors found'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -13,10 +13,14 @@ from ros2_ident.cli.arguments import (
     add_machine,
     add_topics,
     assignment,
+    bags,
+    complete,
+    effects,
     machine_of,
     names,
     not_negative,
     once,
+    parameters,
     topics_of,
     whole,
 )
@@ -30,33 +34,36 @@ DESCRIPTION = (
     'and how far it shrinks on data not used for fitting. Ctrl-C keeps the best so far.'
 )
 EXAMPLES = (
-    '  ident diagnose fit_bag --check check_bag --machine config/tripod.yaml --out diagnosis\n'
-    '  ident diagnose one_bag --machine config/emps.yaml --without asymmetric_friction,backlash\n'
+    '  ident diagnose bags/tripod_pick_and_place --check bags/tripod_mixed \\\n'
+    '      --machine config/tripod.yaml --out diagnosis\n'
+    '  ident diagnose bags/axis_reversals --machine config/emps.yaml \\\n'
+    '      --without asymmetric_friction,backlash\n'
     '\n'
     'writes to DIR: diagnosis.json\n'
-    '\n'
-    'exit codes: 0 the diagnosis is complete; 1 it was cut short; 2 wrong use or bad input\n'
 )
+EXIT_CODES = {0: 'the diagnosis is complete', 1: 'it was cut short, or nothing could be simulated'}
 LINE_EVERY = 5.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_bag(parser)
-    parser.add_argument(
+    check = parser.add_argument(
         '--check', metavar='BAG', help='recording to judge on; else blocks of the first'
     )
+    complete(check, bags)
     add_machine(parser)
     parser.add_argument('--out', metavar='DIR', help='directory for diagnosis.json')
-    parser.add_argument(
+    without = parser.add_argument(
         '--without',
         type=names,
         default=(),
         metavar='EFFECT,..',
         help='effects to leave out of the catalogue',
     )
+    complete(without, effects)
     add_drives(parser)
-    parser.add_argument(
+    fix = parser.add_argument(
         '--fix',
         action='append',
         default=[],
@@ -64,6 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='NAME=VALUE',
         help='hold a parameter',
     )
+    complete(fix, parameters)
     parser.add_argument('--seed', type=whole, default=1, help='same seed and data, same diagnosis')
     parser.add_argument(
         '--seconds', type=not_negative, default=0.0, metavar='N', help='stop after this time'

@@ -12,10 +12,12 @@ from ros2_ident.cli.arguments import (
     add_machine,
     add_topics,
     assignment,
+    complete,
     count,
     interval,
     machine_of,
     once,
+    parameters,
     positive,
     topics_of,
     whole,
@@ -32,17 +34,18 @@ DESCRIPTION = (
     'refinement, and 95 % intervals. Ctrl-C keeps the best so far.'
 )
 EXAMPLES = (
-    '  ident identify bags/tripod --machine config/tripod.yaml --out results\n'
-    '  ident identify bags/tripod --machine config/tripod.yaml --drives drive_1 --out results\n'
+    '  ident identify bags/axis_reversals --machine config/emps.yaml --out results\n'
+    '  ident identify bags/tripod_mixed --machine config/tripod.yaml --drives drive_1 --out out\n'
     '  ident identify my_bag --machine my.yaml --fix tool_mass=1.4 \\\n'
     '      --bounds drive_1.gear_stiffness=1e4:1e5 --seed 7 --seconds 60 --out results\n'
     '\n'
     'writes to DIR: result.json and result.yaml (the same content), history.npz (every\n'
     'candidate), overlay (a bag with the measured, simulated and residual effort)\n'
-    '\n'
-    'exit codes: 0 identified; 1 cancelled, budget spent, not identifiable or diverged;\n'
-    '2 wrong use or bad input\n'
 )
+EXIT_CODES = {
+    0: 'identified',
+    1: 'cancelled, budget spent, not identifiable or diverged',
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--out', required=True, metavar='DIR', help='directory for the results')
     add_drives(parser)
     parser.add_argument('--seed', type=whole, default=0, help='same seed and data, same result')
-    parser.add_argument(
+    fix = parser.add_argument(
         '--fix',
         action='append',
         default=[],
@@ -60,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='NAME=VALUE',
         help='hold a parameter; gear_stiffness means that of every drive',
     )
-    parser.add_argument(
+    bounds = parser.add_argument(
         '--bounds',
         action='append',
         default=[],
@@ -68,6 +71,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='NAME=LOW:HIGH',
         help="search here instead of in the machine file's bounds",
     )
+    complete(fix, parameters)
+    complete(bounds, parameters)
     parser.add_argument('--no-overlay', action='store_true', help='write no overlay bag')
     parser.add_argument('--quiet', action='store_true', help='show no progress')
     _add_search(parser)

@@ -2,20 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `ident`: finds the subcommand, loads no other, turns errors into sentences.
 
-Exit codes: 0 done and good, 1 done and not good, 2 wrong use or bad input.
+Exit codes: 0 done and good, 1 done and not good, 2 wrong use or bad input, 3 a defect of ident.
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import importlib
 import os
 import sys
+import textwrap
+import traceback
 from typing import cast, Protocol
 
-from ros2_ident.errors import IdentError
+from ros2_ident.errors import ErrorCode, IdentError
 
 # Name: module and line of help. A module of a subcommand has DESCRIPTION, EXAMPLES,
-# add_arguments(parser) and run(args), and imports what is slow in run only.
+# EXIT_CODES (what 0 and 1 mean), add_arguments(parser) and run(args), and imports what is slow in
+# run only.
 COMMANDS: dict[str, tuple[str, str]] = {
     'new-machine': ('ros2_ident.cli.new_machine', 'write a commented machine file'),
     'check': ('ros2_ident.cli.check', 'say what is in a bag and whether it can be used'),
@@ -31,12 +34,15 @@ COMMANDS: dict[str, tuple[str, str]] = {
 
 EXAMPLES = (
     'examples:\n'
-    '  ident check bags/tripod --machine config/tripod.yaml\n'
-    '  ident identify bags/tripod --machine config/tripod.yaml --out results\n'
+    '  ident check bags/axis_reversals --machine config/emps.yaml\n'
+    '  ident identify bags/axis_reversals --machine config/emps.yaml --out results\n'
     '  ident identify --help\n'
     '\n'
-    'exit codes: 0 done and good, 1 done and not good, 2 wrong use or bad input\n'
 )
+EXIT_CODES = {0: 'done and good', 1: 'done and not good'}
+# What ends every command in the same way.
+_FAILURES = {2: 'wrong use or bad input', 3: 'a defect of ident'}
+_CODES = 'An error ends with its code in brackets; docs/errors.md says what each means.\n'
 
 
 class Command(Protocol):
@@ -44,6 +50,7 @@ class Command(Protocol):
 
     DESCRIPTION: str
     EXAMPLES: str
+    EXIT_CODES: Mapping[int, str]
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         """Add the subcommand's arguments."""
@@ -58,12 +65,18 @@ def _load(name: str) -> Command:
     return cast(Command, importlib.import_module(COMMANDS[name][0]))
 
 
+def exit_codes(own: Mapping[int, str]) -> str:
+    """Return what a command's help says on exit codes."""
+    text = '; '.join(f'{number} {meaning}' for number, meaning in {**own, **_FAILURES}.items())
+    return textwrap.fill(f'exit codes: {text}', 79)
+
+
 def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     """Return the parser for a command line; only the subcommand among its words is loaded."""
     parser = argparse.ArgumentParser(
         prog='ident',
         description='Identify drive parameters from recorded drive data.',
-        epilog=EXAMPLES,
+        epilog=f'{EXAMPLES}{exit_codes(EXIT_CODES)}\n{_CODES}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
@@ -79,7 +92,7 @@ def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
             name,
             help=line,
             description=command.DESCRIPTION,
-            epilog=f'examples:\n{command.EXAMPLES}',
+            epilog=f'examples:\n{command.EXAMPLES}\n{exit_codes(command.EXIT_CODES)}\n{_CODES}',
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
@@ -123,8 +136,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return _load(args.command).run(args)
     except IdentError as error:
-        print(f'ident {args.command}: {error.message}', file=sys.stderr)
-        return 2
+        print(f'ident {args.command}: {error.message} [{error.code.name}]', file=sys.stderr)
+        return error.code.exit_code
     except KeyboardInterrupt:
         print(f'ident {args.command}: interrupted', file=sys.stderr)
         return 1
@@ -132,6 +145,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever read the output has left; there is nobody to tell.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except Exception as defect:
+        traceback.print_exc()
+        code = ErrorCode.INTERNAL
+        print(
+            f'ident {args.command}: a defect of this package ended it ({type(defect).__name__}); '
+            f'please report it with the text above [{code.name}]',
+            file=sys.stderr,
+        )
+        return code.exit_code
 
 
 if __name__ == '__main__':

@@ -14,6 +14,7 @@ EXAMPLES = (
     '  ident new-machine --kind tripod --drives left,right,rear --out my_tripod.yaml\n'
     '  ident check --machine my_axis.yaml\n'
 )
+EXIT_CODES = {0: 'written'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

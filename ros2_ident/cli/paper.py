@@ -15,6 +15,7 @@ EXAMPLES = (
     '\n'
     'writes to DIR: paper.md, and its pictures in paper/\n'
 )
+EXIT_CODES = {0: 'written'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING
 from ros2_ident.cli.arguments import (
     add_machine,
     assignment,
+    complete,
+    effects_at,
     not_negative,
     once,
+    parameters,
     positive,
     whole,
 )
@@ -24,12 +27,13 @@ DESCRIPTION = (
     'bounds; all of them are printed and kept in the metadata of the bag.'
 )
 EXAMPLES = (
-    '  ident simulate bags/tripod --machine config/tripod.yaml --seconds 14 --seed 1 \\\n'
+    '  ident simulate my_bag --machine config/tripod.yaml --seconds 14 --seed 1 \\\n'
     '      --set tool_mass=1.35 --set gear_stiffness=2e4 --set measurement_delay=0.002\n'
     '  ident simulate with_stribeck --machine config/tripod.yaml \\\n'
     '      --effect stribeck@drive_2:torque=0.05,speed=0.03\n'
     '  ident simulate clean --machine config/emps.yaml --motion reversals --clean\n'
 )
+EXIT_CODES = {0: 'written'}
 MOTIONS = (
     'pick_and_place',
     'multi_point',
@@ -47,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument('bag', metavar='BAG', help='bag directory to make')
     add_machine(parser)
-    parser.add_argument(
+    truth = parser.add_argument(
         '--set',
         action='append',
         default=[],
@@ -55,18 +59,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='NAME=VALUE',
         help='a true parameter; gear_stiffness means that of every drive',
     )
+    complete(truth, parameters)
     parser.add_argument(
         '--motion', choices=MOTIONS, default='multi_point', help='multi_point by default'
     )
     parser.add_argument('--seconds', type=positive, default=10.0, help='duration; 10 by default')
     parser.add_argument('--seed', type=whole, default=0, help='of motion, noise and losses')
-    parser.add_argument(
+    effect = parser.add_argument(
         '--effect',
         action='append',
         default=[],
         metavar='EFFECT@DRIVE:...',
         help='something beside the nominal physics, as stribeck@drive_2:size=0.5',
     )
+    complete(effect, effects_at)
     noise = parser.add_mutually_exclusive_group()
     noise.add_argument(
         '--noise',

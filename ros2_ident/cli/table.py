@@ -62,4 +62,5 @@ def print_result(result: Identification) -> None:
     print(f'{result.evaluations} candidates in {duration(result.seconds)}, seed {result.seed}')
     for warning in result.quality.warnings:
         print(f'warning: {warning}')
-    print(f'{result.outcome.value}: {result.message}')
+    code = result.outcome.error_code
+    print(f'{result.outcome.value}: {result.message}' + (f' [{code.name}]' if code else ''))
