@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A vector of eight doubles as a numba type: one candidate in each SIMD lane.
+"""A vector of doubles as a numba type: one candidate in each SIMD lane.
 
 Kernels are written once, as if for one candidate; every operation on a `Lanes` value works on
-eight of them. The compiler splits the vector where the machine's registers are shorter. Lanes
-never mix, so a candidate's result does not depend on its neighbours.
+`WIDTH` of them. The compiler splits the vector into the machine's registers. Lanes never mix, so a
+candidate's result does not depend on its neighbours.
 
 Values come from `load(array, offset)` and `spread(scalar)`, go back with `store`, and combine with
 `+ - * /`, the comparisons (which give a `Mask`) and the functions below. Division by zero gives
@@ -23,6 +23,8 @@ from numba.extending import intrinsic as _intrinsic
 from numba.extending import lower_builtin, lower_cast, models, register_model
 import numpy as np
 
+# One register of AVX-512, two of AVX2. Twice as many hide more latency, but small batches, as
+# local fits make them, then fill half a vector only.
 WIDTH = 8
 
 
@@ -32,7 +34,10 @@ def intrinsic(function) -> Any:
 
 
 # Kernels are many small functions; a call that stays a call spills every vector register.
-inlined = njit(forceinline=True)
+# Nor may arrays be counted on the way: atomic, and a call each. So kernels get all room from
+# outside.
+inlined = njit(forceinline=True, _nrt=False)
+kernel = njit(nogil=True, cache=True, _nrt=False)
 # Contraction lets the compiler fuse a*b + c; reassociation would make results depend on its mood.
 _FLAGS = ('contract',)
 _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
@@ -151,7 +156,7 @@ def _pointer(context, builder, array_type, array, offset, offset_type):
 
 @intrinsic
 def load(typingctx, array, offset):
-    """Return eight neighbours of the flat float64 `array` from `offset` on, unchecked."""
+    """Return `WIDTH` neighbours of the flat float64 `array` from `offset` on, unchecked."""
 
     def codegen(context, builder, sig, args):
         pointer = _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
@@ -163,7 +168,7 @@ def load(typingctx, array, offset):
 
 @intrinsic
 def store(typingctx, array, offset, value):
-    """Write `value` to eight neighbours of the flat float64 `array`, unchecked."""
+    """Write `value` to `WIDTH` neighbours of the flat float64 `array`, unchecked."""
 
     def codegen(context, builder, sig, args):
         pointer = _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
@@ -172,6 +177,12 @@ def store(typingctx, array, offset, value):
         return context.get_dummy_value()
 
     return types.none(array, offset, lanes_type), codegen
+
+
+@inlined
+def parted(room, rows):
+    """Return the first `rows` rows of the flat float64 array `room`, and the rest of it."""
+    return room[: rows * WIDTH], room[rows * WIDTH :]
 
 
 @intrinsic
@@ -216,6 +227,16 @@ def _unary_intrinsic(name, doc):
 sqrt = _unary_intrinsic('llvm.sqrt', 'Return the square root, NaN below zero.')
 absolute = _unary_intrinsic('llvm.fabs', 'Return the absolute value.')
 floor = _unary_intrinsic('llvm.floor', 'Return the largest whole number not above.')
+
+
+@intrinsic
+def with_sign(typingctx, value, sign):
+    """Return `value` with the sign of `sign`."""
+
+    def codegen(context, builder, sig, args):
+        return _call(builder, 'llvm.copysign', list(args))
+
+    return lanes_type(lanes_type, lanes_type), codegen
 
 
 @intrinsic
@@ -319,9 +340,12 @@ def tanh(x):
     """Return the hyperbolic tangent to 5e-11 absolute.
 
     A rational fit x P(x**2)/Q(x**2) on [-9.2, 9.2] (minimax by reweighted least squares), constant
-    beyond.
+    beyond. Where every lane is beyond, as friction is most of the time, nothing is evaluated.
     """
-    x = clip(x, spread(-9.2), spread(9.2))
+    near = absolute(x) < spread(9.2)
+    flat = with_sign(spread(0.9999999795820788), x)
+    if not any_lane(near):
+        return flat
     u = x * x * (1.0 / 84.64)
     p = spread(0.15476603502272979)
     p = p * u + 5.612164909892022
@@ -335,7 +359,7 @@ def tanh(x):
     q = q * u + 208.87906864537354
     q = q * u + 40.13891109171854
     q = q * u + 1.0
-    return x * p / q
+    return where(near, x * p / q, flat)
 
 
 def padded(values: np.ndarray, fill: str = 'edge') -> np.ndarray:
@@ -346,7 +370,7 @@ def padded(values: np.ndarray, fill: str = 'edge') -> np.ndarray:
         fill: `numpy.pad` mode; the last candidate is repeated by default, so no lane diverges.
 
     Returns:
-        (G, N, 8) C-contiguous: candidate g*8 + k is in lane k of block g.
+        (G, N, WIDTH) C-contiguous: candidate g * WIDTH + k is in lane k of block g.
     """
     groups = -(-values.shape[0] // WIDTH)
     whole = np.pad(values, ((0, groups * WIDTH - values.shape[0]), (0, 0)), mode=fill)

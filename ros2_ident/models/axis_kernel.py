@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Linear axes that do not know of each other, eight candidates at once.
+"""Linear axes that do not know of each other, a block of candidates at once.
 
 Each drive moves one carriage, through a gear's spring or, rigid, as one mass with it. Integration
 as in `tripod_kernel`: Runge-Kutta of fourth order, its steps within a controller cycle chosen by
@@ -7,19 +7,38 @@ stiffness.
 """
 # mypy: ignore-errors
 
-from numba import njit
 import numpy as np
 
-from ros2_ident.lanes import inlined, load, spread, store, WIDTH
+from ros2_ident.lanes import (
+    absolute,
+    any_lane,
+    inlined,
+    kernel,
+    load,
+    parted,
+    spread,
+    store,
+    where,
+    WIDTH,
+)
 from ros2_ident.models import drive_kernel as dk
+from ros2_ident.models import measurement
+from ros2_ident.models import runge_kutta as rk
 from ros2_ident.models.hooks import sources_digest
 from ros2_ident.models.rows import DRIVE_COUNT, MACHINE_COUNT, row_of
 
 W = WIDTH
 GRAVITY = row_of('gravity')
 
-# State rows of one drive: motor, its rate, carriage, its rate.
-STATES = 4
+# Coordinates of one drive.
+MOTOR, CARRIAGE = 0, 1
+COORDINATES = 2
+
+
+def room_for(drives: int) -> int:
+    """Return how many numbers of room the kernel needs for so many drives."""
+    each = 2 * COORDINATES + dk.MEMORY_COUNT + measurement.PIECE + measurement.KEPT
+    return W * (drives * each + rk.STAGES * COORDINATES + 1 + measurement.ROOM)
 
 
 @inlined
@@ -30,39 +49,41 @@ def _rigid_force(par, first, mem, own, on, gear, z, v, time):
 
 
 @inlined
-def _derivative(
-    par, first, mem, own, on, rigid, mode, acceleration, gear, eps, y, out, time, elapsed
+def _step(
+    par, first, mem, on, rigid, mode, acceleration, gear, eps, place, rate, bend, time, since, h
 ):
-    """Write the derivative of one drive's state `y` into `out`."""
-    z = load(y, 0)
-    v = load(y, W)
-    if rigid:
-        s = z
-        w = v
-        force = _rigid_force(par, first, mem, own, on, gear, z, v, time)
-    else:
-        s = load(y, 2 * W)
-        w = load(y, 3 * W)
-        force = dk.gear_force(par, first, mem, own, on, gear, z, v, s, w, time)
-        rail = load(par, (first + dk.RAIL_MASS) * W)
-        push = force + dk.carriage_force(par, first, mem, own, on, gear, z, v, s, time)
-        store(out, 2 * W, w)
-        store(out, 3 * W, push / rail - load(par, GRAVITY * W))
-    store(out, 0, v)
-    if mode == dk.CLOSED_LOOP:
-        torque = dk.motor_torque(
-            par, first, mem, own, on, gear, eps, z, v, s, force, time, elapsed
-        )
-        store(out, W, (gear * torque - force) * load(mem, (own + dk.LIGHTNESS) * W))
-    else:
-        store(out, W, spread(acceleration))
+    """Integrate one drive over a step of `h` seconds that begins `since` seconds into a cycle."""
+    for part in range(rk.STAGES):
+        at = part * COORDINATES
+        elapsed = since + rk.ahead(part) * h
+        now = time + elapsed
+        z, v = rk.stage_state(place, rate, bend, COORDINATES, MOTOR, part, h)
+        if rigid:
+            s = z
+            force = _rigid_force(par, first, mem, 0, on, gear, z, v, now)
+        else:
+            s, w = rk.stage_state(place, rate, bend, COORDINATES, CARRIAGE, part, h)
+            force = dk.gear_force(par, first, mem, 0, on, gear, z, v, s, w, now)
+            rail = load(par, (first + dk.RAIL_MASS) * W)
+            push = force + dk.carriage_force(par, first, mem, 0, on, gear, z, v, s, now)
+            store(bend, (at + CARRIAGE) * W, push / rail - load(par, GRAVITY * W))
+        if mode == dk.CLOSED_LOOP:
+            torque = dk.motor_torque(
+                par, first, mem, 0, on, gear, eps, z, v, s, force, now, elapsed
+            )
+            store(bend, at * W, (gear * torque - force) * load(mem, dk.LIGHTNESS * W))
+        else:
+            store(bend, at * W, spread(acceleration))
+    rk.finish(place, rate, bend, COORDINATES, 1 if rigid else COORDINATES, h)
 
 
 def _build(digest):
-    @njit(nogil=True, cache=True)
+    @kernel
     def simulate(
         blocks,
+        rows,
         substeps,
+        room,
         command,
         motion,
         begin,
@@ -75,172 +96,187 @@ def _build(digest):
         cycle,
         law,
         feedforward,
+        wanted,
+        measured,
+        samples,
         out,
-        finite,
     ):
-        """Simulate blocks of eight candidates; arguments as in `tripod_kernel.simulate`.
+        """Simulate blocks of candidates; arguments as in `tripod_kernel.simulate`, but for these.
 
         Args:
-            blocks: (G, R * 8) rows of `models.rows`.
-            substeps: (G,) Runge-Kutta steps in a cycle.
+            room: (room_for(D),) to work in.
             command: (2 * D * K,) set-point positions of the drives, then their rates.
             motion: (3 * D * K,) recorded position, velocity and acceleration of prescribed motors,
                 else empty.
             begin: (2 * D,) where the motors start, then how fast.
             mode: (D,) CLOSED_LOOP or PRESCRIBED.
             on: (D,) flags of the effects.
-            delayed: Whether command delays are on.
             rigid: (D,) whether motor and carriage are one mass.
-            gear: Motor angle per travel [rad/m].
-            eps: Regularisation of Coulomb friction [m/s].
-            cycle: Controller cycle [s].
-            law: VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
-            feedforward: Weight of the velocity feed-forward.
-            out: (G, D, K, 8) torque of every cycle, written.
-            finite: (G, 8) 1.0 where the candidate stayed finite, written.
         """
         _ = digest
         drives = mode.shape[0]
-        count = out.shape[2]
-        y = np.zeros(STATES * W)
-        stage = np.zeros(STATES * W)
-        slope = np.zeros(STATES * W)
-        total = np.zeros(STATES * W)
-        mem = np.zeros(dk.MEMORY_COUNT * W)
+        count = wanted.shape[1]
+        all_place, rest = parted(room, drives * COORDINATES)
+        all_rate, rest = parted(rest, drives * COORDINATES)
+        all_mem, rest = parted(rest, drives * dk.MEMORY_COUNT)
+        bend, rest = parted(rest, rk.STAGES * COORDINATES)
+        torques, rest = parted(rest, drives * measurement.PIECE)
+        kept, rest = parted(rest, drives * measurement.KEPT)
+        finite, rest = parted(rest, 1)
+        own = COORDINATES * W
+        mine = dk.MEMORY_COUNT * W
         zero = spread(0.0)
         for g in range(blocks.shape[0]):
             par = blocks[g]
-            steps = substeps[g]
-            h = cycle / steps
-            for lane in range(W):
-                finite[g, lane] = 1.0
+            all_place[:] = 0.0
+            all_rate[:] = 0.0
+            all_mem[:] = 0.0
+            bend[:] = 0.0
+            kept[:] = 0.0
             for d in range(drives):
                 first = MACHINE_COUNT + d * DRIVE_COUNT
-                flags = on[d]
-                driven = mode[d] == dk.CLOSED_LOOP
-                one = rigid[d]
-                states = 2 if one else STATES
-                mem[:] = 0.0
-                y[:] = 0.0
+                place = all_place[d * own : (d + 1) * own]
+                rate = all_rate[d * own : (d + 1) * own]
+                mem = all_mem[d * mine : (d + 1) * mine]
                 start = spread(begin[d])
-                rate = spread(begin[drives + d])
+                v = spread(begin[drives + d])
                 hold = load(par, (first + dk.RAIL_MASS) * W) * load(par, GRAVITY * W)
-                stretch = zero if one else hold / load(par, (first + dk.STIFFNESS) * W)
-                z = start + stretch if driven else start
-                store(y, 0, z)
-                store(y, W, rate)
-                store(y, 2 * W, z - stretch)
-                store(y, 3 * W, rate)
+                stretch = zero if rigid[d] else hold / load(par, (first + dk.STIFFNESS) * W)
+                z = start + stretch if mode[d] == dk.CLOSED_LOOP else start
+                store(place, MOTOR * W, z)
+                store(rate, MOTOR * W, v)
+                store(place, CARRIAGE * W, z - stretch)
+                store(rate, CARRIAGE * W, v)
                 moved = load(par, (first + dk.MOTOR_MASS) * W)
-                if one:
+                if rigid[d]:
                     moved = moved + load(par, (first + dk.RAIL_MASS) * W)
                 store(mem, dk.LIGHTNESS * W, 1.0 / moved)
                 store(mem, dk.INTEGRAL * W, hold * (1.0 / gear))
                 store(mem, dk.APPLIED * W, hold * (1.0 / gear))
                 store(mem, dk.ANCHOR * W, z)
-                store(mem, dk.LAST_READ * W, z - rate * cycle)
-                store(mem, dk.LAST_BUT_ONE * W, z - 2.0 * rate * cycle)
-                delay = load(par, (first + dk.COMMAND_DELAY) * W)
-                for k in range(count):
-                    time = k * cycle
-                    acceleration = 0.0
-                    if driven:
-                        zc = dk.set_point(command, d * count, count, k, delay, cycle, delayed)
-                        vc = dk.set_point(
-                            command, (drives + d) * count, count, k, delay, cycle, delayed
-                        )
-                        torque = dk.control(
-                            par,
-                            first,
-                            mem,
-                            0,
-                            flags,
-                            law,
-                            feedforward,
-                            cycle,
-                            gear,
-                            load(y, 0),
-                            load(y, W),
-                            zc,
-                            vc,
-                            time,
-                        )
-                    else:
-                        acceleration = motion[(2 * drives + d) * count + k]
-                        z = spread(motion[d * count + k])
-                        v = spread(motion[(drives + d) * count + k])
-                        store(y, 0, z)
-                        store(y, W, v)
-                        mass = load(par, (first + dk.MOTOR_MASS) * W)
-                        if one:
-                            s = z
-                            force = _rigid_force(par, first, mem, 0, flags, gear, z, v, time)
-                            mass = mass + load(par, (first + dk.RAIL_MASS) * W)
-                        else:
-                            s = load(y, 2 * W)
-                            force = dk.gear_force(
-                                par, first, mem, 0, flags, gear, z, v, s, load(y, 3 * W), time
+                store(mem, dk.LAST_READ * W, z - v * cycle)
+                store(mem, dk.LAST_BUT_ONE * W, z - 2.0 * v * cycle)
+            for begun in range(0, count, measurement.PIECE):
+                cycles = min(measurement.PIECE, count - begun)
+                for d in range(drives):
+                    first = MACHINE_COUNT + d * DRIVE_COUNT
+                    flags = on[d]
+                    one = rigid[d]
+                    place = all_place[d * own : (d + 1) * own]
+                    rate = all_rate[d * own : (d + 1) * own]
+                    mem = all_mem[d * mine : (d + 1) * mine]
+                    delay = load(par, (first + dk.COMMAND_DELAY) * W)
+                    for piece in range(cycles):
+                        k = begun + piece
+                        time = spread(k * cycle)
+                        acceleration = 0.0
+                        z = load(place, MOTOR * W)
+                        v = load(rate, MOTOR * W)
+                        fast = absolute(v) > spread(dk.FAST * eps)
+                        if mode[d] == dk.CLOSED_LOOP:
+                            zc = dk.set_point(command, d * count, count, k, delay, cycle, delayed)
+                            vc = dk.set_point(
+                                command, (drives + d) * count, count, k, delay, cycle, delayed
                             )
-                        store(mem, dk.COMMANDED * W, zero)
-                        friction = -dk.motor_torque(
-                            par, first, mem, 0, flags, gear, eps, z, v, s, force, time, 0.0
-                        )
-                        torque = (mass * acceleration + force) * (1.0 / gear) + friction
-                    store(out, ((g * drives + d) * count + k) * W, torque)
-                    for r in range(states):
-                        store(stage, r * W, load(y, r * W))
-                        store(total, r * W, zero)
-                    for sub in range(steps):
-                        since = sub * h
-                        for part in range(4):
-                            at = 0.0 if part == 0 else (h if part == 3 else 0.5 * h)
-                            _derivative(
+                            torque = dk.control(
                                 par,
                                 first,
                                 mem,
                                 0,
                                 flags,
-                                one,
-                                mode[d],
-                                acceleration,
+                                law,
+                                feedforward,
+                                cycle,
+                                gear,
+                                z,
+                                v,
+                                zc,
+                                vc,
+                                time,
+                            )
+                        else:
+                            acceleration = motion[(2 * drives + d) * count + k]
+                            z = spread(motion[d * count + k])
+                            v = spread(motion[(drives + d) * count + k])
+                            store(place, MOTOR * W, z)
+                            store(rate, MOTOR * W, v)
+                            mass = load(par, (first + dk.MOTOR_MASS) * W)
+                            if one:
+                                s = z
+                                force = _rigid_force(par, first, mem, 0, flags, gear, z, v, time)
+                                mass = mass + load(par, (first + dk.RAIL_MASS) * W)
+                            else:
+                                s = load(place, CARRIAGE * W)
+                                w = load(rate, CARRIAGE * W)
+                                force = dk.gear_force(
+                                    par, first, mem, 0, flags, gear, z, v, s, w, time
+                                )
+                            store(mem, dk.COMMANDED * W, zero)
+                            friction = -dk.motor_torque(
+                                par, first, mem, 0, flags, gear, eps, z, v, s, force, time, zero
+                            )
+                            torque = (mass * acceleration + force) * (1.0 / gear) + friction
+                        store(torques, (d * measurement.PIECE + piece) * W, torque)
+                        steps = where(fast, load(substeps[g], 0), load(substeps[g], W))
+                        whole = cycle / steps
+                        sub = 0.0
+                        active = steps > zero
+                        while any_lane(active):
+                            # A lane that is through makes steps of no length.
+                            h = where(active, whole, zero)
+                            _step(
+                                par, first, mem, flags, one, mode[d], acceleration, gear, eps,
+                                place, rate, bend, time, sub * whole, h,
+                            )  # fmt: skip
+                            dk.keep_bristle(
+                                par,
+                                first,
+                                mem,
+                                0,
+                                flags,
                                 gear,
                                 eps,
-                                stage,
-                                slope,
-                                time + since + at,
-                                since + at,
+                                load(place, MOTOR * W),
+                                load(rate, MOTOR * W),
+                                active,
                             )
-                            weight = 1.0 if part == 0 or part == 3 else 2.0
-                            ahead = h if part == 2 else 0.5 * h
-                            for r in range(states):
-                                value = load(slope, r * W)
-                                store(total, r * W, load(total, r * W) + weight * value)
-                                store(stage, r * W, load(y, r * W) + ahead * value)
-                        for r in range(states):
-                            value = load(y, r * W) + (h / 6.0) * load(total, r * W)
-                            store(y, r * W, value)
-                            store(stage, r * W, value)
-                            store(total, r * W, zero)
-                        dk.keep_bristle(
-                            par, first, mem, 0, flags, gear, eps, load(y, 0), load(y, W)
+                            sub += 1.0
+                            active = steps > spread(sub)
+                        dk.keep_torque(
+                            par,
+                            first,
+                            mem,
+                            0,
+                            flags,
+                            gear,
+                            load(place, MOTOR * W),
+                            load(rate, MOTOR * W),
+                            load(place, MOTOR * W),
+                            time,
+                            cycle,
                         )
-                    dk.keep_torque(
-                        par,
-                        first,
-                        mem,
-                        0,
-                        flags,
-                        gear,
-                        load(y, 0),
-                        load(y, W),
-                        load(y, 0),
-                        time,
-                        cycle,
-                    )
-                for lane in range(W):
-                    for r in range(states):
-                        if not np.isfinite(y[r * W + lane]):
-                            finite[g, lane] = 0.0
+                measurement.hand_on(
+                    par,
+                    torques,
+                    begun,
+                    cycles,
+                    cycle,
+                    wanted,
+                    measured,
+                    samples,
+                    rows[g],
+                    kept,
+                    rest,
+                    out,
+                )
+            for lane in range(W):
+                finite[lane] = 1.0
+                for d in range(drives):
+                    for r in range(1 if rigid[d] else COORDINATES):
+                        at = (d * COORDINATES + r) * W + lane
+                        if not np.isfinite(all_place[at] + all_rate[at]):
+                            finite[lane] = 0.0
+            measurement.conclude(par, finite, measured, samples, rows[g], kept, out)
 
     return simulate
 

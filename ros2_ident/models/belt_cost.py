@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The belt drive's cost, eq. 2, summed while the drive moves: no trajectory is stored.
 
-Eight candidates share a vector register, see `ros2_ident.lanes`; the GIL is released. With the
+Candidates share vector registers, see `ros2_ident.lanes`; the GIL is released. With the
 distance y = phi1 - phi1d the two residuals are (phi1_measured - phi1d) - y and M1_measured + P y.
 """
 # mypy: disable-error-code="operator,no-untyped-call,call-arg,var-annotated"
@@ -13,7 +13,7 @@ from typing import Any
 from numba import njit
 import numpy as np
 
-from ros2_ident.lanes import load, spread, store
+from ros2_ident.lanes import load, spread, store, WIDTH
 from ros2_ident.models.belt_kernels import Array, Flags, Index, one_mode_set, P
 
 BLOCK = 16
@@ -47,7 +47,7 @@ def _fill(constants: Array, first: int, cycle: float, table: Array, ok: Flags) -
 def _recurrence(
     t: Array, at: int, phi1: Array, torque: Array, step_at: Index, step_by: Array, sums: Array
 ) -> None:
-    """Sum eight candidates' squared residuals; three multiplications a sample move the modes."""
+    """Sum the candidates' squared residuals; three multiplications a sample move the modes."""
     zero = spread(0.0)
     c0 = load(t, COS + at)
     c1 = load(t, COS + BLOCK + at)
@@ -146,11 +146,11 @@ def modal_cost(
     for first in range(0, count, BLOCK):
         least = _fill(constants, first, cycle, table, ok)
         if restless or least < LEAST_SINE:
-            _rotation(table, 0, phi1, torque, step_at, step_by, sums)
-            _rotation(table, 8, phi1, torque, step_at, step_by, sums)
+            for at in range(0, BLOCK, WIDTH):
+                _rotation(table, at, phi1, torque, step_at, step_by, sums)
         else:
-            _recurrence(table, 0, phi1, torque, step_at, step_by, sums)
-            _recurrence(table, 8, phi1, torque, step_at, step_by, sums)
+            for at in range(0, BLOCK, WIDTH):
+                _recurrence(table, at, phi1, torque, step_at, step_by, sums)
         for lane in range(min(BLOCK, count - first)):
             cost = math.sqrt(sums[lane] / samples) + math.sqrt(sums[BLOCK + lane] / samples)
             out[first + lane] = 0.5 * cost if ok[lane] else math.inf
@@ -159,11 +159,13 @@ def modal_cost(
 
 @njit(nogil=True, inline='always')
 def _row(a: Array, at: int, z0: Any, z1: Any, z2: Any, z3: Any, z4: Any, z5: Any, u: Any) -> Any:
-    """Return one row of A z + b u for eight candidates; seven neighbours of eight from `at` on."""
+    """Return one row of A z + b u for a block's candidates; its numbers are rows from `at` on."""
     # Two short sums instead of a long one: the processor works on both at once.
-    left = load(a, at) * z0 + load(a, at + 8) * z1 + load(a, at + 16) * z2
-    right = load(a, at + 24) * z3 + load(a, at + 32) * z4 + load(a, at + 40) * z5
-    return left + (right + load(a, at + 48) * u)
+    at = at * WIDTH
+    left = load(a, at) * z0 + load(a, at + WIDTH) * z1 + load(a, at + 2 * WIDTH) * z2
+    right = load(a, at + 3 * WIDTH) * z3 + load(a, at + 4 * WIDTH) * z4
+    right = right + load(a, at + 5 * WIDTH) * z5
+    return left + (right + load(a, at + 6 * WIDTH) * u)
 
 
 @njit(cache=True, nogil=True)
@@ -185,16 +187,16 @@ def matrix_cost(
     """
     count, samples = rows.shape[0], reference.size
     out = np.empty(count)
-    a = np.empty(42 * 8)
-    p = np.empty(8)
-    sums = np.empty(16)
-    for first in range(0, count, 8):
-        for lane in range(8):
+    a = np.empty(42 * WIDTH)
+    p = np.empty(WIDTH)
+    sums = np.empty(2 * WIDTH)
+    for first in range(0, count, WIDTH):
+        for lane in range(WIDTH):
             s = min(first + lane, count - 1)
             p[lane] = gain[s]
             for i in range(6):
                 for j in range(7):
-                    a[(i * 7 + j) * 8 + lane] = rows[s, i, j]
+                    a[(i * 7 + j) * WIDTH + lane] = rows[s, i, j]
         g = load(p, 0)
         zero = spread(0.0)
         # Deviations from the first set-point, so that rest is zero whatever the candidate's
@@ -208,15 +210,15 @@ def matrix_cost(
             error = spread(torque[k]) - g * (u - z0)
             sum_torque = sum_torque + error * error
             n0 = _row(a, 0, z0, z1, z2, z3, z4, z5, u)
-            n1 = _row(a, 56, z0, z1, z2, z3, z4, z5, u)
-            n2 = _row(a, 112, z0, z1, z2, z3, z4, z5, u)
-            n3 = _row(a, 168, z0, z1, z2, z3, z4, z5, u)
-            n4 = _row(a, 224, z0, z1, z2, z3, z4, z5, u)
-            n5 = _row(a, 280, z0, z1, z2, z3, z4, z5, u)
+            n1 = _row(a, 7, z0, z1, z2, z3, z4, z5, u)
+            n2 = _row(a, 14, z0, z1, z2, z3, z4, z5, u)
+            n3 = _row(a, 21, z0, z1, z2, z3, z4, z5, u)
+            n4 = _row(a, 28, z0, z1, z2, z3, z4, z5, u)
+            n5 = _row(a, 35, z0, z1, z2, z3, z4, z5, u)
             z0, z1, z2, z3, z4, z5 = n0, n1, n2, n3, n4, n5
         store(sums, 0, sum_phi1)
-        store(sums, 8, sum_torque)
-        for lane in range(min(8, count - first)):
-            cost = math.sqrt(sums[lane] / samples) + math.sqrt(sums[8 + lane] / samples)
+        store(sums, WIDTH, sum_torque)
+        for lane in range(min(WIDTH, count - first)):
+            cost = math.sqrt(sums[lane] / samples) + math.sqrt(sums[WIDTH + lane] / samples)
             out[first + lane] = 0.5 * cost if math.isfinite(cost) else math.inf
     return out

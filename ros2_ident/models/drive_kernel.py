@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One drive in one instant: controller, motor, friction and gear, with whichever effects are on.
 
-Every function works on eight candidates at once (see `ros2_ident.lanes`). Units are those of the
+Every function works on a block of candidates (see `ros2_ident.lanes`). Units are those of the
 rows.
 """
 # mypy: ignore-errors
@@ -27,6 +27,8 @@ from ros2_ident.models.rows import DRIVE_ROWS
 W = WIDTH
 CLOSED_LOOP, PRESCRIBED = 0, 1
 VELOCITY_FROM_STATE, VELOCITY_FROM_POSITIONS = 0, 1
+# A motor this many regularisations fast does not feel how steep friction is at standstill.
+FAST = 8.0
 
 # What a drive remembers between cycles: rows of its memory block. LIGHTNESS is one over the moved
 # mass.
@@ -85,8 +87,8 @@ def drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, ela
         load(par, (first + VISCOUS) * W),
         spread(gear),
         load(par, (first + TURN) * W),
-        spread(time),
-        spread(elapsed),
+        time,
+        elapsed,
         z - load(mem, (own + ANCHOR) * W),
         load(mem, (own + BRISTLE) * W),
     )
@@ -100,7 +102,7 @@ def gear_force(par, first, mem, own, on, gear, z, v, s, w, time):
     d = load(par, (first + DAMPING) * W)
     if on & (DEFLECTION_MASK | STIFFNESS_MASK):
         zero = spread(0.0)
-        state = drive_state(par, first, mem, own, gear, z, v, s, zero, zero, time, 0.0)
+        state = drive_state(par, first, mem, own, gear, z, v, s, zero, zero, time, zero)
         x = hooks.deflection_hook(x, state, on, par, first)
         c = hooks.stiffness_hook(c, state, on, par, first)
         if on & DEFLECTION_MASK:
@@ -147,20 +149,20 @@ def carriage_force(par, first, mem, own, on, gear, z, v, s, time):
     """Return the force [N] on the carriage besides gear, gravity and rod."""
     force = spread(0.0)
     if on & CARRIAGE_MASK:
-        state = drive_state(par, first, mem, own, gear, z, v, s, force, force, time, 0.0)
+        state = drive_state(par, first, mem, own, gear, z, v, s, force, force, time, force)
         force = hooks.carriage_hook(force, state, on, par, first)
     return force
 
 
 @inlined
-def keep_bristle(par, first, mem, own, on, gear, eps, z, v):
-    """Move the memory of a presliding friction to where the motor is now."""
+def keep_bristle(par, first, mem, own, on, gear, eps, z, v, active):
+    """Move the memory of a presliding friction to where the motor is now, in active lanes."""
     if on & SIGN_MASK:
         zero = spread(0.0)
-        state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, 0.0, 0.0)
+        state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, zero, zero)
         bristle = hooks.sign_hook(tanh(v * (1.0 / eps)), state, on, par, first)
-        store(mem, (own + BRISTLE) * W, bristle)
-        store(mem, (own + ANCHOR) * W, z)
+        store(mem, (own + BRISTLE) * W, where(active, bristle, load(mem, (own + BRISTLE) * W)))
+        store(mem, (own + ANCHOR) * W, where(active, z, load(mem, (own + ANCHOR) * W)))
 
 
 @inlined
@@ -178,7 +180,7 @@ def keep_torque(par, first, mem, own, on, gear, z, v, s, time, cycle):
             zero,
             spread(gear),
             load(par, (first + TURN) * W),
-            spread(time),
+            time,
             spread(cycle),
             zero,
             load(mem, (own + APPLIED) * W),
@@ -209,7 +211,7 @@ def control(par, first, mem, own, on, law, feedforward, cycle, gear, z, v, zc, v
     rate = v
     if on & READING_MASK:
         zero = spread(0.0)
-        state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, time, 0.0)
+        state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, time, zero)
         read = hooks.reading_hook(z, state, on, par, first)
         error = read - z
         rate = v + (error - load(mem, (own + READ_ERROR) * W)) * (1.0 / cycle)

@@ -12,15 +12,29 @@ import numpy.typing as npt
 from ros2_ident import lanes
 from ros2_ident.effects import Effect, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.models import drive_kernel, measurement, rows
+from ros2_ident.models import drive_kernel, rows
 from ros2_ident.models.machine import constant, Machine
 from ros2_ident.models.parameter import Kind, Parameter
 from ros2_ident.recording import Dataset
 
 Array = npt.NDArray[np.float64]
 
-# Candidates simulated in one piece: their torque histories stay within a few ten megabytes.
-_PIECE = 64
+
+@dataclass
+class Task:
+    """What a simulation is for, as `measurement.hand_on` takes it.
+
+    Attributes:
+        wanted: (D, K) column of `out` for each drive and cycle, -1 for none.
+        measured: (D, K + 1) measured torque where costs are summed, else (0, 0).
+        samples: (D,) cycles of each drive that count.
+        out: (S, C) torque, or (S, 1) costs.
+    """
+
+    wanted: npt.NDArray[np.int64]
+    measured: Array
+    samples: npt.NDArray[np.int64]
+    out: Array
 
 
 @dataclass(frozen=True)
@@ -364,16 +378,17 @@ class DriveModel(ABC):
                 block[:, row] += value
 
     def work(self, theta: Array) -> npt.NDArray[np.int64]:
-        """Return (S,) integration steps in a cycle that candidates (S, N) take.
+        """Return (S,) integration steps in a cycle that candidates (S, N) take near standstill.
 
         Candidates of the same number share a vector; batches sorted by it are simulated faster.
         """
         return self._steps(self.rows(theta))
 
-    def _steps(self, block: Array) -> npt.NDArray[np.int64]:
+    def _steps(self, block: Array, *, fast: bool = False) -> npt.NDArray[np.int64]:
         """Return (S,) integration steps in a cycle, by the gear's and the friction's stiffness.
 
-        The limits come from the convergence study in `docs/convergence.md`.
+        The limits come from the convergence study in `docs/convergence.md`. While all drives move
+        `fast`, friction is as good as constant and the gear alone counts.
         """
         if self.substeps is not None:
             return np.full(len(block), self.substeps, dtype=np.int64)
@@ -381,12 +396,13 @@ class DriveModel(ABC):
         for d in range(len(self.machine.drives)):
             motor = np.maximum(block[:, rows.row_of('motor_mass', d)], 1e-9)
             rail = block[:, rows.row_of('rail_mass', d)]
-            slope = (
-                self.gear
-                * block[:, rows.row_of('coulomb', d)]
-                / (self.eps * (motor + (rail if self.stiff[d] else 0.0)))
-            )
-            need = np.maximum(need, self.cycle * slope / 1.5)
+            if not fast:
+                slope = (
+                    self.gear
+                    * block[:, rows.row_of('coulomb', d)]
+                    / (self.eps * (motor + (rail if self.stiff[d] else 0.0)))
+                )
+                need = np.maximum(need, self.cycle * slope / 1.5)
             if not self.stiff[d]:
                 inverse = 1.0 / motor + 1.0 / np.maximum(rail, 1e-9)
                 omega = np.sqrt(block[:, rows.row_of('gear_stiffness', d)] * inverse)
@@ -441,9 +457,26 @@ class DriveModel(ABC):
 
     @abstractmethod
     def _run(
-        self, blocks: Array, steps: npt.NDArray[np.int64], torque: Array, finite: Array
+        self, blocks: Array, rows: npt.NDArray[np.int64], substeps: Array, task: Task
     ) -> None:
-        """Run the compiled simulation of (G, R * 8) blocks."""
+        """Run the compiled simulation of (G, R * W) blocks; see `tripod_kernel.simulate`."""
+
+    def _simulated(self, theta: Array, task: Task) -> Array:
+        """Simulate candidates (S, N), those of equal work side by side; return `task.out`."""
+        block = self.rows(theta)
+        steps = np.stack([self._steps(block, fast=True), self._steps(block)], axis=1)
+        order = np.lexsort(steps.T)
+        width = lanes.WIDTH
+        groups = -(-len(order) // width)
+        places = np.full(groups * width, -1, dtype=np.int64)
+        places[: len(order)] = order
+        self._run(
+            lanes.padded(block[order]).reshape(groups, -1),
+            places.reshape(groups, width),
+            lanes.padded(steps[order].astype(float)).reshape(groups, -1),
+            task,
+        )
+        return task.out
 
     def simulate(self, theta: Array) -> Array:
         """Return the logged torque of every candidate.
@@ -455,42 +488,39 @@ class DriveModel(ABC):
             (S, D, K) torque of `outputs` at every controller cycle [`output_unit`]; inf where a
             candidate diverged.
         """
-        block = self.rows(theta)
-        count = self._command.size // (2 * len(self.machine.drives))
-        chosen = [self.machine.drives.index(name) for name in self.drives]
-        out = np.empty((len(block), len(chosen), count))
-        steps = self._steps(block)
-        for number in np.unique(steps):
-            members = np.flatnonzero(steps == number)
-            for at in range(0, len(members), _PIECE):
-                piece = members[at : at + _PIECE]
-                out[piece] = self._piece(block[piece], int(number), count)[:, chosen]
-        return out
-
-    def _piece(self, block: Array, steps: int, count: int) -> Array:
-        blocks = lanes.padded(block).reshape(-1, block.shape[1] * lanes.WIDTH)
-        drives = len(self.machine.drives)
-        torque = np.empty((len(blocks), drives, count, lanes.WIDTH))
-        finite = np.empty((len(blocks), lanes.WIDTH))
-        self._run(blocks, np.full(len(blocks), steps, dtype=np.int64), torque, finite)
-        logged = np.empty((len(blocks) * lanes.WIDTH, drives, count))
-        measurement.logged(blocks, torque, finite, self.cycle, logged)
-        return logged[: len(block)]
+        theta = np.atleast_2d(np.asarray(theta, dtype=float))
+        shape = (len(self.drives), self._command.size // (2 * len(self.machine.drives)))
+        every = np.ones(shape, dtype=bool)
+        out = np.empty((len(theta), every.size))
+        return self._simulated(theta, self._task(every, out)).reshape(len(theta), *shape)
 
     def costs(self, theta: Array) -> Array:
         """Return (S,) costs of (S, N) candidates, eq. 2 [`output_unit`]; inf: diverged."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
-        cost = np.empty(len(theta))
         measured = self.measured
-        for at in range(0, len(theta), _PIECE):
-            part = slice(at, at + _PIECE)
-            measurement.costs(self.simulate(theta[part]), measured, cost[part])
-        return cost
+        task = self._task(~np.isnan(measured), np.empty((len(theta), 1)))
+        task.measured = np.full((len(self.machine.drives), measured.shape[1] + 1), np.nan)
+        task.measured[self._chosen_rows, :-1] = measured
+        return self._simulated(theta, task)[:, 0]
 
     def residuals(self, theta: Array) -> Array:
         """Return (S, R) measured less simulated torque, drive by drive (eq. 1)."""
+        theta = np.atleast_2d(np.asarray(theta, dtype=float))
         measured = self.measured
         there = ~np.isnan(measured)
-        simulated = self.simulate(theta)
-        out: Array = measured[there][None] - simulated[:, there]
-        return out
+        out = np.empty((len(theta), int(there.sum())))
+        self._simulated(theta, self._task(there, out))
+        return np.subtract(measured[there], out, out=out)
+
+    @property
+    def _chosen_rows(self) -> list[int]:
+        return [self.machine.drives.index(name) for name in self.drives]
+
+    def _task(self, there: npt.NDArray[np.bool_], out: Array) -> Task:
+        """Return the task of writing the torque of `outputs` where `there` (D, K) holds."""
+        drives = len(self.machine.drives)
+        wanted = np.full((drives, there.shape[1]), -1, dtype=np.int64)
+        columns = np.full(there.shape, -1, dtype=np.int64)
+        columns[there] = np.arange(int(there.sum()))
+        wanted[self._chosen_rows] = columns
+        return Task(wanted, np.empty((0, 0)), (wanted >= 0).sum(axis=1), out)

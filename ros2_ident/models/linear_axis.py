@@ -5,8 +5,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.models import rows
-from ros2_ident.models.axis_kernel import simulate
-from ros2_ident.models.drive_model import Array, DriveModel
+from ros2_ident.models.axis_kernel import room_for, simulate
+from ros2_ident.models.drive_model import Array, DriveModel, Task
 from ros2_ident.models.machine import constant
 
 # A set-point slower than this share of its fastest at the log's start counts as rest.
@@ -64,11 +64,13 @@ class LinearAxis(DriveModel):
         return begin
 
     def _run(
-        self, blocks: Array, steps: npt.NDArray[np.int64], torque: Array, finite: Array
+        self, blocks: Array, rows: npt.NDArray[np.int64], substeps: Array, task: Task
     ) -> None:
         simulate(
             blocks,
-            steps,
+            rows,
+            substeps,
+            np.empty(room_for(len(self.machine.drives))),
             self._command,
             self._motion,
             self._begin,
@@ -81,6 +83,8 @@ class LinearAxis(DriveModel):
             self.cycle,
             self.law,
             self.feedforward,
-            torque,
-            finite,
+            task.wanted,
+            task.measured,
+            task.samples,
+            task.out,
         )

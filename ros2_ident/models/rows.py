@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a candidate's numbers lie in a block of eight: names of the rows the kernels read.
+"""How a candidate's numbers lie in a block of lanes: names of the rows the kernels read.
 
-A block is a flat array; row r holds the eight lanes' values at [8 r, 8 r + 8). First the machine's
+A block is a flat array; row r holds the W lanes' values at [W r, W r + W). First the machine's
 rows, then each drive's, then each drive's effects in the catalogue's order.
 """
 

@@ -6,9 +6,9 @@ import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import rows
-from ros2_ident.models.drive_model import Array, DriveModel
+from ros2_ident.models.drive_model import Array, DriveModel, Task
 from ros2_ident.models.machine import constant
-from ros2_ident.models.tripod_kernel import simulate
+from ros2_ident.models.tripod_kernel import ROOM, simulate
 
 
 class Tripod(DriveModel):
@@ -34,11 +34,13 @@ class Tripod(DriveModel):
         return base
 
     def _run(
-        self, blocks: Array, steps: npt.NDArray[np.int64], torque: Array, finite: Array
+        self, blocks: Array, rows: npt.NDArray[np.int64], substeps: Array, task: Task
     ) -> None:
         simulate(
             blocks,
-            steps,
+            rows,
+            substeps,
+            np.empty(ROOM),
             self._command,
             self._motion,
             self._mode,
@@ -51,6 +53,8 @@ class Tripod(DriveModel):
             self.cycle,
             self.law,
             self.feedforward,
-            torque,
-            finite,
+            task.wanted,
+            task.measured,
+            task.samples,
+            task.out,
         )

@@ -1,21 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tripod, all drives coupled, eight candidates at once.
+"""The tripod, all drives coupled, a block of candidates at once.
 
 Coordinates: motors z and carriages s. The platform follows from the carriages in closed form. In a
-controller cycle
-the linkage moves by a fraction of a millimetre while the gear's spring may swing: geometry, mass
-    matrix and
-centripetal load are taken once a cycle, at its predicted middle (error of second order), and the
-drives are integrated over it by Runge-Kutta steps of fourth order, as many as a candidate's
-stiffness asks for.
+controller cycle the linkage moves by a fraction of a millimetre while the gear's spring may swing:
+geometry, mass matrix and centripetal load are taken once a cycle, at its predicted middle (error
+of second order), and the drives are integrated over it by Runge-Kutta steps of fourth order, as
+many as a candidate's stiffness asks for.
 """
 # mypy: ignore-errors
 
-from numba import njit
 import numpy as np
 
-from ros2_ident.lanes import inlined, load, spread, sqrt, store, where, WIDTH
+from ros2_ident.lanes import (
+    absolute,
+    any_lane,
+    inlined,
+    kernel,
+    load,
+    parted,
+    spread,
+    sqrt,
+    store,
+    where,
+    WIDTH,
+)
 from ros2_ident.models import drive_kernel as dk
+from ros2_ident.models import measurement
+from ros2_ident.models import runge_kutta as rk
 from ros2_ident.models.hooks import sources_digest
 from ros2_ident.models.rows import DRIVE_COUNT, MACHINE_COUNT, row_of
 
@@ -32,12 +43,19 @@ FRAME_INVERSE = row_of('frame_inverse_mass')
 FRAME_FREQUENCY = row_of('frame_frequency')
 FRAME_DAMPING = row_of('frame_damping')
 
-# State rows: motors 0-2, their rates 3-5, carriages 6-8, their rates 9-11, frame 12, its rate 13.
-STATES = 14
+# Coordinates: motors 0-2, carriages 3-5, frame 6.
+COORDINATES = 7
+MOTOR, CARRIAGE, FRAME = 0, 3, 6
 # Rows of the linkage block: inverse mass matrix 0-5 (11 22 33 12 13 23), load 6-8, coupling of the
-# frame's
-# acceleration 9-11, its own bias 12, the mass it carries 13.
+# frame's acceleration 9-11, its own bias 12, the mass it carries 13.
 LINKAGE = 14
+ROOM = W * (
+    (2 + rk.STAGES) * COORDINATES
+    + LINKAGE
+    + 3 * (2 + dk.MEMORY_COUNT + measurement.PIECE + measurement.KEPT)
+    + 1
+    + measurement.ROOM
+)
 
 
 @inlined
@@ -60,64 +78,75 @@ def _linkage(par, s1, s2, s3, w1, w2, w3, grid, tool, frame, out):
     h3 = 0.5 * u3 * u3
     qx = (grid[0] * h2 + grid[1] * h3) * inverse - radius * grid[4]
     qy = (grid[2] * h2 + grid[3] * h3) * inverse - radius * grid[5]
-    # |q + b zeta|^2 + zeta^2 = L^2 for the height zeta of carriage 1 above the platform; the
-    # platform hangs below.
+    # The rods (x, y, z): |q + b z1|^2 + z1^2 = L^2; the platform hangs below the carriages.
     a = bx * bx + by * by + 1.0
     b = bx * qx + by * qy
-    zeta = (sqrt(b * b - a * (qx * qx + qy * qy - length * length)) - b) / a
-    px = qx + bx * zeta + radius * grid[4]
-    py = qy + by * zeta + radius * grid[5]
-    i1 = 1.0 / zeta
-    i2 = 1.0 / (zeta + u2)
-    i3 = 1.0 / (zeta + u3)
-    x1 = (radius * grid[4] - px) * i1
-    y1 = (radius * grid[5] - py) * i1
-    x2 = (radius * grid[6] - px) * i2
-    y2 = (radius * grid[7] - py) * i2
-    x3 = (radius * grid[8] - px) * i3
-    y3 = (radius * grid[9] - py) * i3
+    z1 = (sqrt(b * b - a * (qx * qx + qy * qy - length * length)) - b) / a
+    z2 = z1 + u2
+    z3 = z1 + u3
+    x1 = -(qx + bx * z1)
+    y1 = -(qy + by * z1)
+    x2 = x1 + radius * (grid[6] - grid[4])
+    y2 = y1 + radius * (grid[7] - grid[5])
+    x3 = x1 + radius * (grid[8] - grid[4])
+    y3 = y1 + radius * (grid[9] - grid[5])
+    # Rows (x, y, z) times the platform's velocity give z s'. The inverse of their matrix, but for
+    # its determinant:
+    cx1 = y2 * z3 - y3 * z2
+    cy1 = z2 * x3 - z3 * x2
+    cz1 = x2 * y3 - x3 * y2
+    cx2 = y3 * z1 - y1 * z3
+    cy2 = z3 * x1 - z1 * x3
+    cz2 = x3 * y1 - x1 * y3
+    cx3 = y1 * z2 - y2 * z1
+    cy3 = z1 * x2 - z2 * x1
+    cz3 = x1 * y2 - x2 * y1
+    over = 1.0 / (x1 * cx1 + y1 * cy1 + z1 * cz1)
     # Columns of A = dp/ds.
-    over = 1.0 / ((x2 - x1) * (y3 - y1) - (x3 - x1) * (y2 - y1))
-    ax1 = (y2 - y3) * over
-    ay1 = (x3 - x2) * over
-    az1 = (x2 * y3 - x3 * y2) * over
-    ax2 = (y3 - y1) * over
-    ay2 = (x1 - x3) * over
-    az2 = (x3 * y1 - x1 * y3) * over
-    ax3 = (y1 - y2) * over
-    ay3 = (x2 - x1) * over
-    az3 = (x1 * y2 - x2 * y1) * over
+    k1 = z1 * over
+    k2 = z2 * over
+    k3 = z3 * over
+    ax1 = cx1 * k1
+    ay1 = cy1 * k1
+    az1 = cz1 * k1
+    ax2 = cx2 * k2
+    ay2 = cy2 * k2
+    az2 = cz2 * k2
+    ax3 = cx3 * k3
+    ay3 = cy3 * k3
+    az3 = cz3 * k3
     vx = ax1 * w1 + ax2 * w2 + ax3 * w3
     vy = ay1 * w1 + ay2 * w2 + ay3 * w3
     vz = az1 * w1 + az2 * w2 + az3 * w3
+    # The part of the platform's acceleration that the rates make.
     square = vx * vx + vy * vy
-    c1 = (square + (w1 - vz) * (w1 - vz)) * i1
-    c2 = (square + (w2 - vz) * (w2 - vz)) * i2
-    c3 = (square + (w3 - vz) * (w3 - vz)) * i3
+    c1 = (square + (w1 - vz) * (w1 - vz)) * over
+    c2 = (square + (w2 - vz) * (w2 - vz)) * over
+    c3 = (square + (w3 - vz) * (w3 - vz)) * over
+    bias_x = cx1 * c1 + cx2 * c2 + cx3 * c3
+    bias_y = cy1 * c1 + cy2 * c2 + cy3 * c3
+    bias_z = cz1 * c1 + cz2 * c2 + cz3 * c3
     # Each rod's mass is halved between its ends (Codourey 1998).
     mass = tool + 1.5 * rod
-    m11 = mass * (ax1 * ax1 + ay1 * ay1 + az1 * az1)
-    m22 = mass * (ax2 * ax2 + ay2 * ay2 + az2 * az2)
-    m33 = mass * (ax3 * ax3 + ay3 * ay3 + az3 * az3)
-    m12 = mass * (ax1 * ax2 + ay1 * ay2 + az1 * az2)
-    m13 = mass * (ax1 * ax3 + ay1 * ay3 + az1 * az3)
-    m23 = mass * (ax2 * ax3 + ay2 * ay3 + az2 * az3)
-    # The bias of the platform's acceleration is A c, hence m A' A c in the carriages' directions.
-    f1 = m11 * c1 + m12 * c2 + m13 * c3
-    f2 = m12 * c1 + m22 * c2 + m23 * c3
-    f3 = m13 * c1 + m23 * c2 + m33 * c3
-    r1 = load(par, (MACHINE_COUNT + dk.RAIL_MASS) * W)
-    r2 = load(par, (MACHINE_COUNT + DRIVE_COUNT + dk.RAIL_MASS) * W)
-    r3 = load(par, (MACHINE_COUNT + 2 * DRIVE_COUNT + dk.RAIL_MASS) * W)
-    g1 = r1 + 0.5 * rod + mass * az1
-    g2 = r2 + 0.5 * rod + mass * az2
-    g3 = r3 + 0.5 * rod + mass * az3
-    store(out, 6 * W, f1 + gravity * g1)
-    store(out, 7 * W, f2 + gravity * g2)
-    store(out, 8 * W, f3 + gravity * g3)
-    m11 = m11 + r1 + 0.5 * rod
-    m22 = m22 + r2 + 0.5 * rod
-    m33 = m33 + r3 + 0.5 * rod
+    r1 = load(par, (MACHINE_COUNT + dk.RAIL_MASS) * W) + 0.5 * rod
+    r2 = load(par, (MACHINE_COUNT + DRIVE_COUNT + dk.RAIL_MASS) * W) + 0.5 * rod
+    r3 = load(par, (MACHINE_COUNT + 2 * DRIVE_COUNT + dk.RAIL_MASS) * W) + 0.5 * rod
+    lift = bias_z + gravity
+    store(out, 6 * W, mass * (ax1 * bias_x + ay1 * bias_y + az1 * lift) + gravity * r1)
+    store(out, 7 * W, mass * (ax2 * bias_x + ay2 * bias_y + az2 * lift) + gravity * r2)
+    store(out, 8 * W, mass * (ax3 * bias_x + ay3 * bias_y + az3 * lift) + gravity * r3)
+    mx1 = mass * ax1
+    my1 = mass * ay1
+    mz1 = mass * az1
+    mx2 = mass * ax2
+    my2 = mass * ay2
+    mz2 = mass * az2
+    m11 = mx1 * ax1 + my1 * ay1 + (mz1 * az1 + r1)
+    m22 = mx2 * ax2 + my2 * ay2 + (mz2 * az2 + r2)
+    m33 = mass * (ax3 * ax3 + ay3 * ay3 + az3 * az3) + r3
+    m12 = mx1 * ax2 + my1 * ay2 + mz1 * az2
+    m13 = mx1 * ax3 + my1 * ay3 + mz1 * az3
+    m23 = mx2 * ax3 + my2 * ay3 + mz2 * az3
     n11 = m22 * m33 - m23 * m23
     n12 = m13 * m23 - m12 * m33
     n13 = m12 * m23 - m13 * m22
@@ -131,16 +160,16 @@ def _linkage(par, s1, s2, s3, w1, w2, w3, grid, tool, frame, out):
     if frame:
         # The frame lifts everything: what its acceleration does to the carriages is what gravity
         # does.
-        store(out, 9 * W, g1)
-        store(out, 10 * W, g2)
-        store(out, 11 * W, g3)
-        store(out, 12 * W, mass * (az1 * c1 + az2 * c2 + az3 * c3))
-        store(out, 13 * W, r1 + r2 + r3 + 1.5 * rod + mass)
+        store(out, 9 * W, r1 + mass * az1)
+        store(out, 10 * W, r2 + mass * az2)
+        store(out, 11 * W, r3 + mass * az3)
+        store(out, 12 * W, mass * bias_z)
+        store(out, 13 * W, r1 + r2 + r3 + mass)
 
 
 @inlined
-def _carriage_accelerations(par, link, push, y, frame, out):
-    """Write the accelerations of carriages (rows 9-11) and frame (13) into `out`."""
+def _carriages(par, link, push, sway, sway_rate, frame, bend, at):
+    """Write the accelerations of carriages and frame into `bend` from row `at` on."""
     f1 = load(push, 0) - load(link, 6 * W)
     f2 = load(push, W) - load(link, 7 * W)
     f3 = load(push, 2 * W) - load(link, 8 * W)
@@ -162,59 +191,64 @@ def _carriage_accelerations(par, link, push, y, frame, out):
         b3 = i13 * g1 + i23 * g2 + i33 * g3
         omega = load(par, FRAME_FREQUENCY * W) * 6.283185307179586
         light = load(par, FRAME_INVERSE * W)
-        back = omega * (
-            omega * load(y, 12 * W) + 2.0 * load(par, FRAME_DAMPING * W) * load(y, 13 * W)
-        )
+        back = omega * (omega * sway + 2.0 * load(par, FRAME_DAMPING * W) * sway_rate)
         push_back = g1 * a1 + g2 * a2 + g3 * a3 + load(link, 12 * W)
         carried = load(link, 13 * W) - (g1 * b1 + g2 * b2 + g3 * b3)
         lift = -(back + light * push_back) / (light * carried + 1.0)
         a1 = a1 - b1 * lift
         a2 = a2 - b2 * lift
         a3 = a3 - b3 * lift
-        store(out, 12 * W, load(y, 13 * W))
-        store(out, 13 * W, lift)
-    store(out, 9 * W, a1)
-    store(out, 10 * W, a2)
-    store(out, 11 * W, a3)
+        store(bend, (at + FRAME) * W, lift)
+    store(bend, (at + CARRIAGE) * W, a1)
+    store(bend, (at + CARRIAGE + 1) * W, a2)
+    store(bend, (at + CARRIAGE + 2) * W, a3)
 
 
 @inlined
-def _derivative(
-    par, mem, link, y, push, out, on, mode, motion, k, count, gear, eps, time, elapsed, frame
-):
-    """Write the derivative of the state `y` into `out`."""
-    for d in range(3):
-        first = MACHINE_COUNT + d * DRIVE_COUNT
-        own = d * dk.MEMORY_COUNT
-        z = load(y, d * W)
-        v = load(y, (3 + d) * W)
-        s = load(y, (6 + d) * W)
-        w = load(y, (9 + d) * W)
-        flags = on[d]
-        force = dk.gear_force(par, first, mem, own, flags, gear, z, v, s, w, time)
-        if mode[d] == dk.CLOSED_LOOP:
-            torque = dk.motor_torque(
-                par, first, mem, own, flags, gear, eps, z, v, s, force, time, elapsed
-            )
-            acceleration = (gear * torque - force) * load(mem, (own + dk.LIGHTNESS) * W)
-        else:
-            acceleration = spread(motion[(6 + d) * count + k])
-        store(out, d * W, v)
-        store(out, (3 + d) * W, acceleration)
-        store(out, (6 + d) * W, w)
-        store(
-            push,
-            d * W,
-            force + dk.carriage_force(par, first, mem, own, flags, gear, z, v, s, time),
-        )
-    _carriage_accelerations(par, link, push, y, frame, out)
+def _step(
+    par, mem, link, place, rate, bend, push, on, mode, motion, k, count, gear, eps, time, since, h,
+    frame, effects,
+):  # fmt: skip
+    """Integrate over a step of `h` seconds that begins `since` seconds into cycle `k`.
+
+    Where `effects` is False the hooks are compiled out.
+    """
+    for part in range(rk.STAGES):
+        at = part * COORDINATES
+        elapsed = since + rk.ahead(part) * h
+        for d in range(3):
+            first = MACHINE_COUNT + d * DRIVE_COUNT
+            own = d * dk.MEMORY_COUNT
+            flags = on[d] if effects else 0
+            z, v = rk.stage_state(place, rate, bend, COORDINATES, MOTOR + d, part, h)
+            s, w = rk.stage_state(place, rate, bend, COORDINATES, CARRIAGE + d, part, h)
+            now = time + elapsed
+            force = dk.gear_force(par, first, mem, own, flags, gear, z, v, s, w, now)
+            if mode[d] == dk.CLOSED_LOOP:
+                torque = dk.motor_torque(
+                    par, first, mem, own, flags, gear, eps, z, v, s, force, now, elapsed
+                )
+                acceleration = (gear * torque - force) * load(mem, (own + dk.LIGHTNESS) * W)
+            else:
+                acceleration = spread(motion[(6 + d) * count + k])
+            store(bend, (at + MOTOR + d) * W, acceleration)
+            push_d = force + dk.carriage_force(par, first, mem, own, flags, gear, z, v, s, now)
+            store(push, d * W, push_d)
+        sway = spread(0.0)
+        sway_rate = sway
+        if frame:
+            sway, sway_rate = rk.stage_state(place, rate, bend, COORDINATES, FRAME, part, h)
+        _carriages(par, link, push, sway, sway_rate, frame, bend, at)
+    rk.finish(place, rate, bend, COORDINATES, COORDINATES if frame else FRAME, h)
 
 
 def _build(digest):
-    @njit(nogil=True, cache=True)
+    @kernel
     def simulate(
         blocks,
+        rows,
         substeps,
+        room,
         command,
         motion,
         mode,
@@ -227,14 +261,19 @@ def _build(digest):
         cycle,
         law,
         feedforward,
+        wanted,
+        measured,
+        samples,
         out,
-        finite,
     ):
-        """Simulate blocks of eight candidates; see `tripod.Tripod.simulate`.
+        """Simulate blocks of candidates; see `drive_model.DriveModel`.
 
         Args:
-            blocks: (G, R * 8) rows of `models.rows`.
-            substeps: (G,) Runge-Kutta steps in a cycle.
+            blocks: (G, R * W) rows of `models.rows`.
+            rows: (G, W) row of `out` for each lane, -1 for none.
+            substeps: (G, 2 * W) Runge-Kutta steps in a cycle: while every drive moves fast, and
+                otherwise.
+            room: (ROOM,) to work in.
             command: (6 * K,) set-point positions of the three drives, then their rates.
             motion: (9 * K,) recorded position, velocity and acceleration of prescribed motors,
                 else empty.
@@ -248,34 +287,42 @@ def _build(digest):
             cycle: Controller cycle [s].
             law: VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
             feedforward: Weight of the velocity feed-forward.
-            out: (G, 3, K, 8) torque of every cycle, written.
-            finite: (G, 8) 1.0 where the candidate stayed finite, written.
+            wanted, measured, samples, out: As for `measurement.hand_on`.
         """
         _ = digest
         count = command.shape[0] // 6
-        states = STATES if frame else STATES - 2
-        y = np.zeros(STATES * W)
-        stage = np.zeros(STATES * W)
-        slope = np.zeros(STATES * W)
-        total = np.zeros(STATES * W)
-        push = np.zeros(3 * W)
-        link = np.zeros(LINKAGE * W)
-        mem = np.zeros(3 * dk.MEMORY_COUNT * W)
+        coordinates = COORDINATES if frame else FRAME
+        effects = on[0] != 0 or on[1] != 0 or on[2] != 0
+        place, rest = parted(room, COORDINATES)
+        rate, rest = parted(rest, COORDINATES)
+        bend, rest = parted(rest, rk.STAGES * COORDINATES)
+        push, rest = parted(rest, 3)
+        link, rest = parted(rest, LINKAGE)
+        mem, rest = parted(rest, 3 * dk.MEMORY_COUNT)
+        drift, rest = parted(rest, 3)
+        torques, rest = parted(rest, 3 * measurement.PIECE)
+        kept, rest = parted(rest, 3 * measurement.KEPT)
+        finite, rest = parted(rest, 1)
         zero = spread(0.0)
+        half = 0.5 * cycle
         for g in range(blocks.shape[0]):
             par = blocks[g]
-            y[:] = 0.0
+            place[:] = 0.0
+            rate[:] = 0.0
+            bend[:] = 0.0
             mem[:] = 0.0
-            slope[:] = 0.0
+            drift[:] = 0.0
+            kept[:] = 0.0
             tool = load(par, TOOL * W)
+            loaded = payload_on(par)
             for d in range(3):
                 start = command[d * count] if mode[d] == dk.CLOSED_LOOP else motion[d * count]
-                store(y, (6 + d) * W, spread(start))
+                store(place, (CARRIAGE + d) * W, spread(start))
             _linkage(
                 par,
-                load(y, 6 * W),
-                load(y, 7 * W),
-                load(y, 8 * W),
+                load(place, CARRIAGE * W),
+                load(place, (CARRIAGE + 1) * W),
+                load(place, (CARRIAGE + 2) * W),
                 zero,
                 zero,
                 zero,
@@ -287,31 +334,31 @@ def _build(digest):
             for d in range(3):
                 first = MACHINE_COUNT + d * DRIVE_COUNT
                 own = d * dk.MEMORY_COUNT
-                s = load(y, (6 + d) * W)
+                s = load(place, (CARRIAGE + d) * W)
                 # Gravity only: what else pulls at the start is not known to the integral part.
                 hold = load(link, (6 + d) * W)
                 stretch = hold / load(par, (first + dk.STIFFNESS) * W)
                 if mode[d] == dk.CLOSED_LOOP:
-                    store(y, d * W, s + stretch)
+                    store(place, (MOTOR + d) * W, s + stretch)
                 else:
-                    store(y, d * W, s)
-                    store(y, (6 + d) * W, s - stretch)
-                z = load(y, d * W)
+                    store(place, (MOTOR + d) * W, s)
+                    store(place, (CARRIAGE + d) * W, s - stretch)
+                z = load(place, (MOTOR + d) * W)
                 store(mem, (own + dk.LIGHTNESS) * W, 1.0 / load(par, (first + dk.MOTOR_MASS) * W))
                 store(mem, (own + dk.INTEGRAL) * W, hold * (1.0 / gear))
                 store(mem, (own + dk.APPLIED) * W, hold * (1.0 / gear))
                 store(mem, (own + dk.ANCHOR) * W, z)
                 store(mem, (own + dk.LAST_READ) * W, z)
                 store(mem, (own + dk.LAST_BUT_ONE) * W, z)
-            steps = substeps[g]
-            h = cycle / steps
             for k in range(count):
-                time = k * cycle
+                time = spread(k * cycle)
+                piece = k % measurement.PIECE
+                fast = zero >= zero
                 for d in range(3):
                     first = MACHINE_COUNT + d * DRIVE_COUNT
                     own = d * dk.MEMORY_COUNT
-                    z = load(y, d * W)
-                    v = load(y, (3 + d) * W)
+                    z = load(place, (MOTOR + d) * W)
+                    v = load(rate, (MOTOR + d) * W)
                     if mode[d] == dk.CLOSED_LOOP:
                         delay = load(par, (first + dk.COMMAND_DELAY) * W)
                         zc = dk.set_point(command, d * count, count, k, delay, cycle, delayed)
@@ -334,121 +381,119 @@ def _build(digest):
                             vc,
                             time,
                         )
+                        fast = fast & (absolute(v) > spread(dk.FAST * eps))
                     else:
                         z = spread(motion[d * count + k])
                         v = spread(motion[(3 + d) * count + k])
-                        store(y, d * W, z)
-                        store(y, (3 + d) * W, v)
-                        s = load(y, (6 + d) * W)
-                        w = load(y, (9 + d) * W)
+                        store(place, (MOTOR + d) * W, z)
+                        store(rate, (MOTOR + d) * W, v)
+                        s = load(place, (CARRIAGE + d) * W)
+                        w = load(rate, (CARRIAGE + d) * W)
                         force = dk.gear_force(par, first, mem, own, on[d], gear, z, v, s, w, time)
                         store(mem, (own + dk.COMMANDED) * W, zero)
                         friction = -dk.motor_torque(
-                            par, first, mem, own, on[d], gear, eps, z, v, s, force, time, 0.0
+                            par, first, mem, own, on[d], gear, eps, z, v, s, force, time, zero
                         )
                         inertia = (
                             load(par, (first + dk.MOTOR_MASS) * W) * motion[(6 + d) * count + k]
                         )
                         torque = (inertia + force) * (1.0 / gear) + friction
-                    store(out, ((g * 3 + d) * count + k) * W, torque)
+                    store(torques, (d * measurement.PIECE + piece) * W, torque)
                 # The middle of the cycle, as the present rates predict it.
-                half = 0.5 * cycle
-                w1 = load(y, 9 * W)
-                w2 = load(y, 10 * W)
-                w3 = load(y, 11 * W)
+                w1 = load(rate, CARRIAGE * W)
+                w2 = load(rate, (CARRIAGE + 1) * W)
+                w3 = load(rate, (CARRIAGE + 2) * W)
                 now = tool
-                if payload_on(par):
-                    now = where(
-                        (spread(time) >= load(par, PAYLOAD_TIME * W))
-                        & (
-                            spread(time)
-                            < load(par, PAYLOAD_TIME * W) + load(par, PAYLOAD_DURATION * W)
-                        ),
-                        tool + load(par, PAYLOAD * W),
-                        tool,
-                    )
+                if loaded:
+                    start = load(par, PAYLOAD_TIME * W)
+                    inside = (time >= start) & (time < start + load(par, PAYLOAD_DURATION * W))
+                    now = where(inside, tool + load(par, PAYLOAD * W), tool)
                 _linkage(
                     par,
-                    load(y, 6 * W) + half * w1,
-                    load(y, 7 * W) + half * w2,
-                    load(y, 8 * W) + half * w3,
-                    w1 + half * load(slope, 9 * W),
-                    w2 + half * load(slope, 10 * W),
-                    w3 + half * load(slope, 11 * W),
+                    load(place, CARRIAGE * W) + half * w1,
+                    load(place, (CARRIAGE + 1) * W) + half * w2,
+                    load(place, (CARRIAGE + 2) * W) + half * w3,
+                    w1 + half * load(drift, 0),
+                    w2 + half * load(drift, W),
+                    w3 + half * load(drift, 2 * W),
                     grid,
                     now,
                     frame,
                     link,
                 )
-                for r in range(states):
-                    store(stage, r * W, load(y, r * W))
-                    store(total, r * W, zero)
-                for sub in range(steps):
-                    since = sub * h
-                    for part in range(4):
-                        # Classical Runge-Kutta: slopes at 0, h/2, h/2, h, weighted 1, 2, 2, 1.
-                        at = 0.0 if part == 0 else (h if part == 3 else 0.5 * h)
-                        _derivative(
-                            par,
-                            mem,
-                            link,
-                            stage,
-                            push,
-                            slope,
-                            on,
-                            mode,
-                            motion,
-                            k,
-                            count,
-                            gear,
-                            eps,
-                            time + since + at,
-                            since + at,
-                            frame,
-                        )
-                        weight = 1.0 if part == 0 or part == 3 else 2.0
-                        ahead = h if part == 2 else 0.5 * h
-                        for r in range(states):
-                            value = load(slope, r * W)
-                            store(total, r * W, load(total, r * W) + weight * value)
-                            store(stage, r * W, load(y, r * W) + ahead * value)
-                    for r in range(states):
-                        value = load(y, r * W) + (h / 6.0) * load(total, r * W)
-                        store(y, r * W, value)
-                        store(stage, r * W, value)
-                        store(total, r * W, zero)
+                steps = where(fast, load(substeps[g], 0), load(substeps[g], W))
+                whole = cycle / steps
+                sub = 0.0
+                active = steps > zero
+                while any_lane(active):
+                    # A lane that is through makes steps of no length.
+                    h = where(active, whole, zero)
+                    since = sub * whole
+                    if effects:
+                        _step(
+                            par, mem, link, place, rate, bend, push, on, mode, motion, k, count,
+                            gear, eps, time, since, h, frame, True,
+                        )  # fmt: skip
+                        for d in range(3):
+                            dk.keep_bristle(
+                                par,
+                                MACHINE_COUNT + d * DRIVE_COUNT,
+                                mem,
+                                d * dk.MEMORY_COUNT,
+                                on[d],
+                                gear,
+                                eps,
+                                load(place, (MOTOR + d) * W),
+                                load(rate, (MOTOR + d) * W),
+                                active,
+                            )
+                    else:
+                        _step(
+                            par, mem, link, place, rate, bend, push, on, mode, motion, k, count,
+                            gear, eps, time, since, h, frame, False,
+                        )  # fmt: skip
+                    last = (rk.STAGES - 1) * COORDINATES + CARRIAGE
                     for d in range(3):
-                        dk.keep_bristle(
+                        newest = where(active, load(bend, (last + d) * W), load(drift, d * W))
+                        store(drift, d * W, newest)
+                    sub += 1.0
+                    active = steps > spread(sub)
+                if effects:
+                    for d in range(3):
+                        dk.keep_torque(
                             par,
                             MACHINE_COUNT + d * DRIVE_COUNT,
                             mem,
                             d * dk.MEMORY_COUNT,
                             on[d],
                             gear,
-                            eps,
-                            load(y, d * W),
-                            load(y, (3 + d) * W),
+                            load(place, (MOTOR + d) * W),
+                            load(rate, (MOTOR + d) * W),
+                            load(place, (CARRIAGE + d) * W),
+                            time,
+                            cycle,
                         )
-                for d in range(3):
-                    dk.keep_torque(
+                if piece == measurement.PIECE - 1 or k == count - 1:
+                    measurement.hand_on(
                         par,
-                        MACHINE_COUNT + d * DRIVE_COUNT,
-                        mem,
-                        d * dk.MEMORY_COUNT,
-                        on[d],
-                        gear,
-                        load(y, d * W),
-                        load(y, (3 + d) * W),
-                        load(y, (6 + d) * W),
-                        time,
+                        torques,
+                        k - piece,
+                        piece + 1,
                         cycle,
+                        wanted,
+                        measured,
+                        samples,
+                        rows[g],
+                        kept,
+                        rest,
+                        out,
                     )
             for lane in range(W):
-                good = 1.0
-                for r in range(states):
-                    if not np.isfinite(y[r * W + lane]):
-                        good = 0.0
-                finite[g, lane] = good
+                finite[lane] = 1.0
+                for r in range(coordinates):
+                    if not np.isfinite(place[r * W + lane] + rate[r * W + lane]):
+                        finite[lane] = 0.0
+            measurement.conclude(par, finite, measured, samples, rows[g], kept, out)
 
     return simulate
 
