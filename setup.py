@@ -29,6 +29,7 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.11',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={f'{NAME}.report.page': ['*.css', '*.html', '*.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
@@ -36,6 +37,8 @@ setup(
     ],
     install_requires=[
         'argcomplete',
+        'bokeh',
+        'Jinja2',
         'matplotlib',
         'mcap',
         'numba',
@@ -47,7 +50,7 @@ setup(
         'setuptools',
         'tqdm',
     ],
-    extras_require={'test': ['hypothesis', 'pytest', 'pytest-timeout']},
+    extras_require={'test': ['hypothesis', 'pytest', 'pytest-timeout', 'selenium']},
     zip_safe=False,
     entry_points={
         'console_scripts': [

@@ -10,7 +10,7 @@ import platform
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.models import Parameter
+from ros2_ident.models import Machine, Parameter
 from ros2_ident.problem import Array, Problem
 from ros2_ident.result import (
     Cost,
@@ -22,6 +22,7 @@ from ros2_ident.result import (
     Provenance,
 )
 from ros2_ident.search import Intervals, Refinement, RefineStatus, SearchResult, StopReason
+from ros2_ident.segments import Data
 
 PACKAGE = 'ros2_ident'
 # A residual of so many times the effort's noise has another cause beside it.
@@ -97,7 +98,7 @@ def assemble(
             np.array(found.ga.best_costs), found.candidates, found.costs, found.generations
         ),
         quality=replace(quality, warnings=quality.warnings + _gap(problem, left)),
-        provenance=_provenance(problem),
+        provenance=provenance_of(problem.machine, problem.data),
         settings=settings,
     )
 
@@ -194,12 +195,12 @@ def _spent(found: Found) -> str:
     return ''
 
 
-def _provenance(problem: Problem) -> Provenance:
-    data = problem.data
+def provenance_of(machine: Machine, data: Data) -> Provenance:
+    """Return where numbers from a machine file and data come from, as of now."""
     return Provenance(
         source=data.source,
         sha256=data.sha256,
-        machine_sha256=problem.machine.digest,
+        machine_sha256=machine.digest,
         package_version=package_version(),
         platform=', '.join(
             [

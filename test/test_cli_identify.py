@@ -60,7 +60,9 @@ def test_identify_writes_its_files_and_ends_well(command, tmp_path, capsys):
         'result.json',
         'result.yaml',
         'history.npz',
+        'signals.npz',
         'overlay',
+        'report.html',
     }
     data = json.loads((out / 'result.json').read_text())
     mass = data['parameters']['emps_axis.moving_mass']['value']
@@ -70,6 +72,16 @@ def test_identify_writes_its_files_and_ends_well(command, tmp_path, capsys):
     assert main([*command, *SMALL, '--seed', '1', '--quiet']) == 0
     again = json.loads((out / 'result.json').read_text())
     assert again['parameters'] == data['parameters']
+    assert capsys.readouterr().err == ''
+
+
+def test_a_damaged_neighbour_costs_the_page_and_no_more(command, tmp_path, capsys):
+    (tmp_path / 'out').mkdir()
+    (tmp_path / 'out' / 'diagnosis.json').write_text('{')
+    assert main([*command, *SMALL, '--seed', '1', '--quiet']) == 0
+    assert 'no page is written' in capsys.readouterr().err
+    assert not (tmp_path / 'out' / 'report.html').exists()
+    assert main([*command, *SMALL, '--seed', '1', '--quiet', '--no-report']) == 0
     assert capsys.readouterr().err == ''
 
 
@@ -103,9 +115,13 @@ def test_a_signal_keeps_the_best_so_far(command, tmp_path, number):
         pytest.fail(line + process.stderr.read())
     process.send_signal(number)
     asked = time.monotonic()
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 1, err
+    out = ''
+    while 'written: ' not in out and (line := process.stdout.readline()):
+        out += line
     assert time.monotonic() - asked < 5.0
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 1, err
+    assert (tmp_path / 'out' / 'report.html').exists()
     assert 'stopping; the best so far is kept' in err
     assert 'cancelled: The run was cancelled' in out
     data = json.loads((tmp_path / 'out' / 'result.json').read_text())

@@ -222,6 +222,8 @@ def test_services(shared) -> None:
     answer = shared.call(Trigger, '/identifier/save_result', Trigger.Request())
     assert answer.success and Path(answer.message).exists()
     assert Path(answer.message).parent.parent == shared.output
+    page = Path(answer.message).with_name('report.html')
+    shared.until(page.exists, 'the page', 60.0)
     answer = shared.call(Trigger, '/identifier/clear_data', Trigger.Request())
     assert answer.success and answer.message == '0 messages are forgotten'
 

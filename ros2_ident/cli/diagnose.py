@@ -39,7 +39,8 @@ EXAMPLES = (
     '  ident diagnose bags/axis_reversals --machine config/emps.yaml \\\n'
     '      --without asymmetric_friction,backlash\n'
     '\n'
-    'writes to DIR: diagnosis.json\n'
+    'writes to DIR: diagnosis.json, diagnosis.npz (measured and simulated effort), report.html\n'
+    '(all of it as a page, with the identification where DIR holds one)\n'
 )
 EXIT_CODES = {0: 'the diagnosis is complete', 1: 'it was cut short, or nothing could be simulated'}
 LINE_EVERY = 5.0
@@ -53,7 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     complete(check, bags)
     add_machine(parser)
-    parser.add_argument('--out', metavar='DIR', help='directory for diagnosis.json')
+    parser.add_argument('--out', metavar='DIR', help='directory for the results')
+    parser.add_argument('--no-report', action='store_true', help='write no report.html')
     without = parser.add_argument(
         '--without',
         type=names,
@@ -107,8 +109,8 @@ class _Lines:
 def run(args: argparse.Namespace) -> int:
     """Diagnose, write the result, print it."""
     from ros2_ident.cli.interrupt import interrupts
+    from ros2_ident.cli.report import print_page
     from ros2_ident.gap.diagnose import diagnose
-    from ros2_ident.gap.diagnosis import to_mapping
     from ros2_ident.identify import read_problem
     from ros2_ident.report.files import make_directory, write_diagnosis
 
@@ -117,6 +119,7 @@ def run(args: argparse.Namespace) -> int:
     fit = read_problem(args.bag, machine, args.drives, topics=topics)
     check = read_problem(args.check, machine, args.drives, topics=topics) if args.check else None
     out = make_directory(args.out) if args.out else None
+    fixed = once(args.fix, '--fix')
     with interrupts() as cancel:
         found = diagnose(
             machine,
@@ -124,7 +127,7 @@ def run(args: argparse.Namespace) -> int:
             check.datasets if check else (),
             drives=args.drives,
             without=args.without,
-            fixed=once(args.fix, '--fix'),
+            fixed=fixed,
             seed=args.seed,
             seconds=args.seconds,
             cancelled=cancel.is_set,
@@ -134,7 +137,16 @@ def run(args: argparse.Namespace) -> int:
         print(file=sys.stderr)
     print_diagnosis(found)
     if out is not None:
-        print(f'written: {write_diagnosis(out, to_mapping(found))}')
+        settings = {
+            'drives': args.drives or machine.drives,
+            'without_effects': args.without,
+            'fixed': fixed,
+            'time_budget': args.seconds,
+        }
+        files = write_diagnosis(out, found, machine, fit, check, settings)
+        print('written: ' + ', '.join(str(path) for path in files), flush=True)
+        if not args.no_report:
+            print_page(out)
     return 0 if found.complete else 1
 
 

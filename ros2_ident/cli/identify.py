@@ -2,7 +2,6 @@
 """`ident identify`: a machine's parameters from a bag."""
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
@@ -24,9 +23,6 @@ from ros2_ident.cli.arguments import (
 )
 
 if TYPE_CHECKING:
-    from ros2_ident.models import Machine
-    from ros2_ident.result import Identification
-    from ros2_ident.segments import Data
     from ros2_ident.settings import IdentifySettings
 
 DESCRIPTION = (
@@ -40,7 +36,8 @@ EXAMPLES = (
     '      --bounds drive_1.gear_stiffness=1e4:1e5 --seed 7 --seconds 60 --out results\n'
     '\n'
     'writes to DIR: result.json and result.yaml (the same content), history.npz (every\n'
-    'candidate), overlay (a bag with the measured, simulated and residual effort)\n'
+    'candidate), signals.npz (measured and simulated effort), overlay (a bag with the measured,\n'
+    'simulated and residual effort), report.html (all of it as a page)\n'
 )
 EXIT_CODES = {
     0: 'identified',
@@ -74,6 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     complete(fix, parameters)
     complete(bounds, parameters)
     parser.add_argument('--no-overlay', action='store_true', help='write no overlay bag')
+    parser.add_argument('--no-report', action='store_true', help='write no report.html')
     parser.add_argument('--quiet', action='store_true', help='show no progress')
     _add_search(parser)
     add_effort(parser)
@@ -125,9 +123,12 @@ def run(args: argparse.Namespace) -> int:
     """Identify, write the results, print them."""
     from ros2_ident.cli.interrupt import interrupts
     from ros2_ident.cli.progress import make_meter
+    from ros2_ident.cli.report import print_page
     from ros2_ident.cli.table import print_result
     from ros2_ident.identify import identify, read_problem
+    from ros2_ident.problem import Problem
     from ros2_ident.report.files import make_directory, write_result
+    from ros2_ident.report.overlay import write_overlay
     from ros2_ident.result import Outcome
 
     fixed, bounds = once(args.fix, '--fix'), once(args.bounds, '--bounds')
@@ -147,22 +148,12 @@ def run(args: argparse.Namespace) -> int:
             cancel=cancel,
             on_progress=meter,
         )
-        files = [*write_result(out, result), *_overlay(args, result, machine, data)]
+        problem = Problem(machine, data, drives=result.drives, fixed=result.fixed)
+        files = list(write_result(out, result, problem))
+        if not args.no_overlay:
+            files += write_overlay(out / 'overlay', problem, result.theta, topics=topics_of(args))
     print_result(result)
-    print('written: ' + ', '.join(str(path) for path in files))
+    print('written: ' + ', '.join(str(path) for path in files), flush=True)
+    if not args.no_report:
+        print_page(out)
     return 0 if result.outcome is Outcome.IDENTIFIED else 1
-
-
-def _overlay(
-    args: argparse.Namespace, result: 'Identification', machine: 'Machine', data: 'Data'
-) -> tuple[Path, ...]:
-    """Write the overlay bags."""
-    import numpy as np
-
-    from ros2_ident.problem import Problem
-    from ros2_ident.report.overlay import write_overlay
-
-    if args.no_overlay or not np.isfinite(result.theta).all():
-        return ()
-    problem = Problem(machine, data, drives=result.drives, fixed=result.fixed)
-    return write_overlay(Path(args.out) / 'overlay', problem, result.theta, topics=topics_of(args))

@@ -27,6 +27,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         'ros2_ident.cli.diagnose',
         'say where the gap lies, what causes it, how far it closes',
     ),
+    'report': ('ros2_ident.cli.report', 'write one page on a result directory'),
     'blind': ('ros2_ident.cli.blind', 'judge the diagnosis on cases whose answer it cannot see'),
     'simulate': ('ros2_ident.cli.simulate', 'make a bag of a machine with known parameters'),
     'paper': ('ros2_ident.cli.paper', "rerun the paper's experiments and write the page on them"),

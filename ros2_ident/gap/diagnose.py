@@ -15,7 +15,7 @@ from ros2_ident.gap.attribute import Attribution, Explanation, visibility
 from ros2_ident.gap.blocks import Blocks, Interval
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.coordinates import motion_of
-from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Value
+from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
 from ros2_ident.gap.explain import Explained, Explainer, Rules
 from ros2_ident.gap.floor import Floor, noise_floor
 from ros2_ident.gap.gates import run_gates
@@ -267,6 +267,26 @@ def _compose(
         complete=found.complete,
         seconds=run.elapsed,
         seed=seed,
+        traces=_traces(case, found),
+    )
+
+
+def _traces(case: Case, found: Explained) -> tuple[Trace, ...]:
+    """Return every recording beside the nominal fit and the last one."""
+    base, last = found.chain[0], found.chain[-1]
+    parts = [case.fit, case.check] if case.held_out == 'check bag' else [case.fit]
+    return tuple(
+        Trace(
+            held_out=part is case.check,
+            motion=motion_of(nominal, base.theta),
+            measured=nominal.measured,
+            extended=extended.simulate(last.theta[None])[0],
+            fitted=mask if part is case.fit else np.zeros_like(mask),
+        )
+        for part in parts
+        for nominal, extended, mask in zip(
+            case.models((), part), case.models(last.effects, part), part.masks, strict=True
+        )
     )
 
 

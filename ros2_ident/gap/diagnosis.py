@@ -7,13 +7,18 @@ import math
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ros2_ident.gap.blocks import Interval
+from ros2_ident.gap.coordinates import Motion
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
+from ros2_ident.gap.maps import chosen, map_of, ResidualMap
 from ros2_ident.models import EffectAt
 
 SCHEMA = 1
+
+Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,36 @@ class DriveGap:
     torque_rms: float
 
 
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One recording beside what the models make of it.
+
+    Attributes:
+        held_out: Whether all of it was held out from fitting.
+        motion: What the drives did; its torque is the nominal fit's simulated effort.
+        measured: (D, K) measured effort, NaN at cycles without a sample.
+        extended: (D, K) simulated effort with the effects found; the nominal fit's where there
+            are none.
+        fitted: (D, K) whether a sample was fitted to.
+    """
+
+    held_out: bool
+    motion: Motion
+    measured: Array
+    extended: Array
+    fitted: npt.NDArray[np.bool_]
+
+    @property
+    def before(self) -> Array:
+        """(D, K) measured less simulated effort of the nominal fit, NaN where not fitted to."""
+        return np.where(self.fitted, self.measured - self.motion.torque, np.nan)
+
+    @property
+    def after(self) -> Array:
+        """(D, K) the same with the effects found."""
+        return np.where(self.fitted, self.measured - self.extended, np.nan)
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """Where the gap lies, what causes it, how far it closes.
@@ -108,6 +143,7 @@ class Diagnosis:
         complete: False where the run was cut short.
         seconds: Time taken [s].
         seed: Of the search.
+        traces: The recordings, those fitted to first.
     """
 
     effect: str
@@ -134,6 +170,7 @@ class Diagnosis:
     complete: bool
     seconds: float
     seed: int
+    traces: tuple[Trace, ...]
 
 
 def _number(value: float) -> float | None:
@@ -158,6 +195,40 @@ def _values(values: Mapping[str, Value]) -> dict[str, Any]:
         }
         for name, v in values.items()
     }
+
+
+def _lines(found: ResidualMap) -> list[dict[str, Any]]:
+    return [
+        {
+            'heading': line.heading,
+            'place': [_number(x) for x in line.place],
+            'mean': [_number(x) for x in line.mean],
+            'half': [_number(x) for x in line.half],
+        }
+        for line in found.lines
+    ]
+
+
+def _maps(d: Diagnosis) -> list[dict[str, Any]]:
+    """Return maps of the residual along the coordinates that matter, as `localise` saw it."""
+    trace, out = d.traces[0], []
+    for drive, name in chosen(d.localisation):
+        at = trace.motion.drives.index(drive)
+        before = map_of(trace.motion, trace.before[at], at, name)
+        after = map_of(trace.motion, trace.after[at], at, name)
+        out.append(
+            {
+                'drive': drive,
+                'coordinate': name,
+                'label': before.label,
+                'unit': before.unit,
+                'linear': before.linear,
+                'noise_floor': _number(float(d.floor.per_drive[at])),
+                'before': _lines(before),
+                'after': _lines(after) if len(d.steps) > 1 else [],
+            }
+        )
+    return out
 
 
 def _at(at: EffectAt) -> dict[str, Any]:
@@ -223,6 +294,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
             }
             for f in d.localisation
         ],
+        'maps': _maps(d),
         'parameters': _values(d.parameters),
         'nominal': {name: _number(float(v)) for name, v in d.nominal.items()},
         'moved': {name: _number(v) for name, v in d.moved.items()},

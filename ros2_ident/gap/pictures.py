@@ -9,18 +9,22 @@ from matplotlib.ticker import FuncFormatter
 import numpy as np
 from numpy.typing import NDArray
 
-from ros2_ident.gap.blocks import block_length
-from ros2_ident.gap.coordinates import bin_edges, direction, Motion, since_reversal
+from ros2_ident.gap.coordinates import Motion
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
-from ros2_ident.gap.spectrum import spectrum
+from ros2_ident.gap.maps import chosen, coordinate_of, map_of, ResidualMap
 from ros2_ident.gap.style import BLUE, GREY, number, numbers, ORANGE, plain, RED, SKY, WIDTH
 
 Array = NDArray[np.float64]
 
 # Curves with more points than this are drawn as the band that they fill.
 _POINTS = 4000
-_BINS = 24
+# Text, colour and mark of a line by its direction of motion.
+_LOOK = {
+    'both': ('mean', BLUE, 'o'),
+    'forwards': ('moving forwards', BLUE, 'o'),
+    'backwards': ('moving backwards', ORANGE, 's'),
+}
 
 
 def residual_map(
@@ -40,118 +44,44 @@ def residual_map(
     Returns:
         The figure: means in both directions of motion, with 95 % bands.
     """
-    name = coordinate.removeprefix('size by ').split(',')[0]
+    name = coordinate_of(coordinate)
     figure = Figure(figsize=(WIDTH, 3.8), layout='constrained')
     axes = figure.add_subplot()
-    row = residual[drive]
-    if name == 'frequency':
-        _draw_spectrum(axes, row, motion, floor, drive)
-    else:
-        _draw_map(axes, motion, row, floor, drive, name)
+    draw = _draw_spectrum if name == 'frequency' else _draw_map
+    draw(axes, map_of(motion, residual[drive], drive, name), float(floor.per_drive[drive]))
     axes.set_title(f'{motion.drives[drive]}: residual along the {name}', loc='left', fontsize=11)
     return figure
 
 
-def _along(motion: Motion, drive: int, name: str) -> tuple[Array, str]:
-    """Return a coordinate (K,) and the axis' label."""
-    d = drive
-    time = np.arange(motion.position.shape[1], dtype=np.float64) * motion.cycle
-    way = since_reversal(motion.position[d], motion.velocity[d])
-    turn: Array = np.mod(motion.gear * motion.position[d] / (2.0 * np.pi), 1.0)
-    table = {
-        'velocity': (motion.velocity[d], 'velocity [m/s]'),
-        'position': (motion.position[d], 'position [m]'),
-        'acceleration': (motion.acceleration[d], 'acceleration [m/s$^2$]'),
-        'recent acceleration': (motion.acceleration[d], 'acceleration [m/s$^2$]'),
-        'jerk': (motion.jerk[d], 'jerk [m/s$^3$]'),
-        'load': (motion.load[d], f'transmitted load [{motion.unit}]'),
-        'torque': (motion.torque[d], f'simulated effort [{motion.unit}]'),
-        'torque rate': (
-            np.gradient(motion.torque[d], motion.cycle), f'rate of the effort [{motion.unit}/s]'
-        ),
-        'way since reversal': (1e3 * way, 'way since the last reversal [mm]'),
-        'motor angle': (turn, 'motor angle [turns]'),
-    }
-    values, label = table.get(name, (time, 'time since start [s]'))
-    return np.asarray(values, dtype=np.float64), label
-
-
-def _draw_map(
-    axes: Axes, motion: Motion, row: Array, floor: Floor, drive: int, name: str
-) -> None:
-    values, label = _along(motion, drive, name)
-    there = np.isfinite(row)
-    heading = direction(motion.velocity[drive])
-    noise = float(floor.per_drive[drive])
-    block = np.arange(row.size) // block_length(row[None], motion.cycle)
-    if name == 'velocity':
-        # Nearly all of a log is slow: the axis is stretched where most of it is.
-        top = float(np.percentile(np.abs(values), 99.5))
-        axes.set_xscale('symlog', linthresh=max(0.02 * top, 1e-9), linscale=0.6)
-        axes.xaxis.set_major_formatter(FuncFormatter(number))
-        parts: list[tuple[NDArray[np.bool_], str, str, str]] = [(there, 'mean', BLUE, 'o')]
-    else:
-        parts = [
-            (there & (heading > 0.0), 'moving forwards', BLUE, 'o'),
-            (there & (heading < 0.0), 'moving backwards', ORANGE, 's'),
-        ]
-    if name == 'way since reversal':
-        axes.set_xscale('symlog', linthresh=1.0)
+def _draw_map(axes: Axes, found: ResidualMap, noise: float) -> None:
+    if found.linear:
+        axes.set_xscale('symlog', linthresh=found.linear, linscale=0.6)
         axes.xaxis.set_major_formatter(FuncFormatter(number))
     reach = 0.0
-    for mask, text, colour, marker in parts:
-        if mask.sum() < 100:
-            continue
-        centre, mean, half = _bins(values[mask], row[mask], block[mask])
-        axes.fill_between(centre, mean - half, mean + half, color=colour, alpha=0.25, lw=0)
-        axes.plot(centre, mean, color=colour, marker=marker, ms=4, lw=1.5, label=text)
-        reach = max(reach, float(np.abs(mean).max()))
+    for line in found.lines:
+        text, colour, marker = _LOOK[line.heading]
+        axes.fill_between(
+            line.place, line.mean - line.half, line.mean + line.half, color=colour, alpha=0.25,
+            lw=0,
+        )
+        axes.plot(line.place, line.mean, color=colour, marker=marker, ms=4, lw=1.5, label=text)
+        reach = max(reach, float(np.abs(line.mean).max()))
     axes.axhspan(-noise, noise, color=GREY, alpha=0.12, lw=0, label='noise floor of one sample')
     axes.axhline(0.0, color='black', lw=0.8)
     axes.set_ylim(-max(1.4 * reach, 1.3 * noise), max(1.4 * reach, 1.3 * noise))
-    axes.set_xlabel(label)
-    axes.set_ylabel(f'measured less\nsimulated [{motion.unit}]')
+    axes.set_xlabel(found.label)
+    axes.set_ylabel(f'measured less\nsimulated [{found.unit}]')
     axes.legend(fontsize=8, ncols=3, loc='upper left', frameon=False)
     plain(axes)
 
 
-def _bins(
-    values: Array, row: Array, block: NDArray[np.int64]
-) -> tuple[Array, Array, Array]:
-    """Return centres and means of bins of equally many samples, and half their 95 % bands.
-
-    A bin's samples come in few stretches; its uncertainty is that of the stretches' means.
-    """
-    edges = bin_edges(values, _BINS)
-    number = np.clip(np.searchsorted(edges, values, side='right') - 1, 0, edges.size - 2)
-    centre, mean, half = [], [], []
-    for b in range(edges.size - 1):
-        inside = number == b
-        if inside.sum() < 10:
-            continue
-        sums = np.bincount(block[inside], row[inside])
-        counts = np.bincount(block[inside])
-        average = float(row[inside].mean())
-        off = (sums - average * counts)[counts > 0]
-        stretches = off.size
-        error = np.sqrt((off**2).sum() * stretches / max(1, stretches - 1)) / inside.sum()
-        centre.append(float(values[inside].mean()))
-        mean.append(average)
-        half.append(1.96 * float(error))
-    return np.array(centre), np.array(mean), np.array(half)
-
-
-def _draw_spectrum(axes: Axes, row: Array, motion: Motion, floor: Floor, drive: int) -> None:
-    frequency, power, _ = spectrum(row, motion.cycle)
-    noise = float(floor.per_drive[drive])
-    keep = frequency > 0.0
-    axes.loglog(
-        frequency[keep], np.sqrt(power[keep]) / noise, color=BLUE, lw=1.2, label='residual'
-    )
+def _draw_spectrum(axes: Axes, found: ResidualMap, noise: float) -> None:
+    (line,) = found.lines
+    axes.loglog(line.place, line.mean / noise, color=BLUE, lw=1.2, label='residual')
     axes.axhline(1.0, color=GREY, lw=1.5, ls='--', label='noise floor')
     numbers(axes.xaxis)
     numbers(axes.yaxis)
-    axes.set_xlabel('frequency [Hz]')
+    axes.set_xlabel(found.label)
     axes.set_ylabel('amplitude density\nover the noise floor')
     axes.legend(fontsize=8, frameon=False)
     plain(axes)
@@ -227,13 +157,9 @@ def residual_maps(
     Returns:
         The figures by a name that suits a file: `drive_2_velocity`.
     """
-    out: dict[str, Figure] = {}
-    for finding in findings:
-        name = finding.coordinate.removeprefix('size by ').split(',')[0]
-        if name in ('phase', 'offset', 'other drives'):
-            name = 'time'
-        key = f'{finding.drive}_{name.replace(" ", "_")}'
-        if finding.significant and key not in out and len(out) < most:
-            drive = motion.drives.index(finding.drive)
-            out[key] = residual_map(motion, residual, floor, drive, name)
-    return out
+    return {
+        f'{drive}_{name.replace(" ", "_")}': residual_map(
+            motion, residual, floor, motion.drives.index(drive), name
+        )
+        for drive, name in chosen(findings, most)
+    }

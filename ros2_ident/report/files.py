@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a run: `result.json`, `result.yaml`, `history.npz`, `diagnosis.json`."""
+"""The files of a run, all but the overlay bag and the page.
+
+An identification: `result.json`, `result.yaml`, `history.npz`, `signals.npz`. A diagnosis:
+`diagnosis.json`, `diagnosis.npz`.
+"""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 import json
 import os
 from pathlib import Path
@@ -12,11 +16,18 @@ import numpy as np
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.report.schema import from_mapping, to_mapping
+from ros2_ident.gap.diagnosis import Diagnosis, SCHEMA
+from ros2_ident.gap.diagnosis import to_mapping as diagnosis_mapping
+from ros2_ident.models import Machine
+from ros2_ident.outcome import provenance_of
+from ros2_ident.problem import Problem
+from ros2_ident.report.schema import from_mapping, plain, to_mapping
+from ros2_ident.report.signals import signals_of_diagnosis, signals_of_problem, write_signals
 from ros2_ident.result import History, Identification
+from ros2_ident.segments import Data
 
-JSON, YAML, HISTORY = 'result.json', 'result.yaml', 'history.npz'
-DIAGNOSIS = 'diagnosis.json'
+JSON, YAML, HISTORY, SIGNALS = 'result.json', 'result.yaml', 'history.npz', 'signals.npz'
+DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'
 
 
 def make_directory(path: str | Path) -> Path:
@@ -48,29 +59,73 @@ def _replace(path: Path, text: str) -> Path:
     return partial.replace(path)
 
 
-def write_diagnosis(directory: str | Path, content: Mapping[str, Any]) -> Path:
+def write_diagnosis(
+    directory: str | Path,
+    found: Diagnosis,
+    machine: Machine,
+    fit: Data,
+    check: Data | None = None,
+    settings: Mapping[str, object] | None = None,
+) -> tuple[Path, Path]:
     """Write a diagnosis.
 
     Args:
         directory: Exists.
-        content: From `gap.diagnosis.to_mapping`.
+        found: The diagnosis.
+        machine: The machine it is of.
+        fit: The recordings fitted to.
+        check: The recordings it was judged on; None where those are blocks of the others.
+        settings: What was asked for besides.
 
     Returns:
-        The file, `diagnosis.json`.
+        `diagnosis.json`, and `diagnosis.npz` with measured and simulated effort.
     """
-    text = json.dumps(content, indent=1, allow_nan=False) + '\n'
-    return _replace(Path(directory) / DIAGNOSIS, text)
+    folder = Path(directory)
+    content = {
+        **diagnosis_mapping(found),
+        'settings': dict(settings or {}),
+        'provenance': {
+            **asdict(provenance_of(machine, fit)),
+            'check_source': check.source if check else '',
+            'check_sha256': check.sha256 if check else '',
+        },
+    }
+    text = json.dumps(plain(content), indent=1, allow_nan=False) + '\n'
+    return (
+        _replace(folder / DIAGNOSIS, text),
+        write_signals(folder / DIAGNOSIS_SIGNALS, signals_of_diagnosis(found)),
+    )
 
 
-def write_result(directory: str | Path, result: Identification) -> tuple[Path, ...]:
+def load_diagnosis(directory: str | Path) -> dict[str, Any]:
+    """Read what `write_diagnosis` wrote into `diagnosis.json`.
+
+    Raises:
+        IdentError: NO_DATA where there is none, BAD_VALUES where it cannot be read.
+    """
+    path = Path(directory) / DIAGNOSIS
+    data = _parsed(path, _text(path, '`ident diagnose --out` wrote'))
+    if not isinstance(data, dict) or 'verdict' not in data or data.get('schema') != SCHEMA:
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            f'{path}: is no diagnosis of version {SCHEMA}; write it anew with `ident diagnose`',
+        )
+    return data
+
+
+def write_result(
+    directory: str | Path, result: Identification, problem: Problem | None = None
+) -> tuple[Path, ...]:
     """Write a result.
 
     Args:
         directory: Is made where it does not exist; older results in it are replaced.
         result: The result.
+        problem: What it solves, to write measured and simulated effort as well.
 
     Returns:
-        The files: JSON and YAML of the same content, and the candidates of the search as NPZ.
+        The files: JSON and YAML of the same content, the candidates of the search as NPZ, and the
+        efforts as NPZ where there is a problem and a candidate that did not diverge.
 
     Raises:
         IdentError: INVALID_GOAL where the directory cannot be written to.
@@ -90,11 +145,16 @@ def write_result(directory: str | Path, result: Identification) -> tuple[Path, .
             generations=result.history.generations,
         )
     partial.replace(history)
-    return (
+    files = (
         _replace(folder / JSON, json.dumps(data, indent=2, allow_nan=False) + '\n'),
         _replace(folder / YAML, yaml.safe_dump(data, sort_keys=False, width=99)),
         history,
     )
+    signals = folder / SIGNALS
+    if problem is None or not np.isfinite(result.theta).all():
+        signals.unlink(missing_ok=True)  # those of an older result
+        return files
+    return (*files, write_signals(signals, signals_of_problem(problem, result.theta)))
 
 
 def load_result(path: str | Path) -> Identification:
@@ -112,19 +172,21 @@ def load_result(path: str | Path) -> Identification:
     path = Path(path)
     if path.is_dir():
         path = path / (JSON if (path / JSON).exists() else YAML)
+    result = from_mapping(_parsed(path, _text(path, '`ident identify` wrote')), path)
+    history = path.with_name(HISTORY)
+    return replace(result, history=_history(history)) if history.exists() else result
+
+
+def _text(path: Path, whose: str) -> str:
     try:
-        text = path.read_text(encoding='utf-8')
+        return path.read_text(encoding='utf-8')
     except OSError as exc:
         raise IdentError(
             ErrorCode.NO_DATA,
-            f'{path}: cannot be read ({exc.strerror}); '
-            'give a directory that `ident identify` wrote',
+            f'{path}: cannot be read ({exc.strerror}); give a directory that {whose}',
         ) from None
     except UnicodeDecodeError:
         raise IdentError(ErrorCode.BAD_VALUES, f'{path}: is no text; give a result file') from None
-    result = from_mapping(_parsed(path, text), path)
-    history = path.with_name(HISTORY)
-    return replace(result, history=_history(history)) if history.exists() else result
 
 
 def _parsed(path: Path, text: str) -> Any:

@@ -71,6 +71,7 @@ class Diagnosed:
         request: What was asked for.
         diagnosis: The result.
         data: What it was fitted to.
+        check: What it was judged on; None where that is held out of the same.
         declared: Parameters of the nominal model and of every effect in the ranking, by name.
         cancelled: Whether it was cut short by a cancel.
         seconds: From the request to the result, s.
@@ -79,6 +80,7 @@ class Diagnosed:
     request: DiagnoseRequest
     diagnosis: Diagnosis
     data: Data
+    check: Data | None
     declared: Mapping[str, Parameter]
     cancelled: bool
     seconds: float
@@ -112,10 +114,10 @@ def run_diagnosis(
     tell(DiagnoseProgress('reading the recordings', 0.0, '', 0.0, math.nan))
     machine, drives = request.machine, request.drives
     fit = gather(recordings_of(request.fit_path, request.topics, buffer), machine, drives)
-    check: tuple[Dataset, ...] = ()
+    check = None
     if request.check_path:
         recordings = recordings_of(request.check_path, request.topics, None)
-        check = gather(recordings, machine, drives).datasets
+        check = gather(recordings, machine, drives)
 
     def stop() -> bool:
         spent = 0.0 < request.seconds < time.monotonic() - start
@@ -124,7 +126,7 @@ def run_diagnosis(
     found = diagnose(
         machine,
         fit.datasets,
-        check,
+        check.datasets if check else (),
         drives=drives,
         without=request.without,
         seed=request.seed,
@@ -135,6 +137,7 @@ def run_diagnosis(
         request=request,
         diagnosis=found,
         data=fit,
+        check=check,
         declared=_declared(request, fit.datasets[0], found),
         cancelled=cancel.is_set() and not found.complete,
         seconds=time.monotonic() - start,

@@ -103,6 +103,7 @@ class Diagnoser:
                 node.get_logger().error(unwritten.message)
             node.board.change(state, sentence, fault)
             self._draw(found, path)
+            node.pages.start(path)
         node.diagnostics.gap = message
         node.outlet.gap(message)
         return message

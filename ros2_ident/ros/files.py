@@ -6,10 +6,10 @@ import math
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.diagnosis import to_mapping
 from ros2_ident.recording import Stream
 from ros2_ident.report.files import write_diagnosis, write_result
 from ros2_ident.report.overlay import overlay_streams, write_overlay
@@ -36,7 +36,7 @@ def save_result(finished: Finished, directory: str | None = None) -> str:
     if not base:
         return ''
     folder = _folder(Path(base).expanduser())
-    path = write_result(folder, finished.identification)[0]
+    path = write_result(folder, finished.identification, finished.problem())[0]
     (folder / CONFIGURATION).write_text(finished.request.configuration, encoding='utf-8')
     return str(path)
 
@@ -57,7 +57,12 @@ def save_diagnosis(done: Diagnosed) -> str:
         return ''
     folder = _folder(Path(done.request.output_directory).expanduser())
     (folder / CONFIGURATION).write_text(done.request.configuration, encoding='utf-8')
-    return str(write_diagnosis(folder, to_mapping(done.diagnosis)))
+    request = done.request
+    settings = yaml.safe_load(request.configuration)['settings']
+    files = write_diagnosis(
+        folder, done.diagnosis, request.machine, done.data, done.check, settings
+    )
+    return str(files[0])
 
 
 def draw_diagnosis(done: Diagnosed, result_file: str) -> None:

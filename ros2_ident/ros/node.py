@@ -33,6 +33,7 @@ from ros2_ident.ros.diagnostics import Diagnostics
 from ros2_ident.ros.files import compare, save_result
 from ros2_ident.ros.goals import automatic_goal, request_of
 from ros2_ident.ros.outlet import Outlet
+from ros2_ident.ros.page import PageWriter
 from ros2_ident.ros.run import Finished, run
 from ros2_ident.ros.worker import Worker
 
@@ -80,6 +81,7 @@ class Identifier(Node):
             self.get_logger().warning(sentence)
         now = parameters.snapshot(self)
         self.worker = Worker(self)
+        self.pages = PageWriter()
         self.outlet = Outlet(self)
         self.diagnostics = Diagnostics(self.get_name(), now['missing_warning'])
         self._last: Finished | None = None
@@ -233,6 +235,7 @@ class Identifier(Node):
             self._series.reset()
 
         self.worker.chore(work, done)
+        self.pages.start(path)
 
     def occupation(self) -> str:
         """Return what runs now as words for a sentence, empty for nothing."""
@@ -275,6 +278,8 @@ class Identifier(Node):
         response.message = path or 'output_directory is empty; set it to a folder'
         if error is not None:
             response.message = self.board.fault(error).message
+        else:
+            self.pages.start(path)
         return response
 
     def _parameters_change(self, changes: list[Parameter]) -> Any:
@@ -291,6 +296,8 @@ class Identifier(Node):
             return
         self._ticks += 1
         self.worker.remind()
+        for sentence in self.pages.failures():
+            self.get_logger().error(sentence)
         capture = self.capture
         limit = self.get_parameter('end_of_stream').value
         if not capture.empty and not capture.ended:

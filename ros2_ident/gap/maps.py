@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A residual's mean along a coordinate of the motion, as numbers: what a map is drawn from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ros2_ident.gap.blocks import block_length
+from ros2_ident.gap.coordinates import bin_edges, direction, Motion, since_reversal
+from ros2_ident.gap.localise import Finding
+from ros2_ident.gap.spectrum import spectrum
+
+Array = NDArray[np.float64]
+Heading = Literal['both', 'forwards', 'backwards']
+
+_BINS = 24
+# A direction of motion with fewer samples has no line.
+_FEWEST = 100
+# Findings without an axis of their own are shown over time.
+_OVER_TIME = ('phase', 'offset', 'other drives')
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of a map.
+
+    Attributes:
+        heading: Direction of motion of its samples.
+        place: (B,) where along the coordinate.
+        mean: (B,) mean residual there, in the effort's unit.
+        half: (B,) half of its 95 % band; NaN where there is none.
+    """
+
+    heading: Heading
+    place: Array
+    mean: Array
+    half: Array
+
+
+@dataclass(frozen=True)
+class ResidualMap:
+    """A drive's residual along one coordinate.
+
+    Attributes:
+        drive: Name of the drive.
+        coordinate: Name of the coordinate; `frequency` holds an amplitude in place of a mean.
+        label: The coordinate with its unit, for an axis.
+        unit: Unit of the residual.
+        linear: Places nearer to zero than this stand on a linear axis, the others on a
+            logarithmic one; 0 where all of the axis is linear.
+        lines: The lines.
+    """
+
+    drive: str
+    coordinate: str
+    label: str
+    unit: str
+    linear: float
+    lines: tuple[Line, ...]
+
+
+def coordinate_of(finding: str) -> str:
+    """Return the coordinate to draw for a finding's: without size, parity, or what has no axis."""
+    name = finding.removeprefix('size by ').removeprefix('recent ').split(',')[0]
+    return 'time' if name in _OVER_TIME else name
+
+
+def chosen(findings: Sequence[Finding], most: int = 6) -> tuple[tuple[str, str], ...]:
+    """Return drive and coordinate of the leading significant findings, each pair once."""
+    pairs = [(f.drive, coordinate_of(f.coordinate)) for f in findings if f.significant]
+    return tuple(dict.fromkeys(pairs))[:most]
+
+
+def map_of(motion: Motion, row: Array, drive: int, name: str) -> ResidualMap:
+    """Return the map of one drive along one coordinate.
+
+    Args:
+        motion: What the drives did.
+        row: (K,) measured less simulated effort, NaN where there is no sample.
+        drive: Number of the drive.
+        name: The coordinate, from `coordinate_of`.
+
+    Returns:
+        Means with bands: one line along the velocity, which tells the direction itself, and along
+        the frequency; elsewhere one line for each direction of motion.
+    """
+    if name == 'frequency':
+        frequency, power, _ = spectrum(row, motion.cycle)
+        keep = frequency > 0.0
+        lines = [
+            Line(
+                'both', frequency[keep], np.sqrt(power[keep]), np.full(int(keep.sum()), np.nan)
+            )
+        ]
+        return ResidualMap(
+            motion.drives[drive], name, 'frequency [Hz]', motion.unit, 0.0, tuple(lines)
+        )
+    values, label = _along(motion, drive, name)
+    there = np.isfinite(row)
+    heading = direction(motion.velocity[drive])
+    block = np.arange(row.size) // block_length(row[None], motion.cycle)
+    linear = 1.0 if name == 'way since reversal' else 0.0
+    parts: list[tuple[Heading, NDArray[np.bool_]]] = [
+        ('forwards', there & (heading > 0.0)),
+        ('backwards', there & (heading < 0.0)),
+    ]
+    if name == 'velocity':
+        # Nearly all of a log is slow: the axis is stretched where most of it is.
+        linear = max(0.02 * float(np.percentile(np.abs(values), 99.5)), 1e-9)
+        parts = [('both', there)]
+    lines = [
+        Line(which, *_bins(values[mask], row[mask], block[mask]))
+        for which, mask in parts
+        if mask.sum() >= _FEWEST
+    ]
+    return ResidualMap(motion.drives[drive], name, label, motion.unit, linear, tuple(lines))
+
+
+def _along(motion: Motion, drive: int, name: str) -> tuple[Array, str]:
+    """Return a coordinate (K,) and its label."""
+    d = drive
+    time = np.arange(motion.position.shape[1], dtype=np.float64) * motion.cycle
+    way = since_reversal(motion.position[d], motion.velocity[d])
+    turn: Array = np.mod(motion.gear * motion.position[d] / (2.0 * np.pi), 1.0)
+    table = {
+        'velocity': (motion.velocity[d], 'velocity [m/s]'),
+        'position': (motion.position[d], 'position [m]'),
+        'acceleration': (motion.acceleration[d], 'acceleration [m/s²]'),
+        'jerk': (motion.jerk[d], 'jerk [m/s³]'),
+        'load': (motion.load[d], f'transmitted load [{motion.unit}]'),
+        'torque': (motion.torque[d], f'simulated effort [{motion.unit}]'),
+        'torque rate': (
+            np.gradient(motion.torque[d], motion.cycle), f'rate of the effort [{motion.unit}/s]'
+        ),
+        'way since reversal': (1e3 * way, 'way since the last reversal [mm]'),
+        'motor angle': (turn, 'motor angle [turns]'),
+    }
+    values, label = table.get(name, (time, 'time since start [s]'))
+    return np.asarray(values, dtype=np.float64), label
+
+
+def _bins(values: Array, row: Array, block: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+    """Return centres and means of bins of equally many samples, and half their 95 % bands.
+
+    A bin's samples come in few stretches; its uncertainty is that of the stretches' means.
+    """
+    edges = bin_edges(values, _BINS)
+    number = np.clip(np.searchsorted(edges, values, side='right') - 1, 0, edges.size - 2)
+    centre, mean, half = [], [], []
+    for b in range(edges.size - 1):
+        inside = number == b
+        if inside.sum() < 10:
+            continue
+        sums = np.bincount(block[inside], row[inside])
+        counts = np.bincount(block[inside])
+        average = float(row[inside].mean())
+        off = (sums - average * counts)[counts > 0]
+        stretches = off.size
+        error = np.sqrt((off**2).sum() * stretches / max(1, stretches - 1)) / inside.sum()
+        centre.append(float(values[inside].mean()))
+        mean.append(average)
+        half.append(1.96 * float(error))
+    return np.array(centre), np.array(mean), np.array(half)

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the plots of the page look: the colours of `gap.style`, one type, little ink."""
+
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from bokeh.models import CustomJSTickFormatter, FixedTicker
+from bokeh.models.layouts import LayoutDOM
+from bokeh.plotting import figure
+
+from ros2_ident.gap.style import BLUE as BLUE
+from ros2_ident.gap.style import GREEN as GREEN
+from ros2_ident.gap.style import GREY as GREY
+from ros2_ident.gap.style import ORANGE as ORANGE
+from ros2_ident.gap.style import RED as RED
+from ros2_ident.gap.style import SKY as SKY
+
+# Width of the page's content, pixels; the style sheet has the same.
+WIDTH = 1000
+INK, LINE, GRID = '#1c2733', '#9aa5b1', '#e6eaee'
+FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
+
+
+@dataclass(frozen=True)
+class Key:
+    """An entry of a legend, which stands beside the plot as text.
+
+    Attributes:
+        text: What it is.
+        colour: Of the line or mark.
+        style: A line's width in pixels, `dashed`, `dot`, or `square`.
+    """
+
+    text: str
+    colour: str
+    style: str
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A plot and what is said with it.
+
+    Attributes:
+        plot: Bokeh's model.
+        keys: The legend.
+        notes: Sentences for the caption.
+    """
+
+    plot: LayoutDOM
+    keys: tuple[Key, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def plot(**options: Any) -> Any:
+    """Return an empty plot: vectors, so that it prints sharply, and tools that hide themselves.
+
+    Args:
+        options: As `bokeh.plotting.figure`.
+    """
+    # Any: bokeh's annotations do not tell a title or an axis from what stands for one.
+    made: Any = figure(
+        **{
+            'output_backend': 'svg',
+            'toolbar_location': 'above',
+            'tools': 'box_zoom,pan,reset',
+            'active_drag': 'box_zoom',
+            'min_border': 4,
+            **options,
+        }
+    )
+    made.toolbar.autohide = True
+    made.toolbar.logo = None
+    made.outline_line_color = None
+    for axis in made.axis:
+        axis.axis_label_text_font = axis.major_label_text_font = FONT
+        axis.axis_label_text_font_style = 'normal'
+        axis.axis_label_text_font_size = axis.major_label_text_font_size = '13px'
+        axis.axis_label_text_color = axis.major_label_text_color = INK
+        axis.axis_label_standoff = 6
+        axis.axis_line_color = axis.major_tick_line_color = LINE
+        axis.minor_tick_line_color = None
+        axis.major_tick_in = 0
+    made.grid.grid_line_color = GRID
+    made.title.text_font = FONT
+    made.title.text_font_size = '13px'
+    made.title.text_font_style = 'bold'
+    made.title.text_color = INK
+    return made
+
+
+def logarithmic(axis: Any, low: float, high: float) -> None:
+    """Write plain numbers along a logarithmic axis: at 1, 2 and 5 of each decade, or 1 only."""
+    exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    steps = (1, 2, 5) if math.log10(high / low) < 2.5 else (1,)
+    axis.ticker = FixedTicker(ticks=[step * 10.0**e for e in exponents for step in steps])
+    axis.formatter = CustomJSTickFormatter(code='return String(Number(tick.toPrecision(3)))')

@@ -1,0 +1,488 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plots of the page besides the efforts: the search, the correlations, the gap."""
+
+from collections.abc import Mapping, Sequence
+import math
+from typing import Any
+
+from bokeh.core.property.vectorization import value
+from bokeh.layouts import gridplot
+from bokeh.models import BasicTicker, ColumnDataSource, FixedTicker, LinearColorMapper
+from bokeh.models.annotations import BoxAnnotation, ColorBar, LabelSet
+from bokeh.palettes import Viridis256
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.report.page.look import (
+    BLUE,
+    FONT,
+    GREEN,
+    GREY,
+    INK,
+    Key,
+    logarithmic,
+    ORANGE,
+    Picture,
+    plot,
+    RED,
+    SKY,
+    WIDTH,
+)
+from ros2_ident.report.page.sentences import effect_name, number, raised, unit_of
+from ros2_ident.result import Array, Identification, ParameterEstimate
+
+# Costs that span more than this are drawn on a logarithmic axis.
+WIDE = 20.0
+# Cells of a plot of all candidates; one dot is drawn in each.
+CELLS = 160, 110
+# Blue for -1, white for 0, vermilion for 1.
+DIVERGING = [
+    f'#{round(a[0]):02x}{round(a[1]):02x}{round(a[2]):02x}'
+    for end in ((0, 114, 178), (213, 94, 0))
+    for a in [
+        [255 + (e - 255) * s for e in end]
+        for s in (np.linspace(1, 0, 32) if end[0] == 0 else np.linspace(0, 1, 32))
+    ]
+]
+
+
+def _axis_type(values: Array) -> str:
+    low, high = float(values.min()), float(values.max())
+    return 'log' if low > 0.0 and high > WIDE * low else 'linear'
+
+
+def cost_over_generations(result: Identification) -> Picture | None:
+    """Draw every candidate's cost over its generation, the best so far, and the refined cost."""
+    history = result.history
+    best = history.best_costs
+    there = np.isfinite(best)
+    if not there.any():
+        return None
+    unit = result.cost.unit
+    finite = np.isfinite(history.costs)
+    values = np.concatenate([history.costs[finite], best[there]])
+    made = plot(
+        height=300,
+        width=WIDTH,
+        y_axis_type=_axis_type(values),
+        x_axis_label='generation',
+        y_axis_label=f'cost [{unit}]',
+        min_border_left=76,
+    )
+    generations, costs = history.generations[finite], history.costs[finite]
+    if costs.size:
+        shown = one_a_cell(generations.astype(np.float64), _even(costs))
+        # Side by side within a generation, the best to the left, so that none hides another.
+        spread = _spread(generations, costs)
+        made.scatter(
+            (generations + spread)[shown],
+            costs[shown],
+            size=3,
+            color=SKY,
+            line_color=None,
+        )
+    keys = [
+        Key('candidates, the best of a generation to the left', SKY, 'dot'),
+        Key('best so far', INK, '2'),
+    ]
+    number_of = np.arange(1.0, best.size + 1.0)
+    made.line(
+        number_of[there], best[there], color=INK, line_width=1.8
+    )
+    made.scatter(number_of[there], best[there], color=INK, size=6)
+    if math.isfinite(result.cost.refined):
+        made.line(
+            [number_of[0], number_of[-1] + 0.9],
+            [result.cost.refined] * 2,
+            color=RED,
+            line_width=1.8,
+            line_dash='dashed',
+        )
+        keys.append(Key(f'refined, {number(result.cost.refined)} {unit}', RED, 'dashed'))
+    made.xaxis.ticker = BasicTicker(min_interval=1, num_minor_ticks=0)
+    if _axis_type(values) == 'log':
+        logarithmic(made.yaxis, float(values.min()), float(values.max()))
+    return Picture(made, tuple(keys))
+
+
+def _spread(generations: npt.NDArray[np.int64], costs: Array) -> Array:
+    """Return (E,) places within the room of a generation, 0 to 0.8, by rank of the cost."""
+    order = np.lexsort((costs, generations))
+    counts = np.bincount(generations)
+    first = np.concatenate([[0], np.cumsum(counts)])[generations[order]]
+    out = np.empty(costs.size)
+    out[order] = 0.8 * (np.arange(costs.size) - first) / np.maximum(1, counts[generations[order]])
+    return out
+
+
+def _even(values: Array) -> Array:
+    """Return values as they stand on their axis."""
+    return np.log(values) if _axis_type(values) == 'log' else values
+
+
+def one_a_cell(x: Array, y: Array) -> npt.NDArray[np.int64]:
+    """Return the points (E,) of which one stands in each cell of a plot; later ones go before."""
+    places = []
+    for values, cells in ((x, CELLS[0]), (y, CELLS[1])):
+        span = float(np.ptp(values)) or 1.0
+        places.append(np.floor((values - values.min()) / span * (cells - 1e-9)).astype(np.int64))
+    _, last = np.unique((places[0] * CELLS[1] + places[1])[::-1], return_index=True)
+    return np.sort(x.size - 1 - last)
+
+
+def cost_over_parameters(result: Identification) -> Picture | None:
+    """Draw the cost of every candidate over each parameter: the paper's figures 8, 9 and 11."""
+    history = result.history
+    finite = np.isfinite(history.costs)
+    if not finite.any():
+        return None
+    costs = history.costs[finite]
+    colours = LinearColorMapper(
+        palette=Viridis256[240::-1], low=1, high=max(2, int(history.generations[finite].max()))
+    )
+    columns = min(4, len(result.parameters))
+    figures = [
+        _cost_over(
+            p,
+            history.candidates[finite, n],
+            costs,
+            history.generations[finite],
+            colours,
+            result.cost.unit,
+            first=n % columns == 0,
+        )
+        for n, p in enumerate(result.parameters)
+    ]
+    return Picture(gridplot(figures, ncols=columns, toolbar_options={'logo': None}))
+
+
+def _cost_over(
+    parameter: ParameterEstimate,
+    values: Array,
+    costs: Array,
+    generations: npt.NDArray[np.int64],
+    colours: LinearColorMapper,
+    unit: str,
+    *,
+    first: bool,
+) -> Any:
+    shown = one_a_cell(values, _even(costs))
+    low, high = parameter.lower_bound, parameter.upper_bound
+    power = _power(max(abs(low), abs(high)))
+    scale = 10.0**power
+    unit_of_axis = ' '.join(x for x in (raised(power), unit_of(parameter.unit)) if x)
+    made = plot(
+        title=parameter.name,
+        width=WIDTH // 4 + (22 if first else -8),
+        height=205,
+        y_axis_type=_axis_type(costs),
+        x_axis_label=f'[{unit_of_axis or "1"}]',
+        x_range=(low / scale, high / scale),
+        min_border_left=60 if first else 30,
+        tools='box_zoom,pan,reset,hover',
+        tooltips=[
+            (parameter.name, f'@value{{0.0000}} {unit_of_axis}'),
+            ('cost', f'@cost{{0.0000e+0}} {unit}'),
+            ('generation', '@generation'),
+        ],
+    )
+    made.title.text_font_size = '12px'
+    if first:
+        made.yaxis.axis_label = f'cost [{unit}]'
+    else:
+        made.yaxis.visible = False
+    made.xaxis.ticker = BasicTicker(desired_num_ticks=4, num_minor_ticks=0)
+    if _axis_type(costs) == 'log':
+        logarithmic(made.yaxis, float(costs.min()), float(costs.max()))
+    made.axis.major_label_text_font_size = made.axis.axis_label_text_font_size = '12px'
+    if math.isfinite(parameter.low) and math.isfinite(parameter.high):
+        made.add_layout(
+            BoxAnnotation(
+                left=parameter.low / scale, right=parameter.high / scale, fill_color=ORANGE,
+                fill_alpha=0.25, line_color=None,
+            )
+        )
+    made.scatter(
+        'value',
+        'cost',
+        source=ColumnDataSource(
+            {
+                'value': values[shown] / scale,
+                'cost': costs[shown],
+                'generation': generations[shown],
+            }
+        ),
+        size=3,
+        line_color=None,
+        fill_color={'field': 'generation', 'transform': colours},
+    )
+    if math.isfinite(parameter.value):
+        made.vspan(parameter.value / scale, line_color=RED, line_width=1.5,
+                line_dash='dashed')
+    return made
+
+
+def _power(largest: float) -> int:
+    """Return the power of ten that brings an axis' numbers near one; 0 where they are."""
+    if largest <= 0.0 or 0.05 <= largest < 1e4:
+        return 0
+    return 3 * math.floor(math.log10(largest) / 3.0)
+
+
+def correlations(result: Identification) -> Picture | None:
+    """Draw the correlation of each two estimates."""
+    matrix = result.correlation
+    if len(matrix) < 2 or not np.isfinite(matrix[~np.eye(len(matrix), dtype=bool)]).any():
+        return None
+    names = [p.name for p in result.parameters]
+    size = len(names)
+    cell = min(48, 640 // size)
+    rows, columns = (x.ravel() for x in np.indices(matrix.shape))
+    value = matrix.ravel()
+    there = np.isfinite(value)
+    data = {
+        'x': [names[c] for c in columns[there]],
+        'y': [names[r] for r in rows[there]],
+        'value': value[there],
+        'text': [
+            '' if r == c else f'{100 * v:.0f}'.replace('-', '−')
+            for r, c, v in zip(rows[there], columns[there], value[there], strict=True)
+        ],
+        'ink': ['white' if abs(v) > 0.7 else INK for v in value[there]],
+    }
+    mapper = LinearColorMapper(palette=DIVERGING, low=-1.0, high=1.0, nan_color='#eeeeee')
+    longest = 7 * max(len(n) for n in names)
+    made = plot(
+        x_range=names,
+        y_range=names[::-1],
+        width=cell * size + longest + 120,
+        height=cell * size + longest + 40,
+        tools='hover',
+        active_drag=None,
+        tooltips=[('', '@y'), ('', '@x'), ('correlation', '@value{0.000}')],
+    )
+    source = ColumnDataSource(data)
+    made.rect(
+        'x', 'y', 1, 1, source=source, line_color='white',
+        fill_color={'field': 'value', 'transform': mapper},
+    )
+    if cell >= 24:
+        made.text(
+            'x', 'y', text='text', source=source, text_align='center', text_baseline='middle',
+            text_font_size='11px' if cell > 30 else '10px', text_color='ink',
+        )
+    made.grid.grid_line_color = None
+    made.xaxis.major_label_orientation = math.pi / 2.0
+    made.axis.major_tick_line_color = made.axis.axis_line_color = None
+    made.add_layout(
+        ColorBar(
+            color_mapper=mapper, width=10, ticker=FixedTicker(ticks=[-1, -0.5, 0, 0.5, 1]),
+            major_label_text_font_size='11px', bar_line_color=None, major_tick_line_color=None,
+        ),
+        'right',
+    )
+    return Picture(made)
+
+
+def _labels(made: Any, places: Sequence[float], rows: Sequence[str], texts: Sequence[str]) -> None:
+    made.add_layout(
+        LabelSet(
+            x='x', y='y', text='text', x_offset=8, text_baseline='middle', text_font_size='13px',
+            text_color=INK, text_font=value(FONT),
+            source=ColumnDataSource({'x': list(places), 'y': list(rows), 'text': list(texts)}),
+        )
+    )
+
+
+def waterfall(gap: Mapping[str, Any]) -> Picture | None:
+    """Draw the gap before, after each effect, and the noise floor, as `gap.charts.waterfall`.
+
+    Args:
+        gap: The entry of `diagnosis.json`.
+    """
+    steps = [s for s in gap['steps'] if s['value'] is not None]
+    floor = gap['noise_floor']
+    if not steps or floor is None:
+        return None
+    values = [s['value'] for s in steps]
+    rows = ['before: nominal fit', *(f'with {s["label"]}' for s in steps[1:]), 'noise floor']
+    ends = [s['high'] or s['value'] for s in steps]
+    wide = max(values) > 8.0 * floor > 0.0
+    # A bar's length means nothing on a logarithmic axis: dots stand there, on lines.
+    left = 0.6 * min(floor, *values) if wide else 0.0
+    made = plot(
+        width=WIDTH,
+        height=70 + 42 * len(rows),
+        y_range=rows[::-1],
+        x_axis_type='log' if wide else 'linear',
+        x_range=(left, (4.0 if wide else 1.3) * max(ends)),
+        x_axis_label=f'gap between simulated and measured effort, RMS [{gap["unit"]}]',
+        tools='',
+        active_drag=None,
+    )
+    every = [*values, floor]
+    colours = [*[BLUE] * (len(values) - 1), GREEN if len(values) > 1 else BLUE, GREY]
+    if wide:
+        made.segment(left, rows, every, rows, color=colours, line_width=2)
+        made.scatter(every, rows, color=colours, size=11)
+    else:
+        made.hbar(y=rows, left=0.0, right=every, height=0.6, color=colours)
+    known = [(s['low'], s['high'], r) for s, r in zip(steps, rows, strict=False) if s['high']]
+    if known:
+        low, high, at = zip(*known, strict=True)
+        made.segment(low, at, high, at, color=INK, line_width=1.5)
+        for end in (low, high):
+            made.scatter(end, at, marker='dash', angle=math.pi / 2.0, size=10, color=INK)
+    texts = [number(values[0], 3)]
+    texts += [
+        f'{number(v, 3)}  ({100.0 * (v / values[i] - 1.0):+.0f} %)'.replace('-', '−')
+        for i, v in enumerate(values[1:])
+    ]
+    _labels(made, [*ends, floor], rows, [*texts, number(floor, 3)])
+    made.vspan(floor, line_color=GREY, line_dash='dashed')
+    if wide:
+        logarithmic(made.xaxis, left, 4.0 * max(ends))
+    made.ygrid.grid_line_color = None
+    return Picture(made)
+
+
+def ranking(ranked: Sequence[Mapping[str, Any]], unit: str, most: int = 8) -> Picture | None:
+    """Draw how probable each effect is, and what it leaves of the gap.
+
+    Args:
+        ranked: The entry of `diagnosis.json`, the most probable first.
+        unit: Of the gap.
+        most: How many are drawn.
+    """
+    top = [r for r in ranked if r['probability'] is not None][:most]
+    if not top:
+        return None
+    rows = [effect_name(r) for r in top]
+    made = plot(
+        width=WIDTH,
+        height=60 + 30 * len(rows),
+        y_range=rows[::-1],
+        x_range=(0.0, 1.45),
+        x_axis_label='probability',
+        tools='',
+        active_drag=None,
+    )
+    chances = [r['probability'] for r in top]
+    made.hbar(
+        y=rows, left=0.0, right=chances, height=0.62, color=[GREEN] + [SKY] * (len(rows) - 1)
+    )
+    texts = [
+        (f'{100.0 * p:.0f} %' if p >= 0.01 else '< 1 %')
+        + ('' if r['gap_after'] is None else f', leaves {number(r["gap_after"], 3)} {unit}')
+        for p, r in zip(chances, top, strict=True)
+    ]
+    _labels(made, chances, rows, texts)
+    made.xaxis.ticker = FixedTicker(ticks=[0.0, 0.25, 0.5, 0.75, 1.0])
+    made.ygrid.grid_line_color = None
+    return Picture(made)
+
+
+_HEADINGS = {
+    'both': ('both directions', INK, 'dot'),
+    'forwards': ('moving forwards', BLUE, 'dot'),
+    'backwards': ('moving backwards', ORANGE, 'square'),
+}
+
+
+def residual_maps(maps: Sequence[Mapping[str, Any]]) -> Picture | None:
+    """Draw the residual along the coordinates that matter, before and after.
+
+    Args:
+        maps: The entry of `diagnosis.json`.
+    """
+    if not maps:
+        return None
+    figures = [_map(found) for found in maps]
+    lines = [line for found in maps for line in found['before']]
+    keys = [Key(text, colour, style) for heading, (text, colour, style) in _HEADINGS.items()
+            if any(line['heading'] == heading for line in lines)]
+    if any(found['after'] for found in maps):
+        keys.append(Key('the same with the effects in the model', GREY, 'dashed'))
+    return Picture(gridplot(figures, ncols=2, toolbar_options={'logo': None}), tuple(keys))
+
+
+def _map(found: Mapping[str, Any]) -> Any:
+    spectrum = found['coordinate'] == 'frequency'
+    made = plot(
+        title=f'{found["drive"]}: residual along the {found["coordinate"]}',
+        width=WIDTH // 2 - 4,
+        height=300,
+        x_axis_type='log' if spectrum else 'linear',
+        y_axis_type='log' if spectrum else 'linear',
+        x_axis_label=found['label'],
+        y_axis_label='amplitude density' if spectrum else f'mean residual [{found["unit"]}]',
+        min_border_left=64,
+    )
+    floor = found['noise_floor']
+    if spectrum:
+        made.yaxis.axis_label += f' [{found["unit"]}]'
+        made.hspan(floor, line_color=GREY, line_dash='dashed')
+    else:
+        made.add_layout(
+            BoxAnnotation(bottom=-floor, top=floor, fill_color=GREY, fill_alpha=0.1,
+                          line_color=None)
+        )
+        made.hspan(0.0, line_color=INK, line_width=0.8)
+    for line in found['before']:
+        _line(made, line, found['linear'], before=True)
+    for line in found['after']:
+        _line(made, line, found['linear'], before=False)
+    if found['linear']:
+        _stretched_ticks(made, found)
+    return made
+
+
+def _line(made: Any, line: Mapping[str, Any], linear: float, *, before: bool) -> None:
+    if not line['place']:
+        return
+    _, colour, mark = _HEADINGS[line['heading']]
+    place = _stretch(np.array(line['place'], dtype=np.float64), linear)
+    mean = np.array(line['mean'], dtype=np.float64)
+    half = np.array(line['half'], dtype=np.float64)
+    if not before:
+        made.line(place, mean, color=colour, line_width=1.5, line_dash='dashed')
+        return
+    if np.isfinite(half).all():
+        made.varea(place, mean - half, mean + half, fill_color=colour, fill_alpha=0.2)
+    made.line(place, mean, color=colour, line_width=1.8)
+    if np.isfinite(half).all():
+        marker = 'square' if mark == 'square' else 'circle'
+        made.scatter(place, mean, color=colour, size=5, marker=marker)
+
+
+def _stretch(values: Array, linear: float) -> Array:
+    """Return places on an axis that is linear near zero and logarithmic beyond."""
+    if not linear:
+        return values
+    size = np.abs(values) / linear
+    out: Array = np.sign(values) * np.where(size <= 1.0, 0.6 * size, 0.6 + np.log10(
+        np.maximum(size, 1.0)))
+    return out
+
+
+def _stretched_ticks(made: Any, found: Mapping[str, Any]) -> None:
+    """Label a stretched axis at zero and at 1, 2 and 5 of each decade."""
+    places = [x for line in found['before'] for x in line['place']]
+    top, linear = max((abs(x) for x in places), default=0.0), found['linear']
+    exponent = math.floor(math.log10(linear))
+    decades = [10.0**e for e in range(exponent, exponent + 8)]
+    # Round numbers first: those between them stand where they have room.
+    sides = [step * d for step in (1, 5, 2) for d in decades]
+    sides = [x for x in sides if 0.9 * linear <= x <= 1.05 * top]
+    signs = (-1.0, 1.0) if min(places, default=0.0) < 0.0 else (1.0,)
+    ticks, at = [0.0], [0.0]
+    room = len(signs) * float(_stretch(np.array([top]), linear)[0]) / 12.0
+    for tick in (sign * x for x in sides for sign in signs):
+        place = float(_stretch(np.array([tick]), linear)[0])
+        if min(abs(place - other) for other in at) >= room:
+            ticks.append(tick)
+            at.append(place)
+    made.xaxis.ticker = FixedTicker(ticks=at)
+    made.xaxis.major_label_overrides = {
+        x: number(tick, 3) for x, tick in zip(at, ticks, strict=True)
+    }

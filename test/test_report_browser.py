@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page in a real browser: it draws, it zooms, it asks nobody for anything."""
+
+from collections.abc import Iterator
+import json
+import shutil
+from typing import Any
+
+import pytest
+from report_cases import long_signals, write_diagnosed, write_identified
+
+from ros2_ident.report.page import write_report
+from ros2_ident.report.signals import write_signals
+
+PICTURES = 8
+# A picture's figures lie in shadow roots, one within another.
+FIND = '''
+function everything(root, wanted) {
+  const out = [...root.querySelectorAll(wanted)]
+  for (const one of root.querySelectorAll('*'))
+    if (one.shadowRoot) out.push(...everything(one.shadowRoot, wanted))
+  return out
+}
+'''
+RANGE = '''
+const plots = []
+for (const doc of Bokeh.documents)
+  for (const model of doc._all_models.values()) if (model.type === 'Figure') plots.push(model)
+const figure = plots[0], curve = figure.renderers[0].data_source.data
+return {start: figure.x_range.start, end: figure.x_range.end, points: curve.x.length,
+  first: Math.min(...curve.x), last: Math.max(...curve.x), most: Math.max(...curve.y)}
+'''
+
+
+@pytest.fixture(scope='module')
+def browser() -> Iterator[Any]:
+    programs = [shutil.which('chromium') or shutil.which('google-chrome'),
+                shutil.which('chromedriver')]
+    if None in programs:
+        pytest.skip('Chromium is not installed; `apt install chromium chromium-driver` brings it')
+    webdriver = pytest.importorskip('selenium.webdriver', reason='`make setup` installs selenium')
+    options = webdriver.ChromeOptions()
+    options.binary_location = programs[0]
+    for word in ('--headless=new', '--no-sandbox', '--window-size=1120,900'):
+        options.add_argument(word)
+    options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
+    driver = webdriver.Chrome(options, webdriver.ChromeService(programs[1]))
+    yield driver
+    driver.quit()
+
+
+@pytest.fixture(scope='module')
+def page(browser, tmp_path_factory) -> Any:
+    folder = tmp_path_factory.mktemp('run')
+    write_identified(folder)
+    write_signals(folder / 'signals.npz', long_signals())
+    write_diagnosed(folder)
+    browser.get(write_report(folder).as_uri())
+    until(browser, 'return document.documentElement.dataset.ready')
+    return browser
+
+
+def until(browser: Any, script: str) -> Any:
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    return WebDriverWait(browser, 120.0).until(lambda b: b.execute_script(script))
+
+
+def effort(page: Any) -> Any:
+    """Return the surface of the first plot, in the middle of the window."""
+    return page.execute_script(
+        FIND + "const f = everything(document.getElementById('effort-plot'), '.bk-events')[0]\n"
+        "f.scrollIntoView({block: 'center'}); return f"
+    )
+
+
+def ranges(condition: str) -> str:
+    """Return a script that says whether a condition on what is `seen` holds."""
+    return f"{RANGE.replace('return {', 'const seen = {')}\nreturn {condition}"
+
+
+def test_it_draws_every_picture_and_asks_nobody(page: Any) -> None:
+    empty = page.execute_script(
+        FIND + "return [...document.querySelectorAll('figure')].filter("
+        "f => !everything(f, 'svg path').length).length"
+    )
+    assert empty == 0
+    assert page.execute_script('return Bokeh.documents.length') == PICTURES
+    faults = [x for x in page.get_log('browser') if x['level'] != 'INFO']
+    assert faults == []
+    events = [json.loads(x['message'])['message'] for x in page.get_log('performance')]
+    asked = [
+        x['params']['request']['url'] for x in events if x['method'] == 'Network.requestWillBeSent'
+    ]
+    assert [url for url in asked if not url.startswith('data:')] == [page.current_url]
+
+
+def test_the_wheel_shows_more_of_less(page: Any) -> None:
+    from selenium.webdriver import ActionChains
+    from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
+
+    before = page.execute_script(RANGE)
+    assert before['start'] == 0.0 and before['end'] > 99.0
+    assert before['points'] <= 2000 and before['most'] == pytest.approx(4.0, abs=0.01)
+    origin = ScrollOrigin.from_element(effort(page))
+    ActionChains(page).scroll_from_origin(origin, 0, -600).perform()
+    until(page, ranges(f'seen.end - seen.start < {before["end"]} - 1'))
+    after = page.execute_script(RANGE)
+    # What is drawn is what is in view, and as finely as it can be.
+    assert after['first'] >= after['start'] - 0.1 and after['last'] <= after['end'] + 0.1
+    assert 1000 < after['points'] <= 2002
+
+
+def test_a_frame_drawn_with_the_mouse_zooms_into_it(page: Any) -> None:
+    from selenium.webdriver import ActionChains
+
+    before = page.execute_script(RANGE)
+    drag = ActionChains(page).move_to_element_with_offset(effort(page), -100, -40)
+    drag.click_and_hold().move_by_offset(120, 50).release().perform()
+    until(page, ranges(f'seen.end - seen.start < {0.5 * (before["end"] - before["start"])}'))
+    after = page.execute_script(RANGE)
+    assert before['start'] < after['start'] < after['end'] < before['end']
+
+
+def test_close_up_every_sample_is_drawn(page: Any) -> None:
+    page.execute_script(
+        'for (const doc of Bokeh.documents) for (const m of doc._all_models.values())'
+        " if (m.type === 'Figure') { m.x_range.setv({start: 61.75, end: 61.85}); return }"
+    )
+    close = page.execute_script(RANGE)
+    assert close['points'] == pytest.approx(101, abs=3)
+    assert close['most'] == pytest.approx(4.0, abs=0.01)
