@@ -21,7 +21,8 @@ BY_A_NODE = {ErrorCode.BUSY: ('test_ros_node.py', 'test_a_second_goal_is_refused
 
 def identify(bag: Path, folder: Path, *more: str, machine: Path = AXIS_FILE) -> list[str]:
     words = ['identify', str(bag), '--machine', str(machine), '--out', str(folder / 'out')]
-    return [*words, '--no-overlay', '--population', '64', '--generations', '3', *more]
+    words += ['--no-overlay', '--no-report', '--population', '64', '--generations', '3']
+    return [*words, *more]
 
 
 def machine_with(folder: Path, old: str, new: str) -> Path:
