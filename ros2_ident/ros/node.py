@@ -17,7 +17,7 @@ from ros2_ident_msgs.msg import IdentificationResult, Status
 from std_srvs.srv import Trigger
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording import RecordingBuilder
+from ros2_ident.recording import RecordingBuilder, Stream
 from ros2_ident.ros import parameters
 from ros2_ident.ros.actions import GoalServer, identify_code, identify_feedback, identify_result
 from ros2_ident.ros.board import Board
@@ -141,8 +141,15 @@ class Identifier(Node):
         request = request_of(goal, now, receiving=self.capture.idle < RECEIVING)
         buffer = None if request.bag_path else self.received()
 
+        def preview(simulated: list[Stream], residual: list[Stream]) -> None:
+            series = _messages(simulated), _messages(residual)
+            self.worker.post(lambda: self._begin_series(*series))
+
         def job(cancel: Any, say: Says) -> tuple[Finished, str, IdentError | None]:
-            finished = run(request, buffer, cancel, say)
+            rate = now['preview_rate']
+            finished = run(
+                request, buffer, cancel, say, preview if rate else None, 1.0 / (rate or 1.0)
+            )
             try:
                 return finished, save_result(finished), None
             except IdentError as error:  # the result is not lost with its file
@@ -222,17 +229,13 @@ class Identifier(Node):
             if self.stopping:
                 return [], []
             simulated, residual = compare(finished, path)
-            return (
-                [x for stream in simulated for x in joint_states(stream)],
-                [x for stream in residual for x in joint_states(stream)],
-            )
+            return _messages(simulated), _messages(residual)
 
         def done(value: Any, error: BaseException | None) -> None:
             if error is not None:
                 self.get_logger().error(self.board.fault(error).message)
                 return
-            self.outlet.series(simulated=value[0], residual=value[1])
-            self._series.reset()
+            self._begin_series(*value)
 
         self.worker.chore(work, done)
         self.pages.start(path)
@@ -340,6 +343,10 @@ class Identifier(Node):
         if self.board.state == Status.STATE_WAITING:
             self.board.warn(self.capture.silence())
 
+    def _begin_series(self, simulated: list[bytes], residual: list[bytes]) -> None:
+        self.outlet.series(simulated=simulated, residual=residual)
+        self._series.reset()
+
     def _publish_series(self) -> None:
         self.outlet.go_on()
         if not self.outlet.waiting:
@@ -353,3 +360,8 @@ class Identifier(Node):
                 self.get_clock().now().to_msg(), self.capture.meters, self.capture.topics, silence
             )
         )
+
+
+def _messages(streams: list[Stream]) -> list[bytes]:
+    """Return streams as serialised messages, one after the other."""
+    return [message for stream in streams for message in joint_states(stream)]

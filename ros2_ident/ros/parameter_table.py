@@ -215,6 +215,17 @@ TABLE: tuple[Entry, ...] = (
     ),
     Entry('progress_rate', 'double', 5.0, 'Most progress messages per second.', 0.1, 50.0, 'Hz'),
     Entry(
+        'preview_rate',
+        'double',
+        1.0,
+        'How often the simulated and residual effort of the best candidate so far come during a '
+        'run, at most; they are thinned out and take at most a twentieth of its time. 0: only at '
+        'its end.',
+        0.0,
+        10.0,
+        'Hz',
+    ),
+    Entry(
         'result_timeout',
         'double',
         900.0,

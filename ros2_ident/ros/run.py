@@ -4,7 +4,7 @@
 Knows nothing of rclpy, so that it can be read and tested without.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 import hashlib
 import time
@@ -17,10 +17,18 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify import identify
 from ros2_ident.models import Machine
 from ros2_ident.problem import Problem
-from ros2_ident.recording import read_bag, Recording, RecordingBuilder, Topics
+from ros2_ident.recording import read_bag, Recording, RecordingBuilder, Stream, Topics
+from ros2_ident.report.overlay import overlay_streams
 from ros2_ident.result import Identification
 from ros2_ident.segments import Data, gather
-from ros2_ident.settings import IdentifySettings, OnProgress
+from ros2_ident.settings import IdentifyProgress, IdentifySettings, OnProgress
+
+# Simulating a preview holds the search up; it may for this share of the time.
+PREVIEW_SHARE = 0.05
+# Samples of a segment in a preview: enough for the eye, and a few milliseconds to publish.
+PREVIEW_SAMPLES = 500
+
+Series = list[Stream]
 
 
 class Cancel(Protocol):
@@ -58,6 +66,17 @@ class Request:
     settings: IdentifySettings = field(default_factory=IdentifySettings)
     seed: int = 1
     output_directory: str = ''
+
+    def problem(self, data: Data) -> Problem:
+        """Return the model on some data."""
+        return Problem(
+            self.machine,
+            data,
+            drives=self.drives,
+            fixed=self.fixed,
+            bounds=self.bounds,
+            cutoff=self.settings.cutoff,
+        )
 
     @property
     def configuration(self) -> str:
@@ -99,15 +118,46 @@ class Finished:
 
     def problem(self) -> Problem:
         """Return the model on the data it was identified from."""
-        request = self.request
-        return Problem(
-            request.machine,
-            self.data,
-            drives=request.drives,
-            fixed=request.fixed,
-            bounds=request.bounds,
-            cutoff=request.settings.cutoff,
+        return self.request.problem(self.data)
+
+
+class Preview:
+    """Simulated and residual effort of the best candidate so far, now and then during a run.
+
+    Args:
+        problem: The problem that is searched.
+        show: Gets the simulated and the residual effort, one stream a segment, thinned out.
+        period: Least time from one to the next, s.
+    """
+
+    def __init__(
+        self, problem: Problem, show: Callable[[Series, Series], None], period: float
+    ) -> None:
+        self._problem = problem
+        self._show = show
+        self._period = period
+        self._next = -np.inf
+        self._shown = np.inf
+
+    def __call__(self, progress: IdentifyProgress) -> None:
+        """Simulate and show the best candidate if it is due and better than the last one."""
+        begin = time.monotonic()
+        if begin < self._next or not progress.best_cost < self._shown:
+            return
+        self._shown = progress.best_cost
+        pairs = overlay_streams(self._problem, progress.best_theta)
+        self._show(
+            *([_thinned(pair[name]) for pair in pairs] for name in ('simulated', 'residual'))
         )
+        took = time.monotonic() - begin
+        self._next = begin + max(self._period, took / PREVIEW_SHARE)
+
+
+def _thinned(stream: Stream) -> Stream:
+    """Return evenly chosen samples of a stream's efforts."""
+    step = -(-stream.stamp.size // PREVIEW_SAMPLES)
+    assert stream.effort is not None
+    return Stream(stream.names, stream.stamp[::step], effort=stream.effort[::step])
 
 
 def run(
@@ -115,6 +165,8 @@ def run(
     buffer: RecordingBuilder | None,
     cancel: Cancel | None = None,
     on_progress: OnProgress | None = None,
+    on_preview: Callable[[Series, Series], None] | None = None,
+    preview_period: float = 1.0,
 ) -> Finished:
     """Do a run.
 
@@ -123,6 +175,9 @@ def run(
         buffer: What the node has received; needed where the request names no bag.
         cancel: The best so far is kept.
         on_progress: Called from this thread.
+        on_preview: Gets simulated and residual effort of better and better candidates, from this
+            thread; see `Preview`.
+        preview_period: Least time between previews, s.
 
     Returns:
         The result, also where the run was cancelled.
@@ -133,6 +188,14 @@ def run(
     start = time.monotonic()
     recordings = recordings_of(request.bag_path, request.topics, buffer)
     data = gather(recordings, request.machine, request.drives)
+    preview = on_preview and Preview(request.problem(data), on_preview, preview_period)
+
+    def report(progress: IdentifyProgress) -> None:
+        if on_progress is not None:
+            on_progress(progress)
+        if preview is not None:
+            preview(progress)
+
     identification = identify(
         request.machine,
         data,
@@ -142,7 +205,7 @@ def run(
         settings=request.settings,
         seed=request.seed,
         cancel=cancel,
-        on_progress=on_progress,
+        on_progress=report,
     )
     return Finished(
         request=request,

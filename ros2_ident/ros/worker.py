@@ -76,7 +76,7 @@ class Worker:
             if self._due():
                 # What is due now is said, whatever comes before the executor gets to it.
                 unsaid.clear()
-                self._post(lambda: on_said(what))
+                self.post(lambda: on_said(what))
 
         def finish(value: Any, error: BaseException | None) -> None:
             self._busy = False
@@ -85,8 +85,8 @@ class Worker:
 
         def work() -> None:
             value, error = _attempt(lambda: job(cancel, say))
-            self._post(utter)
-            self._post(lambda: finish(value, error))
+            self.post(utter)
+            self.post(lambda: finish(value, error))
 
         self._utter = utter
         self._work.put(work)
@@ -101,7 +101,7 @@ class Worker:
 
         def work() -> None:
             value, error = _attempt(task)
-            self._post(lambda: on_done(value, error))
+            self.post(lambda: on_done(value, error))
 
         self._work.put(work)
 
@@ -132,7 +132,8 @@ class Worker:
         self._said = now
         return True
 
-    def _post(self, event: Callable[[], None]) -> None:
+    def post(self, event: Callable[[], None]) -> None:
+        """Have something done in the executor's thread; for a job that has more to give."""
         self._events.put(event)
         # the node may be gone; whoever joins the thread fetches the rest
         with contextlib.suppress(InvalidHandle, RCLError):
