@@ -2,6 +2,7 @@
 """`ident diagnose`: where the gap to the log lies, what causes it, how far it closes."""
 
 import argparse
+from pathlib import Path
 import sys
 import time
 from typing import TYPE_CHECKING
@@ -28,6 +29,8 @@ from ros2_ident.cli.arguments import (
 if TYPE_CHECKING:
     from ros2_ident.gap.diagnose import DiagnoseProgress
     from ros2_ident.gap.diagnosis import Diagnosis
+    from ros2_ident.models import Machine
+    from ros2_ident.segments import Data
 
 DESCRIPTION = (
     'Say where the gap between simulation and log lies, which unmodelled effect causes it, '
@@ -39,8 +42,10 @@ EXAMPLES = (
     '  ident diagnose bags/axis_reversals --machine config/emps.yaml \\\n'
     '      --without asymmetric_friction,backlash\n'
     '\n'
-    'writes to DIR: diagnosis.json, diagnosis.npz (measured and simulated effort), report.html\n'
-    '(all of it as a page, with the identification where DIR holds one)\n'
+    'writes to DIR: diagnosis.json, diagnosis.npz (measured and simulated effort), overlay (a\n'
+    'bag with the measured effort, that of the model with the effects found, the residual, and\n'
+    'the diagnosis), report.html (all of it as a page, with the identification where DIR holds\n'
+    'one)\n'
 )
 EXIT_CODES = {0: 'the diagnosis is complete', 1: 'it was cut short, or nothing could be simulated'}
 LINE_EVERY = 5.0
@@ -78,6 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--seconds', type=not_negative, default=0.0, metavar='N', help='stop after this time'
     )
+    parser.add_argument('--no-overlay', action='store_true', help='write no overlay bag')
     parser.add_argument('--quiet', action='store_true', help='show no progress')
     add_effort(parser)
     add_topics(parser)
@@ -143,11 +149,33 @@ def run(args: argparse.Namespace) -> int:
             'fixed': fixed,
             'time_budget': args.seconds,
         }
-        files = write_diagnosis(out, found, machine, fit, check, settings)
+        files = list(write_diagnosis(out, found, machine, fit, check, settings))
+        files += _overlay(args, out, machine, fit, found)
         print('written: ' + ', '.join(str(path) for path in files), flush=True)
         if not args.no_report:
             print_page(out)
     return 0 if found.complete else 1
+
+
+def _overlay(
+    args: argparse.Namespace, out: Path, machine: 'Machine', data: 'Data', found: 'Diagnosis'
+) -> tuple[Path, ...]:
+    """Write the overlay bags."""
+    from ros2_ident.problem import Problem
+    from ros2_ident.report.overlay import diagnosed_problem, verdict_of, write_overlay
+
+    if args.no_overlay:
+        return ()
+    nominal = Problem(machine, data, drives=args.drives, fixed=once(args.fix, '--fix'))
+    problem, theta = diagnosed_problem(nominal, found)
+    return write_overlay(
+        out / 'overlay',
+        problem,
+        theta,
+        topics=topics_of(args),
+        verdict=verdict_of(found),
+        moving=found.complete,
+    )
 
 
 def print_diagnosis(d: 'Diagnosis') -> None:

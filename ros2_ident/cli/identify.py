@@ -37,7 +37,8 @@ EXAMPLES = (
     '\n'
     'writes to DIR: result.json and result.yaml (the same content), history.npz (every\n'
     'candidate), signals.npz (measured and simulated effort), overlay (a bag with the measured,\n'
-    'simulated and residual effort), report.html (all of it as a page)\n'
+    'simulated and residual effort, the result, and of a tripod its motion as markers for RViz\n'
+    'and Foxglove), report.html (all of it as a page)\n'
 )
 EXIT_CODES = {
     0: 'identified',
@@ -128,7 +129,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.identify import identify, read_problem
     from ros2_ident.problem import Problem
     from ros2_ident.report.files import make_directory, write_result
-    from ros2_ident.report.overlay import write_overlay
+    from ros2_ident.report.overlay import verdict_of, write_overlay
     from ros2_ident.result import Outcome
 
     fixed, bounds = once(args.fix, '--fix'), once(args.bounds, '--bounds')
@@ -151,7 +152,15 @@ def run(args: argparse.Namespace) -> int:
         problem = Problem(machine, data, drives=result.drives, fixed=result.fixed)
         files = list(write_result(out, result, problem))
         if not args.no_overlay:
-            files += write_overlay(out / 'overlay', problem, result.theta, topics=topics_of(args))
+            files += write_overlay(
+                out / 'overlay',
+                problem,
+                result.theta,
+                topics=topics_of(args),
+                verdict=verdict_of(result),
+                # whoever cancels wants it to end
+                moving=result.outcome is not Outcome.CANCELLED,
+            )
     print_result(result)
     print('written: ' + ', '.join(str(path) for path in files), flush=True)
     if not args.no_report:

@@ -1,13 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write streams as a rosbag2 directory that `ros2 bag play` and Foxglove open."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 import shutil
 from typing import Literal
 
 import numpy as np
-from rosbags.interfaces import Connection
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
@@ -16,7 +25,35 @@ from ros2_ident.recording import cdr
 from ros2_ident.recording.bag import JOINT_STATE, Topics
 from ros2_ident.recording.streams import FIELDS, Recording, Stream
 
+# Latched, as the messages that are still of use to those who come later.
+_ZERO = QosTime(0, 0)
+_LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    _ZERO,
+    _ZERO,
+    QosLiveliness.SYSTEM_DEFAULT,
+    _ZERO,
+    False,
+)
 _STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of any type beside the streams.
+
+    Attributes:
+        name: Its name.
+        kind: Message type, as `std_msgs/msg/String`; one of ROS 2 Jazzy's own.
+        messages: Log time, ns, and CDR bytes of each, in order.
+    """
+
+    name: str
+    kind: str
+    messages: Sequence[tuple[int, bytes]]
 
 
 def write_bag(
@@ -27,6 +64,7 @@ def write_bag(
     overwrite: bool = False,
     storage: Literal['mcap', 'sqlite3'] = 'mcap',
     custom: Mapping[str, str] | None = None,
+    others: Sequence[Topic] = (),
 ) -> Path:
     """Write JointState topics as a bag: the same streams give the same bytes.
 
@@ -39,6 +77,7 @@ def write_bag(
         overwrite: Replace a bag that is already there; anything else there is never touched.
         storage: `mcap` (zstd compressed) or `sqlite3`.
         custom: Texts for the custom data of metadata.yaml.
+        others: Topics of other types, recorded as latched.
 
     Returns:
         The directory.
@@ -70,11 +109,20 @@ def write_bag(
             messages.append(
                 cdr.encode(stream.stamp, stream.names, [stream.values(x) for x in FIELDS])
             )
-        stamps = np.concatenate([stream.stamp for stream in by_topic.values()])
+        stamps = [stream.stamp for stream in by_topic.values()]
+        for other in others:
+            connections.append(
+                writer.add_connection(
+                    other.name, other.kind, typestore=store, offered_qos_profiles=[_LATCHED]
+                )
+            )
+            messages.append([data for _, data in other.messages])
+            stamps.append(np.array([when for when, _ in other.messages], dtype=np.int64))
+        when = np.concatenate(stamps)
         which = np.repeat(np.arange(len(messages)), [len(x) for x in messages])
         row = np.concatenate([np.arange(len(x)) for x in messages])
-        for k in np.argsort(stamps, kind='stable').tolist():
-            writer.write(connections[which[k]], int(stamps[k]), messages[which[k]][row[k]])
+        for k in np.argsort(when, kind='stable').tolist():
+            writer.write(connections[which[k]], int(when[k]), messages[which[k]][row[k]])
     return path
 
 

@@ -1,18 +1,90 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measured and simulated effort side by side: streams, and a bag that any tool opens."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from rosbags.typesys import get_typestore, Stores
 
+from ros2_ident.gap.diagnosis import Diagnosis, to_mapping
+from ros2_ident.models import EffectAt
 from ros2_ident.problem import Problem
 from ros2_ident.recording import Dataset, Recording, Stream, Topics, write_bag
 from ros2_ident.recording.grid import find_ticks
 from ros2_ident.recording.streams import FloatArray, IntArray
-from ros2_ident.result import Array
+from ros2_ident.recording.write import Topic
+from ros2_ident.report.scene import MARKERS, scene_messages, scene_of
+from ros2_ident.report.schema import plain
+from ros2_ident.report.schema import to_mapping as result_mapping
+from ros2_ident.result import Array, Identification, Outcome
 
 # Where the node `identifier` publishes the same, so that one layout shows both.
 SIMULATED, RESIDUAL = '/identifier/simulated', '/identifier/residual'
+SCENE, VERDICT, DIAGNOSTICS = '/identifier/scene', '/identifier/verdict', '/diagnostics'
+_STRING, _ARRAY = 'std_msgs/msg/String', 'diagnostic_msgs/msg/DiagnosticArray'
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a run found, for those who open the bag.
+
+    Attributes:
+        name: `fit` or `gap`: the entry in `/diagnostics` that it becomes.
+        good: Whether nothing is amiss.
+        sentence: It in words.
+        values: Numbers and more words, by name.
+        document: All of it, as in the run's own file.
+    """
+
+    name: str
+    good: bool
+    sentence: str
+    values: Mapping[str, str]
+    document: Mapping[str, Any]
+
+
+def verdict_of(found: Identification | Diagnosis) -> Verdict:
+    """Return what an identification or a diagnosis found."""
+    if isinstance(found, Identification):
+        values = {
+            p.name: f'{p.value:.6g} [{p.low:.6g}, {p.high:.6g}] {p.unit}'
+            for p in found.parameters
+        }
+        good = found.outcome is Outcome.IDENTIFIED
+        return Verdict('fit', good, found.message, values, result_mapping(found))
+    values = {
+        name: f'{v.value:.6g} [{v.low:.6g}, {v.high:.6g}] {v.unit}'
+        for name, v in found.parameters.items()
+    }
+    values |= {f'where {k}': x.sentence for k, x in enumerate(found.localisation, 1)}
+    values |= {f'advice {k}': text for k, text in enumerate(found.advice, 1)}
+    return Verdict('gap', found.effect == 'none', found.sentence, values, to_mapping(found))
+
+
+def diagnosed_problem(problem: Problem, found: Diagnosis) -> tuple[Problem, Array]:
+    """Return the problem with the effects that a diagnosis found, and their parameters.
+
+    Args:
+        problem: The nominal problem, on the data that the diagnosis was fitted on.
+        found: The diagnosis.
+
+    Returns:
+        The extended problem and its (N,) parameters, physical units.
+    """
+    names = [name.rsplit('.', 2) for name in found.parameters if name not in found.nominal]
+    places = dict.fromkeys((x[-2], x[0] if len(x) == 3 else 'all') for x in names)
+    extended = Problem(
+        problem.machine,
+        problem.data,
+        drives=problem.drives,
+        fixed=problem.fixed,
+        effects=[EffectAt(effect, where) for effect, where in places],
+    )
+    return extended, np.array([found.parameters[p.name].value for p in extended.parameters])
 
 
 def overlay_streams(problem: Problem, theta: Array) -> list[dict[str, Stream]]:
@@ -44,9 +116,17 @@ def overlay_streams(problem: Problem, theta: Array) -> list[dict[str, Stream]]:
 
 
 def write_overlay(
-    path: str | Path, problem: Problem, theta: Array, *, topics: Topics | None = None
+    path: str | Path,
+    problem: Problem,
+    theta: Array,
+    *,
+    topics: Topics | None = None,
+    verdict: Verdict | None = None,
+    moving: bool = True,
 ) -> tuple[Path, ...]:
     """Write bags with the original streams, the simulated and the residual effort.
+
+    A tripod moves in them as markers for RViz and Foxglove, too.
 
     Args:
         path: Directory of the bag; further segments get `_2`, `_3` behind it. Bags there are
@@ -54,6 +134,8 @@ def write_overlay(
         problem: The problem, from data that hold their recordings.
         theta: (N,) parameters, physical units.
         topics: Names of the original streams' topics.
+        verdict: What was found, for `/diagnostics` and, whole, for `/identifier/verdict`.
+        moving: Whether a tripod moves in them; to simulate that takes seconds.
 
     Returns:
         The bags' directories; none where the data hold no recordings.
@@ -68,8 +150,38 @@ def write_overlay(
         streams = {getattr(names, role): stream for role, stream in recording.streams.items()}
         streams |= {SIMULATED: extra['simulated'], RESIDUAL: extra['residual']}
         place = path if number == 1 else path.with_name(f'{path.name}_{number}')
-        written.append(write_bag(place, streams, overwrite=True))
+        others = [] if verdict is None else _said(verdict, recording.begin)
+        scene = scene_of(problem, theta, extra['residual'], number - 1) if moving else None
+        if scene is not None:
+            others.append(Topic(SCENE, MARKERS, scene_messages(scene)))
+        written.append(write_bag(place, streams, overwrite=True, others=others))
     return tuple(written)
+
+
+def _said(verdict: Verdict, stamp: int) -> list[Topic]:
+    """Return a verdict as messages at the beginning of a bag."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = store.types
+    pair = types['diagnostic_msgs/msg/KeyValue']
+    status = types['diagnostic_msgs/msg/DiagnosticStatus']
+    time = types['builtin_interfaces/msg/Time'](stamp // 10**9, stamp % 10**9)
+    array = types[_ARRAY](
+        types['std_msgs/msg/Header'](time, ''),
+        [
+            status(
+                level=int(not verdict.good),
+                name=f'identifier: {verdict.name}',
+                message=verdict.sentence,
+                hardware_id='',
+                values=[pair(name, text) for name, text in verdict.values.items()],
+            )
+        ],
+    )
+    text = types[_STRING](json.dumps(plain(verdict.document), indent=1))
+    return [
+        Topic(DIAGNOSTICS, _ARRAY, [(stamp, bytes(store.serialize_cdr(array, _ARRAY)))]),
+        Topic(VERDICT, _STRING, [(stamp, bytes(store.serialize_cdr(text, _STRING)))]),
+    ]
 
 
 def _measured(

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files of a run, in a folder of its own inside the output directory."""
 
+from dataclasses import dataclass
 from datetime import datetime
 import math
 from pathlib import Path
@@ -12,7 +13,8 @@ from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import Stream
 from ros2_ident.report.files import write_diagnosis, write_result
-from ros2_ident.report.overlay import overlay_streams, write_overlay
+from ros2_ident.report.overlay import overlay_streams, verdict_of, write_overlay
+from ros2_ident.report.scene import largest_gap, scene_of
 from ros2_ident.ros.diagnose_run import Diagnosed
 from ros2_ident.ros.run import Finished
 
@@ -90,7 +92,22 @@ def draw_diagnosis(done: Diagnosed, result_file: str) -> None:
         figure.savefig(Path(result_file).with_name(f'{name}.png'), dpi=120)
 
 
-def compare(finished: Finished, result_file: str) -> tuple[list[Stream], list[Stream]]:
+@dataclass(frozen=True)
+class Compared:
+    """The simulated machine beside the measured one.
+
+    Attributes:
+        simulated: Simulated effort of each segment, at the measured stamps, in the log's unit.
+        residual: Measured less simulated effort, likewise.
+        scene: A serialised MarkerArray of the first segment; None where it is no tripod's.
+    """
+
+    simulated: list[Stream]
+    residual: list[Stream]
+    scene: bytes | None = None
+
+
+def compare(finished: Finished, result_file: str) -> Compared:
     """Set the simulated effort beside the measured one, and write both as a bag beside the result.
 
     Args:
@@ -98,19 +115,27 @@ def compare(finished: Finished, result_file: str) -> tuple[list[Stream], list[St
         result_file: Its result file; empty to write nothing.
 
     Returns:
-        Per segment the simulated effort, and measured less simulated effort, at the measured
-        stamps in the unit of the log; nothing where no candidate converged.
+        The comparison; nothing in it where no candidate converged.
     """
     theta = finished.identification.theta
     if not np.isfinite(theta).all():
-        return [], []
+        return Compared([], [])
     problem = finished.problem()
     if result_file:
         write_overlay(
-            Path(result_file).with_name(OVERLAY), problem, theta, topics=finished.request.topics
+            Path(result_file).with_name(OVERLAY),
+            problem,
+            theta,
+            topics=finished.request.topics,
+            verdict=verdict_of(finished.identification),
         )
     streams = overlay_streams(problem, theta)
-    return [x['simulated'] for x in streams], [x['residual'] for x in streams]
+    scene = scene_of(problem, theta, streams[0]['residual'])
+    return Compared(
+        [x['simulated'] for x in streams],
+        [x['residual'] for x in streams],
+        None if scene is None else largest_gap(scene),
+    )
 
 
 def _folder(base: Path) -> Path:

@@ -223,19 +223,22 @@ class Identifier(Node):
         return message
 
     def _compare(self, finished: Finished, path: str) -> None:
-        """Publish simulated and residual effort, and write them, after the result is out."""
+        """Publish and write the simulated machine beside the measured one, after the result."""
 
-        def work() -> tuple[list[bytes], list[bytes]]:
+        def work() -> tuple[list[bytes], list[bytes], bytes | None]:
             if self.stopping:
-                return [], []
-            simulated, residual = compare(finished, path)
-            return _messages(simulated), _messages(residual)
+                return [], [], None
+            found = compare(finished, path)
+            return _messages(found.simulated), _messages(found.residual), found.scene
 
         def done(value: Any, error: BaseException | None) -> None:
             if error is not None:
                 self.get_logger().error(self.board.fault(error).message)
                 return
-            self._begin_series(*value)
+            simulated, residual, scene = value
+            self._begin_series(simulated, residual)
+            if scene is not None:
+                self.outlet.scene(scene)
 
         self.worker.chore(work, done)
         self.pages.start(path)

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros2_ident_msgs.msg import Gap, IdentificationResult, Progress, Status
 from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
 
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -33,6 +34,7 @@ class Outlet:
         self._result = node.create_publisher(IdentificationResult, '~/result', LATCHED)
         self._gap = node.create_publisher(Gap, '~/gap', LATCHED)
         self._status = node.create_publisher(Status, '~/status', LATCHED)
+        self._scene = node.create_publisher(MarkerArray, '~/scene', LATCHED)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', EVENTS)
         self._series = {
             name: node.create_publisher(JointState, f'~/{name}', SERIES)
@@ -55,6 +57,10 @@ class Outlet:
     def status(self, message: Status) -> None:
         """Publish ~/status, for late subscribers too."""
         self._status.publish(message)
+
+    def scene(self, message: bytes) -> None:
+        """Publish ~/scene, serialised, for late subscribers too."""
+        self._scene.publish(message)
 
     def diagnostics(self, message: DiagnosticArray) -> None:
         """Publish /diagnostics."""

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Overlay bags: what was recorded, what was found, and the tripod in space."""
+
+from dataclasses import replace
+import json
+
+from identify_cases import ROOT, tripod
+from mcap.reader import make_reader
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import get_typestore, Stores
+
+from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.identify import read_problem
+from ros2_ident.models import EffectAt
+from ros2_ident.problem import Problem
+from ros2_ident.recording import read_bag
+from ros2_ident.report.overlay import (
+    diagnosed_problem,
+    overlay_streams,
+    Verdict,
+    write_overlay,
+)
+from ros2_ident.report.scene import (
+    colours,
+    feet,
+    joints,
+    largest_gap,
+    MARKERS,
+    REPEAT,
+    scene_messages,
+    scene_of,
+)
+
+BAG = ROOT / 'bags/tripod_pick_and_place'
+STORE = get_typestore(Stores.ROS2_JAZZY)
+SAID = Verdict('gap', False, 'Backlash on drive_2.', {'drive_2.backlash.gap': '1 m'}, {'a': [1.5]})
+
+
+@pytest.fixture(scope='module')
+def problem():
+    return Problem(tripod(), read_problem(BAG, tripod()))
+
+
+@pytest.fixture(scope='module')
+def theta(problem):
+    return problem.low + 0.3 * (problem.high - problem.low)
+
+
+@pytest.fixture(scope='module')
+def scene(problem, theta):
+    (streams,) = overlay_streams(problem, theta)
+    return scene_of(problem, theta, streams['residual'])
+
+
+@pytest.fixture(scope='module')
+def overlay(problem, theta, tmp_path_factory):
+    (path,) = write_overlay(
+        tmp_path_factory.mktemp('bags') / 'overlay', problem, theta, verdict=SAID
+    )
+    return path
+
+
+def messages(path, topic):
+    with Reader(path) as reader:
+        return [
+            (stamp, STORE.deserialize_cdr(data, connection.msgtype))
+            for connection, stamp, data in reader.messages()
+            if connection.topic == topic
+        ]
+
+
+def test_the_original_streams_come_back_bit_for_bit(overlay):
+    (log,), (again,) = read_bag(BAG), read_bag(overlay)
+    assert set(log.streams) == {'state', 'effort', 'command'}
+    for role, stream in log.streams.items():
+        copy = again.streams[role]
+        assert copy.names == stream.names
+        assert copy.stamp.tobytes() == stream.stamp.tobytes()
+        for field in ('position', 'velocity', 'effort'):
+            one, two = stream.values(field), copy.values(field)
+            assert (one is None) == (two is None)
+            assert one is None or one.tobytes() == two.tobytes()
+
+
+def test_the_verdict_is_in_the_bag_and_latched(overlay):
+    ((_, array),) = messages(overlay, '/diagnostics')
+    (status,) = array.status
+    assert (status.name, status.level, status.message) == ('identifier: gap', 1, SAID.sentence)
+    assert [(x.key, x.value) for x in status.values] == [('drive_2.backlash.gap', '1 m')]
+    ((_, text),) = messages(overlay, '/identifier/verdict')
+    assert json.loads(text.data) == {'a': [1.5]}
+    with Reader(overlay) as reader:
+        latched = {
+            x.topic for x in reader.connections
+            for qos in x.ext.offered_qos_profiles if qos.durability.name == 'TRANSIENT_LOCAL'
+        }  # fmt: skip
+    assert latched == {'/diagnostics', '/identifier/verdict', '/identifier/scene'}
+
+
+def test_foxglove_finds_what_it_needs(overlay):
+    (file,) = overlay.glob('*.mcap')
+    with file.open('rb') as stream:
+        reader = make_reader(stream)
+        header, summary = reader.get_header(), reader.get_summary()
+    assert header.profile == 'ros2'
+    schemas = {summary.schemas[x.schema_id].name: x.topic for x in summary.channels.values()}
+    assert {x.encoding for x in summary.schemas.values()} == {'ros2msg'}
+    assert schemas['visualization_msgs/msg/MarkerArray'] == '/identifier/scene'
+    assert all(x.data for x in summary.schemas.values())
+    assert all(x.message_encoding == 'cdr' for x in summary.channels.values())
+    assert (overlay / 'metadata.yaml').is_file()
+
+
+def test_the_rods_keep_their_length_and_the_platform_its_shape(scene):
+    for carriage, platform in zip(scene.carriage, scene.platform, strict=True):
+        corner = joints(scene, platform)
+        rods = np.linalg.norm(feet(scene, carriage) - corner, axis=1)
+        np.testing.assert_allclose(rods, tripod().geometry['rod_length'], rtol=1e-12)
+        sides = np.linalg.norm(corner - np.roll(corner, 1, axis=0), axis=1)
+        np.testing.assert_allclose(sides, sides[0], rtol=1e-12)
+        assert (platform[2] < carriage).all()
+
+
+def test_the_simulated_platform_follows_the_measured_one(scene):
+    off = np.linalg.norm(scene.simulated - scene.platform, axis=1)
+    stroke = np.ptp(scene.platform, axis=0).max()
+    assert 0.0 < off.max() < 0.2 * stroke
+    drawn = scene.magnification * off.max()
+    assert 0.02 * scene.radius < drawn <= 0.25 * scene.radius
+    assert np.log10(scene.magnification) == round(np.log10(scene.magnification))
+
+
+def test_what_is_drawn_is_the_scene(scene):
+    said = scene_messages(scene)
+    assert [stamp for stamp, _ in said] == scene.stamp.tolist()
+    first = STORE.deserialize_cdr(said[0][1], MARKERS).markers
+    second = STORE.deserialize_cdr(said[1][1], MARKERS).markers
+    names = [(x.ns, x.id) for x in first]
+    assert len(set(names)) == len(names)
+    assert {x.ns for x in first} == {'frame', 'gap', 'measured', 'simulated'}
+    assert {x.ns for x in second} == {'measured', 'simulated'}
+    assert len(STORE.deserialize_cdr(said[REPEAT][1], MARKERS).markers) == len(first)
+    assert {x.header.frame_id for x in first} == {'tripod'}
+    path = next(x for x in first if x.ns == 'gap')
+    assert len(path.points) == len(path.colors) == len(scene.stamp)
+    np.testing.assert_array_equal([[p.x, p.y, p.z] for p in path.points], scene.platform)
+    rods = next(x for x in second if (x.ns, x.id) == ('measured', 2))
+    ends = np.array([[p.x, p.y, p.z] for p in rods.points]).reshape(3, 2, 3)
+    np.testing.assert_allclose(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), 0.6, rtol=1e-12)
+    text = next(x.text for x in first if x.text)
+    assert f'times {scene.magnification:g}' in text and 'N m' in text
+
+
+def test_the_largest_gap_is_the_brightest(scene):
+    bright = colours(scene)[:, 0] + colours(scene)[:, 1]
+    known = np.isfinite(scene.gap)
+    assert bright[np.nanargmax(scene.gap)] == bright.max()
+    order = np.argsort(scene.gap[known])
+    assert (np.diff(bright[known][order]) >= -1e-12).all()
+    markers = STORE.deserialize_cdr(largest_gap(scene), MARKERS).markers
+    assert {x.ns for x in markers} == {'frame', 'gap', 'measured', 'simulated'}
+    stamp = markers[0].header.stamp
+    assert stamp.sec * 10**9 + stamp.nanosec == scene.stamp[np.nanargmax(scene.gap)]
+
+
+def test_where_nothing_can_be_simulated_the_measured_machine_is_drawn(problem, theta):
+    one = Problem(problem.machine, problem.data, drives=['drive_1'])
+    few = 0.5 * (one.low + one.high)
+    (streams,) = overlay_streams(one, few)
+    scene = scene_of(one, few, streams['residual'])
+    assert scene.simulated is None and scene.magnification == 1.0
+    markers = STORE.deserialize_cdr(scene_messages(scene)[0][1], MARKERS).markers
+    assert {x.ns for x in markers} == {'frame', 'gap', 'measured'}
+
+
+def test_positions_that_no_rod_reaches_give_no_scene(problem, theta):
+    (dataset,) = problem.data.datasets
+    far = replace(dataset, position=dataset.position * np.array([[1.0], [9.0], [-9.0]]))
+    (streams,) = overlay_streams(problem, theta)
+    wrong = Problem(problem.machine, replace(problem.data, datasets=(far,)))
+    assert scene_of(wrong, theta, streams['residual']) is None
+
+
+def test_the_model_of_a_diagnosis_is_the_one_with_its_effects(problem):
+    effects = [EffectAt('stribeck', 'drive_2'), EffectAt('payload_change', 'all')]
+    extended = Problem(problem.machine, problem.data, effects=effects)
+
+    class Value:
+        def __init__(self, value):
+            self.value = value
+
+    truth = 0.5 * (extended.low + extended.high)
+    values = {p.name: Value(v) for p, v in zip(extended.parameters, truth, strict=True)}
+    found = object.__new__(Diagnosis)
+    object.__setattr__(found, 'parameters', dict(reversed(values.items())))
+    object.__setattr__(found, 'nominal', {p.name: 0.0 for p in problem.parameters})
+    again, theta = diagnosed_problem(problem, found)
+    assert {p.name for p in again.parameters} == set(values)
+    for p, value in zip(again.parameters, theta, strict=True):
+        assert value == values[p.name].value
