@@ -50,7 +50,10 @@ setup(
         'setuptools',
         'tqdm',
     ],
-    extras_require={'test': ['hypothesis', 'pytest', 'pytest-timeout', 'selenium']},
+    extras_require={
+        'cluster': ['distributed'],
+        'test': ['distributed', 'hypothesis', 'pytest', 'pytest-timeout', 'selenium'],
+    },
     zip_safe=False,
     entry_points={
         'console_scripts': [

@@ -122,3 +122,7 @@ class IdentError(Exception):
         super().__init__(message)
         self.code = code
         self.message = message
+
+    def __reduce__(self) -> 'tuple[type[IdentError], tuple[ErrorCode, str]]':
+        """Pickle with both arguments, so that an error comes back whole from a worker."""
+        return IdentError, (self.code, self.message)

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.lanes import WIDTH
 from ros2_ident.models import EffectAt, Machine
 from ros2_ident.outcome import assemble
 from ros2_ident.packing import PackedSearch
@@ -13,13 +12,11 @@ from ros2_ident.phases import Run
 from ros2_ident.problem import Problem
 from ros2_ident.recording import Dataset, Recording
 from ros2_ident.result import Identification
-from ros2_ident.search import ThreadedEvaluator
-from ros2_ident.search.driver import Cancel
+from ros2_ident.search.evaluators import Cancel, Threads, Workers
 from ros2_ident.segments import chosen_drives, Data, gather
 from ros2_ident.segments import read_problem as read_problem
 from ros2_ident.settings import IdentifyProgress as IdentifyProgress
 from ros2_ident.settings import IdentifySettings, OnProgress
-from ros2_ident.threads import processors
 
 Measured = Data | Dataset | Sequence[Dataset] | Sequence[Recording]
 
@@ -36,11 +33,12 @@ def identify(
     seed: int = 0,
     cancel: Cancel | None = None,
     on_progress: OnProgress | None = None,
+    workers: Workers | None = None,
 ) -> Identification:
     """Identify the parameters of a machine.
 
-    Same machine, data, settings and seed give the same parameters to the bit, whatever the number
-    of threads, unless a budget of seconds or a cancel cuts the run.
+    Same machine, data, settings and seed give the same parameters to the bit, whoever simulates
+    and however many there are, unless a budget of seconds or a cancel cuts the run.
 
     Args:
         machine: What is known of the machine, and the box of what is not.
@@ -54,6 +52,7 @@ def identify(
         seed: Of the random generator.
         cancel: A `threading.Event` or the like; the best so far is kept.
         on_progress: Called from this thread at most ten times a second.
+        workers: Who simulates; `settings.threads` threads of this process where None.
 
     Returns:
         The parameters with intervals, and how it ended in words.
@@ -78,14 +77,9 @@ def identify(
         cutoff=settings.cutoff,
     )
     search = PackedSearch(len(problem.parameters), settings.genetic, seed, problem.work)
-    threads = settings.threads or processors()
-    with (
-        ThreadedEvaluator(problem.costs, threads) as costs,
-        ThreadedEvaluator(problem.residuals, threads) as residuals,
-    ):
-        run = Run(
-            problem, settings, search, threads * WIDTH, costs, residuals, cancel, on_progress
-        )
+    workers = workers or Threads(settings.threads)
+    with workers.open(problem, cancel) as evaluators:
+        run = Run(problem, settings, search, evaluators, cancel, on_progress)
         found = run.solve()
     return assemble(problem, found, seed, _plain(settings))
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One identification, phase after phase: genetic algorithm, refinement, confidence."""
 
-from collections.abc import Callable
 import time
 
 import numpy as np
@@ -21,7 +20,7 @@ from ros2_ident.search import (
     SearchResult,
     StopReason,
 )
-from ros2_ident.search.driver import Cancel
+from ros2_ident.search.evaluators import Cancel, Evaluators
 from ros2_ident.search.jacobian import Box
 from ros2_ident.settings import IdentifyProgress, IdentifySettings, OnProgress
 
@@ -60,20 +59,17 @@ class Run:
         problem: Problem,
         settings: IdentifySettings,
         search: GeneticSearch,
-        lot: int,
-        costs: Callable[[Array], Array],
-        residuals: Callable[[Array], Array],
+        evaluators: Evaluators,
         cancel: Cancel | None,
         on_progress: OnProgress | None,
     ) -> None:
         self.problem = problem
         self.settings = settings
         self.search = search
-        self.costs = costs
-        self.residuals = residuals
+        self.evaluators = evaluators
+        self.residuals = evaluators.residuals
         self.cancel = cancel
         self.on_progress = on_progress
-        self.lot = lot
         self.names = tuple(p.name for p in problem.parameters)
         self.candidates: list[Array] = []
         self.told: list[Array] = []
@@ -81,8 +77,7 @@ class Run:
         jacobian = len(self.names) + 1
         self.usual = settings.starts * USUAL_STEPS * jacobian if settings.refine else 0
         self.per_start = settings.refine_evaluations or 60 * jacobian
-        # Compile, or read from the cache, before the clock runs.
-        problem.costs(0.5 * (problem.low + problem.high)[None, :])
+        problem.prepare()  # before the clock runs
         self.start = time.monotonic()
 
     @property
@@ -129,7 +124,7 @@ class Run:
         budget = self.settings.budget
         kept = 1.0 - REFINEMENT_SHARE if self.settings.refine else 1.0
         return minimise(
-            self._evaluate,
+            self.evaluators.costs,
             self.search,
             low=self.problem.low,
             high=self.problem.high,
@@ -139,7 +134,8 @@ class Run:
                 seconds=kept * budget.seconds if budget.seconds else None,
             ),
             cancel=self.cancel,
-            lot=self.lot,
+            lot=self.evaluators.lot,
+            on_slice=self._note,
             on_progress=self._report_search if self.on_progress else None,
         )
 
@@ -151,12 +147,10 @@ class Run:
         # The last Jacobian, for the intervals, has its own.
         return max(1, min(int(kept * whole), whole - 2 * len(self.names) - 1))
 
-    def _evaluate(self, theta: Array) -> Array:
-        costs = self.costs(theta)
+    def _note(self, theta: Array, costs: Array) -> None:
         self.candidates.append(theta)
         self.told.append(costs)
         self.generations += [self.search.generation] * len(theta)
-        return costs
 
     def _report_search(self, progress: Progress) -> None:
         assert self.on_progress is not None

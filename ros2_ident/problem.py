@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is to be solved: a machine's model on all segments of a recording, as one problem."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import DriveModel, EffectAt, Machine, make_model, Parameter
 from ros2_ident.models.drive_model import SLOTS
+from ros2_ident.models.hooks import sources_digest
 from ros2_ident.result import DriveResidual
 from ros2_ident.segments import chosen_drives, Data
 
@@ -50,6 +51,7 @@ class Problem:
     ) -> None:
         self.machine = machine
         self.data = data
+        self._how = (drives, fixed, bounds, effects, cutoff)
         self.drives = chosen_drives(machine, drives)
         _check_names(machine, data)
         free = make_model(
@@ -97,6 +99,15 @@ class Problem:
                 'parameters; record a longer motion',
             )
         self._weights = [c.sum() / self.samples for c in counts]
+
+    def __reduce__(self) -> tuple[Callable[..., 'Problem'], tuple[object, ...]]:
+        """Pickle what the problem is made from; the models are made anew where it arrives."""
+        data = replace(self.data, recordings=())  # only the overlay needs them
+        return _made_anew, (sources_digest(), self.machine, data, *self._how)
+
+    def prepare(self) -> None:
+        """Compile the simulation, or read it from the cache."""
+        self.costs(0.5 * (self.low + self.high)[None, :])
 
     def work(self, points: Array) -> npt.NDArray[np.int64]:
         """Return (S,) how much work candidates (S, N) in the unit cube are."""
@@ -154,6 +165,34 @@ class Problem:
             )
             for d, name in enumerate(self.drives)
         )
+
+
+def _made_anew(
+    digest: str,
+    machine: Machine,
+    data: Data,
+    drives: Sequence[str] | None,
+    fixed: Mapping[str, float] | None,
+    bounds: Mapping[str, tuple[float, float]] | None,
+    effects: Sequence[EffectAt],
+    cutoff: float,
+) -> Problem:
+    """Return a pickled problem, or refuse to where it would give other numbers."""
+    if digest != sources_digest():
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            'a worker has other sources of ros2_ident than this process; install the same version '
+            'on all of them',
+        )
+    return Problem(
+        machine,
+        data,
+        drives=drives,
+        fixed=fixed,
+        bounds=bounds,
+        effects=effects,
+        cutoff=cutoff,
+    )
 
 
 def _check_names(machine: Machine, data: Data) -> None:

@@ -9,7 +9,7 @@ set -uo pipefail
 cd "${0%/*}/.." || exit
 failed=0
 
-for name in search_mutation search_belt convergence latency; do
+for name in search_mutation search_belt convergence latency cluster; do
   printf '\n== benchmarks/%s.py\n' "$name"
   SECONDS=0
   python "benchmarks/$name.py" || { echo "bench: $name failed." >&2; failed=1; }

@@ -279,3 +279,21 @@ def with_effort(machine: Any, args: argparse.Namespace) -> Any:
     if args.effort_unit is None:
         return machine
     return machine.with_effort_unit(args.effort_unit, args.torque_constant, args.rated_torque)
+
+
+def add_scheduler(parser: Any) -> None:
+    """Add the address of a cluster, to a parser or a group of one."""
+    parser.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='simulate on the workers of this Dask scheduler, as tcp://host:8786; same result',
+    )
+
+
+def workers_of(args: argparse.Namespace) -> Any:
+    """Return who simulates: a cluster, or None for threads of this process."""
+    if args.scheduler is None:
+        return None
+    from ros2_ident.search.cluster import Cluster
+
+    return Cluster(args.scheduler)

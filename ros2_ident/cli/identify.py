@@ -9,6 +9,7 @@ from ros2_ident.cli.arguments import (
     add_drives,
     add_effort,
     add_machine,
+    add_scheduler,
     add_topics,
     assignment,
     complete,
@@ -20,6 +21,7 @@ from ros2_ident.cli.arguments import (
     positive,
     topics_of,
     whole,
+    workers_of,
 )
 
 if TYPE_CHECKING:
@@ -95,6 +97,7 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         ('threads', count, 'threads; one for each processor'),
     ):
         group.add_argument(f'--{name}', type=kind, metavar='N', help=what)
+    add_scheduler(group)
 
 
 def settings_of(args: argparse.Namespace) -> 'IdentifySettings':
@@ -148,6 +151,7 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             cancel=cancel,
             on_progress=meter,
+            workers=workers_of(args),
         )
         problem = Problem(machine, data, drives=result.drives, fixed=result.fixed)
         files = list(write_result(out, result, problem))

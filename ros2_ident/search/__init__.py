@@ -8,6 +8,8 @@ from ros2_ident.search.driver import minimise as minimise
 from ros2_ident.search.driver import Progress as Progress
 from ros2_ident.search.driver import SearchResult as SearchResult
 from ros2_ident.search.evaluators import ThreadedEvaluator as ThreadedEvaluator
+from ros2_ident.search.evaluators import Threads as Threads
+from ros2_ident.search.evaluators import Workers as Workers
 from ros2_ident.search.genetic import GeneticSearch as GeneticSearch
 from ros2_ident.search.genetic import GeneticSettings as GeneticSettings
 from ros2_ident.search.genetic import MANY_MINIMA as MANY_MINIMA

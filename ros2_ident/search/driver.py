@@ -1,29 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The loop around a search: slices, budgets, progress, cancel."""
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
 from pathlib import Path
 import time
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.checkpoint import write_state
+from ros2_ident.search.evaluators import AtOnce, Batch, Cancel, Evaluate, Queue
 from ros2_ident.search.genetic import GeneticSearch, StopReason
 from ros2_ident.search.operators import Array
 
-Evaluate = Callable[[Array], Array]
-
-
-class Cancel(Protocol):
-    """What a `threading.Event` has."""
-
-    def is_set(self) -> bool:
-        """Return whether the search shall end."""
-        ...
+# How long to wait for a slice before looking at cancel event and budget again, s.
+_LOOK = 0.05
 
 
 @dataclass(frozen=True)
@@ -147,6 +142,7 @@ class _Run:
         self.interval = interval
         self.start = clock()
         self.reported = -math.inf
+        self.told = -math.inf  # when the last slice came back
         self.done = search.evaluations  # told, plus those of the running generation
         self.done_before = search.evaluations
         self.best_cost = search.best_cost
@@ -243,13 +239,14 @@ def _bounds(low: Any, high: Any, dimension: int) -> tuple[Array, Array]:
 
 
 def minimise(
-    evaluate: Evaluate,
+    evaluate: Evaluate | Queue,
     search: GeneticSearch,
     *,
     low: Any,
     high: Any,
     budget: Budget | None = None,
     on_progress: Callable[[Progress], None] | None = None,
+    on_slice: Callable[[Array, Array], None] | None = None,
     cancel: Cancel | None = None,
     checkpoint: str | Path | None = None,
     slice_seconds: float = 0.05,
@@ -263,14 +260,16 @@ def minimise(
     candidates count for the best so far, and a later call on the same search repeats them.
 
     Args:
-        evaluate: (S, N) in physical units -> (S,) costs, inf for a diverged candidate. The costs
-            must not depend on how the candidates are cut into slices.
+        evaluate: (S, N) in physical units -> (S,) costs, inf for a diverged candidate; or a queue
+            to elsewhere that does the same. The costs must not depend on how the candidates are
+            cut into slices.
         search: What proposes candidates; is advanced.
         low: (N,) lower bounds, physical units.
         high: (N,) upper bounds, physical units.
         budget: What the search may cost.
         on_progress: Called at most every `interval`, and once at the end, from this thread.
-        cancel: Looked at between slices.
+        on_slice: Called with the candidates (S, N), physical units, and costs (S,) of each slice.
+        cancel: Looked at between slices, and while a queue is waited for.
         checkpoint: File that holds the search's state after every generation.
         slice_seconds: Wall time a slice shall take, s; the sizes adapt to it.
         lot: Candidates that are evaluated in the time of one (vector lanes times threads); slices
@@ -287,6 +286,7 @@ def minimise(
     bottom, top = _bounds(low, high, search.dimension)
     run = _Run(search, bottom, top, budget or Budget(), on_progress, clock, interval)
     slicer = Slicer(slice_seconds, lot=lot)
+    queue = evaluate if isinstance(evaluate, Queue) else AtOnce(evaluate)
     best_costs: list[float] = []
     completed = search.generation - (0 if search.stop_reason else 1)
     stop = search.stop_reason
@@ -295,7 +295,7 @@ def minimise(
             stop = StopReason.GENERATIONS
             break
         points = search.ask()
-        costs, stop = _evaluate_generation(evaluate, points, run, slicer, cancel)
+        costs, stop = _evaluate_generation(queue, points, run, slicer, cancel, on_slice)
         if stop is not None:
             break
         search.tell(costs)
@@ -319,26 +319,46 @@ def minimise(
 
 
 def _evaluate_generation(
-    evaluate: Evaluate, points: Array, run: _Run, slicer: Slicer, cancel: Cancel | None
+    queue: Queue,
+    points: Array,
+    run: _Run,
+    slicer: Slicer,
+    cancel: Cancel | None,
+    on_slice: Callable[[Array, Array], None] | None,
 ) -> tuple[Array, StopReason | None]:
     """Return the costs (S,) of a generation, or why it was cut off."""
     costs = np.empty(len(points))
-    start = 0
-    while start < len(points):
-        if cancel is not None and cancel.is_set():
-            return costs, StopReason.CANCELLED
-        spent = run.spent()
-        if spent is not None:
-            return costs, spent
-        size = slicer.size
-        if run.budget.evaluations is not None:
-            size = min(size, run.budget.evaluations - run.done)
-        part = points[start : start + size]
-        before = run.clock()
-        told = _checked(evaluate(run.physical(part)), len(part))
-        slicer.note(len(part), run.clock() - before)
-        costs[start : start + len(part)] = told
-        start += len(part)
-        run.note(part, told)
+    waiting: deque[tuple[Array, float, Batch]] = deque()
+    sent = done = 0
+    while done < len(points):
+        ended = StopReason.CANCELLED if cancel is not None and cancel.is_set() else run.spent()
+        if ended is not None:
+            for *_, batch in waiting:
+                batch.drop()
+            return costs, ended
+        while sent < len(points) and len(waiting) <= queue.ahead:
+            size = slicer.size
+            if run.budget.evaluations is not None:
+                size = min(size, run.budget.evaluations - run.done - (sent - done))
+            if size < 1:
+                break
+            part = run.physical(points[sent : sent + size])
+            before = run.clock()
+            waiting.append((part, before, queue.submit(part)))
+            sent += len(part)
+        part, before, batch = waiting[0]
+        if not batch.wait(_LOOK):
+            continue
+        waiting.popleft()
+        told = _checked(batch.result(), len(part))
+        now = run.clock()
+        slicer.note(len(part), now - max(before, run.told))
+        run.told = now
+        here = slice(done, done + len(part))
+        costs[here] = told
+        done += len(part)
+        run.note(points[here], told)
+        if on_slice is not None:
+            on_slice(part, told)
         run.report()
     return costs, None

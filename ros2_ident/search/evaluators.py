@@ -1,14 +1,144 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluate candidates on several threads, for kernels that release the GIL."""
+"""Where candidates are evaluated: the seam, and threads of this process behind it.
 
-from collections.abc import Callable
+`Workers` is what a caller chooses, `Evaluators` is what a run gets from it. Processes and clusters
+are in `remote` and `cluster`.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from types import TracebackType
+from typing import Protocol
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.lanes import WIDTH
 from ros2_ident.search.operators import Array
+from ros2_ident.threads import processors
+
+Evaluate = Callable[[Array], Array]
+
+
+class Cancel(Protocol):
+    """What a `threading.Event` has."""
+
+    def is_set(self) -> bool:
+        """Return whether the search shall end."""
+        ...
+
+
+class Objective(Protocol):
+    """What is evaluated, by several threads at once; other processes get it as a pickle."""
+
+    def prepare(self) -> None:
+        """Do what takes time only once, as to compile."""
+        ...
+
+    def costs(self, theta: Array) -> Array:
+        """Return (S,) costs of (S, N) candidates, inf for a diverged one."""
+        ...
+
+    def residuals(self, theta: Array) -> Array:
+        """Return (S, R) residuals of (S, N) candidates, inf in the row of a diverged one."""
+        ...
+
+
+class Batch(Protocol):
+    """Candidates on their way."""
+
+    def wait(self, seconds: float) -> bool:
+        """Return whether the result is there, after waiting at most so long."""
+        ...
+
+    def result(self) -> Array:
+        """Return the result, once `wait` has said that it is there."""
+        ...
+
+    def drop(self) -> None:
+        """Say that nobody waits for it any more."""
+        ...
+
+
+class Queue(ABC):
+    """Evaluates elsewhere, while the caller does something else.
+
+    Attributes:
+        ahead: Batches worth sending before the first one is back.
+    """
+
+    ahead = 1
+
+    @abstractmethod
+    def submit(self, theta: Array) -> Batch:
+        """Send (S, N) candidates on their way."""
+
+
+@dataclass(frozen=True)
+class Evaluators:
+    """What a run evaluates its candidates with.
+
+    Attributes:
+        costs: (S, N) -> (S,), here or elsewhere.
+        residuals: (S, N) -> (S, R).
+        lot: Candidates that are evaluated in the time of one.
+    """
+
+    costs: Evaluate | Queue
+    residuals: Evaluate
+    lot: int
+
+
+class Workers(Protocol):
+    """Who evaluates: threads, processes, a cluster."""
+
+    def open(
+        self, objective: Objective, cancel: Cancel | None = None
+    ) -> AbstractContextManager[Evaluators]:
+        """Make ready for an objective, until the context is left.
+
+        Args:
+            objective: What to evaluate.
+            cancel: Ends waiting for workers; what is still asked for then is evaluated here.
+
+        Raises:
+            IdentError: The workers cannot be had; with the remedy.
+        """
+        ...
+
+
+class AtOnce(Queue):
+    """A function as a queue: the result is there when `submit` returns."""
+
+    ahead = 0
+
+    def __init__(self, evaluate: Evaluate) -> None:
+        self._evaluate = evaluate
+
+    def submit(self, theta: Array) -> 'Done':
+        """Evaluate (S, N) candidates."""
+        return Done(self._evaluate(theta))
+
+
+@dataclass(frozen=True)
+class Done:
+    """A batch that is there."""
+
+    value: Array
+
+    def wait(self, seconds: float) -> bool:
+        """Return True."""
+        return True
+
+    def result(self) -> Array:
+        """Return the result."""
+        return self.value
+
+    def drop(self) -> None:
+        """Do nothing."""
 
 
 class ThreadedEvaluator:
@@ -29,9 +159,7 @@ class ThreadedEvaluator:
         least: Fewest candidates worth a thread of their own.
     """
 
-    def __init__(
-        self, evaluate: Callable[[Array], Array], threads: int = 2, least: int = 8
-    ) -> None:
+    def __init__(self, evaluate: Evaluate, threads: int = 2, least: int = WIDTH) -> None:
         if threads < 1:
             raise IdentError(ErrorCode.BAD_VALUES, f'threads is {threads}; give at least 1')
         self._evaluate = evaluate
@@ -66,3 +194,23 @@ class ThreadedEvaluator:
     ) -> None:
         """End the threads."""
         self.close()
+
+
+class Threads:
+    """Threads of this process.
+
+    Args:
+        count: How many; one for each processor where None.
+    """
+
+    def __init__(self, count: int | None = None) -> None:
+        self._count = count or processors()
+
+    @contextmanager
+    def open(self, objective: Objective, cancel: Cancel | None = None) -> Iterator[Evaluators]:
+        """Start the threads; see `Workers`."""
+        with (
+            ThreadedEvaluator(objective.costs, self._count) as costs,
+            ThreadedEvaluator(objective.residuals, self._count) as residuals,
+        ):
+            yield Evaluators(costs, residuals, self._count * WIDTH)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.driver import Cancel
+from ros2_ident.search.evaluators import Cancel
 from ros2_ident.search.jacobian import Box, finite_differences, Residuals
 from ros2_ident.search.operators import Array, select
 

@@ -1,0 +1,311 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Evaluate candidates in other processes, some of which may be lost on the way.
+
+A `Carrier` takes batches to workers: an executor of `concurrent.futures` does here, a Dask
+scheduler in `cluster`. What both have in common is here: batches are cut to the number of workers,
+a lost one is sent again, and one that is lost again and again is evaluated in this process.
+"""
+
+from abc import ABC, abstractmethod
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+import hashlib
+import pickle
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.lanes import WIDTH
+from ros2_ident.search.evaluators import Cancel, Evaluators, Objective, Queue, Threads
+from ros2_ident.search.operators import Array
+
+# A batch that was lost so often is evaluated in this process.
+_ATTEMPTS = 3
+# An executor that breaks so often is of no use.
+_STARTS = 8
+# How long to wait for a batch before looking at the cancel event again, s.
+_LOOK = 0.05
+# Objectives a worker keeps unpacked; a fleet has one for each bag that is being identified.
+_KEPT = 4
+
+
+# ---------------------------------------------------------------- in the worker
+
+_held: OrderedDict[str, Objective] = OrderedDict()
+_lock = Lock()
+
+
+def hold(digest: str, packed: bytes) -> None:
+    """Unpack an objective and compile what it needs, the first time this process sees it."""
+    with _lock:
+        if digest not in _held:
+            objective: Objective = pickle.loads(packed)
+            objective.prepare()
+            _held[digest] = objective
+            while len(_held) > _KEPT:
+                _held.popitem(last=False)
+        _held.move_to_end(digest)
+
+
+def evaluate(digest: str, packed: bytes, what: str, theta: Array) -> Array:
+    """Evaluate candidates on a worker.
+
+    Args:
+        digest: Of the packed objective.
+        packed: The objective; empty where `hold` has seen it in this process.
+        what: Its method, `costs` or `residuals`.
+        theta: (S, N) candidates.
+    """
+    hold(digest, packed)
+    done: Array = getattr(_held[digest], what)(theta)
+    return done
+
+
+# ---------------------------------------------------------------- in this process
+
+
+class Carrier(ABC):
+    """Takes batches to workers and back.
+
+    Args:
+        digest: Of the packed objective.
+        packed: The objective.
+    """
+
+    def __init__(self, digest: str, packed: bytes) -> None:
+        self.digest = digest
+        self.packed = packed
+
+    @property
+    @abstractmethod
+    def slots(self) -> int:
+        """Batches that are evaluated at the same time; 0 where no worker is there now."""
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether to wait for workers no longer."""
+        return False
+
+    @abstractmethod
+    def send(self, what: str, theta: Array) -> 'Future[Array]':
+        """Send candidates (S, N); see `evaluate`."""
+
+    @abstractmethod
+    def lost(self, error: BaseException) -> bool:
+        """Return whether an error means that the worker is gone, not that its work failed."""
+
+    @abstractmethod
+    def repair(self) -> None:
+        """Make ready to send again what was lost."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of the workers."""
+
+
+@dataclass
+class _Piece:
+    """One worker's part of a batch."""
+
+    theta: Array
+    future: 'Future[Array] | None'
+    attempts: int = 1
+    value: Array | None = None
+
+
+class _Batch:
+    """A batch, cut into equal pieces, one for each worker."""
+
+    def __init__(self, carrier: Carrier, what: str, theta: Array, here: Any) -> None:
+        self._carrier = carrier
+        self._what = what
+        self._here = here
+        count = min(max(1, carrier.slots), -(-len(theta) // WIDTH))
+        self._pieces = [_Piece(part, self._send(part)) for part in np.array_split(theta, count)]
+
+    def _send(self, theta: Array) -> 'Future[Array] | None':
+        """Send a piece; None where it has to be evaluated here."""
+        for _ in range(_ATTEMPTS):
+            if self._carrier.hopeless:
+                break
+            try:
+                return self._carrier.send(self._what, theta)
+            except Exception as error:
+                if not self._carrier.lost(error):
+                    raise
+                self._carrier.repair()
+        return None
+
+    def wait(self, seconds: float) -> bool:
+        """Return whether all pieces are there, after waiting for one at most so long."""
+        for piece in self._pieces:
+            if piece.value is None and not self._settle(piece, seconds):
+                return False
+        return True
+
+    def _settle(self, piece: _Piece, seconds: float) -> bool:
+        if piece.future is None or self._carrier.hopeless:
+            piece.value = self._here(piece.theta)
+            return True
+        if not wait([piece.future], seconds).done:
+            return False
+        try:
+            piece.value = piece.future.result()
+            return True
+        except (CancelledError, Exception) as error:
+            if not self._carrier.lost(error):
+                raise said(error) from error
+        self._carrier.repair()
+        piece.attempts += 1
+        piece.future = None if piece.attempts > _ATTEMPTS else self._send(piece.theta)
+        return False
+
+    def result(self) -> Array:
+        """Return the result in the order of the candidates."""
+        values = [piece.value for piece in self._pieces if piece.value is not None]
+        return np.concatenate(values) if len(values) > 1 else values[0]
+
+    def drop(self) -> None:
+        """Take back what no worker has begun."""
+        for piece in self._pieces:
+            if piece.future is not None:
+                piece.future.cancel()
+
+
+def said(error: BaseException) -> BaseException:
+    """Return an error of a worker as the user shall see it."""
+    if isinstance(error, ImportError):
+        return IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'a worker cannot import what it needs ({error}); install the same version of '
+            'ros2_ident on every worker',
+        )
+    return error
+
+
+class _Costs(Queue):
+    """The costs as a queue to the workers."""
+
+    # A worker that has done its piece shall find the next one with it, not on the way.
+    ahead = 3
+
+    def __init__(self, carrier: Carrier, here: Any) -> None:
+        self._carrier = carrier
+        self._here = here
+
+    def submit(self, theta: Array) -> _Batch:
+        return _Batch(self._carrier, 'costs', theta, self._here)
+
+
+@contextmanager
+def remote(
+    objective: Objective,
+    make_carrier: Callable[[str, bytes], Carrier],
+    cancel: Cancel | None,
+) -> Iterator[Evaluators]:
+    """Evaluate an objective with a carrier's workers; the body of `Workers.open`.
+
+    Args:
+        objective: What to evaluate; is pickled once.
+        make_carrier: Takes the digest and the packed objective.
+        cancel: As for `Workers.open`.
+    """
+    packed = pickle.dumps(objective, protocol=pickle.HIGHEST_PROTOCOL)
+    carrier = make_carrier(hashlib.sha256(packed).hexdigest(), packed)
+    try:
+        with Threads().open(objective) as here:
+
+            def residuals(theta: Array) -> Array:
+                # One vector of lanes takes as long here as there, and has no way to go.
+                if len(theta) <= WIDTH:
+                    return here.residuals(theta)
+                batch = _Batch(carrier, 'residuals', theta, here.residuals)
+                while not batch.wait(_LOOK):
+                    if cancel is not None and cancel.is_set():
+                        batch.drop()
+                        return here.residuals(theta)
+                return batch.result()
+
+            yield Evaluators(_Costs(carrier, here.costs), residuals, WIDTH * max(1, carrier.slots))
+    finally:
+        carrier.close()
+
+
+class Executors:
+    """The workers of an executor of `concurrent.futures`, or of anything like it.
+
+    Example:
+        >>> from concurrent.futures import ProcessPoolExecutor
+        >>> workers = Executors(ProcessPoolExecutor, 4)
+
+    Args:
+        make: Makes the executor; is called with `max_workers`, `initializer` and `initargs`. The
+            initializer brings the data, once for each worker. Called again where the executor
+            says that it is broken, as one of processes does after one of them was killed.
+        count: Number of workers.
+    """
+
+    def __init__(self, make: Callable[..., Executor], count: int) -> None:
+        if count < 1:
+            raise IdentError(ErrorCode.INVALID_GOAL, f'workers are {count}; give at least 1')
+        self._make = make
+        self._count = count
+
+    @contextmanager
+    def open(self, objective: Objective, cancel: Cancel | None = None) -> Iterator[Evaluators]:
+        """Start the workers; see `Workers`."""
+
+        def carrier(digest: str, packed: bytes) -> Carrier:
+            return _ExecutorCarrier(digest, packed, self._make, self._count)
+
+        with remote(objective, carrier, cancel) as evaluators:
+            yield evaluators
+
+
+class _ExecutorCarrier(Carrier):
+    """An executor; one that is broken is replaced by a new one."""
+
+    def __init__(
+        self, digest: str, packed: bytes, make: Callable[..., Executor], count: int
+    ) -> None:
+        super().__init__(digest, packed)
+        self._make = make
+        self._count = count
+        self._starts = 0
+        self._start()
+
+    def _start(self) -> None:
+        self._starts += 1
+        self._executor = self._make(
+            max_workers=self._count, initializer=hold, initargs=(self.digest, self.packed)
+        )
+
+    @property
+    def slots(self) -> int:
+        return self._count
+
+    @property
+    def hopeless(self) -> bool:
+        return self._starts > _STARTS
+
+    def send(self, what: str, theta: Array) -> 'Future[Array]':
+        return self._executor.submit(evaluate, self.digest, b'', what, theta)
+
+    def lost(self, error: BaseException) -> bool:
+        return isinstance(error, BrokenExecutor)
+
+    def repair(self) -> None:
+        # All batches of a broken executor come back at once; the first of them replaces it.
+        try:
+            self._executor.submit(int)
+        except BrokenExecutor:
+            self.close()
+            self._start()
+
+    def close(self) -> None:
+        self._executor.shutdown(wait=False, cancel_futures=True)
