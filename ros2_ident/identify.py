@@ -2,7 +2,9 @@
 """From data to identified parameters, with intervals and words."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
+
+import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt, Machine
@@ -81,7 +83,10 @@ def identify(
     with workers.open(problem, cancel) as evaluators:
         run = Run(problem, settings, search, evaluators, cancel, on_progress)
         found = run.solve()
-    return assemble(problem, found, seed, _plain(settings))
+    result = assemble(problem, found, seed, _plain(settings))
+    if found.cancelled or not np.isfinite(result.theta).all():
+        return result
+    return replace(result, validation=problem.validate(result.theta))
 
 
 def _as_data(machine: Machine, data: Measured, drives: Sequence[str] | None) -> Data:

@@ -102,7 +102,8 @@ class Problem:
 
     def __reduce__(self) -> tuple[Callable[..., 'Problem'], tuple[object, ...]]:
         """Pickle what the problem is made from; the models are made anew where it arrives."""
-        data = replace(self.data, recordings=())  # only the overlay needs them
+        # Only the overlay and the validation need the rest, and both are made here.
+        data = replace(self.data, recordings=(), held_out=None)
         return _made_anew, (sources_digest(), self.machine, data, *self._how)
 
     def prepare(self) -> None:
@@ -128,6 +129,25 @@ class Problem:
         if len(self.models) == 1:
             return self.models[0].residuals(theta)
         return np.concatenate([m.residuals(theta) for m in self.models], axis=1)
+
+    def validate(self, theta: Array) -> tuple[DriveResidual, ...]:
+        """Return what candidate (N,) leaves of each drive's effort in the parts held out.
+
+        Empty where none are; they are simulated one at a time.
+        """
+        drives, fixed, _, effects, cutoff = self._how
+        parts: list[tuple[DriveResidual, ...]] = []
+        for dataset in self.data.held_out or ():
+            part = Problem(
+                self.machine,
+                Data((dataset,)),
+                drives=drives,
+                fixed=fixed,
+                effects=effects,
+                cutoff=cutoff,
+            )
+            parts.append(part.left(part.residuals(theta[None, :])[0]))
+        return tuple(_together(of_drive) for of_drive in zip(*parts, strict=True))
 
     def cost_of(self, residual: Array) -> float:
         """Return the cost that belongs to one residual vector (R,), `unit`."""
@@ -165,6 +185,20 @@ class Problem:
             )
             for d, name in enumerate(self.drives)
         )
+
+
+def _together(parts: Sequence[DriveResidual]) -> DriveResidual:
+    """Return what is left of one drive's effort over several parts."""
+    samples = sum(p.samples for p in parts)
+    square = sum(p.samples * p.rms**2 for p in parts)
+    # A share is the residual's RMS over the effort's, whose square it gives back.
+    whole = sum(p.samples * (p.rms / p.share) ** 2 for p in parts if p.share > 0.0)
+    return DriveResidual(
+        parts[0].drive,
+        float(np.sqrt(square / max(1, samples))),
+        float(np.sqrt(square / whole)) if whole > 0.0 else float('nan'),
+        samples,
+    )
 
 
 def _made_anew(

@@ -181,6 +181,7 @@ class Identification:
         quality: What the data were like.
         provenance: Where the numbers came from.
         settings: Settings in force, as plain data.
+        validation: What is left in parts of a long log that were not fitted on, for each drive.
     """
 
     outcome: Outcome
@@ -202,6 +203,7 @@ class Identification:
     quality: Quality
     provenance: Provenance
     settings: Mapping[str, object] = field(default_factory=dict)
+    validation: tuple[DriveResidual, ...] = ()
 
     @property
     def theta(self) -> Array:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From recordings to segments on the controller's grid, checked before anything is searched."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +10,16 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import DRIVE_MODELS, Machine
 from ros2_ident.models.machine import constant
-from ros2_ident.recording import align, Dataset, read_bag, Recording, Topics
+from ros2_ident.recording import (
+    align,
+    choose_windows,
+    Dataset,
+    read_bag,
+    Recording,
+    SAMPLES,
+    Topics,
+)
+from ros2_ident.recording.windows import Window
 from ros2_ident.result import Quality
 
 # A shorter stretch holds hardly a motion.
@@ -19,6 +28,34 @@ SHORTEST = 0.5
 SETTLING = 0.3
 # Less than this is no motion, rad or m.
 STANDSTILL = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Parts of a log that are not fitted on, brought onto the grid one at a time.
+
+    Attributes:
+        recordings: The whole log.
+        windows: The parts.
+        machine: The machine it was recorded on.
+        drives: Drives that are identified.
+    """
+
+    recordings: tuple[Recording, ...]
+    windows: tuple[Window, ...]
+    machine: Machine
+    drives: tuple[str, ...]
+
+    def __iter__(self) -> Iterator[Dataset]:
+        """Align one part after the other; unusable ones are left out."""
+        cycle = constant(self.machine.controller, 'cycle', 'controller')
+        for number, begin, end in self.windows:
+            try:
+                part = self.recordings[number].between(begin, end)
+                dataset = _aligned(part, self.machine, self.drives, cycle)
+            except IdentError:
+                continue
+            yield _settled(dataset, self.machine, '', [])
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +68,7 @@ class Data:
         source: Path of the bag, or the name of the live buffer.
         sha256: Hash of the bag's files, empty for live data.
         warnings: What was left out, one sentence each.
+        held_out: Parts of a long log to validate on, or None.
     """
 
     datasets: tuple[Dataset, ...]
@@ -38,6 +76,7 @@ class Data:
     source: str = ''
     sha256: str = ''
     warnings: tuple[str, ...] = ()
+    held_out: HeldOut | None = None
 
     def quality(self, samples: int) -> Quality:
         """Return a summary; `samples` is the number of efforts compared."""
@@ -63,6 +102,7 @@ def read_problem(
     drives: Sequence[str] | None = None,
     *,
     topics: Topics | None = None,
+    samples: int = SAMPLES,
 ) -> Data:
     """Read a bag into what `identify` takes.
 
@@ -71,6 +111,7 @@ def read_problem(
         machine: The machine it was recorded on.
         drives: Drives to identify; all where None.
         topics: Topic names.
+        samples: As for `gather`.
 
     Returns:
         The segments.
@@ -78,11 +119,15 @@ def read_problem(
     Raises:
         IdentError: As `read_bag`, `align` and `gather`.
     """
-    return gather(read_bag(bag, topics), machine, drives)
+    return gather(read_bag(bag, topics), machine, drives, samples=samples)
 
 
 def gather(
-    recordings: Sequence[Recording], machine: Machine, drives: Sequence[str] | None = None
+    recordings: Sequence[Recording],
+    machine: Machine,
+    drives: Sequence[str] | None = None,
+    *,
+    samples: int = SAMPLES,
 ) -> Data:
     """Bring recordings onto the controller's grid; unusable ones are left out with a warning.
 
@@ -90,6 +135,8 @@ def gather(
         recordings: From `read_bag` or a `RecordingBuilder`.
         machine: The machine they were recorded on.
         drives: Drives to identify; all where None.
+        samples: Effort samples to fit on, all drives together; of a longer log the windows are
+            taken that tell most (see `recording.windows`), and others are held out.
 
     Returns:
         The segments that can be used.
@@ -109,8 +156,20 @@ def gather(
         raise IdentError(
             ErrorCode.NO_DATA, 'there is no recording to identify from; record a motion first'
         )
+    one = recordings[0]
     kept: list[tuple[Dataset, Recording]] = []
     warnings: list[str] = []
+    held_out: HeldOut | None = None
+    windows = choose_windows(recordings, chosen, samples)
+    if windows is not None:
+        held_out = HeldOut(tuple(recordings), windows.check, machine, chosen)
+        seconds = sum(end - begin for _, begin, end in windows.fit) * 1e-9
+        warnings.append(
+            f'the log has {windows.samples} effort samples: fitted on the {len(windows.fit)} '
+            f'windows that tell most, {seconds:.0f} s of {sum(x.duration for x in recordings):.0f}'
+            ' s; --samples takes more of it'
+        )
+        recordings = [recordings[n].between(begin, end) for n, begin, end in windows.fit]
     first: IdentError | None = None
     for number, recording in enumerate(recordings, 1):
         place = f'segment {number} of {len(recordings)}'
@@ -126,13 +185,14 @@ def gather(
             first = first or error
             warnings.append(f'{place} is left out: {error.message}')
             continue
-        kept.append((_settled(dataset, machine, place, warnings), recording))
+        # A window in mid-motion is no mistake of the recording's.
+        said = warnings if windows is None else []
+        kept.append((_settled(dataset, machine, place, said), recording))
     if not kept:
         assert first is not None
         raise first
-    one = recordings[0]
     datasets, used = zip(*kept, strict=True)
-    return Data(datasets, used, one.source, one.sha256, tuple(warnings))
+    return Data(datasets, used, one.source, one.sha256, tuple(warnings), held_out)
 
 
 def chosen_drives(machine: Machine, drives: Sequence[str] | None) -> tuple[str, ...]:

@@ -95,6 +95,7 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         ('min-distance', positive, 'least distance of survivors in the unit cube; 0'),
         ('starts', count, 'most candidates to refine; 4'),
         ('threads', count, 'threads; one for each processor'),
+        ('samples', count, 'effort samples of a long log to fit on; 180000'),
     ):
         group.add_argument(f'--{name}', type=kind, metavar='N', help=what)
     add_scheduler(group)
@@ -138,7 +139,8 @@ def run(args: argparse.Namespace) -> int:
     fixed, bounds = once(args.fix, '--fix'), once(args.bounds, '--bounds')
     settings = settings_of(args)
     machine = machine_of(args)
-    data = read_problem(args.bag, machine, args.drives, topics=topics_of(args))
+    samples = {} if args.samples is None else {'samples': args.samples}
+    data = read_problem(args.bag, machine, args.drives, topics=topics_of(args), **samples)
     out = make_directory(args.out)
     with interrupts() as cancel, make_meter(quiet=args.quiet) as meter:
         result = identify(

@@ -59,6 +59,11 @@ def print_result(result: Identification) -> None:
             f'{left.drive}: residual {left.rms:.5g} {cost.unit} RMS, '
             f"{100.0 * left.share:.3g} % of the effort's"
         )
+    for left in result.validation:
+        print(
+            f'{left.drive}: residual {left.rms:.5g} {cost.unit} RMS over {left.samples} samples '
+            'that were not fitted on'
+        )
     print(f'{result.evaluations} candidates in {duration(result.seconds)}, seed {result.seed}')
     for warning in result.quality.warnings:
         print(f'warning: {warning}')

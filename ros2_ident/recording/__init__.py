@@ -17,4 +17,6 @@ from ros2_ident.recording.streams import effort_factor as effort_factor
 from ros2_ident.recording.streams import Recording as Recording
 from ros2_ident.recording.streams import scale_effort as scale_effort
 from ros2_ident.recording.streams import Stream as Stream
+from ros2_ident.recording.windows import choose_windows as choose_windows
+from ros2_ident.recording.windows import SAMPLES as SAMPLES
 from ros2_ident.recording.write import write_bag as write_bag

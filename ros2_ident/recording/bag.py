@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read logs into recordings: MCAP, db3 and ROS 1 bags, whole or damaged, and tables."""
 
+from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
 import sqlite3
@@ -14,11 +15,13 @@ from ros2_ident.recording import cdr
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.mcap_scan import scan
 from ros2_ident.recording.storage import digest, storage_files, SUFFIXES, unpack_messages, unpacked
-from ros2_ident.recording.streams import Recording, ROLES
+from ros2_ident.recording.streams import IntArray, Recording, ROLES
 from ros2_ident.recording.table import read_table
 from ros2_ident.recording.table import SUFFIXES as TABLES
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
+# Messages that are decoded at once; fewer would take longer.
+_PIECE = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -64,18 +67,58 @@ class Topics:
         return found
 
 
+class _Messages:
+    """The messages of a topic in the order of log time, decoded piece by piece.
+
+    A message as an object takes some hundred bytes; hours of them at 1 kHz would fill the memory.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.lost = 0
+        self.blocks: deque[tuple[IntArray, cdr.Block]] = deque()
+        self._fresh: list[tuple[int, bytes]] = []
+
+    def append(self, log_time: int, data: bytes) -> None:
+        """Take a message: log time [ns] and CDR bytes."""
+        self.count += 1
+        self._fresh.append((log_time, data))
+        if len(self._fresh) >= _PIECE:
+            self.decode()
+
+    def decode(self) -> None:
+        """Decode what has come since the last time; what is no JointState is counted."""
+        if not self._fresh:
+            return
+        times = [x[0] for x in self._fresh]
+        data = unpack_messages([x[1] for x in self._fresh])
+        self._fresh = []
+        try:
+            found = cdr.decode(data)
+        except (ValueError, IndexError):
+            before = len(data)
+            data, times = _whole_messages(data, times)
+            self.lost += before - len(data)
+            found = cdr.decode(data)
+        clock = np.array(times, dtype=np.int64)
+        self.blocks.extend((clock[block.rows], block) for block in found)
+
+    def __len__(self) -> int:
+        return self.count
+
+
 @dataclass
 class _Raw:
-    """Serialised messages of a bag.
+    """What a bag holds.
 
     Attributes:
-        messages: By topic, in the order of log time: log time [ns] and CDR bytes.
+        messages: By topic.
         types: Message type of every topic of the bag.
         counts: Messages of every topic of the bag.
         warnings: What could not be read.
     """
 
-    messages: dict[str, list[tuple[int, bytes]]] = field(default_factory=dict)
+    messages: dict[str, _Messages] = field(default_factory=dict)
     types: dict[str, str] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
@@ -174,17 +217,18 @@ def _read_regular(paths: list[Path], roles: dict[str, str]) -> _Raw:
             )
         wanted = [x for x in reader.connections if x.topic in roles and x.msgtype == JOINT_STATE]
         for connection in wanted:
-            raw.messages.setdefault(connection.topic, [])
+            raw.messages.setdefault(connection.topic, _Messages())
         if wanted:
             for connection, log_time, data in reader.messages(connections=wanted):
                 # ROS 2's type: the conversion itself leaves out the header's `seq` of ROS 1
                 cdr_data = data if reader.is2 else bytes(store.ros1_to_cdr(data, JOINT_STATE))
-                raw.messages[connection.topic].append((log_time, cdr_data))
+                raw.messages[connection.topic].append(log_time, cdr_data)
     return raw
 
 
 def _read_damaged(files: list[Path], plain: list[Path], roles: dict[str, str]) -> _Raw:
     raw = _Raw()
+    whole: dict[str, list[tuple[int, bytes]]] = {}
     for path, unpacked_file in zip(files, plain, strict=True):
         try:
             found = scan(unpacked_file)
@@ -196,7 +240,7 @@ def _read_damaged(files: list[Path], plain: list[Path], roles: dict[str, str]) -
         for topic, log_time, data in found.messages:
             raw.counts[topic] = raw.counts.get(topic, 0) + 1
             if topic in roles and found.types[topic] == JOINT_STATE:
-                raw.messages.setdefault(topic, []).append((log_time, data))
+                whole.setdefault(topic, []).append((log_time, data))
         lost = []
         if found.end < found.size:
             lost.append(f'the file breaks off after byte {found.end} of {found.size}')
@@ -210,8 +254,11 @@ def _read_damaged(files: list[Path], plain: list[Path], roles: dict[str, str]) -
                 f'{path}: is damaged: {what}, {len(found.messages)} whole messages were read; '
                 f'`mcap recover {path.name}` writes a sound file of the same content'
             )
-    for messages in raw.messages.values():
+    for topic, messages in whole.items():
         messages.sort(key=lambda x: x[0])
+        raw.messages[topic] = _Messages()
+        for log_time, data in messages:
+            raw.messages[topic].append(log_time, data)
     return raw
 
 
@@ -257,35 +304,28 @@ def _check_topics(path: Path, raw: _Raw, roles: dict[str, str]) -> None:
     )
 
 
-def _feed(
-    builder: RecordingBuilder, role: str, topic: str, messages: list[tuple[int, bytes]]
-) -> None:
-    """Decode the messages of a topic into the builder."""
-    data = unpack_messages([x[1] for x in messages])
-    log_times = [x[0] for x in messages]
-    try:
-        blocks = cdr.decode(data)
-    except (ValueError, IndexError):
-        data, log_times = _whole_messages(data, log_times)
-        lost = len(messages) - len(data)
-        if not data:
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                f'{builder.source}: no message of {topic} is a valid {JOINT_STATE} (arrays have '
-                'to be empty or as long as the names); repair the publisher',
-            ) from None
-        builder.warn(
-            f'{topic}: {lost} of {len(messages)} messages are no valid JointState and are left out'
+def _feed(builder: RecordingBuilder, role: str, topic: str, messages: _Messages) -> None:
+    """Bring the messages of a topic into the builder; they are gone afterwards."""
+    messages.decode()
+    if messages.lost and not messages.blocks:
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            f'{builder.source}: no message of {topic} is a valid {JOINT_STATE} (arrays have '
+            'to be empty or as long as the names); repair the publisher',
         )
-        blocks = cdr.decode(data)
-    unstamped = all(not block.stamp.any() for block in blocks)
-    if unstamped:
+    if messages.lost:
+        builder.warn(
+            f'{topic}: {messages.lost} of {len(messages)} messages are no valid JointState and '
+            'are left out'
+        )
+    unstamped = all(not block.stamp.any() for _, block in messages.blocks)
+    if unstamped and messages.blocks:
         builder.warn(
             f'{topic}: all header stamps are 0, the time of recording is used; stamp the messages'
         )
-    clock = np.array(log_times, dtype=np.int64)
-    for block in blocks:
-        stamp = clock[block.rows] if unstamped else block.stamp
+    while messages.blocks:
+        clock, block = messages.blocks.popleft()
+        stamp = clock if unstamped else block.stamp
         builder.add_block(role, stamp, block.names, *block.fields)
 
 

@@ -22,6 +22,8 @@ def _fail(text: str) -> IdentError:
 
 def _frozen(values: FloatArray) -> FloatArray:
     """Return the array as read-only float64 that no caller can still write to."""
+    if values.flags.c_contiguous and values.flags.owndata and not values.flags.writeable:
+        return values  # nobody can, and a copy of hours would take the room of hours
     array = np.array(values, dtype=np.float64, order='C')
     array.setflags(write=False)
     return array

@@ -58,10 +58,8 @@ def to_mapping(result: Identification) -> dict[str, Any]:
         'parameters': parameters,
         'fixed': result.fixed,
         'cost': asdict(result.cost),
-        'residual': {
-            left.drive: {'rms': left.rms, 'share': left.share, 'samples': left.samples}
-            for left in result.residuals
-        },
+        'residual': _residuals(result.residuals),
+        'validation': _residuals(result.validation),
         'evaluations': result.evaluations,
         'seconds': result.seconds,
         'seed': result.seed,
@@ -78,6 +76,20 @@ def to_mapping(result: Identification) -> dict[str, Any]:
     }
     mapping: dict[str, Any] = plain(data)
     return mapping
+
+
+def _residuals(residuals: tuple[DriveResidual, ...]) -> dict[str, Any]:
+    return {
+        left.drive: {'rms': left.rms, 'share': left.share, 'samples': left.samples}
+        for left in residuals
+    }
+
+
+def _read_residuals(data: Mapping[str, Any]) -> tuple[DriveResidual, ...]:
+    return tuple(
+        DriveResidual(drive, _number(x['rms']), _number(x['share']), int(x['samples']))
+        for drive, x in data.items()
+    )
 
 
 def _number(value: Any) -> float:
@@ -151,10 +163,7 @@ def _result(data: Mapping[str, Any]) -> Identification:
         fixed={name: float(value) for name, value in data['fixed'].items()},
         correlation=np.array([_numbers(row) for row in data['correlation']]).reshape(size, size),
         cost=Cost(ga, _number(cost['refined']), str(cost['unit'])),
-        residuals=tuple(
-            DriveResidual(drive, _number(x['rms']), _number(x['share']), int(x['samples']))
-            for drive, x in data['residual'].items()
-        ),
+        residuals=_read_residuals(data['residual']),
         evaluations=int(data['evaluations']),
         generations=int(search['generations']),
         seconds=float(data['seconds']),
@@ -176,4 +185,5 @@ def _result(data: Mapping[str, Any]) -> Identification:
         ),
         provenance=Provenance(**data['provenance']),
         settings=dict(data['settings']),
+        validation=_read_residuals(data.get('validation', {})),
     )

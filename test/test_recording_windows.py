@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which parts of a long log are fitted on, and what the reader keeps of it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ros2_ident.identify import identify, read_problem
+from ros2_ident.models import load_machine
+from ros2_ident.recording import choose_windows, read_bag, Recording, Stream, write_bag
+from ros2_ident.report.files import load_result, write_result
+
+ROOT = Path(__file__).parents[1]
+
+
+def log(seconds: float, moving: list[tuple[float, float]], rate: float = 200.0) -> Recording:
+    """Return a log of one drive that swings in the given spans and rests elsewhere."""
+    time = np.arange(0.0, seconds, 1.0 / rate)
+    position = np.zeros_like(time)
+    for begin, end in moving:
+        there = (time >= begin) & (time < end)
+        position[there] = 0.1 * (1.0 - np.cos(4.0 * np.pi * (time[there] - begin)))
+    stamp = np.round(time * 1e9).astype(np.int64)
+    column = position[:, None]
+    return Recording(
+        Stream(('a',), stamp, column), Stream(('a',), stamp, effort=column), None, 'log'
+    )
+
+
+def test_short_log_is_taken_whole() -> None:
+    assert choose_windows([log(60.0, [(1.0, 50.0)])], ('a',), samples=12_000) is None
+
+
+def test_motion_is_taken_and_rest_is_not() -> None:
+    recording = log(300.0, [(120.0, 150.0), (230.0, 250.0)])
+    chosen = choose_windows([recording], ('a',), samples=8_000)
+    assert chosen is not None
+    assert chosen.samples == 60_000
+    assert sum(e - b for _, b, e in chosen.fit) * 1e-9 * 200.0 <= 8_000
+    moving = 0.0
+    for _, begin, end in chosen.fit:
+        part = recording.between(begin, end).state
+        assert part is not None and part.position is not None
+        moving += float((np.abs(np.diff(part.position[:, 0])) > 0.0).mean())
+    assert moving / len(chosen.fit) > 0.8
+
+
+def test_parts_do_not_overlap_and_begin_at_rest() -> None:
+    recording = log(200.0, [(k + 3.0, k + 9.0) for k in range(0, 200, 10)])
+    chosen = choose_windows([recording], ('a',), samples=12_000)
+    assert chosen is not None and len(chosen.check) == len(chosen.fit)
+    parts = sorted(chosen.fit + chosen.check)
+    assert all(one[2] <= two[1] for one, two in zip(parts, parts[1:], strict=False))
+    for _, begin, _ in parts:
+        near = recording.between(begin, begin + 20_000_000).state
+        assert near is not None and near.position is not None
+        assert np.ptp(near.position) < 1e-4
+
+
+def test_one_window_is_taken_where_none_fits() -> None:
+    chosen = choose_windows([log(100.0, [(10.0, 90.0)])], ('a',), samples=100)
+    assert chosen is not None and len(chosen.fit) == 1
+
+
+def test_long_log_is_fitted_in_part_and_validated_on_the_rest(tmp_path: Path) -> None:
+    machine = load_machine(ROOT / 'config/emps.yaml')
+    whole = read_bag(ROOT / 'bags/axis_reversals')[0]
+    seconds = whole.duration
+    assert seconds > 15.0, 'the bundled bag has to be longer than a window'
+    data = read_problem(ROOT / 'bags/axis_reversals', machine, samples=11_000)
+    assert data.held_out is not None
+    assert sum(d.duration for d in data.datasets) < seconds - 5.0
+    result = identify(machine, data)
+    assert result.validation[0].samples > 1000
+    # as good where it was not fitted on, but for chance
+    assert result.validation[0].rms == pytest.approx(result.residuals[0].rms, rel=0.1)
+    assert any('windows' in warning for warning in result.quality.warnings)
+    write_result(tmp_path, result)
+    assert load_result(tmp_path).validation == result.validation
+
+
+def test_messages_are_decoded_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = log(20.0, [(1.0, 19.0)])
+    bag = write_bag(tmp_path / 'bag', recording)
+    whole = read_bag(bag)[0]
+    monkeypatch.setattr('ros2_ident.recording.bag._PIECE', 7)
+    pieces = read_bag(bag)[0]
+    assert pieces.streams == whole.streams
+    np.testing.assert_array_equal(whole.streams['state'].stamp, recording.streams['state'].stamp)
