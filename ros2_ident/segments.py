@@ -55,7 +55,7 @@ class HeldOut:
                 dataset = _aligned(part, self.machine, self.drives, cycle)
             except IdentError:
                 continue
-            yield _settled(dataset, self.machine, '', [])
+            yield _forgotten(dataset)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,9 +185,11 @@ def gather(
             first = first or error
             warnings.append(f'{place} is left out: {error.message}')
             continue
-        # A window in mid-motion is no mistake of the recording's.
-        said = warnings if windows is None else []
-        kept.append((_settled(dataset, machine, place, said), recording))
+        # What went on before a window is unknown, and no mistake of the recording's.
+        settled = (
+            _settled(dataset, machine, place, warnings) if windows is None else _forgotten(dataset)
+        )
+        kept.append((settled, recording))
     if not kept:
         assert first is not None
         raise first
@@ -285,10 +287,17 @@ def _settled(dataset: Dataset, machine: Machine, place: str, warnings: list[str]
     fast = np.abs(speed).max()
     if fast == 0.0 or np.abs(speed[:, 0]).max() < 0.02 * fast:
         return dataset
-    effort = dataset.effort.copy()
-    effort[:, : round(SETTLING / dataset.cycle)] = np.nan
     warnings.append(
         f'{place} starts in motion: its first {SETTLING:g} s are simulated and not compared; '
         'let recordings start at rest'
     )
+    return _forgotten(dataset)
+
+
+def _forgotten(dataset: Dataset) -> Dataset:
+    """Leave out the efforts in which what went on before is not forgotten yet."""
+    if dataset.effort is None:
+        return dataset
+    effort = dataset.effort.copy()
+    effort[:, : round(SETTLING / dataset.cycle)] = np.nan
     return replace(dataset, effort=effort)

@@ -63,14 +63,16 @@ def test_one_window_is_taken_where_none_fits() -> None:
     assert chosen is not None and len(chosen.fit) == 1
 
 
-def test_long_log_is_fitted_in_part_and_validated_on_the_rest(tmp_path: Path) -> None:
+def test_long_log_is_fitted_in_part_and_validated_on_the_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The bundled bag lasts six seconds: what is long is a matter of scale.
+    monkeypatch.setattr('ros2_ident.recording.windows.LENGTH', 2.0)
+    monkeypatch.setattr('ros2_ident.recording.windows._SHIFT', 0.4)
     machine = load_machine(ROOT / 'config/emps.yaml')
-    whole = read_bag(ROOT / 'bags/axis_reversals')[0]
-    seconds = whole.duration
-    assert seconds > 15.0, 'the bundled bag has to be longer than a window'
-    data = read_problem(ROOT / 'bags/axis_reversals', machine, samples=11_000)
+    data = read_problem(ROOT / 'bags/axis_reversals', machine, samples=3_500)
     assert data.held_out is not None
-    assert sum(d.duration for d in data.datasets) < seconds - 5.0
+    assert sum(d.duration for d in data.datasets) < 4.0
     result = identify(machine, data)
     assert result.validation[0].samples > 1000
     # as good where it was not fitted on, but for chance
