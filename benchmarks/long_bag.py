@@ -89,7 +89,7 @@ def write_bag(path: Path, minutes: float, seed: int) -> int:
         struct.pack('<HH', k, 1) + text(topic) + text('cdr') + struct.pack('<I', 0)
         for k, topic in enumerate(TOPICS)
     ]
-    chunks: list[tuple[int, int, int, int, int]] = []
+    chunks: list[bytes] = []
     counts = [0, 0, 0]
     with path.open('wb') as file:
         file.write(MAGIC + record(0x01, text('ros2') + text('')))
@@ -108,7 +108,7 @@ def write_bag(path: Path, minutes: float, seed: int) -> int:
             for channel, values in enumerate(fields):
                 tables.append(_rows(channel, stamp, cdr.encode(stamp, names, values)))
                 counts[channel] += size
-            _chunks(file, np.concatenate(tables, axis=1), stamp, chunks)
+            _chunks(file, tables, stamp, chunks)
         _summary(file, schema, channels, chunks, counts)
     return sum(counts)
 
@@ -133,40 +133,46 @@ def _rows(channel: int, stamp: np.ndarray, messages: list[bytes]) -> np.ndarray:
 
 
 def _chunks(
-    file: BinaryIO,
-    table: np.ndarray,
-    stamp: np.ndarray,
-    chunks: list[tuple[int, int, int, int, int]],
+    file: BinaryIO, tables: list[np.ndarray], stamp: np.ndarray, chunks: list[bytes]
 ) -> None:
-    """Write a table in chunks of two seconds, as a recorder does; note where they are."""
+    """Write tables, a row of each in turn, in chunks of two seconds; note their index."""
+    table = np.concatenate(tables, axis=1)
+    begins = np.cumsum([0, *(x.shape[1] for x in tables)])
     for at in range(0, len(table), 2000):
-        raw = table[at : at + 2000].tobytes()
-        first, last = int(stamp[at]), int(stamp[at : at + 2000][-1])
+        part, times = table[at : at + 2000], stamp[at : at + 2000]
+        raw, first, last = part.tobytes(), int(times[0]), int(times[-1])
         head = struct.pack('<QQQI', first, last, len(raw), 0) + text('')
         content = record(0x06, head + struct.pack('<Q', len(raw)) + raw)
-        chunks.append((first, last, file.tell(), len(content), len(raw)))
+        start = file.tell()
         file.write(content)
+        end, offsets = file.tell(), b''
+        for channel in range(len(tables)):
+            places = begins[channel] + table.shape[1] * np.arange(len(part))
+            index = np.stack([times, places], axis=1).astype('<u8').tobytes()
+            offsets += struct.pack('<HQ', channel, file.tell())
+            file.write(record(0x07, struct.pack('<HI', channel, len(index)) + index))
+        chunks.append(
+            struct.pack('<QQQQI', first, last, start, len(content), len(offsets))
+            + offsets
+            + struct.pack('<Q', file.tell() - end)
+            + text('')
+            + struct.pack('<QQ', len(raw), len(raw))
+        )
 
 
 def _summary(
-    file: BinaryIO,
-    schema: bytes,
-    channels: list[bytes],
-    chunks: list[tuple[int, int, int, int, int]],
-    counts: list[int],
+    file: BinaryIO, schema: bytes, channels: list[bytes], chunks: list[bytes], counts: list[int]
 ) -> None:
+    """Write what stands at the end of the file: definitions, index of chunks, counts."""
     file.write(record(0x0F, struct.pack('<I', 0)))
     start = file.tell()
     file.write(record(0x03, schema) + b''.join(record(0x04, c) for c in channels))
-    for first, last, at, length, size in chunks:
-        content = struct.pack('<QQQQIQ', first, last, at, length, 0, 0) + text('')
-        file.write(record(0x08, content + struct.pack('<QQ', size, size)))
-    statistics = struct.pack(
-        '<QHIIIIQQ', sum(counts), 1, len(channels), 0, 0, len(chunks), chunks[0][0], chunks[-1][1]
-    )
+    file.write(b''.join(record(0x08, c) for c in chunks))
+    (begin,), (end,) = struct.unpack('<Q', chunks[0][:8]), struct.unpack('<Q', chunks[-1][8:16])
+    sizes = (sum(counts), 1, len(channels), 0, 0, len(chunks), begin, end)
     table = b''.join(struct.pack('<HQ', k, n) for k, n in enumerate(counts))
-    file.write(record(0x0B, statistics + struct.pack('<I', len(table)) + table))
-    file.write(record(0x02, struct.pack('<QQI', start, 0, 0)) + MAGIC)
+    content = struct.pack('<QHIIIIQQ', *sizes) + struct.pack('<I', len(table)) + table
+    file.write(record(0x0B, content) + record(0x02, struct.pack('<QQI', start, 0, 0)) + MAGIC)
 
 
 def main() -> None:
