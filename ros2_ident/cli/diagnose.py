@@ -3,8 +3,6 @@
 
 import argparse
 from pathlib import Path
-import sys
-import time
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
@@ -48,7 +46,6 @@ EXAMPLES = (
     'one)\n'
 )
 EXIT_CODES = {0: 'the diagnosis is complete', 1: 'it was cut short, or nothing could be simulated'}
-LINE_EVERY = 5.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -89,32 +86,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_topics(parser)
 
 
-class _Lines:
-    """Progress as plain lines, one every few seconds; on a terminal they overwrite each other."""
-
-    def __init__(self, quiet: bool) -> None:
-        self.quiet = quiet
-        self.last = 0.0
-        self.terminal = sys.stderr.isatty()
-
-    def __call__(self, progress: 'DiagnoseProgress') -> None:
-        now = time.monotonic()
-        if self.quiet or now - self.last < (0.2 if self.terminal else LINE_EVERY):
-            return
-        self.last = now
-        text = f'{100 * progress.fraction:3.0f} %  {progress.elapsed:4.0f} s  {progress.stage}'
-        if progress.best_so_far:
-            text += f'; so far: {progress.best_so_far}'
-        print(
-            f'\r{text:<110.110}' if self.terminal else text,
-            end='' if self.terminal else '\n',
-            file=sys.stderr,
-        )
-
-
 def run(args: argparse.Namespace) -> int:
     """Diagnose, write the result, print it."""
     from ros2_ident.cli.interrupt import interrupts
+    from ros2_ident.cli.progress import FractionMeter
     from ros2_ident.cli.report import print_page
     from ros2_ident.gap.diagnose import diagnose
     from ros2_ident.identify import read_problem
@@ -126,7 +101,16 @@ def run(args: argparse.Namespace) -> int:
     check = read_problem(args.check, machine, args.drives, topics=topics) if args.check else None
     out = make_directory(args.out) if args.out else None
     fixed = once(args.fix, '--fix')
-    with interrupts() as cancel:
+    said = ''
+
+    def show(progress: 'DiagnoseProgress') -> None:
+        nonlocal said
+        if progress.best_so_far != said:
+            said = progress.best_so_far
+            meter.note(f'so far: {said}')
+        meter(progress.fraction, progress.stage)
+
+    with FractionMeter(quiet=args.quiet) as meter, interrupts() as cancel:
         found = diagnose(
             machine,
             fit.datasets,
@@ -137,10 +121,8 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             seconds=args.seconds,
             cancelled=cancel.is_set,
-            on_progress=_Lines(args.quiet),
+            on_progress=show,
         )
-    if sys.stderr.isatty() and not args.quiet:
-        print(file=sys.stderr)
     print_diagnosis(found)
     if out is not None:
         settings = {

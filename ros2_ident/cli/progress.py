@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Progress of an identification: a bar on a terminal, now and then a line elsewhere."""
+"""Progress of a run: a dashboard on a terminal, now and then a line elsewhere."""
 
+from collections.abc import Sequence
 import math
+import os
 import sys
 import time
 from types import TracebackType
@@ -11,6 +13,37 @@ from ros2_ident.settings import IdentifyProgress
 
 # Without a terminal a line comes at most so often, s.
 LINE_EVERY = 5.0
+# A dashboard is drawn anew at most so often, s.
+DRAW_EVERY = 0.2
+# Blocks of a sparkline, and lines of a dashboard beside those of the parameters.
+WIDTH, AROUND = 24, 6
+_BLOCKS = '▁▂▃▄▅▆▇█'
+
+
+def fancy(stream: TextIO) -> bool:
+    """Say whether a stream is a terminal that can be drawn on, and its user wants that."""
+    return (
+        stream.isatty()
+        and not os.environ.get('NO_COLOR')
+        and os.environ.get('TERM', '') not in ('', 'dumb', 'unknown')
+        and (stream.encoding or '').lower().replace('-', '') == 'utf8'
+    )
+
+
+def sparkline(values: Sequence[float], width: int = WIDTH) -> str:
+    """Return numbers as a row of at most `width` blocks; a space where there is none."""
+    last = len(values) - 1
+    places = range(len(values)) if last < width else (k * last / (width - 1) for k in range(width))
+    shown = [values[round(k)] for k in places]
+    known = [x for x in shown if math.isfinite(x)]
+    low, high = min(known, default=0.0), max(known, default=0.0)
+    top = len(_BLOCKS) - 1
+    return ''.join(
+        ' '
+        if not math.isfinite(x)
+        else _BLOCKS[round(top * (x - low) / (high - low)) if high > low else 0]
+        for x in shown
+    )
 
 
 def duration(seconds: float) -> str:
@@ -83,43 +116,74 @@ class Lines:
         )
 
 
-class Bar:
-    """A bar with the best value and the time to go."""
+class Dashboard:
+    """The search on a terminal: how far it is, how the best changed, and the parameters."""
 
     def __init__(self, stream: TextIO) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn
+        from rich.live import Live
 
-        self._bar = Progress(
-            TextColumn('{task.description}'),
-            BarColumn(bar_width=None),
-            TextColumn('{task.percentage:>3.0f} %'),
-            TextColumn('{task.fields[best]}'),
-            TextColumn('{task.fields[eta]}'),
-            console=Console(file=stream),
-            transient=True,
-        )
-        self._task: Any = self._bar.add_task('starting', total=None, best='', eta='')
+        self._console = Console(file=stream)
+        self._live = Live(console=self._console, auto_refresh=False, transient=True)
+        self._last = -math.inf
+        self._costs: list[float] = []
+        self._spreads: list[float] = []
+        self._thetas: list[list[float]] = []
 
     def __enter__(self) -> Self:
-        """Show the bar."""
-        self._bar.start()
+        """Take the place at the end of the terminal."""
+        self._live.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Take the bar away."""
-        self._bar.stop()
+        """Give it back."""
+        self._live.stop()
 
     def __call__(self, progress: IdentifyProgress) -> None:
-        """Move the bar."""
-        self._bar.update(
-            self._task,
-            description=describe(progress),
-            completed=progress.evaluations,
-            total=progress.budget,
-            best=best(progress),
-            eta=f'{duration(progress.eta)} to go',
+        """Draw it, unless it is fresh."""
+        now = time.monotonic()
+        if now - self._last < DRAW_EVERY:
+            return
+        self._last = now
+        self._live.update(self.picture(progress), refresh=True)
+
+    def picture(self, progress: IdentifyProgress) -> Any:
+        """Take a progress into the history; return what is drawn."""
+        from rich.console import Group
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+        from rich.text import Text
+
+        # equal to the eye along orders of magnitude
+        self._costs.append(math.log(progress.best_cost) if progress.best_cost > 0.0 else math.nan)
+        self._spreads.append(progress.spread)
+        self._thetas.append([float(x) for x in progress.best_theta])
+        head = Table.grid(padding=(0, 2))
+        head.add_row(
+            Text(describe(progress), style='bold'),
+            ProgressBar(
+                total=max(1, progress.budget), completed=progress.evaluations, width=WIDTH
+            ),
+            f'{progress.evaluations} candidates',
         )
+        head.add_row(
+            best(progress),
+            Text(sparkline(self._costs), style='cyan'),
+            f'{duration(progress.elapsed)} gone, {duration(progress.eta)} to go',
+        )
+        spread = f'{progress.spread:.2g}' if math.isfinite(progress.spread) else '?'
+        head.add_row(
+            f'spread {spread} of the bounds', Text(sparkline(self._spreads), style='cyan'), ''
+        )
+        table = Table(box=None, padding=(0, 2, 0, 0), header_style='dim')
+        for name in ('parameter', 'best so far', 'how it changed'):
+            table.add_column(name, justify='right' if name == 'best so far' else 'left')
+        room = max(1, self._console.height - AROUND)
+        for k, name in enumerate(progress.names[:room]):
+            changes = sparkline([theta[k] for theta in self._thetas])
+            table.add_row(name, f'{progress.best_theta[k]:.5g}', Text(changes, style='cyan'))
+        more = len(progress.names) - room
+        return Group(head, table, *([f'and {more} more'] if more > 0 else []))
 
 
 class Silence:
@@ -141,7 +205,7 @@ def make_meter(*, quiet: bool = False, stream: TextIO | None = None) -> Meter:
     stream = stream or sys.stderr
     if quiet:
         return Silence()
-    return Bar(stream) if stream.isatty() else Lines(stream)
+    return Dashboard(stream) if fancy(stream) else Lines(stream)
 
 
 class FractionMeter:
@@ -158,7 +222,7 @@ class FractionMeter:
         self._bar: Any = None
         self._last = -math.inf
         self._start = time.monotonic()
-        if not quiet and self._stream.isatty():
+        if not quiet and fancy(self._stream):
             from rich.console import Console
             from rich.progress import Progress
 
@@ -175,6 +239,13 @@ class FractionMeter:
         """Take it away."""
         if self._bar is not None:
             self._bar.stop()
+
+    def note(self, text: str) -> None:
+        """Say something that stays."""
+        if self._bar is not None:
+            self._bar.console.print(text, highlight=False)
+        elif not self._quiet:
+            print(text, file=self._stream, flush=True)
 
     def __call__(self, fraction: float, text: str) -> None:
         """Show the part that is done, 0 to 1, and what is being done."""

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Progress on a terminal, which is a pty here, and elsewhere."""
+
+import io
+import math
+import os
+import pty
+import re
+import subprocess
+import sys
+
+from identify_cases import AXIS_FILE, ROOT
+import numpy as np
+import pytest
+from rich.console import Console
+
+from ros2_ident.cli import progress as module
+from ros2_ident.cli.progress import Dashboard, fancy, FractionMeter, make_meter, sparkline
+from ros2_ident.settings import IdentifyProgress
+
+ESCAPE = re.compile(r'\x1b\[[0-9;?]*[A-Za-z]')
+
+
+def on_a_terminal(words, **environment):
+    """Return exit code and what a command writes to a terminal as its standard error."""
+    here, there = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'ros2_ident.cli.main', *words],
+        env={
+            **{k: v for k, v in os.environ.items() if k not in ('NO_COLOR', 'TERM')},
+            'PYTHONPATH': str(ROOT),
+            'PYTHONIOENCODING': 'utf-8',
+            'COLUMNS': '100',
+            'LINES': '24',
+            **environment,
+        },
+        stdout=subprocess.DEVNULL,
+        stderr=there,
+    )
+    os.close(there)
+    said = b''
+    while True:
+        try:
+            block = os.read(here, 65536)
+        except OSError:
+            # the other end is closed
+            break
+        if not block:
+            break
+        said += block
+    os.close(here)
+    return process.wait(60), said.decode()
+
+
+def identify(out):
+    words = ['identify', str(ROOT / 'bags/axis_reversals'), '--machine', str(AXIS_FILE)]
+    return [*words, '--out', str(out), '--generations', '4', '--no-overlay', '--no-report']
+
+
+def test_a_terminal_shows_the_dashboard_and_is_left_clean(tmp_path):
+    code, said = on_a_terminal(identify(tmp_path / 'out'), TERM='xterm-256color')
+    assert code == 0, said
+    plain = ESCAPE.sub('', said)
+    assert 'how it changed' in plain and 'emps_axis.moving_mass' in plain
+    assert re.search(r'generation \d of 4', plain) or 'refining start' in plain
+    assert re.search(r'best [\d.e+-]+ N', plain)
+    assert any(block in plain for block in '▁▂▃▄▅▆▇█')
+    # the cursor is hidden while it is drawn and back at the end, and the last line is erased
+    assert said.count('\x1b[?25l') == said.count('\x1b[?25h') == 1
+    assert said.rindex('\x1b[2K') > said.rindex('how it changed')
+
+
+@pytest.mark.parametrize('environment', [{'TERM': 'xterm', 'NO_COLOR': '1'}, {'TERM': 'dumb'}])
+def test_lines_where_nothing_shall_be_drawn(tmp_path, environment):
+    code, said = on_a_terminal(identify(tmp_path / 'out'), **environment)
+    assert code == 0, said
+    assert '\x1b' not in said
+    assert said.startswith('generation 1 of 4, ')
+
+
+class Terminal(io.StringIO):
+    encoding = 'utf-8'
+
+    def isatty(self):
+        return True
+
+
+def test_which_streams_are_drawn_on(monkeypatch):
+    monkeypatch.delenv('NO_COLOR', raising=False)
+    monkeypatch.setenv('TERM', 'xterm')
+    assert fancy(Terminal())
+    assert not fancy(io.StringIO())
+    assert isinstance(make_meter(stream=Terminal()), Dashboard)
+    old = Terminal()
+    old.encoding = 'latin-1'
+    assert not fancy(old)
+    monkeypatch.setenv('TERM', '')
+    assert not fancy(Terminal())
+
+
+def test_sparklines():
+    assert sparkline([0.0, 1.0, 2.0, 3.5, 7.0]) == '▁▂▃▅█'
+    assert sparkline([3.0, 3.0]) == '▁▁'
+    assert sparkline([math.nan, 1.0, math.inf, 2.0]) == ' ▁ █'
+    assert sparkline([]) == ''
+    assert sparkline(range(100), 5) == '▁▃▅▆█'
+
+
+def progress(cost, count=30, theta=0.0):
+    names = tuple(f'drive_{k}.gear_stiffness' for k in range(count))
+    return IdentifyProgress(
+        'search', 3, 12, 500, 1000, cost, 'N m', names, np.full(count, theta), 0.25, 65.0, 30.0
+    )
+
+
+def drawn(meter, *steps):
+    """Return the lines of the last picture, as on a terminal of 80 columns and 20 rows."""
+    console = Console(file=io.StringIO(), width=80, height=20)
+    meter._console = console
+    for step in steps:
+        picture = meter.picture(step)
+    console.print(picture)
+    return console.file.getvalue().splitlines()
+
+
+def test_the_picture_fits_on_the_terminal():
+    steps = [progress(math.inf), progress(0.5, theta=2.0), progress(0.05, theta=1.0)]
+    lines = drawn(Dashboard(io.StringIO()), *steps)
+    assert len(lines) < 20 and max(map(len, lines)) <= 80
+    assert lines[0].startswith('generation 3 of 12') and '500 candidates' in lines[0]
+    assert 'best 0.05 N m' in lines[1] and ' █▁ ' in lines[1]
+    assert '1:05 gone, 30 s to go' in lines[1]
+    assert 'spread 0.25 of the bounds' in lines[2]
+    assert '▁█▅' in lines[4] and 'drive_0.gear_stiffness' in lines[4]
+    assert lines[-1] == 'and 16 more'
+
+
+def test_before_a_candidate_has_converged():
+    lines = drawn(Dashboard(io.StringIO()), progress(math.inf, 2, math.nan))
+    assert 'no candidate converged yet' in lines[1]
+
+
+def test_notes_stay_beside_the_lines(monkeypatch):
+    stream = io.StringIO()
+    with FractionMeter(stream=stream) as meter:
+        meter(0.5, 'looking')
+        meter.note('so far: backlash')
+        meter(0.6, 'looking on')
+    assert stream.getvalue().splitlines()[1:] == ['so far: backlash']
+    monkeypatch.setattr(module, 'LINE_EVERY', 0.0)
+    with FractionMeter(quiet=True, stream=stream) as meter:
+        meter.note('nothing')
+        meter(0.5, 'nothing')
+    assert 'nothing' not in stream.getvalue()
