@@ -4,6 +4,7 @@
 from dataclasses import replace
 import re
 
+from identify_cases import ROOT
 import numpy as np
 import pytest
 import yaml
@@ -198,6 +199,18 @@ def test_maps_that_make_no_sense(tmp_path, text, changes):
 )
 def test_tables_that_make_no_sense(tmp_path, code, text, table):
     fails(tmp_path, code, re.escape(text), table)
+
+
+def test_the_map_in_the_documentation_is_one(tmp_path):
+    page = (ROOT / 'docs/logs.md').read_text()
+    (tmp_path / 'map.yaml').write_text(page.split('```yaml')[1].split('```')[0])
+    found = load_columns(tmp_path / 'map.yaml')
+    assert (found.time, found.digits, len(found.columns)) == ('time', 6, 7)
+    assert (found.delimiter, found.decimal, found.skip, found.header) == (',', '.', 0, True)
+    cells = {(x.joint, x.quantity): (x.cell, x.scale) for x in found.columns}
+    assert cells['drive_1', 'effort'] == ('Current1', -1.0)
+    assert cells['drive_1', 'command_position'] == ('SetPos1', 0.001)
+    assert cells['drive_1', 'command_velocity'] == (9, 1.0)
 
 
 def test_a_table_without_a_map(tmp_path):
