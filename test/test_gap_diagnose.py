@@ -11,6 +11,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import to_mapping
 from ros2_ident.gap.explain import Rules
+from ros2_ident.gap.pictures import residual_maps
 from ros2_ident.models import machine_from_mapping
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.axis import simulate_axis
@@ -138,6 +139,23 @@ def test_the_file_holds_what_the_interface_promises(found) -> None:
             'sentence',
         }
     assert data['also'] == [] and isinstance(data['advice'], list)
+
+
+def test_the_residual_is_kept_and_its_maps_are_in_the_file(found) -> None:
+    fit, check = found.traces
+    assert (fit.held_out, check.held_out) == (False, True)
+    assert np.isnan(check.before).all()
+    assert np.nanstd(fit.before) == pytest.approx(found.steps[0].gap.value, rel=0.3)
+    assert np.nanstd(fit.after) == pytest.approx(NOISE, rel=0.1)
+    maps = to_mapping(found)['maps']
+    pictures = residual_maps(fit.motion, fit.before, found.floor, found.localisation)
+    names = [f'{m["drive"]}_{m["coordinate"].replace(" ", "_")}' for m in maps]
+    assert names == list(pictures) and names
+
+    def largest(lines) -> float:
+        return max(abs(mean) for line in lines for mean in line['mean'])
+
+    assert largest(maps[0]['after']) < 0.3 * largest(maps[0]['before'])
 
 
 def test_nothing_is_missing_where_nothing_is() -> None:

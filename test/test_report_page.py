@@ -6,6 +6,7 @@ from html.parser import HTMLParser
 import json
 import math
 
+from bokeh.models import GlyphRenderer
 import numpy as np
 import pytest
 from report_cases import (
@@ -17,10 +18,11 @@ from report_cases import (
 )
 
 from ros2_ident.cli.main import main
+from ros2_ident.cli.report import print_page
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.report.files import write_result
 from ros2_ident.report.page import write_report
-from ros2_ident.report.page.effort import extremes
+from ros2_ident.report.page.effort import effort_plot, extremes
 from ros2_ident.report.page.plots import one_a_cell
 from ros2_ident.report.page.sentences import number, of_diagnosis, of_identification
 from ros2_ident.report.signals import load_signals, write_signals
@@ -251,13 +253,15 @@ def test_numbers_for_people(value, text):
     assert number(value) == text
 
 
-def test_a_long_log_of_many_drives_stays_below_the_limit(tmp_path):
+def test_long_logs_of_many_drives_stay_below_the_limit(tmp_path):
     write_identified(tmp_path)
+    write_diagnosed(tmp_path)
     signals = long_signals(300_000, drives=6)
-    write_signals(tmp_path / 'signals.npz', signals)
+    for name in ('signals.npz', 'diagnosis.npz'):
+        write_signals(tmp_path / name, signals)
     page = write_report(tmp_path)
-    assert page.stat().st_size < LIMIT
-    assert 'of 300000 samples' in Page(page).text
+    assert 0.5 * LIMIT < page.stat().st_size < LIMIT
+    assert Page(page).text.count('of 300000 samples') == 2
 
 
 def test_thinning_keeps_the_extremes():
@@ -270,6 +274,19 @@ def test_thinning_keeps_the_extremes():
     holes = np.where(np.arange(rows.shape[1]) % 2, rows, np.nan)
     assert np.isfinite(holes[0, extremes(holes[:1], 500)]).all()
     assert extremes(rows[:, :400], 500).tolist() == list(range(400))
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_drive_without_samples_and_one_that_diverged():
+    signals = long_signals(2000)
+    (log,) = signals.recordings
+    log.measured[1] = np.nan
+    log.simulated[0, 2, 1000:] = np.inf
+    drawn = effort_plot(signals).plot.select({'type': GlyphRenderer})
+    curves = [renderer.data_source.data for renderer in drawn]
+    sizes = [len(c['x']) for c in curves if 'x' in c]
+    assert 0 in sizes and max(sizes) >= 1000
+    assert all(np.isfinite(c['y']).all() for c in curves if 'y' in c)
 
 
 def test_one_dot_stands_for_many():
@@ -309,5 +326,9 @@ def test_the_command(tmp_path, capsys):
     write_identified(tmp_path / 'run')
     assert main(['report', str(tmp_path / 'run'), '--page', str(tmp_path / 'x' / 'y.html')]) == 0
     assert (tmp_path / 'x' / 'y.html').exists()
+    print_page(tmp_path / 'run', wanted=True)
+    assert f'page: {tmp_path / "run" / "report.html"}' in capsys.readouterr().out
+    print_page(tmp_path / 'run', wanted=False)
+    assert not (tmp_path / 'run' / 'report.html').exists()
     assert main(['report', str(tmp_path / 'nowhere')]) == 2
     assert 'give a directory that `ident identify`' in capsys.readouterr().err

@@ -4,7 +4,7 @@
 # than two minutes on two cores. Fails if one of them did, after the last.
 #
 # Not among them: benchmarks/coverage.py (five minutes and more), benchmarks/practice.py (wants a
-# folder of cases).
+# folder of cases), benchmarks/report.py (wants result directories and Chromium).
 set -uo pipefail
 cd "${0%/*}/.." || exit
 failed=0

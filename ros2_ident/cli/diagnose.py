@@ -134,8 +134,7 @@ def run(args: argparse.Namespace) -> int:
         files = list(write_diagnosis(out, found, machine, fit, check, settings))
         files += _overlay(args, out, machine, fit, found)
         print('written: ' + ', '.join(str(path) for path in files), flush=True)
-        if not args.no_report:
-            print_page(out)
+        print_page(out, wanted=not args.no_report)
     return 0 if found.complete else 1
 
 

@@ -169,6 +169,5 @@ def run(args: argparse.Namespace) -> int:
             )
     print_result(result)
     print('written: ' + ', '.join(str(path) for path in files), flush=True)
-    if not args.no_report:
-        print_page(out)
+    print_page(out, wanted=not args.no_report)
     return 0 if result.outcome is Outcome.IDENTIFIED else 1

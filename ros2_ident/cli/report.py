@@ -40,8 +40,18 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def print_page(directory: Path) -> None:
-    """Write the page at the end of a run and say where; a run is not lost where that fails."""
+def print_page(directory: Path, *, wanted: bool) -> None:
+    """Write the page at the end of a run and say where; a run is not lost where that fails.
+
+    Args:
+        directory: Where the run has written its files.
+        wanted: False only takes away the page on an earlier run.
+    """
+    from ros2_ident.report.files import PAGE
+
+    (directory / PAGE).unlink(missing_ok=True)
+    if not wanted:
+        return
     from ros2_ident.report.page import write_report
 
     try:

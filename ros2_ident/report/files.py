@@ -28,6 +28,8 @@ from ros2_ident.segments import Data
 
 JSON, YAML, HISTORY, SIGNALS = 'result.json', 'result.yaml', 'history.npz', 'signals.npz'
 DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'
+# Made from the others by `report.page`.
+PAGE = 'report.html'
 
 
 def make_directory(path: str | Path) -> Path:

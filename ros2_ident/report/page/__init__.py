@@ -1,5 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page on a result directory: `report.html`, one file that needs nothing else."""
 
-from ros2_ident.report.page.assemble import PAGE as PAGE
 from ros2_ident.report.page.assemble import write_report as write_report

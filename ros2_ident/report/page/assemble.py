@@ -23,16 +23,15 @@ from ros2_ident.report.files import (
     load_diagnosis,
     load_result,
     make_directory,
+    PAGE,
     SIGNALS,
     YAML,
 )
 from ros2_ident.report.page import plots, sentences
-from ros2_ident.report.page.effort import effort_plot
+from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.look import Picture
 from ros2_ident.report.signals import load_signals
 from ros2_ident.result import Identification, ParameterEstimate
-
-PAGE = 'report.html'
 
 Facts = list[tuple[str, str]]
 
@@ -98,9 +97,11 @@ def _render(
     facts: dict[str, Facts] = {
         'held': [], 'gates': [], 'identification_facts': [], 'diagnosis_facts': [],
     }
+    efforts = [folder / name for name in (SIGNALS, DIAGNOSIS_SIGNALS)]
+    most = MOST // max(1, sum(path.exists() for path in efforts))
     if result is not None:
-        if (folder / SIGNALS).exists():
-            drawn['effort-plot'] = effort_plot(load_signals(folder / SIGNALS))
+        if efforts[0].exists():
+            drawn['effort-plot'] = effort_plot(load_signals(efforts[0]), most=most)
         drawn['generations-plot'] = plots.cost_over_generations(result)
         drawn['costs-plot'] = plots.cost_over_parameters(result)
         drawn['correlations-plot'] = plots.correlations(result)
@@ -115,10 +116,9 @@ def _render(
         drawn['waterfall-plot'] = plots.waterfall(gap)
         drawn['ranking-plot'] = plots.ranking(diagnosis['ranking'], gap['unit'])
         drawn['maps-plot'] = plots.residual_maps(diagnosis.get('maps', []))
-        if (folder / DIAGNOSIS_SIGNALS).exists():
+        if efforts[1].exists():
             floor = {name: d['noise_floor'] for name, d in gap['per_drive'].items()}
-            signals = load_signals(folder / DIAGNOSIS_SIGNALS)
-            drawn['gap-effort-plot'] = effort_plot(signals, floor)
+            drawn['gap-effort-plot'] = effort_plot(load_signals(efforts[1]), floor, most=most)
         note = _waterfall_note(gap)
         facts['gates'] = [(g['gate'], g['sentence']) for g in diagnosis['gates']]
         facts['diagnosis_facts'] = _diagnosis_facts(diagnosis)

@@ -23,8 +23,8 @@ TICK = 1e-5
 NOTHING = -32768
 # Stretches that a curve in view is cut into, the same as in `page.js`.
 COLUMNS = 1000
-# Numbers that the page holds at most, of two bytes each; longer logs are thinned.
-MOST = 1_200_000
+# Numbers that a page holds at most, of two bytes each; longer logs are thinned.
+MOST = 1_100_000
 # A simulation this many times beyond the measured range is drawn at that edge.
 BEYOND = 10.0
 # Room between recordings, as a share of their whole length.
@@ -62,10 +62,13 @@ def _kept(recording: Curves, most: int) -> npt.NDArray[np.int64]:
 
 def _scale(measured: Short, simulated: Short) -> tuple[float, float]:
     """Return offset and step of a drive's whole numbers."""
-    low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
+    there = [part for x in (measured, simulated) if (part := x[np.isfinite(x)]).size]
+    if not there:
+        return 0.0, 1.0
+    low, high = float(there[0].min()), float(there[0].max())
     room = BEYOND * max(high - low, 1e-9)
-    low = max(min(low, float(np.nanmin(simulated))), low - room)
-    high = min(max(high, float(np.nanmax(simulated))), high + room)
+    low = max(min(float(x.min()) for x in there), low - room)
+    high = min(max(float(x.max()) for x in there), high + room)
     return 0.5 * (low + high), max(high - low, 1e-9) / 65000.0
 
 
@@ -75,19 +78,23 @@ def _coded(values: Short, offset: float, step: float) -> npt.NDArray[np.int16]:
 
 
 def effort_plot(
-    signals: Signals, floor: Mapping[str, float | None] | None = None
+    signals: Signals,
+    floor: Mapping[str, float | None] | None = None,
+    *,
+    most: int = MOST,
 ) -> Picture:
     """Draw each drive's measured and simulated effort, and the residual below.
 
     Args:
         signals: What a run keeps.
         floor: Noise floor of each drive, where it is known.
+        most: Numbers that the plot may hold, of two bytes each.
 
     Returns:
         The picture.
     """
     drives, models = len(signals.drives), len(signals.models)
-    share = MOST // (drives * (1 + models) + 2)
+    share = most // (drives * (1 + models) + 2)
     recordings = [r for r in signals.recordings if r.time.size]
     kept = [_kept(r, share // len(recordings)) for r in recordings]
     time, bounds, starts = _joined(recordings, kept)

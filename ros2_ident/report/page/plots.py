@@ -207,9 +207,9 @@ def _cost_over(
         'cost',
         source=ColumnDataSource(
             {
-                'value': values[shown] / scale,
-                'cost': costs[shown],
-                'generation': generations[shown],
+                'value': (values[shown] / scale).astype(np.float32),
+                'cost': costs[shown].astype(np.float32),
+                'generation': generations[shown].astype(np.uint16),
             }
         ),
         size=3,
