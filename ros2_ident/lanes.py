@@ -33,10 +33,12 @@ def intrinsic(function) -> Any:
     return _intrinsic(function)
 
 
-# Kernels are many small functions; a call that stays a call spills every vector register.
-# Nor may arrays be counted on the way: atomic, and a call each. So kernels get all room from
-# outside.
-inlined = njit(forceinline=True, _nrt=False)
+# Kernels are many small functions; a call that stays a call spills every vector register. Nor may
+# arrays be counted on the way: atomic, and a call each; so a kernel gets its room from outside.
+# What only kernels call has no entry from Python: it would nearly double the compiling.
+_INSIDE = {'_nrt': False, 'no_cpython_wrapper': True, 'no_cfunc_wrapper': True}
+inlined = njit(forceinline=True, **_INSIDE)
+called = njit(**_INSIDE)
 kernel = njit(nogil=True, cache=True, _nrt=False)
 # Contraction lets the compiler fuse a*b + c; reassociation would make results depend on its mood.
 _FLAGS = ('contract',)

@@ -4,7 +4,8 @@
 # than two minutes on two cores. Fails if one of them did, after the last.
 #
 # Not among them: benchmarks/coverage.py (five minutes and more), benchmarks/practice.py (wants a
-# folder of cases), benchmarks/report.py (wants result directories and Chromium).
+# folder of cases), benchmarks/report.py (wants result directories and Chromium),
+# benchmarks/kernel.py (wants gcc and AVX-512).
 set -uo pipefail
 cd "${0%/*}/.." || exit
 failed=0

@@ -2,7 +2,7 @@
 """One drive in one instant: controller, motor, friction and gear, with whichever effects are on.
 
 Every function works on a block of candidates (see `ros2_ident.lanes`). Units are those of the
-rows.
+rows. `on` holds the flags of a drive's effects; None leaves their hooks out of what is compiled.
 """
 # mypy: ignore-errors
 
@@ -100,7 +100,7 @@ def gear_force(par, first, mem, own, on, gear, z, v, s, w, time):
     x = z - s
     c = load(par, (first + STIFFNESS) * W)
     d = load(par, (first + DAMPING) * W)
-    if on & (DEFLECTION_MASK | STIFFNESS_MASK):
+    if on is not None and on & (DEFLECTION_MASK | STIFFNESS_MASK):
         zero = spread(0.0)
         state = drive_state(par, first, mem, own, gear, z, v, s, zero, zero, time, zero)
         x = hooks.deflection_hook(x, state, on, par, first)
@@ -117,7 +117,7 @@ def motor_torque(par, first, mem, own, on, gear, eps, z, v, s, force, time, elap
     direction = tanh(v * (1.0 / eps))
     torque = load(mem, (own + COMMANDED) * W)
     friction = load(par, (first + COULOMB) * W) * direction + load(par, (first + VISCOUS) * W) * v
-    if on:
+    if on is not None and on:
         state = drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, elapsed)
         if on & SIGN_MASK:
             direction = hooks.sign_hook(direction, state, on, par, first)
@@ -148,7 +148,7 @@ def motor_torque(par, first, mem, own, on, gear, eps, z, v, s, force, time, elap
 def carriage_force(par, first, mem, own, on, gear, z, v, s, time):
     """Return the force [N] on the carriage besides gear, gravity and rod."""
     force = spread(0.0)
-    if on & CARRIAGE_MASK:
+    if on is not None and on & CARRIAGE_MASK:
         state = drive_state(par, first, mem, own, gear, z, v, s, force, force, time, force)
         force = hooks.carriage_hook(force, state, on, par, first)
     return force

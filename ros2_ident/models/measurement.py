@@ -6,10 +6,21 @@ cache: a cost needs no trajectory in memory, and residuals are stored at measure
 """
 # mypy: ignore-errors
 
-from numba import njit
 import numpy as np
 
-from ros2_ident.lanes import clip, exp, floor, inlined, load, spread, store, take, where, WIDTH
+from ros2_ident.lanes import (
+    called,
+    clip,
+    exp,
+    floor,
+    inlined,
+    load,
+    spread,
+    store,
+    take,
+    where,
+    WIDTH,
+)
 from ros2_ident.models.rows import DRIVE_COUNT, MACHINE_COUNT, row_of
 
 W = WIDTH
@@ -18,8 +29,6 @@ DELAY, GAIN, BIAS, LAG, CROSSTALK = (
     for name in ('effort_delay', 'effort_gain', 'effort_bias', 'effort_lag', 'effort_crosstalk')
 )
 
-# Parts of a kernel that may stay calls: once a piece, not once a step.
-_part = njit(_nrt=False)
 PIECE = 128
 # What a drive's log keeps from one piece to the next: the rows of its part of `kept`.
 VALUE, BEFORE, SQUARES = range(3)
@@ -36,7 +45,7 @@ def _any_nonzero(par, row):
     return found
 
 
-@_part
+@called
 def _log(par, torque, d, drives, first, count, cycle, kept, late):
     """Write what the log of drive `d` holds, but for the delay's whole cycles, into `late`."""
     row = MACHINE_COUNT + d * DRIVE_COUNT
@@ -71,7 +80,7 @@ def _log(par, torque, d, drives, first, count, cycle, kept, late):
     store(kept, (d * KEPT + BEFORE) * W, before)
 
 
-@_part
+@called
 def _write(late, whole, first, count, columns, rows, out):
     """Write a drive's log to where it is wanted."""
     cycles = columns.shape[0]
@@ -90,7 +99,7 @@ def _write(late, whole, first, count, columns, rows, out):
                 out[row, column] = late[j * W + lane]
 
 
-@_part
+@called
 def _square(late, whole, first, count, measured, squares):
     """Add a drive's squared errors to `squares`."""
     cycles = measured.shape[0] - 1
@@ -112,7 +121,7 @@ def _square(late, whole, first, count, measured, squares):
     store(squares, 0, total)
 
 
-@_part
+@called
 def hand_on(par, torque, first, count, cycle, wanted, measured, samples, rows, kept, room, out):
     """Write a piece of a block's torque where it is wanted, or add it to the costs.
 
@@ -147,7 +156,7 @@ def hand_on(par, torque, first, count, cycle, wanted, measured, samples, rows, k
                 _write(late, whole, first, count, wanted[d], rows, out)
 
 
-@_part
+@called
 def conclude(par, finite, measured, samples, rows, kept, out):
     """Write the costs (S, 1), eq. 2 of the paper, and inf for diverged candidates.
 

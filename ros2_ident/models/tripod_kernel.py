@@ -205,44 +205,74 @@ def _carriages(par, link, push, sway, sway_rate, frame, bend, at):
 
 
 @inlined
+def _drive(
+    par, mem, place, rate, bend, push, d, flags, mode, motion, k, count, gear, eps, time, elapsed,
+    part, h,
+):  # fmt: skip
+    """Write drive `d`'s motor acceleration at a stage into `bend`, its push on the carriage."""
+    first = MACHINE_COUNT + d * DRIVE_COUNT
+    own = d * dk.MEMORY_COUNT
+    z, v = rk.stage_state(place, rate, bend, COORDINATES, MOTOR + d, part, h)
+    s, w = rk.stage_state(place, rate, bend, COORDINATES, CARRIAGE + d, part, h)
+    force = dk.gear_force(par, first, mem, own, flags, gear, z, v, s, w, time)
+    if mode[d] == dk.CLOSED_LOOP:
+        torque = dk.motor_torque(
+            par, first, mem, own, flags, gear, eps, z, v, s, force, time, elapsed
+        )
+        acceleration = (gear * torque - force) * load(mem, (own + dk.LIGHTNESS) * W)
+    else:
+        acceleration = spread(motion[(6 + d) * count + k])
+    store(bend, (part * COORDINATES + MOTOR + d) * W, acceleration)
+    if flags is not None:
+        force = force + dk.carriage_force(par, first, mem, own, flags, gear, z, v, s, time)
+    store(push, d * W, force)
+
+
+@inlined
+def _stage(
+    par, mem, link, place, rate, bend, push, on, mode, motion, k, count, gear, eps, time, since,
+    part, h, frame,
+):  # fmt: skip
+    """Write the accelerations at stage `part` of a step into `bend`."""
+    elapsed = since + rk.ahead(part) * h
+    now = time + elapsed
+    if on is not None:
+        for d in range(3):
+            _drive(par, mem, place, rate, bend, push, d, on[d], mode, motion, k, count, gear, eps,
+                   now, elapsed, part, h)  # fmt: skip
+    else:
+        # Written out, so that addresses are constants.
+        _drive(par, mem, place, rate, bend, push, 0, None, mode, motion, k, count, gear, eps,
+               now, elapsed, part, h)  # fmt: skip
+        _drive(par, mem, place, rate, bend, push, 1, None, mode, motion, k, count, gear, eps,
+               now, elapsed, part, h)  # fmt: skip
+        _drive(par, mem, place, rate, bend, push, 2, None, mode, motion, k, count, gear, eps,
+               now, elapsed, part, h)  # fmt: skip
+    sway = spread(0.0)
+    sway_rate = sway
+    if frame:
+        sway, sway_rate = rk.stage_state(place, rate, bend, COORDINATES, FRAME, part, h)
+    _carriages(par, link, push, sway, sway_rate, frame, bend, part * COORDINATES)
+
+
+@inlined
 def _step(
     par, mem, link, place, rate, bend, push, on, mode, motion, k, count, gear, eps, time, since, h,
-    frame, effects,
+    frame,
 ):  # fmt: skip
     """Integrate over a step of `h` seconds that begins `since` seconds into cycle `k`.
 
-    Where `effects` is False the hooks are compiled out.
+    `on` is None where no effect is.
     """
     for part in range(rk.STAGES):
-        at = part * COORDINATES
-        elapsed = since + rk.ahead(part) * h
-        for d in range(3):
-            first = MACHINE_COUNT + d * DRIVE_COUNT
-            own = d * dk.MEMORY_COUNT
-            flags = on[d] if effects else 0
-            z, v = rk.stage_state(place, rate, bend, COORDINATES, MOTOR + d, part, h)
-            s, w = rk.stage_state(place, rate, bend, COORDINATES, CARRIAGE + d, part, h)
-            now = time + elapsed
-            force = dk.gear_force(par, first, mem, own, flags, gear, z, v, s, w, now)
-            if mode[d] == dk.CLOSED_LOOP:
-                torque = dk.motor_torque(
-                    par, first, mem, own, flags, gear, eps, z, v, s, force, now, elapsed
-                )
-                acceleration = (gear * torque - force) * load(mem, (own + dk.LIGHTNESS) * W)
-            else:
-                acceleration = spread(motion[(6 + d) * count + k])
-            store(bend, (at + MOTOR + d) * W, acceleration)
-            push_d = force + dk.carriage_force(par, first, mem, own, flags, gear, z, v, s, now)
-            store(push, d * W, push_d)
-        sway = spread(0.0)
-        sway_rate = sway
-        if frame:
-            sway, sway_rate = rk.stage_state(place, rate, bend, COORDINATES, FRAME, part, h)
-        _carriages(par, link, push, sway, sway_rate, frame, bend, at)
+        _stage(par, mem, link, place, rate, bend, push, on, mode, motion, k, count, gear, eps,
+               time, since, part, h, frame)  # fmt: skip
     rk.finish(place, rate, bend, COORDINATES, COORDINATES if frame else FRAME, h)
 
 
-def _build(digest):
+def build(digest, hooks=True):
+    """Return the compiled simulation; without `hooks` one that knows no effects, to compare."""
+
     @kernel
     def simulate(
         blocks,
@@ -292,7 +322,7 @@ def _build(digest):
         _ = digest
         count = command.shape[0] // 6
         coordinates = COORDINATES if frame else FRAME
-        effects = on[0] != 0 or on[1] != 0 or on[2] != 0
+        effects = hooks and (on[0] != 0 or on[1] != 0 or on[2] != 0)
         place, rest = parted(room, COORDINATES)
         rate, rest = parted(rest, COORDINATES)
         bend, rest = parted(rest, rk.STAGES * COORDINATES)
@@ -357,6 +387,7 @@ def _build(digest):
                 for d in range(3):
                     first = MACHINE_COUNT + d * DRIVE_COUNT
                     own = d * dk.MEMORY_COUNT
+                    flags = on[d] if hooks else 0
                     z = load(place, (MOTOR + d) * W)
                     v = load(rate, (MOTOR + d) * W)
                     if mode[d] == dk.CLOSED_LOOP:
@@ -370,7 +401,7 @@ def _build(digest):
                             first,
                             mem,
                             own,
-                            on[d],
+                            flags,
                             law,
                             feedforward,
                             cycle,
@@ -389,10 +420,10 @@ def _build(digest):
                         store(rate, (MOTOR + d) * W, v)
                         s = load(place, (CARRIAGE + d) * W)
                         w = load(rate, (CARRIAGE + d) * W)
-                        force = dk.gear_force(par, first, mem, own, on[d], gear, z, v, s, w, time)
+                        force = dk.gear_force(par, first, mem, own, flags, gear, z, v, s, w, time)
                         store(mem, (own + dk.COMMANDED) * W, zero)
                         friction = -dk.motor_torque(
-                            par, first, mem, own, on[d], gear, eps, z, v, s, force, time, zero
+                            par, first, mem, own, flags, gear, eps, z, v, s, force, time, zero
                         )
                         inertia = (
                             load(par, (first + dk.MOTOR_MASS) * W) * motion[(6 + d) * count + k]
@@ -432,7 +463,7 @@ def _build(digest):
                     if effects:
                         _step(
                             par, mem, link, place, rate, bend, push, on, mode, motion, k, count,
-                            gear, eps, time, since, h, frame, True,
+                            gear, eps, time, since, h, frame,
                         )  # fmt: skip
                         for d in range(3):
                             dk.keep_bristle(
@@ -449,8 +480,8 @@ def _build(digest):
                             )
                     else:
                         _step(
-                            par, mem, link, place, rate, bend, push, on, mode, motion, k, count,
-                            gear, eps, time, since, h, frame, False,
+                            par, mem, link, place, rate, bend, push, None, mode, motion, k, count,
+                            gear, eps, time, since, h, frame,
                         )  # fmt: skip
                     last = (rk.STAGES - 1) * COORDINATES + CARRIAGE
                     for d in range(3):
@@ -507,4 +538,4 @@ def payload_on(par):
     return found
 
 
-simulate = _build(sources_digest())
+simulate = build(sources_digest())
