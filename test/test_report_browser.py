@@ -53,7 +53,8 @@ def browser() -> Iterator[Any]:
 def page(browser, tmp_path_factory) -> Any:
     folder = tmp_path_factory.mktemp('run')
     write_identified(folder)
-    write_signals(folder / 'signals.npz', long_signals())
+    # So much of one drive is held whole, beside a diagnosis too.
+    write_signals(folder / 'signals.npz', long_signals(100_000, drives=1))
     write_diagnosed(folder)
     browser.get(write_report(folder).as_uri())
     until(browser, 'return document.documentElement.dataset.ready')
