@@ -30,6 +30,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     'report': ('ros2_ident.cli.report', 'write one page on a result directory'),
     'blind': ('ros2_ident.cli.blind', 'judge the diagnosis on cases whose answer it cannot see'),
     'simulate': ('ros2_ident.cli.simulate', 'make a bag of a machine with known parameters'),
+    'fleet': ('ros2_ident.cli.fleet', 'identify, diagnose and compare many bags as one job'),
     'paper': ('ros2_ident.cli.paper', "rerun the paper's experiments and write the page on them"),
 }
 

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ident fleet`: many bags of many machines, identified, diagnosed and compared."""
+
+import argparse
+import sys
+from typing import Any, TYPE_CHECKING
+
+from ros2_ident.cli.arguments import add_machine, whole
+
+if TYPE_CHECKING:
+    from ros2_ident.fleet import Entry, Row
+
+DESCRIPTION = (
+    'Identify and diagnose many bags as one job, and compare the machines. The same command goes '
+    'on where the last one ended; a bad bag costs its own row.'
+)
+EXAMPLES = (
+    '  ident fleet bags --machine config/tripod.yaml --out fleet\n'
+    '  ident fleet fleet.yaml --out fleet --scheduler tcp://head:8786\n'
+    '\n'
+    'writes to DIR: fleet.json, fleet.csv, and rows/ with a file for each bag\n'
+)
+EXIT_CODES = {0: 'every bag is done', 1: 'some failed or are left'}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    parser.add_argument('list', metavar='DIR_OR_LIST', help='directory of bags, or a YAML list')
+    add_machine(parser, required=False)
+    parser.add_argument('--out', required=True, metavar='DIR', help='directory for the results')
+    parser.add_argument('--no-diagnosis', action='store_true', help='identify only')
+    parser.add_argument('--seed', type=whole, default=1, help='of every search')
+    parser.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='run the bags on the workers of this Dask scheduler; they have to see the same paths',
+    )
+    parser.add_argument('--quiet', action='store_true', help='show no progress')
+
+
+class _Board:
+    """The table of all bags, filled as they come; plain lines where there is no terminal."""
+
+    def __init__(self, entries: 'list[Entry]', quiet: bool) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        self._rows: dict[str, tuple[str, str]] = {x.name: ('waiting', '') for x in entries}
+        self._quiet = quiet
+        self._live: Any = None
+        if not quiet and sys.stderr.isatty():
+            self._live = Live(console=Console(stderr=True), transient=True)
+
+    def __enter__(self) -> '_Board':
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def started(self, entry: 'Entry') -> None:
+        """Show that a bag is being worked on."""
+        self._show(entry.name, 'running', '')
+
+    def done(self, row: 'Row') -> None:
+        """Show a row."""
+        said = row.get('verdict') or row['message']
+        self._show(row['name'], row['state'], said)
+
+    def _show(self, name: str, state: str, said: str) -> None:
+        from rich.table import Table
+
+        self._rows[name] = (state, said)
+        if self._live is not None:
+            table = Table('bag', 'state', 'verdict')
+            for bag, (now, text) in self._rows.items():
+                table.add_row(bag, now, text)
+            self._live.update(table)
+        elif not self._quiet:
+            gone = sum(now in ('done', 'failed') for now, _ in self._rows.values())
+            print(
+                f'{gone} of {len(self._rows)}: {name} {state} {said}', file=sys.stderr, flush=True
+            )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the fleet and print how its machines compare."""
+    from ros2_ident.cli.interrupt import interrupts
+    from ros2_ident.fleet import read_fleet, run_fleet, states, summarise
+
+    entries = read_fleet(args.list, args.machine)
+    with interrupts() as cancel, _Board(entries, args.quiet) as board:
+        rows = run_fleet(
+            entries,
+            args.out,
+            seed=args.seed,
+            diagnosed=not args.no_diagnosis,
+            scheduler=args.scheduler,
+            cancel=cancel,
+            on_start=board.started,
+            on_row=board.done,
+        )
+    _print(rows, summarise(rows))
+    print(f'written: {args.out}/fleet.json, {args.out}/fleet.csv')
+    return 0 if states(rows)['done'] == len(entries) else 1
+
+
+def _print(rows: 'list[Row]', summary: dict[str, Any]) -> None:
+    from ros2_ident.cli.table import columns
+
+    lines = [('bag', 'machine', 'date', 'state', 'verdict')]
+    for row in rows:
+        said = row.get('verdict') or row['message']
+        state = row['state'] if row['code'] == 'OK' else row['code']
+        lines.append((row['name'], row['machine'], row['date'], state, said))
+    for line in columns(lines, (False,) * 5):
+        print(line)
+    for kind, words in (('drifts', 'drifted'), ('machines', 'differs')):
+        for x in summary[kind]:
+            change = '' if x['change'] is None else f' ({100.0 * x["change"]:+.2g} %)'
+            print(
+                f'{x["machine"]}: {x["parameter"]} {words} from {x["reference"]:.5g} of '
+                f'{x["against"]} to {x["value"]:.5g} {x["unit"]}{change}'
+            )
+    for effect, places in summary['effects'].items():
+        print(f'{effect}: found {len(places)} times ({"; ".join(places)})')

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Many bags as one job: resumed, compared, and one bad bag among them."""
+
+import csv
+import json
+from pathlib import Path
+import shutil
+
+import pytest
+
+from ros2_ident import fleet
+from ros2_ident.cli.main import main
+from ros2_ident.errors import ErrorCode, IdentError
+
+ROOT = Path(__file__).parents[1]
+
+
+def row(name: str, machine: str, date: str, mass: float, effect: str = 'none') -> fleet.Row:
+    return {
+        'name': name,
+        'machine': machine,
+        'date': date,
+        'state': 'done',
+        'code': 'OK',
+        'message': '',
+        'effect': effect,
+        'where': ['d'] if effect != 'none' else [],
+        'parameters': {'mass': {'value': mass, 'low': mass - 1, 'high': mass + 1, 'unit': 'kg'}},
+    }
+
+
+@pytest.fixture
+def listed(tmp_path: Path) -> Path:
+    shutil.copytree(ROOT / 'bags/axis_reversals', tmp_path / 'good')
+    (tmp_path / 'bad.mcap').write_bytes(b'no bag at all')
+    shutil.copy(ROOT / 'config/emps.yaml', tmp_path / 'machine.yaml')
+    path = tmp_path / 'fleet.yaml'
+    path.write_text(
+        'machine_file: machine.yaml\n'
+        'bags:\n'
+        '- {bag: good, machine: press_1, date: 2026-01-05, labels: {hall: north}}\n'
+        '- {bag: bad.mcap, machine: press_2}\n'
+    )
+    return path
+
+
+def test_bad_bag_costs_its_row_only_and_the_rest_is_not_done_twice(
+    listed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / 'out'
+    words = ['fleet', str(listed), '--out', str(out), '--no-diagnosis', '--quiet']
+    assert main(words) == 1
+    content = json.loads((out / 'fleet.json').read_text())
+    good, bad = content['rows']
+    assert (good['state'], bad['state'], bad['code']) == ('done', 'failed', 'DAMAGED_BAG')
+    assert 'bad.mcap' in bad['message']
+    assert good['labels'] == {'hall': 'north'}
+    mass = good['parameters']['emps_axis.moving_mass']
+    assert mass['low'] < 95.1 < mass['high']
+    table = list(csv.DictReader((out / 'fleet.csv').open()))
+    assert {x['bag'] for x in table} == {'good', 'bad.mcap'}
+    assert 'DAMAGED_BAG' in capsys.readouterr().out
+
+    begun: list[str] = []
+    entries = fleet.read_fleet(listed)
+    again = fleet.run_fleet(
+        entries, out, diagnosed=False, on_start=lambda entry: begun.append(entry.name)
+    )
+    assert begun == ['bad.mcap']
+    assert again[0] == good
+
+
+def test_row_is_done_anew_where_the_bag_has_changed(listed: Path) -> None:
+    entry = fleet.read_fleet(listed)[0]
+    before = fleet.key_of(entry, 1, True)
+    assert fleet.key_of(entry, 1, True) == before
+    assert fleet.key_of(entry, 2, True) != before
+    with Path(entry.machine_file).open('a') as file:
+        file.write('# another machine file\n')
+    assert fleet.key_of(entry, 1, True) != before
+
+
+def test_drift_is_told_and_chance_is_not() -> None:
+    rows = [
+        row('a1', 'a', '2026-01-01', 100.0),
+        row('a2', 'a', '2026-02-01', 100.5),
+        row('a3', 'a', '2026-03-01', 110.0, 'backlash'),
+        row('b1', 'b', '2026-01-01', 100.2),
+    ]
+    summary = fleet.summarise(rows)
+    assert [(x['bag'], x['against']) for x in summary['drifts']] == [('a3', 'a1')]
+    assert summary['drifts'][0]['change'] == pytest.approx(0.1)
+    assert {x['machine'] for x in summary['machines']} == {'a', 'b'}
+    assert summary['effects'] == {'backlash': ['a3: d']}
+
+
+def test_directory_needs_a_machine_file(listed: Path) -> None:
+    with pytest.raises(IdentError, match='--machine') as caught:
+        fleet.read_fleet(listed.parent)
+    assert caught.value.code is ErrorCode.INVALID_GOAL
+    names = [x.name for x in fleet.read_fleet(listed.parent, 'machine.yaml')]
+    assert names == ['bad.mcap', 'good']
+
+
+@pytest.mark.parametrize('text', ['bags: []', 'bags: [{machine: x}]', 'bags: [{bag: x, day: 1}]'])
+def test_list_that_is_wrong_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / 'fleet.yaml'
+    path.write_text(text)
+    with pytest.raises(IdentError, match='fleet.yaml'):
+        fleet.read_fleet(path, 'machine.yaml')
