@@ -24,7 +24,7 @@ lint: setup ## ruff, mypy, licence headers
 bench: setup ## benchmarks of search, integration step and latency, 4 minutes
 	@. ./env.sh; tools/bench.sh
 
-docs: setup ## API pages from the docstrings into build/docs
+docs: setup ## the documentation as a site, build/docs/index.html
 	@. ./env.sh; tools/docs.sh
 
 lock: ## newest versions of everything into requirements.lock

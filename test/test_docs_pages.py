@@ -1,35 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Links of the pages lead somewhere, and their commands are commands."""
+"""Links of the pages lead somewhere, and the pages name what there is."""
 
 from pathlib import Path
 import re
-import shlex
 
 import pytest
-
-from ros2_ident.cli.main import make_parser
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob('*.md'), *ROOT.glob('docs/*.md'), ROOT / 'bags/README.md'])
 LINK = re.compile(r'\]\(([^)#\s]*)(?:#([^)\s]*))?\)')
-FENCE = re.compile(r'^```(?:bash)?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 
 
 def anchors(page: Path) -> set[str]:
     """What links into a page may name: its headings, lower case, without punctuation."""
     headings = re.findall(r'^#+ (.*)$', page.read_text(encoding='utf-8'), re.MULTILINE)
     return {re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-') for heading in headings}
-
-
-def commands() -> list[tuple[str, str]]:
-    found = []
-    for page in PAGES:
-        text = page.read_text(encoding='utf-8')
-        for block in FENCE.findall(text):
-            for line in block.replace('\\\n', ' ').splitlines():
-                if line.startswith('ident '):
-                    found.append((page.name, line))
-    return found
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
@@ -49,16 +34,6 @@ def test_the_index_lists_every_page() -> None:
         assert page.name == 'index.md' or f'({page.name})' in text, (
             f'docs/index.md has no line on {page.name}; add one'
         )
-
-
-@pytest.mark.parametrize(('page', 'line'), commands())
-def test_a_command_on_a_page_is_one(page: str, line: str) -> None:
-    words = [word for word in shlex.split(line, comments=True)[1:] if word != '$TRUTH']
-    args = make_parser(words).parse_args(words)
-    assert args.command
-    for word in words:
-        if word.startswith(('config/', 'bags/')):
-            assert (ROOT / word).exists(), f'{page}: {word} is not there'
 
 
 def test_the_page_on_the_models_names_every_parameter() -> None:

@@ -1,8 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Make the API pages from the docstrings.
+# Build the documentation site; a warning is an error.
 set -euo pipefail
 cd "${0%/*}/.."
 
-python -m pdoc --docformat google --output-directory build/docs ros2_ident
+# Its makers advertise another program on standard error.
+export NO_MKDOCS_2_WARNING=1
+python -m mkdocs build --quiet --strict "$@"
 echo 'docs: build/docs/index.html'

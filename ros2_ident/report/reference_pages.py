@@ -130,7 +130,7 @@ def _command(name: str) -> Iterator[str]:
     for action in parser._actions:
         if not isinstance(action, argparse._HelpAction):
             yield f'| {_argument(action)} | {_meaning(action)} |'
-    yield from ('', '```bash')
+    yield from ('', '<!-- not run: examples -->', '```bash')
     yield from (line.removeprefix('  ') for line in examples.splitlines()[1:])
     yield '```'
     for paragraph in rest.partition('An error ends')[0].strip().split('\n\n'):
@@ -140,7 +140,7 @@ def _command(name: str) -> Iterator[str]:
 
 
 def _argument(action: argparse.Action) -> str:
-    word = action.metavar or '\\|'.join(map(str, action.choices or ())) or action.dest.upper()
+    word = action.metavar or '/'.join(map(str, action.choices or ())) or action.dest.upper()
     if not action.option_strings:
         return f'`[{word}]`' if action.nargs == '?' else f'`{word}`'
     value = '' if action.nargs == 0 else f' {word}'

@@ -78,7 +78,8 @@ def write_page(
         ),
     }
     counts = Counter(str(r['sort']) for r in rows)
-    text = ['# The diagnosis, checked blind', '', '```', str(about.get('command', '')), '```', '']
+    text = ['# The diagnosis, checked blind', '', '<!-- not run: takes minutes -->', '```bash']
+    text += [str(about.get('command', '')), '```', '']
     text += [
         f'{len(rows)} cases, seed {about["seed"]}: '
         + ', '.join(f'{n} {_sort(sort)}' for sort, n in counts.most_common())
