@@ -374,7 +374,7 @@ def _together(
             'correct one of the two',
         )
     elastic = ('parameters', 'gear_stiffness') in present
-    if (kind == 'tripod' or elastic) and present:
+    if kind == 'tripod' or elastic:
         for name, why in (
             ('gear_stiffness', 'a tripod has elastic gears'),
             ('drive_inertia', 'the motor of an elastic drive needs a mass'),
