@@ -33,7 +33,20 @@ FENCE = re.compile(
     re.MULTILINE | re.DOTALL,
 )
 # What a command begins with; elsewhere than in a block of `bash` it is a mistake.
-PROGRAMS = ('ident', 'make', 'python', 'ros2', 'git', 'colcon', 'rosdep', 'pip', 'eval', '.', 'cd')
+PROGRAMS = (
+    'ident',
+    'make',
+    'python',
+    'ros2',
+    'git',
+    'colcon',
+    'rosdep',
+    'pip',
+    'dask',
+    'eval',
+    '.',
+    'cd',
+)
 ASSIGNMENT = re.compile(r'^\w+=')
 
 
@@ -141,6 +154,7 @@ def is_a_help_page(block: Block) -> bool:
 REASONS: dict[str, Callable[[Block], bool]] = {
     'takes minutes': says_long,
     'needs ros2': begins_with('ros2', 'colcon'),
+    'needs a cluster': begins_with('pip', 'dask'),
     'needs your own files': names_missing_files,
     'sets up the environment': begins_with('make'),
     'makes what is there already': makes_what_is_there,
@@ -214,13 +228,19 @@ def check_ros2(words: list[str]) -> None:
             assert (ROOT / 'msg_defs' / kind / f'{name}.{kind}').is_file(), word
 
 
+def check_pip(words: list[str]) -> None:
+    extra = re.fullmatch(r'\.\[(\w+)\]', words[-1])
+    assert extra is not None and f"'{extra[1]}': [" in (ROOT / 'setup.py').read_text(), words
+
+
 CHECKS: dict[str, Callable[[list[str]], None]] = {
     'ident': check_ident,
     'make': check_make,
+    'pip': check_pip,
     'python': check_python,
     'ros2': check_ros2,
-    # of building in a workspace: nothing of this package in them
-    **dict.fromkeys(('cd', 'git', 'ln', 'rosdep', 'colcon', '.'), lambda words: None),
+    # nothing of this package is in them
+    **dict.fromkeys(('cd', 'git', 'ln', 'rosdep', 'colcon', 'dask', '.'), lambda words: None),
 }
 
 
