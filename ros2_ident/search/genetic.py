@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.operators import Array, FIRST_GENERATIONS, mutate, MUTATIONS, select
+from ros2_ident.search.operators import Array, FIRST_GENERATIONS, mutate, MUTATIONS, survive
 
 STATE_VERSION = 1
 
@@ -235,13 +235,11 @@ class GeneticSearch:
                 'give inf for a diverged candidate'
             )
         # Section 2.2: from generation 2 on the previous survivors take part in the selection.
-        points = np.concatenate((self.survivors, points))
-        pool = np.concatenate((self.survivor_costs, told))
         s = self.settings
         distance = s.min_distance * s.range_reduction ** (self.generation - 1)  # eq. 7
-        chosen = select(points, pool, s.survivors, distance)
-        self.survivors = points[chosen]
-        self.survivor_costs = pool[chosen]
+        self.survivors, self.survivor_costs = survive(
+            self.survivors, self.survivor_costs, points, told, s.survivors, distance
+        )
         self.evaluations += len(told)
         self._note_best()
         self._population = None

@@ -32,10 +32,7 @@ def gaussian_root(uniform: Array) -> Array:
     Reference:
         Ludwig and Gerstmayr (2011), eq. 5, with the square root that its print lost.
     """
-    steps, sign = _exponential(uniform)
-    np.sqrt(steps, out=steps)
-    steps *= sign
-    return steps
+    return _steps(uniform, True)
 
 
 def laplace(uniform: Array) -> Array:
@@ -50,24 +47,37 @@ def laplace(uniform: Array) -> Array:
     Reference:
         Ludwig and Gerstmayr (2011), eq. 5, read without a root.
     """
-    steps, sign = _exponential(uniform)
-    steps *= sign
-    return steps
+    return _steps(uniform, False)
 
 
-def _exponential(uniform: Array) -> tuple[Array, Array]:
-    """Return -ln(2 |x - 1/2|) and sgn(x - 1/2), in place: generations are small, calls dear."""
-    sign = uniform - 0.5
-    steps = np.abs(sign)
-    steps += steps
-    np.sign(sign, out=sign)
-    # At x = 1/2 the logarithm's pole is multiplied by sgn(0) = 0; a finite stand-in keeps that
-    # zero.
-    np.maximum(steps, TINY, out=steps)
+def _steps(uniform: Array, root: bool) -> Array:
+    # Generations are small and calls dear, so loops; the logarithm stays numpy's, to the last bit.
+    flat = np.ascontiguousarray(uniform).reshape(-1)
+    steps: Array = _distance(flat)
     np.log(steps, out=steps)
-    np.negative(steps, out=steps)
-    np.maximum(steps, 0.0, out=steps)
-    return steps, sign
+    _with_sign(flat, steps, root)
+    return steps.reshape(uniform.shape)
+
+
+@njit(cache=True, nogil=True)
+def _distance(uniform: Array) -> Array:
+    """Return 2 |x - 1/2|."""
+    distance = np.empty(uniform.size)
+    for i in range(uniform.size):
+        # At x = 1/2 the logarithm's pole is multiplied by sgn(0) = 0; a finite stand-in keeps
+        # that zero.
+        distance[i] = max(2.0 * abs(uniform[i] - 0.5), TINY)
+    return distance
+
+
+@njit(cache=True, nogil=True)
+def _with_sign(uniform: Array, steps: Array, root: bool) -> None:
+    """Turn logarithms of the distances into steps."""
+    for i in range(steps.size):
+        size = max(-steps[i], 0.0)
+        if root:
+            size = math.sqrt(size)
+        steps[i] = size * np.sign(uniform[i] - 0.5)
 
 
 MUTATIONS: dict[str, Callable[[Array], Array]] = {
@@ -192,6 +202,34 @@ def select(points: Array, costs: Array, count: int, distance: float) -> Index:
     """
     chosen: Index = _take_apart(np.ascontiguousarray(points), costs, count, distance * distance)
     return chosen
+
+
+@njit(cache=True, nogil=True)
+def survive(
+    parents: Array,
+    parent_costs: Array,
+    points: Array,
+    costs: Array,
+    count: int,
+    distance: float,
+) -> tuple[Array, Array]:
+    """Return who survives of two groups, the parents counted first; see `select`.
+
+    Args:
+        parents: (P, N) in the unit cube.
+        parent_costs: (P,), no NaN.
+        points: (S, N) in the unit cube.
+        costs: (S,), no NaN.
+        count: Most survivors.
+        distance: d_min,0 xi^(g-1), a length in the unit cube.
+
+    Returns:
+        The survivors and their costs, by rising cost.
+    """
+    both = np.concatenate((parents, points))
+    pool = np.concatenate((parent_costs, costs))
+    chosen = _take_apart(both, pool, count, distance * distance)
+    return both[chosen], pool[chosen]
 
 
 @njit(cache=True, nogil=True)
