@@ -21,8 +21,8 @@ test: setup ## all tests; ARGS='-k search' for some
 lint: setup ## ruff, mypy, licence headers
 	@. ./env.sh; tools/lint.sh
 
-bench: setup ## benchmarks of search, integration step and latency, 4 minutes
-	@. ./env.sh; tools/bench.sh
+bench: setup ## benchmarks, beside other programs too, 9 minutes; ARGS=peers for those
+	@. ./env.sh; tools/bench.sh $(ARGS)
 
 docs: setup ## the documentation as a site, build/docs/index.html
 	@. ./env.sh; tools/docs.sh

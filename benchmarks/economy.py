@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import io
 import time
 
-import cma
 import numpy as np
 from scipy.optimize import differential_evolution
 
@@ -234,6 +233,8 @@ def evolution(watched: Watched, seed: int) -> None:
 
 def covariance_adaptation(watched: Watched, seed: int) -> None:
     """Run pycma; where it has converged, again with twice the population until the budget ends."""
+    import cma
+
     dimension = len(watched.task.low)
     rng = np.random.default_rng(seed)
     population = 4 + int(3 * np.log(dimension))

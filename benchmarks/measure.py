@@ -78,7 +78,9 @@ def interleaved(
 
 def ratio(slow: Timing, fast: Timing) -> str:
     """Return how many times longer, by medians and by minima."""
-    return f'{slow.median / fast.median:.0f} ({slow.least / fast.least:.0f})'
+    both = (slow.median / fast.median, slow.least / fast.least)
+    medians, minima = (f'{x:.0f}' if x >= 10.0 else f'{x:.2g}' for x in both)
+    return f'{medians} ({minima})'
 
 
 def memory(job: str, folder: Path) -> float:
@@ -89,18 +91,25 @@ def memory(job: str, folder: Path) -> float:
         folder: Where the module is.
     """
     module, name = job.split(':')
+    # getrusage's peak begins with the parent's and cannot be set back; the kernel's own can.
     script = (
-        f'import resource, sys; sys.path.insert(0, {str(folder)!r})\n'
+        'import sys\n'
+        f'sys.path.insert(0, {str(folder)!r})\n'
         f'from {module} import {name}\n'
+        'def status(key):\n'
+        '    with open("/proc/self/status") as file:\n'
+        '        return next(int(x.split()[1]) for x in file if x.startswith(key))\n'
         f'job = {name}()\n'
-        'before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n'
+        'with open("/proc/self/clear_refs", "w") as file:\n'
+        '    file.write("5")\n'
+        'before = status("VmRSS")\n'
         'job()\n'
-        'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before, before)'
+        'print(status("VmHWM") - before)'
     )
     done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(f'{job} failed in a process of its own:\n{done.stderr}')
-    return float(done.stdout.split()[-2]) / 1024.0
+    return float(done.stdout.split()[-1]) / 1024.0
 
 
 def children_seconds() -> float:
@@ -128,14 +137,6 @@ def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     lines = ['| ' + ' | '.join(head) + ' |', '|' + ' --- |' * len(head)]
     lines += ['| ' + ' | '.join(str(cell) for cell in row) + ' |' for row in rows]
     return '\n'.join(lines) + '\n'
-
-
-def figures(value: float, digits: int = 3) -> str:
-    """Return a number with so many significant digits, without an exponent where it is short."""
-    if not np.isfinite(value):
-        return '-'
-    text = f'{value:.{digits}g}'
-    return f'{float(text):.0f}' if 'e+0' in text else text
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 
 `make bench` installs them into build/peers; the package itself needs none of them.
 
-    PYTHONPATH=build/peers python benchmarks/peers.py [--seeds 3] [--write docs]
+    PYTHONPATH=build/peers python benchmarks/peers.py [--seeds 8] [--write docs]
 """
 
 import argparse
@@ -300,7 +300,9 @@ ECONOMY_HEAD = (
 )
 
 
-def belt_economy(seeds: int, peers_seeds: int) -> tuple[str, dict[str, list[economy.Trial]]]:
+def belt_economy(
+    seeds: int, starts: int, budget: int
+) -> tuple[str, dict[str, list[economy.Trial]]]:
     """Return the section on how many simulations the belt drive takes."""
     methods: dict[str, tuple[Callable[[economy.Watched, int], None], int]] = {
         'ours: MANY_MINIMA, then refinement': (
@@ -309,14 +311,14 @@ def belt_economy(seeds: int, peers_seeds: int) -> tuple[str, dict[str, list[econ
         ),
         "the paper's genetic algorithm, Table 2, 20 survivors": (economy.genetic(TABLE_2), 2760),
         "Exudyn's GeneticOptimization on our simulator": (economy.exudyn_genetic, 2760),
-        "SciPy's differential evolution on our simulator": (economy.evolution, 8000),
-        'pycma with restarts on our simulator': (economy.covariance_adaptation, 8000),
+        "SciPy's differential evolution on our simulator": (economy.evolution, budget),
+        'pycma with restarts on our simulator': (economy.covariance_adaptation, budget),
     }
     found = {
         name: [economy.attempt(method, belt_task(s), s, budget) for s in range(seeds)]
         for name, (method, budget) in methods.items()
     }
-    found['mujoco.sysid on MuJoCo, one start'], _ = mujoco_trials(peers_seeds)
+    found['mujoco.sysid on MuJoCo, one start'], _ = mujoco_trials(starts)
     text = measure.table(ECONOMY_HEAD, [economy_row(n, t) for n, t in found.items()])
     return text, found
 
@@ -379,14 +381,16 @@ def tripod_speed(rounds: int) -> tuple[str, dict[str, measure.Timing]]:
     return text, times
 
 
-def tripod_economy(seeds: int, seconds: float) -> tuple[str, dict[float, dict[str, list]]]:
+def tripod_economy(
+    seeds: int, seconds: float, budget: int
+) -> tuple[str, dict[float, dict[str, list]]]:
     """Return the section on how many simulations the tripod takes."""
     motion = draw_motion('pick_and_place', TRIPOD, seconds, 2011)
     methods: dict[str, tuple[Callable[[economy.Watched, int], None], int]] = {
-        'ours: FEW, then refinement': (economy.ours(economy.FEW), 2500),
+        'ours: FEW, then refinement': (economy.ours(economy.FEW), budget),
         "the paper's genetic algorithm, Table 4": (economy.genetic(economy.TABLE_4), 1728),
-        "SciPy's differential evolution": (economy.evolution, 2500),
-        'pycma with restarts': (economy.covariance_adaptation, 2500),
+        "SciPy's differential evolution": (economy.evolution, budget),
+        'pycma with restarts': (economy.covariance_adaptation, budget),
     }
     parts, found = [], {}
     for noise in (QUIET, LOUD):
@@ -395,6 +399,8 @@ def tripod_economy(seeds: int, seconds: float) -> tuple[str, dict[float, dict[st
         machine = replace(TRIPOD, effort_noise=noise)
         for seed in range(seeds):
             with economy.tripod_task(machine, motion, noise, seed) as task:
+                if not task.judged.any():
+                    continue
                 for name, judged in zip(task.names, task.judged, strict=True):
                     counts[name] = counts.get(name, 0) + int(judged)
                 for name, (method, budget) in methods.items():
@@ -416,10 +422,9 @@ def growth(rounds: int, path: Path) -> str:
     """Draw how time grows with recording, candidates, parameters and cores; return the words."""
     lengths = (1.0, 3.0, 10.0)
     models = {seconds: tripod(seconds)[0] for seconds in lengths}
-    longest = {}
     jobs: dict[str, Callable[[], object]] = {}
     for seconds, model in models.items():
-        theta = np.repeat(tripod_theta(model), WIDTH, axis=0)
+        theta = np.repeat(tripod_theta(model), BATCH, axis=0)
         peer = exudyn.TripodDrive(
             TRIPOD, VALUES, model.data.command_position, model.data.command_velocity
         )
@@ -491,10 +496,12 @@ def speed_picture(path: Path, belt: Mapping, tripod_times: Mapping) -> None:
                 color=['C0' if n.startswith('ours') else 'C1' for n in names],
             )
             ax.set(xscale='log', title=title, xlabel='simulations a second and core')
+            ax.set_xlim(1.0, None)
 
 
 def economy_picture(path: Path, panels: Mapping[str, Mapping[str, Sequence]]) -> None:
     """Draw the share of runs that have found the truth over the simulations they took."""
+    colours: dict[str, str] = {}
     with measure.picture(path, len(panels)) as axes:
         for ax, (title, methods) in zip(axes, panels.items(), strict=True):
             for name, trials in methods.items():
@@ -504,12 +511,13 @@ def economy_picture(path: Path, panels: Mapping[str, Mapping[str, Sequence]]) ->
                 end = max(t.simulations for t in trials)
                 x = np.concatenate([[1.0], reached[there], [end]])
                 y = np.concatenate([[0.0], share[there], [there.mean()]])
-                ax.step(x, 100.0 * y, where='post', label=name.split(',')[0].split(' on ')[0])
+                short = name.split(',')[0].split(' on ')[0]
+                colour = colours.setdefault(short.split(':')[0], f'C{len(colours)}')
+                ax.step(x, 100.0 * y, where='post', label=short, color=colour)
             ax.set(xscale='log', xlabel='simulations', title=title, xlim=(10, None))
             ax.set_ylim(-3, 103)
+            ax.legend(fontsize=6)
         axes[0].set_ylabel('runs within 1 %, %')
-        axes[0].legend(fontsize=7)
-        axes[-1].legend(fontsize=7)
 
 
 def memory_table() -> str:
@@ -532,40 +540,52 @@ PAGE = Path(__file__).with_name('peers_page.md')
 
 
 def main() -> None:
-    """Run everything and print or write the page."""
+    """Run everything, print what comes out, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--seeds', type=int, default=3, help='runs on the tripod, each noise')
+    parser.add_argument('--seeds', type=int, default=8, help='runs on the tripod, each noise')
+    parser.add_argument('--belts', type=int, default=20, help='runs on the belt drive')
+    parser.add_argument('--starts', type=int, default=3, help='of mujoco.sysid')
+    parser.add_argument('--budget', type=int, default=6000, help='simulations of SciPy and pycma')
     parser.add_argument('--rounds', type=int, default=9, help='rounds of the timings')
-    parser.add_argument('--seconds', type=float, default=4.0, help='recording for the tripod')
-    parser.add_argument('--write', type=Path, metavar='FOLDER', help='write benchmarks.md there')
+    parser.add_argument('--seconds', type=float, default=10.0, help='recording for the tripod')
+    parser.add_argument(
+        '--write',
+        type=Path,
+        metavar='FOLDER',
+        help='for benchmarks.md and its pictures; build by default',
+    )
     args = parser.parse_args()
     pictures = (args.write or ROOT / 'build') / 'benchmarks'
     started = time.monotonic()
 
-    def say(what: str) -> None:
-        print(f'peers: {what} ({time.monotonic() - started:.0f} s)', file=sys.stderr, flush=True)
+    def say(what: str, *sections: str) -> None:
+        print(f'\n{what} ({time.monotonic() - started:.0f} s)\n')
+        print(*sections, sep='\n', flush=True)
 
     belt_text, belt_times = belt_speed(args.rounds)
-    say('belt drive: one simulation')
+    say('Belt drive: one simulation', belt_text)
     job_text = belt_job(max(1, args.rounds // 6))
-    say('belt drive: a whole job')
+    say('Belt drive: a whole job', job_text)
     tripod_text, tripod_times = tripod_speed(args.rounds)
-    say('tripod: one simulation')
+    say('Tripod: one simulation', tripod_text)
     growth_text = growth(args.rounds, pictures / 'growth.png')
     memory_text = memory_table()
-    say('growth and memory')
-    belt_economy_text, belt_trials = belt_economy(20, 3)
-    say('belt drive: simulations to 1 %')
-    tripod_economy_text, tripod_trials = tripod_economy(args.seeds, args.seconds)
-    say('tripod: simulations to 1 %')
+    say('Growth and memory', growth_text, memory_text)
+    belt_economy_text, belt_trials = belt_economy(args.belts, args.starts, args.budget)
+    say('Belt drive: simulations to 1 %', belt_economy_text)
+    tripod_economy_text, tripod_trials = tripod_economy(args.seeds, args.seconds, args.budget)
+    say('Tripod: simulations to 1 %', tripod_economy_text)
     speed_picture(pictures / 'speed.png', belt_times, tripod_times)
     economy_picture(
         pictures / 'economy.png',
         {'belt drive': belt_trials}
         | {f'tripod, {noise} N m': trials for noise, trials in tripod_trials.items()},
     )
-    said = [f'--seeds {args.seeds}'] if args.seeds != parser.get_default('seeds') else []
-    said += [f'--write {args.write}'] if args.write else []
+    said = [
+        f'--{name} {value}'
+        for name, value in vars(args).items()
+        if value != parser.get_default(name)
+    ]
     text = PAGE.read_text(encoding='utf-8').format(
         arguments=''.join(f' {x}' for x in said),
         machine=measure.machine(),
@@ -578,14 +598,14 @@ def main() -> None:
         belt_economy=belt_economy_text,
         tripod_economy=tripod_economy_text,
         seconds=args.seconds,
+        budget=args.budget,
         few=economy.FEW.evaluations,
         growth=growth_text,
         memory=memory_text,
     )
-    print(text)
-    if args.write:
-        (args.write / 'benchmarks.md').write_text(text, encoding='utf-8')
-    say('done')
+    page = pictures.with_suffix('.md')
+    page.write_text(text, encoding='utf-8')
+    say(f'{page} is written')
 
 
 if __name__ == '__main__':

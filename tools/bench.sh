@@ -1,7 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The benchmarks that need nothing but the package, with their default arguments: each takes less
-# than two minutes on two cores. Fails if one of them did, after the last.
+# The benchmarks with their default arguments. The first compares with other programs, which it
+# installs into build/peers, writes docs/benchmarks.md, and takes about five minutes on two idle
+# cores; the others need nothing but the package, less than two minutes each. Fails if one of them
+# did, after the last. With names as arguments, only those: tools/bench.sh peers.
 #
 # Not among them: benchmarks/coverage.py (five minutes and more), benchmarks/practice.py (wants a
 # folder of cases), benchmarks/report.py (wants result directories and Chromium),
@@ -10,10 +12,28 @@ set -uo pipefail
 cd "${0%/*}/.." || exit
 failed=0
 
-for name in search_mutation search_belt convergence latency cluster; do
+# What is not the package's stays out of its environment.
+install_peers() {
+  cmp -s benchmarks/peers.lock build/peers/.lock && return
+  rm -rf build/peers
+  python -m pip install --quiet --no-input --no-deps --target build/peers \
+    -r benchmarks/peers.lock && cp benchmarks/peers.lock build/peers/.lock
+}
+
+peers() {
+  install_peers || {
+    echo 'bench: Exudyn, MuJoCo and pycma could not be installed; check the network.' >&2
+    return 1
+  }
+  PYTHONPATH="build/peers${PYTHONPATH:+:$PYTHONPATH}" python benchmarks/peers.py --write docs
+}
+
+[ $# -gt 0 ] || set -- peers search_mutation search_belt convergence latency cluster
+for name; do
   printf '\n== benchmarks/%s.py\n' "$name"
   SECONDS=0
-  python "benchmarks/$name.py" || { echo "bench: $name failed." >&2; failed=1; }
+  if [ "$name" = peers ]; then peers; else python "benchmarks/$name.py"; fi ||
+    { echo "bench: $name failed." >&2; failed=1; }
   printf '(%d s)\n' "$SECONDS"
 done
 
