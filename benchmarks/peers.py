@@ -407,6 +407,9 @@ def tripod_economy(
                     trials[name].append(economy.attempt(method, task, seed, budget))
             print(f'tripod, {noise} N m: seed {seed} done', file=sys.stderr, flush=True)
         known = ', '.join(f'{n.replace("_", " ")} {c}' for n, c in counts.items() if c)
+        if not known:
+            parts.append(f'Noise {noise} N m: so short a log determines nothing within 1 %.\n')
+            continue
         parts.append(
             f'Noise {noise} N m; judged (in how many of {seeds} machines): {known}.\n\n'
             + measure.table(ECONOMY_HEAD, [economy_row(n, t) for n, t in trials.items()])
@@ -495,7 +498,7 @@ def speed_picture(path: Path, belt: Mapping, tripod_times: Mapping) -> None:
                 [1.0 / times[n].median for n in names],
                 color=['C0' if n.startswith('ours') else 'C1' for n in names],
             )
-            ax.set(xscale='log', title=title, xlabel='simulations a second and core')
+            ax.set(xscale='log', title=f'{title}: simulations', xlabel='a second and core')
             ax.set_xlim(1.0, None)
 
 
@@ -516,7 +519,7 @@ def economy_picture(path: Path, panels: Mapping[str, Mapping[str, Sequence]]) ->
                 ax.step(x, 100.0 * y, where='post', label=short, color=colour)
             ax.set(xscale='log', xlabel='simulations', title=title, xlim=(10, None))
             ax.set_ylim(-3, 103)
-            ax.legend(fontsize=6)
+            ax.legend(fontsize=6, loc='center left')
         axes[0].set_ylabel('runs within 1 %, %')
 
 
