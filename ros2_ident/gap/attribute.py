@@ -8,14 +8,14 @@ left or nothing gains.
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.effects import get_effect
-from ros2_ident.gap.case import Case, Part
-from ros2_ident.gap.local_fit import local_fit, LocalFit
+from ros2_ident.gap.case import Case
+from ros2_ident.gap.local_fit import difference_jacobian, local_fit, LocalFit
 from ros2_ident.gap.screen import screen, Start
 from ros2_ident.models import DriveModel, EffectAt
 from ros2_ident.search import GeneticSearch, GeneticSettings
@@ -36,23 +36,31 @@ class Explanation:
         theta: (N,) parameters, those of the effects last.
         fit: (D,) sum of squared residuals on the fit part, in units of the floor.
         check: (D,) the same on the part held out.
+        law: (D,) mean square, in units of the floor, by which the recorded effort misses what the
+            controllers make of the recorded motion, on both parts; zeros where it is not known.
         jacobian: (R, N) of the weighted residual by the parameters' shares of their box.
-        residual: (R,) weighted residual of the fit part.
-        check_residual: (R',) weighted residual of the part held out.
+        residual: (R,) weighted residual of the fit part: the outputs', then the controllers'.
+        check_residual: (R',) weighted residual of the outputs on the part held out.
     """
 
     effects: tuple[EffectAt, ...]
     theta: Array
     fit: Array
     check: Array
+    law: Array
     jacobian: Array = field(repr=False)
     residual: Array = field(repr=False)
     check_residual: Array = field(repr=False)
 
     @property
     def loss(self) -> float:
-        """Sum of squared weighted residuals on both parts."""
+        """Sum of squared weighted residuals of the outputs on both parts."""
         return float(self.fit.sum() + self.check.sum())
+
+    @property
+    def cost(self) -> float:
+        """What the fit minimised: the sum of squared weighted residuals on the fit part."""
+        return float(self.residual @ self.residual)
 
 
 @dataclass(frozen=True)
@@ -96,13 +104,34 @@ class Attribution:
         self.on_step = on_step
         self.weight = 1.0 / floor[case.fit.drive]
         self.check_weight = 1.0 / floor[case.check.drive]
+        # (L,) weights of the controllers' rows; none until `watch_law`.
+        self.law_weight = np.empty(0)
+
+    def watch_law(self, base: Explanation) -> None:
+        """From here on let fits also see what the controllers make of the recorded motion.
+
+        No machine is in these rows, so they tell what sits in a controller or behind a sensor from
+        what happens in the machine. They count less where the stated law is far from the log:
+        there it may be another law, and must not drown the outputs.
+        """
+        if not self.case.fit.seen:
+            return
+        scale = self.floor * np.sqrt(1.0 + base.law)
+        self.law_weight = 1.0 / scale[self.case.fit.law_drive]
 
     # ------------------------------------------------------------------ fits
 
-    def _evaluate(
-        self, models: Sequence[DriveModel], part: Part, weight: Array
-    ) -> Callable[[Array], Array]:
-        return lambda theta: part.residual(models, np.atleast_2d(theta)) * weight[None]
+    def _evaluate(self, models: Sequence[DriveModel]) -> Callable[[Array], Array]:
+        part = self.case.fit
+
+        def outputs(theta: Array) -> Array:
+            return part.residual(models, np.atleast_2d(theta)) * self.weight[None]
+
+        def both(theta: Array) -> Array:
+            law = part.law_residual(models, np.atleast_2d(theta)) * self.law_weight[None]
+            return np.concatenate([outputs(theta), law], axis=1)
+
+        return both if self.law_weight.size else outputs
 
     def _box(self, models: Sequence[DriveModel]) -> tuple[Array, Array]:
         low = np.array([p.low for p in models[0].parameters])
@@ -113,7 +142,7 @@ class Attribution:
         """Identify the nominal parameters: genetic algorithm, then local fits from survivors."""
         models = self.case.models((), self.case.fit)
         low, high = self._box(models)
-        evaluate = self._evaluate(models, self.case.fit, self.weight)
+        evaluate = self._evaluate(models)
         search = GeneticSearch(len(low), settings, seed)
 
         def costs_of(points: Array) -> Array:
@@ -158,9 +187,17 @@ class Attribution:
         """Fit a set of effects jointly from a start."""
         models = self.case.models(effects, self.case.fit)
         low, high = self._box(models)
-        evaluate = self._evaluate(models, self.case.fit, self.weight)
+        evaluate = self._evaluate(models)
         found = local_fit(evaluate, theta, low, high, iterations=iterations, stopped=self.stopped)
         return self._explanation(tuple(effects), found)
+
+    def with_law(self, e: Explanation) -> Explanation:
+        """Return a fit made before `watch_law`, where it is, with the controllers' rows."""
+        models = self.case.models(e.effects, self.case.fit)
+        low, high = self._box(models)
+        unit = (e.theta - low) / (high - low)
+        residual, jacobian = difference_jacobian(self._evaluate(models), unit, low, high - low)
+        return replace(e, residual=residual, jacobian=jacobian)
 
     def _better(self, base: Explanation, start: Start) -> Array:
         """Return a screened start, or the base with a trace of the effect if that is better."""
@@ -175,48 +212,61 @@ class Attribution:
             [np.concatenate([start.theta, start.phi]), np.concatenate([base.theta, neutral])]
         )
         points = np.clip(points, low, high)
-        losses = np.mean(self._evaluate(models, self.case.fit, self.weight)(points) ** 2, axis=1)
+        losses = np.mean(self._evaluate(models)(points) ** 2, axis=1)
         best: Array = points[int(np.nanargmin(losses))]
         return best
 
     def _explanation(self, effects: tuple[EffectAt, ...], found: LocalFit) -> Explanation:
         models = self.case.models(effects, self.case.check)
-        check = self._evaluate(models, self.case.check, self.check_weight)(found.theta)[0]
+        check = self.case.check.residual(models, found.theta[None])[0] * self.check_weight
         check = np.where(np.isfinite(check), check, 1e6)
         count = len(self.case.drives)
+        outputs = found.residual[: len(self.weight)]
         return Explanation(
             effects,
             found.theta,
-            self._sums(self.case.fit, found.residual, count),
-            self._sums(self.case.check, check, count),
+            np.bincount(self.case.fit.drive, outputs**2, count).astype(float),
+            np.bincount(self.case.check.drive, check**2, count).astype(float),
+            self._law(effects, found.theta),
             found.jacobian,
             found.residual,
             check,
         )
 
-    @staticmethod
-    def _sums(part: Part, residual: Array, count: int) -> Array:
-        """Return (D,) sums of squares of each drive."""
-        out: Array = np.bincount(part.drive, residual**2, count).astype(float)
+    def _law(self, effects: tuple[EffectAt, ...], theta: Array) -> Array:
+        """Return (D,) mean square of what the controllers miss of the log, in floors squared."""
+        squares, samples = np.zeros(len(self.case.drives)), np.zeros(len(self.case.drives))
+        for part in (self.case.fit, self.case.check):
+            rest = part.law_residual(self.case.models(effects, part), theta[None])[0]
+            rest = rest / self.floor[part.law_drive]
+            squares += np.bincount(part.law_drive, rest**2, len(squares))
+            samples += np.bincount(part.law_drive, minlength=len(squares))
+        out: Array = squares / np.maximum(samples, 1.0)
         return out
 
     # ------------------------------------------------------------------ rounds
 
     def starts(
-        self, base: Explanation, candidate: EffectAt, basis: Array, inverse: Array
+        self,
+        base: Explanation,
+        candidate: EffectAt,
+        basis: Array,
+        inverse: Array,
+        outputs: Array,
     ) -> list[Start]:
-        """Screen one candidate against what the base leaves; see `screen` for the last two."""
+        """Screen one candidate against what the base leaves; see `screen` for the last three."""
         models = self.case.models((*base.effects, candidate), self.case.fit)
         low, high = self._box(models)
         count = len(base.theta)
         return screen(
             candidate,
             models,
-            self._evaluate(models, self.case.fit, self.weight),
+            self._evaluate(models),
             base.theta,
             base.residual,
             basis,
             inverse,
+            outputs,
             low[:count],
             high[:count],
         )
@@ -228,13 +278,14 @@ class Attribution:
         new = [c for c in candidates if c not in base.effects]
         basis, triangle = np.linalg.qr(base.jacobian)
         inverse = np.linalg.pinv(triangle, rcond=1e-9) @ basis.T
+        outputs = np.linalg.qr(base.jacobian[: len(self.weight)])[0]
         done = 0
 
         def one(candidate: EffectAt) -> list[Start]:
             nonlocal done
             if self.stopped():
                 return []
-            found = self.starts(base, candidate, basis, inverse)
+            found = self.starts(base, candidate, basis, inverse, outputs)
             done += 1
             self.on_step(
                 0.5 * done / len(new), f'looking at {candidate.effect} on {candidate.where}'
@@ -276,7 +327,7 @@ class Attribution:
         best: dict[EffectAt, Explanation] = {}
         for e in results:
             key = e.effects[-1]
-            if key not in best or e.fit.sum() < best[key].fit.sum():
+            if key not in best or e.cost < best[key].cost:
                 best[key] = e
         return Round(
             base,

@@ -9,13 +9,19 @@ import numpy.typing as npt
 
 from ros2_ident.effects import CATALOGUE, get_effect
 from ros2_ident.models import DriveModel, EffectAt, Machine, make_model
+from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
 
 Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
+# A controller's motion has to be in the log at this share of its cycles to be replayed.
+SEEN = 0.9
 # Seconds at a log's start that are not compared: a machine that has stood still holds forces no
 # model knows.
 SETTLE = 0.1
+# Seconds at a log's start at which a delayed effort does not yet belong to the motion beside it.
+LAW_SETTLE = 0.15
 
 
 @dataclass(frozen=True)
@@ -25,10 +31,12 @@ class Part:
     Attributes:
         data: The recordings.
         masks: For each, (D, K) where a sample is compared.
+        seen: For each, the motion that its controllers saw; empty where they cannot be checked.
     """
 
     data: tuple[Dataset, ...]
-    masks: tuple[npt.NDArray[np.bool_], ...]
+    masks: tuple[Mask, ...]
+    seen: tuple[RecordedMotion, ...] = ()
 
     @property
     def drive(self) -> npt.NDArray[np.int64]:
@@ -60,23 +68,67 @@ class Part:
         """Return (S, R) measured less simulated output of (S, N) candidates."""
         parts = []
         for model, mask in zip(models, self.masks, strict=True):
-            measured = model.measured
-            simulated = model.simulate(theta)
-            for d, row in enumerate(mask):
-                parts.append(measured[d, row][None] - simulated[:, d, row])
+            simulated = model.simulate_at(theta, mask)
+            parts.append(np.subtract(model.measured[mask], simulated, out=simulated))
+        return np.concatenate(parts, axis=1) if len(parts) > 1 else parts[0]
+
+    @property
+    def law_drive(self) -> npt.NDArray[np.int64]:
+        """(L,) the drive of each value that `law_residual` returns."""
+        parts = [
+            np.full(int(row.sum()), d) for mask in self._law_masks() for d, row in enumerate(mask)
+        ]
+        out: npt.NDArray[np.int64] = np.concatenate(parts or [np.empty(0, np.int64)])
+        return out
+
+    def law_residual(self, models: Sequence[DriveModel], theta: Array) -> Array:
+        """Return (S, L) measured effort less what the controllers make of the recorded motion.
+
+        A controller's effort is known but for a constant, so the mean of each drive is zero.
+        """
+        parts = [np.empty((len(theta), 0))]
+        for model, mask, seen in zip(models, self._law_masks(), self.seen, strict=False):
+            rest = model.measured[mask] - model.replay_law(seen, theta, mask)
+            ends = np.cumsum(mask.sum(axis=1))
+            for row in np.split(rest, ends[:-1], axis=1):
+                parts.append(row - row.mean(axis=1, keepdims=True))
         return np.concatenate(parts, axis=1)
 
+    def _law_masks(self) -> list[Mask]:
+        out = []
+        for data, mask, _ in zip(self.data, self.masks, self.seen, strict=False):
+            later = mask.copy()
+            later[:, : int(round(LAW_SETTLE / data.cycle))] = False
+            out.append(later)
+        return out
 
-def _settled(data: Dataset, drives: Sequence[str]) -> npt.NDArray[np.bool_]:
+
+def _settled(data: Dataset, drives: Sequence[str]) -> Mask:
     rows = [data.names.index(name) for name in drives]
     assert data.effort is not None
-    there: npt.NDArray[np.bool_] = ~np.isnan(data.effort[rows])
+    there: Mask = ~np.isnan(data.effort[rows])
     there[:, : int(round(SETTLE / data.cycle))] = False
     return there
 
 
+def _part(machine: Machine, data: Sequence[Dataset], masks: Sequence[Mask]) -> Part:
+    """Return a part; its controllers can be checked where all drives' motion was recorded."""
+    complete = all(
+        d.command_position is not None
+        and d.position is not None
+        and (np.isfinite(d.position).sum(axis=1) > SEEN * d.cycles).all()
+        for d in data
+    )
+    seen = [recorded_motion(d, machine.drives) for d in data] if complete else []
+    return Part(tuple(data), tuple(masks), tuple(seen))
+
+
 def split(
-    fit: Sequence[Dataset], check: Sequence[Dataset], drives: Sequence[str], block: float = 1.0
+    machine: Machine,
+    fit: Sequence[Dataset],
+    check: Sequence[Dataset],
+    drives: Sequence[str],
+    block: float = 1.0,
 ) -> tuple[Part, Part, str]:
     """Return what to fit on, what to hold out, and how it was split.
 
@@ -84,6 +136,7 @@ def split(
     runs through; only the comparison is split, with a tenth of a block between them left out.
 
     Args:
+        machine: The machine.
         fit: Recordings to fit on.
         check: Recordings held out, or none.
         drives: The drives compared.
@@ -95,7 +148,7 @@ def split(
     masks = tuple(_settled(data, drives) for data in fit)
     if check:
         held = tuple(_settled(data, drives) for data in check)
-        return Part(tuple(fit), masks), Part(tuple(check), held), 'check bag'
+        return _part(machine, fit, masks), _part(machine, check, held), 'check bag'
     even, odd = [], []
     for data, mask in zip(fit, masks, strict=True):
         phase = np.arange(mask.shape[1]) * data.cycle / block
@@ -103,7 +156,7 @@ def split(
         second = np.floor(phase) % 2 == 1
         even.append(mask & (inside & ~second))
         odd.append(mask & (inside & second))
-    return Part(tuple(fit), tuple(even)), Part(tuple(fit), tuple(odd)), 'blocks'
+    return _part(machine, fit, even), _part(machine, fit, odd), 'blocks'
 
 
 class Case:
@@ -129,7 +182,7 @@ class Case:
         self.machine = machine
         self.fixed = dict(fixed or {})
         self.drives = tuple(drives or machine.drives)
-        self.fit, self.check, self.held_out = split(fit, check, self.drives)
+        self.fit, self.check, self.held_out = split(machine, fit, check, self.drives)
 
     def models(self, effects: Sequence[EffectAt], part: Part) -> list[DriveModel]:
         """Return the model with these effects on each recording of a part."""

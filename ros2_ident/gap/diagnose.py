@@ -143,6 +143,8 @@ def diagnose(
     floor = _capped(_floor(attribution, base), machine.effort_noise)
     attribution = Attribution(case, floor.per_drive, stopped=run.stopped, on_step=run.step)
     base = attribution.refit((), base.theta)
+    attribution.watch_law(base)
+    base = attribution.with_law(base)
     gates: list[tuple[str, str, str]] = []
     if not run.stopped():
         report = run_gates(case.models((), case.fit)[0], base.theta, floor)
@@ -167,7 +169,8 @@ def diagnose(
     run.stage = (0.95, 1.0)
     run.step(0.0, 'saying where')
     model = case.models((), case.fit)[0]
-    rows = case.fit.rows(base.residual / attribution.weight)[:, : model.measured.shape[1]]
+    outputs = base.residual[: len(attribution.weight)]
+    rows = case.fit.rows(outputs / attribution.weight)[:, : model.measured.shape[1]]
     where: tuple[Finding, ...] = ()
     if not run.stopped():
         findings = localise(motion_of(model, base.theta), rows, floor, seed=seed)
@@ -296,8 +299,14 @@ def _values(explainer: Explainer, e: Explanation) -> dict[str, Value]:
     low = np.array([p.low for p in model.parameters])
     high = np.array([p.high for p in model.parameters])
     series = np.concatenate([mask.sum(axis=1) for mask in case.fit.masks])
+    rows = len(explainer.attribution.weight)
     found = intervals(
-        e.jacobian / (high - low), e.residual, e.theta, low, high, series=[int(s) for s in series]
+        e.jacobian[:rows] / (high - low),
+        e.residual[:rows],
+        e.theta,
+        low,
+        high,
+        series=[int(s) for s in series],
     )
     return {
         p.name: Value(float(v), p.unit, float(lo), float(hi))

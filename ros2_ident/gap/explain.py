@@ -29,6 +29,10 @@ class Rules:
         closed: Least share that all effects together have to close for their names to be believed.
         rival: How much less of the gap than the best an effect may close and still be taken for
             confusable.
+        contradicted: RMS by which an explanation has to miss the controllers' log more than
+            another one does to be taken as contradicted by it.
+        instead: Least share of the best's gain that one has to close which the controllers' log
+            prefers to be taken instead.
         most: Most effects.
     """
 
@@ -40,6 +44,8 @@ class Rules:
     part: float = 0.05
     closed: float = 0.5
     rival: float = 0.12
+    contradicted: float = 0.3
+    instead: float = 0.7
     most: int = 4
 
 
@@ -123,6 +129,18 @@ class Explainer:
         samples = self.fit_count.sum() + self.check_count.sum()
         return e.loss + float(np.log(samples)) * len(e.theta)
 
+    def contradicted(self, e: Explanation, other: Explanation) -> bool:
+        """Whether the controllers' log speaks against an explanation and for another one.
+
+        The recorded effort, beside what controllers make of the recorded motion, knows nothing of
+        the machine: an effect in a controller or a sensor that is not there makes them disagree,
+        and one that is there and left out keeps them disagreeing.
+        """
+        more = np.maximum(e.law - other.law, 0.0)
+        worst = int(more.argmax())
+        clearly = more[worst] > 0.5 * max(float(e.law[worst]) - 1.0, 0.0)
+        return bool(np.sqrt(more[worst]) > self.rules.contradicted and clearly)
+
     def plausible(self, e: Explanation) -> bool:
         """Whether the newest effect's sizes stay inside their bounds."""
         effect = get_effect(e.effects[-1].effect)
@@ -143,12 +161,19 @@ class Explainer:
             return None
         best = min(round_.fitted, key=self.score)
         inside = [e for e in round_.fitted if self.plausible(e)]
-        if not inside:
-            return best
-        # A size at its bound is a reason to doubt, unless nothing else comes near.
-        usable = min(inside, key=self.score)
-        close = self.share(round_.base, usable) > 0.5 * self.share(round_.base, best)
-        return usable if close else best
+        if inside:
+            # A size at its bound is a reason to doubt, unless nothing else comes near.
+            usable = min(inside, key=self.score)
+            close = self.share(round_.base, usable) > 0.5 * self.share(round_.base, best)
+            best = usable if close else best
+        # So is the controllers' log.
+        least = self.rules.instead * self.share(round_.base, best)
+        rivals = [
+            e
+            for e in inside
+            if self.contradicted(best, e) and self.share(round_.base, e) >= least
+        ]
+        return min(rivals, key=self.score) if rivals else best
 
     def explain(
         self,

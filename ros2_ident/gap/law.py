@@ -10,12 +10,12 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize
 
 from ros2_ident.gap.blocks import correlation_time
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
+from ros2_ident.recording.motion import fill_smoothly
 
 Array = NDArray[np.float64]
 
@@ -293,13 +293,5 @@ def _signals(machine: Machine, data: Dataset, drive: str) -> _Signals | None:
 
 
 def _filled(row: Array) -> Array | None:
-    """Return a row with the cycles between samples filled, None where there are too few.
-
-    By a cubic: straight lines would cut the tips of a fast oscillation and raise the gains.
-    """
-    there = np.flatnonzero(np.isfinite(row))
-    if there.size < 100:
-        return None
-    spline = make_interp_spline(there.astype(float), row[there], k=3)
-    out: Array = spline(np.clip(np.arange(row.size, dtype=float), there[0], there[-1]))
-    return out
+    """Return a row with the cycles between samples filled, None where there are too few."""
+    return fill_smoothly(row) if np.isfinite(row).sum() >= 100 else None

@@ -107,6 +107,7 @@ def screen(
     residual: Array,
     basis: Array,
     inverse: Array,
+    outputs: Array,
     low: Array,
     high: Array,
 ) -> list[Start]:
@@ -121,6 +122,7 @@ def screen(
         residual: (R,) weighted residual there.
         basis: (R, B) orthonormal basis of the Jacobian's columns.
         inverse: (N, R) pseudo-inverse of the Jacobian by the parameters' shares of their box.
+        outputs: (R', B) the same basis for the first R' rows alone, which are the outputs'.
         low: (N,) lower bounds of the fitted parameters.
         high: (N,) upper bounds.
 
@@ -139,7 +141,7 @@ def screen(
     changes = (residual[None] - values).T
     free = residual - basis @ (basis.T @ residual)
     nonlinear = any(p.role == 'size' and p.starts for p in effect.parameters)
-    samples = len(residual) / (1 if candidate.where == 'all' else len(models[0].drives))
+    samples = len(outputs) / (1 if candidate.where == 'all' else len(models[0].drives))
     starts = []
     at = 0
     for group in groups:
@@ -175,6 +177,8 @@ def screen(
         shift = inverse @ (residual - columns @ factor)
         moved_theta = np.clip(theta - shift * (high - low), low, high)
         enlarge = 1.0 if nonlinear else _LARGE / _TRIAL
-        visible = enlarge * float(np.sqrt((rest**2).sum(axis=0).max() / samples))
+        shown = columns[: len(outputs)]
+        shown = shown - outputs @ (outputs.T @ shown)
+        visible = enlarge * float(np.sqrt((shown**2).sum(axis=0).max() / samples))
         starts.append(Start(candidate, moved_theta, np.where(size, clipped, phi), gain, visible))
     return sorted(starts, key=lambda s: -s.gain)

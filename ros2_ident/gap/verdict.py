@@ -27,11 +27,13 @@ class Temperatures:
             e.
         closed: Difference of the share closed from the one required that divides the odds of
             `unknown` by e.
+        contradicted: Factor on the weight of a rival that the controllers' log speaks against.
     """
 
     share: float = 0.02
     size: float = 0.04
     closed: float = 0.04
+    contradicted: float = 0.02
 
 
 @dataclass(frozen=True)
@@ -168,6 +170,11 @@ def _weigh(
         return ()
     top = max(share for share, _ in best.values())
     weights = {at: float(np.exp((share - top) / t.share)) for at, (share, _) in best.items()}
+    # The controllers' log is evidence of its own.
+    chosen = best.get(found.chain[-1].effects[0]) if len(found.chain) > 1 else None
+    for at, (_, e) in best.items():
+        if chosen is not None and explainer.contradicted(e, chosen[1]):
+            weights[at] *= t.contradicted
     # Twins are one answer under two names: both stand, with half the weight each.
     for at in list(weights):
         for twin in twins(at):
@@ -191,6 +198,8 @@ def _confusable(
     near = []
     for e in found.rivals[0]:
         at = leader if leader in e.effects else e.effects[-1]
+        if explainer.contradicted(e, final):
+            continue
         if full > 0 and (rest.loss - e.loss) / full >= 1.0 - explainer.rules.rival:
             near.append(at)
     for twin in twins(leader):

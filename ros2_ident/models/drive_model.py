@@ -12,9 +12,10 @@ import numpy.typing as npt
 from ros2_ident import lanes
 from ros2_ident.effects import Effect, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.models import drive_kernel, rows
+from ros2_ident.models import drive_kernel, law_kernel, rows
 from ros2_ident.models.machine import constant, Machine
 from ros2_ident.models.parameter import Kind, Parameter
+from ros2_ident.models.recorded import RecordedMotion
 from ros2_ident.recording import Dataset
 
 Array = npt.NDArray[np.float64]
@@ -488,11 +489,55 @@ class DriveModel(ABC):
             (S, D, K) torque of `outputs` at every controller cycle [`output_unit`]; inf where a
             candidate diverged.
         """
+        every = np.ones((len(self.drives), self._cycles), dtype=bool)
+        return self.simulate_at(theta, every).reshape(-1, *every.shape)
+
+    def simulate_at(self, theta: Array, there: npt.NDArray[np.bool_]) -> Array:
+        """Return (S, R) what `simulate` does where `there` (D, K) holds, drive by drive."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
-        shape = (len(self.drives), self._command.size // (2 * len(self.machine.drives)))
-        every = np.ones(shape, dtype=bool)
-        out = np.empty((len(theta), every.size))
-        return self._simulated(theta, self._task(every, out)).reshape(len(theta), *shape)
+        out = np.empty((len(theta), int(there.sum())))
+        return self._simulated(theta, self._task(there, out))
+
+    def replay_law(
+        self, seen: RecordedMotion, theta: Array, there: npt.NDArray[np.bool_]
+    ) -> Array:
+        """Return what the log would hold if the controllers alone were the model's.
+
+        They are fed with the recorded motion; no machine is simulated.
+
+        Args:
+            seen: The recording's motion, of all the machine's drives.
+            theta: (S, N) candidates.
+            there: (D, K) cycles of `outputs` that are wanted.
+
+        Returns:
+            (S, R) effort, drive by drive [`output_unit`]. Each drive's is known but for a
+            constant: a log does not show what an integral part held before.
+        """
+        block = self.rows(theta)
+        groups = -(-len(block) // lanes.WIDTH)
+        places = np.full(groups * lanes.WIDTH, -1, dtype=np.int64)
+        places[: len(block)] = np.arange(len(block))
+        task = self._task(there, np.empty((len(block), int(there.sum()))))
+        law_kernel.replay(
+            lanes.padded(block).reshape(groups, -1),
+            places.reshape(groups, lanes.WIDTH),
+            np.empty(law_kernel.room(len(self.machine.drives))),
+            self._command,
+            seen.values,
+            seen.hold,
+            self._on,
+            self._delayed,
+            self.gear,
+            self.cycle,
+            self.law,
+            self.feedforward,
+            task.wanted,
+            task.measured,
+            task.samples,
+            task.out,
+        )
+        return task.out
 
     def costs(self, theta: Array) -> Array:
         """Return (S,) costs of (S, N) candidates, eq. 2 [`output_unit`]; inf: diverged."""
@@ -505,12 +550,14 @@ class DriveModel(ABC):
 
     def residuals(self, theta: Array) -> Array:
         """Return (S, R) measured less simulated torque, drive by drive (eq. 1)."""
-        theta = np.atleast_2d(np.asarray(theta, dtype=float))
         measured = self.measured
         there = ~np.isnan(measured)
-        out = np.empty((len(theta), int(there.sum())))
-        self._simulated(theta, self._task(there, out))
+        out = self.simulate_at(theta, there)
         return np.subtract(measured[there], out, out=out)
+
+    @property
+    def _cycles(self) -> int:
+        return self._command.size // (2 * len(self.machine.drives))
 
     @property
     def _chosen_rows(self) -> list[int]:

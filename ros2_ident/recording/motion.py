@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 
 from ros2_ident.recording.align import align
 from ros2_ident.recording.grid import sample_period
@@ -92,6 +93,16 @@ def fill_gaps(values: FloatArray) -> FloatArray:
         return values
     index = np.arange(values.size)
     return np.interp(index, index[there], values[there])
+
+
+def fill_smoothly(values: FloatArray) -> FloatArray:
+    """Fill NaN by a cubic spline: straight lines would cut the tips of a fast oscillation."""
+    there = np.flatnonzero(np.isfinite(values))
+    if there.size == values.size or there.size < 4:
+        return fill_gaps(values)
+    spline = make_interp_spline(there.astype(float), values[there], k=3)
+    inside = np.clip(np.arange(values.size, dtype=float), there[0], there[-1])
+    return np.asarray(spline(inside))
 
 
 def best_lag(
