@@ -24,6 +24,9 @@ Array = npt.NDArray[np.float64]
 # Joint fits of one round: at most, and at least whatever the screen says of them.
 _FITS = 12
 _LEAST = 4
+# Every start of a round gets so many iterations; who then explains less than this share of what
+# the best does gets no more.
+_HEAT, _BEHIND = 4, 0.5
 _THREADS = 2
 
 
@@ -310,31 +313,45 @@ class Attribution:
         chosen = self._promising(screened, fits)
         finished = 0
 
-        def fit(start: Start) -> Explanation | None:
+        def heat(start: Start) -> Explanation | None:
             nonlocal finished
             if self.stopped():
                 return None
-            found = self.refit((*base.effects, start.candidate), self._better(base, start))
+            theta = self._better(base, start)
+            found = self.refit((*base.effects, start.candidate), theta, _HEAT)
             finished += 1
             self.on_step(
-                0.5 + 0.5 * finished / len(chosen),
+                0.5 + 0.3 * finished / len(chosen),
                 f'fitted {start.candidate.effect} on {start.candidate.where}',
             )
             return found
 
+        def finish(e: Explanation) -> Explanation:
+            return e if self.stopped() else self.refit(e.effects, e.theta)
+
         with ThreadPoolExecutor(_THREADS) as pool:
-            results = [e for e in pool.map(fit, chosen) if e is not None]
-        best: dict[EffectAt, Explanation] = {}
-        for e in results:
-            key = e.effects[-1]
-            if key not in best or e.cost < best[key].cost:
-                best[key] = e
+            begun = [e for e in pool.map(heat, chosen) if e is not None]
+            best = self._leaders(begun)
+            most = max((base.cost - e.cost for e in best), default=0.0)
+            ahead = [e for e in best if base.cost - e.cost >= _BEHIND * most]
+            done = {e.effects[-1]: e for e in pool.map(finish, ahead)}
+        fitted = [done.get(e.effects[-1], e) for e in best]
         return Round(
             base,
             {c: s[0].gain for c, s in screened.items()},
             visibility(screened),
-            tuple(sorted(best.values(), key=lambda e: e.loss)),
+            tuple(sorted(fitted, key=lambda e: e.loss)),
         )
+
+    @staticmethod
+    def _leaders(fits: Sequence[Explanation]) -> list[Explanation]:
+        """Return the best fit of each newest effect."""
+        best: dict[EffectAt, Explanation] = {}
+        for e in fits:
+            key = e.effects[-1]
+            if key not in best or e.cost < best[key].cost:
+                best[key] = e
+        return list(best.values())
 
     def _promising(self, screened: dict[EffectAt, list[Start]], fits: int) -> list[Start]:
         """Return the starts worth a joint fit: best candidates, relatives, second starts."""

@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 # A controller's motion has to be in the log at this share of its cycles to be replayed.
-SEEN = 0.9
+SEEN = 0.3
 # Seconds at a log's start that are not compared: a machine that has stood still holds forces no
 # model knows.
 SETTLE = 0.1
@@ -187,9 +187,18 @@ class Case:
     def models(self, effects: Sequence[EffectAt], part: Part) -> list[DriveModel]:
         """Return the model with these effects on each recording of a part."""
         return [
-            make_model(self.machine, data, drives=self.drives, effects=effects, fixed=self.fixed)
+            self._model(data, effects)
             for data in part.data
         ]
+
+    def _model(self, data: Dataset, effects: Sequence[EffectAt]) -> DriveModel:
+        return make_model(
+            self.machine,
+            data,
+            drives=self.drives,
+            effects=effects,
+            fixed=self.fixed,
+        )
 
     def candidates(self, without: Sequence[str] = (), known: Sequence[str] = ()) -> list[EffectAt]:
         """Return every effect at every place it can sit in this machine.
