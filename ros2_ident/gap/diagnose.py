@@ -20,6 +20,7 @@ from ros2_ident.gap.explain import Explained, Explainer, Rules
 from ros2_ident.gap.floor import Floor, noise_floor
 from ros2_ident.gap.gates import run_gates
 from ros2_ident.gap.localise import Finding, localise
+from ros2_ident.gap.reading import coarse_readings, CoarseReading
 from ros2_ident.gap.verdict import advice, judge, NONE, UNKNOWN, Verdict
 from ros2_ident.models import EffectAt, Machine
 from ros2_ident.recording import Dataset
@@ -165,7 +166,7 @@ def diagnose(
     visible = (
         found.rounds[0].visible if found.rounds else visibility(attribution.look(base, candidates))
     )
-    verdict = judge(explainer, found)
+    verdict = judge(explainer, found, coarse_readings(case, base.theta))
     run.stage = (0.95, 1.0)
     run.step(0.0, 'saying where')
     model = case.models((), case.fit)[0]
@@ -224,7 +225,7 @@ def _compose(
     steps = tuple(Step(labels[i], blocks.rms(i)[1]) for i in range(len(found.chain)))
     last = len(found.chain) - 1
     share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
-    values = _values(explainer, final)
+    values = _values(explainer, final) | _steps(verdict.readings)
     nominal = {
         p.name: v
         for p, v in zip(case.models((), case.fit)[0].parameters, found.chain[0].theta, strict=True)
@@ -314,6 +315,17 @@ def _values(explainer: Explainer, e: Explanation) -> dict[str, Value]:
     }
 
 
+def _steps(readings: Sequence[CoarseReading]) -> dict[str, Value]:
+    """Return the steps of the encoders named."""
+    (step,) = get_effect('encoder_quantisation').parameters
+    return {
+        f'{r.drive}.encoder_quantisation.{step.name}': Value(
+            r.step, step.unit, r.step - r.error, r.step + r.error
+        )
+        for r in readings
+    }
+
+
 def _ranked(
     explainer: Explainer, base: Explanation, at: EffectAt, probability: float, e: Explanation
 ) -> Ranked:
@@ -385,11 +397,17 @@ def _sentence(
             f'{tried} candidates closes {closed:.0f} % of it.'
         )
     effect = get_effect(verdict.effect)
+    steps = ''.join(
+        f' {r.drive} reads its position in steps of {1e6 * r.step:.3g} um: what its controller '
+        'commands beside the motion in the log has that period. Its course cannot be repeated by '
+        'any simulation, so it does not count as closed.'
+        for r in verdict.readings
+    )
     more = ''.join(f', then {get_effect(a.effect).title} on {a.where}' for a in verdict.also)
     rest = ''
     if found.remaining >= explainer.rules.unknown:
         rest = f' What is left, {found.remaining:.2f} times the floor, is none of the catalogue.'
     return (
         f'{effect.title} on {", ".join(verdict.where)}{more}: closes {100 * verdict.closed:.0f} % '
-        f'of a gap of {size:.2f} times the noise floor.{rest}'
+        f'of a gap of {size:.2f} times the noise floor.{steps or rest}'
     )

@@ -2,13 +2,14 @@
 """What is said in the end: verdict, probability, what it may be confused with, advice."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.attribute import Explanation
 from ros2_ident.gap.explain import Explained, Explainer
+from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.models import EffectAt
 
 NONE, UNKNOWN = 'none', 'unknown'
@@ -63,6 +64,7 @@ class Verdict:
         confusable: What this data cannot tell from the verdict's effect.
         ranking: Every effect fitted first round, the most probable first.
         closed: Share of the explainable gap that all effects found close.
+        readings: Encoders whose steps cause what is left on their drives.
     """
 
     effect: str
@@ -72,6 +74,7 @@ class Verdict:
     confusable: tuple[Weighed, ...]
     ranking: tuple[Weighed, ...]
     closed: float
+    readings: tuple[CoarseReading, ...] = ()
 
 
 def _sigmoid(x: float) -> float:
@@ -90,19 +93,68 @@ def twins(at: EffectAt) -> list[EffectAt]:
 
 
 def judge(
-    explainer: Explainer, found: Explained, temperatures: Temperatures | None = None
+    explainer: Explainer,
+    found: Explained,
+    readings: Sequence[CoarseReading] = (),
+    temperatures: Temperatures | None = None,
 ) -> Verdict:
     """Turn what was found into an answer.
 
     Args:
         explainer: Holds the rules and the counts.
         found: The chain of explanations and the rivals.
+        readings: Encoders whose steps show in what their controllers miss.
         temperatures: How differences become probabilities.
 
     Returns:
         The verdict.
     """
     t = temperatures or Temperatures()
+    gap = np.sqrt(np.maximum(explainer.gap(found.chain[-1]), 0.0))
+    drives = explainer.attribution.case.drives
+    left = [r for r in readings if gap[drives.index(r.drive)] >= explainer.rules.material]
+    if left:
+        return _with_readings(explainer, found, left, t)
+    return _judge(explainer, found, t)
+
+
+def _with_readings(
+    explainer: Explainer, found: Explained, readings: Sequence[CoarseReading], t: Temperatures
+) -> Verdict:
+    """Answer where encoders' steps leave a gap that no simulation repeats, so none closes."""
+    drives = explainer.attribution.case.drives
+    before, after = (np.maximum(explainer.gap(e), 0.0) for e in (found.chain[0], found.chain[-1]))
+    rest = np.array([d not in {r.drive for r in readings} for d in drives])
+    strongest = max(readings, key=lambda r: after[drives.index(r.drive)])
+    coarse = tuple(EffectAt('encoder_quantisation', r.drive) for r in readings)
+    plain = _judge(explainer, found, t)
+    chain = found.chain[-1].effects
+    unexplained = float(after[rest].max(initial=0.0)) >= explainer.rules.unknown**2
+    first = EffectAt('encoder_quantisation', strongest.drive)
+    closes = float((before - after).sum())
+    sure = _sigmoid((float(np.sqrt(before.max())) - explainer.rules.material) / t.size)
+    if chain and closes > float(after[drives.index(strongest.drive)]):
+        others = tuple(a for a in coarse if a not in chain)
+        if plain.effect == UNKNOWN and not unexplained:
+            plain = replace(
+                plain, effect=chain[0].effect, where=(chain[0].where,), also=chain[1:]
+            )
+        return replace(plain, also=(*plain.also, *others), readings=tuple(readings))
+    also = (*chain, *(a for a in coarse if a != first))
+    also = tuple(a for a in also if a != first)
+    return Verdict(
+        first.effect,
+        (first.where,),
+        0.95 * sure,
+        also,
+        (),
+        plain.ranking,
+        plain.closed,
+        tuple(readings),
+    )
+
+
+def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     rules = explainer.rules
     base, final = found.chain[0], found.chain[-1]
     size = explainer.size(base)
