@@ -114,9 +114,23 @@ class Explainer:
         """Whether a step closes enough to count, on all data and on the data held out."""
         fall = self.gap(before) - self.gap(after)
         reduced = float(np.sqrt(np.maximum(fall, 0.0)).max())
-        shares = [self.share(before, after, part) for part in ('both', 'check')]
         least = self.rules.step if not before.effects else self.rules.later
-        return reduced >= least and min(shares) >= self.rules.share
+        if reduced < least or self.share(before, after) < self.rules.share:
+            return False
+        return self.confirmed(before, after, int(fall.argmax()))
+
+    def confirmed(self, before: Explanation, after: Explanation, drive: int) -> bool:
+        """Whether the data held out speak for a step that gains most on a drive.
+
+        Where their motion does not excite what the step explains, they cannot; then they must at
+        least not speak against it.
+        """
+        if self.share(before, after, 'check') >= self.rules.share:
+            return True
+        rest = before.check / self.check_count - 1.0
+        worse = (after.check - before.check) / self.check_count
+        silent = rest[drive] < self.rules.material**2
+        return bool(silent and worse.max() < (0.5 * self.rules.material) ** 2)
 
     def closes(self, chain: Sequence[Explanation], after: Explanation) -> float:
         """Return what a step closes, as a share of the gap of the chain's first fit."""

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controllers fed with the recorded motion, against the slow reference's own logs."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ros2_ident.gap.reading import coarse_reading
+from ros2_ident.models import EffectAt, load_machine, make_model
+from ros2_ident.models.recorded import recorded_motion
+from ros2_ident.recording import Dataset
+from ros2_ident.reference.effects import Effect
+from ros2_ident.reference.motions import draw_motion
+from ros2_ident.reference.tripod import simulate_tripod
+
+MACHINE = load_machine(Path(__file__).parents[1] / 'config' / 'tripod.yaml')
+TRUTH = {
+    'measurement_delay': 0.0249,
+    'gear_stiffness': 232139.0,
+    'gear_damping_ratio': 0.396,
+    'tool_mass': 1.762,
+    'drive_inertia': 89.08e-6,
+    'coulomb_torque': 0.05,
+    'viscous_torque': 0.05,
+}
+
+
+def recording(*effects: Effect, kind: str = 'multi_point', seconds: float = 3.0) -> Dataset:
+    motion = draw_motion(kind, MACHINE, seconds, 5)
+    log = simulate_tripod(MACHINE, TRUTH, motion.position, motion.velocity, effects)
+    cycle = float(MACHINE.controller['cycle'])
+    return Dataset(
+        MACHINE.drives, cycle, 0, motion.position, motion.velocity, log.position, log.velocity,
+        log.effort,
+    )
+
+
+def missed(data: Dataset, effects=(), values=()) -> np.ndarray:
+    """Return (D,) RMS by which the controllers' effort misses the log, a constant left out."""
+    model = make_model(MACHINE, data, effects=effects)
+    theta = [TRUTH[p.name.split('.')[-1]] for p in model.parameters[: -len(values) or None]]
+    out = model.replay_law(recorded_motion(data, MACHINE.drives), np.array([[*theta, *values]]))
+    rest = (model.measured - out[0])[:, 400:]
+    return rest.std(axis=1)
+
+
+def test_what_happens_in_the_machine_does_not_show() -> None:
+    stribeck = Effect('stribeck', ('drive_2',), {'torque': 0.1, 'speed': 0.02})
+    assert missed(recording(stribeck)).max() < 2e-4
+
+
+def test_a_gain_that_differs_shows_on_its_drive_and_is_explained_by_the_effect() -> None:
+    data = recording(Effect('velocity_gain_error', ('drive_2',), {'share': 0.2}, 'same'))
+    plain = missed(data)
+    assert plain[1] > 0.01
+    assert plain[[0, 2]].max() < 2e-4
+    at = (EffectAt('velocity_gain_error', 'drive_2'),)
+    assert missed(data, at, (1.2,)).max() < 2e-4
+
+
+def test_the_replay_is_the_same_for_any_batch() -> None:
+    data = recording(seconds=1.5)
+    model = make_model(MACHINE, data)
+    low = np.array([p.low for p in model.parameters])
+    high = np.array([p.high for p in model.parameters])
+    theta = low + (high - low) * np.random.default_rng(2).random((11, len(low)))
+    seen = recorded_motion(data, MACHINE.drives)
+    alone = np.concatenate([model.replay_law(seen, row[None]) for row in theta])
+    assert np.array_equal(model.replay_law(seen, theta), alone)
+
+
+@pytest.mark.parametrize('step', [1.7e-5, 6e-5])
+def test_steps_of_an_encoder_are_read_from_what_the_controller_misses(step: float) -> None:
+    effect = Effect('encoder_quantisation', ('drive_3',), {'step': step})
+    data = recording(effect, kind='mixed', seconds=5.0)
+    generator = np.random.default_rng(4)
+    noise = 0.01 * generator.standard_normal(data.effort.shape)
+    data = replace(data, effort=data.effort + noise)
+    model = make_model(MACHINE, data)
+    theta = np.array([TRUTH[p.name.split('.')[-1]] for p in model.parameters])
+    seen = recorded_motion(data, MACHINE.drives)
+    found = coarse_reading(model, seen, theta, 'drive_3')
+    assert found is not None
+    assert found.step == pytest.approx(step, abs=2.0 * found.error)
+    assert coarse_reading(model, seen, theta, 'drive_1') is None
