@@ -79,10 +79,12 @@ def coarse_reading(
     drives = model.machine.drives
     count = model.data.cycles
     d = drives.index(drive)
-    missed = model.measured - model.replay_law(seen, theta[None])[0]
-    row = missed[model.drives.index(drive)]
-    row[: int(_SETTLE / model.cycle)] = np.nan
-    there = np.flatnonzero(np.isfinite(row))
+    row = model.drives.index(drive)
+    wanted = np.isfinite(model.measured)
+    wanted[np.arange(len(wanted)) != row] = False
+    wanted[:, : int(_SETTLE / model.cycle)] = False
+    there = np.flatnonzero(wanted[row])
+    missed = model.measured[wanted] - model.replay_law(seen, theta[None], wanted)[0]
     names = [p.name for p in model.parameters]
     late = float(theta[names.index('measurement_delay')]) if 'measurement_delay' in names else 0.0
     when = there - late / model.cycle
@@ -90,7 +92,7 @@ def coarse_reading(
     first = (len(drives) + d) * count
     velocity = np.interp(when, np.arange(count), seen.values[first : first + count])
     rate = there.size / (count * model.cycle)
-    fast = row[there] - uniform_filter1d(row[there], max(3, int(_SLOW * rate)))
+    fast = missed - uniform_filter1d(missed, max(3, int(_SLOW * rate)))
     span = float(np.ptp(position))
     if span < 3.0 * SMALLEST:
         return None

@@ -15,10 +15,10 @@ from ros2_ident.models.rows import DRIVE_COUNT, MACHINE_COUNT
 W = WIDTH
 
 
-def room(drives):
+def room(drives: int) -> int:
     """Return how many numbers of room the replay of so many drives needs."""
     each = dk.MEMORY_COUNT + measurement.PIECE + measurement.KEPT
-    return (drives * each + 1 + measurement.ROOM) * W
+    return int((drives * each + 1 + measurement.ROOM) * W)
 
 
 def _build(digest):
