@@ -84,6 +84,8 @@ class EffectParameter:
         target: For PARAMETER effects: the kernel's row (see `models.rows`) it acts on.
         how: For PARAMETER effects: whether it is added to the row, multiplied with it, or replaces
             it.
+        log: What of the log shows a size by itself: `flat top` for a share of the effort's limit
+            beyond which the logged effort does not go.
     """
 
     name: str
@@ -95,6 +97,7 @@ class EffectParameter:
     role: Literal['size', 'shape', 'position', 'time'] = 'size'
     target: str = ''
     how: Literal['add', 'scale', 'set'] = 'add'
+    log: Literal['', 'flat top'] = ''
 
 
 @dataclass(frozen=True)
@@ -114,6 +117,8 @@ class Effect:
         family: Structural class: effects of one family look alike on ordinary motions.
         confusable: Ids of effects that one log may not tell apart from this one.
         separated_by: The motion that would, as an instruction with `{drive}` for the place.
+        controller_blind: Whether the controllers' log is no witness: where the machine can do what
+            the model puts into the log, with the same outputs.
     """
 
     id: str
@@ -128,3 +133,4 @@ class Effect:
     family: str
     confusable: tuple[str, ...]
     separated_by: str
+    controller_blind: bool = False

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.local_fit import difference_jacobian, local_fit, LocalFit
-from ros2_ident.gap.screen import screen, Start
+from ros2_ident.gap.screen import screen, seen_in_log, Start
 from ros2_ident.models import DriveModel, EffectAt
 from ros2_ident.search import GeneticSearch, GeneticSettings
 
@@ -62,8 +62,8 @@ class Explanation:
 
     @property
     def cost(self) -> float:
-        """What the fit minimised: the sum of squared weighted residuals on the fit part."""
-        return float(self.residual @ self.residual)
+        """Sum of squared weighted residuals of the outputs on the fit part."""
+        return float(self.fit.sum())
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,25 @@ class Round:
     gains: dict[EffectAt, float]
     visible: dict[EffectAt, float]
     fitted: tuple[Explanation, ...]
+
+
+@dataclass(frozen=True)
+class _Left:
+    """What a fit leaves: its residual (R,), a basis of its Jacobian (R, N), and its inverse."""
+
+    residual: Array
+    basis: Array
+    inverse: Array
+
+    @classmethod
+    def of(cls, residual: Array, jacobian: Array) -> '_Left':
+        basis, triangle = np.linalg.qr(jacobian)
+        return cls(residual, basis, np.linalg.pinv(triangle, rcond=1e-9) @ basis.T)
+
+
+def heard(effects: Sequence[EffectAt]) -> bool:
+    """Whether the controllers' log is a witness where these effects are on."""
+    return not any(get_effect(at.effect).controller_blind for at in effects)
 
 
 class Attribution:
@@ -134,7 +153,7 @@ class Attribution:
             law = part.law_residual(models, np.atleast_2d(theta)) * self.law_weight[None]
             return np.concatenate([outputs(theta), law], axis=1)
 
-        return both if self.law_weight.size else outputs
+        return both if self.law_weight.size and heard(models[0].effects) else outputs
 
     def _box(self, models: Sequence[DriveModel]) -> tuple[Array, Array]:
         low = np.array([p.low for p in models[0].parameters])
@@ -173,7 +192,7 @@ class Attribution:
         return self._explanation((), min(fits, key=lambda f: f.loss))
 
     @staticmethod
-    def _distinct(search: GeneticSearch, count: int = 2) -> list[Array]:
+    def _distinct(search: GeneticSearch, count: int = 4) -> list[Array]:
         survivors = np.asarray(search.survivors)
         if not len(survivors):
             # Stopped before anything was simulated, or everything diverged.
@@ -219,6 +238,32 @@ class Attribution:
         best: Array = points[int(np.nanargmin(losses))]
         return best
 
+    def _shown(
+        self, base: Explanation, candidates: Sequence[EffectAt]
+    ) -> dict[EffectAt, Start]:
+        """Return starts for effects whose size the log itself shows, whatever the screen says."""
+        model = self.case.models((), self.case.fit)[0]
+        values = {c: seen_in_log(c, model) for c in candidates if c not in base.effects}
+        return {
+            c: Start(c, base.theta, phi, 0.0, 0.0) for c, phi in values.items() if phi is not None
+        }
+
+    def _as_seen(self, base: Explanation, start: Start) -> Array:
+        """Return the base with an effect of the size that the log shows.
+
+        Such an effect bends its own drive's parameters out of all proportion: they start from what
+        the other drives have.
+        """
+        names = [p.name for p in self.case.models(base.effects, self.case.fit)[0].parameters]
+        theta = base.theta.copy()
+        prefix = f'{start.candidate.where}.'
+        for i, name in enumerate(names):
+            bare = name.removeprefix(prefix)
+            if bare in self.case.machine.bounds and bare != name:
+                alike = [j for j, n in enumerate(names) if j != i and n.endswith(f'.{bare}')]
+                theta[i] = theta[alike].mean() if alike else theta[i]
+        return np.concatenate([theta, start.phi])
+
     def _explanation(self, effects: tuple[EffectAt, ...], found: LocalFit) -> Explanation:
         models = self.case.models(effects, self.case.check)
         check = self.case.check.residual(models, found.theta[None])[0] * self.check_weight
@@ -253,23 +298,23 @@ class Attribution:
         self,
         base: Explanation,
         candidate: EffectAt,
-        basis: Array,
-        inverse: Array,
-        outputs: Array,
+        left: '_Left',
+        outputs: '_Left',
     ) -> list[Start]:
-        """Screen one candidate against what the base leaves; see `screen` for the last three."""
+        """Screen one candidate against what the base leaves, of all rows and of the outputs'."""
         models = self.case.models((*base.effects, candidate), self.case.fit)
         low, high = self._box(models)
         count = len(base.theta)
+        seen = left if heard(models[0].effects) else outputs
         return screen(
             candidate,
             models,
             self._evaluate(models),
             base.theta,
-            base.residual,
-            basis,
-            inverse,
-            outputs,
+            seen.residual,
+            seen.basis,
+            seen.inverse,
+            outputs.basis,
             low[:count],
             high[:count],
         )
@@ -279,16 +324,16 @@ class Attribution:
     ) -> dict[EffectAt, list[Start]]:
         """Screen every candidate on top of a base; those already in it are left out."""
         new = [c for c in candidates if c not in base.effects]
-        basis, triangle = np.linalg.qr(base.jacobian)
-        inverse = np.linalg.pinv(triangle, rcond=1e-9) @ basis.T
-        outputs = np.linalg.qr(base.jacobian[: len(self.weight)])[0]
+        rows = len(self.weight)
+        outputs = _Left.of(base.residual[:rows], base.jacobian[:rows])
+        left = outputs if len(base.residual) == rows else _Left.of(base.residual, base.jacobian)
         done = 0
 
         def one(candidate: EffectAt) -> list[Start]:
             nonlocal done
             if self.stopped():
                 return []
-            found = self.starts(base, candidate, basis, inverse, outputs)
+            found = self.starts(base, candidate, left, outputs)
             done += 1
             self.on_step(
                 0.5 * done / len(new), f'looking at {candidate.effect} on {candidate.where}'
@@ -310,14 +355,16 @@ class Attribution:
             The screened gains and the joint fits, the best on both parts first.
         """
         screened = self.look(base, candidates)
-        chosen = self._promising(screened, fits)
+        shown = self._shown(base, candidates)
+        chosen = self._promising(screened, fits) + list(shown.values())
         finished = 0
 
         def heat(start: Start) -> Explanation | None:
             nonlocal finished
             if self.stopped():
                 return None
-            theta = self._better(base, start)
+            seen = start.candidate in shown and start.theta is base.theta
+            theta = self._as_seen(base, start) if seen else self._better(base, start)
             found = self.refit((*base.effects, start.candidate), theta, _HEAT)
             finished += 1
             self.on_step(

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.effects import get_effect
-from ros2_ident.gap.attribute import Attribution, Explanation, Round
+from ros2_ident.gap.attribute import Attribution, Explanation, heard, Round
 from ros2_ident.models import EffectAt
 
 Array = npt.NDArray[np.float64]
@@ -138,6 +138,21 @@ class Explainer:
         fall = (self.gap(chain[-1]) - self.gap(after)).sum()
         return float(fall / explainable) if explainable > 0.0 else 0.0
 
+    @staticmethod
+    def beside(e: Explanation) -> bool:
+        """Whether the newest effect sits where an earlier one does and may only mend its form."""
+        *earlier, newest = (at.where for at in e.effects)
+        return bool(earlier) and (newest in earlier or 'all' in (newest, *earlier))
+
+    def law_closed(self, before: Explanation, after: Explanation) -> float:
+        """Return the share of what the controllers missed of the log that is missed no more.
+
+        Of the drive where most was missed; 0 where none missed more than its noise.
+        """
+        worst = int(before.law.argmax())
+        excess = float(before.law[worst]) - 1.0
+        return float(before.law[worst] - after.law[worst]) / excess if excess > 1.0 else 0.0
+
     def score(self, e: Explanation) -> float:
         """Return what is minimised over models: loss on both parts, and BIC's penalty."""
         samples = self.fit_count.sum() + self.check_count.sum()
@@ -150,6 +165,8 @@ class Explainer:
         the machine: an effect in a controller or a sensor that is not there makes them disagree,
         and one that is there and left out keeps them disagreeing.
         """
+        if not heard(e.effects):
+            return False
         more = np.maximum(e.law - other.law, 0.0)
         worst = int(more.argmax())
         clearly = more[worst] > 0.5 * max(float(e.law[worst]) - 1.0, 0.0)
@@ -210,7 +227,7 @@ class Explainer:
             best = self.best(round_)
             if best is None or not self.material(chain[-1], best):
                 break
-            if len(chain) > 1 and self.closes(chain, best) < self.rules.part:
+            if self.beside(best) and self.closes(chain, best) < self.rules.part:
                 break
             chain.append(best)
             if len(chain) > 2 and not stopped():

@@ -23,6 +23,8 @@ Array = npt.NDArray[np.float64]
 SMALLEST, LARGEST = 4e-6, 1.5e-4
 # Power of a line, in units of its mean, that chance does not reach among all of them.
 CLEAR = 30.0
+# Mean square, in units of the floor, from which on something else than steps is missed.
+LOST = 2500.0
 # What is slower is no step, s; and what is left out at the log's start.
 _SLOW, _SETTLE = 0.05, 0.15
 _BINS = 2**20
@@ -45,17 +47,19 @@ class CoarseReading:
     power: float
 
 
-def coarse_readings(case: Case, theta: Array) -> tuple[CoarseReading, ...]:
+def coarse_readings(case: Case, theta: Array, law: Array) -> tuple[CoarseReading, ...]:
     """Return the drives' encoders whose steps show in any recording, the clearest line of each.
 
     Args:
         case: The recordings.
         theta: (N,) the nominal fit.
+        law: (D,) mean square, in units of the floor, of what the controllers miss.
     """
     best: dict[str, CoarseReading] = {}
+    trusted = [d for d, missed in zip(case.drives, law, strict=True) if missed < LOST]
     for part in (case.fit, case.check):
         for model, seen in zip(case.models((), part), part.seen, strict=False):
-            for drive in case.drives:
+            for drive in trusted:
                 found = coarse_reading(model, seen, theta, drive)
                 if found and (drive not in best or found.power > best[drive].power):
                     best[drive] = found

@@ -59,6 +59,44 @@ def shape_values(parameter: EffectParameter, model: DriveModel, where: str) -> t
     return parameter.starts or (parameter.neutral,)
 
 
+def seen_in_log(candidate: EffectAt, model: DriveModel) -> Array | None:
+    """Return an effect's (P,) parameters where the log itself shows them, None where it does not.
+
+    So far that is a limit of the effort, by its flat top.
+    """
+    (parameter, *others) = get_effect(candidate.effect).parameters
+    if parameter.log != 'flat top' or others or not np.isfinite(model.limit):
+        return None
+    top = flat_top(model.measured[model.drives.index(candidate.where)], model.machine.effort_noise)
+    if top is None:
+        return None
+    share: float = min(max(top / model.limit, parameter.low), parameter.high)
+    return np.array([share])
+
+
+def flat_top(effort: Array, noise: float) -> float | None:
+    """Return the size beyond which a logged effort does not go, None where it has no flat top.
+
+    Args:
+        effort: (K,) effort, NaN at cycles without a sample.
+        noise: Standard deviation of its noise.
+    """
+    size = np.abs(effort[np.isfinite(effort)])
+    if size.size < 100 or noise <= 0.0:
+        return None
+    level = float(np.quantile(size, 0.999))
+    for _ in range(20):
+        # The mean of what scatters about the top, seen from above.
+        near = size[np.abs(size - level) < 2.0 * noise]
+        if not near.size or abs(near.mean() - level) < 0.01 * noise:
+            break
+        level = float(near.mean())
+    here = np.mean(np.abs(size - level) < 2.0 * noise)
+    below = np.mean(np.abs(size - (level - 5.0 * noise)) < 2.0 * noise)
+    above = np.mean(size > level + 4.0 * noise)
+    return level if here > 0.02 and here > 3.0 * below and above < 0.002 else None
+
+
 def trials(candidate: EffectAt, model: DriveModel) -> list[list[Array]]:
     """Return groups of values of an effect's parameters: within one, sizes superpose.
 
@@ -177,8 +215,9 @@ def screen(
         shift = inverse @ (residual - columns @ factor)
         moved_theta = np.clip(theta - shift * (high - low), low, high)
         enlarge = 1.0 if nonlinear else _LARGE / _TRIAL
-        shown = columns[: len(outputs)]
-        shown = shown - outputs @ (outputs.T @ shown)
-        visible = enlarge * float(np.sqrt((shown**2).sum(axis=0).max() / samples))
-        starts.append(Start(candidate, moved_theta, np.where(size, clipped, phi), gain, visible))
+        left = columns[: len(outputs)]
+        left = left - outputs @ (outputs.T @ left)
+        visible = enlarge * float(np.sqrt((left**2).sum(axis=0).max() / samples))
+        own = np.where(size, clipped, phi)
+        starts.append(Start(candidate, moved_theta, own, gain, visible))
     return sorted(starts, key=lambda s: -s.gain)

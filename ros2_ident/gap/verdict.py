@@ -164,6 +164,9 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     # What is left may be immaterial however small its share.
     if len(found.chain) > 1 and found.remaining < rules.material:
         named = max(named, 0.9)
+    # Where the outputs are too violent to be repeated, the controllers' log still says it.
+    if len(found.chain) > 1 and explainer.law_closed(base, final) > 0.9:
+        named = max(named, 0.9)
     ranking = _weigh(explainer, found, missing * named, t)
     if size < rules.material:
         return Verdict(NONE, (), 1.0 - missing, (), (), ranking, closed)
