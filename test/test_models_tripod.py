@@ -99,6 +99,19 @@ def test_a_candidate_does_not_depend_on_its_neighbours(model: Tripod) -> None:
     assert np.array_equal(model.simulate(theta[::-1])[::-1], together)
 
 
+def test_costs_and_residuals_do_not_depend_on_the_batch(model: Tripod) -> None:
+    rng = np.random.default_rng(8)
+    low = np.array([p.low for p in model.parameters])
+    high = np.array([p.high for p in model.parameters])
+    theta = low + (high - low) * rng.random((19, len(low)))
+    assert len(np.unique(model.work(theta))) > 1
+    for evaluate in (model.costs, model.residuals):
+        together = evaluate(theta)
+        alone = np.concatenate([evaluate(row[None]) for row in theta])
+        assert np.array_equal(together, alone)
+        assert np.array_equal(evaluate(theta[::-1])[::-1], together)
+
+
 def test_half_the_steps_change_little(model: Tripod) -> None:
     theta = theta_of(model, TABLE_5)[None]
     plain = model.simulate(theta)

@@ -358,16 +358,10 @@ def _steps(readings: Sequence[CoarseReading]) -> dict[str, Value]:
 def _ranked(
     explainer: Explainer, base: Explanation, at: EffectAt, probability: float, e: Explanation
 ) -> Ranked:
-    case = explainer.attribution.case
     floor = explainer.attribution.floor
     gap = float(np.sqrt(np.mean(e.check / explainer.check_count * floor**2)))
-    model = case.models(e.effects, case.fit)[0]
     prefix = f'{at.effect}.' if at.where == 'all' else f'{at.where}.{at.effect}.'
-    own = {
-        p.name: Value(float(v), p.unit, math.nan, math.nan)
-        for p, v in zip(model.parameters, e.theta, strict=True)
-        if p.name.startswith(prefix)
-    }
+    own = {name: v for name, v in _values(explainer, e).items() if name.startswith(prefix)}
     return Ranked(at, probability, gap, explainer.share(base, e), own)
 
 
