@@ -133,10 +133,14 @@ def says_long(block: Block) -> bool:
     )
 
 
+# Arguments of `ident` that name what has to be there.
+FILES = ('bag', 'list', 'machine')
+
+
 def names_missing_files(block: Block) -> bool:
     bags = [make_parser(w[1:]).parse_args(w[1:]) for w in block.commands if w[0] == 'ident']
     paths = [
-        str(x) for args in bags for x in (vars(args).get('bag'), vars(args).get('machine')) if x
+        str(x) for args in bags for name in FILES if (x := vars(args).get(name))
     ]
     return any(not (ROOT / path).exists() for path in paths)
 
