@@ -55,7 +55,9 @@ def diagnose(order: dict[str, str], fence: Fence) -> dict[str, Any]:
     error = ''
     try:
         with contextlib.redirect_stdout(text), contextlib.redirect_stderr(text):
-            code = main([*words, '--out', order['out'], '--quiet'])
+            # Overlay and page are for people; the overlay's scene asks the reference's geometry.
+            quiet = ('--quiet', '--no-overlay', '--no-report')
+            code = main([*words, '--out', order['out'], *quiet])
         if code:
             error = f'exit code {code}: {text.getvalue().strip()[-500:]}'
     except Exception as exc:  # a crash of the diagnosis is a finding, not the end of the check
