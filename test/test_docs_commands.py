@@ -128,7 +128,7 @@ def says_long(block: Block) -> bool:
         words[:2] in (['ident', 'diagnose'], ['ident', 'blind'], ['ident', 'paper'])
         or words[0] == 'python'
         and words[1].startswith('benchmarks/')
-        or words[:2] == ['make', 'demo']
+        or words[:2] in (['make', 'demo'], ['make', 'bench'])
         for words in block.commands
     )
 

@@ -151,7 +151,8 @@ def test_dask_gives_the_bits_of_threads(cluster: Any) -> None:
         on_progress=lambda p: seen.append(p.phase),
     )
     same(here, there)
-    assert {'search', 'refinement'} <= set(seen)
+    # A refinement may be over before it is due to say something.
+    assert 'search' in seen
 
 
 def test_dask_worker_killed_in_mid_run_leaves_the_result_unchanged(cluster: Any) -> None:

@@ -142,11 +142,11 @@ def _overlay(
     args: argparse.Namespace, out: Path, machine: 'Machine', data: 'Data', found: 'Diagnosis'
 ) -> tuple[Path, ...]:
     """Write the overlay bags."""
+    if args.no_overlay:
+        return ()
     from ros2_ident.problem import Problem
     from ros2_ident.report.overlay import diagnosed_problem, verdict_of, write_overlay
 
-    if args.no_overlay:
-        return ()
     nominal = Problem(machine, data, drives=args.drives, fixed=once(args.fix, '--fix'))
     problem, theta = diagnosed_problem(nominal, found)
     return write_overlay(
