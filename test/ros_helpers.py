@@ -9,6 +9,7 @@ from pathlib import Path
 import subprocess
 import sys
 import threading
+import time
 from typing import Any
 
 import pytest
@@ -18,9 +19,10 @@ MACHINE = ROOT / 'config/tripod.yaml'
 BAG = ROOT / 'bags/tripod_pick_and_place'
 
 _DOMAINS = itertools.count(os.getpid() % 50 + 120)
-
-
 _NUMBERS = itertools.count(1)
+
+# How often a condition is looked at, s.
+_LOOK = 0.01
 
 
 def new_domain() -> int:
@@ -52,21 +54,44 @@ class Station:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self._done = threading.Event()
-        self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
 
     def _spin(self) -> None:
         while not self._done.is_set():
             self.executor.spin_once(0.05)
-            with self._changed:
-                self._changed.notify_all()
 
     def until(self, condition: Callable[[], Any], what: str, seconds: float = 60.0) -> Any:
-        """Wait until a condition holds; looked at after each of the node's events."""
-        with self._changed:
-            assert self._changed.wait_for(condition, seconds), f'waited {seconds} s for {what}'
-        return condition()
+        """Wait until a condition holds.
+
+        It is not looked at after each message: of a long series that would keep the interpreter
+        from taking the next one.
+        """
+        deadline = time.monotonic() + seconds
+        while not (value := condition()):
+            assert time.monotonic() < deadline, f'waited {seconds} s for {what}'
+            time.sleep(_LOOK)
+        return value
+
+    def wait_future(self, future: Any, what: str, seconds: float = 60.0) -> Any:
+        """Return a future's result."""
+        self.until(future.done, what, seconds)
+        return future.result()
+
+    def asked(self, ask: Callable[[], Any]) -> Any:
+        """Ask something of another node, in the thread that spins; return the future answer.
+
+        rclpy notes which answer it waits for only after it has asked, and an answer that another
+        thread takes before that is thrown away.
+
+        Args:
+            ask: Returns the future of the answer, as `call_async` does.
+        """
+        return self.wait_future(self.executor.create_task(ask), 'the executor')
+
+    def request(self, ask: Callable[[], Any], what: str, seconds: float = 60.0) -> Any:
+        """Ask something of another node, as `asked`; return the answer."""
+        return self.wait_future(self.asked(ask), what, seconds)
 
     def close(self) -> None:
         """Stop spinning and take the node off the air."""
@@ -119,25 +144,20 @@ class Listener(Station):
 
         super().__init__(make, domain)
 
-    def wait_future(self, future: Any, what: str, seconds: float = 60.0) -> Any:
-        """Return a future's result."""
-        self.until(future.done, what, seconds)
-        return future.result()
-
     def send(self, goal: Any, on_feedback: Callable[[Any], None] | None = None) -> Any:
         """Send a goal; return its handle."""
         self.until(self.action.server_is_ready, 'the action server')
         # it answers only those it knows of; what is latched comes when it does
         self.until(lambda: self.statuses, 'the status')
-        return self.wait_future(
-            self.action.send_goal_async(goal, feedback_callback=on_feedback), 'an answer'
+        return self.request(
+            lambda: self.action.send_goal_async(goal, feedback_callback=on_feedback), 'an answer'
         )
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Call a service."""
         client = self.node.create_client(kind, name)
         self.until(client.service_is_ready, name)
-        return self.wait_future(client.call_async(request), f'an answer of {name}')
+        return self.request(lambda: client.call_async(request), f'an answer of {name}')
 
     def state(self) -> int:
         """Return the last state, -1 before the first."""

@@ -39,7 +39,7 @@ class Diagnostician(Listener):
     def diagnose(self, goal: Any, seconds: float = 120.0) -> tuple[int, Any]:
         """Send a goal; return the status at its end and the gap."""
         handle = self.send(goal)
-        answer = self.wait_future(handle.get_result_async(), 'the result', seconds)
+        answer = self.request(handle.get_result_async, 'the result', seconds)
         return answer.status, answer.result.gap
 
 
@@ -93,7 +93,7 @@ def test_a_goal_gives_feedback_a_result_and_a_latched_gap(shared: Any) -> None:
     feedback: list[Any] = []
     handle = shared.send(goal_of(seed=3), lambda x: feedback.append(x.feedback))
     assert handle.accepted
-    answer = shared.wait_future(handle.get_result_async(), 'the result', 120.0)
+    answer = shared.request(handle.get_result_async, 'the result', 120.0)
     assert answer.status == GoalStatus.STATUS_SUCCEEDED
     gap = answer.result.gap
     assert (gap.error_code, gap.error_message) == (0, '')
@@ -192,7 +192,7 @@ def test_cancel_is_answered_at_once_and_keeps_the_best(shared: Any) -> None:
     assert not shared.send(goal_of()).accepted
     other = Identify.Goal(data_source=Identify.Goal.DATA_SOURCE_BAG, bag_path=str(BAG))
     shared.until(shared.identify.server_is_ready, 'the other action')
-    refused = shared.wait_future(shared.identify.send_goal_async(other), 'an answer')
+    refused = shared.request(lambda: shared.identify.send_goal_async(other), 'an answer')
     assert not refused.accepted
     shared.until(
         lambda: any(
@@ -202,10 +202,10 @@ def test_cancel_is_answered_at_once_and_keeps_the_best(shared: Any) -> None:
         'the reason',
     )
     cancelled = time.monotonic()
-    answer = shared.wait_future(handle.cancel_goal_async(), 'an answer to the cancel')
+    answer = shared.request(handle.cancel_goal_async, 'an answer to the cancel')
     assert time.monotonic() - cancelled < 0.5
     assert len(answer.goals_canceling) == 1
-    result = shared.wait_future(handle.get_result_async(), 'the result')
+    result = shared.request(handle.get_result_async, 'the result')
     assert result.status == GoalStatus.STATUS_CANCELED
     gap = result.result.gap
     assert gap.error_code == ErrorCode.CANCELLED and 'best so far' in gap.error_message

@@ -149,11 +149,9 @@ def running(tmp_path_factory):
                 refine=False,
                 drives=['drive_1', 'drive_2', 'drive_3'],
             )
-            handle = client.send_goal_async(goal)
-            station.until(handle.done, 'an answer')
-            result = handle.result().get_result_async()
-            station.until(result.done, 'the result', 200.0)
-            assert result.result().status == GoalStatus.STATUS_SUCCEEDED
+            handle = station.request(lambda: client.send_goal_async(goal), 'an answer')
+            result = station.request(handle.get_result_async, 'the result', 200.0)
+            assert result.status == GoalStatus.STATUS_SUCCEEDED
             station.until(lambda: len(last) == 6, 'everything that is said', 120.0)
             yield types, last
         finally:

@@ -119,8 +119,7 @@ def test_clock_remaps_and_a_paused_start() -> None:
             client = station.node.create_client(Trigger, '/replay/resume')
             station.until(client.service_is_ready, 'the service')
             assert not states
-            answer = client.call_async(Trigger.Request())
-            station.until(answer.done, 'an answer')
+            station.request(lambda: client.call_async(Trigger.Request()), 'an answer')
             code, text = ended(replay)
         assert code == 0, text
         station.until(lambda: len(states) > 6900, 'the messages')
