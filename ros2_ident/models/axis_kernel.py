@@ -151,11 +151,7 @@ def _build(digest):
                 if rigid[d]:
                     moved = moved + load(par, (first + dk.RAIL_MASS) * W)
                 store(mem, dk.LIGHTNESS * W, 1.0 / moved)
-                store(mem, dk.INTEGRAL * W, hold * (1.0 / gear))
-                store(mem, dk.APPLIED * W, hold * (1.0 / gear))
-                store(mem, dk.ANCHOR * W, z)
-                store(mem, dk.LAST_READ * W, z - v * cycle)
-                store(mem, dk.LAST_BUT_ONE * W, z - 2.0 * v * cycle)
+                dk.begin(mem, 0, z, v, cycle, hold * (1.0 / gear))
             for begun in range(0, count, measurement.PIECE):
                 cycles = min(measurement.PIECE, count - begun)
                 for d in range(drives):
@@ -165,7 +161,6 @@ def _build(digest):
                     place = all_place[d * own : (d + 1) * own]
                     rate = all_rate[d * own : (d + 1) * own]
                     mem = all_mem[d * mine : (d + 1) * mine]
-                    delay = load(par, (first + dk.COMMAND_DELAY) * W)
                     for piece in range(cycles):
                         k = begun + piece
                         time = spread(k * cycle)
@@ -174,26 +169,10 @@ def _build(digest):
                         v = load(rate, MOTOR * W)
                         fast = absolute(v) > spread(dk.FAST * eps)
                         if mode[d] == dk.CLOSED_LOOP:
-                            zc = dk.set_point(command, d * count, count, k, delay, cycle, delayed)
-                            vc = dk.set_point(
-                                command, (drives + d) * count, count, k, delay, cycle, delayed
-                            )
                             torque = dk.control(
-                                par,
-                                first,
-                                mem,
-                                0,
-                                flags,
-                                law,
-                                feedforward,
-                                cycle,
-                                gear,
-                                z,
-                                v,
-                                zc,
-                                vc,
-                                time,
-                            )
+                                par, first, mem, 0, flags, law, feedforward, cycle, gear, z, v,
+                                command, d, drives, count, k, delayed, time,
+                            )  # fmt: skip
                         else:
                             acceleration = motion[(2 * drives + d) * count + k]
                             z = spread(motion[d * count + k])

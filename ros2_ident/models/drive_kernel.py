@@ -205,8 +205,27 @@ def set_point(command, base, count, k, delay, cycle, delayed):
 
 
 @inlined
-def control(par, first, mem, own, on, law, feedforward, cycle, gear, z, v, zc, vc, time):
-    """Run one cycle of a drive's controller; return the commanded torque, kept for the cycle."""
+def begin(mem, own, z, v, cycle, torque):
+    """Write what a drive remembers: it came to z at rate v, and `torque` [N m] was commanded."""
+    store(mem, (own + INTEGRAL) * W, torque)
+    store(mem, (own + APPLIED) * W, torque)
+    store(mem, (own + ANCHOR) * W, z)
+    store(mem, (own + LAST_READ) * W, z - v * cycle)
+    store(mem, (own + LAST_BUT_ONE) * W, z - 2.0 * v * cycle)
+
+
+@inlined
+def control(
+    par, first, mem, own, on, law, feedforward, cycle, gear, z, v, command, d, drives, count, k,
+    delayed, time,
+):  # fmt: skip
+    """Run cycle `k` of drive `d`'s controller; return the commanded torque, kept for the cycle.
+
+    `command` (2 * drives * count,) holds the set-points of all drives, then their rates.
+    """
+    delay = load(par, (first + COMMAND_DELAY) * W)
+    zc = set_point(command, d * count, count, k, delay, cycle, delayed)
+    vc = set_point(command, (drives + d) * count, count, k, delay, cycle, delayed)
     read = z
     rate = v
     if on & READING_MASK:

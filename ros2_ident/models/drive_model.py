@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,8 +22,7 @@ from ros2_ident.recording import Dataset
 Array = npt.NDArray[np.float64]
 
 
-@dataclass
-class Task:
+class Task(NamedTuple):
     """What a simulation is for, as `measurement.hand_on` takes it.
 
     Attributes:
@@ -532,10 +532,7 @@ class DriveModel(ABC):
             self.cycle,
             self.law,
             self.feedforward,
-            task.wanted,
-            task.measured,
-            task.samples,
-            task.out,
+            *task,
         )
         return task.out
 
@@ -543,9 +540,9 @@ class DriveModel(ABC):
         """Return (S,) costs of (S, N) candidates, eq. 2 [`output_unit`]; inf: diverged."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
         measured = self.measured
-        task = self._task(~np.isnan(measured), np.empty((len(theta), 1)))
-        task.measured = np.full((len(self.machine.drives), measured.shape[1] + 1), np.nan)
-        task.measured[self._chosen_rows, :-1] = measured
+        wanted = np.full((len(self.machine.drives), measured.shape[1] + 1), np.nan)
+        wanted[self._chosen_rows, :-1] = measured
+        task = self._task(~np.isnan(measured), np.empty((len(theta), 1)))._replace(measured=wanted)
         return self._simulated(theta, task)[:, 0]
 
     def residuals(self, theta: Array) -> Array:

@@ -6,7 +6,7 @@ and those of the measurement behind it, from everything that happens in the mach
 """
 # mypy: ignore-errors
 
-from ros2_ident.lanes import kernel, load, parted, spread, store, WIDTH
+from ros2_ident.lanes import kernel, parted, spread, store, WIDTH
 from ros2_ident.models import drive_kernel as dk
 from ros2_ident.models import measurement
 from ros2_ident.models.hooks import sources_digest
@@ -71,37 +71,19 @@ def _build(digest):
             mem[:] = 0.0
             kept[:] = 0.0
             for d in range(drives):
-                own = d * dk.MEMORY_COUNT
                 start = spread(motion[d * count])
-                store(mem, (own + dk.INTEGRAL) * W, spread(hold[d]))
-                store(mem, (own + dk.ANCHOR) * W, start)
-                store(mem, (own + dk.LAST_READ) * W, start)
-                store(mem, (own + dk.LAST_BUT_ONE) * W, start)
+                still = spread(0.0)
+                dk.begin(mem, d * dk.MEMORY_COUNT, start, still, cycle, spread(hold[d]))
             for k in range(count):
                 piece = k % measurement.PIECE
                 for d in range(drives):
                     first = MACHINE_COUNT + d * DRIVE_COUNT
-                    delay = load(par, (first + dk.COMMAND_DELAY) * W)
-                    zc = dk.set_point(command, d * count, count, k, delay, cycle, delayed)
-                    vc = dk.set_point(
-                        command, (drives + d) * count, count, k, delay, cycle, delayed
-                    )
+                    z = spread(motion[d * count + k])
+                    v = spread(motion[(drives + d) * count + k])
                     torque = dk.control(
-                        par,
-                        first,
-                        mem,
-                        d * dk.MEMORY_COUNT,
-                        on[d],
-                        law,
-                        feedforward,
-                        cycle,
-                        gear,
-                        spread(motion[d * count + k]),
-                        spread(motion[(drives + d) * count + k]),
-                        zc,
-                        vc,
-                        spread(k * cycle),
-                    )
+                        par, first, mem, d * dk.MEMORY_COUNT, on[d], law, feedforward, cycle, gear,
+                        z, v, command, d, drives, count, k, delayed, spread(k * cycle),
+                    )  # fmt: skip
                     store(torques, (d * measurement.PIECE + piece) * W, torque)
                 if piece == measurement.PIECE - 1 or k == count - 1:
                     measurement.hand_on(

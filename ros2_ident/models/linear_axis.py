@@ -83,8 +83,5 @@ class LinearAxis(DriveModel):
             self.cycle,
             self.law,
             self.feedforward,
-            task.wanted,
-            task.measured,
-            task.samples,
-            task.out,
+            *task,
         )

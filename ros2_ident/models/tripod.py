@@ -53,8 +53,5 @@ class Tripod(DriveModel):
             self.cycle,
             self.law,
             self.feedforward,
-            task.wanted,
-            task.measured,
-            task.samples,
-            task.out,
+            *task,
         )

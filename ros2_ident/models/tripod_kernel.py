@@ -375,11 +375,7 @@ def build(digest, hooks=True):
                     store(place, (CARRIAGE + d) * W, s - stretch)
                 z = load(place, (MOTOR + d) * W)
                 store(mem, (own + dk.LIGHTNESS) * W, 1.0 / load(par, (first + dk.MOTOR_MASS) * W))
-                store(mem, (own + dk.INTEGRAL) * W, hold * (1.0 / gear))
-                store(mem, (own + dk.APPLIED) * W, hold * (1.0 / gear))
-                store(mem, (own + dk.ANCHOR) * W, z)
-                store(mem, (own + dk.LAST_READ) * W, z)
-                store(mem, (own + dk.LAST_BUT_ONE) * W, z)
+                dk.begin(mem, own, z, zero, cycle, hold * (1.0 / gear))
             for k in range(count):
                 time = spread(k * cycle)
                 piece = k % measurement.PIECE
@@ -391,27 +387,10 @@ def build(digest, hooks=True):
                     z = load(place, (MOTOR + d) * W)
                     v = load(rate, (MOTOR + d) * W)
                     if mode[d] == dk.CLOSED_LOOP:
-                        delay = load(par, (first + dk.COMMAND_DELAY) * W)
-                        zc = dk.set_point(command, d * count, count, k, delay, cycle, delayed)
-                        vc = dk.set_point(
-                            command, (3 + d) * count, count, k, delay, cycle, delayed
-                        )
                         torque = dk.control(
-                            par,
-                            first,
-                            mem,
-                            own,
-                            flags,
-                            law,
-                            feedforward,
-                            cycle,
-                            gear,
-                            z,
-                            v,
-                            zc,
-                            vc,
-                            time,
-                        )
+                            par, first, mem, own, on[d], law, feedforward, cycle, gear, z, v,
+                            command, d, 3, count, k, delayed, time,
+                        )  # fmt: skip
                         fast = fast & (absolute(v) > spread(dk.FAST * eps))
                     else:
                         z = spread(motion[d * count + k])
