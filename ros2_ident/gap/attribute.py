@@ -189,7 +189,7 @@ class Attribution:
                     starts,
                 )
             )
-        return self._explanation((), min(fits, key=lambda f: f.loss))
+        return self._explanation(models, min(fits, key=lambda f: f.loss))
 
     @staticmethod
     def _distinct(search: GeneticSearch, count: int = 4) -> list[Array]:
@@ -211,7 +211,7 @@ class Attribution:
         low, high = self._box(models)
         evaluate = self._evaluate(models)
         found = local_fit(evaluate, theta, low, high, iterations=iterations, stopped=self.stopped)
-        return self._explanation(tuple(effects), found)
+        return self._explanation(models, found)
 
     def with_law(self, e: Explanation) -> Explanation:
         """Return a fit made before `watch_law`, where it is, with the controllers' rows."""
@@ -240,57 +240,52 @@ class Attribution:
 
     def _shown(
         self, base: Explanation, candidates: Sequence[EffectAt]
-    ) -> dict[EffectAt, Start]:
-        """Return starts for effects whose size the log itself shows, whatever the screen says."""
-        model = self.case.models((), self.case.fit)[0]
-        values = {c: seen_in_log(c, model) for c in candidates if c not in base.effects}
-        return {
-            c: Start(c, base.theta, phi, 0.0, 0.0) for c, phi in values.items() if phi is not None
-        }
-
-    def _as_seen(self, base: Explanation, start: Start) -> Array:
-        """Return the base with an effect of the size that the log shows.
+    ) -> list[tuple[EffectAt, Array]]:
+        """Return effects whose size the log itself shows, each with where to start its fit.
 
         Such an effect bends its own drive's parameters out of all proportion: they start from what
         the other drives have.
         """
+        model = self.case.models((), self.case.fit)[0]
         names = [p.name for p in self.case.models(base.effects, self.case.fit)[0].parameters]
-        theta = base.theta.copy()
-        prefix = f'{start.candidate.where}.'
-        for i, name in enumerate(names):
-            bare = name.removeprefix(prefix)
-            if bare in self.case.machine.bounds and bare != name:
-                alike = [j for j, n in enumerate(names) if j != i and n.endswith(f'.{bare}')]
-                theta[i] = theta[alike].mean() if alike else theta[i]
-        return np.concatenate([theta, start.phi])
+        out = []
+        for candidate in candidates:
+            own = None if candidate in base.effects else seen_in_log(candidate, model)
+            if own is None:
+                continue
+            theta = base.theta.copy()
+            for bare in self.case.machine.bounds:
+                at = [i for i, name in enumerate(names) if name.endswith(f'.{bare}')]
+                mine = [i for i in at if names[i] == f'{candidate.where}.{bare}']
+                if mine and len(at) > 1:
+                    theta[mine] = base.theta[[i for i in at if i not in mine]].mean()
+            out.append((candidate, np.concatenate([theta, own])))
+        return out
 
-    def _explanation(self, effects: tuple[EffectAt, ...], found: LocalFit) -> Explanation:
-        models = self.case.models(effects, self.case.check)
-        check = self.case.check.residual(models, found.theta[None])[0] * self.check_weight
+    def _explanation(self, models: Sequence[DriveModel], found: LocalFit) -> Explanation:
+        """Return a fit of the models of the fit part, scored on the part held out as well."""
+        case, effects = self.case, models[0].effects
+        held_out = case.models(effects, case.check)
+        theta = found.theta[None]
+        check = case.check.residual(held_out, theta)[0] * self.check_weight
         check = np.where(np.isfinite(check), check, 1e6)
-        count = len(self.case.drives)
+        count = len(case.drives)
         outputs = found.residual[: len(self.weight)]
+        missed = np.concatenate(
+            [case.fit.law_residual(models, theta)[0], case.check.law_residual(held_out, theta)[0]]
+        )
+        drive = np.concatenate([case.fit.law_drive, case.check.law_drive])
+        samples = np.maximum(np.bincount(drive, minlength=count), 1)
         return Explanation(
             effects,
             found.theta,
-            np.bincount(self.case.fit.drive, outputs**2, count).astype(float),
-            np.bincount(self.case.check.drive, check**2, count).astype(float),
-            self._law(effects, found.theta),
+            np.bincount(case.fit.drive, outputs**2, count).astype(float),
+            np.bincount(case.check.drive, check**2, count).astype(float),
+            np.bincount(drive, (missed / self.floor[drive]) ** 2, count) / samples,
             found.jacobian,
             found.residual,
             check,
         )
-
-    def _law(self, effects: tuple[EffectAt, ...], theta: Array) -> Array:
-        """Return (D,) mean square of what the controllers miss of the log, in floors squared."""
-        squares, samples = np.zeros(len(self.case.drives)), np.zeros(len(self.case.drives))
-        for part in (self.case.fit, self.case.check):
-            rest = part.law_residual(self.case.models(effects, part), theta[None])[0]
-            rest = rest / self.floor[part.law_drive]
-            squares += np.bincount(part.law_drive, rest**2, len(squares))
-            samples += np.bincount(part.law_drive, minlength=len(squares))
-        out: Array = squares / np.maximum(samples, 1.0)
-        return out
 
     # ------------------------------------------------------------------ rounds
 
@@ -298,8 +293,8 @@ class Attribution:
         self,
         base: Explanation,
         candidate: EffectAt,
-        left: '_Left',
-        outputs: '_Left',
+        left: _Left,
+        outputs: _Left,
     ) -> list[Start]:
         """Screen one candidate against what the base leaves, of all rows and of the outputs'."""
         models = self.case.models((*base.effects, candidate), self.case.fit)
@@ -355,21 +350,23 @@ class Attribution:
             The screened gains and the joint fits, the best on both parts first.
         """
         screened = self.look(base, candidates)
-        shown = self._shown(base, candidates)
-        chosen = self._promising(screened, fits) + list(shown.values())
+        chosen: list[tuple[EffectAt, Start | Array]] = [
+            (start.candidate, start) for start in self._promising(screened, fits)
+        ]
+        chosen += self._shown(base, candidates)
         finished = 0
 
-        def heat(start: Start) -> Explanation | None:
+        def heat(one: tuple[EffectAt, Start | Array]) -> Explanation | None:
             nonlocal finished
             if self.stopped():
                 return None
-            seen = start.candidate in shown and start.theta is base.theta
-            theta = self._as_seen(base, start) if seen else self._better(base, start)
-            found = self.refit((*base.effects, start.candidate), theta, _HEAT)
+            candidate, start = one
+            theta = self._better(base, start) if isinstance(start, Start) else start
+            found = self.refit((*base.effects, candidate), theta, _HEAT)
             finished += 1
             self.on_step(
                 0.5 + 0.3 * finished / len(chosen),
-                f'fitted {start.candidate.effect} on {start.candidate.where}',
+                f'fitted {candidate.effect} on {candidate.where}',
             )
             return found
 

@@ -32,11 +32,13 @@ class Part:
         data: The recordings.
         masks: For each, (D, K) where a sample is compared.
         seen: For each, the motion that its controllers saw; empty where they cannot be checked.
+        law_masks: For each of these, (D, K) where its effort is compared with the controllers'.
     """
 
     data: tuple[Dataset, ...]
     masks: tuple[Mask, ...]
     seen: tuple[RecordedMotion, ...] = ()
+    law_masks: tuple[Mask, ...] = ()
 
     @property
     def drive(self) -> npt.NDArray[np.int64]:
@@ -76,7 +78,7 @@ class Part:
     def law_drive(self) -> npt.NDArray[np.int64]:
         """(L,) the drive of each value that `law_residual` returns."""
         parts = [
-            np.full(int(row.sum()), d) for mask in self._law_masks() for d, row in enumerate(mask)
+            np.full(int(row.sum()), d) for mask in self.law_masks for d, row in enumerate(mask)
         ]
         out: npt.NDArray[np.int64] = np.concatenate(parts or [np.empty(0, np.int64)])
         return out
@@ -87,20 +89,12 @@ class Part:
         A controller's effort is known but for a constant, so the mean of each drive is zero.
         """
         parts = [np.empty((len(theta), 0))]
-        for model, mask, seen in zip(models, self._law_masks(), self.seen, strict=False):
+        for model, mask, seen in zip(models, self.law_masks, self.seen, strict=False):
             rest = model.measured[mask] - model.replay_law(seen, theta, mask)
             ends = np.cumsum(mask.sum(axis=1))
             for row in np.split(rest, ends[:-1], axis=1):
                 parts.append(row - row.mean(axis=1, keepdims=True))
         return np.concatenate(parts, axis=1)
-
-    def _law_masks(self) -> list[Mask]:
-        out = []
-        for data, mask, _ in zip(self.data, self.masks, self.seen, strict=False):
-            later = mask.copy()
-            later[:, : int(round(LAW_SETTLE / data.cycle))] = False
-            out.append(later)
-        return out
 
 
 def _settled(data: Dataset, drives: Sequence[str]) -> Mask:
@@ -111,16 +105,24 @@ def _settled(data: Dataset, drives: Sequence[str]) -> Mask:
     return there
 
 
-def _part(machine: Machine, data: Sequence[Dataset], masks: Sequence[Mask]) -> Part:
-    """Return a part; its controllers can be checked where all drives' motion was recorded."""
+def _seen(machine: Machine, data: Sequence[Dataset]) -> tuple[RecordedMotion, ...]:
+    """Return what controllers saw; nothing unless all drives' motion was recorded everywhere."""
     complete = all(
         d.command_position is not None
         and d.position is not None
         and (np.isfinite(d.position).sum(axis=1) > SEEN * d.cycles).all()
         for d in data
     )
-    seen = [recorded_motion(d, machine.drives) for d in data] if complete else []
-    return Part(tuple(data), tuple(masks), tuple(seen))
+    return tuple(recorded_motion(d, machine.drives) for d in data) if complete else ()
+
+
+def _part(
+    data: Sequence[Dataset], masks: Sequence[Mask], seen: tuple[RecordedMotion, ...]
+) -> Part:
+    later = [mask.copy() for mask in masks[: len(seen)]]
+    for d, mask in zip(data, later, strict=False):
+        mask[:, : int(round(LAW_SETTLE / d.cycle))] = False
+    return Part(tuple(data), tuple(masks), seen, tuple(later))
 
 
 def split(
@@ -148,7 +150,8 @@ def split(
     masks = tuple(_settled(data, drives) for data in fit)
     if check:
         held = tuple(_settled(data, drives) for data in check)
-        return _part(machine, fit, masks), _part(machine, check, held), 'check bag'
+        parts = _part(fit, masks, _seen(machine, fit)), _part(check, held, _seen(machine, check))
+        return *parts, 'check bag'
     even, odd = [], []
     for data, mask in zip(fit, masks, strict=True):
         phase = np.arange(mask.shape[1]) * data.cycle / block
@@ -156,7 +159,8 @@ def split(
         second = np.floor(phase) % 2 == 1
         even.append(mask & (inside & ~second))
         odd.append(mask & (inside & second))
-    return _part(machine, fit, even), _part(machine, fit, odd), 'blocks'
+    seen = _seen(machine, fit)
+    return _part(fit, even, seen), _part(fit, odd, seen), 'blocks'
 
 
 class Case:
@@ -187,18 +191,9 @@ class Case:
     def models(self, effects: Sequence[EffectAt], part: Part) -> list[DriveModel]:
         """Return the model with these effects on each recording of a part."""
         return [
-            self._model(data, effects)
+            make_model(self.machine, data, drives=self.drives, effects=effects, fixed=self.fixed)
             for data in part.data
         ]
-
-    def _model(self, data: Dataset, effects: Sequence[EffectAt]) -> DriveModel:
-        return make_model(
-            self.machine,
-            data,
-            drives=self.drives,
-            effects=effects,
-            fixed=self.fixed,
-        )
 
     def candidates(self, without: Sequence[str] = (), known: Sequence[str] = ()) -> list[EffectAt]:
         """Return every effect at every place it can sit in this machine.
