@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, field
 import hashlib
 import json
 import math
+import os
 from pathlib import Path
 import re
 from typing import Any
@@ -38,7 +39,7 @@ class Entry:
 
     Attributes:
         name: Of its row and file; unique.
-        bag: Path of the bag.
+        bag: Path of the bag. All paths are absolute: a worker may run in another folder.
         machine_file: Path of the machine file.
         check: Path of a second bag to judge the diagnosis on; empty for none.
         machine: Which machine it was recorded on.
@@ -131,9 +132,9 @@ def _entry(
     name = next(n for n in (stem, *(f'{stem}_{k}' for k in range(2, 10**6))) if n not in taken)
     return Entry(
         name,
-        str(base / bag),
-        file,
-        str(base / str(given['check'])) if given.get('check') else '',
+        os.path.abspath(base / bag),
+        os.path.abspath(file),
+        os.path.abspath(base / str(given['check'])) if given.get('check') else '',
         str(given.get('machine') or Path(bag).stem),
         str(given.get('date') or ''),
         {str(k): str(v) for k, v in (given.get('labels') or {}).items()},
@@ -245,7 +246,7 @@ def run_fleet(
         out: Output directory; holds a file for each row, `fleet.json` and `fleet.csv`.
         seed: Of every search.
         diagnosed: Whether to diagnose, too.
-        scheduler: Address of a Dask scheduler whose workers see the same paths; a bag is one task.
+        scheduler: Address of a Dask scheduler whose workers see the same files; a bag is one task.
         cancel: Looked at between bags; rows that are done stay.
         on_start: Called before a bag is begun in this process.
         on_row: Called with each row as it is there.
@@ -315,6 +316,8 @@ def _there(
 ) -> Iterator[Row]:
     from ros2_ident.search.cluster import connect
 
+    if not entries:
+        return
     client = connect(scheduler)
     try:
         executor = client.get_executor(pure=False)

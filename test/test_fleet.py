@@ -55,6 +55,7 @@ def test_bad_bag_costs_its_row_only_and_the_rest_is_not_done_twice(
     assert (good['state'], bad['state'], bad['code']) == ('done', 'failed', 'DAMAGED_BAG')
     assert 'bad.mcap' in bad['message']
     assert good['labels'] == {'hall': 'north'}
+    assert Path(good['bag']).is_absolute() and Path(good['machine_file']).is_absolute()
     mass = good['parameters']['emps_axis.moving_mass']
     assert mass['low'] < 95.1 < mass['high']
     table = list(csv.DictReader((out / 'fleet.csv').open()))
