@@ -184,6 +184,7 @@ def run_entry(entry: Entry, seed: int, diagnosed: bool) -> Row:
 
 def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
     from ros2_ident.gap.diagnose import diagnose
+    from ros2_ident.gap.verdict import NONE, UNKNOWN
     from ros2_ident.identify import identify, read_problem
     from ros2_ident.models import load_machine
 
@@ -207,18 +208,21 @@ def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
         return found
     check = read_problem(entry.check, machine).datasets if entry.check else ()
     verdict = diagnose(machine, data.datasets, check, seed=seed)
-    # With the missing effect in the model its nominal parameters are no longer bent by it.
-    values.update(
-        {
-            name: {'value': v.value, 'low': v.low, 'high': v.high, 'unit': v.unit}
-            for name, v in verdict.parameters.items()
-            if name in values
-        }
-    )
+    named = verdict.effect not in (NONE, UNKNOWN)
+    if named:
+        # With the missing effect in the model its nominal parameters are no longer bent by it.
+        values.update(
+            {
+                name: {'value': v.value, 'low': v.low, 'high': v.high, 'unit': v.unit}
+                for name, v in verdict.parameters.items()
+                if name in values
+            }
+        )
     return {
         **found,
         'effect': verdict.effect,
         'where': list(verdict.where),
+        'also': [{'effect': x.effect, 'where': x.where} for x in verdict.also],
         'probability': verdict.probability,
         'verdict': verdict.sentence,
         'complete': verdict.complete,
@@ -382,17 +386,24 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     machines = []
     for row in latest:
         for name in row['parameters']:
-            others = [
-                r['parameters'][name] for r in latest if r is not row and name in r['parameters']
-            ]
+            others = [r for r in latest if r is not row and name in r['parameters']]
             if others:
-                machines.append(_difference(name, row, _mean(others), 'the other machines'))
+                against = others[0]['machine'] if len(others) == 1 else 'the other machines'
+                mean = _mean([r['parameters'][name] for r in others])
+                machines.append(_difference(name, row, mean, against))
     effects: dict[str, list[str]] = {}
     for row in done:
         if row.get('effect') not in (None, 'none'):
-            for drive in row['where'] or ['all']:
-                effects.setdefault(row['effect'], []).append(f'{row["name"]}: {drive}')
+            for effect, drive in _effects_of(row):
+                effects.setdefault(effect, []).append(f'{row["name"]}: {drive}')
     return {'drifts': _told(drifts), 'machines': _told(machines), 'effects': effects}
+
+
+def _effects_of(row: Row) -> Iterator[tuple[str, str]]:
+    for drive in row['where'] or ['all']:
+        yield row['effect'], drive
+    for further in row.get('also', ()):
+        yield further['effect'], further['where']
 
 
 def _half(value: Mapping[str, Any]) -> float:

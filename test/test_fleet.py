@@ -91,8 +91,23 @@ def test_drift_is_told_and_chance_is_not() -> None:
     summary = fleet.summarise(rows)
     assert [(x['bag'], x['against']) for x in summary['drifts']] == [('a3', 'a1')]
     assert summary['drifts'][0]['change'] == pytest.approx(0.1)
-    assert {x['machine'] for x in summary['machines']} == {'a', 'b'}
+    assert {x['machine']: x['against'] for x in summary['machines']} == {'a': 'b', 'b': 'a'}
     assert summary['effects'] == {'backlash': ['a3: d']}
+
+
+def test_effects_after_the_first_are_in_the_summary_too() -> None:
+    several = row('a1', 'a', '2026-01-01', 100.0, 'backlash')
+    several['also'] = [{'effect': 'stribeck', 'where': 'e'}]
+    summary = fleet.summarise([several, row('b1', 'b', '2026-01-01', 100.0, 'stribeck')])
+    assert summary['effects'] == {'backlash': ['a1: d'], 'stribeck': ['a1: e', 'b1: d']}
+
+
+def test_where_nothing_is_missing_the_values_of_the_identification_stay(listed: Path) -> None:
+    entry = fleet.read_fleet(listed)[0]
+    alone = fleet.run_entry(entry, 1, diagnosed=False)
+    diagnosed = fleet.run_entry(entry, 1, diagnosed=True)
+    assert diagnosed['effect'] == 'none'
+    assert diagnosed['parameters'] == alone['parameters']
 
 
 def test_directory_needs_a_machine_file(listed: Path) -> None:

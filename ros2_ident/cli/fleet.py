@@ -125,4 +125,5 @@ def _print(rows: 'list[Row]', summary: dict[str, Any]) -> None:
                 f'{x["against"]} to {x["value"]:.5g} {x["unit"]}{change}'
             )
     for effect, places in summary['effects'].items():
-        print(f'{effect}: found {len(places)} times ({"; ".join(places)})')
+        count = 'once' if len(places) == 1 else f'{len(places)} times'
+        print(f'{effect}: found {count} ({"; ".join(places)})')
