@@ -171,13 +171,7 @@ def of_diagnosis(data: Mapping[str, Any]) -> list[Sentence]:
         data: The content of `diagnosis.json`.
     """
     verdict = data['verdict']
-    known = verdict['effect'] != 'unknown'
-    out = [
-        Sentence(
-            'good' if data['complete'] and known else 'bad',
-            f'{verdict["sentence"]} Probability {_chance(verdict["probability"])}.',
-        )
-    ]
+    out: list[Sentence] = []
     if not data['complete']:
         out.append(
             Sentence(
@@ -205,7 +199,11 @@ def of_diagnosis(data: Mapping[str, Any]) -> list[Sentence]:
                 f'move: {some(moved)}.',
             )
         )
+    level: Level = 'bad'
+    if data['complete'] and verdict['effect'] != 'unknown':
+        level = 'doubtful' if out else 'good'
     hidden = [effect_name(x) for x in data['not_testable']]
     if hidden:
         out.append(Sentence('plain', f'This motion cannot show: {some(hidden)}.'))
-    return out
+    said = f'{verdict["sentence"]} Probability {_chance(verdict["probability"])}.'
+    return [Sentence(level, said), *out]
