@@ -5,6 +5,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 import json
 import math
+import re
 
 from bokeh.models import GlyphRenderer
 import numpy as np
@@ -234,6 +235,32 @@ def test_a_diagnosis_says_what_moves_and_what_cannot_be_seen(both):
     assert said[0].text.endswith('Probability 93 %.')
     assert any('drive_1.coulomb_torque by −38 %' in s.text for s in said)
     assert any(s.text.startswith('This motion cannot show: ') for s in said)
+
+
+def test_the_bar_beside_a_diagnosis_is_green_only_where_nothing_is_to_be_careful_about(both):
+    data = json.loads((both.parent / 'diagnosis.json').read_text())
+    assert of_diagnosis(data)[0].level == 'doubtful'
+    assert of_diagnosis({**data, 'complete': False})[0].level == 'bad'
+    nothing = {
+        **data,
+        'complete': True,
+        'verdict': {**data['verdict'], 'effect': 'none'},
+        'gates': [],
+        'confusable': [],
+    }
+    assert of_diagnosis(nothing)[0].level == 'good'
+
+
+def test_the_page_keeps_room_for_a_picture_until_it_is_drawn(both):
+    text = both.read_text()
+    for name in Page(both).pictures:
+        (height,) = re.findall(f'<div id="{name}" style="min-height: ([0-9]+)px">', text)
+        assert int(height) > 80, name
+
+
+def test_no_line_ends_before_a_percent_sign(both):
+    said = re.findall('<p class="(?:headline|plain|warning)">(.*?)</p>', both.read_text())
+    assert said and not any(' %' in text for text in said)
 
 
 @pytest.mark.parametrize(

@@ -153,8 +153,9 @@ def _asset(name: str) -> str:
 
 
 def _prose(text: str) -> Markup:
-    """Return a sentence with what stands between backticks as code."""
+    """Return a sentence with what stands between backticks as code; no line ends before a %."""
     html = str(escape(text)).replace('^2', '²').replace('^3', '³')
+    html = re.sub(r'(?<=\d) %', '\N{NO-BREAK SPACE}%', html)
     return Markup(re.sub('`([^`]*)`', r'<code>\1</code>', html))
 
 

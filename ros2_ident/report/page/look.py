@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from bokeh.models import CustomJSTickFormatter, FixedTicker
+from bokeh.models import CustomJSTickFormatter, FixedTicker, GridPlot
 from bokeh.models.layouts import LayoutDOM
 from bokeh.plotting import figure
 
@@ -50,6 +50,16 @@ class Picture:
     plot: LayoutDOM
     keys: tuple[Key, ...] = ()
     notes: tuple[str, ...] = ()
+
+    @property
+    def height(self) -> int:
+        """Height of its plots [px]: the page keeps it free until they are drawn."""
+        if not isinstance(self.plot, GridPlot):
+            return int(self.plot.height or 0)
+        rows: dict[int, int] = {}
+        for made, row, *_ in self.plot.children:
+            rows[row] = max(rows.get(row, 0), int(made.height or 0))
+        return sum(rows.values())
 
 
 def plot(**options: Any) -> Any:

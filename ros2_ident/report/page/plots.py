@@ -277,6 +277,8 @@ def correlations(result: Identification) -> Picture | None:
     made.add_layout(
         ColorBar(
             color_mapper=mapper, width=10, ticker=FixedTicker(ticks=[-1, -0.5, 0, 0.5, 1]),
+            # In percent, as the cells.
+            major_label_overrides={-1: '−100', -0.5: '−50', 0: '0', 0.5: '50', 1: '100'},
             major_label_text_font_size='11px', bar_line_color=None, major_tick_line_color=None,
         ),
         'right',
