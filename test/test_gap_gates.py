@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import replace
+from pathlib import Path
 
 from gap_signals import needs_practice, practice_case
 import numpy as np
@@ -8,7 +9,11 @@ import pytest
 from ros2_ident.gap.floor import noise_floor
 from ros2_ident.gap.gates import check_effort, check_law, check_streams, run_gates
 from ros2_ident.gap.law import fit_law, Gain, Law
+from ros2_ident.identify import read_problem
+from ros2_ident.models import load_machine
 from ros2_ident.recording import AlignQuality, StreamQuality
+
+ROOT = Path(__file__).parents[1]
 
 
 def _law(**changes):
@@ -38,6 +43,23 @@ def test_a_law_that_explains_nothing_fails():
 def test_noise_beyond_the_floor_is_told_apart_from_gains():
     found = check_law(_law(misfit=0.02, misfit_file=0.02), 'drive_1', noise=0.01)
     assert [g.gate for g in found] == ['law_noise', 'law']
+
+
+def test_steps_of_the_logged_position_are_no_noise_between_controller_and_log():
+    (gate,) = check_law(_law(misfit=0.02, misfit_file=0.02, steps=0.021), 'drive_1', noise=0.01)
+    assert (gate.gate, gate.level) == ('law', 'ok')
+    assert 'steps of the logged position' in gate.sentence
+
+
+def test_a_log_of_the_package_passes_its_own_law():
+    machine = load_machine(ROOT / 'config/emps.yaml')
+    data = read_problem(ROOT / 'bags/axis_reversals', machine).datasets[0]
+    law = fit_law(machine, data, 'emps_axis')
+    # The bag holds positions in steps of 1 um.
+    assert law.steps == pytest.approx(machine.controller['velocity_gain'] * 1e-6 / 4e-3, rel=1e-6)
+    assert [g.level for g in check_law(law, 'emps_axis', 'N', 0.3)] == ['ok']
+    moved = np.array(data.position) + 1e-7 * np.random.default_rng(0).standard_normal(data.cycles)
+    assert fit_law(machine, replace(data, position=moved), 'emps_axis').steps < 1e-6
 
 
 def test_without_a_command_there_is_nothing_to_check():

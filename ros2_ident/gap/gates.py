@@ -222,7 +222,7 @@ def check_law(
             'together'
         )
         return [*found, Gate('law', drive, 'fail', law.explained, '1', text)]
-    if noise is not None and law.misfit > NOISY * noise:
+    if noise is not None and law.misfit > NOISY * math.hypot(noise, law.steps):
         text = (
             f'{drive}: the control law leaves {law.misfit:.3g} {unit} of the logged effort where '
             f'the noise is {noise:.3g}, whatever its gains; something sits between controller and '
@@ -235,6 +235,8 @@ def check_law(
             f'{drive}: the log follows the stated control law, {law.misfit_file:.3g} {unit} '
             'are left'
         )
+        if noise is not None and law.misfit > NOISY * noise and law.steps > noise:
+            text += f', no more than the steps of the logged position make ({law.steps:.3g})'
         return [*found, Gate('law', drive, 'ok', best.ratio, '1', text)]
     alone = best.misfit**2 - law.misfit**2 < (EXCESS * law.misfit) ** 2
     text = (

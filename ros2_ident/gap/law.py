@@ -68,6 +68,8 @@ class Law:
         misfit_file: RMS that it leaves with the machine file's gains.
         explained: Share of the effort's variance that the free law explains.
         samples: Samples used.
+        steps: RMS that the steps of the logged position alone may leave, in the effort's unit; 0
+            where the law does not difference the position, or the position has no steps.
     """
 
     drive: str
@@ -78,6 +80,7 @@ class Law:
     misfit_file: float
     explained: float
     samples: int
+    steps: float = 0.0
 
     @property
     def excess(self) -> float:
@@ -98,6 +101,7 @@ class _Signals:
     effort: Array
     forward: float
     integral: bool
+    speed_steps: float
 
 
 def fit_law(machine: Machine, data: Dataset, drive: str) -> Law | None:
@@ -150,6 +154,7 @@ def fit_law(machine: Machine, data: Dataset, drive: str) -> Law | None:
         file,
         1.0 - free**2 / max(float(effort.var()), 1e-300),
         effort.size,
+        gains['velocity_gain'] * signals.speed_steps,
     )
 
 
@@ -272,10 +277,13 @@ def _signals(machine: Machine, data: Dataset, drive: str) -> _Signals | None:
     effort = data.effort[d]
     if position is None or not np.ptp(data.command_position[d]):
         return None
+    speed_steps = 0.0
     if str(machine.controller.get('law', 'pi')) == 'cascade_p':
         # Half the sum of two readings, differenced over a cycle.
         velocity = np.zeros_like(position)
         velocity[2:] = (position[2:] - position[:-2]) * (0.5 / data.cycle)
+        # Rounded to steps, a difference is one of two neighbours: at most half a step off, RMS.
+        speed_steps = 0.5 * _step(data.position[d]) * (0.5 / data.cycle)
     else:
         logged = None if data.velocity is None else _filled(data.velocity[d])
         velocity = np.gradient(position, data.cycle) if logged is None else logged
@@ -289,7 +297,21 @@ def _signals(machine: Machine, data: Dataset, drive: str) -> _Signals | None:
         data.cycle, data.command_position[d], data.command_velocity[d], position, velocity,
         index, effort[index], float(machine.controller.get('velocity_feedforward', 0.0)),
         float(machine.controller.get('integral_gain', 0.0)) != 0.0,
+        speed_steps,
     )
+
+
+def _step(row: Array) -> float:
+    """Return the step of which all values are multiples, 0 where they have none."""
+    values = np.unique(row[np.isfinite(row)])
+    apart = np.diff(values)
+    apart = apart[apart > 1e-9 * float(np.ptp(values))] if apart.size else apart
+    if not apart.size:
+        return 0.0
+    step = float(np.median(apart[apart < 1.5 * apart.min()]))
+    count = (values - values[0]) / step
+    # The step is known to its rounding only, so that far off numbers drift.
+    return step if float(np.abs(count - np.round(count)).mean()) < 0.05 else 0.0
 
 
 def _filled(row: Array) -> Array | None:
