@@ -100,7 +100,9 @@ def _estimate(machine: 'Machine', args: argparse.Namespace, data: object) -> str
         costs(theta)
         each = (time.monotonic() - start) / len(theta)
     candidates = GeneticSettings().evaluations
+    seconds = each * candidates
+    long = 'less than 1 s' if seconds < 1.0 else f'about {duration(seconds)}'
     return (
         f'identification: {len(problem.parameters)} parameters, {problem.samples} effort samples; '
-        f'about {duration(each * candidates)} for {candidates} candidates, and the refinement'
+        f'{long} for {candidates} candidates, and the refinement'
     )
