@@ -200,11 +200,11 @@ def without_hooks(model: Tripod) -> Tripod:
     bare = tripod_kernel.build('', hooks=False)
 
     class Bare(Tripod):
-        def _run(self, blocks, places, substeps, task):  # type: ignore[no-untyped-def]
+        def _run(self, group, begin, end, task):  # type: ignore[no-untyped-def]
             whole = tripod_module.simulate
             tripod_module.simulate = bare
             try:
-                super()._run(blocks, places, substeps, task)
+                super()._run(group, begin, end, task)
             finally:
                 tripod_module.simulate = whole
 
@@ -261,7 +261,7 @@ def schedule(model: Tripod, rounds: int) -> None:
         search = PackedSearch(
             len(low), GeneticSettings(), seed, lambda x: model.work(low + x * (high - low))
         )
-        with ThreadedEvaluator(model.costs, 2) as evaluate:
+        with ThreadedEvaluator(model.costs, 2, limited=True) as evaluate:
             start, used = time.perf_counter(), time.process_time()
             found = minimise(evaluate, search, low=low, high=high, lot=2 * WIDTH)
             wall.append(time.perf_counter() - start)

@@ -47,9 +47,7 @@ class PackedSearch(GeneticSearch):
         packed: Array = points[self._order]
         return packed
 
-    def tell(self, costs: Any) -> None:
-        """Take the costs (S,) in the order of `ask`."""
-        told = np.array(costs, dtype=np.float64)
-        if told.shape == self._order.shape:
-            told[self._order] = told.copy()
-        super().tell(told)
+    def _as_drawn(self, values: Any) -> Any:
+        drawn = np.empty_like(values)
+        drawn[self._order] = values
+        return drawn

@@ -22,6 +22,7 @@ from ros2_ident.search import (
 )
 from ros2_ident.search.evaluators import Cancel, Evaluators
 from ros2_ident.search.jacobian import Box
+from ros2_ident.search.operators import Flags
 from ros2_ident.settings import IdentifyProgress, IdentifySettings, OnProgress
 
 # The part of a budget that is kept for the refinement.
@@ -73,6 +74,7 @@ class Run:
         self.names = tuple(p.name for p in problem.parameters)
         self.candidates: list[Array] = []
         self.told: list[Array] = []
+        self.exact: list[Flags] = []
         self.generations: list[int] = []
         jacobian = len(self.names) + 1
         self.usual = settings.starts * USUAL_STEPS * jacobian if settings.refine else 0
@@ -114,7 +116,9 @@ class Run:
             candidates=np.concatenate(self.candidates)
             if self.candidates
             else np.empty((0, len(self.names))),
-            costs=np.concatenate(self.told) if self.told else np.empty(0),
+            costs=np.where(np.concatenate(self.exact), np.concatenate(self.told), np.inf)
+            if self.told
+            else np.empty(0),
             generations=np.array(self.generations, dtype=np.int64),
         )
 
@@ -135,7 +139,8 @@ class Run:
             ),
             cancel=self.cancel,
             lot=self.evaluators.lot,
-            on_slice=self._note,
+            on_generation=self._note,
+            give_up=self.settings.give_up,
             on_progress=self._report_search if self.on_progress else None,
         )
 
@@ -147,9 +152,10 @@ class Run:
         # The last Jacobian, for the intervals, has its own.
         return max(1, min(int(kept * whole), whole - 2 * len(self.names) - 1))
 
-    def _note(self, theta: Array, costs: Array) -> None:
+    def _note(self, theta: Array, costs: Array, exact: Flags) -> None:
         self.candidates.append(theta)
         self.told.append(costs)
+        self.exact.append(exact)
         self.generations += [self.search.generation] * len(theta)
 
     def _report_search(self, progress: Progress) -> None:
@@ -176,30 +182,47 @@ class Run:
 
     # ------------------------------------------------------------------ refinement
 
-    def _starts(self, ga: SearchResult) -> Array:
+    def _starts(self, ga: SearchResult, stop: Cancel) -> Array:
         """Return (B, N) the best candidate and the best that lie apart from it and each other."""
         candidates, costs = np.concatenate(self.candidates), np.concatenate(self.told)
+        exact = np.concatenate(self.exact)
         width = self.problem.high - self.problem.low
-        chosen = [ga.theta]
-        # Candidates of equal cost keep the order in which they were drawn.
-        for row in np.argsort(costs, kind='stable'):
-            if len(chosen) == self.settings.starts or not np.isfinite(costs[row]):
-                break
-            if all((np.abs(candidates[row] - other) / width).max() > APART for other in chosen):
-                chosen.append(candidates[row])
-        return np.array(chosen)
+
+        def chosen(among: Array) -> list[int]:
+            rows: list[int] = []
+            others = [ga.theta]
+            # Candidates of equal cost keep the order in which they were drawn.
+            for row in np.argsort(among, kind='stable'):
+                if len(others) == self.settings.starts or not np.isfinite(among[row]):
+                    break
+                if all((np.abs(candidates[row] - o) / width).max() > APART for o in others):
+                    rows.append(int(row))
+                    others.append(candidates[row])
+            return rows
+
+        # Some costs are lower bounds only. Those that may matter are found out as far as they do.
+        known = chosen(np.where(exact, costs, np.inf))
+        limit = float(costs[known[-1]]) if len(known) == self.settings.starts - 1 > 0 else np.inf
+        far = (np.abs(candidates - ga.theta) / width).max(axis=1) > APART
+        rows = np.flatnonzero(far & ~exact & (costs <= limit))
+        while len(rows):
+            costs[rows] = self.problem.costs(candidates[rows], limit, stop.is_set)
+            exact[rows] = costs[rows] <= limit
+            rows = np.array([row for row in chosen(costs) if not exact[row]], dtype=np.intp)
+            limit = np.inf
+        return np.array([ga.theta, *candidates[chosen(costs)]])
 
     def _refine(self, ga: SearchResult) -> Refinement | None:
         budget = self.settings.budget
-        starts = self._starts(ga)
+        deadline = None if budget.seconds is None else self.start + budget.seconds
+        stop = _Either(self.cancel, deadline)
+        starts = self._starts(ga, stop)
         limit = self.per_start
         if budget.evaluations is not None:
             # The last Jacobian comes on top.
             left = budget.evaluations - ga.evaluations - 2 * len(self.names)
             starts = starts[: max(1, left // (USUAL_STEPS * (len(self.names) + 1)))]
             limit = min(limit, left // len(starts))
-        deadline = None if budget.seconds is None else self.start + budget.seconds
-        stop = _Either(self.cancel, deadline)
         if limit < 1 or stop.is_set():
             return None
         watched = _Watched(self, ga, len(starts))

@@ -3,6 +3,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+import math
 from typing import TypeVar
 
 import numpy as np
@@ -114,11 +115,29 @@ class Problem:
         """Return (S,) how much work candidates (S, N) in the unit cube are."""
         return self.models[0].work(self.low + points * (self.high - self.low))
 
-    def costs(self, theta: Array) -> Array:
-        """Return (S,) costs of (S, N) candidates, `unit`; inf where one diverged."""
+    def costs(
+        self, theta: Array, limit: float = math.inf, stop: Callable[[], bool] | None = None
+    ) -> Array:
+        """Return the costs of candidates.
+
+        Args:
+            theta: (S, N) candidates.
+            limit: Cost above which a candidate need not be simulated to the end.
+            stop: Asked now and then; where it says True, nobody needs the result any more.
+
+        Returns:
+            (S,) costs, `unit`; inf where a candidate diverged. Where one is above `limit` it is a
+            lower bound of the cost.
+        """
         total = np.zeros(len(theta))
+        below = np.arange(len(theta))
         for weight, model in zip(self._weights, self.models, strict=True):
-            total += weight * model.costs(theta)
+            # A bit more than is left, so that the sum is above the limit in spite of rounding.
+            left = (limit * (1.0 + 1e-12) - total[below]) / weight
+            total[below] += weight * model.costs(theta[below], left, stop)
+            below = below[(total[below] <= limit) & (total[below] < math.inf)]
+            if not below.size:
+                break
         return total
 
     def residuals(self, theta: Array) -> Array:

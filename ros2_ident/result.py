@@ -107,7 +107,7 @@ class History:
     Attributes:
         best_costs: (G,) best cost after each complete generation.
         candidates: (E, N) every candidate evaluated, in order, physical units.
-        costs: (E,) its cost; inf where it diverged.
+        costs: (E,) its cost; inf where it diverged, or was given up as too dear to survive.
         generations: (E,) its generation, from 1.
     """
 

@@ -21,6 +21,8 @@ class IdentifySettings:
             once one has reached the noise of the effort.
         refine_evaluations: Most candidates for each start; 60 Jacobians by default.
         level: Probability that an interval covers the truth.
+        give_up: Whether to leave off simulating candidates of the genetic algorithm as soon as
+            they cost too much to survive. The result is the same; their costs are not known then.
         cutoff: Low-pass of recorded motion where it drives the model [Hz].
         threads: Threads that simulate; one for each processor by default. The result does not
             depend on it.
@@ -32,6 +34,7 @@ class IdentifySettings:
     starts: int = 4
     refine_evaluations: int | None = None
     level: float = 0.95
+    give_up: bool = True
     cutoff: float = 100.0
     threads: int | None = None
 

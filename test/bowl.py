@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """An objective that other processes unpack quickly, and that can take its worker with it."""
 
+import math
 import os
 from pathlib import Path
 import signal
@@ -27,7 +28,7 @@ class Bowl:
     def prepare(self) -> None:
         pass
 
-    def costs(self, theta: np.ndarray) -> np.ndarray:
+    def costs(self, theta: np.ndarray, limit: float = math.inf, stop=None) -> np.ndarray:
         time.sleep(self.slow)
         if self.deadly is not None and os.getpid() != self.home:
             try:
@@ -45,5 +46,5 @@ class Bowl:
 class Broken(Bowl):
     """Fails by itself, which is no loss of a worker."""
 
-    def costs(self, theta: np.ndarray) -> np.ndarray:
+    def costs(self, theta: np.ndarray, limit: float = math.inf, stop=None) -> np.ndarray:
         raise IdentError(ErrorCode.BAD_VALUES, 'the bowl has a hole; mend it')

@@ -224,7 +224,7 @@ def test_unusable_budget_is_refused():
 
 @pytest.mark.parametrize('threads', [1, 2, 3])
 def test_threads_do_not_change_the_result(threads):
-    with ThreadedEvaluator(cost, threads, least=2) as evaluate:
+    with ThreadedEvaluator(cost, threads) as evaluate:
         result = minimise(evaluate, search(), low=LOW, high=HIGH)
         points = np.random.default_rng(0).random((17, 2))
         np.testing.assert_array_equal(evaluate(points), cost(points))

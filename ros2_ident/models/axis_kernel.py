@@ -35,10 +35,14 @@ MOTOR, CARRIAGE = 0, 1
 COORDINATES = 2
 
 
+def state_for(drives: int) -> int:
+    """Return how many numbers of each block go on from a part of the log to the next."""
+    return W * drives * (2 * COORDINATES + dk.MEMORY_COUNT + measurement.KEPT)
+
+
 def room_for(drives: int) -> int:
     """Return how many numbers of room the kernel needs for so many drives."""
-    each = 2 * COORDINATES + dk.MEMORY_COUNT + measurement.PIECE + measurement.KEPT
-    return W * (drives * each + rk.STAGES * COORDINATES + 1 + measurement.ROOM)
+    return W * (drives * measurement.PIECE + rk.STAGES * COORDINATES + 1 + measurement.ROOM)
 
 
 @inlined
@@ -83,10 +87,13 @@ def _build(digest):
         blocks,
         rows,
         substeps,
+        state,
         room,
+        begin,
+        end,
         command,
         motion,
-        begin,
+        start,
         mode,
         on,
         delayed,
@@ -99,16 +106,18 @@ def _build(digest):
         wanted,
         measured,
         samples,
+        limits,
         out,
     ):
         """Simulate blocks of candidates; arguments as in `tripod_kernel.simulate`, but for these.
 
         Args:
+            state: (G, state_for(D)).
             room: (room_for(D),) to work in.
             command: (2 * D * K,) set-point positions of the drives, then their rates.
             motion: (3 * D * K,) recorded position, velocity and acceleration of prescribed motors,
                 else empty.
-            begin: (2 * D,) where the motors start, then how fast.
+            start: (2 * D,) where the motors start, then how fast.
             mode: (D,) CLOSED_LOOP or PRESCRIBED.
             on: (D,) flags of the effects.
             rigid: (D,) whether motor and carriage are one mass.
@@ -116,44 +125,42 @@ def _build(digest):
         _ = digest
         drives = mode.shape[0]
         count = wanted.shape[1]
-        all_place, rest = parted(room, drives * COORDINATES)
-        all_rate, rest = parted(rest, drives * COORDINATES)
-        all_mem, rest = parted(rest, drives * dk.MEMORY_COUNT)
-        bend, rest = parted(rest, rk.STAGES * COORDINATES)
+        bend, rest = parted(room, rk.STAGES * COORDINATES)
         torques, rest = parted(rest, drives * measurement.PIECE)
-        kept, rest = parted(rest, drives * measurement.KEPT)
         finite, rest = parted(rest, 1)
         own = COORDINATES * W
         mine = dk.MEMORY_COUNT * W
         zero = spread(0.0)
         for g in range(blocks.shape[0]):
             par = blocks[g]
-            all_place[:] = 0.0
-            all_rate[:] = 0.0
-            all_mem[:] = 0.0
+            all_place, more = parted(state[g], drives * COORDINATES)
+            all_rate, more = parted(more, drives * COORDINATES)
+            all_mem, kept = parted(more, drives * dk.MEMORY_COUNT)
+            # Another group's may hold NaN, which a factor of zero would not take away.
             bend[:] = 0.0
-            kept[:] = 0.0
-            for d in range(drives):
-                first = MACHINE_COUNT + d * DRIVE_COUNT
-                place = all_place[d * own : (d + 1) * own]
-                rate = all_rate[d * own : (d + 1) * own]
-                mem = all_mem[d * mine : (d + 1) * mine]
-                start = spread(begin[d])
-                v = spread(begin[drives + d])
-                hold = load(par, (first + dk.RAIL_MASS) * W) * load(par, GRAVITY * W)
-                stretch = zero if rigid[d] else hold / load(par, (first + dk.STIFFNESS) * W)
-                z = start + stretch if mode[d] == dk.CLOSED_LOOP else start
-                store(place, MOTOR * W, z)
-                store(rate, MOTOR * W, v)
-                store(place, CARRIAGE * W, z - stretch)
-                store(rate, CARRIAGE * W, v)
-                moved = load(par, (first + dk.MOTOR_MASS) * W)
-                if rigid[d]:
-                    moved = moved + load(par, (first + dk.RAIL_MASS) * W)
-                store(mem, dk.LIGHTNESS * W, 1.0 / moved)
-                dk.begin(mem, 0, z, v, cycle, hold * (1.0 / gear))
-            for begun in range(0, count, measurement.PIECE):
-                cycles = min(measurement.PIECE, count - begun)
+            if begin == 0:
+                state[g] = 0.0
+                for d in range(drives):
+                    first = MACHINE_COUNT + d * DRIVE_COUNT
+                    place = all_place[d * own : (d + 1) * own]
+                    rate = all_rate[d * own : (d + 1) * own]
+                    mem = all_mem[d * mine : (d + 1) * mine]
+                    at = spread(start[d])
+                    v = spread(start[drives + d])
+                    hold = load(par, (first + dk.RAIL_MASS) * W) * load(par, GRAVITY * W)
+                    stretch = zero if rigid[d] else hold / load(par, (first + dk.STIFFNESS) * W)
+                    z = at + stretch if mode[d] == dk.CLOSED_LOOP else at
+                    store(place, MOTOR * W, z)
+                    store(rate, MOTOR * W, v)
+                    store(place, CARRIAGE * W, z - stretch)
+                    store(rate, CARRIAGE * W, v)
+                    moved = load(par, (first + dk.MOTOR_MASS) * W)
+                    if rigid[d]:
+                        moved = moved + load(par, (first + dk.RAIL_MASS) * W)
+                    store(mem, dk.LIGHTNESS * W, 1.0 / moved)
+                    dk.begin(mem, 0, z, v, cycle, hold * (1.0 / gear))
+            for begun in range(begin, end, measurement.PIECE):
+                cycles = min(measurement.PIECE, end - begun)
                 for d in range(drives):
                     first = MACHINE_COUNT + d * DRIVE_COUNT
                     flags = on[d]
@@ -248,14 +255,17 @@ def _build(digest):
                     rest,
                     out,
                 )
-            for lane in range(W):
-                finite[lane] = 1.0
-                for d in range(drives):
-                    for r in range(1 if rigid[d] else COORDINATES):
-                        at = (d * COORDINATES + r) * W + lane
-                        if not np.isfinite(all_place[at] + all_rate[at]):
-                            finite[lane] = 0.0
-            measurement.conclude(par, finite, measured, samples, rows[g], kept, out)
+                if measurement.give_up(samples, rows[g], limits, kept, out):
+                    break
+            if end == count:
+                for lane in range(W):
+                    finite[lane] = 1.0
+                    for d in range(drives):
+                        for r in range(1 if rigid[d] else COORDINATES):
+                            at = (d * COORDINATES + r) * W + lane
+                            if not np.isfinite(all_place[at] + all_rate[at]):
+                                finite[lane] = 0.0
+                measurement.conclude(par, finite, measured, samples, rows[g], kept, out)
 
     return simulate
 

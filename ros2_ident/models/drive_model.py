@@ -2,10 +2,10 @@
 """From named parameters to a compiled simulation: what the tripod and the linear axis share."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+import functools
 import math
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,29 +14,13 @@ from ros2_ident import lanes
 from ros2_ident.effects import Effect, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import drive_kernel, law_kernel, rows
+from ros2_ident.models.group import Group, PART, Task
 from ros2_ident.models.machine import constant, Machine
 from ros2_ident.models.parameter import Kind, Parameter
 from ros2_ident.models.recorded import RecordedMotion
 from ros2_ident.recording import Dataset
 
 Array = npt.NDArray[np.float64]
-
-
-class Task(NamedTuple):
-    """What a simulation is for, as `measurement.hand_on` takes it.
-
-    Attributes:
-        wanted: (D, K) column of `out` for each drive and cycle, -1 for none.
-        measured: (D, K + 1) measured torque where costs are summed, else (0, 0).
-        samples: (D,) cycles of each drive that count.
-        out: (S, C) torque, or (S, 1) costs.
-    """
-
-    wanted: npt.NDArray[np.int64]
-    measured: Array
-    samples: npt.NDArray[np.int64]
-    out: Array
-
 
 @dataclass(frozen=True)
 class Slot:
@@ -456,13 +440,18 @@ class DriveModel(ABC):
             motion = np.concatenate([np.asarray(part).ravel() for part in smooth])
         return command, motion, mode
 
+    @property
     @abstractmethod
-    def _run(
-        self, blocks: Array, rows: npt.NDArray[np.int64], substeps: Array, task: Task
-    ) -> None:
-        """Run the compiled simulation of (G, R * W) blocks; see `tripod_kernel.simulate`."""
+    def _state(self) -> int:
+        """Numbers of each block that go on from a part of the log to the next."""
 
-    def _simulated(self, theta: Array, task: Task) -> Array:
+    @abstractmethod
+    def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
+        """Run the compiled simulation over a part of the log; see `tripod_kernel.simulate`."""
+
+    def _simulated(
+        self, theta: Array, task: Task, stop: Callable[[], bool] | None = None
+    ) -> Array:
         """Simulate candidates (S, N), those of equal work side by side; return `task.out`."""
         block = self.rows(theta)
         steps = np.stack([self._steps(block, fast=True), self._steps(block)], axis=1)
@@ -471,12 +460,23 @@ class DriveModel(ABC):
         groups = -(-len(order) // width)
         places = np.full(groups * width, -1, dtype=np.int64)
         places[: len(order)] = order
-        self._run(
+        group = Group(
             lanes.padded(block[order]).reshape(groups, -1),
             places.reshape(groups, width),
             lanes.padded(steps[order].astype(float)).reshape(groups, -1),
-            task,
+            np.empty((groups, self._state)),
         )
+        cycles = task.wanted.shape[1]
+        whole = stop is None and not np.isfinite(task.limits).any()
+        part = cycles if whole else PART
+        for begin in range(0, cycles, part):
+            if stop is not None and stop():
+                task.out.fill(math.inf)
+                break
+            self._run(group, begin, min(begin + part, cycles), task)
+            group = group.moved_together()
+            if not len(group.rows):
+                break
         return task.out
 
     def simulate(self, theta: Array) -> Array:
@@ -536,14 +536,37 @@ class DriveModel(ABC):
         )
         return task.out
 
-    def costs(self, theta: Array) -> Array:
-        """Return (S,) costs of (S, N) candidates, eq. 2 [`output_unit`]; inf: diverged."""
+    def costs(
+        self,
+        theta: Array,
+        limit: float | Array = math.inf,
+        stop: Callable[[], bool] | None = None,
+    ) -> Array:
+        """Return the costs of candidates, eq. 2.
+
+        Args:
+            theta: (S, N) candidates.
+            limit: Cost above which a candidate need not be simulated to the end; one for all, or
+                (S,).
+            stop: Asked now and then; where it says True, nobody needs the result any more.
+
+        Returns:
+            (S,) costs [`output_unit`]; inf where a candidate diverged. Where one is above `limit`
+            it is a lower bound of the cost.
+        """
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
+        limits = np.empty(len(theta))
+        limits[:] = limit
+        task = self._costing._replace(limits=limits, out=np.empty((len(theta), 1)))
+        return self._simulated(theta, task, stop)[:, 0]
+
+    @functools.cached_property
+    def _costing(self) -> Task:
+        """The task of summing costs, but for what belongs to the candidates."""
         measured = self.measured
         wanted = np.full((len(self.machine.drives), measured.shape[1] + 1), np.nan)
         wanted[self._chosen_rows, :-1] = measured
-        task = self._task(~np.isnan(measured), np.empty((len(theta), 1)))._replace(measured=wanted)
-        return self._simulated(theta, task)[:, 0]
+        return self._task(~np.isnan(measured), np.empty((0, 1)))._replace(measured=wanted)
 
     def residuals(self, theta: Array) -> Array:
         """Return (S, R) measured less simulated torque, drive by drive (eq. 1)."""
@@ -567,4 +590,4 @@ class DriveModel(ABC):
         columns = np.full(there.shape, -1, dtype=np.int64)
         columns[there] = np.arange(int(there.sum()))
         wanted[self._chosen_rows] = columns
-        return Task(wanted, np.empty((0, 0)), (wanted >= 0).sum(axis=1), out)
+        return Task(wanted, np.empty((0, 0)), (wanted >= 0).sum(axis=1), np.empty(0), out)

@@ -39,6 +39,7 @@ def _build(digest):
         wanted,
         measured,
         samples,
+        limits,
         out,
     ):
         """Run the controllers of blocks of candidates along a recorded motion.
@@ -57,6 +58,7 @@ def _build(digest):
             law: VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
             feedforward: Weight of the velocity feed-forward.
             wanted, measured, samples, out: As for `measurement.hand_on`.
+            limits: Not looked at.
         """
         _ = digest
         drives = on.shape[0]

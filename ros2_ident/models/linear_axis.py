@@ -5,8 +5,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.models import rows
-from ros2_ident.models.axis_kernel import room_for, simulate
-from ros2_ident.models.drive_model import Array, DriveModel, Task
+from ros2_ident.models.axis_kernel import room_for, simulate, state_for
+from ros2_ident.models.drive_model import Array, DriveModel
+from ros2_ident.models.group import Group, Task
 from ros2_ident.models.machine import constant
 
 # A set-point slower than this share of its fastest at the log's start counts as rest.
@@ -63,14 +64,16 @@ class LinearAxis(DriveModel):
             begin[d], begin[drives + d] = place, slope
         return begin
 
-    def _run(
-        self, blocks: Array, rows: npt.NDArray[np.int64], substeps: Array, task: Task
-    ) -> None:
+    @property
+    def _state(self) -> int:
+        return state_for(len(self.machine.drives))
+
+    def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
         simulate(
-            blocks,
-            rows,
-            substeps,
+            *group,
             np.empty(room_for(len(self.machine.drives))),
+            begin,
+            end,
             self._command,
             self._motion,
             self._begin,

@@ -156,6 +156,50 @@ def hand_on(par, torque, first, count, cycle, wanted, measured, samples, rows, k
                 _write(late, whole, first, count, wanted[d], rows, out)
 
 
+@inlined
+def _cost(samples, kept, lane):
+    """Return a lane's cost, eq. 2 of the paper, as far as errors have been summed.
+
+    Squares only add to it, and every operation on them rises with them: it never exceeds, not in
+    its last digit, what it becomes later. NaN or inf where no cost will be finite any more.
+    """
+    total = 0.0
+    outputs = 0
+    for d in range(samples.shape[0]):
+        if samples[d]:
+            total += np.sqrt(kept[(d * KEPT + SQUARES) * W + lane] / samples[d])
+            outputs += 1
+    return total / max(outputs, 1)
+
+
+@called
+def give_up(samples, rows, limits, kept, out):
+    """Write what lanes cost that have come above their limits; return whether none is left.
+
+    A lane's number is that of the first piece after which it was above: it does not depend on
+    the lane's neighbours.
+
+    Args:
+        samples: As for `hand_on`.
+        rows: As for `hand_on`; becomes -1 for a lane that is given up.
+        limits: (S,) cost above which a candidate need not be simulated further; (0,) for none.
+        kept: What `hand_on` kept.
+        out: (S, 1) what a lane cost when it came above its limit.
+    """
+    if not limits.size:
+        return False
+    left = False
+    for lane in range(W):
+        if rows[lane] >= 0:
+            cost = _cost(samples, kept, lane)
+            if cost <= limits[rows[lane]]:
+                left = True
+            else:
+                out[rows[lane], 0] = cost if np.isfinite(cost) else np.inf
+                rows[lane] = -1
+    return not left
+
+
 @called
 def conclude(par, finite, measured, samples, rows, kept, out):
     """Write the costs (S, 1), eq. 2 of the paper, and inf for diverged candidates.
@@ -170,21 +214,16 @@ def conclude(par, finite, measured, samples, rows, kept, out):
         out: (S, C) as for `hand_on`; where costs are summed (S, 1), the RMS error averaged over
             the drives that count.
     """
-    drives = samples.shape[0]
     for lane in range(W):
         if rows[lane] < 0:
             continue
         good = finite[lane] != 0.0
-        total = 0.0
-        outputs = 0
-        for d in range(drives):
+        for d in range(samples.shape[0]):
             delay = par[(MACHINE_COUNT + d * DRIVE_COUNT + DELAY) * W + lane]
             good &= np.isfinite(delay) and delay >= 0.0
-            if samples[d]:
-                total += np.sqrt(kept[(d * KEPT + SQUARES) * W + lane] / samples[d])
-                outputs += 1
         if measured.size:
-            good &= np.isfinite(total) and outputs > 0
-            out[rows[lane], 0] = total / max(outputs, 1) if good else np.inf
+            cost = _cost(samples, kept, lane)
+            good &= np.isfinite(cost) and samples.any()
+            out[rows[lane], 0] = cost if good else np.inf
         elif not good:
             out[rows[lane]] = np.inf

@@ -2,13 +2,13 @@
 """The tripod of Ludwig and Gerstmayr 2011, section 4: three vertical drives, all coupled."""
 
 import numpy as np
-import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import rows
-from ros2_ident.models.drive_model import Array, DriveModel, Task
+from ros2_ident.models.drive_model import Array, DriveModel
+from ros2_ident.models.group import Group, Task
 from ros2_ident.models.machine import constant
-from ros2_ident.models.tripod_kernel import ROOM, simulate
+from ros2_ident.models.tripod_kernel import ROOM, simulate, STATE
 
 
 class Tripod(DriveModel):
@@ -33,14 +33,16 @@ class Tripod(DriveModel):
         self._drive_constants(base)
         return base
 
-    def _run(
-        self, blocks: Array, rows: npt.NDArray[np.int64], substeps: Array, task: Task
-    ) -> None:
+    @property
+    def _state(self) -> int:
+        return STATE
+
+    def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
         simulate(
-            blocks,
-            rows,
-            substeps,
+            *group,
             np.empty(ROOM),
+            begin,
+            end,
             self._command,
             self._motion,
             self._mode,

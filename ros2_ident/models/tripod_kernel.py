@@ -49,13 +49,9 @@ MOTOR, CARRIAGE, FRAME = 0, 3, 6
 # Rows of the linkage block: inverse mass matrix 0-5 (11 22 33 12 13 23), load 6-8, coupling of the
 # frame's acceleration 9-11, its own bias 12, the mass it carries 13.
 LINKAGE = 14
-ROOM = W * (
-    (2 + rk.STAGES) * COORDINATES
-    + LINKAGE
-    + 3 * (2 + dk.MEMORY_COUNT + measurement.PIECE + measurement.KEPT)
-    + 1
-    + measurement.ROOM
-)
+# What goes on from a part of the log to the next: as many numbers of each block.
+STATE = W * ((2 + rk.STAGES) * COORDINATES + 3 * (1 + dk.MEMORY_COUNT + measurement.KEPT))
+ROOM = W * (LINKAGE + 3 * (1 + measurement.PIECE) + 1 + measurement.ROOM)
 
 
 @inlined
@@ -278,7 +274,10 @@ def build(digest, hooks=True):
         blocks,
         rows,
         substeps,
+        state,
         room,
+        begin,
+        end,
         command,
         motion,
         mode,
@@ -294,16 +293,22 @@ def build(digest, hooks=True):
         wanted,
         measured,
         samples,
+        limits,
         out,
     ):
         """Simulate blocks of candidates; see `drive_model.DriveModel`.
 
         Args:
             blocks: (G, R * W) rows of `models.rows`.
-            rows: (G, W) row of `out` for each lane, -1 for none.
+            rows: (G, W) row of `out` for each lane, -1 for none; becomes -1 for a lane that is
+                given up.
             substeps: (G, 2 * W) Runge-Kutta steps in a cycle: while every drive moves fast, and
                 otherwise.
+            state: (G, STATE) what goes on from one part of the log to the next; need not be set
+                for the first.
             room: (ROOM,) to work in.
+            begin: First cycle of this part of the log, a multiple of `measurement.PIECE`.
+            end: Cycle behind its last, likewise, or the number of cycles.
             command: (6 * K,) set-point positions of the three drives, then their rates.
             motion: (9 * K,) recorded position, velocity and acceleration of prescribed motors,
                 else empty.
@@ -318,65 +323,62 @@ def build(digest, hooks=True):
             law: VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
             feedforward: Weight of the velocity feed-forward.
             wanted, measured, samples, out: As for `measurement.hand_on`.
+            limits: As for `measurement.give_up`.
         """
         _ = digest
         count = command.shape[0] // 6
         coordinates = COORDINATES if frame else FRAME
         effects = hooks and (on[0] != 0 or on[1] != 0 or on[2] != 0)
-        place, rest = parted(room, COORDINATES)
-        rate, rest = parted(rest, COORDINATES)
-        bend, rest = parted(rest, rk.STAGES * COORDINATES)
-        push, rest = parted(rest, 3)
+        push, rest = parted(room, 3)
         link, rest = parted(rest, LINKAGE)
-        mem, rest = parted(rest, 3 * dk.MEMORY_COUNT)
-        drift, rest = parted(rest, 3)
         torques, rest = parted(rest, 3 * measurement.PIECE)
-        kept, rest = parted(rest, 3 * measurement.KEPT)
         finite, rest = parted(rest, 1)
         zero = spread(0.0)
         half = 0.5 * cycle
         for g in range(blocks.shape[0]):
             par = blocks[g]
-            place[:] = 0.0
-            rate[:] = 0.0
-            bend[:] = 0.0
-            mem[:] = 0.0
-            drift[:] = 0.0
-            kept[:] = 0.0
+            place, more = parted(state[g], COORDINATES)
+            rate, more = parted(more, COORDINATES)
+            bend, more = parted(more, rk.STAGES * COORDINATES)
+            mem, more = parted(more, 3 * dk.MEMORY_COUNT)
+            drift, kept = parted(more, 3)
             tool = load(par, TOOL * W)
             loaded = payload_on(par)
-            for d in range(3):
-                start = command[d * count] if mode[d] == dk.CLOSED_LOOP else motion[d * count]
-                store(place, (CARRIAGE + d) * W, spread(start))
-            _linkage(
-                par,
-                load(place, CARRIAGE * W),
-                load(place, (CARRIAGE + 1) * W),
-                load(place, (CARRIAGE + 2) * W),
-                zero,
-                zero,
-                zero,
-                grid,
-                tool,
-                frame,
-                link,
-            )
-            for d in range(3):
-                first = MACHINE_COUNT + d * DRIVE_COUNT
-                own = d * dk.MEMORY_COUNT
-                s = load(place, (CARRIAGE + d) * W)
-                # Gravity only: what else pulls at the start is not known to the integral part.
-                hold = load(link, (6 + d) * W)
-                stretch = hold / load(par, (first + dk.STIFFNESS) * W)
-                if mode[d] == dk.CLOSED_LOOP:
-                    store(place, (MOTOR + d) * W, s + stretch)
-                else:
-                    store(place, (MOTOR + d) * W, s)
-                    store(place, (CARRIAGE + d) * W, s - stretch)
-                z = load(place, (MOTOR + d) * W)
-                store(mem, (own + dk.LIGHTNESS) * W, 1.0 / load(par, (first + dk.MOTOR_MASS) * W))
-                dk.begin(mem, own, z, zero, cycle, hold * (1.0 / gear))
-            for k in range(count):
+            if begin == 0:
+                state[g] = 0.0
+                for d in range(3):
+                    start = command[d * count] if mode[d] == dk.CLOSED_LOOP else motion[d * count]
+                    store(place, (CARRIAGE + d) * W, spread(start))
+                _linkage(
+                    par,
+                    load(place, CARRIAGE * W),
+                    load(place, (CARRIAGE + 1) * W),
+                    load(place, (CARRIAGE + 2) * W),
+                    zero,
+                    zero,
+                    zero,
+                    grid,
+                    tool,
+                    frame,
+                    link,
+                )
+                for d in range(3):
+                    first = MACHINE_COUNT + d * DRIVE_COUNT
+                    own = d * dk.MEMORY_COUNT
+                    s = load(place, (CARRIAGE + d) * W)
+                    # Gravity only: what else pulls at the start is not known to the integral part.
+                    hold = load(link, (6 + d) * W)
+                    stretch = hold / load(par, (first + dk.STIFFNESS) * W)
+                    if mode[d] == dk.CLOSED_LOOP:
+                        store(place, (MOTOR + d) * W, s + stretch)
+                    else:
+                        store(place, (MOTOR + d) * W, s)
+                        store(place, (CARRIAGE + d) * W, s - stretch)
+                    z = load(place, (MOTOR + d) * W)
+                    moved = load(par, (first + dk.MOTOR_MASS) * W)
+                    store(mem, (own + dk.LIGHTNESS) * W, 1.0 / moved)
+                    dk.begin(mem, own, z, zero, cycle, hold * (1.0 / gear))
+            for k in range(begin, end):
                 time = spread(k * cycle)
                 piece = k % measurement.PIECE
                 fast = zero >= zero
@@ -483,7 +485,7 @@ def build(digest, hooks=True):
                             time,
                             cycle,
                         )
-                if piece == measurement.PIECE - 1 or k == count - 1:
+                if piece == measurement.PIECE - 1 or k == end - 1:
                     measurement.hand_on(
                         par,
                         torques,
@@ -498,12 +500,15 @@ def build(digest, hooks=True):
                         rest,
                         out,
                     )
-            for lane in range(W):
-                finite[lane] = 1.0
-                for r in range(coordinates):
-                    if not np.isfinite(place[r * W + lane] + rate[r * W + lane]):
-                        finite[lane] = 0.0
-            measurement.conclude(par, finite, measured, samples, rows[g], kept, out)
+                    if measurement.give_up(samples, rows[g], limits, kept, out):
+                        break
+            if end == count:
+                for lane in range(W):
+                    finite[lane] = 1.0
+                    for r in range(coordinates):
+                        if not np.isfinite(place[r * W + lane] + rate[r * W + lane]):
+                            finite[lane] = 0.0
+                measurement.conclude(par, finite, measured, samples, rows[g], kept, out)
 
     return simulate
 

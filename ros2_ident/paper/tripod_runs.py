@@ -196,7 +196,8 @@ class Bench:
             drives=case.drives,
             fixed=FRICTION,
             settings=IdentifySettings(
-                genetic=replace(self.plan.genetic, min_distance=case.distance)
+                genetic=replace(self.plan.genetic, min_distance=case.distance),
+                give_up=False,  # the figures show every candidate's cost
             ),
             seed=seed,
         )

@@ -160,9 +160,9 @@ class _DaskCarrier(Carrier):
             self._alone_since = time.monotonic()
         return time.monotonic() - self._alone_since > PATIENCE
 
-    def send(self, what: str, theta: Array) -> 'Future[Array]':
+    def send(self, what: str, theta: Array, *more: float) -> 'Future[Array]':
         future: Future[Array] = self._executor.submit(
-            evaluate, self.digest, self._data, what, theta
+            evaluate, self.digest, self._data, what, theta, *more
         )
         return future
 

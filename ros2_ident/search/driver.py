@@ -15,10 +15,14 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.checkpoint import write_state
 from ros2_ident.search.evaluators import AtOnce, Batch, Cancel, Evaluate, Queue
 from ros2_ident.search.genetic import GeneticSearch, StopReason
-from ros2_ident.search.operators import Array
+from ros2_ident.search.operators import Array, Flags
 
 # How long to wait for a slice before looking at cancel event and budget again, s.
 _LOOK = 0.05
+# Candidates of a first generation before some are given up. The limit is taken anew after twice as
+# many, and so on, and after so many at the latest: the more are on their way together, the fewer
+# vectors hold those that are left.
+_FIRST_LIMIT, _NEXT_LIMIT = 32, 256
 
 
 @dataclass(frozen=True)
@@ -165,9 +169,12 @@ class _Run:
         b = self.budget
         if b.evaluations is not None and self.done >= b.evaluations:
             return StopReason.EVALUATIONS
-        if b.seconds is not None and self.elapsed >= b.seconds:
-            return StopReason.SECONDS
-        return None
+        return StopReason.SECONDS if self.late else None
+
+    @property
+    def late(self) -> bool:
+        """Whether the budget of seconds is spent."""
+        return self.budget.seconds is not None and self.elapsed >= self.budget.seconds
 
     def note(self, points: Array, costs: Array) -> None:
         self.done += len(points)
@@ -246,12 +253,13 @@ def minimise(
     high: Any,
     budget: Budget | None = None,
     on_progress: Callable[[Progress], None] | None = None,
-    on_slice: Callable[[Array, Array], None] | None = None,
+    on_generation: Callable[[Array, Array, Flags], None] | None = None,
     cancel: Cancel | None = None,
     checkpoint: str | Path | None = None,
     slice_seconds: float = 0.05,
     lot: int = 1,
     interval: float = 0.1,
+    give_up: bool = True,
     clock: Callable[[], float] = time.monotonic,
 ) -> SearchResult:
     """Run a search to its end, its budget's end, or until it is cancelled.
@@ -262,19 +270,23 @@ def minimise(
     Args:
         evaluate: (S, N) in physical units -> (S,) costs, inf for a diverged candidate; or a queue
             to elsewhere that does the same. The costs must not depend on how the candidates are
-            cut into slices.
+            cut into slices. Where it is `limited`, candidates that cannot survive are not
+            evaluated to the end: see `evaluators.Objective.costs`. The survivors are the same.
         search: What proposes candidates; is advanced.
         low: (N,) lower bounds, physical units.
         high: (N,) upper bounds, physical units.
         budget: What the search may cost.
         on_progress: Called at most every `interval`, and once at the end, from this thread.
-        on_slice: Called with the candidates (S, N), physical units, and costs (S,) of each slice.
+        on_generation: Called after each generation, and after one that was cut off, with its
+            candidates (S, N), physical units, their costs (S,) as far as they were evaluated, and
+            where (S,) that is the cost and not a lower bound of it.
         cancel: Looked at between slices, and while a queue is waited for.
         checkpoint: File that holds the search's state after every generation.
         slice_seconds: Wall time a slice shall take, s; the sizes adapt to it.
         lot: Candidates that are evaluated in the time of one (vector lanes times threads); slices
             are multiples of it.
         interval: Least time between two reports, s.
+        give_up: Whether a `limited` evaluate gets limits.
         clock: Seconds that never step back.
 
     Returns:
@@ -287,6 +299,7 @@ def minimise(
     run = _Run(search, bottom, top, budget or Budget(), on_progress, clock, interval)
     slicer = Slicer(slice_seconds, lot=lot)
     queue = evaluate if isinstance(evaluate, Queue) else AtOnce(evaluate)
+    limited = give_up and queue.limited
     best_costs: list[float] = []
     completed = search.generation - (0 if search.stop_reason else 1)
     stop = search.stop_reason
@@ -295,10 +308,16 @@ def minimise(
             stop = StopReason.GENERATIONS
             break
         points = search.ask()
-        costs, stop = _evaluate_generation(queue, points, run, slicer, cancel, on_slice)
+        found = _Generation(points, limited)
+        stop = _evaluate_generation(queue, found, run, slicer, cancel)
+        if stop is None:
+            stop = _settle_doubts(queue, found, run, cancel)
+        if on_generation is not None and found.done:
+            here = slice(found.done)
+            on_generation(run.physical(points[here]), found.costs[here], found.exact[here])
         if stop is not None:
             break
-        search.tell(costs)
+        search.tell(found.costs)
         completed += 1
         best_costs.append(search.best_cost)
         if checkpoint is not None:
@@ -318,47 +337,112 @@ def minimise(
     )
 
 
+class _Stop:
+    """Whether to leave off a batch that is being evaluated; may be asked by several threads.
+
+    Attributes:
+        said: Why, from the first time on that it was.
+    """
+
+    def __init__(self, run: _Run, cancel: Cancel | None) -> None:
+        self._run = run
+        self._cancel = cancel
+        self.said: StopReason | None = None
+
+    def __call__(self) -> bool:
+        if self._cancel is not None and self._cancel.is_set():
+            self.said = self.said or StopReason.CANCELLED
+        elif self._run.late:
+            self.said = self.said or StopReason.SECONDS
+        return self.said is not None
+
+
+class _Generation:
+    """A generation while it is evaluated.
+
+    Attributes:
+        points: (S, N) in the unit cube.
+        costs: (S,) of the first `done` of them, or lower bounds.
+        exact: (S,) where it is the cost.
+        done: How many are evaluated.
+        limited: Whether candidates above a limit are given up.
+    """
+
+    def __init__(self, points: Array, limited: bool) -> None:
+        self.points = points
+        self.costs: Array = np.empty(len(points))
+        self.exact: Flags = np.ones(len(points), dtype=bool)
+        self.done = 0
+        self.limited = limited
+
+
 def _evaluate_generation(
-    queue: Queue,
-    points: Array,
-    run: _Run,
-    slicer: Slicer,
-    cancel: Cancel | None,
-    on_slice: Callable[[Array, Array], None] | None,
-) -> tuple[Array, StopReason | None]:
-    """Return the costs (S,) of a generation, or why it was cut off."""
-    costs = np.empty(len(points))
+    queue: Queue, found: _Generation, run: _Run, slicer: Slicer, cancel: Cancel | None
+) -> StopReason | None:
+    """Evaluate a generation; return why it was cut off, None where it was not."""
+    points = found.points
     waiting: deque[tuple[Array, float, Batch]] = deque()
-    sent = done = 0
-    while done < len(points):
+    sent = 0
+    limit, until = math.inf, len(points)
+    stop = _Stop(run, cancel)
+    while found.done < len(points):
+        if found.limited and found.done in (0, until):
+            # At numbers that do not depend on the slices, nor does then what is given up.
+            here = slice(found.done)
+            limit = run.search.limit(points[here], found.costs[here])
+            few = max(found.done, _FIRST_LIMIT) if found.done or limit == math.inf else len(points)
+            until = min(len(points), found.done + min(few, _NEXT_LIMIT))
         ended = StopReason.CANCELLED if cancel is not None and cancel.is_set() else run.spent()
         if ended is not None:
             for *_, batch in waiting:
                 batch.drop()
-            return costs, ended
-        while sent < len(points) and len(waiting) <= queue.ahead:
-            size = slicer.size
+            return ended
+        while sent < until and len(waiting) <= queue.ahead:
+            size = until - sent if found.limited else min(slicer.size, until - sent)
             if run.budget.evaluations is not None:
-                size = min(size, run.budget.evaluations - run.done - (sent - done))
+                size = min(size, run.budget.evaluations - run.done - (sent - found.done))
             if size < 1:
                 break
             part = run.physical(points[sent : sent + size])
             before = run.clock()
-            waiting.append((part, before, queue.submit(part)))
+            waiting.append((part, before, queue.submit(part, limit, stop)))
             sent += len(part)
         part, before, batch = waiting[0]
         if not batch.wait(_LOOK):
             continue
         waiting.popleft()
         told = _checked(batch.result(), len(part))
+        if stop.said:
+            return stop.said
         now = run.clock()
         slicer.note(len(part), now - max(before, run.told))
         run.told = now
-        here = slice(done, done + len(part))
-        costs[here] = told
-        done += len(part)
+        here = slice(found.done, found.done + len(part))
+        found.costs[here] = told
+        if found.limited:
+            found.exact[here] = (told <= limit) | (told == math.inf)
+        found.done += len(part)
         run.note(points[here], told)
-        if on_slice is not None:
-            on_slice(part, told)
         run.report()
-    return costs, None
+    return None
+
+
+def _settle_doubts(
+    queue: Queue, found: _Generation, run: _Run, cancel: Cancel | None
+) -> StopReason | None:
+    """Evaluate to the end who would survive by a lower bound of its cost; return as above."""
+    stop = _Stop(run, cancel)
+    while True:
+        doubtful = run.search.in_doubt(found.costs, found.exact)
+        if not doubtful.size:
+            return None
+        batch = queue.submit(run.physical(found.points[doubtful]), stop=stop)
+        while not batch.wait(_LOOK):
+            if stop():
+                batch.drop()
+                return stop.said
+        told = _checked(batch.result(), len(doubtful))
+        if stop.said:
+            return stop.said
+        found.costs[doubtful] = told
+        found.exact[doubtful] = True

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+import math
 from types import TracebackType
 from typing import Protocol
 
@@ -21,6 +22,7 @@ from ros2_ident.search.operators import Array
 from ros2_ident.threads import processors
 
 Evaluate = Callable[[Array], Array]
+Stop = Callable[[], bool]
 
 
 class Cancel(Protocol):
@@ -38,8 +40,12 @@ class Objective(Protocol):
         """Do what takes time only once, as to compile."""
         ...
 
-    def costs(self, theta: Array) -> Array:
-        """Return (S,) costs of (S, N) candidates, inf for a diverged one."""
+    def costs(self, theta: Array, limit: float = math.inf, stop: Stop | None = None) -> Array:
+        """Return (S,) costs of (S, N) candidates, inf for a diverged one.
+
+        Above `limit`, what is returned may be any lower bound of the cost that is above it too.
+        `stop` is asked now and then; where it says True, nobody needs the result any more.
+        """
         ...
 
     def residuals(self, theta: Array) -> Array:
@@ -68,13 +74,15 @@ class Queue(ABC):
 
     Attributes:
         ahead: Batches worth sending before the first one is back.
+        limited: Whether `submit` heeds a limit, and asks whether to stop.
     """
 
     ahead = 1
+    limited = False
 
     @abstractmethod
-    def submit(self, theta: Array) -> Batch:
-        """Send (S, N) candidates on their way."""
+    def submit(self, theta: Array, limit: float = math.inf, stop: Stop | None = None) -> Batch:
+        """Send (S, N) candidates on their way; arguments as for `Objective.costs`."""
 
 
 @dataclass(frozen=True)
@@ -111,16 +119,20 @@ class Workers(Protocol):
 
 
 class AtOnce(Queue):
-    """A function as a queue: the result is there when `submit` returns."""
+    """A function as a queue: the result is there when `submit` returns.
+
+    A function that has `limited` is called with all arguments of `Objective.costs`.
+    """
 
     ahead = 0
 
     def __init__(self, evaluate: Evaluate) -> None:
-        self._evaluate = evaluate
+        self._evaluate: Callable[..., Array] = evaluate
+        self.limited = bool(getattr(evaluate, 'limited', False))
 
-    def submit(self, theta: Array) -> 'Done':
+    def submit(self, theta: Array, limit: float = math.inf, stop: Stop | None = None) -> 'Done':
         """Evaluate (S, N) candidates."""
-        return Done(self._evaluate(theta))
+        return Done(self._evaluate(theta, limit, stop) if self.limited else self._evaluate(theta))
 
 
 @dataclass(frozen=True)
@@ -156,26 +168,35 @@ class ThreadedEvaluator:
         evaluate: (S, N) -> (S, ...); releases the GIL and may be called from several threads at
             once.
         threads: Number of threads; 1 calls `evaluate` directly.
-        least: Fewest candidates worth a thread of their own.
+        limited: Whether `evaluate` takes the arguments of `Objective.costs`.
     """
 
-    def __init__(self, evaluate: Evaluate, threads: int = 2, least: int = WIDTH) -> None:
+    def __init__(
+        self, evaluate: Callable[..., Array], threads: int = 2, *, limited: bool = False
+    ) -> None:
         if threads < 1:
             raise IdentError(ErrorCode.BAD_VALUES, f'threads is {threads}; give at least 1')
         self._evaluate = evaluate
         self._threads = threads
-        self._least = least
+        self.limited = limited
         self._pool = ThreadPoolExecutor(threads - 1, 'evaluate') if threads > 1 else None
 
-    def __call__(self, theta: Array) -> Array:
+    def __call__(self, theta: Array, limit: float = math.inf, stop: Stop | None = None) -> Array:
         """Evaluate (S, N) candidates, in their order."""
-        parts = min(self._threads, -(-len(theta) // self._least))
+        more = (limit, stop) if self.limited else ()
+        vectors = -(-len(theta) // WIDTH)
+        parts = min(self._threads, vectors)
         if self._pool is None or parts < 2:
-            return self._evaluate(theta)
-        pieces = np.array_split(theta, parts)
-        pending = [self._pool.submit(self._evaluate, piece) for piece in pieces[1:]]
-        first = self._evaluate(pieces[0])
-        return np.concatenate([first, *(p.result() for p in pending)])
+            return self._evaluate(theta, *more)
+        # Whole vectors, dealt in turn: neighbours are alike in work, so that all get as much.
+        owner = np.arange(len(theta)) // WIDTH % parts
+        mine = [np.flatnonzero(owner == part) for part in range(parts)]
+        pending = [self._pool.submit(self._evaluate, theta[m], *more) for m in mine[1:]]
+        values = [self._evaluate(theta[mine[0]], *more), *(p.result() for p in pending)]
+        out = np.empty((len(theta), *values[0].shape[1:]))
+        for where, value in zip(mine, values, strict=True):
+            out[where] = value
+        return out
 
     def close(self) -> None:
         """End the threads."""
@@ -210,7 +231,7 @@ class Threads:
     def open(self, objective: Objective, cancel: Cancel | None = None) -> Iterator[Evaluators]:
         """Start the threads; see `Workers`."""
         with (
-            ThreadedEvaluator(objective.costs, self._count) as costs,
+            ThreadedEvaluator(objective.costs, self._count, limited=True) as costs,
             ThreadedEvaluator(objective.residuals, self._count) as residuals,
         ):
             yield Evaluators(costs, residuals, self._count * WIDTH)

@@ -14,7 +14,16 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.operators import Array, FIRST_GENERATIONS, mutate, MUTATIONS, survive
+from ros2_ident.search.operators import (
+    Array,
+    FIRST_GENERATIONS,
+    Flags,
+    Index,
+    mutate,
+    MUTATIONS,
+    select,
+    survive,
+)
 
 STATE_VERSION = 1
 
@@ -210,6 +219,62 @@ class GeneticSearch:
         scale = s.first_step * s.range_reduction ** (self.generation - 2)
         return mutate(self.survivors, s.children, scale, s.mutation, self._rng)
 
+    def limit(self, points: Array, costs: Array) -> float:
+        """Return a cost above which a candidate of the present generation hardly survives.
+
+        It is the last survivor's if no more candidates came; inf while there is room for more.
+
+        Args:
+            points: (S, N) in the unit cube, those of the generation that are evaluated already.
+            costs: (S,) theirs.
+        """
+        costs = self._survive(points, costs)[1]
+        return float(costs[-1]) if len(costs) == self.settings.survivors else math.inf
+
+    def in_doubt(self, costs: Array, exact: Flags) -> Index:
+        """Return who survives although only a lower bound of its cost is known.
+
+        Where nobody does, `tell` selects the same survivors as with all costs known: the others
+        would be selected among even later, and are too near to better ones or too late already.
+
+        Args:
+            costs: (S,) of the candidates asked for, in their order, or lower bounds of them.
+            exact: (S,) where it is the cost.
+
+        Returns:
+            (P,) indices of the candidates, whose costs have to be had before `tell`.
+        """
+        if exact.all():
+            return np.empty(0, dtype=np.intp)
+        assert self._population is not None
+        points = np.concatenate([self.survivors, self._population])
+        pool = np.concatenate([self.survivor_costs, self._as_drawn(costs)])
+        chosen = select(points, pool, self.settings.survivors, self._distance)
+        drawn = chosen[chosen >= len(self.survivors)] - len(self.survivors)
+        asked: Index = self._as_drawn(np.arange(len(costs)))[drawn]
+        return asked[~exact[asked]]
+
+    def _as_drawn(self, values: Any) -> Any:
+        """Return values of the candidates asked for, (S,), in the order they were drawn."""
+        return values
+
+    @property
+    def _distance(self) -> float:
+        """What survivors of the present generation keep apart, eq. 7."""
+        s = self.settings
+        return s.min_distance * s.range_reduction ** (self.generation - 1)
+
+    def _survive(self, points: Array, costs: Array) -> tuple[Array, Array]:
+        """Return the survivors among the previous ones and candidates, section 2.2."""
+        return survive(
+            self.survivors,
+            self.survivor_costs,
+            points,
+            costs,
+            self.settings.survivors,
+            self._distance,
+        )
+
     def tell(self, costs: Any) -> None:
         """Select the survivors of the present generation and go on to the next.
 
@@ -234,16 +299,11 @@ class GeneticSearch:
                 f'the cost of candidate {wrong} is {told[wrong]}; '
                 'give inf for a diverged candidate'
             )
-        # Section 2.2: from generation 2 on the previous survivors take part in the selection.
-        s = self.settings
-        distance = s.min_distance * s.range_reduction ** (self.generation - 1)  # eq. 7
-        self.survivors, self.survivor_costs = survive(
-            self.survivors, self.survivor_costs, points, told, s.survivors, distance
-        )
+        self.survivors, self.survivor_costs = self._survive(points, self._as_drawn(told))
         self.evaluations += len(told)
         self._note_best()
         self._population = None
-        if self.generation == s.generations:
+        if self.generation == self.settings.generations:
             self._finished = True
         else:
             self.generation += 1

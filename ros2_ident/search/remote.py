@@ -13,6 +13,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future,
 from contextlib import contextmanager
 from dataclasses import dataclass
 import hashlib
+import math
 import pickle
 from threading import Lock
 from typing import Any
@@ -21,7 +22,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.lanes import WIDTH
-from ros2_ident.search.evaluators import Cancel, Evaluators, Objective, Queue, Threads
+from ros2_ident.search.evaluators import Cancel, Evaluators, Objective, Queue, Stop, Threads
 from ros2_ident.search.operators import Array
 
 # A batch that was lost so often is evaluated in this process.
@@ -52,7 +53,7 @@ def hold(digest: str, packed: bytes) -> None:
         _held.move_to_end(digest)
 
 
-def evaluate(digest: str, packed: bytes, what: str, theta: Array) -> Array:
+def evaluate(digest: str, packed: bytes, what: str, theta: Array, *more: float) -> Array:
     """Evaluate candidates on a worker.
 
     Args:
@@ -60,9 +61,10 @@ def evaluate(digest: str, packed: bytes, what: str, theta: Array) -> Array:
         packed: The objective; empty where `hold` has seen it in this process.
         what: Its method, `costs` or `residuals`.
         theta: (S, N) candidates.
+        more: What the method takes besides, the limit of `costs`.
     """
     hold(digest, packed)
-    done: Array = getattr(_held[digest], what)(theta)
+    done: Array = getattr(_held[digest], what)(theta, *more)
     return done
 
 
@@ -92,7 +94,7 @@ class Carrier(ABC):
         return False
 
     @abstractmethod
-    def send(self, what: str, theta: Array) -> 'Future[Array]':
+    def send(self, what: str, theta: Array, *more: float) -> 'Future[Array]':
         """Send candidates (S, N); see `evaluate`."""
 
     @abstractmethod
@@ -121,9 +123,12 @@ class _Piece:
 class _Batch:
     """A batch, cut into equal pieces, one for each worker."""
 
-    def __init__(self, carrier: Carrier, what: str, theta: Array, here: Any) -> None:
+    def __init__(
+        self, carrier: Carrier, what: str, theta: Array, here: Any, *more: float
+    ) -> None:
         self._carrier = carrier
         self._what = what
+        self._more = more
         self._here = here
         count = min(max(1, carrier.slots), -(-len(theta) // WIDTH))
         self._pieces = [_Piece(part, self._send(part)) for part in np.array_split(theta, count)]
@@ -134,7 +139,7 @@ class _Batch:
             if self._carrier.hopeless:
                 break
             try:
-                return self._carrier.send(self._what, theta)
+                return self._carrier.send(self._what, theta, *self._more)
             except Exception as error:
                 if not self._carrier.lost(error):
                     raise
@@ -150,7 +155,7 @@ class _Batch:
 
     def _settle(self, piece: _Piece, seconds: float) -> bool:
         if piece.future is None or self._carrier.hopeless:
-            piece.value = self._here(piece.theta)
+            piece.value = self._here(piece.theta, *self._more)
             return True
         if not wait([piece.future], seconds).done:
             return False
@@ -193,13 +198,15 @@ class _Costs(Queue):
 
     # A worker that has done its piece shall find the next one with it, not on the way.
     ahead = 3
+    # `stop` stays here: who waits looks at the same himself.
+    limited = True
 
     def __init__(self, carrier: Carrier, here: Any) -> None:
         self._carrier = carrier
         self._here = here
 
-    def submit(self, theta: Array) -> _Batch:
-        return _Batch(self._carrier, 'costs', theta, self._here)
+    def submit(self, theta: Array, limit: float = math.inf, stop: Stop | None = None) -> _Batch:
+        return _Batch(self._carrier, 'costs', theta, self._here, limit)
 
 
 @contextmanager
@@ -293,8 +300,8 @@ class _ExecutorCarrier(Carrier):
     def hopeless(self) -> bool:
         return self._starts > _STARTS
 
-    def send(self, what: str, theta: Array) -> 'Future[Array]':
-        return self._executor.submit(evaluate, self.digest, b'', what, theta)
+    def send(self, what: str, theta: Array, *more: float) -> 'Future[Array]':
+        return self._executor.submit(evaluate, self.digest, b'', what, theta, *more)
 
     def lost(self, error: BaseException) -> bool:
         return isinstance(error, BrokenExecutor)

@@ -52,7 +52,7 @@ def _axis_type(values: Array) -> str:
 
 
 def cost_over_generations(result: Identification) -> Picture | None:
-    """Draw every candidate's cost over its generation, the best so far, and the refined cost."""
+    """Draw the known costs over their generations, the best so far, and the refined cost."""
     history = result.history
     best = history.best_costs
     there = np.isfinite(best)
@@ -82,7 +82,7 @@ def cost_over_generations(result: Identification) -> Picture | None:
             line_color=None,
         )
     keys = [
-        Key('candidates, the best of a generation to the left', SKY, 'dot'),
+        Key('candidates simulated to the end, the best of a generation to the left', SKY, 'dot'),
         Key('best so far', INK, '2'),
     ]
     number_of = np.arange(1.0, best.size + 1.0)
@@ -131,7 +131,7 @@ def one_a_cell(x: Array, y: Array) -> npt.NDArray[np.int64]:
 
 
 def cost_over_parameters(result: Identification) -> Picture | None:
-    """Draw the cost of every candidate over each parameter: the paper's figures 8, 9 and 11."""
+    """Draw the known costs over each parameter: the paper's figures 8, 9 and 11."""
     history = result.history
     finite = np.isfinite(history.costs)
     if not finite.any():

@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Candidates that cannot survive are given up, and nothing else changes by that."""
+
+from dataclasses import replace
+import math
+
+from identify_cases import (
+    axis,
+    axis_bag,
+    axis_data,
+    QUICK,
+    recording_of,
+    tripod,
+    tripod_bag,
+)
+import numpy as np
+import pytest
+
+from ros2_ident.identify import identify
+from ros2_ident.packing import PackedSearch
+from ros2_ident.problem import Problem
+from ros2_ident.search import (
+    Budget,
+    GeneticSearch,
+    GeneticSettings,
+    minimise,
+    StopReason,
+    ThreadedEvaluator,
+)
+from ros2_ident.segments import gather
+
+LOW, HIGH = [0.0] * 3, [1.0] * 3
+SETTINGS = GeneticSettings(initial_population=300, survivors=8, children=6, generations=8)
+
+
+def cost(theta):
+    """Return the cost of a curve with many valleys; a corner of the box diverges."""
+    value = ((theta - 0.4) ** 2).sum(axis=1) + 0.05 * np.sin(40.0 * theta).sum(axis=1) + 0.2
+    return np.where(theta[:, 0] > 0.9, np.inf, value)
+
+
+class Bounded:
+    """The cost; above the limit a lower bound of it, `share` of the way from there to the cost."""
+
+    limited = True
+
+    def __init__(self, share):
+        self.share = share
+        self.given_up = 0
+
+    def __call__(self, theta, limit=math.inf, stop=None):
+        whole = cost(theta)
+        if limit == math.inf:
+            return whole
+        self.given_up += int((whole > limit).sum())
+        least = np.nextafter(limit, np.inf)
+        to = np.where(np.isfinite(whole), whole, limit + 1.0)
+        bound = np.clip(limit + self.share * (to - limit), least, np.maximum(to, least))
+        return np.where(whole > limit, bound, whole)
+
+
+def searched(evaluate, settings, seed, kind=GeneticSearch, **more):
+    """Return the search's state at its end, and what it found."""
+    work = {} if kind is GeneticSearch else {'work': lambda x: np.floor(5 * x[:, 1])}
+    search = kind(3, settings, seed, **work)
+    found = minimise(evaluate, search, low=LOW, high=HIGH, **more)
+    return search.state(), found
+
+
+def assert_same(one, other):
+    """Assert that two searches went the same way to the bit."""
+    (state, found), (state_2, found_2) = one, other
+    for key in ('survivors', 'survivor_costs', 'best_point', 'population'):
+        assert state[key].tobytes() == state_2[key].tobytes(), key
+    assert state['bit_generator'] == state_2['bit_generator']
+    assert found.best_costs == found_2.best_costs
+    assert found.theta.tobytes() == found_2.theta.tobytes()
+    assert found.evaluations == found_2.evaluations
+
+
+@pytest.mark.parametrize('kind', [GeneticSearch, PackedSearch])
+@pytest.mark.parametrize('share', [0.0, 0.5, 1.0])
+@pytest.mark.parametrize('distance', [0.0, 0.3, 0.8])
+def test_the_same_candidates_survive(kind, share, distance):
+    settings = replace(SETTINGS, min_distance=distance)
+    for seed in range(10):
+        evaluate = Bounded(share)
+        assert_same(
+            searched(evaluate, settings, seed, kind), searched(cost, settings, seed, kind)
+        )
+        assert evaluate.given_up or distance == 0.8
+
+
+def test_who_survives_by_a_bound_is_evaluated_to_the_end():
+    # Wide niches: most of the best are too near to each other, and those given up come in.
+    settings = replace(SETTINGS, min_distance=0.45, range_reduction=1.0)
+    finished = 0
+    for seed in range(10):
+        plain = searched(cost, settings, seed)
+        evaluate = Bounded(0.0)
+        searches = GeneticSearch(3, settings, seed)
+        doubts = []
+        asked = searches.in_doubt
+
+        def noted(costs, exact, asked=asked, doubts=doubts):
+            doubtful = asked(costs, exact)
+            doubts.append(len(doubtful))
+            return doubtful
+
+        searches.in_doubt = noted
+        found = minimise(evaluate, searches, low=LOW, high=HIGH)
+        assert_same((searches.state(), found), plain)
+        finished += sum(doubts)
+    assert finished > 20
+
+
+def test_settings_can_ask_for_every_cost():
+    evaluate = Bounded(0.5)
+    searched(evaluate, SETTINGS, 1, give_up=False)
+    assert evaluate.given_up == 0
+
+
+def test_what_is_given_up_is_told_and_does_not_depend_on_the_threads():
+    seen = []
+    for threads in (1, 2, 3):
+        told = []
+        with ThreadedEvaluator(Bounded(0.5), threads, limited=True) as evaluate:
+            searched(
+                evaluate,
+                SETTINGS,
+                3,
+                on_generation=lambda theta, costs, exact, told=told: told.append((costs, exact)),
+            )
+        seen.append([(costs.tobytes(), exact.tobytes()) for costs, exact in told])
+    assert seen[0] == seen[1] == seen[2]
+    assert not all(exact.all() for _, exact in told)
+
+
+def test_a_search_goes_on_from_its_checkpoint(tmp_path):
+    whole = searched(cost, SETTINGS, 5)
+    search = GeneticSearch(3, SETTINGS, 5)
+    budget = Budget(evaluations=300 + 2 * 48 + 10)
+    cut = minimise(Bounded(0.5), search, low=LOW, high=HIGH, budget=budget)
+    assert cut.stop is StopReason.EVALUATIONS
+    assert cut.generations == 3
+    again = GeneticSearch.from_state(search.state())
+    minimise(Bounded(0.2), again, low=LOW, high=HIGH)
+    state = again.state()
+    for key in ('survivors', 'survivor_costs', 'bit_generator', 'best_cost'):
+        assert np.array_equal(state[key], whole[0][key]), key
+
+
+def test_a_batch_is_left_off_when_the_time_is_up():
+    now = [0.0]
+    asked = []
+
+    def slow(theta, limit=math.inf, stop=None):
+        while not stop():
+            now[0] += 1.0
+            asked.append(len(theta))
+        return np.full(len(theta), np.inf)
+
+    slow.limited = True
+    found = minimise(
+        slow,
+        GeneticSearch(3, SETTINGS, 0),
+        low=LOW,
+        high=HIGH,
+        budget=Budget(seconds=10.0),
+        clock=lambda: now[0],
+    )
+    assert found.stop is StopReason.SECONDS
+    assert found.evaluations == 0
+    assert found.seconds == 10.0
+    assert len(asked) == 10
+
+
+# ---------------------------------------------------------------- the simulations
+
+
+def problems():
+    """Return problems of every kernel, one of several segments among them."""
+    whole = recording_of(axis_bag())
+    half = whole.between(whole.begin, whole.begin + 2_000_000_000)
+    return {
+        'axis': Problem(axis(), axis_data()),
+        'axis, two segments': Problem(axis(), gather([whole, half], axis())),
+        'tripod': Problem(tripod(), gather([recording_of(tripod_bag())], tripod())),
+    }
+
+
+@pytest.mark.parametrize('name', ['axis', 'axis, two segments', 'tripod'])
+def test_above_the_limit_a_cost_is_a_lower_bound(name):
+    problem = problems()[name]
+    rng = np.random.default_rng(4)
+    theta = problem.low + (problem.high - problem.low) * rng.random((75, len(problem.low)))
+    theta[7] = np.nan  # diverges
+    costs = problem.costs(theta)
+    assert costs[7] == np.inf
+    for share in (0.0, 0.02, 0.1, 0.3, 0.5, 0.9, 0.98):
+        for limit in (float(np.quantile(costs, share)), 0.999 * float(np.quantile(costs, share))):
+            bounds = problem.costs(theta, limit)
+            below = costs <= limit
+            assert np.array_equal(bounds <= limit, below)
+            assert np.array_equal(bounds[below], costs[below])
+            assert (bounds <= costs).all()
+            # What ends just above the limit may have come there with its last samples only.
+            assert share > 0.5 or (bounds[costs < np.inf] < costs[costs < np.inf]).any()
+            alone = np.concatenate([problem.costs(row[None], limit) for row in theta])
+            assert np.array_equal(alone, bounds)
+
+
+def test_stopped_simulations_say_nothing():
+    problem = problems()['tripod']
+    theta = np.repeat(0.5 * (problem.low + problem.high)[None], 9, axis=0)
+    calls = []
+
+    def stop():
+        calls.append(None)
+        return len(calls) > 2
+
+    assert (problem.costs(theta, stop=stop) == np.inf).all()
+    assert len(calls) == 3
+    assert np.array_equal(problem.costs(theta, stop=lambda: False), problem.costs(theta))
+
+
+@pytest.mark.parametrize('case', ['axis', 'tripod'])
+def test_the_parameters_are_the_same_to_the_bit(case):
+    machine = axis() if case == 'axis' else tripod()
+    data = axis_data() if case == 'axis' else gather([recording_of(tripod_bag())], machine)
+    for seed in (1, 2):
+        whole, given_up = (
+            identify(
+                machine,
+                data,
+                settings=replace(
+                    QUICK,
+                    give_up=give_up,
+                    genetic=replace(QUICK.genetic, initial_population=256),
+                ),
+                seed=seed,
+            )
+            for give_up in (False, True)
+        )
+        assert given_up.theta.tobytes() == whole.theta.tobytes()
+        assert given_up.parameters == whole.parameters
+        assert given_up.cost == whole.cost
+        assert given_up.evaluations == whole.evaluations
+        kept = np.isfinite(given_up.history.costs)
+        assert np.array_equal(given_up.history.costs[kept], whole.history.costs[kept])
+        assert kept.sum() < np.isfinite(whole.history.costs).sum()
