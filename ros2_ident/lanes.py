@@ -37,7 +37,8 @@ def intrinsic(function) -> Any:
 # arrays be counted on the way: atomic, and a call each; so a kernel gets its room from outside.
 # What only kernels call has no entry from Python: it would nearly double the compiling.
 _INSIDE = {'_nrt': False, 'no_cpython_wrapper': True, 'no_cfunc_wrapper': True}
-inlined = njit(forceinline=True, **_INSIDE)
+INLINED = {'forceinline': True, **_INSIDE}
+inlined = njit(**INLINED)
 called = njit(**_INSIDE)
 kernel = njit(nogil=True, cache=True, _nrt=False)
 # Contraction lets the compiler fuse a*b + c; reassociation would make results depend on its mood.

@@ -119,7 +119,7 @@ def _build(digest):
                 else empty.
             start: (2 * D,) where the motors start, then how fast.
             mode: (D,) CLOSED_LOOP or PRESCRIBED.
-            on: (D,) flags of the effects.
+            on: (D,) flags of the effects, or None.
             rigid: (D,) whether motor and carriage are one mass.
         """
         _ = digest
@@ -163,7 +163,7 @@ def _build(digest):
                 cycles = min(measurement.PIECE, end - begun)
                 for d in range(drives):
                     first = MACHINE_COUNT + d * DRIVE_COUNT
-                    flags = on[d]
+                    flags = dk.flags_of(on, d)
                     one = rigid[d]
                     place = all_place[d * own : (d + 1) * own]
                     rate = all_rate[d * own : (d + 1) * own]
@@ -214,33 +214,35 @@ def _build(digest):
                                 par, first, mem, flags, one, mode[d], acceleration, gear, eps,
                                 place, rate, bend, time, sub * whole, h,
                             )  # fmt: skip
-                            dk.keep_bristle(
+                            if on is not None:
+                                dk.keep_bristle(
+                                    par,
+                                    first,
+                                    mem,
+                                    0,
+                                    flags,
+                                    gear,
+                                    eps,
+                                    load(place, MOTOR * W),
+                                    load(rate, MOTOR * W),
+                                    active,
+                                )
+                            sub += 1.0
+                            active = steps > spread(sub)
+                        if on is not None:
+                            dk.keep_torque(
                                 par,
                                 first,
                                 mem,
                                 0,
                                 flags,
                                 gear,
-                                eps,
                                 load(place, MOTOR * W),
                                 load(rate, MOTOR * W),
-                                active,
+                                load(place, MOTOR * W),
+                                time,
+                                cycle,
                             )
-                            sub += 1.0
-                            active = steps > spread(sub)
-                        dk.keep_torque(
-                            par,
-                            first,
-                            mem,
-                            0,
-                            flags,
-                            gear,
-                            load(place, MOTOR * W),
-                            load(rate, MOTOR * W),
-                            load(place, MOTOR * W),
-                            time,
-                            cycle,
-                        )
                 measurement.hand_on(
                     par,
                     torques,

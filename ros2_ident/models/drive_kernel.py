@@ -6,11 +6,15 @@ rows. `on` holds the flags of a drive's effects; None leaves their hooks out of 
 """
 # mypy: ignore-errors
 
+from numba import types
+from numba.extending import overload
+
 from ros2_ident.effects import DriveState, Hook
 from ros2_ident.lanes import (
     absolute,
     clip,
     floor,
+    INLINED,
     inlined,
     load,
     spread,
@@ -72,6 +76,18 @@ assert DRIVE_ROWS[:12] == (
     'torque_limit',
     'motor_turn',
 )
+
+
+def flags_of(on, d):
+    """Return drive `d`'s flags; None where `on` is None, a type of its own to numba."""
+    raise NotImplementedError('for kernels only')
+
+
+@overload(flags_of, jit_options=INLINED)
+def _flags_of(on, d):
+    if isinstance(on, types.NoneType):
+        return lambda on, d: None
+    return lambda on, d: on[d]
 
 
 @inlined
@@ -228,7 +244,7 @@ def control(
     vc = set_point(command, (drives + d) * count, count, k, delay, cycle, delayed)
     read = z
     rate = v
-    if on & READING_MASK:
+    if on is not None and on & READING_MASK:
         zero = spread(0.0)
         state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, time, zero)
         read = hooks.reading_hook(z, state, on, par, first)

@@ -441,6 +441,11 @@ class DriveModel(ABC):
         return command, motion, mode
 
     @property
+    def _flags(self) -> npt.NDArray[np.int64] | None:
+        """(D,) flags of the effects; None where none is on: their hooks are not compiled then."""
+        return self._on if self._on.any() else None
+
+    @property
     @abstractmethod
     def _state(self) -> int:
         """Numbers of each block that go on from a part of the log to the next."""

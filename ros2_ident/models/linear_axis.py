@@ -78,7 +78,7 @@ class LinearAxis(DriveModel):
             self._motion,
             self._begin,
             self._mode,
-            self._on,
+            self._flags,
             self._delayed,
             self.stiff,
             self.gear,

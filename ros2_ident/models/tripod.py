@@ -46,7 +46,7 @@ class Tripod(DriveModel):
             self._command,
             self._motion,
             self._mode,
-            self._on,
+            self._flags,
             self._delayed,
             self._frame,
             self._grid,

@@ -266,9 +266,7 @@ def _step(
     rk.finish(place, rate, bend, COORDINATES, COORDINATES if frame else FRAME, h)
 
 
-def build(digest, hooks=True):
-    """Return the compiled simulation; without `hooks` one that knows no effects, to compare."""
-
+def _build(digest):
     @kernel
     def simulate(
         blocks,
@@ -313,7 +311,7 @@ def build(digest, hooks=True):
             motion: (9 * K,) recorded position, velocity and acceleration of prescribed motors,
                 else empty.
             mode: (3,) CLOSED_LOOP or PRESCRIBED.
-            on: (3,) flags of the effects.
+            on: (3,) flags of the effects; with None no hooks are compiled.
             delayed: Whether command delays are on.
             frame: Whether the frame can move.
             grid: (10,) inverse of the rail directions' differences, then the directions.
@@ -328,7 +326,6 @@ def build(digest, hooks=True):
         _ = digest
         count = command.shape[0] // 6
         coordinates = COORDINATES if frame else FRAME
-        effects = hooks and (on[0] != 0 or on[1] != 0 or on[2] != 0)
         push, rest = parted(room, 3)
         link, rest = parted(rest, LINKAGE)
         torques, rest = parted(rest, 3 * measurement.PIECE)
@@ -385,12 +382,12 @@ def build(digest, hooks=True):
                 for d in range(3):
                     first = MACHINE_COUNT + d * DRIVE_COUNT
                     own = d * dk.MEMORY_COUNT
-                    flags = on[d] if hooks else 0
+                    flags = dk.flags_of(on, d)
                     z = load(place, (MOTOR + d) * W)
                     v = load(rate, (MOTOR + d) * W)
                     if mode[d] == dk.CLOSED_LOOP:
                         torque = dk.control(
-                            par, first, mem, own, on[d], law, feedforward, cycle, gear, z, v,
+                            par, first, mem, own, flags, law, feedforward, cycle, gear, z, v,
                             command, d, 3, count, k, delayed, time,
                         )  # fmt: skip
                         fast = fast & (absolute(v) > spread(dk.FAST * eps))
@@ -441,11 +438,11 @@ def build(digest, hooks=True):
                     # A lane that is through makes steps of no length.
                     h = where(active, whole, zero)
                     since = sub * whole
-                    if effects:
-                        _step(
-                            par, mem, link, place, rate, bend, push, on, mode, motion, k, count,
-                            gear, eps, time, since, h, frame,
-                        )  # fmt: skip
+                    _step(
+                        par, mem, link, place, rate, bend, push, on, mode, motion, k, count,
+                        gear, eps, time, since, h, frame,
+                    )  # fmt: skip
+                    if on is not None:
                         for d in range(3):
                             dk.keep_bristle(
                                 par,
@@ -459,18 +456,13 @@ def build(digest, hooks=True):
                                 load(rate, (MOTOR + d) * W),
                                 active,
                             )
-                    else:
-                        _step(
-                            par, mem, link, place, rate, bend, push, None, mode, motion, k, count,
-                            gear, eps, time, since, h, frame,
-                        )  # fmt: skip
                     last = (rk.STAGES - 1) * COORDINATES + CARRIAGE
                     for d in range(3):
                         newest = where(active, load(bend, (last + d) * W), load(drift, d * W))
                         store(drift, d * W, newest)
                     sub += 1.0
                     active = steps > spread(sub)
-                if effects:
+                if on is not None:
                     for d in range(3):
                         dk.keep_torque(
                             par,
@@ -522,4 +514,4 @@ def payload_on(par):
     return found
 
 
-simulate = build(sources_digest())
+simulate = _build(sources_digest())
