@@ -188,6 +188,13 @@ def parted(room, rows):
     return room[: rows * WIDTH], room[rows * WIDTH :]
 
 
+@called
+def copied(values, out):
+    """Write the flat float64 array `values` to `out`."""
+    for i in range(values.size):
+        out[i] = values[i]
+
+
 @intrinsic
 def take(typingctx, array, index):
     """Return elements of the flat float64 `array` at the whole numbers `index`, unchecked."""

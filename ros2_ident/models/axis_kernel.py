@@ -12,6 +12,7 @@ import numpy as np
 from ros2_ident.lanes import (
     absolute,
     any_lane,
+    copied,
     inlined,
     kernel,
     load,
@@ -42,7 +43,8 @@ def state_for(drives: int) -> int:
 
 def room_for(drives: int) -> int:
     """Return how many numbers of room the kernel needs for so many drives."""
-    return W * (drives * measurement.PIECE + rk.STAGES * COORDINATES + 1 + measurement.ROOM)
+    own = drives * measurement.PIECE + rk.STAGES * COORDINATES + 1 + measurement.ROOM
+    return state_for(drives) + W * own
 
 
 @inlined
@@ -125,7 +127,12 @@ def _build(digest):
         _ = digest
         drives = mode.shape[0]
         count = wanted.shape[1]
-        bend, rest = parted(room, rk.STAGES * COORDINATES)
+        going = room[: state.shape[1]]
+        all_place, more = parted(room, drives * COORDINATES)
+        all_rate, more = parted(more, drives * COORDINATES)
+        all_mem, more = parted(more, drives * dk.MEMORY_COUNT)
+        kept, rest = parted(more, drives * measurement.KEPT)
+        bend, rest = parted(rest, rk.STAGES * COORDINATES)
         torques, rest = parted(rest, drives * measurement.PIECE)
         finite, rest = parted(rest, 1)
         own = COORDINATES * W
@@ -133,13 +140,12 @@ def _build(digest):
         zero = spread(0.0)
         for g in range(blocks.shape[0]):
             par = blocks[g]
-            all_place, more = parted(state[g], drives * COORDINATES)
-            all_rate, more = parted(more, drives * COORDINATES)
-            all_mem, kept = parted(more, drives * dk.MEMORY_COUNT)
             # Another group's may hold NaN, which a factor of zero would not take away.
             bend[:] = 0.0
-            if begin == 0:
-                state[g] = 0.0
+            if begin > 0:
+                copied(state[g], going)
+            else:
+                going[:] = 0.0
                 for d in range(drives):
                     first = MACHINE_COUNT + d * DRIVE_COUNT
                     place = all_place[d * own : (d + 1) * own]
@@ -259,6 +265,7 @@ def _build(digest):
                 )
                 if measurement.give_up(samples, rows[g], limits, kept, out):
                     break
+            copied(going, state[g])
             if end == count:
                 for lane in range(W):
                     finite[lane] = 1.0

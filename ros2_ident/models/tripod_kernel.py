@@ -14,6 +14,7 @@ import numpy as np
 from ros2_ident.lanes import (
     absolute,
     any_lane,
+    copied,
     inlined,
     kernel,
     load,
@@ -51,7 +52,7 @@ MOTOR, CARRIAGE, FRAME = 0, 3, 6
 LINKAGE = 14
 # What goes on from a part of the log to the next: as many numbers of each block.
 STATE = W * ((2 + rk.STAGES) * COORDINATES + 3 * (1 + dk.MEMORY_COUNT + measurement.KEPT))
-ROOM = W * (LINKAGE + 3 * (1 + measurement.PIECE) + 1 + measurement.ROOM)
+ROOM = STATE + W * (LINKAGE + 3 * (1 + measurement.PIECE) + 1 + measurement.ROOM)
 
 
 @inlined
@@ -326,7 +327,15 @@ def _build(digest):
         _ = digest
         count = command.shape[0] // 6
         coordinates = COORDINATES if frame else FRAME
-        push, rest = parted(room, 3)
+        # One array for all: the compiler sees then that its parts do not overlap.
+        going = room[:STATE]
+        place, more = parted(room, COORDINATES)
+        rate, more = parted(more, COORDINATES)
+        bend, more = parted(more, rk.STAGES * COORDINATES)
+        mem, more = parted(more, 3 * dk.MEMORY_COUNT)
+        drift, more = parted(more, 3)
+        kept, rest = parted(more, 3 * measurement.KEPT)
+        push, rest = parted(rest, 3)
         link, rest = parted(rest, LINKAGE)
         torques, rest = parted(rest, 3 * measurement.PIECE)
         finite, rest = parted(rest, 1)
@@ -334,15 +343,12 @@ def _build(digest):
         half = 0.5 * cycle
         for g in range(blocks.shape[0]):
             par = blocks[g]
-            place, more = parted(state[g], COORDINATES)
-            rate, more = parted(more, COORDINATES)
-            bend, more = parted(more, rk.STAGES * COORDINATES)
-            mem, more = parted(more, 3 * dk.MEMORY_COUNT)
-            drift, kept = parted(more, 3)
             tool = load(par, TOOL * W)
             loaded = payload_on(par)
-            if begin == 0:
-                state[g] = 0.0
+            if begin > 0:
+                copied(state[g], going)
+            else:
+                going[:] = 0.0
                 for d in range(3):
                     start = command[d * count] if mode[d] == dk.CLOSED_LOOP else motion[d * count]
                     store(place, (CARRIAGE + d) * W, spread(start))
@@ -494,6 +500,7 @@ def _build(digest):
                     )
                     if measurement.give_up(samples, rows[g], limits, kept, out):
                         break
+            copied(going, state[g])
             if end == count:
                 for lane in range(W):
                     finite[lane] = 1.0
