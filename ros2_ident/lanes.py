@@ -12,6 +12,7 @@ inf or NaN, as in numpy.
 # mypy: ignore-errors
 # numba's extension interface is not typed.
 
+import math
 import operator
 from typing import Any
 
@@ -372,6 +373,17 @@ def tanh(x):
     return where(near, x * p / q, flat)
 
 
+def room(*shape: int) -> np.ndarray:
+    """Return an unset float64 array that begins where a vector register's line does.
+
+    One that lies across two of the cache's lines is read in twice the time.
+    """
+    size = math.prod(shape)
+    raw = np.empty(size + 7)
+    start = -raw.__array_interface__['data'][0] // 8 % 8
+    return raw[start : start + size].reshape(shape)
+
+
 def padded(values: np.ndarray, fill: str = 'edge') -> np.ndarray:
     """Pad candidates to whole vectors.
 
@@ -384,4 +396,6 @@ def padded(values: np.ndarray, fill: str = 'edge') -> np.ndarray:
     """
     groups = -(-values.shape[0] // WIDTH)
     whole = np.pad(values, ((0, groups * WIDTH - values.shape[0]), (0, 0)), mode=fill)
-    return np.ascontiguousarray(whole.reshape(groups, WIDTH, -1).transpose(0, 2, 1))
+    out = room(groups, values.shape[1], WIDTH)
+    out[:] = whole.reshape(groups, WIDTH, -1).transpose(0, 2, 1)
+    return out

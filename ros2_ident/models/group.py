@@ -65,7 +65,9 @@ class Group(NamedTuple):
         def moved(values: Array) -> Array:
             alone = values.reshape(len(values), -1, width).transpose(0, 2, 1)
             alone = alone[lane // width, lane % width].reshape(groups, width, -1)
-            return np.ascontiguousarray(alone.transpose(0, 2, 1)).reshape(groups, values.shape[1])
+            out = lanes.room(*alone.transpose(0, 2, 1).shape)
+            out[:] = alone.transpose(0, 2, 1)
+            return out.reshape(groups, values.shape[1])
 
         return Group(
             moved(self.blocks),

@@ -4,6 +4,7 @@
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.lanes import room
 from ros2_ident.models import rows
 from ros2_ident.models.axis_kernel import room_for, simulate, state_for
 from ros2_ident.models.drive_model import Array, DriveModel
@@ -71,7 +72,7 @@ class LinearAxis(DriveModel):
     def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
         simulate(
             *group,
-            np.empty(room_for(len(self.machine.drives))),
+            room(room_for(len(self.machine.drives))),
             begin,
             end,
             self._command,

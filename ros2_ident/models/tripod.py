@@ -4,6 +4,7 @@
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.lanes import room
 from ros2_ident.models import rows
 from ros2_ident.models.drive_model import Array, DriveModel
 from ros2_ident.models.group import Group, Task
@@ -40,7 +41,7 @@ class Tripod(DriveModel):
     def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
         simulate(
             *group,
-            np.empty(ROOM),
+            room(ROOM),
             begin,
             end,
             self._command,
