@@ -28,6 +28,8 @@ _LEAST = 4
 # the best does gets no more.
 _HEAT, _BEHIND = 4, 0.5
 _THREADS = 2
+# Mean square, beyond the noise's, from which a controller misses the log.
+LAW_OFF = 0.05
 
 
 @dataclass(frozen=True)
@@ -129,17 +131,62 @@ class Attribution:
         # (L,) weights of the controllers' rows; none until `watch_law`.
         self.law_weight = np.empty(0)
 
-    def watch_law(self, base: Explanation) -> None:
+    def watch_law(self, base: Explanation) -> Explanation:
         """From here on let fits also see what the controllers make of the recorded motion.
 
         No machine is in these rows, so they tell what sits in a controller or behind a sensor from
         what happens in the machine. They count less where the stated law is far from the log:
         there it may be another law, and must not drown the outputs.
+
+        Args:
+            base: The fit without effects.
+
+        Returns:
+            The same fit with the controllers' rows. Its `law` is what they miss at best without
+            effects, so what an effect mends is not what a parameter could.
         """
         if not self.case.fit.seen:
-            return
-        scale = self.floor * np.sqrt(1.0 + base.law)
+            return base
+        models = self.case.models(base.effects, self.case.fit)
+        low, high = self._box(models)
+        law = self._least_law(models, base)
+        scale = self.floor * np.sqrt(1.0 + law)
         self.law_weight = 1.0 / scale[self.case.fit.law_drive]
+        unit = (base.theta - low) / (high - low)
+        residual, jacobian = difference_jacobian(self._evaluate(models), unit, low, high - low)
+        return replace(base, law=law, residual=residual, jacobian=jacobian)
+
+    def _least_law(self, models: Sequence[DriveModel], base: Explanation) -> Array:
+        """Return (D,) what each drive's controller misses at least, whatever the parameters."""
+        part, held_out = self.case.fit, self.case.models(base.effects, self.case.check)
+        low, high = self._box(models)
+        law = base.law.copy()
+        for d in np.flatnonzero(law > 1.0 + LAW_OFF):
+            own = part.law_drive == d
+
+            def missed(theta: Array, own: npt.NDArray[np.bool_] = own) -> Array:
+                return part.law_residual(models, np.atleast_2d(theta))[:, own]
+
+            found = local_fit(missed, base.theta, low, high, stopped=self.stopped)
+            law[d] = min(law[d], self._law(models, held_out, found.theta)[d])
+        return law
+
+    def _law(
+        self, models: Sequence[DriveModel], held_out: Sequence[DriveModel], theta: Array
+    ) -> Array:
+        """Return (D,) mean square of what the controllers miss on both parts, floors squared."""
+        case = self.case
+        missed = np.concatenate(
+            [
+                case.fit.law_residual(models, theta[None])[0],
+                case.check.law_residual(held_out, theta[None])[0],
+            ]
+        )
+        drive = np.concatenate([case.fit.law_drive, case.check.law_drive])
+        count = len(case.drives)
+        samples = np.maximum(np.bincount(drive, minlength=count), 1)
+        out: Array = np.bincount(drive, (missed / self.floor[drive]) ** 2, count) / samples
+        return out
 
     # ------------------------------------------------------------------ fits
 
@@ -213,14 +260,6 @@ class Attribution:
         found = local_fit(evaluate, theta, low, high, iterations=iterations, stopped=self.stopped)
         return self._explanation(models, found)
 
-    def with_law(self, e: Explanation) -> Explanation:
-        """Return a fit made before `watch_law`, where it is, with the controllers' rows."""
-        models = self.case.models(e.effects, self.case.fit)
-        low, high = self._box(models)
-        unit = (e.theta - low) / (high - low)
-        residual, jacobian = difference_jacobian(self._evaluate(models), unit, low, high - low)
-        return replace(e, residual=residual, jacobian=jacobian)
-
     def _better(self, base: Explanation, start: Start) -> Array:
         """Return a screened start, or the base with a trace of the effect if that is better."""
         models = self.case.models((*base.effects, start.candidate), self.case.fit)
@@ -271,17 +310,12 @@ class Attribution:
         check = np.where(np.isfinite(check), check, 1e6)
         count = len(case.drives)
         outputs = found.residual[: len(self.weight)]
-        missed = np.concatenate(
-            [case.fit.law_residual(models, theta)[0], case.check.law_residual(held_out, theta)[0]]
-        )
-        drive = np.concatenate([case.fit.law_drive, case.check.law_drive])
-        samples = np.maximum(np.bincount(drive, minlength=count), 1)
         return Explanation(
             effects,
             found.theta,
             np.bincount(case.fit.drive, outputs**2, count).astype(float),
             np.bincount(case.check.drive, check**2, count).astype(float),
-            np.bincount(drive, (missed / self.floor[drive]) ** 2, count) / samples,
+            self._law(models, held_out, found.theta),
             found.jacobian,
             found.residual,
             check,

@@ -201,7 +201,8 @@ class Blocks:
             level: Confidence.
 
         Returns:
-            The share; NaN where nothing above the floor is there to be explained.
+            The share, at most 1: what is less than the floor is the floor's uncertainty. NaN where
+            nothing above the floor is there to be explained.
         """
         pick = slice(None) if drive is None else slice(drive, drive + 1)
         generator = np.random.default_rng((self._seed, 1))
@@ -212,7 +213,7 @@ class Blocks:
             one = means[..., before, pick].mean(axis=-1) - under
             two = means[..., after, pick].mean(axis=-1) - under
             with np.errstate(divide='ignore', invalid='ignore'):
-                out: Array = np.where(one > 0.0, 1.0 - two / one, math.nan)
+                out: Array = np.where(one > 0.0, np.minimum(1.0 - two / one, 1.0), math.nan)
             return out
 
         return self._bounds(

@@ -144,8 +144,7 @@ def diagnose(
     floor = _capped(_floor(attribution, base), machine.effort_noise)
     attribution = Attribution(case, floor.per_drive, stopped=run.stopped, on_step=run.step)
     base = attribution.refit((), base.theta)
-    attribution.watch_law(base)
-    base = attribution.with_law(base)
+    base = attribution.watch_law(base)
     gates: list[tuple[str, str, str]] = []
     if not run.stopped():
         report = run_gates(case.models((), case.fit)[0], base.theta, floor)

@@ -13,6 +13,9 @@ from ros2_ident.models import EffectAt
 
 Array = npt.NDArray[np.float64]
 
+# Share of what controllers miss of the log that an effect may leave and be vouched for by it.
+_MISSED = 0.05
+
 
 @dataclass(frozen=True)
 class Rules:
@@ -42,7 +45,7 @@ class Rules:
     later: float = 0.5
     share: float = 0.10
     part: float = 0.05
-    closed: float = 0.5
+    closed: float = 0.62
     rival: float = 0.12
     contradicted: float = 0.3
     instead: float = 0.7
@@ -112,6 +115,8 @@ class Explainer:
 
     def material(self, before: Explanation, after: Explanation) -> bool:
         """Whether a step closes enough to count, on all data and on the data held out."""
+        if not before.effects and self.vouched(before, after):
+            return True
         fall = self.gap(before) - self.gap(after)
         reduced = float(np.sqrt(np.maximum(fall, 0.0)).max())
         least = self.rules.step if not before.effects else self.rules.later
@@ -144,14 +149,19 @@ class Explainer:
         *earlier, newest = (at.where for at in e.effects)
         return bool(earlier) and (newest in earlier or 'all' in (newest, *earlier))
 
-    def law_closed(self, before: Explanation, after: Explanation) -> float:
-        """Return the share of what the controllers missed of the log that is missed no more.
+    def vouched(self, before: Explanation, after: Explanation) -> bool:
+        """Whether the controllers' log was far from the stated law and now agrees with it.
 
-        Of the drive where most was missed; 0 where none missed more than its noise.
+        It knows nothing of the machine, so this holds also where the outputs are too violent to
+        be repeated; they must only not become much worse.
         """
         worst = int(before.law.argmax())
         excess = float(before.law[worst]) - 1.0
-        return float(before.law[worst] - after.law[worst]) / excess if excess > 1.0 else 0.0
+        if excess <= 1.0 or not heard(after.effects):
+            return False
+        left = float(after.law[worst]) - 1.0
+        agrees = left < min(1.0, _MISSED * excess)
+        return agrees and self.share(before, after) > -0.5
 
     def score(self, e: Explanation) -> float:
         """Return what is minimised over models: loss on both parts, and BIC's penalty."""
@@ -191,6 +201,10 @@ class Explainer:
         if not round_.fitted:
             return None
         best = min(round_.fitted, key=self.score)
+        if not round_.base.effects and self.share(round_.base, best) < self.rules.closed:
+            vouched = [e for e in round_.fitted if self.vouched(round_.base, e)]
+            if vouched:
+                return min(vouched, key=self.score)
         inside = [e for e in round_.fitted if self.plausible(e)]
         if inside:
             # A size at its bound is a reason to doubt, unless nothing else comes near.

@@ -39,11 +39,16 @@ class LocalFit:
 def difference_jacobian(
     evaluate: Callable[[Array], Array], unit: Array, low: Array, span: Array
 ) -> tuple[Array, Array]:
-    """Return residual (R,) and forward-difference Jacobian (R, N) at a point of the unit cube."""
+    """Return residual (R,) and forward-difference Jacobian (R, N) at a point of the unit cube.
+
+    A column is zero where the neighbour diverges: it says nothing of the slope.
+    """
     step = np.where(unit < 0.5, _STEP, -_STEP)
     points = np.vstack([unit, unit + np.diag(step)])
     values = evaluate(low + span * points)
-    return values[0], ((values[1:] - values[0]) / step[:, None]).T
+    there = np.isfinite(values[1:]).all(axis=1, keepdims=True)
+    changes = np.where(there, values[1:], values[0]) - values[0]
+    return values[0], (changes / step[:, None]).T
 
 
 def local_fit(

@@ -94,7 +94,7 @@ def flat_top(effort: Array, noise: float) -> float | None:
     here = np.mean(np.abs(size - level) < 2.0 * noise)
     below = np.mean(np.abs(size - (level - 5.0 * noise)) < 2.0 * noise)
     above = np.mean(size > level + 4.0 * noise)
-    return level if here > 0.02 and here > 3.0 * below and above < 0.002 else None
+    return level if here > 0.003 and here > 5.0 * below and above < 0.002 else None
 
 
 def trials(candidate: EffectAt, model: DriveModel) -> list[list[Array]]:

@@ -23,17 +23,26 @@ class Temperatures:
     """How differences become probabilities; from blind cases (`docs/blind.md`).
 
     Attributes:
-        share: Difference in the share of the gap closed that divides a rival's weight by e.
         size: Difference of the gap's size from the material one that divides the odds of `none` by
             e.
         closed: Difference of the share closed from the one required that divides the odds of
             `unknown` by e.
+        escaped: Probability that an effect of the catalogue is there though none was found that
+            explains the gap.
+        believed: Probability of the names where little is left, however small a share closes, or
+            where the controllers' log vouches for them.
+        power: Exponent of the share that a candidate leaves open: half as much weighs 2^power
+            times.
+        mismatch: Share that even the right effect leaves open, for its real form is another one.
         contradicted: Factor on the weight of a rival that the controllers' log speaks against.
     """
 
-    share: float = 0.02
     size: float = 0.04
-    closed: float = 0.04
+    closed: float = 0.08
+    escaped: float = 0.2
+    believed: float = 0.9
+    power: float = 5.0
+    mismatch: float = 0.02
     contradicted: float = 0.02
 
 
@@ -160,13 +169,15 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     size = explainer.size(base)
     closed = explainer.share(base, final) if len(found.chain) > 1 else 0.0
     missing = _sigmoid((size - rules.material) / t.size)
-    named = _sigmoid((closed - rules.closed) / t.closed) if len(found.chain) > 1 else 0.0
-    # What is left may be immaterial however small its share.
-    if len(found.chain) > 1 and found.remaining < rules.material:
-        named = max(named, 0.9)
-    # Where the outputs are too violent to be repeated, the controllers' log still says it.
-    if len(found.chain) > 1 and explainer.law_closed(base, final) > 0.9:
-        named = max(named, 0.9)
+    named = t.escaped
+    believed = False
+    if len(found.chain) > 1:
+        named += (1.0 - t.escaped) * _sigmoid((closed - rules.closed) / t.closed)
+        # What is left may be immaterial however small its share. And where the outputs are too
+        # violent to be repeated, the controllers' log still says it.
+        believed = found.remaining < rules.unknown or explainer.vouched(base, final)
+        if believed:
+            named = max(named, t.believed)
     ranking = _weigh(explainer, found, missing * named, t)
     if size < rules.material:
         return Verdict(NONE, (), 1.0 - missing, (), (), ranking, closed)
@@ -177,7 +188,7 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
         # Too small to be sure of it, and nothing explains it: small imperfections look like this.
         sure = _sigmoid((rules.unknown - size) / t.size)
         return Verdict(NONE, (), sure, (), (), ranking, closed)
-    if len(found.chain) == 1 or named < 0.5:
+    if len(found.chain) == 1 or (closed < rules.closed and not believed):
         return Verdict(
             UNKNOWN, _where(explainer, final), missing * (1.0 - named), (), (), ranking, closed
         )
@@ -206,29 +217,22 @@ def _weigh(
     """Return the candidates fitted, with probabilities that share `mass`."""
     if not found.rounds:
         return ()
-    models = found.rivals[0] if found.rivals else found.rounds[0].fitted
-    base = found.chain[0]
-    index = 0
-    best: dict[EffectAt, tuple[float, Explanation]] = {}
-    for e in models:
-        at = (
-            e.effects[0]
-            if len(e.effects) > 1 and e.effects[0] == found.chain[-1].effects[index]
-            else e.effects[-1]
-        )
-        share = explainer.share(base, e)
-        if at not in best or share > best[at][0]:
-            best[at] = (share, e)
-    for e in found.rounds[0].fitted:
-        best.setdefault(e.effects[-1], (explainer.share(base, e), e))
-    if not best:
-        return ()
-    top = max(share for share, _ in best.values())
-    weights = {at: float(np.exp((share - top) / t.share)) for at, (share, _) in best.items()}
-    # The controllers' log is evidence of its own.
-    chosen = best.get(found.chain[-1].effects[0]) if len(found.chain) > 1 else None
-    for at, (_, e) in best.items():
-        if chosen is not None and explainer.contradicted(e, chosen[1]):
+    base, final = found.chain[0], found.chain[-1]
+    best = {e.effects[-1]: e for e in found.rounds[0].fitted}
+    # Beside the other effects found a candidate says more than alone.
+    for e in found.rivals[0] if found.rivals else ():
+        leads = len(e.effects) > 1 and e.effects[0] == final.effects[0]
+        best[e.effects[0] if leads else e.effects[-1]] = e
+    # Outputs too violent to be repeated tell nothing of anybody.
+    violent = (
+        explainer.vouched(base, final) and explainer.share(base, final) < explainer.rules.closed
+    )
+    weights = {}
+    for at, e in best.items():
+        left = max(1.0 - explainer.share(base, e), 0.0) + t.mismatch
+        weights[at] = 1.0 if violent else left**-t.power
+        # The controllers' log is evidence of its own.
+        if len(found.chain) > 1 and explainer.contradicted(e, final):
             weights[at] *= t.contradicted
     # Twins are one answer under two names: both stand, with half the weight each.
     for at in list(weights):
@@ -237,7 +241,7 @@ def _weigh(
                 mean = 0.5 * (weights[at] + weights[twin])
                 weights[at] = weights[twin] = mean
     total = sum(weights.values())
-    rows = [Weighed(at, mass * weights[at] / total, best[at][1]) for at in best]
+    rows = [Weighed(at, mass * weights[at] / total, best[at]) for at in best]
     return tuple(sorted(rows, key=lambda w: -w.probability))
 
 

@@ -8,7 +8,7 @@ Example: python -m ros2_ident.gap.blind.calibrate blind_1 blind_2
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 import sys
 from typing import Any
@@ -99,8 +99,8 @@ def _shares(row: Row) -> list[tuple[str, Sequence[str], float]]:
     return sorted(out, key=lambda x: -x[2])
 
 
-def share_temperature(rows: Sequence[Row], grid: Array) -> float:
-    """Return the scale of exp(share / scale) that gives the true effect the best log score."""
+def power(rows: Sequence[Row], mismatch: float, grid: Array) -> float:
+    """Return the exponent of what candidates leave open that gives the truth the best score."""
     cases = []
     for row in rows:
         shares = _shares(row)
@@ -108,18 +108,19 @@ def share_temperature(rows: Sequence[Row], grid: Array) -> float:
             i for i, (n, w, _) in enumerate(shares) if any(same(n, w, e) for e in row['effects'])
         ]
         if shares and at:
-            cases.append((np.array([s for _, _, s in shares]), at))
+            left = np.array([max(1.0 - s, 0.0) + mismatch for _, _, s in shares])
+            cases.append((np.log(left / left.min()), at))
     if not cases:
-        return Temperatures().share
+        return Temperatures().power
 
-    def total(t: float) -> float:
+    def total(exponent: float) -> float:
         loss = 0.0
-        for shares, at in cases:
-            weights = np.exp(np.clip((shares - shares.max()) / t, -60.0, 0.0))
+        for far, at in cases:
+            weights = np.exp(-exponent * far)
             loss -= math.log(max(TINY, float(weights[at].sum() / weights.sum())))
         return loss
 
-    return float(grid[int(np.argmin([total(float(t)) for t in grid]))])
+    return float(grid[int(np.argmin([total(float(x)) for x in grid]))])
 
 
 def rival_share(rows: Sequence[Row], start: float) -> float:
@@ -166,10 +167,11 @@ def propose(rows: Sequence[Row]) -> Proposal:
     both = np.concatenate([known, unknown])
     inside = np.concatenate([np.ones(len(known)), np.zeros(len(unknown))])
     singles = [r for r in strong if r['sort'] == 'single' and named(r)]
-    temperatures = Temperatures(
-        share=share_temperature([r for r in strong if r['effects']], grid),
+    temperatures = replace(
+        t,
         size=temperature(size - material, there, grid) if size.size else t.size,
         closed=temperature(both - closed, inside, grid) if both.size else t.closed,
+        power=power([r for r in strong if r['effects']], t.mismatch, np.linspace(1, 12, 45)),
     )
     rival = rival_share(singles, rules.rival)
     lines = [
@@ -178,10 +180,10 @@ def propose(rows: Sequence[Row]) -> Proposal:
         f'share closed, known effects: {_range(known)}; outside the catalogue: {_range(unknown)}',
         f'Rules.material {material:.3f} (now {rules.material}), closed {closed:.3f} '
         f'(now {rules.closed}), rival {rival:.3f} (now {rules.rival})',
-        f'Temperatures(share={temperatures.share:.3f}, size={temperatures.size:.3f}, '
-        f'closed={temperatures.closed:.3f}); now {t}',
+        f'Temperatures(size={temperatures.size:.3f}, closed={temperatures.closed:.3f}, '
+        f'power={temperatures.power:.1f}); now {t}',
     ]
-    chosen = Rules(material, rules.step, rules.share, closed, rival, rules.most)
+    chosen = replace(rules, material=material, closed=closed, rival=rival)
     return Proposal(chosen, temperatures, tuple(lines))
 
 
