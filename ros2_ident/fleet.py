@@ -157,10 +157,21 @@ def key_of(entry: Entry, seed: int, diagnosed: bool) -> str:
     return total.hexdigest()
 
 
-def run_entry(entry: Entry, seed: int, diagnosed: bool) -> Row:
-    """Identify and diagnose one bag; an error is part of the row."""
+def run_entry(entry: Entry, seed: int, diagnosed: bool, sources: str = '') -> Row:
+    """Identify and diagnose one bag; an error is part of the row.
+
+    Args:
+        entry: What to run.
+        seed: Of every search.
+        diagnosed: Whether to diagnose, too.
+        sources: Digest of the sources that have to be here; empty for any.
+    """
     row: Row = {**asdict(entry), 'labels': dict(entry.labels), 'key': ''}
     try:
+        if sources:
+            from ros2_ident.problem import require_sources
+
+            require_sources(sources)
         row['key'] = key_of(entry, seed, diagnosed)
         row.update(_found(entry, seed, diagnosed))
     except IdentError as error:
@@ -318,6 +329,7 @@ def _here(
 def _there(
     entries: Sequence[Entry], seed: int, diagnosed: bool, cancel: Cancel | None, scheduler: str
 ) -> Iterator[Row]:
+    from ros2_ident.models.hooks import sources_digest
     from ros2_ident.search.cluster import connect
 
     if not entries:
@@ -326,7 +338,8 @@ def _there(
     try:
         executor = client.get_executor(pure=False)
         tasks: dict[Future[Row], Entry] = {
-            executor.submit(run_entry, entry, seed, diagnosed): entry for entry in entries
+            executor.submit(run_entry, entry, seed, diagnosed, sources_digest()): entry
+            for entry in entries
         }
         for task in as_completed(tasks):
             if cancel is not None and cancel.is_set():
@@ -384,10 +397,11 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     ]
     latest = [of_one[-1] for of_one in by_machine.values()]
     machines = []
-    for row in latest:
+    for number, row in enumerate(latest):
         for name in row['parameters']:
             others = [r for r in latest if r is not row and name in r['parameters']]
-            if others:
+            # What one of two machines is against the other has been said by the first.
+            if others and not (len(others) == 1 and others[0] in latest[:number]):
                 against = others[0]['machine'] if len(others) == 1 else 'the other machines'
                 mean = _mean([r['parameters'][name] for r in others])
                 machines.append(_difference(name, row, mean, against))

@@ -220,6 +220,23 @@ def _together(parts: Sequence[DriveResidual]) -> DriveResidual:
     )
 
 
+def require_sources(digest: str) -> None:
+    """Refuse to work for a process whose sources differ: it would get other numbers.
+
+    Args:
+        digest: What `sources_digest` returns there.
+
+    Raises:
+        IdentError: INVALID_GOAL with the remedy.
+    """
+    if digest != sources_digest():
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            'a worker has other sources of ros2_ident than this process; install the same version '
+            'on all of them',
+        )
+
+
 def _made_anew(
     digest: str,
     machine: Machine,
@@ -231,12 +248,7 @@ def _made_anew(
     cutoff: float,
 ) -> Problem:
     """Return a pickled problem, or refuse to where it would give other numbers."""
-    if digest != sources_digest():
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            'a worker has other sources of ros2_ident than this process; install the same version '
-            'on all of them',
-        )
+    require_sources(digest)
     return Problem(
         machine,
         data,

@@ -91,7 +91,7 @@ def test_drift_is_told_and_chance_is_not() -> None:
     summary = fleet.summarise(rows)
     assert [(x['bag'], x['against']) for x in summary['drifts']] == [('a3', 'a1')]
     assert summary['drifts'][0]['change'] == pytest.approx(0.1)
-    assert {x['machine']: x['against'] for x in summary['machines']} == {'a': 'b', 'b': 'a'}
+    assert {x['machine']: x['against'] for x in summary['machines']} == {'a': 'b'}
     assert summary['effects'] == {'backlash': ['a3: d']}
 
 
@@ -108,6 +108,12 @@ def test_where_nothing_is_missing_the_values_of_the_identification_stay(listed: 
     diagnosed = fleet.run_entry(entry, 1, diagnosed=True)
     assert diagnosed['effect'] == 'none'
     assert diagnosed['parameters'] == alone['parameters']
+
+
+def test_a_worker_with_other_sources_is_refused(listed: Path) -> None:
+    found = fleet.run_entry(fleet.read_fleet(listed)[0], 1, diagnosed=False, sources='other')
+    assert (found['state'], found['code']) == ('failed', 'INVALID_GOAL')
+    assert 'same version' in found['message']
 
 
 def test_directory_needs_a_machine_file(listed: Path) -> None:
