@@ -5,7 +5,10 @@
 # cores; the others need nothing but the package, less than two minutes each. Fails if one of them
 # did, after the last. With names as arguments, only those: tools/bench.sh peers.
 #
-# Not among them: benchmarks/coverage.py (five minutes and more), benchmarks/practice.py (wants a
+# mujoco_blind is not among them: it needs what the first installs, takes half an hour, and writes
+# docs/blind_mujoco.md.
+#
+# Nor are: benchmarks/coverage.py (five minutes and more), benchmarks/practice.py (wants a
 # folder of cases), benchmarks/report.py (wants result directories and Chromium),
 # benchmarks/kernel.py (wants gcc and AVX-512).
 set -uo pipefail
@@ -20,20 +23,23 @@ install_peers() {
     -r benchmarks/peers.lock && cp benchmarks/peers.lock build/peers/.lock
 }
 
-peers() {
+with_peers() {
   install_peers || {
     echo 'bench: Exudyn, MuJoCo and pycma could not be installed; check the network.' >&2
     return 1
   }
-  PYTHONPATH="build/peers${PYTHONPATH:+:$PYTHONPATH}" python benchmarks/peers.py --write docs
+  PYTHONPATH="build/peers${PYTHONPATH:+:$PYTHONPATH}" python "$@"
 }
 
 [ $# -gt 0 ] || set -- peers search_mutation search_belt convergence latency cluster
 for name; do
   printf '\n== benchmarks/%s.py\n' "$name"
   SECONDS=0
-  if [ "$name" = peers ]; then peers; else python "benchmarks/$name.py"; fi ||
-    { echo "bench: $name failed." >&2; failed=1; }
+  case $name in
+    peers) with_peers benchmarks/peers.py --write docs ;;
+    mujoco_blind) with_peers benchmarks/mujoco_blind.py --write docs/blind_mujoco.md ;;
+    *) python "benchmarks/$name.py" ;;
+  esac || { echo "bench: $name failed." >&2; failed=1; }
   printf '(%d s)\n' "$SECONDS"
 done
 
