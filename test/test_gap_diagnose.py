@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.attribute import Attribution
+from ros2_ident.gap.case import Case
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import to_mapping
-from ros2_ident.gap.explain import Rules
+from ros2_ident.gap.explain import Explainer, Rules
 from ros2_ident.gap.pictures import residual_maps
 from ros2_ident.models import machine_from_mapping
 from ros2_ident.recording import Dataset
@@ -209,3 +211,19 @@ def test_rules_say_when_something_counts() -> None:
         MACHINE, [recording(1, effects)], seed=3, rules=Rules(material=50.0), without=('backlash',)
     )
     assert lenient.effect == 'none'
+
+
+def test_a_nominal_fit_that_had_ended_too_early_goes_on() -> None:
+    case = Case(MACHINE, [recording(1)], [recording(2)])
+    attribution = Attribution(case, np.array([NOISE]))
+    explainer = Explainer(attribution, Rules())
+    names = [p.name for p in case.models((), case.fit)[0].parameters]
+    truth = np.array([TRUTH[name.removeprefix('lift.')] for name in names])
+    stuck = truth.copy()
+    stuck[names.index('lift.coulomb_torque')] = 0.15
+    early = attribution.refit((), stuck, iterations=0)
+    right = attribution.refit((), truth, iterations=0)
+    assert explainer.size(early) > 1.0, 'the wrong friction shows'
+    freed = explainer.freed(early, right)
+    assert explainer.size(freed) < 0.2
+    assert explainer.freed(freed, early) is freed

@@ -160,6 +160,7 @@ def diagnose(
     run.stage = (0.15, 0.6)
     candidates = case.candidates(without)
     found = explainer.explain(base, candidates, note)
+    base = found.chain[0]
     # Where nothing is missing nothing was tried; what the motion could not have shown is said all
     # the same.
     visible = (

@@ -2,7 +2,7 @@
 """From rounds of fits to the effects that are there: selection, elimination, rivals."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,8 @@ from ros2_ident.models import EffectAt
 
 Array = npt.NDArray[np.float64]
 
+# Sum of squares, in units of the noise's, that two fits of one model may differ by chance.
+_TIE = 20.0
 # Share of what controllers miss of the log that an effect may leave and be vouched for by it.
 _MISSED = 0.05
 
@@ -243,6 +245,10 @@ class Explainer:
                 break
             if self.beside(best) and self.closes(chain, best) < self.rules.part:
                 break
+            if len(chain) == 1 and not stopped():
+                plain = self.freed(base, best)
+                if plain is not base:
+                    return self.explain(plain, candidates, on_best)
             chain.append(best)
             if len(chain) > 2 and not stopped():
                 chain = self.prune(chain)
@@ -252,6 +258,19 @@ class Explainer:
         return Explained(
             tuple(chain), tuple(rounds), rivals, rests, self.size(chain[-1]), not stopped()
         )
+
+    def freed(self, base: Explanation, best: Explanation) -> Explanation:
+        """Return the nominal fit, or a better one that was found from a fit with an effect.
+
+        Where a motion hardly excites a parameter, the nominal fit may have ended at a value that
+        the recording held out refutes, and any effect that lets the fit go on from there would
+        look like the cause.
+        """
+        plain = self.attribution.refit((), best.theta[: len(base.theta)])
+        as_good = plain.cost < base.cost + _TIE
+        if not as_good or self.share(base, plain) < self.rules.part:
+            return base
+        return replace(plain, law=np.minimum(base.law, plain.law))
 
     def rests(self, chain: Sequence[Explanation]) -> tuple[Explanation, ...]:
         """For each effect of the final model, what is left when it is taken out again."""
