@@ -85,11 +85,17 @@ def test_a_limit_shows_as_a_flat_top(short) -> None:
 
 
 @pytest.mark.slow
-def test_a_case_from_mujoco_is_diagnosed_by_another_process(tmp_path) -> None:
+@pytest.mark.parametrize(
+    ('name', 'size', 'seed', 'expected'),
+    [('cogging', 4.0, 2, 'torque_ripple'), ('none', 0.0, 1, 'none')],
+)
+def test_a_case_from_mujoco_is_diagnosed_by_another_process(
+    tmp_path, name, size, seed, expected
+) -> None:
     store = Store(tmp_path / 'run')
     store.begin({'cases': 1, 'seed': 5, 'shares': ''}, FILE)
-    rng = np.random.default_rng([5, 2])
-    drawn = cases.draw_case(MACHINE, cases.KINDS['cogging'], 4.0, rng, (4.0, 3.0))
+    rng = np.random.default_rng([5, seed])
+    drawn = cases.draw_case(MACHINE, cases.KINDS[name], size, rng, (4.0, 3.0))
     folder = store.case(1)
     cases.write_bags(drawn, folder, rng)
     order = {
@@ -101,4 +107,5 @@ def test_a_case_from_mujoco_is_diagnosed_by_another_process(tmp_path) -> None:
     assert list(ask_all(store, {1: order}, 1)) == [1]
     assert store.answered(1)['error'] == ''
     verdict = read_json(folder / 'diagnosis/diagnosis.json')['verdict']
-    assert (verdict['effect'], verdict['where']) == ('torque_ripple', [drawn.where])
+    assert verdict['effect'] == expected
+    assert verdict['where'] == ([drawn.where] if expected != 'none' else [])
