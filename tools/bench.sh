@@ -31,7 +31,7 @@ with_peers() {
   PYTHONPATH="build/peers${PYTHONPATH:+:$PYTHONPATH}" python "$@"
 }
 
-[ $# -gt 0 ] || set -- peers search_mutation search_belt convergence latency cluster
+[ $# -gt 0 ] || set -- peers search_mutation search_belt convergence latency timer cluster
 for name; do
   printf '\n== benchmarks/%s.py\n' "$name"
   SECONDS=0

@@ -191,9 +191,9 @@ class _Run:
             self.best_point = points[best].copy()
 
     def report(self, *, last: bool = False) -> None:
-        elapsed = self.elapsed
         if self.on_progress is None:
             return
+        elapsed = self.elapsed
         if not last and elapsed - self.reported < self.interval:
             return
         self.reported = elapsed
@@ -310,7 +310,7 @@ def minimise(
         points = search.ask()
         found = _Generation(points, limited)
         stop = _evaluate_generation(queue, found, run, slicer, cancel)
-        if stop is None:
+        if stop is None and limited:
             stop = _settle_doubts(queue, found, run, cancel)
         if on_generation is not None and found.done:
             here = slice(found.done)
