@@ -293,7 +293,8 @@ class GeneticSearch:
                 f'costs have the shape {told.shape}; give one number for each of the '
                 f'{len(points)} candidates'
             )
-        if not told.min() > -math.inf:  # NaN, too
+        # The least of an array with NaN in it is NaN.
+        if not told[told.argmin()] > -math.inf:
             wrong = int(np.flatnonzero(~(told > -math.inf))[0])
             raise _refuse(
                 f'the cost of candidate {wrong} is {told[wrong]}; '

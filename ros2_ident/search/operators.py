@@ -204,7 +204,6 @@ def select(points: Array, costs: Array, count: int, distance: float) -> Index:
     return chosen
 
 
-@njit(cache=True, nogil=True)
 def survive(
     parents: Array,
     parent_costs: Array,
@@ -226,10 +225,32 @@ def survive(
     Returns:
         The survivors and their costs, by rising cost.
     """
+    # Made here, as in `_steps`.
+    places, values = np.empty((count, points.shape[1])), np.empty(count)
+    size = _survive(
+        parents, parent_costs, points, costs, distance * distance, places, values
+    )
+    return places[:size], values[:size]
+
+
+@njit(cache=True, nogil=True)
+def _survive(
+    parents: Array,
+    parent_costs: Array,
+    points: Array,
+    costs: Array,
+    squared: float,
+    places: Array,
+    values: Array,
+) -> int:
+    """Write the survivors and their costs; return how many there are."""
     both = np.concatenate((parents, points))
     pool = np.concatenate((parent_costs, costs))
-    chosen = _take_apart(both, pool, count, distance * distance)
-    return both[chosen], pool[chosen]
+    chosen = _take_apart(both, pool, len(values), squared)
+    for i in range(chosen.size):
+        places[i] = both[chosen[i]]
+        values[i] = pool[chosen[i]]
+    return chosen.size
 
 
 @njit(cache=True, nogil=True)
