@@ -219,8 +219,7 @@ def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
         return found
     check = read_problem(entry.check, machine).datasets if entry.check else ()
     verdict = diagnose(machine, data.datasets, check, seed=seed)
-    named = verdict.effect not in (NONE, UNKNOWN)
-    if named:
+    if verdict.effect not in (NONE, UNKNOWN):
         # With the missing effect in the model its nominal parameters are no longer bent by it.
         values.update(
             {

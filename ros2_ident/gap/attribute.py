@@ -29,7 +29,7 @@ _LEAST = 4
 _HEAT, _BEHIND = 4, 0.5
 _THREADS = 2
 # Mean square, beyond the noise's, from which a controller misses the log.
-LAW_OFF = 0.05
+_LAW_OFF = 0.05
 
 
 @dataclass(frozen=True)
@@ -158,10 +158,13 @@ class Attribution:
 
     def _least_law(self, models: Sequence[DriveModel], base: Explanation) -> Array:
         """Return (D,) what each drive's controller misses at least, whatever the parameters."""
+        law = base.law.copy()
+        off = np.flatnonzero(law > 1.0 + _LAW_OFF)
+        if not off.size:
+            return law
         part, held_out = self.case.fit, self.case.models(base.effects, self.case.check)
         low, high = self._box(models)
-        law = base.law.copy()
-        for d in np.flatnonzero(law > 1.0 + LAW_OFF):
+        for d in off:
             own = part.law_drive == d
 
             def missed(theta: Array, own: npt.NDArray[np.bool_] = own) -> Array:
@@ -286,12 +289,13 @@ class Attribution:
         the other drives have.
         """
         model = self.case.models((), self.case.fit)[0]
+        new = [c for c in candidates if c not in base.effects]
+        seen = [(c, own) for c in new if (own := seen_in_log(c, model)) is not None]
+        if not seen:
+            return []
         names = [p.name for p in self.case.models(base.effects, self.case.fit)[0].parameters]
         out = []
-        for candidate in candidates:
-            own = None if candidate in base.effects else seen_in_log(candidate, model)
-            if own is None:
-                continue
+        for candidate, own in seen:
             theta = base.theta.copy()
             for bare in self.case.machine.bounds:
                 at = [i for i, name in enumerate(names) if name.endswith(f'.{bare}')]

@@ -170,15 +170,17 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     closed = explainer.share(base, final) if len(found.chain) > 1 else 0.0
     missing = _sigmoid((size - rules.material) / t.size)
     named = t.escaped
-    believed = False
+    believed = violent = False
     if len(found.chain) > 1:
         named += (1.0 - t.escaped) * _sigmoid((closed - rules.closed) / t.closed)
         # What is left may be immaterial however small its share. And where the outputs are too
         # violent to be repeated, the controllers' log still says it.
-        believed = found.remaining < rules.unknown or explainer.vouched(base, final)
+        vouched = explainer.vouched(base, final)
+        believed = vouched or found.remaining < rules.unknown
+        violent = vouched and closed < rules.closed
         if believed:
             named = max(named, t.believed)
-    ranking = _weigh(explainer, found, missing * named, t)
+    ranking = _weigh(explainer, found, missing * named, violent, t)
     if size < rules.material:
         return Verdict(NONE, (), 1.0 - missing, (), (), ranking, closed)
     if len(found.chain) == 1 and not found.complete:
@@ -212,9 +214,12 @@ def _where(explainer: Explainer, e: Explanation) -> tuple[str, ...]:
 
 
 def _weigh(
-    explainer: Explainer, found: Explained, mass: float, t: Temperatures
+    explainer: Explainer, found: Explained, mass: float, violent: bool, t: Temperatures
 ) -> tuple[Weighed, ...]:
-    """Return the candidates fitted, with probabilities that share `mass`."""
+    """Return the candidates fitted, with probabilities that share `mass`.
+
+    Outputs too `violent` to be repeated tell nothing of any candidate.
+    """
     if not found.rounds:
         return ()
     base, final = found.chain[0], found.chain[-1]
@@ -223,10 +228,6 @@ def _weigh(
     for e in found.rivals[0] if found.rivals else ():
         leads = len(e.effects) > 1 and e.effects[0] == final.effects[0]
         best[e.effects[0] if leads else e.effects[-1]] = e
-    # Outputs too violent to be repeated tell nothing of anybody.
-    violent = (
-        explainer.vouched(base, final) and explainer.share(base, final) < explainer.rules.closed
-    )
     weights = {}
     for at, e in best.items():
         left = max(1.0 - explainer.share(base, e), 0.0) + t.mismatch
