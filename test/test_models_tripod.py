@@ -142,7 +142,8 @@ def test_inverse_mode_gives_the_torque_of_the_recorded_motion(run) -> None:
     motion, log = run
     inverse = Tripod(MACHINE, dataset(motion, log.effort, command=False, position=log.position))
     error = inverse.simulate(theta_of(inverse, TABLE_5)[None])[0] - log.effort
-    assert np.sqrt(np.mean(error[:, 400:-400] ** 2)) < 0.02
+    # Held torque beside motion of the same instant, not half a cycle later, would be 0.006.
+    assert np.sqrt(np.mean(error[:, 400:-400] ** 2)) < 0.003
 
 
 def test_a_diverging_candidate_costs_infinity(run) -> None:

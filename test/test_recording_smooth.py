@@ -32,6 +32,13 @@ def test_smooth_motion_passes_to_its_ends():
         np.testing.assert_allclose(values, expected, atol=bound)
 
 
+def test_motion_between_the_cycles():
+    found = smooth_motion(rest_to_rest(TIME)[0][None], CYCLE, 60.0, ahead=0.5)
+    truth = rest_to_rest(TIME + 0.5 * CYCLE)
+    for values, expected, bound in zip(found, truth, (1e-6, 2e-5, 1e-2), strict=True):
+        np.testing.assert_allclose(values[0], expected, atol=bound)
+
+
 def test_noise_beyond_the_cutoff_goes_and_nothing_is_delayed():
     rng = np.random.default_rng(0)
     truth = rest_to_rest(TIME)

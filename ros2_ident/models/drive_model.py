@@ -22,6 +22,10 @@ from ros2_ident.recording import Dataset
 
 Array = npt.NDArray[np.float64]
 
+# Middle of the time a commanded torque holds, in cycles.
+_HOLD = 0.5
+
+
 @dataclass(frozen=True)
 class Slot:
     """Where a nominal parameter goes: the rows it fills, and what it is."""
@@ -436,7 +440,10 @@ class DriveModel(ABC):
             # A slow log holds nothing above half its rate, and its smoothing needs some room.
             rate = np.isfinite(data.position[order]).mean() / data.cycle
             cutoff = min(self.cutoff, 0.2 * float(rate))
-            smooth = smooth_motion(data.position[order], data.cycle, cutoff)
+            # A commanded torque holds until the next cycle: what it caused is, on average, the
+            # motion half a cycle later.
+            ahead = _HOLD if data.command_position is None else 0.0
+            smooth = smooth_motion(data.position[order], data.cycle, cutoff, ahead)
             motion = np.concatenate([np.asarray(part).ravel() for part in smooth])
         return command, motion, mode
 

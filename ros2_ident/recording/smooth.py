@@ -12,7 +12,7 @@ _ORDER = 4
 
 
 def smooth_motion(
-    position: FloatArray, cycle: float, cutoff: float
+    position: FloatArray, cycle: float, cutoff: float, ahead: float = 0.0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Smooth recorded positions and differentiate them twice, without delay.
 
@@ -30,6 +30,7 @@ def smooth_motion(
         position: Measured positions (D, K), rad or m, NaN at cycles without a sample.
         cycle: Time from cycle to cycle, s.
         cutoff: Frequency up to which motion is kept, Hz; below half the sampling rate.
+        ahead: Cycles after each cycle's beginning at which the motion is wanted, 0 to 1.
 
     Returns:
         Position, velocity and acceleration, each (D, K), without NaN; before a drive's first and
@@ -62,21 +63,20 @@ def smooth_motion(
         else:
             spline = make_interp_spline(time[there], samples[there], k=3)
             filled[row] = spline(np.clip(time, there[0], there[-1]))
-    return _filtered(filled, cycle, cutoff)
+    return _filtered(filled, cycle, cutoff, ahead)
 
 
 def _filtered(
-    filled: FloatArray, cycle: float, cutoff: float
+    filled: FloatArray, cycle: float, cutoff: float, ahead: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Low-pass and differentiate positions (D, K) without NaN."""
     smooth = low_pass(filled, cycle, cutoff)
-    size = smooth.shape[1]
-    if size < 6:
-        velocity = np.gradient(smooth, cycle, axis=1)
-        return smooth, velocity, np.gradient(velocity, cycle, axis=1)
     # time in cycles keeps the spline's knots well scaled
-    spline = make_interp_spline(np.arange(size, dtype=np.float64), smooth, k=5, axis=1)
-    time = np.arange(size, dtype=np.float64)
+    time = np.arange(smooth.shape[1], dtype=np.float64)
+    spline = make_interp_spline(time, smooth, k=5 if time.size > 5 else 3, axis=1)
+    if ahead:
+        time += ahead
+        smooth = np.ascontiguousarray(spline(time))
     velocity = np.ascontiguousarray(spline(time, 1)) / cycle
     acceleration = np.ascontiguousarray(spline(time, 2)) / cycle**2
     return smooth, velocity, acceleration
