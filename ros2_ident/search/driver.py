@@ -138,8 +138,8 @@ class _Run:
         interval: float,
     ) -> None:
         self.search = search
-        self.low = low
-        self.width = high - low
+        self.low = low[None]
+        self.width = (high - low)[None]
         self.budget = budget
         self.on_progress = on_progress
         self.clock = clock
@@ -157,8 +157,13 @@ class _Run:
         self.limit = min(planned, budget.evaluations or planned)
 
     def physical(self, points: Array) -> Array:
-        """Return points of the cube, (..., N), in physical units, eq. 4."""
-        return self.low + points * self.width
+        """Return points of the cube, (S, N), in physical units, eq. 4."""
+        count = len(points)
+        if count > len(self.low):
+            # Laid out in full: where numpy has to repeat a short row, it takes rows one by one.
+            self.low = np.repeat(self.low[:1], count, axis=0)
+            self.width = np.repeat(self.width[:1], count, axis=0)
+        return self.low[:count] + points * self.width[:count]
 
     @property
     def elapsed(self) -> float:
@@ -208,7 +213,7 @@ class _Run:
                 evaluations=self.done,
                 budget=self.limit,
                 best_cost=self.best_cost,
-                best_theta=self.physical(self.best_point),
+                best_theta=self.physical(self.best_point[None])[0],
                 spread=self.search.spread,
                 elapsed=elapsed,
                 eta=0.0 if last else eta,
@@ -308,13 +313,13 @@ def minimise(
             stop = StopReason.GENERATIONS
             break
         points = search.ask()
-        found = _Generation(points, limited)
+        found = _Generation(points, run.physical(points), limited)
         stop = _evaluate_generation(queue, found, run, slicer, cancel)
         if stop is None and limited:
             stop = _settle_doubts(queue, found, run, cancel)
         if on_generation is not None and found.done:
             here = slice(found.done)
-            on_generation(run.physical(points[here]), found.costs[here], found.exact[here])
+            on_generation(found.theta[here], found.costs[here], found.exact[here])
         if stop is not None:
             break
         search.tell(found.costs)
@@ -325,7 +330,7 @@ def minimise(
         stop = search.stop_reason
     run.report(last=True)
     return SearchResult(
-        theta=run.physical(run.best_point),
+        theta=run.physical(run.best_point[None])[0],
         cost=run.best_cost,
         survivors=run.physical(search.survivors),
         survivor_costs=search.survivor_costs.copy(),
@@ -362,14 +367,16 @@ class _Generation:
 
     Attributes:
         points: (S, N) in the unit cube.
+        theta: (S, N) in physical units.
         costs: (S,) of the first `done` of them, or lower bounds.
         exact: (S,) where it is the cost.
         done: How many are evaluated.
         limited: Whether candidates above a limit are given up.
     """
 
-    def __init__(self, points: Array, limited: bool) -> None:
+    def __init__(self, points: Array, theta: Array, limited: bool) -> None:
         self.points = points
+        self.theta = theta
         self.costs: Array = np.empty(len(points))
         self.exact: Flags = np.ones(len(points), dtype=bool)
         self.done = 0
@@ -403,7 +410,7 @@ def _evaluate_generation(
                 size = min(size, run.budget.evaluations - run.done - (sent - found.done))
             if size < 1:
                 break
-            part = run.physical(points[sent : sent + size])
+            part = found.theta[sent : sent + size]
             before = run.clock()
             waiting.append((part, before, queue.submit(part, limit, stop)))
             sent += len(part)
@@ -436,7 +443,7 @@ def _settle_doubts(
         doubtful = run.search.in_doubt(found.costs, found.exact)
         if not doubtful.size:
             return None
-        batch = queue.submit(run.physical(found.points[doubtful]), stop=stop)
+        batch = queue.submit(found.theta[doubtful], stop=stop)
         while not batch.wait(_LOOK):
             if stop():
                 batch.drop()

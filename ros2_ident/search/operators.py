@@ -256,16 +256,46 @@ def _survive(
 @njit(cache=True, nogil=True)
 def _take_apart(points: Array, costs: Array, count: int, squared: float) -> Index:
     """Take points by rising cost, each farther than the root of `squared` from those taken."""
+    # Mostly the best are apart as they are; all are sorted where they are not.
+    best = _best(costs, count)
+    chosen = _apart(points, costs, best, count, squared)
+    if chosen.size == count or best.size < count:
+        return chosen
+    return _apart(points, costs, np.argsort(costs, kind='mergesort'), count, squared)  # stable
+
+
+@njit(cache=True, nogil=True)
+def _best(costs: Array, count: int) -> Index:
+    """Return at most `count` indices by rising cost, of equal ones the earlier first; no inf."""
+    best = np.empty(count, dtype=np.intp)
+    size = 0
+    bar = math.inf
+    for index in range(costs.size):
+        if costs[index] < bar:
+            at = min(size, count - 1)
+            while at > 0 and costs[best[at - 1]] > costs[index]:
+                best[at] = best[at - 1]
+                at -= 1
+            best[at] = index
+            size = min(size + 1, count)
+            if size == count:
+                bar = costs[best[size - 1]]
+    return best[:size]
+
+
+@njit(cache=True, nogil=True)
+def _apart(points: Array, costs: Array, order: Index, count: int, squared: float) -> Index:
+    """Take points in an order of rising cost, as `_take_apart` does."""
     taken = np.empty(count, dtype=np.intp)
     size = 0
-    for index in np.argsort(costs, kind='mergesort'):  # a stable one
-        if costs[index] == math.inf:
+    for index in order:
+        if size == count or costs[index] == math.inf:
             break
         free = True
-        for other in taken[:size]:
+        for k in range(size):
             apart = 0.0
             for i in range(points.shape[1]):
-                apart += (points[index, i] - points[other, i]) ** 2
+                apart += (points[index, i] - points[taken[k], i]) ** 2
             # "Exceeds", eq. 7: at distance 0 a copy is still too near.
             if not apart > squared:
                 free = False
@@ -273,6 +303,4 @@ def _take_apart(points: Array, costs: Array, count: int, squared: float) -> Inde
         if free:
             taken[size] = index
             size += 1
-            if size == count:
-                break
     return taken[:size]
