@@ -93,7 +93,7 @@ def _fit(report: Report, machine: Machine, file: MachineFile) -> Iterator[Findin
                 f'every {1.0 / stream.rate:.3g} s; write the period of the velocity controller',
             )
     for drive in report.drives:
-        if drive.stroke > _LONG:
+        if drive.stroke > _LONG and machine.travel_unit == 'm':
             yield Finding(
                 'warn',
                 'machine',

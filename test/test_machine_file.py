@@ -12,13 +12,13 @@ import yaml
 from ros2_ident.cli import check as cli_check
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
-from ros2_ident.models import load_machine, machine_from_mapping
+from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.models.belt_drive import BeltDrive, CONSTANTS, step_reference
 from ros2_ident.models.drive_model import SLOTS
 from ros2_ident.models.machine_file import read_machine_file
 from ros2_ident.models.machine_keys import KEYS, keys_of, KINDS
 from ros2_ident.models.machine_template import machine_template
-from ros2_ident.recording import Stream, write_bag
+from ros2_ident.recording import Dataset, Stream, write_bag
 
 BAGS = {'tripod': ROOT / 'bags' / 'tripod_mixed', 'emps': ROOT / 'bags' / 'axis_reversals'}
 
@@ -98,6 +98,47 @@ def test_from_a_new_machine_file_to_a_result(tmp_path, capsys):
     found = yaml.safe_load((tmp_path / 'out' / 'result.yaml').read_text())
     inertia = found['parameters']['x.drive_inertia']['value']
     assert inertia == pytest.approx(2e-5 + 0.25 * 28e-5, rel=0.05)  # simulate's: a quarter up
+
+
+TURNING = '''
+machine: linear_axis
+drives: [shoulder]
+controller: {cycle: 2.0e-3}
+parameters:
+  moving_mass: [0.1, 20.0, kg m^2]
+  viscous_friction: [0.0, 50.0, N m s/rad]
+  coulomb_friction: [0.0, 30.0, N m]
+'''
+
+
+def test_a_joint_that_turns_is_said_in_radians():
+    file = machine_from_mapping(yaml.safe_load(TURNING))
+    time = np.arange(500) * 2e-3
+    angle = (1.0 - np.cos(6.0 * time))[None]
+    data = Dataset(('shoulder',), 2e-3, 0, None, None, angle, None, np.zeros_like(angle))
+    effects = [EffectAt(name, 'shoulder') for name in ('asymmetric_friction', 'cable_spring')]
+    model = make_model(file, data, effects=effects)
+    assert (file.travel_unit, model.output_unit) == ('rad', 'N m')
+    assert [p.unit for p in model.parameters] == [
+        'kg m^2', 'N m s/rad', 'N m', 'N m', 'N m s/rad', 'N m/rad', 'rad',
+    ]  # fmt: skip
+    torque = model.simulate(np.array([[2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]))[0, 0]
+    ahead = time + 1e-3
+    np.testing.assert_allclose(torque[50:-50], 72.0 * np.cos(6.0 * ahead)[50:-50], atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'said'),
+    [
+        ('N m s/rad', 'N s/m', "is in 'N s/m' but read as N m s/rad; convert the bounds"),
+        ('30.0, N m]', '30.0, N]', "is in 'N' but read as N m; convert the bounds"),
+        ('[shoulder]', '[shoulder]\neffort_unit: N', 'effort_unit N that it travels; state the'),
+        ('[shoulder]', '[shoulder]\ndrive: {gear_factor: 9.0}', 'gear_factor that it travels; st'),
+    ],
+)
+def test_a_joint_either_turns_or_travels(old, new, said):
+    with pytest.raises(IdentError, match=re.escape(said)):
+        machine_from_mapping(yaml.safe_load(TURNING.replace(old, new)))
 
 
 def changed(path: Path, old: str, new: str, kind: str = 'linear_axis') -> tuple[str, int]:

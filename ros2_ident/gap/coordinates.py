@@ -33,13 +33,14 @@ class Motion:
         drives: Their names.
         cycle: Time from column to column, s.
         gear: Motor angle per travel, rad/m; 0 where it is not known.
-        position: (D, K), m.
-        velocity: (D, K), m/s.
-        acceleration: (D, K), m/s^2.
-        jerk: (D, K), m/s^3.
+        position: (D, K), m, or rad of a joint that turns.
+        velocity: (D, K), per second.
+        acceleration: (D, K), per second squared.
+        jerk: (D, K), per second cubed.
         torque: (D, K) simulated effort, N m or N.
         load: (D, K) what of it goes through the transmission: without friction and motor inertia.
         unit: Unit of the effort.
+        travel: Unit of the position.
     """
 
     drives: tuple[str, ...]
@@ -52,6 +53,7 @@ class Motion:
     torque: Array
     load: Array
     unit: str
+    travel: str = 'm'
 
 
 @dataclass(frozen=True)
@@ -112,9 +114,9 @@ def motion_of(model: DriveModel, theta: Array) -> Motion:
         load[d] -= get('viscous_torque', 'viscous_friction') * velocity[d]
         load[d] -= get('drive_inertia') * model.gear * acceleration[d]
     return Motion(
-        tuple(model.drives), data.cycle, model.gear if model.gear != 1.0 else 0.0, position,
+        tuple(model.drives), data.cycle, model.turn if model.turn != 1.0 else 0.0, position,
         velocity, acceleration, np.gradient(acceleration, data.cycle, axis=1), torque, load,
-        model.output_unit,
+        model.output_unit, model.machine.travel_unit,
     )
 
 
@@ -181,19 +183,19 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
     phase = phases(motion.velocity[d], motion.acceleration[d])[at]
     way = since_reversal(motion.position[d], motion.velocity[d])[at]
     speed: Array = np.abs(velocity)
-    unit = motion.unit
+    unit, travel = motion.unit, motion.travel
     found = [
         _named('phase', phase, heading),
-        _binned('velocity', 'odd', 'm/s', speed, _sign(velocity), _graded(speed)),
-        _binned('velocity', 'even', 'm/s', speed, None, _graded(speed)),
-        _binned('position', '', 'm', position, None, 12),
-        _binned('position', 'odd', 'm', position, heading, 8),
-        _binned('acceleration', '', 'm/s^2', motion.acceleration[d, at], None, 10),
-        _binned('jerk', '', 'm/s^3', motion.jerk[d, at], None, 10),
+        _binned('velocity', 'odd', f'{travel}/s', speed, _sign(velocity), _graded(speed)),
+        _binned('velocity', 'even', f'{travel}/s', speed, None, _graded(speed)),
+        _binned('position', '', travel, position, None, 12),
+        _binned('position', 'odd', travel, position, heading, 8),
+        _binned('acceleration', '', f'{travel}/s^2', motion.acceleration[d, at], None, 10),
+        _binned('jerk', '', f'{travel}/s^3', motion.jerk[d, at], None, 10),
         _binned('load', '', unit, load, None, 8),
         _binned('load', 'odd', unit, load, heading, 8),
         _binned('torque', '', unit, torque, None, 8),
-        _binned('way since reversal', 'odd', 'm', way, heading, _graded(way)),
+        _binned('way since reversal', 'odd', travel, way, heading, _graded(way)),
         _binned('time', '', 's', at.astype(np.float64) * motion.cycle, None, 5),
         _binned('time', 'odd', 's', at.astype(np.float64) * motion.cycle, heading, 5),
     ]
@@ -244,13 +246,14 @@ def places(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coordinate
     named = _named('phase', phase, np.zeros(at.size))
     speed: Array = np.abs(motion.velocity[d, at])
     way = since_reversal(motion.position[d], motion.velocity[d])[at]
+    travel = motion.travel
     return [
         named,
-        _binned('velocity', '', 'm/s', speed, None, _graded(speed)),
-        _binned('position', '', 'm', motion.position[d, at], None, 8),
-        _binned('acceleration', '', 'm/s^2', np.abs(motion.acceleration[d, at]), None, 6),
+        _binned('velocity', '', f'{travel}/s', speed, None, _graded(speed)),
+        _binned('position', '', travel, motion.position[d, at], None, 8),
+        _binned('acceleration', '', f'{travel}/s^2', np.abs(motion.acceleration[d, at]), None, 6),
         _binned('load', '', motion.unit, motion.load[d, at], None, 8),
-        _binned('way since reversal', '', 'm', way, None, _graded(way)),
+        _binned('way since reversal', '', travel, way, None, _graded(way)),
         _binned('time', '', 's', at.astype(np.float64) * motion.cycle, None, 6),
     ]
 

@@ -18,7 +18,7 @@ from ros2_ident.gap.coherence import bases_of, blocks_of, Coarse, coarse_of, LEA
 from ros2_ident.gap.coordinates import Coordinate, coordinates, Motion, PHASES, phases, places
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.spectrum import find_peak, motion_band
-from ros2_ident.gap.wording import concentration, region_of, sentence_of
+from ros2_ident.gap.wording import concentration, figure, percent, region_of, sentence_of
 
 Array = NDArray[np.float64]
 
@@ -239,7 +239,7 @@ def _swing(motion: Motion, d: int, row: Array, noise: float, coarse: Coarse) -> 
     region = f'{peak.low:.3g} to {peak.high:.3g} Hz'
     text = (
         f'{motion.drives[d]}: a swing at {peak.frequency:.3g} Hz (band {region}); '
-        f'{100.0 * share:.0f} % of what can be explained, {peak.size:.2g} {motion.unit} RMS'
+        f'{percent(share)} of what can be explained, {figure(peak.size)} {motion.unit} RMS'
     )
     return [
         Finding(

@@ -121,21 +121,21 @@ def map_of(motion: Motion, row: Array, drive: int, name: str) -> ResidualMap:
 
 def _along(motion: Motion, drive: int, name: str) -> tuple[Array, str]:
     """Return a coordinate (K,) and its label."""
-    d = drive
+    d, travel = drive, motion.travel
     time = np.arange(motion.position.shape[1], dtype=np.float64) * motion.cycle
     way = since_reversal(motion.position[d], motion.velocity[d])
     turn: Array = np.mod(motion.gear * motion.position[d] / (2.0 * np.pi), 1.0)
     table = {
-        'velocity': (motion.velocity[d], 'velocity [m/s]'),
-        'position': (motion.position[d], 'position [m]'),
-        'acceleration': (motion.acceleration[d], 'acceleration [m/s²]'),
-        'jerk': (motion.jerk[d], 'jerk [m/s³]'),
+        'velocity': (motion.velocity[d], f'velocity [{travel}/s]'),
+        'position': (motion.position[d], f'position [{travel}]'),
+        'acceleration': (motion.acceleration[d], f'acceleration [{travel}/s²]'),
+        'jerk': (motion.jerk[d], f'jerk [{travel}/s³]'),
         'load': (motion.load[d], f'transmitted load [{motion.unit}]'),
         'torque': (motion.torque[d], f'simulated effort [{motion.unit}]'),
         'torque rate': (
             np.gradient(motion.torque[d], motion.cycle), f'rate of the effort [{motion.unit}/s]'
         ),
-        'way since reversal': (1e3 * way, 'way since the last reversal [mm]'),
+        'way since reversal': (1e3 * way, f'way since the last reversal [m{travel}]'),
         'motor angle': (turn, 'motor angle [turns]'),
     }
     values, label = table.get(name, (time, 'time since start [s]'))

@@ -14,6 +14,31 @@ _MOST = 0.75
 _MAINLY, _DENSER = 0.5, 1.5
 
 
+_WHILE = {
+    'rest': 'at rest',
+    'creep': 'while creeping',
+    'acceleration': 'while accelerating',
+    'cruise': 'while cruising',
+    'deceleration': 'while braking',
+    'reversal': 'at reversals',
+}
+
+
+def figure(value: float, sign: str = '') -> str:
+    """Return a number with two digits that tell, as an engineer writes it: 280, not 2.8e+02."""
+    return f'{float(f"{value:.2g}"):{sign}g}'
+
+
+def percent(share: float) -> str:
+    """Return a share in percent; one that would round to nothing as less than one."""
+    return f'{100.0 * share:.0f} %' if share >= 0.005 else 'less than 1 %'
+
+
+def _while(region: str) -> str:
+    """Return phases as words in a sentence."""
+    return ', '.join(_WHILE[phase] for phase in region.split(', '))
+
+
 def region_of(
     coordinate: Coordinate, fitted: Array, weight: Array, noise: float
 ) -> tuple[str, str]:
@@ -27,7 +52,7 @@ def region_of(
     """
     if coordinate.name == 'offset':
         mean = float(np.average(fitted, weights=weight))
-        return 'everywhere', f'{mean:+.2g}'
+        return 'everywhere', figure(mean, '+')
     if coordinate.pick > 1:
         return _order(coordinate, fitted), ''
     sides = np.sign(coordinate.columns)
@@ -69,10 +94,10 @@ def _region(coordinate: Coordinate, power: Array) -> tuple[str, int, int]:
     if last - first + 1 > 0.8 * len(ends):
         return 'everywhere', first, last
     if first == 0:
-        return f'below {high:.2g} {coordinate.unit}', first, last
+        return f'below {figure(high)} {coordinate.unit}', first, last
     if last == len(ends) - 1:
-        return f'above {low:.2g} {coordinate.unit}', first, last
-    return f'{low:.2g} to {high:.2g} {coordinate.unit}', first, last
+        return f'above {figure(low)} {coordinate.unit}', first, last
+    return f'{figure(low)} to {figure(high)} {coordinate.unit}', first, last
 
 
 def concentration(
@@ -102,10 +127,10 @@ def concentration(
         chosen = list(range(first, last + 1))
     held, part = float(share[chosen].sum()), float(lasts[chosen].sum())
     name = {'velocity': 'speed', 'load': 'transmitted load'}.get(coordinate.name, coordinate.name)
-    where = f'in {region}' if coordinate.labels else f'where the {name} is {region}'
+    where = _while(region) if coordinate.labels else f'where the {name} is {region}'
     text = (
-        f'{drive}: {100.0 * held:.0f} % of the gap of {size:.2g} {unit} lies {where}, '
-        f'{100.0 * part:.0f} % of the time'
+        f'{drive}: {percent(held)} of the gap of {figure(size)} {unit} lies {where}, '
+        f'{percent(part)} of the time'
     )
     return region, min(1.0, max(0.0, held - part)), text
 
@@ -173,7 +198,7 @@ def sentence_of(
     elif name == 'motor angle':
         what = f'periodic in the motor angle, {region} per turn'
     elif name == 'phase':
-        what = f'in {region}'
+        what = _while(region)
     elif name == 'other drives':
         what = f'follows the {region}'
     elif name == 'torque rate':
@@ -195,8 +220,8 @@ def sentence_of(
     elif coordinate.parity == 'even':
         parts.append('even in velocity')
     return (
-        f'{drive}: {", ".join(parts)}; {100.0 * share:.0f} % of what can be explained, '
-        f'{size:.2g} {unit} RMS'
+        f'{drive}: {", ".join(parts)}; {percent(share)} of what can be explained, '
+        f'{figure(size)} {unit} RMS'
     )
 
 
@@ -209,8 +234,4 @@ def _phases(power: Array, time: Array) -> str:
     top = int(np.argmax(held))
     if held[top] < _MAINLY or held[top] < _DENSER * lasts[top]:
         return ''
-    words = {
-        'rest': 'at rest', 'creep': 'creeping', 'acceleration': 'accelerating',
-        'cruise': 'cruising', 'deceleration': 'braking', 'reversal': 'at reversals',
-    }
-    return words[PHASES[top]]
+    return _WHILE[PHASES[top]]

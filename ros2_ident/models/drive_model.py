@@ -15,7 +15,7 @@ from ros2_ident.effects import Effect, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import drive_kernel, law_kernel, rows
 from ros2_ident.models.group import Group, PART, Task
-from ros2_ident.models.machine import constant, Machine
+from ros2_ident.models.machine import angular, constant, Machine
 from ros2_ident.models.parameter import Kind, Parameter
 from ros2_ident.models.recorded import RecordedMotion
 from ros2_ident.recording import Dataset
@@ -204,13 +204,14 @@ class DriveModel(ABC):
         places = self._places(at)
         kind: Kind = 'measurement' if effect.group == 'measurement' else 'physical'
         prefix = effect.id if at.where == 'all' else f'{at.where}.{effect.id}'
-        unit = self.machine.model_unit
+        effort = self.machine.model_unit
+        turns = self.machine.travel_unit == 'rad'
         out: list[tuple[Parameter, tuple[str, int | None]]] = []
         for p in effect.parameters:
             scale = self.effort_share(p.unit)
             declared = Parameter(
                 f'{prefix}.{p.name}',
-                p.unit.replace('effort', unit),
+                (angular(p.unit) if turns else p.unit).replace('effort', effort),
                 p.low * scale,
                 p.high * scale,
                 kind,
@@ -231,6 +232,11 @@ class DriveModel(ABC):
     def parameters(self) -> tuple[Parameter, ...]:
         """The free parameters, in the order of theta's columns."""
         return self._parameters
+
+    @property
+    def _closed(self) -> bool:
+        """Whether controllers follow a set-point."""
+        return self.data.command_position is not None and self.data.command_velocity is not None
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -262,10 +268,14 @@ class DriveModel(ABC):
             base[rows.row_of('motor_turn', d)] = self.turn
             base[rows.row_of('rail_mass', d)] = constant(drive, 'rail_mass', 'drive', 0.0)
             for key in ('position_gain', 'velocity_gain', 'integral_gain'):
-                default = (
-                    0.0 if key == 'integral_gain' or self.data.command_position is None else None
-                )
-                base[rows.row_of(key, d)] = constant(controller, key, 'controller', default)
+                if key != 'integral_gain' and key not in controller and self._closed:
+                    raise IdentError(
+                        ErrorCode.BAD_MACHINE_FILE,
+                        f'the log holds a set-point but the machine file no controller.{key}; add '
+                        'it, or name a command topic that is not there and let the recorded '
+                        'motion drive the model',
+                    )
+                base[rows.row_of(key, d)] = constant(controller, key, 'controller', 0.0)
 
     def rows(self, theta: Array) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units."""
@@ -422,7 +432,8 @@ class DriveModel(ABC):
         mode = np.full(len(order), drive_kernel.PRESCRIBED, dtype=np.int64)
         command = np.zeros(2 * len(order) * count)
         motion = np.zeros(0)
-        if data.command_position is not None and data.command_velocity is not None:
+        if self._closed:
+            assert data.command_position is not None and data.command_velocity is not None
             command = np.concatenate(
                 [data.command_position[order].ravel(), data.command_velocity[order].ravel()]
             )
@@ -442,7 +453,7 @@ class DriveModel(ABC):
             cutoff = min(self.cutoff, 0.2 * float(rate))
             # A commanded torque holds until the next cycle: what it caused is, on average, the
             # motion half a cycle later.
-            ahead = _HOLD if data.command_position is None else 0.0
+            ahead = 0.0 if self._closed else _HOLD
             smooth = smooth_motion(data.position[order], data.cycle, cutoff, ahead)
             motion = np.concatenate([np.asarray(part).ravel() for part in smooth])
         return command, motion, mode

@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+import re
 from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError
@@ -39,8 +40,16 @@ class Machine:
     digest: str = ''
 
     @property
+    def travel_unit(self) -> str:
+        """Unit of a drive's position: `rad` where the moving mass is stated as an inertia."""
+        of = self.bounds.get('moving_mass', (0.0, 0.0, ''))[2]
+        return 'rad' if plain_unit(of) == plain_unit(angular('kg')) else 'm'
+
+    @property
     def model_unit(self) -> str:
         """Unit of an effort of the model: `N` where a log states a force or there is no gear."""
+        if self.travel_unit == 'rad':
+            return 'N m'
         force = self.effort_unit == 'N'
         other = self.effort_unit in ('A', 'percent') and 'gear_factor' not in self.drive
         return 'N' if force or other else 'N m'
@@ -59,6 +68,24 @@ class Machine:
         """
         factor = effort_factor(unit, torque_constant, rated_torque)
         return replace(self, effort_unit=unit, effort_scale=factor)
+
+
+_ANGULAR = {'kg': 'kg m^2', 'N': 'N m', 'm': 'rad'}
+
+
+def angular(unit: str) -> str:
+    """Return a unit of straight motion as it is where a joint turns: `N m s/rad` for `N s/m`.
+
+    Args:
+        unit: A unit of masses, forces and lengths.
+    """
+    return re.sub(r'\b(kg|N|m)\b', lambda found: _ANGULAR[found[0]], unit)
+
+
+def plain_unit(unit: object) -> str:
+    """Return a unit without what is a matter of taste."""
+    text = str(unit).replace('²', '2').replace('·', '')
+    return ''.join(text.replace('^', '').replace('*', '').split())
 
 
 def constant(

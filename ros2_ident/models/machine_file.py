@@ -12,7 +12,7 @@ from typing import Any, Literal
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.models.machine import Machine
+from ros2_ident.models.machine import angular, Machine, plain_unit
 from ros2_ident.models.machine_keys import Key, keys_of, KINDS, LAWS
 from ros2_ident.recording.streams import effort_factor
 
@@ -319,8 +319,11 @@ def _interval(key: Key, value: Any, data: Mapping[str, Any]) -> Iterator[Remark]
         )
     elif not (key.low <= low and high <= key.high):
         yield Remark('warn', key.path, _implausible(key, f'[{low:g}, {high:g}]', data))
-    known = [unit for unit in (key.unit, key.force_unit) if unit]
-    if _plain(value[2]) not in [_plain(unit) for unit in known]:
+    if _turns(data):
+        known = [_unit(key, data)]
+    else:
+        known = [unit for unit in (key.unit, key.force_unit) if unit]
+    if plain_unit(value[2]) not in [plain_unit(unit) for unit in known]:
         yield Remark(
             'error',
             key.path,
@@ -350,12 +353,21 @@ def _together(
             f'gear_factor is {gear:g} but effort_unit is N: a force needs none; leave it out, or '
             'state the unit of a torque',
         )
-    if unit == 'N m' and gear is None:
+    turns = _turns(data)
+    if turns and (unit == 'N' or gear is not None):
+        other = 'effort_unit N' if unit == 'N' else 'gear_factor'
+        yield Remark(
+            'error',
+            ('parameters', 'moving_mass'),
+            f'moving_mass in kg m^2 says that the joint turns, {other} that it travels; state the '
+            'mass in kg, or mend the other',
+        )
+    if unit == 'N m' and gear is None and not turns:
         yield Remark(
             'warn',
             ('effort_unit',) if ('effort_unit',) in present else ('drive',),
-            'the effort is a torque but drive.gear_factor is missing; add it in rad/m, '
-            'or write `effort_unit: N`',
+            'the effort is a torque but drive.gear_factor is missing; add it in rad/m, or write '
+            '`effort_unit: N`, or `moving_mass` in kg m^2 where a joint turns',
         )
     turn = number.get(('drive', 'travel_per_turn'))
     if gear and turn and unit != 'N' and not 0.98 < turn * gear / (2.0 * math.pi) < 1.02:
@@ -434,14 +446,18 @@ def _number(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _plain(unit: object) -> str:
-    """Return a unit without what is a matter of taste."""
-    text = str(unit).replace('²', '2').replace('·', '')
-    return ''.join(text.replace('^', '').replace('*', '').split())
-
-
 def _unit(key: Key, data: Mapping[str, Any]) -> str:
+    if _turns(data):
+        return angular(key.force_unit or key.unit)
     return key.force_unit if key.force_unit and data.get('effort_unit') == 'N' else key.unit
+
+
+def _turns(data: Mapping[str, Any]) -> bool:
+    """Whether a machine file's parameters say that the joint turns."""
+    bounds = data.get('parameters')
+    mass = bounds.get('moving_mass') if isinstance(bounds, Mapping) else None
+    inertia = plain_unit(angular('kg'))
+    return isinstance(mass, list) and plain_unit(mass[-1] if mass else '') == inertia
 
 
 def _in_unit(key: Key, data: Mapping[str, Any]) -> str:

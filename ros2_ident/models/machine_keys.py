@@ -360,7 +360,8 @@ _KNOWN: tuple[Key, ...] = (
         'parameters',
         'moving_mass',
         'kg',
-        'rigid axis: motor and carriage as one, in place of gear_* and drive_inertia',
+        'rigid axis: motor and carriage as one, in place of gear_* and drive_inertia; stated in '
+        'kg m^2 it says that the joint turns: then rad stands for m and N m for N everywhere',
         {A: (1.0, 20.0)},
         low=0.0,
         high=1e5,
