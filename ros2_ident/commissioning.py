@@ -54,7 +54,8 @@ def check_both(
         try:
             data = gather(recordings, machine, drives)
         except IdentError as error:
-            findings.append(Finding('error', 'unusable', '', error.message))
+            if all(error.message != finding.sentence for finding in findings):
+                findings.append(Finding('error', 'unusable', '', error.message))
         else:
             findings += _fit(report, machine, file)
             for dataset in data.datasets:
@@ -68,15 +69,18 @@ def _with_line(finding: Finding, file: MachineFile, recordings: Sequence[Recordi
     path = _KEY_OF.get(finding.code)
     if path is None or finding.level == 'ok':
         return finding
-    said = f'{finding.sentence} ({file.place(path)}: {path[-1]})'
+    if finding.code != 'missing_stream':
+        place = f'({file.place(path)}: {path[-1]})'
+        return replace(finding, sentence=f'{finding.sentence} {place}')
     machine, state = file.machine, recordings[0].state
-    if finding.code == 'missing_stream' and machine is not None and state is not None:
-        unknown = [name for name in machine.drives if name not in state.names]
-        if unknown:
-            said = (
-                f'{file.place(path)}: drives names {", ".join(unknown)}, the bag holds '
-                f'{", ".join(state.names)}; write the names of the bag'
-            )
+    known = machine.drives if machine is not None and state is not None else ()
+    unknown = [name for name in known if state is not None and name not in state.names]
+    if not unknown or state is None:
+        return finding
+    said = (
+        f'{file.place(path)}: drives names {", ".join(unknown)}, the bag holds '
+        f'{", ".join(state.names)}; write the names of the bag'
+    )
     return replace(finding, sentence=said)
 
 

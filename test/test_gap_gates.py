@@ -68,6 +68,17 @@ def test_without_a_command_there_is_nothing_to_check():
     assert 'cannot be checked' in gate.sentence
 
 
+def test_an_effort_without_its_sign_fails():
+    machine = load_machine(ROOT / 'config/emps.yaml')
+    data = read_problem(ROOT / 'bags/axis_reversals', machine).datasets[0]
+    (_, gate) = check_effort(machine, data, 'emps_axis')
+    assert (gate.gate, gate.level) == ('sign', 'ok')
+    folded = replace(data, effort=np.abs(data.effort))
+    (_, gate) = check_effort(machine, folded, 'emps_axis')
+    assert (gate.gate, gate.level) == ('sign', 'fail')
+    assert 'it has lost its sign; log the signed torque' in gate.sentence
+
+
 @pytest.mark.parametrize(('missing', 'level'), [(0, 'ok'), (50, 'warn'), (500, 'fail')])
 def test_missing_samples(missing, level):
     case = type('Data', (), {})()

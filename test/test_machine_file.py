@@ -295,6 +295,14 @@ def test_millimetres_are_noticed(tmp_path, capsys):
     assert 'record positions of the carriage in m, not mm' in capsys.readouterr().out
 
 
+def test_a_missing_effort_is_said_once(tmp_path, capsys):
+    streams = {t: s for t, s in axis_bag().streams.items() if t != '/effort'}
+    bag = write_bag(tmp_path / 'none', streams)
+    assert main(['check', str(bag), '--machine', str(AXIS_FILE)]) == 1
+    (said,) = [x for x in capsys.readouterr().out.splitlines() if x.startswith('error')]
+    assert said.endswith('no stream holds an effort; record it, or name the topic that carries it')
+
+
 def test_a_good_pair_has_no_warning(capsys):
     for machine, bag in BAGS.items():
         file = ROOT / 'config' / f'{machine}.yaml'

@@ -19,6 +19,7 @@ from ros2_ident.gap.law import fit_law, Law
 from ros2_ident.models import DriveModel, Machine
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import best_lag, fill_gaps
+from ros2_ident.recording.plausibility import lost_sign, unsigned
 
 Array = NDArray[np.float64]
 Level = Literal['ok', 'warn', 'fail']
@@ -166,6 +167,8 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
     except IdentError:
         return found
     position, velocity, acceleration = (row[0, ::stride] for row in motion)
+    if lost_sign(fill_gaps(data.effort[d]), velocity):
+        return [*found, Gate('sign', drive, 'fail', math.nan, '1', unsigned(drive))]
     still = 0.02 * float(np.abs(velocity).max())
     if still <= 0.0:
         return found
@@ -206,7 +209,7 @@ def check_law(
         noise: The drive's noise floor, where known.
     """
     if law is None or not law.gains:
-        text = f'{drive}: the controller law cannot be checked, its log lacks command or position'
+        text = f'{drive}: the controller law cannot be checked, that takes command and position'
         return [Gate('law', drive, 'warn', math.nan, '1', text)]
     found = []
     if law.command_delay > 0.0:

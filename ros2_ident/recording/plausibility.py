@@ -202,7 +202,7 @@ def _judge_effort(name: str, motion: Motion) -> tuple[float, float, list[Finding
     drag = columns[:, 1] * gain[1] + columns[:, 2] * gain[2]
     loss = float(np.mean(drag * motion.velocity))
     dissipation = float(np.var(drag)) / variance * np.sign(loss)
-    if _unsigned(motion, measured):
+    if lost_sign(measured, motion.velocity):
         return (
             lag,
             share,
@@ -211,8 +211,7 @@ def _judge_effort(name: str, motion: Motion) -> tuple[float, float, list[Finding
                     'error',
                     'effort_unsigned',
                     name,
-                    f'{name}: the effort is never negative and falls to zero, so it has lost its '
-                    'sign; log the signed torque or current',
+                    unsigned(name),
                 )
             ],
         )
@@ -269,13 +268,28 @@ def _judge_effort(name: str, motion: Motion) -> tuple[float, float, list[Finding
     )
 
 
-def _unsigned(motion: Motion, effort: FloatArray) -> bool:
-    """Say whether an effort that should change its sign does not, but touches zero instead."""
+def lost_sign(effort: FloatArray, velocity: FloatArray) -> bool:
+    """Say whether an effort that should change its sign does not, but touches zero instead.
+
+    Args:
+        effort: (K,) N m or N, without NaN.
+        velocity: (L,) of the same drive, in any unit.
+    """
     high = float(np.percentile(effort, 99))
     if float(effort.min()) < -0.005 * high or high <= 0.0:
         return False
+    slow = 0.1 * float(np.abs(velocity).max())
+    both_ways = float(velocity.min()) < -slow and float(velocity.max()) > slow
     # a load that always pulls one way keeps away from zero; a lost sign folds the values there
-    return float(np.mean(effort < 0.02 * high)) > 0.005 and count_reversals(motion) > 0
+    return both_ways and float(np.mean(effort < 0.02 * high)) > 0.005
+
+
+def unsigned(drive: str) -> str:
+    """Return what to say of a drive whose effort has lost its sign."""
+    return (
+        f'{drive}: the effort is never negative and falls to zero, so it has lost its sign; log '
+        'the signed torque or current'
+    )
 
 
 def _kind(name: str, effort: FloatArray) -> Finding | None:
