@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
 import time
 
 from gap_signals import floor_of
@@ -50,6 +51,25 @@ def test_the_share_closed_covers_and_knows_its_limits():
     assert 68 <= hits <= 80
     same = Blocks([noise, noise], 1e-3)
     assert np.isnan(same.share_closed(0, 1, floor_of(2, 2.0)).value)
+
+
+def test_a_drive_without_a_gap_does_not_blur_the_share():
+    generator = np.random.default_rng(6)
+    noise = generator.standard_normal((3, 6000))
+    effect = np.zeros((3, 6000))
+    effect[1] = 0.8 * _coloured(generator, 0.95, (1, 6000))
+    found = Blocks([noise + effect, noise + 0.2 * effect], 1e-3)
+    # The floors of the idle drives are too low by a twentieth; theirs would be a gap that stays.
+    floor = floor_of(3, 1.0)
+    off = replace(
+        floor, per_drive=np.array([0.95, 1.0, 0.95]), high=np.array([1.03, 1.02, 1.03])
+    )
+    share = found.share_closed(0, 1, off).value
+    assert share == pytest.approx(found.share_closed(0, 1, floor, drive=1).value)
+    # One that the effect makes worse counts.
+    worse = noise + 0.2 * effect
+    worse[0] *= 1.2
+    assert Blocks([noise + effect, worse], 1e-3).share_closed(0, 1, off).value < share - 0.3
 
 
 def test_a_paired_difference_is_sharper_than_either():

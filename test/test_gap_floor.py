@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import IdentError
-from ros2_ident.gap.floor import find_repeats, noise_floor
+from ros2_ident.gap.floor import find_repeats, noise_floor, pooled_floor
 from ros2_ident.recording import Dataset
 
 
@@ -46,6 +46,34 @@ def test_a_coarse_step_is_part_of_the_floor():
     floor = noise_floor(effort - 0.2 * of.torque, _data(of, effort))
     assert floor.step[0] == pytest.approx(step)
     assert floor.per_drive[0] >= step / np.sqrt(12.0)
+
+
+def test_two_recordings_tell_the_floor_better_than_one():
+    of = motion()
+    rows = [residual(of, seed=seed) for seed in (1, 2)]
+    data = [_data(of, row) for row in rows]
+    alone = [noise_floor(row, log) for row, log in zip(rows, data, strict=True)]
+    both = pooled_floor(rows, data)
+    between = np.sort([f.per_drive for f in alone], axis=0)
+    assert ((between[0] <= both.per_drive) & (both.per_drive <= between[1])).all()
+    for f in alone:
+        assert (np.log(both.high / both.low) < np.log(f.high / f.low)).all()
+    # A recording too short to tell anything does not spoil the other's.
+    short = np.full_like(rows[1], np.nan)
+    assert pooled_floor([rows[0], short], data).per_drive == pytest.approx(alone[0].per_drive)
+    with pytest.raises(IdentError, match='too few'):
+        pooled_floor([short], data[:1])
+
+
+def test_a_recording_that_repeats_tells_the_floor_alone():
+    of = motion(3.0)
+    rate = np.tile(of.velocity, 4)
+    noise = NOISE * np.random.default_rng(1).standard_normal(rate.shape)
+    once = 2.0 * residual(of)
+    repeating = noise_floor(noise, _data(of, noise, rate))
+    both = pooled_floor([once, noise], [_data(of, once), _data(of, noise, rate)])
+    assert both.method == 'repeats'
+    assert both.per_drive == pytest.approx(repeating.per_drive)
 
 
 def test_repeats_are_found_and_cancel_what_repeats():

@@ -197,14 +197,19 @@ class Blocks:
             before: Number of the residual with the effect missing (E0).
             after: Number of the residual with it in the model (E1).
             floor: The noise floor F; its uncertainty goes into the interval.
-            drive: Number of a drive; all drives together where None.
+            drive: Number of a drive; where None all that show a gap before or after, for what the
+                others add is the error of their floor.
             level: Confidence.
 
         Returns:
             The share, at most 1: what is less than the floor is the floor's uncertainty. NaN where
             nothing above the floor is there to be explained.
         """
-        pick = slice(None) if drive is None else slice(drive, drive + 1)
+        pick = np.arange(len(floor.per_drive)) if drive is None else np.array([drive])
+        if drive is None:
+            worst = np.maximum(self.squares[before], self.squares[after])
+            shown = worst > floor.high**2
+            pick = np.flatnonzero(shown) if shown.any() else pick
         generator = np.random.default_rng((self._seed, 1))
         noise = (floor.draw(len(self.drawn), generator)[:, pick] ** 2).mean(axis=1)
         fixed = float((floor.per_drive[pick] ** 2).mean())

@@ -17,7 +17,7 @@ from ros2_ident.gap.case import Case
 from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
 from ros2_ident.gap.explain import Explained, Explainer, Rules
-from ros2_ident.gap.floor import Floor, noise_floor
+from ros2_ident.gap.floor import Floor, pooled_floor
 from ros2_ident.gap.gates import run_gates
 from ros2_ident.gap.localise import Finding, localise
 from ros2_ident.gap.reading import coarse_readings, CoarseReading
@@ -210,13 +210,19 @@ def _shows_later(explainer: Explainer, found: Explained) -> bool:
 
 
 def _floor(attribution: Attribution, base: Explanation) -> Floor:
-    """Estimate the floor on the whole first recording of the fit part."""
+    """Estimate the floor on all recordings together."""
     case = attribution.case
-    model = case.models((), case.fit)[0]
-    measured = model.measured
-    residual = measured - model.simulate(base.theta[None])[0]
-    residual[:, : int(round(0.1 / model.cycle))] = np.nan
-    return noise_floor(residual, case.fit.data[0], case.drives, model.output_unit)
+    residuals: dict[int, Array] = {}
+    datasets: dict[int, Dataset] = {}
+    unit = ''
+    for part in (case.fit, case.check):
+        for model, data in zip(case.models((), part), part.data, strict=True):
+            residual = model.measured - model.simulate(base.theta[None])[0]
+            residual[:, : int(round(0.1 / model.cycle))] = np.nan
+            # Without a check bag both parts are blocks of the same recordings.
+            residuals[id(data)], datasets[id(data)] = residual, data
+            unit = model.output_unit
+    return pooled_floor(list(residuals.values()), list(datasets.values()), case.drives, unit)
 
 
 def _capped(floor: Floor, noise: float) -> Floor:

@@ -134,6 +134,57 @@ def noise_floor(
     )
 
 
+def pooled_floor(
+    residuals: Sequence[Array],
+    datasets: Sequence[Dataset],
+    drives: Sequence[str] | None = None,
+    unit: str = '',
+) -> Floor:
+    """Estimate the floor on several recordings of a machine; on those that repeat where some do.
+
+    Args:
+        residuals: For each recording (D, K) as for `noise_floor`.
+        datasets: The recordings.
+        drives: As for `noise_floor`.
+        unit: As for `noise_floor`.
+
+    Returns:
+        The mean of the logarithms, weighted by their certainty.
+
+    Raises:
+        IdentError: NO_DATA where no recording is long enough.
+    """
+    found: list[tuple[Floor, Dataset]] = []
+    short: IdentError | None = None
+    for residual, dataset in zip(residuals, datasets, strict=True):
+        try:
+            found.append((noise_floor(residual, dataset, drives, unit), dataset))
+        except IdentError as exc:
+            short = exc
+    if not found:
+        raise short or IdentError(ErrorCode.NO_DATA, 'there is no recording; give one')
+    found = [f for f in found if f[0].method == 'repeats'] or found
+    (first, dataset), *others = found
+    if not others:
+        return first
+    values, low, high, white = (
+        np.array([getattr(f, name) for f, _ in found])
+        for name in ('per_drive', 'low', 'high', 'white')
+    )
+    half = np.maximum(0.5 * np.log(np.maximum(high, 1e-300) / np.maximum(low, 1e-300)), 1e-6)
+    weight = half**-2 / (half**-2).sum(axis=0)
+    value = np.exp((weight * np.log(np.maximum(values, 1e-300))).sum(axis=0))
+    step = np.max([f.step for f, _ in found], axis=0)
+    value = np.maximum(value, step / math.sqrt(12.0))
+    factor = np.exp((half**-2).sum(axis=0) ** -0.5)
+    mean = (weight * white).sum(axis=0)
+    names = dataset.names if drives is None else tuple(drives)
+    sentence = _sentence(value, names, first.repeats, dataset.cycle, mean, unit)
+    return Floor(
+        value, value / factor, value * factor, first.method, first.repeats, step, mean, sentence
+    )
+
+
 def find_repeats(dataset: Dataset) -> Repeats | None:
     """Find the shortest motion that the whole command consists of.
 
@@ -199,7 +250,7 @@ def _high_frequency(row: Array, name: str) -> tuple[float, float, float, float]:
     there = np.flatnonzero(np.isfinite(row))
     steps = np.diff(there)
     stride = int(np.bincount(steps).argmax()) if steps.size else 1
-    fourth = _differences(row, stride, _ORDER)
+    fourth = _differences(row, stride, _ORDER) if there.size else row[:0]
     if fourth.size < 2 * _STRETCH:
         raise IdentError(
             ErrorCode.NO_DATA,
