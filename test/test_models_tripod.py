@@ -271,4 +271,4 @@ def test_every_effect_is_complete() -> None:
         for p in effect.parameters:
             assert p.low <= p.neutral <= p.high, (effect.id, p.name)
             assert all(p.low <= s <= p.high for s in p.starts), (effect.id, p.name)
-            assert bool(p.target) == (effect.hook is Hook.PARAMETER), (effect.id, p.name)
+            assert p.target or effect.hook is not Hook.PARAMETER, (effect.id, p.name)

@@ -9,8 +9,9 @@ from ros2_ident.lanes import inlined, maximum, minimum, spread
 
 @inlined
 def _kernel(value: Any, drive: Any, p: Any) -> Any:
+    x, slope = value
     half = 0.5 * p[0]
-    return maximum(value - half, minimum(value + half, spread(0.0)))
+    return maximum(x - half, minimum(x + half, spread(0.0))), slope
 
 
 EFFECT = Effect(

@@ -9,9 +9,16 @@ from ros2_ident.lanes import exp, inlined, maximum, spread, where
 
 @inlined
 def _kernel(value: Any, drive: Any, p: Any) -> Any:
-    tau = maximum(p[0], spread(1e-6))
-    late = value + (drive.memory - value) * exp(-drive.elapsed / tau)
-    return where(p[0] > spread(1e-7), late, value)
+    # The mean over the cycle: integration steps may be longer than the lag.
+    tau = maximum(p[0], spread(1e-7))
+    share = (1.0 - exp(-drive.elapsed / tau)) * tau / drive.elapsed
+    return where(p[0] > spread(1e-7), value + (drive.memory - value) * share, value)
+
+
+@inlined
+def _keeps(value: Any, drive: Any, p: Any) -> Any:
+    tau = maximum(p[0], spread(1e-7))
+    return value + (drive.memory - value) * exp(-drive.elapsed / tau)
 
 
 EFFECT = Effect(
@@ -21,8 +28,9 @@ EFFECT = Effect(
     equation="M' = (M_commanded - M) / tau",
     source='Leonhard, Control of Electrical Drives',
     parameters=(EffectParameter('time_constant', 's', 0.0, 0.02, 0.0, starts=(1e-3,)),),
-    hook=Hook.TORQUE,
+    hook=Hook.COMMAND,
     kernel=_kernel,
+    keeps=_keeps,
     place='drive',
     family='loop timing',
     confusable=(

@@ -14,18 +14,19 @@ class Hook(enum.Enum):
 
     A kernel of a per-drive hook is `kernel(value, drive, p) -> value`: `value` is what the step
     would use without the effect, `drive` a `DriveState`, `p` the tuple of the effect's parameters;
-    all are `Lanes`.
+    all are `Lanes`, but DEFLECTION's value, which is a pair of them.
     PARAMETER effects have no kernel: each of their parameters names what it is added to or
-    multiplied with.
+    multiplied with. So may a parameter of another effect, which its kernel then leaves alone.
     """
 
     SIGN = 'direction of friction, -1..1: nominally tanh(v / regularisation)'
     FRICTION = 'friction torque at the motor [N m]'
-    TORQUE = 'torque the motor makes of the commanded one [N m]'
-    DEFLECTION = 'deflection of the gear that makes force [m]'
+    TORQUE = 'torque the motor makes at its present place [N m]'
+    DEFLECTION = 'deflection of the gear that makes force [m], and its slope over the motor'
     STIFFNESS = 'stiffness of the gear [N/m]'
     CARRIAGE_FORCE = 'force on the carriage besides gear, gravity and rod [N]'
     READING = 'motor position as the controller reads it [m]'
+    COMMAND = 'torque asked of the motor, mean of a cycle, nominally the logged one [N m]'
     PARAMETER = 'a parameter that the step or the log has anyway, at its neutral value'
 
 
@@ -43,10 +44,11 @@ class DriveState(NamedTuple):
         gear: Force per torque [1/m]; 1 on an axis with force as effort.
         turn: Motor angle per travel [rad/m].
         time: Time since the start of the log [s].
-        elapsed: Time since the present torque was commanded [s].
+        elapsed: Time since the present torque was commanded [s]; for COMMAND, and where `keeps` is
+            asked, the cycle.
         travel: Way gone since `memory` was written [m].
-        memory: What the hook's own effect kept: for SIGN the bristle state, for TORQUE the last
-            torque.
+        memory: What the hook's own effect kept: for SIGN the bristle state, for COMMAND and
+            FRICTION what `Effect.keeps` returned last.
     """
 
     position: Any
@@ -71,7 +73,8 @@ class EffectParameter:
     Attributes:
         name: Short name, unique within the effect.
         unit: SI unit as text; one that begins with `effort` (N m or N, whichever the machine logs)
-            has bounds as shares of the controller's limit.
+            has bounds as shares of the controller's limit, and `1/W` as shares of the inverse of
+            the power at this limit and 1 m/s.
         low: Lower bound of the search, physical sign included.
         high: Upper bound of the search.
         neutral: Value at which the effect vanishes, or that means nothing while another parameter
@@ -81,9 +84,9 @@ class EffectParameter:
         role: `size` switches the effect off at its neutral value; `shape` only shapes it;
             `position` and `time` are
             shapes whose starts follow the log: places the drive visits, instants of the log.
-        target: For PARAMETER effects: the kernel's row (see `models.rows`) it acts on.
-        how: For PARAMETER effects: whether it is added to the row, multiplied with it, or replaces
-            it.
+        target: The kernel's row (see `models.rows`) it acts on; empty where the effect's kernel
+            does.
+        how: With a target: whether it is added to the row, multiplied with it, or replaces it.
         log: What of the log shows a size by itself: `flat top` for a share of the effort's limit
             beyond which the logged effort does not go.
     """
@@ -117,8 +120,9 @@ class Effect:
         family: Structural class: effects of one family look alike on ordinary motions.
         confusable: Ids of effects that one log may not tell apart from this one.
         separated_by: The motion that would, as an instruction with `{drive}` for the place.
-        controller_blind: Whether the controllers' log is no witness: where the machine can do what
-            the model puts into the log, with the same outputs.
+        keeps: For COMMAND and FRICTION effects with a memory: asked once a cycle with what the
+            kernel is asked with, returns what to remember. At first that is the starting torque
+            for COMMAND, zero for FRICTION.
     """
 
     id: str
@@ -133,4 +137,4 @@ class Effect:
     family: str
     confusable: tuple[str, ...]
     separated_by: str
-    controller_blind: bool = False
+    keeps: Callable[..., Any] | None = None

@@ -9,15 +9,16 @@ from ros2_ident.lanes import cosine, inlined, sine
 
 @inlined
 def _kernel(value: Any, drive: Any, p: Any) -> Any:
-    angle = drive.turn * drive.position
-    return value + p[0] * sine(angle) + p[1] * cosine(angle)
+    x, slope = value
+    sin, cos = sine(drive.turn * drive.position), cosine(drive.turn * drive.position)
+    return x + p[0] * sin + p[1] * cos, slope + drive.turn * (p[0] * cos - p[1] * sin)
 
 
 EFFECT = Effect(
     id='transmission_eccentricity',
     group='drive',
     title='transmission eccentricity',
-    equation='A sin(gear z) + B cos(gear z) added to the gear deflection',
+    equation='e = A sin(gear z) + B cos(gear z) added to the gear deflection; lever 1 + de/dz',
     source='Tuttle and Seering, IEEE T-RA 12(3), 1996',
     parameters=(
         EffectParameter('sine', 'm', -2e-3, 2e-3, 0.0),

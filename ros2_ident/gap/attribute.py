@@ -99,11 +99,6 @@ class _Left:
         return cls(residual, basis, np.linalg.pinv(triangle, rcond=1e-9) @ basis.T)
 
 
-def heard(effects: Sequence[EffectAt]) -> bool:
-    """Whether the controllers' log is a witness where these effects are on."""
-    return not any(get_effect(at.effect).controller_blind for at in effects)
-
-
 class Attribution:
     """Fits of one case.
 
@@ -203,7 +198,7 @@ class Attribution:
             law = part.law_residual(models, np.atleast_2d(theta)) * self.law_weight[None]
             return np.concatenate([outputs(theta), law], axis=1)
 
-        return both if self.law_weight.size and heard(models[0].effects) else outputs
+        return both if self.law_weight.size else outputs
 
     def _box(self, models: Sequence[DriveModel]) -> tuple[Array, Array]:
         low = np.array([p.low for p in models[0].parameters])
@@ -332,22 +327,21 @@ class Attribution:
         base: Explanation,
         candidate: EffectAt,
         left: _Left,
-        outputs: _Left,
+        outputs: Array,
     ) -> list[Start]:
-        """Screen one candidate against what the base leaves, of all rows and of the outputs'."""
+        """Screen one candidate against what the base leaves; `outputs` is their rows' basis."""
         models = self.case.models((*base.effects, candidate), self.case.fit)
         low, high = self._box(models)
         count = len(base.theta)
-        seen = left if heard(models[0].effects) else outputs
         return screen(
             candidate,
             models,
             self._evaluate(models),
             base.theta,
-            seen.residual,
-            seen.basis,
-            seen.inverse,
-            outputs.basis,
+            left.residual,
+            left.basis,
+            left.inverse,
+            outputs,
             low[:count],
             high[:count],
         )
@@ -358,8 +352,10 @@ class Attribution:
         """Screen every candidate on top of a base; those already in it are left out."""
         new = [c for c in candidates if c not in base.effects]
         rows = len(self.weight)
-        outputs = _Left.of(base.residual[:rows], base.jacobian[:rows])
-        left = outputs if len(base.residual) == rows else _Left.of(base.residual, base.jacobian)
+        left = _Left.of(base.residual, base.jacobian)
+        outputs = left.basis
+        if len(base.residual) > rows:
+            outputs = np.linalg.qr(base.jacobian[:rows])[0]
         done = 0
 
         def one(candidate: EffectAt) -> list[Start]:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.effects import get_effect
-from ros2_ident.gap.attribute import Attribution, Explanation, heard, Round
+from ros2_ident.gap.attribute import Attribution, Explanation, Round
 from ros2_ident.models import EffectAt
 
 Array = npt.NDArray[np.float64]
@@ -159,7 +159,7 @@ class Explainer:
         """
         worst = int(before.law.argmax())
         excess = float(before.law[worst]) - 1.0
-        if excess <= 1.0 or not heard(after.effects):
+        if excess <= 1.0:
             return False
         left = float(after.law[worst]) - 1.0
         agrees = left < min(1.0, _MISSED * excess)
@@ -177,8 +177,6 @@ class Explainer:
         the machine: an effect in a controller or a sensor that is not there makes them disagree,
         and one that is there and left out keeps them disagreeing.
         """
-        if not heard(e.effects):
-            return False
         more = np.maximum(e.law - other.law, 0.0)
         worst = int(more.argmax())
         clearly = more[worst] > 0.5 * max(float(e.law[worst]) - 1.0, 0.0)

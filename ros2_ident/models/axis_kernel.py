@@ -67,9 +67,10 @@ def _step(
         if rigid:
             s = z
             force = _rigid_force(par, first, mem, 0, on, gear, z, v, now)
+            back = force
         else:
             s, w = rk.stage_state(place, rate, bend, COORDINATES, CARRIAGE, part, h)
-            force = dk.gear_force(par, first, mem, 0, on, gear, z, v, s, w, now)
+            force, back = dk.gear_force(par, first, mem, 0, on, gear, z, v, s, w, now)
             rail = load(par, (first + dk.RAIL_MASS) * W)
             push = force + dk.carriage_force(par, first, mem, 0, on, gear, z, v, s, now)
             store(bend, (at + CARRIAGE) * W, push / rail - load(par, GRAVITY * W))
@@ -77,7 +78,7 @@ def _step(
             torque = dk.motor_torque(
                 par, first, mem, 0, on, gear, eps, z, v, s, force, now, elapsed
             )
-            store(bend, at * W, (gear * torque - force) * load(mem, dk.LIGHTNESS * W))
+            store(bend, at * W, (gear * torque - back) * load(mem, dk.LIGHTNESS * W))
         else:
             store(bend, at * W, spread(acceleration))
     rk.finish(place, rate, bend, COORDINATES, 1 if rigid else COORDINATES, h)
@@ -154,7 +155,11 @@ def _build(digest):
                     at = spread(start[d])
                     v = spread(start[drives + d])
                     hold = load(par, (first + dk.RAIL_MASS) * W) * load(par, GRAVITY * W)
-                    stretch = zero if rigid[d] else hold / load(par, (first + dk.STIFFNESS) * W)
+                    stretch = zero
+                    if not rigid[d]:
+                        mem = all_mem[d * mine : (d + 1) * mine]
+                        flags = dk.flags_of(on, d)
+                        stretch = dk.stand(par, first, mem, 0, flags, gear, at, hold) - at
                     z = at + stretch if mode[d] == dk.CLOSED_LOOP else at
                     store(place, MOTOR * W, z)
                     store(rate, MOTOR * W, v)
@@ -196,18 +201,19 @@ def _build(digest):
                             if one:
                                 s = z
                                 force = _rigid_force(par, first, mem, 0, flags, gear, z, v, time)
+                                back = force
                                 mass = mass + load(par, (first + dk.RAIL_MASS) * W)
                             else:
                                 s = load(place, CARRIAGE * W)
                                 w = load(rate, CARRIAGE * W)
-                                force = dk.gear_force(
+                                force, back = dk.gear_force(
                                     par, first, mem, 0, flags, gear, z, v, s, w, time
                                 )
                             store(mem, dk.COMMANDED * W, zero)
                             friction = -dk.motor_torque(
                                 par, first, mem, 0, flags, gear, eps, z, v, s, force, time, zero
                             )
-                            torque = (mass * acceleration + force) * (1.0 / gear) + friction
+                            torque = (mass * acceleration + back) * (1.0 / gear) + friction
                         store(torques, (d * measurement.PIECE + piece) * W, torque)
                         steps = where(fast, load(substeps[g], 0), load(substeps[g], W))
                         whole = cycle / steps
@@ -236,13 +242,14 @@ def _build(digest):
                             sub += 1.0
                             active = steps > spread(sub)
                         if on is not None:
-                            dk.keep_torque(
+                            dk.keep_warmth(
                                 par,
                                 first,
                                 mem,
                                 0,
                                 flags,
                                 gear,
+                                eps,
                                 load(place, MOTOR * W),
                                 load(rate, MOTOR * W),
                                 load(place, MOTOR * W),

@@ -33,13 +33,24 @@ CLOSED_LOOP, PRESCRIBED = 0, 1
 VELOCITY_FROM_STATE, VELOCITY_FROM_POSITIONS = 0, 1
 # A motor this many regularisations fast does not feel how steep friction is at standstill.
 FAST = 8.0
+# Rounds to where a motor stands at rest: a wavering gear leaves a tenth of the error each.
+STANDING = 6
 
 # What a drive remembers between cycles: rows of its memory block. LIGHTNESS is one over the moved
-# mass.
-INTEGRAL, COMMANDED, APPLIED, BRISTLE, ANCHOR, READ_ERROR, LAST_READ, LAST_BUT_ONE, LIGHTNESS = (
-    range(9)
-)
-MEMORY_COUNT = 9
+# mass, APPLIED what COMMAND effects keep, WARMTH what FRICTION effects do.
+(
+    INTEGRAL,
+    COMMANDED,
+    APPLIED,
+    BRISTLE,
+    ANCHOR,
+    READ_ERROR,
+    LAST_READ,
+    LAST_BUT_ONE,
+    LIGHTNESS,
+    WARMTH,
+) = range(10)
+MEMORY_COUNT = 10
 
 SIGN_MASK = mask_of(Hook.SIGN)
 TORQUE_MASK = mask_of(Hook.TORQUE)
@@ -47,6 +58,7 @@ DEFLECTION_MASK = mask_of(Hook.DEFLECTION)
 STIFFNESS_MASK = mask_of(Hook.STIFFNESS)
 CARRIAGE_MASK = mask_of(Hook.CARRIAGE_FORCE)
 READING_MASK = mask_of(Hook.READING)
+COMMAND_MASK = mask_of(Hook.COMMAND)
 
 (
     STIFFNESS,
@@ -91,8 +103,8 @@ def _flags_of(on, d):
 
 
 @inlined
-def drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, elapsed):
-    """Collect what the kernels of effects see."""
+def drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, elapsed, kept):
+    """Collect what the kernels of effects see; `kept` is the row of what the hook remembers."""
     return DriveState(
         z,
         v,
@@ -106,25 +118,49 @@ def drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, ela
         time,
         elapsed,
         z - load(mem, (own + ANCHOR) * W),
-        load(mem, (own + BRISTLE) * W),
+        load(mem, (own + kept) * W),
     )
 
 
 @inlined
 def gear_force(par, first, mem, own, on, gear, z, v, s, w, time):
-    """Return the force [N] the gear carries, by deflection and its rate."""
+    """Return the force [N] the gear passes to the carriage, and its reaction on the motor.
+
+    By deflection and its rate. The two differ where the motor's lever on the gear wavers: the gear
+    passes on power, not force.
+    """
     x = z - s
     c = load(par, (first + STIFFNESS) * W)
     d = load(par, (first + DAMPING) * W)
     if on is not None and on & (DEFLECTION_MASK | STIFFNESS_MASK):
         zero = spread(0.0)
-        state = drive_state(par, first, mem, own, gear, z, v, s, zero, zero, time, zero)
-        x = hooks.deflection_hook(x, state, on, par, first)
+        state = drive_state(par, first, mem, own, gear, z, v, s, zero, zero, time, zero, BRISTLE)
         c = hooks.stiffness_hook(c, state, on, par, first)
         if on & DEFLECTION_MASK:
+            x, lever = hooks.deflection_hook((x, spread(1.0)), state, on, par, first)
             # Teeth that do not touch do not damp.
             d = where(absolute(x) > zero, d, zero)
-    return c * x + d * (v - w)
+            force = c * x + d * (lever * v - w)
+            return force, lever * force
+    force = c * x + d * (v - w)
+    return force, force
+
+
+@inlined
+def stand(par, first, mem, own, on, gear, s, hold):
+    """Return where a motor rests [m] whose gear carries `hold` [N] with its carriage at s."""
+    c = load(par, (first + STIFFNESS) * W)
+    z = s + hold / c
+    if on is not None and on & (DEFLECTION_MASK | STIFFNESS_MASK):
+        zero = spread(0.0)
+        for _ in range(STANDING):
+            state = drive_state(
+                par, first, mem, own, gear, z, zero, s, zero, zero, zero, zero, BRISTLE
+            )
+            stiffness = hooks.stiffness_hook(c, state, on, par, first)
+            x, _ = hooks.deflection_hook((z - s, spread(1.0)), state, on, par, first)
+            z = z + hold / stiffness - x
+    return z
 
 
 @inlined
@@ -134,27 +170,19 @@ def motor_torque(par, first, mem, own, on, gear, eps, z, v, s, force, time, elap
     torque = load(mem, (own + COMMANDED) * W)
     friction = load(par, (first + COULOMB) * W) * direction + load(par, (first + VISCOUS) * W) * v
     if on is not None and on:
-        state = drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, elapsed)
         if on & SIGN_MASK:
+            state = drive_state(
+                par, first, mem, own, gear, z, v, s, force, direction, time, elapsed, BRISTLE
+            )
             direction = hooks.sign_hook(direction, state, on, par, first)
             friction = state.coulomb * direction + state.viscous * v
-        state = drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, elapsed)
+        state = drive_state(
+            par, first, mem, own, gear, z, v, s, force, direction, time, elapsed, WARMTH
+        )
         friction = hooks.friction_hook(friction, state, on, par, first)
         if on & TORQUE_MASK:
-            state = DriveState(
-                z,
-                v,
-                s,
-                force,
-                direction,
-                state.coulomb,
-                state.viscous,
-                state.gear,
-                state.turn,
-                state.time,
-                state.elapsed,
-                state.travel,
-                load(mem, (own + APPLIED) * W),
+            state = drive_state(
+                par, first, mem, own, gear, z, v, s, force, direction, time, elapsed, BRISTLE
             )
             torque = hooks.torque_hook(torque, state, on, par, first)
     return torque - friction
@@ -165,7 +193,9 @@ def carriage_force(par, first, mem, own, on, gear, z, v, s, time):
     """Return the force [N] on the carriage besides gear, gravity and rod."""
     force = spread(0.0)
     if on is not None and on & CARRIAGE_MASK:
-        state = drive_state(par, first, mem, own, gear, z, v, s, force, force, time, force)
+        state = drive_state(
+            par, first, mem, own, gear, z, v, s, force, force, time, force, BRISTLE
+        )
         force = hooks.carriage_hook(force, state, on, par, first)
     return force
 
@@ -175,37 +205,23 @@ def keep_bristle(par, first, mem, own, on, gear, eps, z, v, active):
     """Move the memory of a presliding friction to where the motor is now, in active lanes."""
     if on & SIGN_MASK:
         zero = spread(0.0)
-        state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, zero, zero)
+        state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, zero, zero, BRISTLE)
         bristle = hooks.sign_hook(tanh(v * (1.0 / eps)), state, on, par, first)
         store(mem, (own + BRISTLE) * W, where(active, bristle, load(mem, (own + BRISTLE) * W)))
         store(mem, (own + ANCHOR) * W, where(active, z, load(mem, (own + ANCHOR) * W)))
 
 
 @inlined
-def keep_torque(par, first, mem, own, on, gear, z, v, s, time, cycle):
-    """Keep the torque the motor made at a cycle's end, where it differs from the commanded one."""
-    if on & TORQUE_MASK:
+def keep_warmth(par, first, mem, own, on, gear, eps, z, v, s, time, cycle):
+    """Keep at a cycle's end how warm the drive is."""
+    if on & hooks.WARMING:
         zero = spread(0.0)
-        state = DriveState(
-            z,
-            v,
-            s,
-            zero,
-            zero,
-            zero,
-            zero,
-            spread(gear),
-            load(par, (first + TURN) * W),
-            time,
-            spread(cycle),
-            zero,
-            load(mem, (own + APPLIED) * W),
+        direction = tanh(v * (1.0 / eps))
+        state = drive_state(
+            par, first, mem, own, gear, z, v, s, zero, direction, time, spread(cycle), WARMTH
         )
-        store(
-            mem,
-            (own + APPLIED) * W,
-            hooks.torque_hook(load(mem, (own + COMMANDED) * W), state, on, par, first),
-        )
+        friction = state.coulomb * direction + state.viscous * v
+        store(mem, (own + WARMTH) * W, hooks.friction_keeps(friction, state, on, par, first))
 
 
 @inlined
@@ -235,7 +251,7 @@ def control(
     par, first, mem, own, on, law, feedforward, cycle, gear, z, v, command, d, drives, count, k,
     delayed, time,
 ):  # fmt: skip
-    """Run cycle `k` of drive `d`'s controller; return the commanded torque, kept for the cycle.
+    """Run cycle `k` of drive `d`'s controller; return the torque it logs, keep what it asks.
 
     `command` (2 * drives * count,) holds the set-points of all drives, then their rates.
     """
@@ -246,7 +262,7 @@ def control(
     rate = v
     if on is not None and on & READING_MASK:
         zero = spread(0.0)
-        state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, time, zero)
+        state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, time, zero, BRISTLE)
         read = hooks.reading_hook(z, state, on, par, first)
         error = read - z
         rate = v + (error - load(mem, (own + READ_ERROR) * W)) * (1.0 / cycle)
@@ -262,5 +278,13 @@ def control(
     torque = load(par, (first + KV) * W) * error + integral
     limit = load(par, (first + LIMIT) * W)
     torque = clip(torque, -limit, limit)
-    store(mem, (own + COMMANDED) * W, torque)
+    asked = torque
+    if on is not None and on & COMMAND_MASK:
+        zero = spread(0.0)
+        state = drive_state(
+            par, first, mem, own, gear, z, v, z, zero, zero, time, spread(cycle), APPLIED
+        )
+        asked = hooks.command_hook(torque, state, on, par, first)
+        store(mem, (own + APPLIED) * W, hooks.command_keeps(torque, state, on, par, first))
+    store(mem, (own + COMMANDED) * W, asked)
     return torque

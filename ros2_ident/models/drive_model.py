@@ -224,9 +224,10 @@ class DriveModel(ABC):
 
     def effort_share(self, unit: str) -> float:
         """Return the factor on the bounds of an effect's parameter, see `EffectParameter`."""
-        if not unit.startswith('effort'):
-            return 1.0
-        return self.limit if math.isfinite(self.limit) else 100.0 * self.machine.effort_noise
+        limit = self.limit if math.isfinite(self.limit) else 100.0 * self.machine.effort_noise
+        if unit == '1/W':
+            return 1.0 / (limit * self.gear)
+        return limit if unit.startswith('effort') else 1.0
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -307,7 +308,7 @@ class DriveModel(ABC):
             place = None if at.where == 'all' else self._places(at)[0]
             for number, p in enumerate(effect.parameters):
                 value = values[f'{effect.id}.{p.name}', place]
-                if effect.hook is Hook.PARAMETER:
+                if p.target:
                     self._shift(block, p.target, p.how, self._places(at), value)
                 else:
                     for d in self._places(at):

@@ -40,8 +40,7 @@ def _unchanged(value, drive, on, par, first):
     return value
 
 
-def _link(before, effect):
-    kernel = effect.kernel
+def _link(before, effect, kernel):
     gather = _GATHER[len(effect.parameters)]
     mask = bit(effect.id)
     row = effect_row(effect.id)
@@ -60,8 +59,14 @@ def _compose(hook):
     function = _unchanged
     for effect in KERNEL_EFFECTS:
         if effect.hook is hook:
-            function = _link(function, effect)
+            function = _link(function, effect, effect.kernel)
     return function
+
+
+def _compose_keeps(hook):
+    keeping = [e for e in KERNEL_EFFECTS if e.hook is hook and e.keeps is not None]
+    assert len(keeping) == 1, f'effects of {hook} would share one memory'
+    return _link(_unchanged, keeping[0], keeping[0].keeps), bit(keeping[0].id)
 
 
 def mask_of(hook):
@@ -76,6 +81,9 @@ deflection_hook = _compose(Hook.DEFLECTION)
 stiffness_hook = _compose(Hook.STIFFNESS)
 carriage_hook = _compose(Hook.CARRIAGE_FORCE)
 reading_hook = _compose(Hook.READING)
+command_hook = _compose(Hook.COMMAND)
+command_keeps, _ = _compose_keeps(Hook.COMMAND)
+friction_keeps, WARMING = _compose_keeps(Hook.FRICTION)
 
 
 @functools.cache

@@ -211,12 +211,12 @@ def _drive(
     own = d * dk.MEMORY_COUNT
     z, v = rk.stage_state(place, rate, bend, COORDINATES, MOTOR + d, part, h)
     s, w = rk.stage_state(place, rate, bend, COORDINATES, CARRIAGE + d, part, h)
-    force = dk.gear_force(par, first, mem, own, flags, gear, z, v, s, w, time)
+    force, back = dk.gear_force(par, first, mem, own, flags, gear, z, v, s, w, time)
     if mode[d] == dk.CLOSED_LOOP:
         torque = dk.motor_torque(
             par, first, mem, own, flags, gear, eps, z, v, s, force, time, elapsed
         )
-        acceleration = (gear * torque - force) * load(mem, (own + dk.LIGHTNESS) * W)
+        acceleration = (gear * torque - back) * load(mem, (own + dk.LIGHTNESS) * W)
     else:
         acceleration = spread(motion[(6 + d) * count + k])
     store(bend, (part * COORDINATES + MOTOR + d) * W, acceleration)
@@ -371,13 +371,13 @@ def _build(digest):
                     s = load(place, (CARRIAGE + d) * W)
                     # Gravity only: what else pulls at the start is not known to the integral part.
                     hold = load(link, (6 + d) * W)
-                    stretch = hold / load(par, (first + dk.STIFFNESS) * W)
-                    if mode[d] == dk.CLOSED_LOOP:
-                        store(place, (MOTOR + d) * W, s + stretch)
-                    else:
-                        store(place, (MOTOR + d) * W, s)
-                        store(place, (CARRIAGE + d) * W, s - stretch)
-                    z = load(place, (MOTOR + d) * W)
+                    flags = dk.flags_of(on, d)
+                    z = dk.stand(par, first, mem, own, flags, gear, s, hold)
+                    if mode[d] != dk.CLOSED_LOOP:
+                        # There the recorded motion is the motor's.
+                        store(place, (CARRIAGE + d) * W, s - (z - s))
+                        z = s
+                    store(place, (MOTOR + d) * W, z)
                     moved = load(par, (first + dk.MOTOR_MASS) * W)
                     store(mem, (own + dk.LIGHTNESS) * W, 1.0 / moved)
                     dk.begin(mem, own, z, zero, cycle, hold * (1.0 / gear))
@@ -404,7 +404,9 @@ def _build(digest):
                         store(rate, (MOTOR + d) * W, v)
                         s = load(place, (CARRIAGE + d) * W)
                         w = load(rate, (CARRIAGE + d) * W)
-                        force = dk.gear_force(par, first, mem, own, flags, gear, z, v, s, w, time)
+                        force, back = dk.gear_force(
+                            par, first, mem, own, flags, gear, z, v, s, w, time
+                        )
                         store(mem, (own + dk.COMMANDED) * W, zero)
                         friction = -dk.motor_torque(
                             par, first, mem, own, flags, gear, eps, z, v, s, force, time, zero
@@ -412,7 +414,7 @@ def _build(digest):
                         inertia = (
                             load(par, (first + dk.MOTOR_MASS) * W) * motion[(6 + d) * count + k]
                         )
-                        torque = (inertia + force) * (1.0 / gear) + friction
+                        torque = (inertia + back) * (1.0 / gear) + friction
                     store(torques, (d * measurement.PIECE + piece) * W, torque)
                 # The middle of the cycle, as the present rates predict it.
                 w1 = load(rate, CARRIAGE * W)
@@ -470,13 +472,14 @@ def _build(digest):
                     active = steps > spread(sub)
                 if on is not None:
                     for d in range(3):
-                        dk.keep_torque(
+                        dk.keep_warmth(
                             par,
                             MACHINE_COUNT + d * DRIVE_COUNT,
                             mem,
                             d * dk.MEMORY_COUNT,
                             on[d],
                             gear,
+                            eps,
                             load(place, (MOTOR + d) * W),
                             load(rate, (MOTOR + d) * W),
                             load(place, (CARRIAGE + d) * W),

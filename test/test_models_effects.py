@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every effect of the fast kernels against the slow reference's, written in other coordinates."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ros2_ident.effects import CATALOGUE, get_effect
+from ros2_ident.gap.local_fit import local_fit
+from ros2_ident.gap.screen import trials
+from ros2_ident.models import EffectAt, load_machine
+from ros2_ident.models.tripod import Tripod
+from ros2_ident.recording import Dataset
+from ros2_ident.reference.effects import draw_effect, kinds
+from ros2_ident.reference.motions import draw_motion
+from ros2_ident.reference.tripod import simulate_tripod
+
+MACHINE = load_machine(Path(__file__).parents[1] / 'config/tripod.yaml')
+TRUTH = {
+    'measurement_delay': 0.025,
+    'gear_stiffness': 6e4,
+    'gear_damping_ratio': 0.4,
+    'tool_mass': 1.76,
+    'drive_inertia': 9e-5,
+    'coulomb_torque': 0.05,
+    'viscous_torque': 0.05,
+}
+# The same law on both sides. Steps of an encoder and a drive at its limit make the motion chaotic;
+# the two drifts of friction are linear and exponential in time.
+SAME = sorted(
+    set(CATALOGUE) & set(kinds()) - {'encoder_quantisation', 'torque_saturation', 'friction_drift'}
+)
+# Another form of the law that the catalogue's has room for.
+CONTAINED = ['friction_drift', 'torque_constant_error', 'position_gain_error', 'presliding']
+
+
+def closed(name: str, form: str) -> float:
+    """Return the share of an effect's squared change of the torque that the kernel's repeats.
+
+    The nominal parameters stay at the truth; only the effect's own are fitted.
+    """
+    motion = draw_motion('multi_point', MACHINE, 5.0, 3)
+    effect = draw_effect(name, np.random.default_rng(1), 0.8, ('drive_2',), MACHINE, form)
+    log = simulate_tripod(MACHINE, TRUTH, motion.position, motion.velocity, [effect])
+    cycle = float(MACHINE.controller['cycle'])
+    data = Dataset(
+        MACHINE.drives, cycle, 0, motion.position, motion.velocity, None, None, log.effort
+    )
+    at = EffectAt(name, 'all' if get_effect(name).place == 'all' else 'drive_2')
+    model = Tripod(MACHINE, data, effects=[at])
+    own = len(get_effect(name).parameters)
+    nominal = [TRUTH[p.name.split('.')[-1]] for p in model.parameters[:-own]]
+
+    def residuals(phi: np.ndarray) -> np.ndarray:
+        phi = np.atleast_2d(phi)
+        theta = np.hstack([np.repeat([nominal], len(phi), axis=0), phi])
+        return model.residuals(theta).reshape(len(phi), -1)
+
+    low, high = np.array([(p.low, p.high) for p in model.parameters[-own:]]).T
+    off = [p.neutral * model.effort_share(p.unit) for p in get_effect(name).parameters]
+    starts = np.array([phi for group in trials(at, model) for phi in group])
+    losses = np.mean(residuals(starts) ** 2, axis=1)
+    best = starts[np.argsort(np.where(np.isfinite(losses), losses, np.inf))[:3]]
+    left = min(local_fit(residuals, phi, low, high, iterations=20).loss for phi in best)
+    return 1.0 - left / float(np.mean(residuals(np.array(off)) ** 2))
+
+
+@pytest.mark.parametrize('name', SAME)
+def test_an_effect_is_the_references(name: str) -> None:
+    assert closed(name, 'same') > 0.9998
+
+
+@pytest.mark.parametrize('name', CONTAINED)
+def test_a_law_with_room_for_another_form_takes_it(name: str) -> None:
+    assert closed(name, 'other') > 0.998
