@@ -73,9 +73,10 @@ def _with_line(finding: Finding, file: MachineFile, recordings: Sequence[Recordi
         place = f'({file.place(path)}: {path[-1]})'
         return replace(finding, sentence=f'{finding.sentence} {place}')
     machine, state = file.machine, recordings[0].state
-    known = machine.drives if machine is not None and state is not None else ()
-    unknown = [name for name in known if state is not None and name not in state.names]
-    if not unknown or state is None:
+    if machine is None or state is None:
+        return finding
+    unknown = [name for name in machine.drives if name not in state.names]
+    if not unknown:
         return finding
     said = (
         f'{file.place(path)}: drives names {", ".join(unknown)}, the bag holds '
