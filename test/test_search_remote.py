@@ -131,11 +131,14 @@ def test_budget_of_evaluations_is_kept_with_batches_on_their_way() -> None:
         assert result.evaluations == count
 
 
-def test_cut_residuals_are_put_together_again() -> None:
+def test_cut_batches_are_put_together_again() -> None:
     theta = np.random.default_rng(1).random((37, 3))
     with Executors(ThreadPoolExecutor, 3).open(Bowl()) as evaluators:
-        np.testing.assert_array_equal(evaluators.residuals(theta), theta - 0.7)
-        np.testing.assert_array_equal(evaluators.residuals(theta[:3]), theta[:3] - 0.7)
+        for count in (37, 3):
+            batch = evaluators.costs.submit(theta[:count])
+            while not batch.wait(1.0):
+                pass
+            np.testing.assert_array_equal(batch.result(), Bowl().costs(theta[:count]))
 
 
 def test_dask_gives_the_bits_of_threads(cluster: Any) -> None:

@@ -80,7 +80,7 @@ class Cluster:
 
         try:
             _await_workers(client, cancel)
-            with remote(objective, carrier, cancel) as evaluators:
+            with remote(objective, carrier) as evaluators:
                 yield evaluators
         finally:
             if own:
@@ -160,9 +160,9 @@ class _DaskCarrier(Carrier):
             self._alone_since = time.monotonic()
         return time.monotonic() - self._alone_since > PATIENCE
 
-    def send(self, what: str, theta: Array, *more: float) -> 'Future[Array]':
+    def send(self, theta: Array, limit: float) -> 'Future[Array]':
         future: Future[Array] = self._executor.submit(
-            evaluate, self.digest, self._data, what, theta, *more
+            evaluate, self.digest, self._data, theta, limit
         )
         return future
 

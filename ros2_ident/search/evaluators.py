@@ -18,7 +18,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.lanes import WIDTH
-from ros2_ident.search.operators import Array
+from ros2_ident.search.operators import Array, Index
 from ros2_ident.threads import processors
 
 Evaluate = Callable[[Array], Array]
@@ -118,6 +118,17 @@ class Workers(Protocol):
         ...
 
 
+def dealt(count: int, parts: int) -> list[Index]:
+    """Return which of `count` candidates each part gets; fewer parts where vectors are few.
+
+    Whole vectors, dealt in turn: neighbours are alike in work, so that all get as much.
+    """
+    vectors = -(-count // WIDTH)
+    parts = max(1, min(parts, vectors))
+    owner = np.arange(count) // WIDTH % parts
+    return [np.flatnonzero(owner == part) for part in range(parts)]
+
+
 class AtOnce(Queue):
     """A function as a queue: the result is there when `submit` returns.
 
@@ -184,13 +195,9 @@ class ThreadedEvaluator:
     def __call__(self, theta: Array, limit: float = math.inf, stop: Stop | None = None) -> Array:
         """Evaluate (S, N) candidates, in their order."""
         more = (limit, stop) if self.limited else ()
-        vectors = -(-len(theta) // WIDTH)
-        parts = min(self._threads, vectors)
-        if self._pool is None or parts < 2:
+        if self._pool is None or len(theta) <= WIDTH:
             return self._evaluate(theta, *more)
-        # Whole vectors, dealt in turn: neighbours are alike in work, so that all get as much.
-        owner = np.arange(len(theta)) // WIDTH % parts
-        mine = [np.flatnonzero(owner == part) for part in range(parts)]
+        mine = dealt(len(theta), self._threads)
         pending = [self._pool.submit(self._evaluate, theta[m], *more) for m in mine[1:]]
         values = [self._evaluate(theta[mine[0]], *more), *(p.result() for p in pending)]
         out = np.empty((len(theta), *values[0].shape[1:]))

@@ -22,15 +22,21 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.lanes import WIDTH
-from ros2_ident.search.evaluators import Cancel, Evaluators, Objective, Queue, Stop, Threads
-from ros2_ident.search.operators import Array
+from ros2_ident.search.evaluators import (
+    Cancel,
+    dealt,
+    Evaluators,
+    Objective,
+    Queue,
+    Stop,
+    Threads,
+)
+from ros2_ident.search.operators import Array, Index
 
 # A batch that was lost so often is evaluated in this process.
 _ATTEMPTS = 3
 # An executor that breaks so often is of no use.
 _STARTS = 8
-# How long to wait for a batch before looking at the cancel event again, s.
-_LOOK = 0.05
 # Objectives a worker keeps unpacked; a fleet has one for each bag that is being identified.
 _KEPT = 4
 
@@ -53,19 +59,17 @@ def hold(digest: str, packed: bytes) -> None:
         _held.move_to_end(digest)
 
 
-def evaluate(digest: str, packed: bytes, what: str, theta: Array, *more: float) -> Array:
-    """Evaluate candidates on a worker.
+def evaluate(digest: str, packed: bytes, theta: Array, limit: float) -> Array:
+    """Return the costs of candidates, on a worker.
 
     Args:
         digest: Of the packed objective.
         packed: The objective; empty where `hold` has seen it in this process.
-        what: Its method, `costs` or `residuals`.
         theta: (S, N) candidates.
-        more: What the method takes besides, the limit of `costs`.
+        limit: As for `Objective.costs`.
     """
     hold(digest, packed)
-    done: Array = getattr(_held[digest], what)(theta, *more)
-    return done
+    return _held[digest].costs(theta, limit)
 
 
 # ---------------------------------------------------------------- in this process
@@ -94,7 +98,7 @@ class Carrier(ABC):
         return False
 
     @abstractmethod
-    def send(self, what: str, theta: Array, *more: float) -> 'Future[Array]':
+    def send(self, theta: Array, limit: float) -> 'Future[Array]':
         """Send candidates (S, N); see `evaluate`."""
 
     @abstractmethod
@@ -114,6 +118,7 @@ class Carrier(ABC):
 class _Piece:
     """One worker's part of a batch."""
 
+    rows: Index
     theta: Array
     future: 'Future[Array] | None'
     attempts: int = 1
@@ -123,15 +128,15 @@ class _Piece:
 class _Batch:
     """A batch, cut into equal pieces, one for each worker."""
 
-    def __init__(
-        self, carrier: Carrier, what: str, theta: Array, here: Any, *more: float
-    ) -> None:
+    def __init__(self, carrier: Carrier, theta: Array, limit: float, here: Any) -> None:
         self._carrier = carrier
-        self._what = what
-        self._more = more
+        self._count = len(theta)
+        self._limit = limit
         self._here = here
-        count = min(max(1, carrier.slots), -(-len(theta) // WIDTH))
-        self._pieces = [_Piece(part, self._send(part)) for part in np.array_split(theta, count)]
+        self._pieces = [
+            _Piece(rows, theta[rows], self._send(theta[rows]))
+            for rows in dealt(len(theta), carrier.slots)
+        ]
 
     def _send(self, theta: Array) -> 'Future[Array] | None':
         """Send a piece; None where it has to be evaluated here."""
@@ -139,7 +144,7 @@ class _Batch:
             if self._carrier.hopeless:
                 break
             try:
-                return self._carrier.send(self._what, theta, *self._more)
+                return self._carrier.send(theta, self._limit)
             except Exception as error:
                 if not self._carrier.lost(error):
                     raise
@@ -155,7 +160,7 @@ class _Batch:
 
     def _settle(self, piece: _Piece, seconds: float) -> bool:
         if piece.future is None or self._carrier.hopeless:
-            piece.value = self._here(piece.theta, *self._more)
+            piece.value = self._here(piece.theta, self._limit)
             return True
         if not wait([piece.future], seconds).done:
             return False
@@ -172,8 +177,10 @@ class _Batch:
 
     def result(self) -> Array:
         """Return the result in the order of the candidates."""
-        values = [piece.value for piece in self._pieces if piece.value is not None]
-        return np.concatenate(values) if len(values) > 1 else values[0]
+        out = np.empty(self._count)
+        for piece in self._pieces:
+            out[piece.rows] = piece.value
+        return out
 
     def drop(self) -> None:
         """Take back what no worker has begun."""
@@ -206,39 +213,28 @@ class _Costs(Queue):
         self._here = here
 
     def submit(self, theta: Array, limit: float = math.inf, stop: Stop | None = None) -> _Batch:
-        return _Batch(self._carrier, 'costs', theta, self._here, limit)
+        return _Batch(self._carrier, theta, limit, self._here)
 
 
 @contextmanager
 def remote(
-    objective: Objective,
-    make_carrier: Callable[[str, bytes], Carrier],
-    cancel: Cancel | None,
+    objective: Objective, make_carrier: Callable[[str, bytes], Carrier]
 ) -> Iterator[Evaluators]:
     """Evaluate an objective with a carrier's workers; the body of `Workers.open`.
 
     Args:
         objective: What to evaluate; is pickled once.
         make_carrier: Takes the digest and the packed objective.
-        cancel: As for `Workers.open`.
     """
     packed = pickle.dumps(objective, protocol=pickle.HIGHEST_PROTOCOL)
     carrier = make_carrier(hashlib.sha256(packed).hexdigest(), packed)
     try:
         with Threads().open(objective) as here:
-
-            def residuals(theta: Array) -> Array:
-                # One vector of lanes takes as long here as there, and has no way to go.
-                if len(theta) <= WIDTH:
-                    return here.residuals(theta)
-                batch = _Batch(carrier, 'residuals', theta, here.residuals)
-                while not batch.wait(_LOOK):
-                    if cancel is not None and cancel.is_set():
-                        batch.drop()
-                        return here.residuals(theta)
-                return batch.result()
-
-            yield Evaluators(_Costs(carrier, here.costs), residuals, WIDTH * max(1, carrier.slots))
+            # A candidate's residuals are as long as the log: sending them takes longer than
+            # simulating them anew.
+            yield Evaluators(
+                _Costs(carrier, here.costs), here.residuals, WIDTH * max(1, carrier.slots)
+            )
     finally:
         carrier.close()
 
@@ -270,7 +266,7 @@ class Executors:
         def carrier(digest: str, packed: bytes) -> Carrier:
             return _ExecutorCarrier(digest, packed, self._make, self._count)
 
-        with remote(objective, carrier, cancel) as evaluators:
+        with remote(objective, carrier) as evaluators:
             yield evaluators
 
 
@@ -300,8 +296,8 @@ class _ExecutorCarrier(Carrier):
     def hopeless(self) -> bool:
         return self._starts > _STARTS
 
-    def send(self, what: str, theta: Array, *more: float) -> 'Future[Array]':
-        return self._executor.submit(evaluate, self.digest, b'', what, theta, *more)
+    def send(self, theta: Array, limit: float) -> 'Future[Array]':
+        return self._executor.submit(evaluate, self.digest, b'', theta, limit)
 
     def lost(self, error: BaseException) -> bool:
         return isinstance(error, BrokenExecutor)
