@@ -220,7 +220,8 @@ def compare(model: Tripod, limit: Limit, rounds: int) -> None:
         ours, theirs, plain = model.costs(theta), limit.costs(theta), hooked.costs(theta)
         both = np.isfinite(ours)
         difference = np.abs(ours[both] / theirs[both] - 1.0).max()
-        assert np.array_equal(ours, plain)
+        # Branches change which products and sums are fused, so the last digits.
+        np.testing.assert_allclose(plain, ours, rtol=1e-12)
         took = in_turn(
             rounds,
             *(functools.partial(of, theta) for of in (model.costs, limit.costs, hooked.costs)),

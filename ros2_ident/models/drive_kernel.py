@@ -102,6 +102,18 @@ def _flags_of(on, d):
     return lambda on, d: on[d]
 
 
+def closed_loop(mode, d):
+    """Return whether drive `d` is a closed loop; all are where `mode` is None, when compiling."""
+    raise NotImplementedError('for kernels only')
+
+
+@overload(closed_loop, jit_options=INLINED)
+def _closed_loop(mode, d):
+    if isinstance(mode, types.NoneType):
+        return lambda mode, d: True
+    return lambda mode, d: mode[d] == CLOSED_LOOP
+
+
 @inlined
 def drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, elapsed, kept):
     """Collect what the kernels of effects see; `kept` is the row of what the hook remembers."""

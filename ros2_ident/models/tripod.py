@@ -6,6 +6,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.lanes import room
 from ros2_ident.models import rows
+from ros2_ident.models.drive_kernel import CLOSED_LOOP
 from ros2_ident.models.drive_model import Array, DriveModel
 from ros2_ident.models.group import Group, Task
 from ros2_ident.models.machine import constant
@@ -39,6 +40,9 @@ class Tripod(DriveModel):
         return STATE
 
     def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
+        flags = self._flags
+        # The usual case has a kernel of its own, without branches in a step.
+        usual = flags is None and (self._mode == CLOSED_LOOP).all()
         simulate(
             *group,
             room(ROOM),
@@ -46,8 +50,8 @@ class Tripod(DriveModel):
             end,
             self._command,
             self._motion,
-            self._mode,
-            self._flags,
+            None if usual else self._mode,
+            flags,
             self._delayed,
             self._frame,
             self._grid,

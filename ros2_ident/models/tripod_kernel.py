@@ -212,7 +212,7 @@ def _drive(
     z, v = rk.stage_state(place, rate, bend, COORDINATES, MOTOR + d, part, h)
     s, w = rk.stage_state(place, rate, bend, COORDINATES, CARRIAGE + d, part, h)
     force, back = dk.gear_force(par, first, mem, own, flags, gear, z, v, s, w, time)
-    if mode[d] == dk.CLOSED_LOOP:
+    if dk.closed_loop(mode, d):
         torque = dk.motor_torque(
             par, first, mem, own, flags, gear, eps, z, v, s, force, time, elapsed
         )
@@ -311,7 +311,7 @@ def _build(digest):
             command: (6 * K,) set-point positions of the three drives, then their rates.
             motion: (9 * K,) recorded position, velocity and acceleration of prescribed motors,
                 else empty.
-            mode: (3,) CLOSED_LOOP or PRESCRIBED.
+            mode: (3,) CLOSED_LOOP or PRESCRIBED; None where all are closed loops.
             on: (3,) flags of the effects; with None no hooks are compiled.
             delayed: Whether command delays are on.
             frame: Whether the frame can move.
@@ -350,7 +350,7 @@ def _build(digest):
             else:
                 going[:] = 0.0
                 for d in range(3):
-                    start = command[d * count] if mode[d] == dk.CLOSED_LOOP else motion[d * count]
+                    start = command[d * count] if dk.closed_loop(mode, d) else motion[d * count]
                     store(place, (CARRIAGE + d) * W, spread(start))
                 _linkage(
                     par,
@@ -373,7 +373,7 @@ def _build(digest):
                     hold = load(link, (6 + d) * W)
                     flags = dk.flags_of(on, d)
                     z = dk.stand(par, first, mem, own, flags, gear, s, hold)
-                    if mode[d] != dk.CLOSED_LOOP:
+                    if not dk.closed_loop(mode, d):
                         # There the recorded motion is the motor's.
                         store(place, (CARRIAGE + d) * W, s - (z - s))
                         z = s
@@ -391,7 +391,7 @@ def _build(digest):
                     flags = dk.flags_of(on, d)
                     z = load(place, (MOTOR + d) * W)
                     v = load(rate, (MOTOR + d) * W)
-                    if mode[d] == dk.CLOSED_LOOP:
+                    if dk.closed_loop(mode, d):
                         torque = dk.control(
                             par, first, mem, own, flags, law, feedforward, cycle, gear, z, v,
                             command, d, 3, count, k, delayed, time,
