@@ -12,7 +12,7 @@ from types import FrameType
 PATIENCE = 10.0
 # The worker's Python parts hand the interpreter on this often; the default of 5 ms would be the
 # latency of every message, s.
-SWITCH_INTERVAL = 0.0005
+SWITCH_INTERVAL = 0.0001
 _HINTS = {
     'ros2_ident_msgs': (
         'package ros2_ident_msgs not found; build it with `colcon build` in the folder of '
