@@ -34,7 +34,7 @@ EFFECT = Effect(
         EffectParameter('share', '1', -0.9, 3.0, 0.0),
         EffectParameter('heating', '1/W', -2000.0, 500.0, 0.0),
         EffectParameter(
-            'time_constant', 's', 0.5, 1000.0, 10.0, starts=(2.0, 8.0, 100.0), role='shape'
+            'time_constant', 's', 2.0, 1000.0, 10.0, starts=(3.0, 8.0, 100.0), role='shape'
         ),
     ),
     hook=Hook.FRICTION,

@@ -46,7 +46,7 @@ class Rules:
     step: float = 0.35
     later: float = 0.5
     share: float = 0.10
-    part: float = 0.05
+    part: float = 0.025
     closed: float = 0.62
     rival: float = 0.12
     contradicted: float = 0.3
