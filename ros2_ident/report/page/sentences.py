@@ -164,6 +164,13 @@ def correlated(result: Identification) -> list[tuple[str, str, float]]:
     return sorted(pairs, key=lambda pair: -abs(pair[2]))
 
 
+def _left(name: str, data: Mapping[str, Any]) -> bool:
+    """Whether a parameter's nominal value is outside its interval with the effects."""
+    found, before = data['parameters'][name], data['nominal'].get(name)
+    ends = [before, found['low'], found['high']]
+    return None in ends or not found['low'] <= before <= found['high']
+
+
 def of_diagnosis(data: Mapping[str, Any]) -> list[Sentence]:
     """Return what a diagnosis says, the answer first.
 
@@ -189,7 +196,7 @@ def of_diagnosis(data: Mapping[str, Any]) -> list[Sentence]:
     moved = [
         f'{name} by {percent(share)}'
         for name, share in data['moved'].items()
-        if share is not None and abs(share) >= MOVED
+        if share is not None and abs(share) >= MOVED and _left(name, data)
     ]
     if moved and verdict['effect'] not in ('none', 'unknown'):
         out.append(
