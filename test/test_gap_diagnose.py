@@ -54,7 +54,7 @@ TRUTH = {
 }
 
 
-def recording(seed: int, effects: tuple[Effect, ...] = ()) -> Dataset:
+def recording(seed: int, effects: tuple[Effect, ...] = (), scale: float = 1.0) -> Dataset:
     rng = np.random.default_rng(seed)
     time = np.arange(5000) * CYCLE
     position = np.full_like(time, 0.4)
@@ -62,7 +62,7 @@ def recording(seed: int, effects: tuple[Effect, ...] = ()) -> Dataset:
         rate, phase, size = rng.uniform(1.0, 9.0), rng.uniform(0, 6.28), rng.uniform(0.01, 0.04)
         position += size * (np.sin(rate * time + phase) - np.sin(phase))
     ramp = np.clip(time / 0.5, 0.0, 1.0)
-    position = 0.4 + (position - 0.4) * ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
+    position = 0.4 + scale * (position - 0.4) * ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
     velocity = np.gradient(position, CYCLE)
     log = simulate_axis(MACHINE, TRUTH, position[None], velocity[None], effects)
     effort = log.effort + NOISE * rng.standard_normal(log.effort.shape)
@@ -165,6 +165,14 @@ def test_nothing_is_missing_where_nothing_is() -> None:
     assert found.effect == 'none'
     assert found.where == ()
     assert 'Nothing is missing' in found.sentence
+
+
+@pytest.mark.parametrize('scale', [5e-4, 2e-3, 1e-2])
+def test_nothing_is_missing_where_the_recording_fitted_on_shows_little(scale: float) -> None:
+    # Hardly any motion: friction and inertia are what the search happened upon, and wrong.
+    found = diagnose(MACHINE, [recording(1, scale=scale)], [recording(2)], seed=3)
+    assert found.effect == 'none', found.sentence
+    assert found.held_out == 'blocks'
 
 
 def test_one_recording_is_split_into_blocks() -> None:

@@ -157,18 +157,9 @@ def diagnose(
         low = run.stage[1]
         run.stage = (low, low + 0.5 * (0.95 - low))
 
-    run.stage = (0.15, 0.6)
-    candidates = case.candidates(without)
-    found = explainer.explain(base, candidates, note)
-    base = found.chain[0]
-    # Where nothing is missing nothing was tried; what the motion could not have shown is said all
-    # the same.
-    visible = (
-        found.rounds[0].visible if found.rounds else visibility(attribution.look(base, candidates))
-    )
-    verdict = judge(explainer, found, coarse_readings(case, base.theta, base.law))
-    if verdict.effect == UNKNOWN and not run.stopped() and _shows_later(explainer, found):
-        second = diagnose(
+    def together() -> Diagnosis:
+        """Diagnose with both recordings fitted on, block by block."""
+        return diagnose(
             machine,
             [*fit, *check],
             drives=drives,
@@ -179,6 +170,25 @@ def diagnose(
             seconds=max(1e-3, seconds - run.elapsed) if seconds else 0.0,
             cancelled=cancelled,
         )
+
+    run.stage = (0.15, 0.6)
+    candidates = case.candidates(without)
+    if check and explainer.size(base) >= explainer.rules.material and not run.stopped():
+        both = Case(machine, [*fit, *check], drives=drives, fixed=fixed)
+        if _nominal_is_enough(both, base.theta, explainer):
+            second = together()
+            if second.effect == NONE and second.complete:
+                return replace(second, seconds=run.elapsed)
+    found = explainer.explain(base, candidates, note)
+    base = found.chain[0]
+    # Where nothing is missing nothing was tried; what the motion could not have shown is said all
+    # the same.
+    visible = (
+        found.rounds[0].visible if found.rounds else visibility(attribution.look(base, candidates))
+    )
+    verdict = judge(explainer, found, coarse_readings(case, base.theta, base.law))
+    if verdict.effect == UNKNOWN and not run.stopped() and _shows_later(explainer, found):
+        second = together()
         if second.effect not in (NONE, UNKNOWN) and second.complete:
             return replace(second, seconds=run.elapsed)
     run.stage = (0.95, 1.0)
@@ -192,6 +202,18 @@ def diagnose(
         where = tuple(f for f in findings if f.significant)
     testable = tuple(at for at, seen in visible.items() if seen < VISIBLE)
     return _compose(explainer, found, verdict, floor, gates, where, testable, run, seed)
+
+
+def _nominal_is_enough(both: Case, theta: Array, explainer: Explainer) -> bool:
+    """Whether the nominal parameters leave nothing once they are fitted to all recordings.
+
+    Where the recording fitted on does not show one of them, its value is chance, and wrong on the
+    one held out; an effect that lets the fit go on from there would look like the cause.
+    """
+    attribution = explainer.attribution
+    fits = Attribution(both, attribution.floor, stopped=attribution.stopped)
+    judge_of_both = Explainer(fits, explainer.rules)
+    return judge_of_both.size(fits.refit((), theta)) < explainer.rules.material
 
 
 def _shows_later(explainer: Explainer, found: Explained) -> bool:
