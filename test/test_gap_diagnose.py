@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.attribute import Attribution
+from ros2_ident.gap.attribute import Attribution, Explanation
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import to_mapping
@@ -219,6 +219,20 @@ def test_rules_say_when_something_counts() -> None:
         MACHINE, [recording(1, effects)], seed=3, rules=Rules(material=50.0), without=('backlash',)
     )
     assert lenient.effect == 'none'
+
+
+def test_a_trifle_on_one_drive_contradicts_nothing() -> None:
+    case = Case(MACHINE, [recording(1)])
+    explainer = Explainer(Attribution(case, np.full(1, NOISE)), Rules())
+    law = {name: np.array(values) for name, values in {
+        'right': [4.9, 1.10, 1.07], 'wrong': [16.4, 1.0, 1.0], 'clean': [1.0, 1.0, 1.0],
+    }.items()}  # fmt: skip
+    empty = np.empty(0)
+    e = {name: Explanation((), empty, empty, empty, x, empty, empty, empty)
+         for name, x in law.items()}  # fmt: skip
+    assert not explainer.contradicted(e['right'], e['wrong'])
+    assert explainer.contradicted(e['wrong'], e['right'])
+    assert explainer.contradicted(e['right'], e['clean'])
 
 
 def test_a_nominal_fit_that_had_ended_too_early_goes_on() -> None:

@@ -177,7 +177,10 @@ class Explainer:
         the machine: an effect in a controller or a sensor that is not there makes them disagree,
         and one that is there and left out keeps them disagreeing.
         """
-        more = np.maximum(e.law - other.law, 0.0)
+        more = e.law - other.law
+        # An explanation that agrees better on the whole is not refuted by a trifle on one drive.
+        if more.sum() <= 0.0:
+            return False
         worst = int(more.argmax())
         clearly = more[worst] > 0.5 * max(float(e.law[worst]) - 1.0, 0.0)
         return bool(np.sqrt(more[worst]) > self.rules.contradicted and clearly)

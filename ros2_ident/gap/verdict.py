@@ -228,6 +228,9 @@ def _weigh(
     for e in found.rivals[0] if found.rivals else ():
         leads = len(e.effects) > 1 and e.effects[0] == final.effects[0]
         best[e.effects[0] if leads else e.effects[-1]] = e
+    if len(final.effects) == 1:
+        # What came first may have been dropped since: the one left is fitted better than it was.
+        best[final.effects[0]] = final
     weights = {}
     for at, e in best.items():
         left = max(1.0 - explainer.share(base, e), 0.0) + t.mismatch
