@@ -18,12 +18,12 @@ from distributed import Client, LocalCluster
 import numpy as np
 import psutil
 
-from ros2_ident.identify import identify, read_problem
+from ros2_ident.identify.result import Identification
+from ros2_ident.identify.run import identify, read_problem
+from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine
-from ros2_ident.result import Identification
 from ros2_ident.search import Budget, Threads, Workers
 from ros2_ident.search.cluster import Cluster
-from ros2_ident.settings import IdentifySettings
 from ros2_ident.threads import processors
 
 ROOT = Path(__file__).resolve().parents[1]

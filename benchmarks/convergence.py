@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ros2_ident.models import load_machine
-from ros2_ident.models.tripod import Tripod
+from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.motions import draw_motion
 from ros2_ident.reference.tripod import simulate_tripod

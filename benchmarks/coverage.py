@@ -17,15 +17,15 @@ import time
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.identify import identify
+from ros2_ident.identify.data import Data, gather
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.run import identify
 from ros2_ident.models import load_machine, Machine
-from ros2_ident.problem import Problem
 from ros2_ident.recording import Recording
 from ros2_ident.reference.bag_making import make_streams, nuisance_of
 from ros2_ident.reference.motions import draw_motion
 from ros2_ident.reference.tripod import simulate_tripod
 from ros2_ident.search import intervals, refine, ThreadedEvaluator
-from ros2_ident.segments import Data, gather
 from ros2_ident.threads import processors
 
 Array = npt.NDArray[np.float64]

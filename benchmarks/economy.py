@@ -15,9 +15,10 @@ import time
 import numpy as np
 from scipy.optimize import differential_evolution
 
+from ros2_ident.checks.paper.tripod_runs import FRICTION
+from ros2_ident.identify.data import Data
+from ros2_ident.identify.problem import Problem
 from ros2_ident.models import Machine
-from ros2_ident.paper.tripod_runs import FRICTION
-from ros2_ident.problem import Problem
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.motions import Motion
 from ros2_ident.reference.tripod import simulate_tripod
@@ -30,7 +31,6 @@ from ros2_ident.search import (
     ThreadedEvaluator,
 )
 from ros2_ident.search.jacobian import Box, finite_differences
-from ros2_ident.segments import Data
 from ros2_ident.threads import processors
 
 Array = np.ndarray

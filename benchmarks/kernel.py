@@ -23,13 +23,14 @@ import time
 
 import numpy as np
 
+from ros2_ident.kernel import rows
 from ros2_ident.lanes import WIDTH
-from ros2_ident.models import load_machine, rows
-from ros2_ident.models.tripod import Tripod
-from ros2_ident.packing import PackedSearch
+from ros2_ident.models import load_machine
+from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.motions import draw_motion
 from ros2_ident.search import GeneticSettings, minimise, ThreadedEvaluator
+from ros2_ident.search.packing import PackedSearch
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE_5 = {
@@ -64,7 +65,7 @@ import sys, time
 from pathlib import Path
 import numpy as np
 from ros2_ident.models import load_machine
-from ros2_ident.models.tripod import Tripod
+from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 machine = load_machine(Path(sys.argv[1]))
 line = np.full((3, 50), 0.1)

@@ -25,9 +25,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 
 from mujoco_cases import draw_case, KINDS, SIZES, write_bags  # noqa: E402
 
-from ros2_ident.gap.blind import seal  # noqa: E402
-from ros2_ident.gap.blind.run import ask_all  # noqa: E402
-from ros2_ident.gap.blind.score import (  # noqa: E402
+from ros2_ident.checks.blind import seal  # noqa: E402
+from ros2_ident.checks.blind.run import ask_all  # noqa: E402
+from ros2_ident.checks.blind.score import (  # noqa: E402
     confusable_set,
     detected,
     exact,
@@ -38,8 +38,8 @@ from ros2_ident.gap.blind.score import (  # noqa: E402
     sentences,
     verdict_of,
 )
-from ros2_ident.gap.blind.store import read_json, Store  # noqa: E402
-from ros2_ident.gap.blind.truth import answer_of  # noqa: E402
+from ros2_ident.checks.blind.store import read_json, Store  # noqa: E402
+from ros2_ident.checks.blind.truth import answer_of  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
 from ros2_ident.threads import processors  # noqa: E402
 

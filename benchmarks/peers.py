@@ -25,8 +25,8 @@ import numpy as np  # noqa: E402
 
 from ros2_ident.lanes import WIDTH  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
-from ros2_ident.models.belt_drive import BeltDrive, CONSTANTS, step_reference  # noqa: E402
-from ros2_ident.models.tripod import Tripod  # noqa: E402
+from ros2_ident.models.belt_drive.model import BeltDrive, CONSTANTS, step_reference  # noqa: E402
+from ros2_ident.models.tripod.model import Tripod  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
 from ros2_ident.reference.belt_drive import simulate_belt  # noqa: E402
 from ros2_ident.reference.motions import draw_motion  # noqa: E402

@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 from ros2_ident.models import load_machine
-from ros2_ident.models.belt_drive import BeltDrive, step_reference
+from ros2_ident.models.belt_drive.model import BeltDrive, step_reference
 from ros2_ident.search import (
     GeneticSearch,
     GeneticSettings,

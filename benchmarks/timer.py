@@ -22,12 +22,12 @@ sys.path.insert(0, str(ROOT / 'benchmarks'))
 
 from measure import machine  # noqa: E402
 
-from ros2_ident.identify import identify, read_problem  # noqa: E402
+from ros2_ident.identify.run import identify, read_problem  # noqa: E402
+from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
 from ros2_ident.ros.identifier import SWITCH_INTERVAL  # noqa: E402
 from ros2_ident.ros.worker import NICE  # noqa: E402
 from ros2_ident.search import GeneticSettings  # noqa: E402
-from ros2_ident.settings import IdentifySettings  # noqa: E402
 
 PERIOD = 1_000_000  # ns
 

@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.floor import noise_floor
-from ros2_ident.models.machine import constant, Machine
-from ros2_ident.models.machine_file import MachineFile
+from ros2_ident.identify.data import gather
+from ros2_ident.machine.file import MachineFile
+from ros2_ident.machine.machine import constant, Machine
 from ros2_ident.recording import check, Dataset, Finding, Recording, Report
-from ros2_ident.segments import gather
 
 # What a finding on the bag may owe to the machine file.
 _KEY_OF = {

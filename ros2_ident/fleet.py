@@ -146,7 +146,7 @@ def _entry(
 
 def key_of(entry: Entry, seed: int, diagnosed: bool) -> str:
     """Return a digest of what a row depends on: contents, labels, settings, sources."""
-    from ros2_ident.models.hooks import sources_digest
+    from ros2_ident.kernel.hooks import sources_digest
     from ros2_ident.recording.storage import digest, storage_files
 
     total = hashlib.sha256(json.dumps([asdict(entry), seed, diagnosed], default=dict).encode())
@@ -169,7 +169,7 @@ def run_entry(entry: Entry, seed: int, diagnosed: bool, sources: str = '') -> Ro
     row: Row = {**asdict(entry), 'labels': dict(entry.labels), 'key': ''}
     try:
         if sources:
-            from ros2_ident.problem import require_sources
+            from ros2_ident.identify.problem import require_sources
 
             require_sources(sources)
         row['key'] = key_of(entry, seed, diagnosed)
@@ -196,7 +196,7 @@ def run_entry(entry: Entry, seed: int, diagnosed: bool, sources: str = '') -> Ro
 def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
     from ros2_ident.gap.diagnose import diagnose
     from ros2_ident.gap.verdict import NONE, UNKNOWN
-    from ros2_ident.identify import identify, read_problem
+    from ros2_ident.identify.run import identify, read_problem
     from ros2_ident.models import load_machine
 
     machine = load_machine(entry.machine_file)
@@ -328,7 +328,7 @@ def _here(
 def _there(
     entries: Sequence[Entry], seed: int, diagnosed: bool, cancel: Cancel | None, scheduler: str
 ) -> Iterator[Row]:
-    from ros2_ident.models.hooks import sources_digest
+    from ros2_ident.kernel.hooks import sources_digest
     from ros2_ident.search.cluster import connect
 
     if not entries:

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ros2_ident.identify import IdentifySettings
+from ros2_ident.identify.data import Data, gather
+from ros2_ident.identify.run import IdentifySettings
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.recording import Recording
 from ros2_ident.reference.bag_making import nuisance_of, simulate_bag, SimulatedBag
 from ros2_ident.reference.motions import draw_motion
 from ros2_ident.search import GeneticSettings
-from ros2_ident.segments import Data, gather
 
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / 'shared'

@@ -25,8 +25,8 @@ from mujoco_tripod import (
 )
 import numpy as np
 
-from ros2_ident.gap.blind.label import MotionOrder
-from ros2_ident.gap.blind.probe import Probe
+from ros2_ident.checks.blind.label import MotionOrder
+from ros2_ident.checks.blind.probe import Probe
 from ros2_ident.models import Machine
 from ros2_ident.recording import write_bag
 from ros2_ident.reference.bag_making import draw_parameters, make_streams, nuisance_of

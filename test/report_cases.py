@@ -12,13 +12,13 @@ import numpy as np
 from ros2_ident.gap.blocks import Interval
 from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
 from ros2_ident.gap.localise import localise
-from ros2_ident.identify import identify
+from ros2_ident.identify.data import Data
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.result import Identification
+from ros2_ident.identify.run import identify
 from ros2_ident.models import EffectAt
-from ros2_ident.problem import Problem
 from ros2_ident.report.files import write_diagnosis, write_result
 from ros2_ident.report.signals import Curves, Signals
-from ros2_ident.result import Identification
-from ros2_ident.segments import Data
 
 EFFECT = EffectAt('stribeck', 'drive_1')
 

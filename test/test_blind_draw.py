@@ -8,15 +8,15 @@ import sys
 import numpy as np
 import pytest
 
+from ros2_ident.checks.blind import seal
+from ros2_ident.checks.blind.draw import Drawer, known_kinds, outside_kinds, plan, Shares, Wanted
+from ros2_ident.checks.blind.label import from_mapping, Label, MotionOrder, to_mapping
+from ros2_ident.checks.blind.probe import Probe
+from ros2_ident.checks.blind.run import scrubbed
+from ros2_ident.checks.blind.store import Store
+from ros2_ident.checks.blind.truth import SHARED
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
-from ros2_ident.gap.blind import seal
-from ros2_ident.gap.blind.draw import Drawer, known_kinds, outside_kinds, plan, Shares, Wanted
-from ros2_ident.gap.blind.label import from_mapping, Label, MotionOrder, to_mapping
-from ros2_ident.gap.blind.probe import Probe
-from ros2_ident.gap.blind.run import scrubbed
-from ros2_ident.gap.blind.store import Store
-from ros2_ident.gap.blind.truth import SHARED
 from ros2_ident.models import load_machine
 from ros2_ident.reference.bag_making import draw_parameters
 from ros2_ident.reference.effects import draw_effect, Effect, kind_of
@@ -121,7 +121,7 @@ def test_a_drawn_effect_has_about_the_size_asked_for() -> None:
 FENCED = '''
 import os, sys
 from pathlib import Path
-from ros2_ident.gap.blind.worker import Fence
+from ros2_ident.checks.blind.worker import Fence
 root = Path(sys.argv[1])
 fence = Fence(root)
 fence.open_to = (str(root / 'cases' / 'a'),)
@@ -160,7 +160,7 @@ def test_the_diagnosing_process_reads_its_own_case_only(tmp_path) -> None:
 def test_the_diagnosis_knows_nothing_of_the_generator() -> None:
     code = (
         'import sys, ros2_ident.gap.diagnose, ros2_ident.cli.diagnose\n'
-        'import ros2_ident.gap.blind.worker\n'
+        'import ros2_ident.checks.blind.worker\n'
         'print([m for m in sys.modules if m.startswith("ros2_ident.reference")])'
     )
     done = subprocess.run(

@@ -6,13 +6,13 @@ import sys
 import numpy as np
 import pytest
 
-from ros2_ident.gap.blind import seal
-from ros2_ident.gap.blind.draw import Shares
-from ros2_ident.gap.blind.label import Label, MotionOrder, to_mapping
-from ros2_ident.gap.blind.run import ask_all, BlindCheck, Stopped
-from ros2_ident.gap.blind.score import score, verdict_of
-from ros2_ident.gap.blind.store import read_json, Store
-from ros2_ident.gap.blind.truth import make_row
+from ros2_ident.checks.blind import seal
+from ros2_ident.checks.blind.draw import Shares
+from ros2_ident.checks.blind.label import Label, MotionOrder, to_mapping
+from ros2_ident.checks.blind.run import ask_all, BlindCheck, Stopped
+from ros2_ident.checks.blind.score import score, verdict_of
+from ros2_ident.checks.blind.store import read_json, Store
+from ros2_ident.checks.blind.truth import make_row
 from ros2_ident.models import load_machine
 from ros2_ident.reference.bag_making import draw_parameters
 from ros2_ident.reference.effects import Effect

@@ -5,9 +5,9 @@ from blind_rows import effect, row, table
 import numpy as np
 import pytest
 
-from ros2_ident.gap.blind.calibrate import closed_share, material_size, propose, temperature
-from ros2_ident.gap.blind.page import went_wrong, write_page
-from ros2_ident.gap.blind.score import (
+from ros2_ident.checks.blind.calibrate import closed_share, material_size, propose, temperature
+from ros2_ident.checks.blind.page import went_wrong, write_page
+from ros2_ident.checks.blind.score import (
     calibration,
     confusable_set,
     right,

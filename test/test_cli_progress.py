@@ -16,7 +16,7 @@ from rich.console import Console
 
 from ros2_ident.cli import progress as module
 from ros2_ident.cli.progress import Dashboard, fancy, FractionMeter, make_meter, sparkline
-from ros2_ident.settings import IdentifyProgress
+from ros2_ident.identify.settings import IdentifyProgress
 
 ESCAPE = re.compile(r'\x1b\[[0-9;?]*[A-Za-z]')
 

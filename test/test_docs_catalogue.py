@@ -3,32 +3,33 @@
 
 from pathlib import Path
 
+import effects_page
 import pytest
+import reference_pages
 
 from ros2_ident.effects import CATALOGUE
-from ros2_ident.report import catalogue_page, reference_pages
 
 ROOT = Path(__file__).parents[1]
 
 
 def test_the_page_is_made_from_the_catalogue() -> None:
-    for path, text in catalogue_page.generated(ROOT).items():
+    for path, text in effects_page.generated(ROOT).items():
         assert path.read_text(encoding='utf-8') == text, (
-            f'{path.name} is out of date; run python -m ros2_ident.report.catalogue_page'
+            f'{path.name} is out of date; run python tools/effects_page.py'
         )
 
 
 def test_reference_pages_are_made_from_the_code() -> None:
     for path, text in reference_pages.generated(ROOT).items():
         assert path.read_text(encoding='utf-8') == text, (
-            f'{path.name} is out of date; run python -m ros2_ident.report.reference_pages'
+            f'{path.name} is out of date; run python tools/reference_pages.py'
         )
 
 
 @pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda effect: effect.id)
 def test_an_entry_holds_what_a_reader_needs(effect) -> None:
-    text = '\n'.join(catalogue_page.section(effect))
-    assert catalogue_page.what_it_is(effect).endswith('.')
+    text = '\n'.join(effects_page.section(effect))
+    assert effects_page.what_it_is(effect).endswith('.')
     for part in (effect.equation, effect.source, effect.family, *effect.confusable):
         assert part in text
     for parameter in effect.parameters:

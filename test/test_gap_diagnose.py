@@ -13,11 +13,11 @@ from ros2_ident.gap.case import Case
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import to_mapping
 from ros2_ident.gap.explain import Explainer, Rules
-from ros2_ident.gap.pictures import residual_maps
 from ros2_ident.models import machine_from_mapping
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.axis import simulate_axis
 from ros2_ident.reference.effects import Effect
+from ros2_ident.report.pictures.residuals import residual_maps
 
 CYCLE = 1e-3
 NOISE = 0.01

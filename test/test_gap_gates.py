@@ -9,7 +9,7 @@ import pytest
 from ros2_ident.gap.floor import noise_floor
 from ros2_ident.gap.gates import check_effort, check_law, check_streams, run_gates
 from ros2_ident.gap.law import fit_law, Gain, Law
-from ros2_ident.identify import read_problem
+from ros2_ident.identify.run import read_problem
 from ros2_ident.models import load_machine
 from ros2_ident.recording import AlignQuality, StreamQuality
 

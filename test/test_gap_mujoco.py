@@ -12,8 +12,8 @@ import sys
 import numpy as np
 import pytest
 
-from ros2_ident.gap.blind.run import ask_all
-from ros2_ident.gap.blind.store import read_json, Store
+from ros2_ident.checks.blind.run import ask_all
+from ros2_ident.checks.blind.store import read_json, Store
 from ros2_ident.models import load_machine
 from ros2_ident.reference.bag_making import draw_parameters
 from ros2_ident.reference.motions import draw_motion

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ros2_ident.gap.blocks import Interval
-from ros2_ident.gap.charts import Rank, ranking, Stage, waterfall
 from ros2_ident.gap.localise import localise
-from ros2_ident.gap.pictures import overlay, residual_map, residual_maps
+from ros2_ident.report.pictures.charts import Rank, ranking, Stage, waterfall
+from ros2_ident.report.pictures.residuals import overlay, residual_map, residual_maps
 
 OF = motion(4.0)
 ROW = residual(OF, 0.03 * np.tanh(OF.velocity[0] / 0.003))

@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.packing import PackedSearch
-from ros2_ident.problem import Problem
+from ros2_ident.identify.data import gather
+from ros2_ident.identify.problem import Problem
 from ros2_ident.recording import read_bag
 from ros2_ident.search import GeneticSearch, GeneticSettings
-from ros2_ident.segments import gather
+from ros2_ident.search.packing import PackedSearch
 
 
 def test_short_segments_are_left_out_with_a_warning():

@@ -9,13 +9,13 @@ import pytest
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.identify import identify
-from ros2_ident.problem import Problem
+from ros2_ident.identify.data import gather
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.run import identify
 from ros2_ident.recording import read_bag, Topics
 from ros2_ident.report.files import load_result, write_result
 from ros2_ident.report.overlay import overlay_streams, RESIDUAL, SIMULATED, write_overlay
 from ros2_ident.report.schema import to_mapping
-from ros2_ident.segments import gather
 
 
 @pytest.fixture(scope='module')

@@ -21,11 +21,11 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.identify import identify, IdentifyProgress, read_problem
+from ros2_ident.identify.data import gather
+from ros2_ident.identify.result import Outcome
+from ros2_ident.identify.run import identify, IdentifyProgress, read_problem
 from ros2_ident.models import load_machine
-from ros2_ident.result import Outcome
 from ros2_ident.search import Budget, GeneticSettings
-from ros2_ident.segments import gather
 
 
 def test_axis_is_identified_within_its_intervals():

@@ -12,12 +12,12 @@ import yaml
 from ros2_ident.cli import check as cli_check
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
+from ros2_ident.machine.file import read_machine_file
+from ros2_ident.machine.keys import KEYS, keys_of, KINDS
+from ros2_ident.machine.template import machine_template
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
-from ros2_ident.models.belt_drive import BeltDrive, CONSTANTS, step_reference
-from ros2_ident.models.drive_model import SLOTS
-from ros2_ident.models.machine_file import read_machine_file
-from ros2_ident.models.machine_keys import KEYS, keys_of, KINDS
-from ros2_ident.models.machine_template import machine_template
+from ros2_ident.models.belt_drive.model import BeltDrive, CONSTANTS, step_reference
+from ros2_ident.models.drives.model import SLOTS
 from ros2_ident.recording import Dataset, Stream, write_bag
 
 BAGS = {'tripod': ROOT / 'bags' / 'tripod_mixed', 'emps': ROOT / 'bags' / 'axis_reversals'}

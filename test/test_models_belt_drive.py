@@ -8,8 +8,8 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
-from ros2_ident.models.belt_drive import BeltDrive, CONSTANTS, step_reference, StepReference
-from ros2_ident.models.belt_kernels import matrices, matrix_exponential, modes
+from ros2_ident.models.belt_drive.kernels import matrices, matrix_exponential, modes
+from ros2_ident.models.belt_drive.model import BeltDrive, CONSTANTS, step_reference, StepReference
 from ros2_ident.reference.belt_drive import simulate_belt
 
 MACHINE = load_machine(Path(__file__).parents[1] / 'config' / 'belt_drive.yaml')
@@ -157,7 +157,7 @@ def test_errors_name_the_remedy(belt):
 
 
 def test_constants_are_in_the_order_of_the_kernels():
-    from ros2_ident.models import belt_kernels as kernels
+    from ros2_ident.models.belt_drive import kernels
 
     columns = ('EA', 'P', 'J1', 'J2', 'MASS', 'RADIUS', 'X0', 'L1', 'L2', 'L3')
     assert [getattr(kernels, c) for c in columns] == list(range(len(CONSTANTS)))

@@ -10,7 +10,7 @@ from ros2_ident.effects import CATALOGUE, get_effect
 from ros2_ident.gap.local_fit import local_fit
 from ros2_ident.gap.screen import trials
 from ros2_ident.models import EffectAt, load_machine
-from ros2_ident.models.tripod import Tripod
+from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.effects import draw_effect, kinds
 from ros2_ident.reference.motions import draw_motion

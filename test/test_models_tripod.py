@@ -9,7 +9,7 @@ import pytest
 from ros2_ident.effects import CATALOGUE, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
-from ros2_ident.models.tripod import Tripod
+from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.axis import simulate_axis
 from ros2_ident.reference.motions import draw_motion

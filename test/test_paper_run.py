@@ -8,9 +8,8 @@ import importlib
 import numpy as np
 import pytest
 
-from ros2_ident.models.belt_drive import BeltDrive, step_reference
-from ros2_ident.paper import run as package_run
-from ros2_ident.paper.belt import (
+from ros2_ident.checks.paper import run as package_run
+from ros2_ident.checks.paper.belt import (
     belt_machine,
     eigenfrequencies_over_position,
     identify,
@@ -20,13 +19,14 @@ from ros2_ident.paper.belt import (
     Trial,
     TRUTH,
 )
-from ros2_ident.paper.page import belt_section, wilson
-from ros2_ident.paper.tripod import tripod_section
-from ros2_ident.paper.tripod_runs import Plan
+from ros2_ident.checks.paper.page import belt_section, wilson
+from ros2_ident.checks.paper.tripod import tripod_section
+from ros2_ident.checks.paper.tripod_runs import Plan
+from ros2_ident.models.belt_drive.model import BeltDrive, step_reference
 from ros2_ident.search import GeneticSettings
 
 # The package's `run` is the function; this is its module.
-RUN = importlib.import_module('ros2_ident.paper.run')
+RUN = importlib.import_module('ros2_ident.checks.paper.run')
 
 # A log of the least length that still moves, and a search that only has to run through.
 QUICK = Plan(

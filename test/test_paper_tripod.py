@@ -6,8 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ros2_ident.paper.tripod_page import percent, REPORTED, spread, tripod_text, TripodFindings
-from ros2_ident.paper.tripod_runs import (
+from ros2_ident.checks.paper.tripod_page import (
+    percent,
+    REPORTED,
+    spread,
+    tripod_text,
+    TripodFindings,
+)
+from ros2_ident.checks.paper.tripod_runs import (
     Bench,
     Case,
     CASES,
@@ -17,7 +23,7 @@ from ros2_ident.paper.tripod_runs import (
     QUIET,
     TRUTH,
 )
-from ros2_ident.paper.tripod_words import sign_test
+from ros2_ident.checks.paper.tripod_words import sign_test
 from ros2_ident.search import GeneticSearch, GeneticSettings
 
 SMALL = GeneticSettings(initial_population=128, survivors=4, children=4, generations=4)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ros2_ident.identify import identify, read_problem
+from ros2_ident.identify.run import identify, read_problem
 from ros2_ident.models import load_machine
 from ros2_ident.recording import choose_windows, read_bag, Recording, Stream, write_bag
 from ros2_ident.report.files import load_result, write_result

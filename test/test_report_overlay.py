@@ -12,9 +12,9 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.gap.diagnosis import Diagnosis
-from ros2_ident.identify import read_problem
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.run import read_problem
 from ros2_ident.models import EffectAt
-from ros2_ident.problem import Problem
 from ros2_ident.recording import read_bag
 from ros2_ident.report.overlay import (
     diagnosed_problem,

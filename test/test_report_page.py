@@ -21,13 +21,13 @@ from report_cases import (
 from ros2_ident.cli.main import main
 from ros2_ident.cli.report import print_page
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.identify.result import Outcome
 from ros2_ident.report.files import write_result
 from ros2_ident.report.page import write_report
 from ros2_ident.report.page.effort import effort_plot, extremes
 from ros2_ident.report.page.plots import one_a_cell
 from ros2_ident.report.page.sentences import number, of_diagnosis, of_identification
 from ros2_ident.report.signals import load_signals, write_signals
-from ros2_ident.result import Outcome
 
 SECTIONS = ['answer', 'effort', 'parameters', 'search', 'correlations', 'gap', 'provenance']
 LIMIT = 5_000_000

@@ -91,9 +91,9 @@ def ear():
 
 
 def test_a_replayed_bag_gives_the_same_data_set_as_the_bag_read_directly() -> None:
+    from ros2_ident.identify.data import gather
     from ros2_ident.models import load_machine
     from ros2_ident.recording import read_bag
-    from ros2_ident.segments import gather
 
     domain = new_domain()
     ear = Ear(domain)

@@ -7,11 +7,11 @@ from identify_cases import AXIS_FILE, ROOT
 import numpy as np
 import pytest
 
+from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag
 from ros2_ident.ros.run import Preview, PREVIEW_SAMPLES, Request, run
 from ros2_ident.search import GeneticSettings
-from ros2_ident.settings import IdentifyProgress, IdentifySettings
 
 BAG = ROOT / 'bags/axis_reversals'
 

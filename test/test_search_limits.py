@@ -16,9 +16,9 @@ from identify_cases import (
 import numpy as np
 import pytest
 
-from ros2_ident.identify import identify
-from ros2_ident.packing import PackedSearch
-from ros2_ident.problem import Problem
+from ros2_ident.identify.data import gather
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.run import identify
 from ros2_ident.search import (
     Budget,
     GeneticSearch,
@@ -27,7 +27,7 @@ from ros2_ident.search import (
     StopReason,
     ThreadedEvaluator,
 )
-from ros2_ident.segments import gather
+from ros2_ident.search.packing import PackedSearch
 
 LOW, HIGH = [0.0] * 3, [1.0] * 3
 SETTINGS = GeneticSettings(initial_population=300, survivors=8, children=6, generations=8)

@@ -17,10 +17,11 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.identify import identify, read_problem
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.result import Identification, Outcome
+from ros2_ident.identify.run import identify, read_problem
+from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine
-from ros2_ident.problem import Problem
-from ros2_ident.result import Identification, Outcome
 from ros2_ident.search import (
     Budget,
     GeneticSearch,
@@ -31,7 +32,6 @@ from ros2_ident.search import (
 )
 from ros2_ident.search.cluster import Cluster
 from ros2_ident.search.remote import Executors
-from ros2_ident.settings import IdentifySettings
 
 ROOT = Path(__file__).parents[1]
 SETTINGS = GeneticSettings(initial_population=64, survivors=4, children=8, generations=4)
@@ -216,7 +216,7 @@ def test_problem_refuses_to_be_unpacked_by_other_sources(monkeypatch: pytest.Mon
     theta = 0.5 * (problem.low + problem.high)[None]
     np.testing.assert_array_equal(problem.residuals(theta), again.residuals(theta))
     assert again.data.recordings == ()
-    monkeypatch.setattr('ros2_ident.problem.sources_digest', lambda: 'other')
+    monkeypatch.setattr('ros2_ident.identify.problem.sources_digest', lambda: 'other')
     with pytest.raises(IdentError, match='same version'):
         pickle.loads(packed)
 

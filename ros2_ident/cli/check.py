@@ -46,9 +46,9 @@ def run(args: argparse.Namespace) -> int:
 
     from ros2_ident.commissioning import check_both, check_machine
     from ros2_ident.errors import ErrorCode, IdentError
-    from ros2_ident.models.machine_file import read_machine_file
+    from ros2_ident.identify.data import gather
+    from ros2_ident.machine.file import read_machine_file
     from ros2_ident.recording import check, read_bag, render, Report
-    from ros2_ident.segments import gather
 
     file = read_machine_file(args.machine) if args.machine else None
     if file is not None and file.machine is not None:
@@ -82,10 +82,10 @@ def _estimate(machine: 'Machine', args: argparse.Namespace, data: object) -> str
     import numpy as np
 
     from ros2_ident.cli.progress import duration
+    from ros2_ident.identify.data import Data
+    from ros2_ident.identify.problem import Problem
     from ros2_ident.lanes import WIDTH
-    from ros2_ident.problem import Problem
     from ros2_ident.search import GeneticSettings, ThreadedEvaluator
-    from ros2_ident.segments import Data
     from ros2_ident.threads import processors
 
     assert isinstance(data, Data)

@@ -27,8 +27,8 @@ from ros2_ident.cli.arguments import (
 if TYPE_CHECKING:
     from ros2_ident.gap.diagnose import DiagnoseProgress
     from ros2_ident.gap.diagnosis import Diagnosis
+    from ros2_ident.identify.data import Data
     from ros2_ident.models import Machine
-    from ros2_ident.segments import Data
 
 DESCRIPTION = (
     'Say where the gap between simulation and log lies, which unmodelled effect causes it, '
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.progress import FractionMeter
     from ros2_ident.cli.report import print_page
     from ros2_ident.gap.diagnose import diagnose
-    from ros2_ident.identify import read_problem
+    from ros2_ident.identify.run import read_problem
     from ros2_ident.report.files import make_directory, write_diagnosis
 
     machine = machine_of(args)
@@ -144,7 +144,7 @@ def _overlay(
     """Write the overlay bags."""
     if args.no_overlay:
         return ()
-    from ros2_ident.problem import Problem
+    from ros2_ident.identify.problem import Problem
     from ros2_ident.report.overlay import diagnosed_problem, verdict_of, write_overlay
 
     nominal = Problem(machine, data, drives=args.drives, fixed=once(args.fix, '--fix'))

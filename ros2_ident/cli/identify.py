@@ -25,7 +25,7 @@ from ros2_ident.cli.arguments import (
 )
 
 if TYPE_CHECKING:
-    from ros2_ident.settings import IdentifySettings
+    from ros2_ident.identify.settings import IdentifySettings
 
 DESCRIPTION = (
     "Identify a machine's parameters from a bag: the paper's genetic algorithm, a local "
@@ -103,8 +103,8 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
 
 def settings_of(args: argparse.Namespace) -> 'IdentifySettings':
     """Return the settings of parsed arguments."""
+    from ros2_ident.identify.settings import IdentifySettings
     from ros2_ident.search import Budget, GeneticSettings
-    from ros2_ident.settings import IdentifySettings
 
     given = {
         'initial_population': args.population,
@@ -130,11 +130,11 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.progress import make_meter
     from ros2_ident.cli.report import print_page
     from ros2_ident.cli.table import print_result
-    from ros2_ident.identify import identify, read_problem
-    from ros2_ident.problem import Problem
+    from ros2_ident.identify.problem import Problem
+    from ros2_ident.identify.result import Outcome
+    from ros2_ident.identify.run import identify, read_problem
     from ros2_ident.report.files import make_directory, write_result
     from ros2_ident.report.overlay import verdict_of, write_overlay
-    from ros2_ident.result import Outcome
 
     fixed, bounds = once(args.fix, '--fix'), once(args.bounds, '--bounds')
     settings = settings_of(args)

@@ -7,7 +7,9 @@ Exit codes: 0 done and good, 1 done and not good, 2 wrong use or bad input, 3 a 
 
 import argparse
 from collections.abc import Mapping, Sequence
+import functools
 import importlib
+from importlib.metadata import entry_points
 import os
 import sys
 import textwrap
@@ -18,8 +20,8 @@ from ros2_ident.errors import ErrorCode, IdentError
 
 # Name: module and line of help. A module of a subcommand has DESCRIPTION, EXAMPLES,
 # EXIT_CODES (what 0 and 1 mean), add_arguments(parser) and run(args), and imports what is slow in
-# run only.
-COMMANDS: dict[str, tuple[str, str]] = {
+# run only. Packages add more by an entry point; their modules have the line of help as SUMMARY.
+OWN: dict[str, tuple[str, str]] = {
     'new-machine': ('ros2_ident.cli.new_machine', 'write a commented machine file'),
     'check': ('ros2_ident.cli.check', 'say what is in a bag and whether it can be used'),
     'identify': ('ros2_ident.cli.identify', "identify a machine's parameters from a bag"),
@@ -28,11 +30,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
         'say where the gap lies, what causes it, how far it closes',
     ),
     'report': ('ros2_ident.cli.report', 'write one page on a result directory'),
-    'blind': ('ros2_ident.cli.blind', 'judge the diagnosis on cases whose answer it cannot see'),
     'simulate': ('ros2_ident.cli.simulate', 'make a bag of a machine with known parameters'),
     'fleet': ('ros2_ident.cli.fleet', 'identify, diagnose and compare many bags as one job'),
-    'paper': ('ros2_ident.cli.paper', "rerun the paper's experiments and write the page on them"),
 }
+
+ENTRY_POINTS = 'ros2_ident.commands'
 
 EXAMPLES = (
     'examples:\n'
@@ -63,8 +65,17 @@ class Command(Protocol):
         ...
 
 
+@functools.cache
+def commands() -> Mapping[str, tuple[str, str]]:
+    """Return every subcommand: its module and its line of help."""
+    found = dict(OWN)
+    for point in entry_points(group=ENTRY_POINTS):
+        found[point.name] = (point.module, point.load().SUMMARY)
+    return found
+
+
 def _load(name: str) -> Command:
-    return cast(Command, importlib.import_module(COMMANDS[name][0]))
+    return cast(Command, importlib.import_module(commands()[name][0]))
 
 
 def exit_codes(own: Mapping[int, str]) -> str:
@@ -84,8 +95,8 @@ def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     )
     parser.add_argument('--version', action='store_true', help='print the version and exit')
     parsers = parser.add_subparsers(dest='command', metavar='COMMAND', title='commands')
-    wanted = next((word for word in words if word in COMMANDS), None)
-    for name, (_, line) in COMMANDS.items():
+    wanted = next((word for word in words if word in commands()), None)
+    for name, (_, line) in commands().items():
         if name != wanted:
             parsers.add_parser(name, help=line)
             continue
@@ -128,7 +139,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(exc.code or 0)
     args.words = words
     if args.version:
-        from ros2_ident.outcome import package_version
+        from ros2_ident.identify.outcome import package_version
 
         print(f'ident {package_version()}')
         return 0

@@ -38,8 +38,8 @@ def run(args: argparse.Namespace) -> int:
     import yaml
 
     from ros2_ident.errors import ErrorCode, IdentError
+    from ros2_ident.machine.template import machine_template
     from ros2_ident.models import machine_from_mapping
-    from ros2_ident.models.machine_template import machine_template
 
     text = machine_template(args.kind, args.drives)
     machine_from_mapping(yaml.safe_load(text), '--drives')

@@ -9,7 +9,7 @@ import time
 from types import TracebackType
 from typing import Any, Protocol, Self, TextIO
 
-from ros2_ident.settings import IdentifyProgress
+from ros2_ident.identify.settings import IdentifyProgress
 
 # Without a terminal a line comes at most so often, s.
 LINE_EVERY = 5.0

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import math
 
 from ros2_ident.cli.progress import duration
-from ros2_ident.result import Identification, ParameterEstimate
+from ros2_ident.identify.result import Identification, ParameterEstimate
 
 # A half width beyond this share of the value, in percent, is told by itself.
 TELLING = 1000.0

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ros2_ident.effects import CATALOGUE, get_effect
 from ros2_ident.models import DriveModel, EffectAt, Machine, make_model
-from ros2_ident.models.recorded import recorded_motion, RecordedMotion
+from ros2_ident.models.drives.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
 
 Array = npt.NDArray[np.float64]

@@ -15,7 +15,7 @@ from scipy.ndimage import uniform_filter1d
 
 from ros2_ident.gap.case import Case
 from ros2_ident.models import DriveModel
-from ros2_ident.models.recorded import RecordedMotion
+from ros2_ident.models.drives.recorded import RecordedMotion
 
 Array = npt.NDArray[np.float64]
 

@@ -4,12 +4,12 @@
 from collections.abc import Mapping, Sequence
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.models.drive_model import DriveModel, EffectAt
-from ros2_ident.models.linear_axis import LinearAxis
-from ros2_ident.models.machine import Machine
-from ros2_ident.models.machine_file import load_machine, machine_from_mapping
-from ros2_ident.models.parameter import Parameter
-from ros2_ident.models.tripod import Tripod
+from ros2_ident.machine.file import load_machine, machine_from_mapping
+from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.parameter import Parameter
+from ros2_ident.models.drives.model import DriveModel, EffectAt
+from ros2_ident.models.linear_axis.model import LinearAxis
+from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 
 DRIVE_MODELS: Mapping[str, type[DriveModel]] = {

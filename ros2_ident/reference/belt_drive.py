@@ -2,7 +2,7 @@
 """The belt drive as bodies and springs, integrated numerically; slow and plain.
 
 Newton's law for each body with the forces of the three belt parts that pull on it; no mass or
-stiffness matrix, no modes, no code in common with `ros2_ident.models.belt_drive`.
+stiffness matrix, no modes, no code in common with `ros2_ident.models.belt_drive.model`.
 """
 
 from collections.abc import Mapping

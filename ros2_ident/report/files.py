@@ -18,13 +18,13 @@ import yaml
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnosis import Diagnosis, SCHEMA
 from ros2_ident.gap.diagnosis import to_mapping as diagnosis_mapping
+from ros2_ident.identify.data import Data
+from ros2_ident.identify.outcome import provenance_of
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.result import History, Identification
 from ros2_ident.models import Machine
-from ros2_ident.outcome import provenance_of
-from ros2_ident.problem import Problem
 from ros2_ident.report.schema import from_mapping, plain, to_mapping
 from ros2_ident.report.signals import signals_of_diagnosis, signals_of_problem, write_signals
-from ros2_ident.result import History, Identification
-from ros2_ident.segments import Data
 
 JSON, YAML, HISTORY, SIGNALS = 'result.json', 'result.yaml', 'history.npz', 'signals.npz'
 DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'

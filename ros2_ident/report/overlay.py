@@ -11,8 +11,9 @@ import numpy as np
 from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.gap.diagnosis import Diagnosis, to_mapping
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.result import Array, Identification, Outcome
 from ros2_ident.models import EffectAt
-from ros2_ident.problem import Problem
 from ros2_ident.recording import Dataset, Recording, Stream, Topics, write_bag
 from ros2_ident.recording.grid import find_ticks
 from ros2_ident.recording.streams import FloatArray, IntArray
@@ -20,7 +21,6 @@ from ros2_ident.recording.write import Topic
 from ros2_ident.report.scene import MARKERS, scene_messages, scene_of
 from ros2_ident.report.schema import plain
 from ros2_ident.report.schema import to_mapping as result_mapping
-from ros2_ident.result import Array, Identification, Outcome
 
 # Where the node `identifier` publishes the same, so that one layout shows both.
 SIMULATED, RESIDUAL = '/identifier/simulated', '/identifier/residual'

@@ -15,12 +15,12 @@ import numpy as np
 from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.errors import IdentError
-from ros2_ident.problem import Problem
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.result import Array
 from ros2_ident.recording import Stream
 from ros2_ident.recording.streams import FloatArray, IntArray
 from ros2_ident.reference.rest import platform_at
 from ros2_ident.reference.tripod import simulate_tripod, tripod_plant
-from ros2_ident.result import Array
 
 MARKERS = 'visualization_msgs/msg/MarkerArray'
 FRAME = 'tripod'

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.result import (
+from ros2_ident.identify.result import (
     Array,
     Cost,
     DriveResidual,

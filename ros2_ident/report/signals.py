@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnosis import Diagnosis
-from ros2_ident.problem import Problem
-from ros2_ident.result import Array
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.result import Array
 
 SCHEMA, VERSION = 'ros2_ident.signals', 1
 

@@ -11,11 +11,11 @@ import numpy.typing as npt
 from ros2_ident_msgs.msg import IdentificationResult, ParameterEstimate, Progress
 
 from ros2_ident.errors import IdentError
+from ros2_ident.identify.result import Identification, Outcome
+from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.models import Machine
 from ros2_ident.recording import cdr, Stream
-from ros2_ident.result import Identification, Outcome
 from ros2_ident.ros.run import Finished
-from ros2_ident.settings import IdentifyProgress
 
 _OUTCOMES = {
     Outcome.IDENTIFIED: IdentificationResult.OUTCOME_CONVERGED,

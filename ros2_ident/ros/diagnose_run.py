@@ -14,10 +14,10 @@ import yaml
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.diagnose import diagnose, DiagnoseProgress
 from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.identify.data import Data, gather
 from ros2_ident.models import EffectAt, Machine, make_model, Parameter
 from ros2_ident.recording import Dataset, RecordingBuilder, Topics
 from ros2_ident.ros.run import Cancel, recordings_of
-from ros2_ident.segments import Data, gather
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import numpy as np
 from ros2_ident_msgs.msg import Gap, IdentificationResult, Progress
 
 from ros2_ident.errors import ErrorCode
+from ros2_ident.identify.data import Data
 from ros2_ident.ros.meter import StreamMeter
-from ros2_ident.segments import Data
 
 # Below this speed, as a share of the fastest, a drive counts as resting.
 _SLOW = 0.02

@@ -76,7 +76,7 @@ def draw_diagnosis(done: Diagnosed, result_file: str) -> None:
     """
     # matplotlib takes a second to load, and most runs of the node need none of it
     from ros2_ident.gap.blocks import Interval
-    from ros2_ident.gap.charts import Rank, ranking, Stage, waterfall
+    from ros2_ident.report.pictures.charts import Rank, ranking, Stage, waterfall
 
     found = done.diagnosis
     floor = Interval(found.floor.together, math.nan, math.nan)

@@ -12,8 +12,8 @@ from ros2_ident_msgs.msg import Gap, GapCandidate, ParameterEstimate
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnose import DiagnoseProgress
 from ros2_ident.gap.diagnosis import Diagnosis, Ranked, Value
+from ros2_ident.identify.outcome import package_version
 from ros2_ident.models import EffectAt, Parameter
-from ros2_ident.outcome import package_version
 from ros2_ident.ros.conversion import doubles, KINDS
 from ros2_ident.ros.diagnose_run import Diagnosed
 from ros2_ident.search.uncertainty import MOST_OF_BOX, NOT_IDENTIFIABLE

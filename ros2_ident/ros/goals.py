@@ -10,14 +10,14 @@ from ros2_ident_msgs.action import Identify
 
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.identify.data import chosen_drives
+from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.recording import Topics
 from ros2_ident.ros.diagnose_run import DiagnoseRequest
 from ros2_ident.ros.parameters import Snapshot
 from ros2_ident.ros.run import Request
 from ros2_ident.search import Budget
-from ros2_ident.segments import chosen_drives
-from ros2_ident.settings import IdentifySettings
 from ros2_ident.threads import processors
 
 _COUNTS = ('initial_population', 'survivors', 'children', 'generations')

@@ -14,14 +14,14 @@ import numpy as np
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.identify import identify
+from ros2_ident.identify.data import Data, gather
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.result import Identification
+from ros2_ident.identify.run import identify
+from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings, OnProgress
 from ros2_ident.models import Machine
-from ros2_ident.problem import Problem
 from ros2_ident.recording import read_bag, Recording, RecordingBuilder, Stream, Topics
 from ros2_ident.report.overlay import overlay_streams
-from ros2_ident.result import Identification
-from ros2_ident.segments import Data, gather
-from ros2_ident.settings import IdentifyProgress, IdentifySettings, OnProgress
 
 # Simulating a preview holds the search up; it may for this share of the time.
 PREVIEW_SHARE = 0.05

@@ -15,7 +15,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import escape, Markup
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.outcome import package_version
+from ros2_ident.identify.outcome import package_version
+from ros2_ident.identify.result import Identification, ParameterEstimate
 from ros2_ident.report.files import (
     DIAGNOSIS,
     DIAGNOSIS_SIGNALS,
@@ -31,7 +32,6 @@ from ros2_ident.report.page import plots, sentences
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.look import Picture
 from ros2_ident.report.signals import load_signals
-from ros2_ident.result import Identification, ParameterEstimate
 
 Facts = list[tuple[str, str]]
 

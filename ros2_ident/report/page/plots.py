@@ -13,6 +13,7 @@ from bokeh.palettes import Viridis256
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.identify.result import Array, Identification, ParameterEstimate
 from ros2_ident.report.page.look import (
     BLUE,
     FONT,
@@ -29,7 +30,6 @@ from ros2_ident.report.page.look import (
     WIDTH,
 )
 from ros2_ident.report.page.sentences import effect_name, number, raised, unit_of
-from ros2_ident.result import Array, Identification, ParameterEstimate
 
 # Costs that span more than this are drawn on a logarithmic axis.
 WIDE = 20.0

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ros2_ident.effects import CATALOGUE
-from ros2_ident.result import Identification, Outcome, ParameterEstimate
+from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 
 Level = Literal['good', 'doubtful', 'bad', 'plain', 'warning']
 

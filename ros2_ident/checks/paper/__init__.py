@@ -1,0 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The experiments of Ludwig and Gerstmayr (2011), run again."""
+
+from ros2_ident.checks.paper.run import run as run

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Section 3 of the paper: the belt drive's experiments, as numbers."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ros2_ident.models import load_machine, Machine
+from ros2_ident.models.belt_drive.model import BeltDrive, step_reference
+from ros2_ident.search import GeneticSearch, GeneticSettings, MANY_MINIMA, minimise
+
+Array = NDArray[np.float64]
+
+TRUTH = np.array([2e5, 45.0])  # EA [N] and P [Nm/rad], Table 1
+SUCCESS = 0.01  # relative error of both parameters that counts as found
+
+# Table 2: both numbers of survivors, both distances.
+PAPER_SETTINGS: dict[tuple[int, float], GeneticSettings] = {
+    (survivors, distance): GeneticSettings(
+        initial_population=1000,
+        survivors=survivors,
+        children=8,
+        generations=12,
+        range_reduction=0.5,
+        min_distance=distance,
+    )
+    for survivors in (8, 20)
+    for distance in (0.0, 0.5)
+}
+OURS = MANY_MINIMA
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One search.
+
+    Attributes:
+        truth: (2,) EA [N] and P [Nm/rad] behind the data.
+        found: (2,) the same as found.
+        cost: RMS error averaged over phi1 and M1, eq. 2.
+        evaluations: Simulations.
+        points: (E, 2) every candidate, physical units; empty unless asked for.
+        costs: (E,) their costs.
+    """
+
+    truth: Array
+    found: Array
+    cost: float
+    evaluations: int
+    points: Array
+    costs: Array
+
+    @property
+    def error(self) -> Array:
+        """Relative errors (2,)."""
+        return np.abs(self.found / self.truth - 1.0)
+
+    @property
+    def success(self) -> bool:
+        """Whether both parameters are within 1 %."""
+        return bool((self.error < SUCCESS).all())
+
+
+def shipped_machine(name: str) -> Machine:
+    """Return a machine that comes with the package, from the source tree or installed.
+
+    Args:
+        name: Its file without the ending: `belt_drive`, `tripod`.
+    """
+    beside = Path(str(files('ros2_ident'))).parent / 'config' / f'{name}.yaml'
+    if beside.is_file():
+        return load_machine(beside)
+    for folder in Path(str(files('ros2_ident'))).parents:
+        shared = folder / 'share' / 'ros2_ident' / 'config' / f'{name}.yaml'
+        if shared.is_file():
+            return load_machine(shared)
+    return load_machine(beside)  # whose error names the path
+
+
+def belt_machine() -> Machine:
+    """Return the belt drive that comes with the package."""
+    return shipped_machine('belt_drive')
+
+
+def box(belt: BeltDrive) -> tuple[Array, Array]:
+    """Return the lower and upper bounds (N,) of a belt drive's parameters."""
+    return (
+        np.array([p.low for p in belt.parameters]),
+        np.array([p.high for p in belt.parameters]),
+    )
+
+
+def eigenfrequencies_over_position(positions: Array) -> Array:
+    """Return the eigenfrequencies (X, 3) [Hz] at rail positions x0 (X,) [m], Fig. 4."""
+    bounds = {'rail_position': (0.0, 0.7, 'm')}
+    machine = belt_machine().with_bounds(bounds)
+    return BeltDrive(machine, step_reference()).eigenfrequencies(positions[:, None])
+
+
+def identify(
+    belt: BeltDrive, truth: Array, settings: GeneticSettings, seed: int, *, record: bool = False
+) -> Trial:
+    """Identify a belt drive from noise-free data.
+
+    Args:
+        belt: The model.
+        truth: (2,) EA [N] and P [Nm/rad] behind the data.
+        settings: The genetic algorithm's settings.
+        seed: Its seed.
+        record: Whether to keep every candidate and its cost.
+
+    Returns:
+        What was found.
+    """
+    measured = belt.simulate(truth[None, :])[0]
+    tried: list[Array] = []
+    costs: list[Array] = []
+
+    def evaluate(theta: Array) -> Array:
+        told = belt.cost(theta, measured)
+        if record:
+            tried.append(theta)
+            costs.append(told)
+        return told
+
+    low, high = box(belt)
+    result = minimise(evaluate, GeneticSearch(2, settings, seed), low=low, high=high)
+    return Trial(
+        truth=truth,
+        found=result.theta,
+        cost=result.cost,
+        evaluations=result.evaluations,
+        points=np.concatenate(tried) if tried else np.empty((0, 2)),
+        costs=np.concatenate(costs) if costs else np.empty(0),
+    )
+
+
+def trials(
+    belt: BeltDrive,
+    settings: GeneticSettings,
+    seeds: int,
+    progress: Callable[[int], None],
+    *,
+    anywhere: bool = False,
+) -> list[Trial]:
+    """Repeat an identification with other seeds.
+
+    Args:
+        belt: The model.
+        settings: The genetic algorithm's settings.
+        seeds: Number of repetitions.
+        progress: Takes the number of repetitions done.
+        anywhere: Draw each truth anywhere in the box instead of taking the paper's.
+
+    Returns:
+        One trial for each seed.
+    """
+    low, high = box(belt)
+    found = []
+    for seed in range(seeds):
+        truth = TRUTH
+        if anywhere:
+            truth = low + np.random.default_rng([2011, seed]).random(2) * (high - low)
+        found.append(identify(belt, truth, settings, seed))
+        progress(seed + 1)
+    return found
+
+
+def local_minima(belt: BeltDrive, count: int = 8001) -> int:
+    """Return how many local minima the cost has along EA through the paper's truth."""
+    low, high = box(belt)
+    line = np.column_stack([np.linspace(low[0], high[0], count), np.full(count, TRUTH[1])])
+    cost = belt.cost(line, belt.simulate(TRUTH[None, :])[0])
+    return int(((cost[1:-1] < cost[:-2]) & (cost[1:-1] < cost[2:])).sum())

@@ -1,0 +1,319 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From recordings to segments on the controller's grid, checked before anything is searched."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.identify.result import Quality
+from ros2_ident.machine.machine import constant
+from ros2_ident.models import DRIVE_MODELS, Machine
+from ros2_ident.recording import (
+    align,
+    choose_windows,
+    Dataset,
+    read_bag,
+    Recording,
+    SAMPLES,
+    Topics,
+)
+from ros2_ident.recording.plausibility import lost_sign, unsigned
+from ros2_ident.recording.windows import Window
+
+# A shorter stretch holds hardly a motion.
+SHORTEST = 0.5
+# The tripod starts at rest; a log that starts in motion needs so long to be forgotten.
+SETTLING = 0.3
+# Less than this is no motion, rad or m.
+STANDSTILL = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Parts of a log that are not fitted on, brought onto the grid one at a time.
+
+    Attributes:
+        recordings: The whole log.
+        windows: The parts.
+        machine: The machine it was recorded on.
+        drives: Drives that are identified.
+    """
+
+    recordings: tuple[Recording, ...]
+    windows: tuple[Window, ...]
+    machine: Machine
+    drives: tuple[str, ...]
+
+    def __iter__(self) -> Iterator[Dataset]:
+        """Align one part after the other; unusable ones are left out."""
+        cycle = constant(self.machine.controller, 'cycle', 'controller')
+        for number, begin, end in self.windows:
+            try:
+                part = self.recordings[number].between(begin, end)
+                dataset = _aligned(part, self.machine, self.drives, cycle)
+            except IdentError:
+                continue
+            yield _forgotten(dataset)
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """What a recording gives to identify from.
+
+    Attributes:
+        datasets: Its segments on the grid of controller cycles.
+        recordings: The recording each segment came from, in the same order; empty where unknown.
+        source: Path of the bag, or the name of the live buffer.
+        sha256: Hash of the bag's files, empty for live data.
+        warnings: What was left out, one sentence each.
+        held_out: Parts of a long log to validate on, or None.
+    """
+
+    datasets: tuple[Dataset, ...]
+    recordings: tuple[Recording, ...] = ()
+    source: str = ''
+    sha256: str = ''
+    warnings: tuple[str, ...] = ()
+    held_out: HeldOut | None = None
+
+    def quality(self, samples: int) -> Quality:
+        """Return a summary; `samples` is the number of efforts compared."""
+        came: dict[str, int] = {}
+        lost: dict[str, int] = {}
+        for dataset in self.datasets:
+            for stream in dataset.quality.streams:
+                came[stream.role] = came.get(stream.role, 0) + stream.samples
+                lost[stream.role] = lost.get(stream.role, 0) + stream.missing
+        said = [w for d in self.datasets for w in d.quality.warnings]
+        return Quality(
+            segments=len(self.datasets),
+            duration=sum(d.duration for d in self.datasets),
+            samples=samples,
+            missing={role: lost[role] / max(1, lost[role] + came[role]) for role in came},
+            warnings=tuple(dict.fromkeys([*self.warnings, *said])),
+        )
+
+
+def read_problem(
+    bag: str | Path,
+    machine: Machine,
+    drives: Sequence[str] | None = None,
+    *,
+    topics: Topics | None = None,
+    samples: int = SAMPLES,
+) -> Data:
+    """Read a bag into what `identify` takes.
+
+    Args:
+        bag: Path of a bag.
+        machine: The machine it was recorded on.
+        drives: Drives to identify; all where None.
+        topics: Topic names.
+        samples: As for `gather`.
+
+    Returns:
+        The segments.
+
+    Raises:
+        IdentError: As `read_bag`, `align` and `gather`.
+    """
+    return gather(read_bag(bag, topics), machine, drives, samples=samples)
+
+
+def gather(
+    recordings: Sequence[Recording],
+    machine: Machine,
+    drives: Sequence[str] | None = None,
+    *,
+    samples: int = SAMPLES,
+) -> Data:
+    """Bring recordings onto the controller's grid; unusable ones are left out with a warning.
+
+    Args:
+        recordings: From `read_bag` or a `RecordingBuilder`.
+        machine: The machine they were recorded on.
+        drives: Drives to identify; all where None.
+        samples: Effort samples to fit on, all drives together; of a longer log the windows are
+            taken that tell most (see `recording.windows`), and others are held out.
+
+    Returns:
+        The segments that can be used.
+
+    Raises:
+        IdentError: NO_DATA where none can be used; where there is only one, what is wrong with it.
+    """
+    if machine.kind not in DRIVE_MODELS:
+        raise IdentError(
+            ErrorCode.UNKNOWN_MODEL,
+            f'a {machine.kind} is not identified from a bag of drives; '
+            f'use a machine file of one of {", ".join(DRIVE_MODELS)}',
+        )
+    chosen = chosen_drives(machine, drives)
+    cycle = constant(machine.controller, 'cycle', 'controller')
+    if not recordings:
+        raise IdentError(
+            ErrorCode.NO_DATA, 'there is no recording to identify from; record a motion first'
+        )
+    one = recordings[0]
+    kept: list[tuple[Dataset, Recording]] = []
+    warnings: list[str] = []
+    held_out: HeldOut | None = None
+    windows = choose_windows(recordings, chosen, samples)
+    if windows is not None:
+        held_out = HeldOut(tuple(recordings), windows.check, machine, chosen)
+        seconds = sum(end - begin for _, begin, end in windows.fit) * 1e-9
+        warnings.append(
+            f'the log has {windows.samples} effort samples: fitted on the {len(windows.fit)} '
+            f'windows that tell most, {seconds:.0f} s of {sum(x.duration for x in recordings):.0f}'
+            ' s; --samples takes more of it'
+        )
+        recordings = [recordings[n].between(begin, end) for n, begin, end in windows.fit]
+    first: IdentError | None = None
+    for number, recording in enumerate(recordings, 1):
+        place = f'segment {number} of {len(recordings)}'
+        try:
+            dataset = _aligned(recording, machine, chosen, cycle)
+            if dataset.duration < SHORTEST:
+                raise IdentError(
+                    ErrorCode.NO_DATA,
+                    f'{recording.source or "recording"}: lasts {dataset.duration:.3g} s; '
+                    f'record a motion of several seconds, {SHORTEST:g} s is the least',
+                )
+        except IdentError as error:
+            first = first or error
+            warnings.append(f'{place} is left out: {error.message}')
+            continue
+        # What went on before a window is unknown, and no mistake of the recording's.
+        settled = (
+            _settled(dataset, machine, place, warnings) if windows is None else _forgotten(dataset)
+        )
+        kept.append((settled, recording))
+        warnings += _unsigned(settled, chosen)
+    if not kept:
+        assert first is not None
+        raise first
+    datasets, used = zip(*kept, strict=True)
+    return Data(datasets, used, one.source, one.sha256, tuple(warnings), held_out)
+
+
+def chosen_drives(machine: Machine, drives: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the drives to identify in the machine's order.
+
+    Raises:
+        IdentError: INVALID_GOAL where the list is empty, repeats a drive or names a strange one.
+    """
+    if drives is None:
+        return machine.drives
+    known = ', '.join(machine.drives)
+    if isinstance(drives, str) or not drives:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL, f'no drive is chosen; name at least one of {known}'
+        )
+    for name in drives:
+        if name not in machine.drives:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'drive {name!r} is not in the machine file; choose from {known}',
+            )
+    if len(set(drives)) != len(drives):
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'the drives {", ".join(drives)} repeat one; name each only once',
+        )
+    return tuple(name for name in machine.drives if name in drives)
+
+
+def _aligned(
+    recording: Recording, machine: Machine, chosen: tuple[str, ...], cycle: float
+) -> Dataset:
+    """Align all drives of the machine; only the chosen ones need an effort."""
+    everyone = chosen == machine.drives
+    need = ('effort',) if everyone else ()
+    dataset = align(recording, machine.drives, cycle, need=need, effort_scale=machine.effort_scale)
+    if not everyone:
+        _check_efforts(recording, dataset, chosen)
+    _check_motion(recording, dataset, chosen)
+    return dataset
+
+
+def _check_efforts(recording: Recording, dataset: Dataset, chosen: tuple[str, ...]) -> None:
+    where = recording.source or 'recording'
+    if dataset.effort is None:
+        raise IdentError(
+            ErrorCode.MISSING_STREAM,
+            f"{where}: no stream holds an effort; record the drives' effort, "
+            'or name the topic that carries it',
+        )
+    for name in chosen:
+        if np.isnan(dataset.effort[dataset.names.index(name)]).all():
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                f'{where}: no effort of {name}; leave this drive out, or record its effort',
+            )
+
+
+def _check_motion(recording: Recording, dataset: Dataset, chosen: tuple[str, ...]) -> None:
+    """Refuse what would cost minutes and tell nothing."""
+    where = recording.source or 'recording'
+    assert dataset.effort is not None
+    for name in chosen:
+        row = dataset.effort[dataset.names.index(name)]
+        there = row[~np.isnan(row)]
+        if there.size and float(there.max()) == float(there.min()):
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'{where}: the effort of {name} is {there[0]:g} in every sample; '
+                'switch its measurement on in the drive, or leave this drive out',
+            )
+    driving = dataset.position if dataset.command_position is None else dataset.command_position
+    if driving is None:
+        return
+    stroke = np.nanmax(driving, axis=1) - np.nanmin(driving, axis=1)
+    if float(np.nanmax(stroke)) < STANDSTILL:
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{where}: no drive moves; record a motion that accelerates every drive',
+        )
+
+
+def _unsigned(dataset: Dataset, chosen: tuple[str, ...]) -> list[str]:
+    """Return what to say of drives whose effort has lost its sign."""
+    if dataset.effort is None or dataset.position is None:
+        return []
+    said = []
+    for name in chosen:
+        d = dataset.names.index(name)
+        rows = dataset.position[d], dataset.effort[d]
+        position, effort = (row[~np.isnan(row)] for row in rows)
+        if min(position.size, effort.size) > 1 and lost_sign(effort, np.diff(position)):
+            said.append(unsigned(name))
+    return said
+
+
+def _settled(dataset: Dataset, machine: Machine, place: str, warnings: list[str]) -> Dataset:
+    """Leave out the efforts at the start of a stretch that begins in motion."""
+    speed = dataset.command_velocity
+    if speed is None or dataset.effort is None:
+        return dataset
+    if dataset.position is not None and DRIVE_MODELS[machine.kind].starts_in_motion:
+        return dataset
+    fast = np.abs(speed).max()
+    if fast == 0.0 or np.abs(speed[:, 0]).max() < 0.02 * fast:
+        return dataset
+    warnings.append(
+        f'{place} starts in motion: its first {SETTLING:g} s are simulated and not compared; '
+        'let recordings start at rest'
+    )
+    return _forgotten(dataset)
+
+
+def _forgotten(dataset: Dataset) -> Dataset:
+    """Leave out the efforts in which what went on before is not forgotten yet."""
+    if dataset.effort is None:
+        return dataset
+    effort = dataset.effort.copy()
+    effort[:, : round(SETTLING / dataset.cycle)] = np.nan
+    return replace(dataset, effort=effort)

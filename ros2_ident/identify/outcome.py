@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From what a run found to the result: the outcome, its words, and where it came from."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime, UTC
+import importlib.metadata
+import platform
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.identify.data import Data
+from ros2_ident.identify.problem import Array, Problem
+from ros2_ident.identify.result import (
+    Cost,
+    DriveResidual,
+    History,
+    Identification,
+    Outcome,
+    ParameterEstimate,
+    Provenance,
+)
+from ros2_ident.models import Machine, Parameter
+from ros2_ident.search import Intervals, Refinement, RefineStatus, SearchResult, StopReason
+
+PACKAGE = 'ros2_ident'
+# A residual of so many times the effort's noise has another cause beside it.
+WELL_ABOVE = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What the phases of a run leave behind.
+
+    Attributes:
+        ga: The genetic algorithm's result.
+        refined: The refinement's, or None.
+        theta: (N,) the estimate, physical units; NaN where every candidate diverged.
+        residual: (R,) measured less simulated effort there; empty where every candidate diverged.
+        intervals: Confidence of the estimate, or None.
+        cancelled: Whether the run was cancelled.
+        evaluations: Candidates simulated.
+        seconds: Wall time, s.
+        candidates: (E, N) candidates of the genetic algorithm.
+        costs: (E,) their costs.
+        generations: (E,) their generations.
+    """
+
+    ga: SearchResult
+    refined: Refinement | None
+    theta: Array
+    residual: Array
+    intervals: Intervals | None
+    cancelled: bool
+    evaluations: int
+    seconds: float
+    candidates: Array
+    costs: Array
+    generations: npt.NDArray[np.int64]
+
+
+def assemble(
+    problem: Problem, found: Found, seed: int, settings: Mapping[str, object]
+) -> Identification:
+    """Return the result of a run."""
+    estimates = tuple(
+        _estimate(parameter, number, found) for number, parameter in enumerate(problem.parameters)
+    )
+    outcome, message = _judge(found, estimates)
+    size = len(estimates)
+    left = problem.left(found.residual) if found.residual.size else ()
+    quality = problem.data.quality(problem.samples)
+    refined = found.refined is not None and np.isfinite(found.refined.cost)
+    return Identification(
+        outcome=outcome,
+        message=message,
+        model=problem.machine.kind,
+        drives=problem.drives,
+        parameters=estimates,
+        fixed=dict(problem.fixed),
+        correlation=found.intervals.correlation
+        if found.intervals
+        else np.full((size, size), np.nan),
+        cost=Cost(
+            found.ga.cost,
+            problem.cost_of(found.residual) if refined else float('nan'),
+            problem.unit,
+        ),
+        residuals=left,
+        evaluations=found.evaluations,
+        generations=found.ga.generations,
+        seconds=found.seconds,
+        seed=seed,
+        search_stop=found.ga.stop.value,
+        refinement=found.refined.status.value if found.refined else '',
+        history=History(
+            np.array(found.ga.best_costs), found.candidates, found.costs, found.generations
+        ),
+        quality=replace(quality, warnings=quality.warnings + _gap(problem, left)),
+        provenance=provenance_of(problem.machine, problem.data),
+        settings=settings,
+    )
+
+
+def _gap(problem: Problem, left: tuple[DriveResidual, ...]) -> tuple[str, ...]:
+    """Return a sentence for each drive whose residual is well above the noise of its effort."""
+    noise = problem.machine.effort_noise
+    return tuple(
+        f'{x.drive}: the residual is {x.rms / noise:.2g} times the effort noise of the machine '
+        'file; `ident diagnose` looks for what the model leaves out'
+        for x in left
+        if noise > 0.0 and x.rms > WELL_ABOVE * noise
+    )
+
+
+def _estimate(parameter: Parameter, number: int, found: Found) -> ParameterEstimate:
+    known = found.intervals
+    value = float(found.theta[number])
+    if known is not None:
+        low, high = float(known.low[number]), float(known.high[number])
+        bound, identifiable, note = (
+            known.at_bound[number],
+            bool(known.identifiable[number]),
+            known.words[number],
+        )
+    else:
+        low = high = float('nan')
+        identifiable = False
+        place = (value - parameter.low) / (parameter.high - parameter.low)
+        bound = 'lower' if place <= 0.0 else 'upper' if place >= 1.0 else ''
+        note = 'interval not computed: the run was cut short'
+    return ParameterEstimate(
+        name=parameter.name,
+        unit=parameter.unit,
+        value=value,
+        low=low,
+        high=high,
+        lower_bound=parameter.low,
+        upper_bound=parameter.high,
+        ga_value=float(found.ga.theta[number]),
+        at_bound=bool(bound),
+        identifiable=identifiable,
+        kind=parameter.kind,
+        note=note,
+    )
+
+
+def _judge(found: Found, estimates: tuple[ParameterEstimate, ...]) -> tuple[Outcome, str]:
+    """Return how it ended and the sentence for it."""
+    if not np.isfinite(found.ga.cost):
+        if found.cancelled:
+            return (
+                Outcome.CANCELLED,
+                'The run was cancelled before a candidate was simulated to its end.',
+            )
+        return Outcome.DIVERGED, (
+            'Every candidate diverged; narrow the bounds in the machine file to values the '
+            'machine can have, and check the controller gains there.'
+        )
+    if found.cancelled:
+        return Outcome.CANCELLED, (
+            'The run was cancelled; the values are the best found until then and may be far from '
+            'the optimum.'
+        )
+    spent = _spent(found)
+    if spent:
+        return Outcome.BUDGET_SPENT, spent
+    bounded = [e.name for e in estimates if e.at_bound]
+    leaning = (
+        f' {", ".join(bounded)} {"lies" if len(bounded) == 1 else "lie"} at a bound: check '
+        'whether the true value can lie beyond.'
+        if bounded
+        else ''
+    )
+    loose = [e.name for e in estimates if not e.identifiable]
+    if loose:
+        return Outcome.NOT_IDENTIFIABLE, (
+            f'This data does not determine {len(loose)} of {len(estimates)} parameters: '
+            f'{", ".join(loose)}; record a motion that excites them, or fix them at known values.'
+            f'{leaning}'
+        )
+    return Outcome.IDENTIFIED, f'All {len(estimates)} parameters are identified.{leaning}'
+
+
+def _spent(found: Found) -> str:
+    """Return which budget ended the run early, as a sentence; empty where none did."""
+    if found.ga.stop in (StopReason.EVALUATIONS, StopReason.SECONDS):
+        return str(found.ga.stop.value)
+    status = found.refined.status if found.refined else None
+    if status is RefineStatus.CANCELLED:
+        return StopReason.SECONDS.value
+    if status is RefineStatus.EVALUATIONS:
+        return RefineStatus.EVALUATIONS.value
+    return ''
+
+
+def provenance_of(machine: Machine, data: Data) -> Provenance:
+    """Return where numbers from a machine file and data come from, as of now."""
+    return Provenance(
+        source=data.source,
+        sha256=data.sha256,
+        machine_sha256=machine.digest,
+        package_version=package_version(),
+        platform=', '.join(
+            [
+                f'{platform.system()} {platform.machine()}',
+                f'Python {platform.python_version()}',
+                *(
+                    f'{name} {importlib.metadata.version(name)}'
+                    for name in ('numpy', 'numba', 'scipy')
+                ),
+            ]
+        ),
+        created=datetime.now(UTC).isoformat(timespec='seconds'),
+    )
+
+
+def package_version() -> str:
+    """Return the version of this package, `unknown` where it runs from an uninstalled copy."""
+    try:
+        return str(importlib.metadata.version(PACKAGE))
+    except importlib.metadata.PackageNotFoundError:
+        return 'unknown'

@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an identification says: values only, immutable, ready for files, messages and pages."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+import enum
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.errors import ErrorCode
+from ros2_ident.machine.parameter import Kind
+
+Array = npt.NDArray[np.float64]
+
+
+class Outcome(enum.Enum):
+    """How an identification ended; the value is its name in files."""
+
+    IDENTIFIED = 'identified'
+    NOT_IDENTIFIABLE = 'not identifiable'
+    BUDGET_SPENT = 'budget spent'
+    CANCELLED = 'cancelled'
+    DIVERGED = 'diverged'
+
+    @property
+    def error_code(self) -> ErrorCode:
+        """The error a caller may report: OK where the estimate can be used."""
+        return {
+            Outcome.NOT_IDENTIFIABLE: ErrorCode.NOT_IDENTIFIABLE,
+            Outcome.CANCELLED: ErrorCode.CANCELLED,
+            Outcome.DIVERGED: ErrorCode.DIVERGED,
+        }.get(self, ErrorCode.OK)
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """One identified parameter; numbers in `unit`, NaN where unknown.
+
+    Attributes:
+        name: `tool_mass`, or `drive_1.gear_stiffness` where each drive has its own.
+        unit: SI unit; `1` for a ratio.
+        value: The estimate.
+        low: Lower end of its 95 % interval, not clipped to the box; -inf where the data set no
+            limit.
+        high: Upper end likewise.
+        lower_bound: Lower end of the box that was searched.
+        upper_bound: Upper end of it.
+        ga_value: What the genetic algorithm found, before the refinement.
+        at_bound: Whether the estimate lies on a bound of the box.
+        identifiable: Whether the interval says more than the box.
+        kind: `physical` or `measurement`.
+        note: The same in words, empty where there is nothing to say.
+    """
+
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    lower_bound: float
+    upper_bound: float
+    ga_value: float
+    at_bound: bool
+    identifiable: bool
+    kind: Kind
+    note: str
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Eq. 2 of Ludwig and Gerstmayr (2011): the RMS error averaged over the drives.
+
+    Attributes:
+        ga: At the genetic algorithm's best; inf where every candidate diverged.
+        refined: At the refined parameters; NaN where nothing was refined.
+        unit: Unit of both.
+    """
+
+    ga: float
+    refined: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class DriveResidual:
+    """What is left of one drive's effort at the estimate.
+
+    Attributes:
+        drive: Its name.
+        rms: RMS of measured less simulated effort, in the cost's unit.
+        share: The same over the RMS of the measured effort; times 100 it is the relative error of
+            the EMPS benchmark.
+        samples: Measured samples compared.
+    """
+
+    drive: str
+    rms: float
+    share: float
+    samples: int
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """How the genetic algorithm went.
+
+    Attributes:
+        best_costs: (G,) best cost after each complete generation.
+        candidates: (E, N) every candidate evaluated, in order, physical units.
+        costs: (E,) its cost; inf where it diverged, or was given up as too dear to survive.
+        generations: (E,) its generation, from 1.
+    """
+
+    best_costs: Array
+    candidates: Array
+    costs: Array
+    generations: npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What the data were like.
+
+    Attributes:
+        segments: Uninterrupted stretches used.
+        duration: Their total length, s.
+        samples: Effort samples compared, of all drives.
+        missing: Share of the samples that should have come and did not, for each stream.
+        warnings: What a user has to know, one sentence each.
+    """
+
+    segments: int
+    duration: float
+    samples: int
+    missing: Mapping[str, float]
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where the numbers came from.
+
+    Attributes:
+        source: Path of the bag, or the name of the live buffer.
+        sha256: Hash of the bag's files, empty for live data.
+        machine_sha256: Hash of the machine file, empty where the machine was made in memory.
+        package_version: Of this package.
+        platform: Operating system, processor, Python, numpy and numba: what bits may depend on.
+        created: Wall clock at the end of the run, ISO 8601, UTC.
+    """
+
+    source: str
+    sha256: str
+    machine_sha256: str
+    package_version: str
+    platform: str
+    created: str
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """The result of one identification.
+
+    Attributes:
+        outcome: How it ended.
+        message: The outcome as a sentence, with the remedy where there is one.
+        model: Kind of machine.
+        drives: Drives whose effort was compared.
+        parameters: The estimates, in the order of `theta`.
+        fixed: Parameters that were held, by name.
+        correlation: (N, N) correlations of the estimates; NaN where unknown.
+        cost: Cost before and after the refinement.
+        residuals: What is left, for each drive.
+        evaluations: Candidates simulated, both phases.
+        generations: Generations of the genetic algorithm that were completed.
+        seconds: Wall time, s.
+        seed: Of the random generator.
+        search_stop: Why the genetic algorithm ended, as a sentence.
+        refinement: How the refinement ended, as a sentence; empty where there was none.
+        history: How the genetic algorithm went.
+        quality: What the data were like.
+        provenance: Where the numbers came from.
+        settings: Settings in force, as plain data.
+        validation: What is left in parts of a long log that were not fitted on, for each drive.
+    """
+
+    outcome: Outcome
+    message: str
+    model: str
+    drives: tuple[str, ...]
+    parameters: tuple[ParameterEstimate, ...]
+    fixed: Mapping[str, float]
+    correlation: Array
+    cost: Cost
+    residuals: tuple[DriveResidual, ...]
+    evaluations: int
+    generations: int
+    seconds: float
+    seed: int
+    search_stop: str
+    refinement: str
+    history: History
+    quality: Quality
+    provenance: Provenance
+    settings: Mapping[str, object] = field(default_factory=dict)
+    validation: tuple[DriveResidual, ...] = ()
+
+    @property
+    def theta(self) -> Array:
+        """(N,) the estimate, physical units; NaN where every candidate diverged."""
+        return np.array([p.value for p in self.parameters])
+
+    @property
+    def best_cost(self) -> float:
+        """Cost of the estimate, `cost.unit`."""
+        return self.cost.ga if np.isnan(self.cost.refined) else self.cost.refined
+
+    def parameter(self, name: str) -> ParameterEstimate:
+        """Return one estimate by its name.
+
+        Raises:
+            KeyError: Where no parameter is called so.
+        """
+        for estimate in self.parameters:
+            if estimate.name == name:
+                return estimate
+        raise KeyError(name)

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From data to identified parameters, with intervals and words."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.identify.data import chosen_drives, Data, gather
+from ros2_ident.identify.data import read_problem as read_problem
+from ros2_ident.identify.outcome import assemble
+from ros2_ident.identify.phases import Run
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.result import Identification
+from ros2_ident.identify.settings import IdentifyProgress as IdentifyProgress
+from ros2_ident.identify.settings import IdentifySettings, OnProgress
+from ros2_ident.models import EffectAt, Machine
+from ros2_ident.recording import Dataset, Recording
+from ros2_ident.search.evaluators import Cancel, Threads, Workers
+from ros2_ident.search.packing import PackedSearch
+
+Measured = Data | Dataset | Sequence[Dataset] | Sequence[Recording]
+
+
+def identify(
+    machine: Machine,
+    data: Measured,
+    *,
+    drives: Sequence[str] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    effects: Sequence[EffectAt] = (),
+    settings: IdentifySettings | None = None,
+    seed: int = 0,
+    cancel: Cancel | None = None,
+    on_progress: OnProgress | None = None,
+    workers: Workers | None = None,
+) -> Identification:
+    """Identify the parameters of a machine.
+
+    Same machine, data, settings and seed give the same parameters to the bit, whoever simulates
+    and however many there are, unless a budget of seconds or a cancel cuts the run.
+
+    Args:
+        machine: What is known of the machine, and the box of what is not.
+        data: From `read_problem` or `gather`, or data sets or recordings; several are one problem.
+        drives: Drives whose effort is compared and whose parameters are free; all where None.
+        fixed: Parameters to hold at a value [their units]: `drive_1.gear_stiffness`, or
+            `gear_stiffness` for every drive.
+        bounds: (low, high) instead of the machine file's, by the same names.
+        effects: Effects beside the nominal physics.
+        settings: How to search.
+        seed: Of the random generator.
+        cancel: A `threading.Event` or the like; the best so far is kept.
+        on_progress: Called from this thread at most ten times a second.
+        workers: Who simulates; `settings.threads` threads of this process where None.
+
+    Returns:
+        The parameters with intervals, and how it ended in words.
+
+    Raises:
+        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, NO_DATA, MISSING_STREAM, BAD_VALUES or
+            UNKNOWN_MODEL, before anything is simulated.
+    """
+    settings = settings or IdentifySettings()
+    if not isinstance(seed, int) or seed < 0:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL, f'seed is {seed!r}; give a whole number of at least 0'
+        )
+    measured = _as_data(machine, data, drives)
+    problem = Problem(
+        machine,
+        measured,
+        drives=drives,
+        fixed=fixed,
+        bounds=bounds,
+        effects=effects,
+        cutoff=settings.cutoff,
+    )
+    search = PackedSearch(len(problem.parameters), settings.genetic, seed, problem.work)
+    workers = workers or Threads(settings.threads)
+    with workers.open(problem, cancel) as evaluators:
+        run = Run(problem, settings, search, evaluators, cancel, on_progress)
+        found = run.solve()
+    result = assemble(problem, found, seed, _plain(settings))
+    if found.cancelled or not np.isfinite(result.theta).all():
+        return result
+    return replace(result, validation=problem.validate(result.theta))
+
+
+def _as_data(machine: Machine, data: Measured, drives: Sequence[str] | None) -> Data:
+    if isinstance(data, Data):
+        return data
+    if isinstance(data, Dataset):
+        return Data((data,))
+    datasets = [x for x in data if isinstance(x, Dataset)]
+    recordings = [x for x in data if isinstance(x, Recording)]
+    if datasets and not recordings:
+        return Data(tuple(datasets))
+    chosen_drives(machine, drives)
+    return gather(recordings, machine, drives)
+
+
+def _plain(settings: IdentifySettings) -> dict[str, object]:
+    plain = asdict(settings)
+    # Does not change the result, so files of one and of two threads are the same.
+    plain.pop('threads')
+    return plain

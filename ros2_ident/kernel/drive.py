@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One drive in one instant: controller, motor, friction and gear, with whichever effects are on.
+
+Every function works on a block of candidates (see `ros2_ident.lanes`). Units are those of the
+rows. `on` holds the flags of a drive's effects; None leaves their hooks out of what is compiled.
+"""
+# mypy: ignore-errors
+
+from numba import types
+from numba.extending import overload
+
+from ros2_ident.effects import DriveState, Hook
+from ros2_ident.kernel import hooks
+from ros2_ident.kernel.hooks import mask_of
+from ros2_ident.kernel.rows import DRIVE_ROWS
+from ros2_ident.lanes import (
+    absolute,
+    clip,
+    floor,
+    INLINED,
+    inlined,
+    load,
+    spread,
+    store,
+    take,
+    tanh,
+    where,
+    WIDTH,
+)
+
+W = WIDTH
+CLOSED_LOOP, PRESCRIBED = 0, 1
+VELOCITY_FROM_STATE, VELOCITY_FROM_POSITIONS = 0, 1
+# A motor this many regularisations fast does not feel how steep friction is at standstill.
+FAST = 8.0
+# Rounds to where a motor stands at rest: a wavering gear leaves a tenth of the error each.
+STANDING = 6
+
+# What a drive remembers between cycles: rows of its memory block. LIGHTNESS is one over the moved
+# mass, APPLIED what COMMAND effects keep, WARMTH what FRICTION effects do.
+(
+    INTEGRAL,
+    COMMANDED,
+    APPLIED,
+    BRISTLE,
+    ANCHOR,
+    READ_ERROR,
+    LAST_READ,
+    LAST_BUT_ONE,
+    LIGHTNESS,
+    WARMTH,
+) = range(10)
+MEMORY_COUNT = 10
+
+SIGN_MASK = mask_of(Hook.SIGN)
+TORQUE_MASK = mask_of(Hook.TORQUE)
+DEFLECTION_MASK = mask_of(Hook.DEFLECTION)
+STIFFNESS_MASK = mask_of(Hook.STIFFNESS)
+CARRIAGE_MASK = mask_of(Hook.CARRIAGE_FORCE)
+READING_MASK = mask_of(Hook.READING)
+COMMAND_MASK = mask_of(Hook.COMMAND)
+
+(
+    STIFFNESS,
+    DAMPING,
+    MOTOR_MASS,
+    RAIL_MASS,
+    COULOMB,
+    VISCOUS,
+    KP,
+    KV,
+    KI,
+    COMMAND_DELAY,
+    LIMIT,
+    TURN,
+) = range(12)
+assert DRIVE_ROWS[:12] == (
+    'gear_stiffness',
+    'gear_damping',
+    'motor_mass',
+    'rail_mass',
+    'coulomb',
+    'viscous',
+    'position_gain',
+    'velocity_gain',
+    'integral_gain',
+    'command_delay',
+    'torque_limit',
+    'motor_turn',
+)
+
+
+def flags_of(on, d):
+    """Return drive `d`'s flags; None where `on` is None, a type of its own to numba."""
+    raise NotImplementedError('for kernels only')
+
+
+@overload(flags_of, jit_options=INLINED)
+def _flags_of(on, d):
+    if isinstance(on, types.NoneType):
+        return lambda on, d: None
+    return lambda on, d: on[d]
+
+
+def closed_loop(mode, d):
+    """Return whether drive `d` is a closed loop; all are where `mode` is None, when compiling."""
+    raise NotImplementedError('for kernels only')
+
+
+@overload(closed_loop, jit_options=INLINED)
+def _closed_loop(mode, d):
+    if isinstance(mode, types.NoneType):
+        return lambda mode, d: True
+    return lambda mode, d: mode[d] == CLOSED_LOOP
+
+
+@inlined
+def drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, elapsed, kept):
+    """Collect what the kernels of effects see; `kept` is the row of what the hook remembers."""
+    return DriveState(
+        z,
+        v,
+        s,
+        force,
+        direction,
+        load(par, (first + COULOMB) * W),
+        load(par, (first + VISCOUS) * W),
+        spread(gear),
+        load(par, (first + TURN) * W),
+        time,
+        elapsed,
+        z - load(mem, (own + ANCHOR) * W),
+        load(mem, (own + kept) * W),
+    )
+
+
+@inlined
+def gear_force(par, first, mem, own, on, gear, z, v, s, w, time):
+    """Return the force [N] the gear passes to the carriage, and its reaction on the motor.
+
+    By deflection and its rate. The two differ where the motor's lever on the gear wavers: the gear
+    passes on power, not force.
+    """
+    x = z - s
+    c = load(par, (first + STIFFNESS) * W)
+    d = load(par, (first + DAMPING) * W)
+    if on is not None and on & (DEFLECTION_MASK | STIFFNESS_MASK):
+        zero = spread(0.0)
+        state = drive_state(par, first, mem, own, gear, z, v, s, zero, zero, time, zero, BRISTLE)
+        c = hooks.stiffness_hook(c, state, on, par, first)
+        if on & DEFLECTION_MASK:
+            x, lever = hooks.deflection_hook((x, spread(1.0)), state, on, par, first)
+            # Teeth that do not touch do not damp.
+            d = where(absolute(x) > zero, d, zero)
+            force = c * x + d * (lever * v - w)
+            return force, lever * force
+    force = c * x + d * (v - w)
+    return force, force
+
+
+@inlined
+def stand(par, first, mem, own, on, gear, s, hold):
+    """Return where a motor rests [m] whose gear carries `hold` [N] with its carriage at s."""
+    c = load(par, (first + STIFFNESS) * W)
+    z = s + hold / c
+    if on is not None and on & (DEFLECTION_MASK | STIFFNESS_MASK):
+        zero = spread(0.0)
+        for _ in range(STANDING):
+            state = drive_state(
+                par, first, mem, own, gear, z, zero, s, zero, zero, zero, zero, BRISTLE
+            )
+            stiffness = hooks.stiffness_hook(c, state, on, par, first)
+            x, _ = hooks.deflection_hook((z - s, spread(1.0)), state, on, par, first)
+            z = z + hold / stiffness - x
+    return z
+
+
+@inlined
+def motor_torque(par, first, mem, own, on, gear, eps, z, v, s, force, time, elapsed):
+    """Return the torque [N m] that moves the motor and its gear: applied less friction."""
+    direction = tanh(v * (1.0 / eps))
+    torque = load(mem, (own + COMMANDED) * W)
+    friction = load(par, (first + COULOMB) * W) * direction + load(par, (first + VISCOUS) * W) * v
+    if on is not None and on:
+        if on & SIGN_MASK:
+            state = drive_state(
+                par, first, mem, own, gear, z, v, s, force, direction, time, elapsed, BRISTLE
+            )
+            direction = hooks.sign_hook(direction, state, on, par, first)
+            friction = state.coulomb * direction + state.viscous * v
+        state = drive_state(
+            par, first, mem, own, gear, z, v, s, force, direction, time, elapsed, WARMTH
+        )
+        friction = hooks.friction_hook(friction, state, on, par, first)
+        if on & TORQUE_MASK:
+            state = drive_state(
+                par, first, mem, own, gear, z, v, s, force, direction, time, elapsed, BRISTLE
+            )
+            torque = hooks.torque_hook(torque, state, on, par, first)
+    return torque - friction
+
+
+@inlined
+def carriage_force(par, first, mem, own, on, gear, z, v, s, time):
+    """Return the force [N] on the carriage besides gear, gravity and rod."""
+    force = spread(0.0)
+    if on is not None and on & CARRIAGE_MASK:
+        state = drive_state(
+            par, first, mem, own, gear, z, v, s, force, force, time, force, BRISTLE
+        )
+        force = hooks.carriage_hook(force, state, on, par, first)
+    return force
+
+
+@inlined
+def keep_bristle(par, first, mem, own, on, gear, eps, z, v, active):
+    """Move the memory of a presliding friction to where the motor is now, in active lanes."""
+    if on & SIGN_MASK:
+        zero = spread(0.0)
+        state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, zero, zero, BRISTLE)
+        bristle = hooks.sign_hook(tanh(v * (1.0 / eps)), state, on, par, first)
+        store(mem, (own + BRISTLE) * W, where(active, bristle, load(mem, (own + BRISTLE) * W)))
+        store(mem, (own + ANCHOR) * W, where(active, z, load(mem, (own + ANCHOR) * W)))
+
+
+@inlined
+def keep_warmth(par, first, mem, own, on, gear, eps, z, v, s, time, cycle):
+    """Keep at a cycle's end how warm the drive is."""
+    if on & hooks.WARMING:
+        zero = spread(0.0)
+        direction = tanh(v * (1.0 / eps))
+        state = drive_state(
+            par, first, mem, own, gear, z, v, s, zero, direction, time, spread(cycle), WARMTH
+        )
+        friction = state.coulomb * direction + state.viscous * v
+        store(mem, (own + WARMTH) * W, hooks.friction_keeps(friction, state, on, par, first))
+
+
+@inlined
+def set_point(command, base, count, k, delay, cycle, delayed):
+    """Return the set-point of cycle `k`, late by `delay` seconds where a delay is on."""
+    if not delayed:
+        return spread(command[base + k])
+    at = clip(spread(float(k)) - delay * (1.0 / cycle), spread(0.0), spread(count - 1.000001))
+    whole = floor(at)
+    before = take(command, whole + float(base))
+    after = take(command, whole + float(base + 1))
+    return before + (after - before) * (at - whole)
+
+
+@inlined
+def begin(mem, own, z, v, cycle, torque):
+    """Write what a drive remembers: it came to z at rate v, and `torque` [N m] was commanded."""
+    store(mem, (own + INTEGRAL) * W, torque)
+    store(mem, (own + APPLIED) * W, torque)
+    store(mem, (own + ANCHOR) * W, z)
+    store(mem, (own + LAST_READ) * W, z - v * cycle)
+    store(mem, (own + LAST_BUT_ONE) * W, z - 2.0 * v * cycle)
+
+
+@inlined
+def control(
+    par, first, mem, own, on, law, feedforward, cycle, gear, z, v, command, d, drives, count, k,
+    delayed, time,
+):  # fmt: skip
+    """Run cycle `k` of drive `d`'s controller; return the torque it logs, keep what it asks.
+
+    `command` (2 * drives * count,) holds the set-points of all drives, then their rates.
+    """
+    delay = load(par, (first + COMMAND_DELAY) * W)
+    zc = set_point(command, d * count, count, k, delay, cycle, delayed)
+    vc = set_point(command, (drives + d) * count, count, k, delay, cycle, delayed)
+    read = z
+    rate = v
+    if on is not None and on & READING_MASK:
+        zero = spread(0.0)
+        state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, time, zero, BRISTLE)
+        read = hooks.reading_hook(z, state, on, par, first)
+        error = read - z
+        rate = v + (error - load(mem, (own + READ_ERROR) * W)) * (1.0 / cycle)
+        store(mem, (own + READ_ERROR) * W, error)
+    if law == VELOCITY_FROM_POSITIONS:
+        # Half the sum of two readings, differenced over a cycle: (q[k] - q[k-2]) / (2 cycle).
+        rate = (read - load(mem, (own + LAST_BUT_ONE) * W)) * (0.5 / cycle)
+        store(mem, (own + LAST_BUT_ONE) * W, load(mem, (own + LAST_READ) * W))
+        store(mem, (own + LAST_READ) * W, read)
+    error = load(par, (first + KP) * W) * (zc - read) + feedforward * vc - rate
+    integral = load(mem, (own + INTEGRAL) * W) + load(par, (first + KI) * W) * cycle * error
+    store(mem, (own + INTEGRAL) * W, integral)
+    torque = load(par, (first + KV) * W) * error + integral
+    limit = load(par, (first + LIMIT) * W)
+    torque = clip(torque, -limit, limit)
+    asked = torque
+    if on is not None and on & COMMAND_MASK:
+        zero = spread(0.0)
+        state = drive_state(
+            par, first, mem, own, gear, z, v, z, zero, zero, time, spread(cycle), APPLIED
+        )
+        asked = hooks.command_hook(torque, state, on, par, first)
+        store(mem, (own + APPLIED) * W, hooks.command_keeps(torque, state, on, par, first))
+    store(mem, (own + COMMANDED) * W, asked)
+    return torque

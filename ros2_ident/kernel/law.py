@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controllers alone, fed with the recorded motion: what they commanded, if it was read right.
+
+No machine is simulated. What a controller makes of the motion in the log tells its own deviations,
+and those of the measurement behind it, from everything that happens in the machine.
+"""
+# mypy: ignore-errors
+
+from ros2_ident.kernel import drive as dk
+from ros2_ident.kernel import measurement
+from ros2_ident.kernel.hooks import sources_digest
+from ros2_ident.kernel.rows import DRIVE_COUNT, MACHINE_COUNT
+from ros2_ident.lanes import kernel, parted, spread, store, WIDTH
+
+W = WIDTH
+
+
+def room(drives: int) -> int:
+    """Return how many numbers of room the replay of so many drives needs."""
+    each = dk.MEMORY_COUNT + measurement.PIECE + measurement.KEPT
+    return int((drives * each + 1 + measurement.ROOM) * W)
+
+
+def _build(digest):
+    @kernel
+    def replay(
+        blocks,
+        rows,
+        room,
+        command,
+        motion,
+        hold,
+        on,
+        delayed,
+        gear,
+        cycle,
+        law,
+        feedforward,
+        wanted,
+        measured,
+        samples,
+        limits,
+        out,
+    ):
+        """Run the controllers of blocks of candidates along a recorded motion.
+
+        Args:
+            blocks: (G, R * W) rows of `models.rows`.
+            rows: (G, W) row of `out` for each lane, -1 for none.
+            room: (`room(D)`,) to work in.
+            command: (2 * D * K,) set-point positions of the drives, then their rates.
+            motion: (2 * D * K,) recorded positions, then velocities.
+            hold: (D,) torque at the start, for the integral part [N m].
+            on: (D,) flags of the effects.
+            delayed: Whether command delays are on.
+            gear: Motor angle per travel [rad/m].
+            cycle: Controller cycle [s].
+            law: VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
+            feedforward: Weight of the velocity feed-forward.
+            wanted, measured, samples, out: As for `measurement.hand_on`.
+            limits: Not looked at.
+        """
+        _ = digest
+        drives = on.shape[0]
+        count = command.shape[0] // (2 * drives)
+        mem, rest = parted(room, drives * dk.MEMORY_COUNT)
+        torques, rest = parted(rest, drives * measurement.PIECE)
+        kept, rest = parted(rest, drives * measurement.KEPT)
+        finite, rest = parted(rest, 1)
+        finite[:] = 1.0
+        for g in range(blocks.shape[0]):
+            par = blocks[g]
+            mem[:] = 0.0
+            kept[:] = 0.0
+            for d in range(drives):
+                start = spread(motion[d * count])
+                still = spread(0.0)
+                dk.begin(mem, d * dk.MEMORY_COUNT, start, still, cycle, spread(hold[d]))
+            for k in range(count):
+                piece = k % measurement.PIECE
+                for d in range(drives):
+                    first = MACHINE_COUNT + d * DRIVE_COUNT
+                    z = spread(motion[d * count + k])
+                    v = spread(motion[(drives + d) * count + k])
+                    torque = dk.control(
+                        par, first, mem, d * dk.MEMORY_COUNT, on[d], law, feedforward, cycle, gear,
+                        z, v, command, d, drives, count, k, delayed, spread(k * cycle),
+                    )  # fmt: skip
+                    store(torques, (d * measurement.PIECE + piece) * W, torque)
+                if piece == measurement.PIECE - 1 or k == count - 1:
+                    measurement.hand_on(
+                        par,
+                        torques,
+                        k - piece,
+                        piece + 1,
+                        cycle,
+                        wanted,
+                        measured,
+                        samples,
+                        rows[g],
+                        kept,
+                        rest,
+                        out,
+                    )
+            measurement.conclude(par, finite, measured, samples, rows[g], kept, out)
+
+    return replay
+
+
+replay = _build(sources_digest())

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A new machine file: every key with unit and meaning, at an example's value."""
+
+from collections.abc import Sequence
+from itertools import groupby
+import textwrap
+
+from ros2_ident.machine.file import literal
+from ros2_ident.machine.keys import Key, keys_of, KINDS
+
+_WIDTH = 99
+_COMMENT = 42
+
+
+def machine_template(kind: str, drives: Sequence[str] = ()) -> str:
+    """Return the text of a machine file.
+
+    Args:
+        kind: One of `KINDS`.
+        drives: Joint names; those of the example where there are none.
+
+    Returns:
+        YAML that `load_machine` reads. Optional keys that the example does without stand behind
+        a `#`.
+    """
+    lines = [
+        '# SPDX-License-Identifier: Apache-2.0',
+        f'# Machine file of a {kind}: {KINDS[kind]}.',
+        '# Every value is an example: put those of your machine in their place. SI units.',
+        '# A line behind a # is an alternative, or for what this example has no need of.',
+        '# `ident check --machine THIS_FILE` says what is missing or implausible, with the line.',
+    ]
+    for section, keys in groupby(keys_of(kind).values(), key=lambda key: key.section):
+        indent = ''
+        if section:
+            note = (
+                '  # to be found; name: [least, largest, unit]' if section == 'parameters' else ''
+            )
+            lines += ['', f'{section}:{note}']
+            indent = '  '
+        for key in keys:
+            value = f'[{", ".join(drives)}]' if drives and key.name == 'drives' else None
+            lines += _lines(key, indent, value or literal(key, kind))
+    return '\n'.join(lines) + '\n'
+
+
+def _lines(key: Key, indent: str, value: str) -> list[str]:
+    """Return a key's line, and below it what its comment needs more."""
+    parts = [] if key.section == 'parameters' or not key.unit else [key.unit]
+    parts.append(key.meaning)
+    if key.absent:
+        parts.append(key.absent)
+    text = f'{parts[0]}; {"; ".join(parts[1:])}' if parts[1:] else parts[0]
+    mark = '' if key.shown else '# '
+    start = f'{indent}{mark}{key.name}: {value}'
+    first, *more = textwrap.wrap(text, _WIDTH - _COMMENT - 2)
+    return [f'{start:<{_COMMENT - 1}} # {first}', *(f'{"":<{_COMMENT}}# {rest}' for rest in more)]

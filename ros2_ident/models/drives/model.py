@@ -1,0 +1,619 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From named parameters to a compiled simulation: what the tripod and the linear axis share."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+import functools
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident import lanes
+from ros2_ident.effects import Effect, get_effect, Hook
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.kernel import drive as drive_kernel
+from ros2_ident.kernel import law as law_kernel
+from ros2_ident.kernel import rows
+from ros2_ident.kernel.group import Group, PART, Task
+from ros2_ident.machine.machine import angular, constant, Machine
+from ros2_ident.machine.parameter import Kind, Parameter
+from ros2_ident.models.drives.recorded import RecordedMotion
+from ros2_ident.recording import Dataset
+
+Array = npt.NDArray[np.float64]
+
+# Middle of the time a commanded torque holds, in cycles.
+_HOLD = 0.5
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Where a nominal parameter goes: the rows it fills, and what it is."""
+
+    row: str
+    shared: bool
+    kind: Kind
+    source: str
+
+
+_PAPER = 'Ludwig and Gerstmayr 2011, Table 3'
+SLOTS: Mapping[str, Slot] = {
+    'measurement_delay': Slot('effort_delay', True, 'measurement', _PAPER),
+    'gear_stiffness': Slot('gear_stiffness', False, 'physical', _PAPER),
+    'gear_damping_ratio': Slot('gear_damping', False, 'physical', f'{_PAPER}, eq. 23'),
+    'tool_mass': Slot('tool_mass', True, 'physical', _PAPER),
+    'drive_inertia': Slot('motor_mass', False, 'physical', _PAPER),
+    'moving_mass': Slot('rail_mass', False, 'physical', 'Newton; motor and carriage as one mass'),
+    'coulomb_torque': Slot('coulomb', False, 'physical', 'Coulomb 1785'),
+    'viscous_torque': Slot('viscous', False, 'physical', 'linear viscous friction'),
+    'coulomb_friction': Slot('coulomb', False, 'physical', 'Coulomb 1785'),
+    'viscous_friction': Slot('viscous', False, 'physical', 'linear viscous friction'),
+    'constant_force': Slot(
+        'effort_bias', False, 'physical', 'Janot, Gautier, Brunot 2019, offset'
+    ),
+}
+
+
+@dataclass(frozen=True)
+class EffectAt:
+    """An effect and where it sits: a drive's name, or `all`."""
+
+    effect: str
+    where: str
+
+
+class DriveModel(ABC):
+    """Drives under their controllers, simulated for many candidates at once.
+
+    Args:
+        machine: The machine file's content.
+        data: The recording on the controller's grid. Without a command the recorded motion drives
+            the model (inverse mode): motors follow it and the torque it takes is the output.
+        drives: Drives whose torque is compared and whose parameters are free; the others follow
+            their recorded motion. All by default.
+        effects: Effects besides the nominal physics.
+        fixed: Values of parameters that are not to be identified, by name.
+        cutoff: Low-pass of recorded motion where it drives the model [Hz]; at most a fifth of the
+            log's rate.
+        substeps: Integration steps in a controller cycle; by default chosen for each candidate's
+            stiffness.
+
+    Raises:
+        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, MISSING_STREAM or BAD_MACHINE_FILE with the
+        remedy.
+    """
+
+    name = ''
+    # Whether the model can begin in the middle of a motion, from the measured position.
+    starts_in_motion = False
+
+    def __init__(
+        self,
+        machine: Machine,
+        data: Dataset,
+        *,
+        drives: Sequence[str] | None = None,
+        effects: Sequence[EffectAt] = (),
+        fixed: Mapping[str, float] | None = None,
+        cutoff: float = 100.0,
+        substeps: int | None = None,
+    ) -> None:
+        self.machine = machine
+        self.data = data
+        self.effects = tuple(effects)
+        self.fixed = dict(fixed or {})
+        self.substeps = substeps
+        self.cutoff = cutoff
+        self.drives = self._chosen(drives)
+        self.gear = constant(machine.drive, 'gear_factor', 'drive', 1.0)
+        # Where effort is a force, the gear factor is 1 and says nothing of the motor's angle.
+        length = constant(machine.drive, 'travel_per_turn', 'drive', 2.0 * math.pi / self.gear)
+        self.turn = 2.0 * math.pi / length
+        self.eps = constant(machine.drive, 'coulomb_regularisation', 'drive', 5e-3)
+        self.limit = constant(machine.controller, 'torque_limit', 'controller', math.inf)
+        self.feedforward = constant(machine.controller, 'velocity_feedforward', 'controller', 0.0)
+        self.cycle = data.cycle
+        law = str(machine.controller.get('law', 'cascade_pi'))
+        if law not in ('pi', 'cascade_pi', 'cascade_p'):
+            raise IdentError(
+                ErrorCode.BAD_MACHINE_FILE,
+                f'controller.law is {law!r}; write cascade_pi or cascade_p',
+            )
+        self.law = int(law == 'cascade_p')
+        self._parameters, self._targets = self._declare()
+        self._base = self._constants()
+        self._on = np.zeros(len(machine.drives), dtype=np.int64)
+        for at in self.effects:
+            effect = get_effect(at.effect)
+            if effect.hook is not Hook.PARAMETER:
+                for d in self._places(at):
+                    self._on[d] |= rows.bit(effect.id)
+        targets = {p.target for at in self.effects for p in get_effect(at.effect).parameters}
+        places = [self._places(at) for at in self.effects if at.effect == 'gear_flexibility']
+        if places and not self.rigid:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                'gear_flexibility has no place in a machine whose gear is elastic already; '
+                'its parameter is gear_stiffness',
+            )
+        self._flexible = np.isin(np.arange(len(machine.drives)), [d for p in places for d in p])
+        self._delayed = 'command_delay' in targets
+        self._frame = 'frame_frequency' in targets
+        self._command, self._motion, self._mode = self._inputs()
+
+    # ------------------------------------------------------------------ declaration
+
+    def _chosen(self, drives: Sequence[str] | None) -> tuple[str, ...]:
+        known = self.machine.drives
+        chosen = tuple(drives) if drives else known
+        for name in chosen:
+            if name not in known:
+                raise IdentError(
+                    ErrorCode.INVALID_GOAL,
+                    f'drive {name!r} is not in the machine file; choose from {", ".join(known)}',
+                )
+        return tuple(n for n in known if n in chosen)
+
+    def _places(self, at: EffectAt) -> list[int]:
+        if at.where == 'all':
+            return list(range(len(self.machine.drives)))
+        if at.where not in self.machine.drives:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{at.effect} cannot sit on {at.where!r}; '
+                f'choose from {", ".join(self.machine.drives)} or all',
+            )
+        return [self.machine.drives.index(at.where)]
+
+    def _declare(self) -> tuple[tuple[Parameter, ...], list[tuple[str, int | None]]]:
+        """Return the free parameters, and for each its base name and drive."""
+        declared: list[tuple[Parameter, tuple[str, int | None]]] = []
+        for name, (low, high, unit) in self.machine.bounds.items():
+            slot = SLOTS.get(name)
+            if slot is None:
+                raise IdentError(
+                    ErrorCode.UNKNOWN_PARAMETER,
+                    f'machine file: the {self.name} model has no parameter {name!r}; '
+                    f'it knows {", ".join(SLOTS)}',
+                )
+            for drive in [None] if slot.shared else self.drives:
+                full = name if drive is None else f'{drive}.{name}'
+                index = None if drive is None else self.machine.drives.index(drive)
+                declared.append(
+                    (Parameter(full, unit, low, high, slot.kind, slot.source), (name, index))
+                )
+        for at in self.effects:
+            declared += self._declare_effect(get_effect(at.effect), at)
+        names = {p.name for p, _ in declared} | {
+            f'{d}.{n}' for d in self.machine.drives for n in self.machine.bounds
+        }
+        for name in self.fixed:
+            if name not in names:
+                raise IdentError(
+                    ErrorCode.UNKNOWN_PARAMETER,
+                    f'{name!r} cannot be fixed: no such parameter; '
+                    f'the model has {", ".join(sorted(names))}',
+                )
+        free = [entry for entry in declared if entry[0].name not in self.fixed]
+        self._all = declared
+        return tuple(p for p, _ in free), [t for _, t in free]
+
+    def _declare_effect(
+        self, effect: Effect, at: EffectAt
+    ) -> list[tuple[Parameter, tuple[str, int | None]]]:
+        places = self._places(at)
+        kind: Kind = 'measurement' if effect.group == 'measurement' else 'physical'
+        prefix = effect.id if at.where == 'all' else f'{at.where}.{effect.id}'
+        effort = self.machine.model_unit
+        turns = self.machine.travel_unit == 'rad'
+        out: list[tuple[Parameter, tuple[str, int | None]]] = []
+        for p in effect.parameters:
+            scale = self.effort_share(p.unit)
+            declared = Parameter(
+                f'{prefix}.{p.name}',
+                (angular(p.unit) if turns else p.unit).replace('effort', effort),
+                p.low * scale,
+                p.high * scale,
+                kind,
+                effect.source,
+            )
+            out.append(
+                (declared, (f'{effect.id}.{p.name}', None if at.where == 'all' else places[0]))
+            )
+        return out
+
+    def effort_share(self, unit: str) -> float:
+        """Return the factor on the bounds of an effect's parameter, see `EffectParameter`."""
+        limit = self.limit if math.isfinite(self.limit) else 100.0 * self.machine.effort_noise
+        if unit == '1/W':
+            return 1.0 / (limit * self.gear)
+        return limit if unit.startswith('effort') else 1.0
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The free parameters, in the order of theta's columns."""
+        return self._parameters
+
+    @property
+    def _closed(self) -> bool:
+        """Whether controllers follow a set-point."""
+        return self.data.command_position is not None and self.data.command_velocity is not None
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The drives whose torque is compared."""
+        return self.drives
+
+    @property
+    def output_unit(self) -> str:
+        """Unit of the output and of the cost."""
+        return self.machine.model_unit
+
+    @property
+    def measured(self) -> Array:
+        """(D, K) measured output of `outputs`; NaN at cycles without a sample."""
+        index = [self.data.names.index(name) for name in self.drives]
+        assert self.data.effort is not None
+        return np.ascontiguousarray(self.data.effort[index])
+
+    # ------------------------------------------------------------------ candidates to rows
+
+    @abstractmethod
+    def _constants(self) -> Array:
+        """Return (R,) rows of what the machine file knows, the rest neutral."""
+
+    def _drive_constants(self, base: Array) -> None:
+        controller, drive = self.machine.controller, self.machine.drive
+        for d in range(len(self.machine.drives)):
+            base[rows.row_of('torque_limit', d)] = self.limit
+            base[rows.row_of('motor_turn', d)] = self.turn
+            base[rows.row_of('rail_mass', d)] = constant(drive, 'rail_mass', 'drive', 0.0)
+            for key in ('position_gain', 'velocity_gain', 'integral_gain'):
+                if key != 'integral_gain' and key not in controller and self._closed:
+                    raise IdentError(
+                        ErrorCode.BAD_MACHINE_FILE,
+                        f'the log holds a set-point but the machine file no controller.{key}; add '
+                        'it, or name a command topic that is not there and let the recorded '
+                        'motion drive the model',
+                    )
+                base[rows.row_of(key, d)] = constant(controller, key, 'controller', 0.0)
+
+    def rows(self, theta: Array) -> Array:
+        """Return (S, R) kernel rows of (S, N) candidates in physical units."""
+        theta = np.atleast_2d(np.asarray(theta, dtype=float))
+        if theta.shape[1] != len(self._parameters):
+            raise ValueError(
+                f'theta has {theta.shape[1]} columns, the model {len(self._parameters)} parameters'
+            )
+        block = np.repeat(self._base[None], len(theta), axis=0)
+        values: dict[tuple[str, int | None], Array] = {}
+        for d, drive in enumerate(self.machine.drives):
+            for name in self.machine.bounds:
+                if f'{drive}.{name}' in self.fixed:
+                    values[name, d] = np.full(len(theta), self.fixed[f'{drive}.{name}'])
+        for parameter, target in self._all:
+            if parameter.name in self.fixed:
+                values[target] = np.full(len(theta), self.fixed[parameter.name])
+        for column, target in enumerate(self._targets):
+            values[target] = theta[:, column]
+        self._follow(values)
+        drives = range(len(self.machine.drives))
+        for (name, index), value in values.items():
+            if name in SLOTS:
+                self._fill(block, name, drives if index is None else [index], value)
+        for d in drives:
+            self._finish_drive(block, d)
+        for at in self.effects:
+            effect = get_effect(at.effect)
+            place = None if at.where == 'all' else self._places(at)[0]
+            for number, p in enumerate(effect.parameters):
+                value = values[f'{effect.id}.{p.name}', place]
+                if p.target:
+                    self._shift(block, p.target, p.how, self._places(at), value)
+                else:
+                    for d in self._places(at):
+                        start = rows.MACHINE_COUNT + d * rows.DRIVE_COUNT
+                        block[:, start + rows.effect_row(effect.id) + number] = value
+        for flexible in np.flatnonzero(self._flexible):
+            self._split(block, int(flexible))
+        return block
+
+    def _follow(self, values: dict[tuple[str, int | None], Array]) -> None:
+        """Give drives that only follow the mean of the identified ones, unless they are known.
+
+        Their gears still move the carriages: with those of the nominal machine, stiff, the torque
+        of the others would be far off.
+        """
+        chosen = [self.machine.drives.index(name) for name in self.drives]
+        for d, drive in enumerate(self.machine.drives):
+            if d in chosen:
+                continue
+            for name in self.machine.bounds:
+                if not SLOTS[name].shared and f'{drive}.{name}' not in self.fixed:
+                    values[name, d] = np.mean([values[name, c] for c in chosen], axis=0)
+
+    def _fill(self, block: Array, name: str, drives: Sequence[int] | range, value: Array) -> None:
+        row = SLOTS[name].row
+        if row in rows.MACHINE_ROWS:
+            block[:, rows.row_of(row)] = value
+            return
+        factor = self.gear**2 if name == 'drive_inertia' else 1.0
+        for d in drives:
+            block[:, rows.row_of(row, d)] = value * factor
+
+    def _finish_drive(self, block: Array, d: int) -> None:
+        """Turn the damping ratio into a damping constant, eq. 23 of the paper."""
+        damping = rows.row_of('gear_damping', d)
+        motor = block[:, rows.row_of('motor_mass', d)]
+        rail = block[:, rows.row_of('rail_mass', d)]
+        both = np.maximum(motor + rail, 1e-12)
+        root = np.sqrt(
+            np.maximum(block[:, rows.row_of('gear_stiffness', d)] * motor * rail / both, 0.0)
+        )
+        block[:, damping] *= 2.0 * root
+
+    @staticmethod
+    def _split(block: Array, d: int) -> None:
+        """Hang a share of a rigid drive's mass on a spring behind the motor."""
+        motor, rail = rows.row_of('motor_mass', d), rows.row_of('rail_mass', d)
+        share = np.clip(block[:, rows.row_of('load_share', d)], 1e-3, 0.999)
+        mass = block[:, motor] + block[:, rail]
+        block[:, motor], block[:, rail] = mass * (1.0 - share), mass * share
+        reduced = mass * share * (1.0 - share)
+        omega = 2.0 * math.pi * block[:, rows.row_of('load_frequency', d)]
+        block[:, rows.row_of('gear_stiffness', d)] = reduced * omega**2
+        damping = 2.0 * block[:, rows.row_of('load_damping', d)] * omega
+        block[:, rows.row_of('gear_damping', d)] = reduced * damping
+
+    @staticmethod
+    def _shift(block: Array, target: str, how: str, drives: Sequence[int], value: Array) -> None:
+        places = [None] if target in rows.MACHINE_ROWS else list(drives)
+        for d in places:
+            row = rows.row_of(target, d)
+            if how == 'scale':
+                block[:, row] *= value
+            elif how == 'set':
+                block[:, row] = value
+            else:
+                block[:, row] += value
+
+    def work(self, theta: Array) -> npt.NDArray[np.int64]:
+        """Return (S,) integration steps in a cycle that candidates (S, N) take near standstill.
+
+        Candidates of the same number share a vector; batches sorted by it are simulated faster.
+        """
+        return self._steps(self.rows(theta))
+
+    def _steps(self, block: Array, *, fast: bool = False) -> npt.NDArray[np.int64]:
+        """Return (S,) integration steps in a cycle, by the gear's and the friction's stiffness.
+
+        The limits come from the convergence study in `docs/convergence.md`. While all drives move
+        `fast`, friction is as good as constant and the gear alone counts.
+        """
+        if self.substeps is not None:
+            return np.full(len(block), self.substeps, dtype=np.int64)
+        need = np.ones(len(block))
+        for d in range(len(self.machine.drives)):
+            motor = np.maximum(block[:, rows.row_of('motor_mass', d)], 1e-9)
+            rail = block[:, rows.row_of('rail_mass', d)]
+            if not fast:
+                slope = (
+                    self.gear
+                    * block[:, rows.row_of('coulomb', d)]
+                    / (self.eps * (motor + (rail if self.stiff[d] else 0.0)))
+                )
+                need = np.maximum(need, self.cycle * slope / 1.5)
+            if not self.stiff[d]:
+                inverse = 1.0 / motor + 1.0 / np.maximum(rail, 1e-9)
+                omega = np.sqrt(block[:, rows.row_of('gear_stiffness', d)] * inverse)
+                rate = block[:, rows.row_of('gear_damping', d)] * inverse
+                need = np.maximum(need, self.cycle * np.maximum(omega / 0.45, rate / 0.9))
+        steps: npt.NDArray[np.int64] = np.clip(np.ceil(need), 1, 64).astype(np.int64)
+        return steps
+
+    @property
+    def rigid(self) -> bool:
+        """Whether nominally motor and carriage move as one mass."""
+        return False
+
+    @property
+    def stiff(self) -> npt.NDArray[np.bool_]:
+        """(D,) whether motor and carriage of a drive move as one mass, effects included."""
+        out: npt.NDArray[np.bool_] = (
+            np.full(len(self.machine.drives), self.rigid) & ~self._flexible
+        )
+        return out
+
+    # ------------------------------------------------------------------ inputs and simulation
+
+    def _inputs(self) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+        data = self.data
+        order = [data.names.index(name) for name in self.machine.drives]
+        count = data.cycles
+        mode = np.full(len(order), drive_kernel.PRESCRIBED, dtype=np.int64)
+        command = np.zeros(2 * len(order) * count)
+        motion = np.zeros(0)
+        if self._closed:
+            assert data.command_position is not None and data.command_velocity is not None
+            command = np.concatenate(
+                [data.command_position[order].ravel(), data.command_velocity[order].ravel()]
+            )
+            for name in self.drives:
+                mode[self.machine.drives.index(name)] = drive_kernel.CLOSED_LOOP
+        if (mode == drive_kernel.PRESCRIBED).any():
+            if data.position is None:
+                raise IdentError(
+                    ErrorCode.MISSING_STREAM,
+                    'there is neither a command nor a measured position to drive the model; '
+                    'record joint_states with positions or joint_command',
+                )
+            from ros2_ident.recording import smooth_motion
+
+            # A slow log holds nothing above half its rate, and its smoothing needs some room.
+            rate = np.isfinite(data.position[order]).mean() / data.cycle
+            cutoff = min(self.cutoff, 0.2 * float(rate))
+            # A commanded torque holds until the next cycle: what it caused is, on average, the
+            # motion half a cycle later.
+            ahead = 0.0 if self._closed else _HOLD
+            smooth = smooth_motion(data.position[order], data.cycle, cutoff, ahead)
+            motion = np.concatenate([np.asarray(part).ravel() for part in smooth])
+        return command, motion, mode
+
+    @property
+    def _flags(self) -> npt.NDArray[np.int64] | None:
+        """(D,) flags of the effects; None where none is on: their hooks are not compiled then."""
+        return self._on if self._on.any() else None
+
+    @property
+    @abstractmethod
+    def _state(self) -> int:
+        """Numbers of each block that go on from a part of the log to the next."""
+
+    @abstractmethod
+    def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
+        """Run the compiled simulation over a part of the log; see `tripod_kernel.simulate`."""
+
+    def _simulated(
+        self, theta: Array, task: Task, stop: Callable[[], bool] | None = None
+    ) -> Array:
+        """Simulate candidates (S, N), those of equal work side by side; return `task.out`."""
+        block = self.rows(theta)
+        steps = np.stack([self._steps(block, fast=True), self._steps(block)], axis=1)
+        order = np.lexsort(steps.T)
+        width = lanes.WIDTH
+        groups = -(-len(order) // width)
+        places = np.full(groups * width, -1, dtype=np.int64)
+        places[: len(order)] = order
+        group = Group(
+            lanes.padded(block[order]).reshape(groups, -1),
+            places.reshape(groups, width),
+            lanes.padded(steps[order].astype(float)).reshape(groups, -1),
+            np.empty((groups, self._state)),
+        )
+        cycles = task.wanted.shape[1]
+        whole = stop is None and not np.isfinite(task.limits).any()
+        part = cycles if whole else PART
+        for begin in range(0, cycles, part):
+            if stop is not None and stop():
+                task.out.fill(math.inf)
+                break
+            self._run(group, begin, min(begin + part, cycles), task)
+            group = group.moved_together()
+            if not len(group.rows):
+                break
+        return task.out
+
+    def simulate(self, theta: Array) -> Array:
+        """Return the logged torque of every candidate.
+
+        Args:
+            theta: (S, N) candidates, physical units, in the order of `parameters`.
+
+        Returns:
+            (S, D, K) torque of `outputs` at every controller cycle [`output_unit`]; inf where a
+            candidate diverged.
+        """
+        every = np.ones((len(self.drives), self._cycles), dtype=bool)
+        return self.simulate_at(theta, every).reshape(-1, *every.shape)
+
+    def simulate_at(self, theta: Array, there: npt.NDArray[np.bool_]) -> Array:
+        """Return (S, R) what `simulate` does where `there` (D, K) holds, drive by drive."""
+        theta = np.atleast_2d(np.asarray(theta, dtype=float))
+        out = np.empty((len(theta), int(there.sum())))
+        return self._simulated(theta, self._task(there, out))
+
+    def replay_law(
+        self, seen: RecordedMotion, theta: Array, there: npt.NDArray[np.bool_]
+    ) -> Array:
+        """Return what the log would hold if the controllers alone were the model's.
+
+        They are fed with the recorded motion; no machine is simulated.
+
+        Args:
+            seen: The recording's motion, of all the machine's drives.
+            theta: (S, N) candidates.
+            there: (D, K) cycles of `outputs` that are wanted.
+
+        Returns:
+            (S, R) effort, drive by drive [`output_unit`]. Each drive's is known but for a
+            constant: a log does not show what an integral part held before.
+        """
+        block = self.rows(theta)
+        groups = -(-len(block) // lanes.WIDTH)
+        places = np.full(groups * lanes.WIDTH, -1, dtype=np.int64)
+        places[: len(block)] = np.arange(len(block))
+        task = self._task(there, np.empty((len(block), int(there.sum()))))
+        law_kernel.replay(
+            lanes.padded(block).reshape(groups, -1),
+            places.reshape(groups, lanes.WIDTH),
+            np.empty(law_kernel.room(len(self.machine.drives))),
+            self._command,
+            seen.values,
+            seen.hold,
+            self._on,
+            self._delayed,
+            self.gear,
+            self.cycle,
+            self.law,
+            self.feedforward,
+            *task,
+        )
+        return task.out
+
+    def costs(
+        self,
+        theta: Array,
+        limit: float | Array = math.inf,
+        stop: Callable[[], bool] | None = None,
+    ) -> Array:
+        """Return the costs of candidates, eq. 2.
+
+        Args:
+            theta: (S, N) candidates.
+            limit: Cost above which a candidate need not be simulated to the end; one for all, or
+                (S,).
+            stop: Asked now and then; where it says True, nobody needs the result any more.
+
+        Returns:
+            (S,) costs [`output_unit`]; inf where a candidate diverged. Where one is above `limit`
+            it is a lower bound of the cost.
+        """
+        theta = np.atleast_2d(np.asarray(theta, dtype=float))
+        limits = np.empty(len(theta))
+        limits[:] = limit
+        task = self._costing._replace(limits=limits, out=np.empty((len(theta), 1)))
+        return self._simulated(theta, task, stop)[:, 0]
+
+    @functools.cached_property
+    def _costing(self) -> Task:
+        """The task of summing costs, but for what belongs to the candidates."""
+        measured = self.measured
+        wanted = np.full((len(self.machine.drives), measured.shape[1] + 1), np.nan)
+        wanted[self._chosen_rows, :-1] = measured
+        return self._task(~np.isnan(measured), np.empty((0, 1)))._replace(measured=wanted)
+
+    def residuals(self, theta: Array) -> Array:
+        """Return (S, R) measured less simulated torque, drive by drive (eq. 1)."""
+        measured = self.measured
+        there = ~np.isnan(measured)
+        out = self.simulate_at(theta, there)
+        return np.subtract(measured[there], out, out=out)
+
+    @property
+    def _cycles(self) -> int:
+        return self._command.size // (2 * len(self.machine.drives))
+
+    @property
+    def _chosen_rows(self) -> list[int]:
+        return [self.machine.drives.index(name) for name in self.drives]
+
+    def _task(self, there: npt.NDArray[np.bool_], out: Array) -> Task:
+        """Return the task of writing the torque of `outputs` where `there` (D, K) holds."""
+        drives = len(self.machine.drives)
+        wanted = np.full((drives, there.shape[1]), -1, dtype=np.int64)
+        columns = np.full(there.shape, -1, dtype=np.int64)
+        columns[there] = np.arange(int(there.sum()))
+        wanted[self._chosen_rows] = columns
+        return Task(wanted, np.empty((0, 0)), (wanted >= 0).sum(axis=1), np.empty(0), out)
