@@ -37,7 +37,7 @@ def test_the_index_lists_every_page() -> None:
 
 
 def test_the_page_on_the_models_names_every_parameter() -> None:
-    from ros2_ident.models.drives.model import SLOTS
+    from ros2_ident.models.drives.candidates import SLOTS
 
     text = (ROOT / 'docs/models.md').read_text(encoding='utf-8')
     for name in SLOTS:

@@ -17,7 +17,7 @@ from ros2_ident.machine.keys import KEYS, keys_of, KINDS
 from ros2_ident.machine.template import machine_template
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.models.belt_drive.model import BeltDrive, CONSTANTS, step_reference
-from ros2_ident.models.drives.model import SLOTS
+from ros2_ident.models.drives.candidates import SLOTS
 from ros2_ident.recording import Dataset, Stream, write_bag
 
 BAGS = {'tripod': ROOT / 'bags' / 'tripod_mixed', 'emps': ROOT / 'bags' / 'axis_reversals'}

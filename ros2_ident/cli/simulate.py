@@ -128,7 +128,7 @@ def _truth(machine: 'Machine', given: dict[str, float]) -> dict[str, float]:
         IdentError: UNKNOWN_PARAMETER where a name is not the machine's.
     """
     from ros2_ident.errors import ErrorCode, IdentError
-    from ros2_ident.models.drives.model import SLOTS
+    from ros2_ident.models.drives.candidates import SLOTS
 
     truth: dict[str, float] = {}
     left = dict(given)

@@ -14,7 +14,7 @@ from ros2_ident.identify.data import chosen_drives, Data
 from ros2_ident.identify.result import DriveResidual
 from ros2_ident.kernel.hooks import sources_digest
 from ros2_ident.models import DriveModel, EffectAt, Machine, make_model, Parameter
-from ros2_ident.models.drives.model import SLOTS
+from ros2_ident.models.drives.candidates import SLOTS
 
 Array = npt.NDArray[np.float64]
 T = TypeVar('T')

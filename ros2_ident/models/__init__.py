@@ -7,7 +7,8 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.file import load_machine, machine_from_mapping
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
-from ros2_ident.models.drives.model import DriveModel, EffectAt
+from ros2_ident.models.drives.candidates import EffectAt
+from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.linear_axis.model import LinearAxis
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset

@@ -3,7 +3,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 import functools
 import math
 
@@ -11,14 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident import lanes
-from ros2_ident.effects import Effect, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import drive as drive_kernel
 from ros2_ident.kernel import law as law_kernel
 from ros2_ident.kernel import rows
 from ros2_ident.kernel.group import Group, PART, Task
-from ros2_ident.machine.machine import angular, constant, Machine
-from ros2_ident.machine.parameter import Kind, Parameter
+from ros2_ident.machine.machine import constant, Machine
+from ros2_ident.machine.parameter import Parameter
+from ros2_ident.models.drives.candidates import Candidates, EffectAt
 from ros2_ident.models.drives.recorded import RecordedMotion
 from ros2_ident.recording import Dataset
 
@@ -26,42 +25,6 @@ Array = npt.NDArray[np.float64]
 
 # Middle of the time a commanded torque holds, in cycles.
 _HOLD = 0.5
-
-
-@dataclass(frozen=True)
-class Slot:
-    """Where a nominal parameter goes: the rows it fills, and what it is."""
-
-    row: str
-    shared: bool
-    kind: Kind
-    source: str
-
-
-_PAPER = 'Ludwig and Gerstmayr 2011, Table 3'
-SLOTS: Mapping[str, Slot] = {
-    'measurement_delay': Slot('effort_delay', True, 'measurement', _PAPER),
-    'gear_stiffness': Slot('gear_stiffness', False, 'physical', _PAPER),
-    'gear_damping_ratio': Slot('gear_damping', False, 'physical', f'{_PAPER}, eq. 23'),
-    'tool_mass': Slot('tool_mass', True, 'physical', _PAPER),
-    'drive_inertia': Slot('motor_mass', False, 'physical', _PAPER),
-    'moving_mass': Slot('rail_mass', False, 'physical', 'Newton; motor and carriage as one mass'),
-    'coulomb_torque': Slot('coulomb', False, 'physical', 'Coulomb 1785'),
-    'viscous_torque': Slot('viscous', False, 'physical', 'linear viscous friction'),
-    'coulomb_friction': Slot('coulomb', False, 'physical', 'Coulomb 1785'),
-    'viscous_friction': Slot('viscous', False, 'physical', 'linear viscous friction'),
-    'constant_force': Slot(
-        'effort_bias', False, 'physical', 'Janot, Gautier, Brunot 2019, offset'
-    ),
-}
-
-
-@dataclass(frozen=True)
-class EffectAt:
-    """An effect and where it sits: a drive's name, or `all`."""
-
-    effect: str
-    where: str
 
 
 class DriveModel(ABC):
@@ -122,25 +85,9 @@ class DriveModel(ABC):
                 f'controller.law is {law!r}; write cascade_pi or cascade_p',
             )
         self.law = int(law == 'cascade_p')
-        self._parameters, self._targets = self._declare()
-        self._base = self._constants()
-        self._on = np.zeros(len(machine.drives), dtype=np.int64)
-        for at in self.effects:
-            effect = get_effect(at.effect)
-            if effect.hook is not Hook.PARAMETER:
-                for d in self._places(at):
-                    self._on[d] |= rows.bit(effect.id)
-        targets = {p.target for at in self.effects for p in get_effect(at.effect).parameters}
-        places = [self._places(at) for at in self.effects if at.effect == 'gear_flexibility']
-        if places and not self.rigid:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                'gear_flexibility has no place in a machine whose gear is elastic already; '
-                'its parameter is gear_stiffness',
-            )
-        self._flexible = np.isin(np.arange(len(machine.drives)), [d for p in places for d in p])
-        self._delayed = 'command_delay' in targets
-        self._frame = 'frame_frequency' in targets
+        self.candidates = Candidates(
+            machine, self.drives, self.effects, self.fixed, self._constants(), self.rigid
+        )
         self._command, self._motion, self._mode = self._inputs()
 
     # ------------------------------------------------------------------ declaration
@@ -156,85 +103,10 @@ class DriveModel(ABC):
                 )
         return tuple(n for n in known if n in chosen)
 
-    def _places(self, at: EffectAt) -> list[int]:
-        if at.where == 'all':
-            return list(range(len(self.machine.drives)))
-        if at.where not in self.machine.drives:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'{at.effect} cannot sit on {at.where!r}; '
-                f'choose from {", ".join(self.machine.drives)} or all',
-            )
-        return [self.machine.drives.index(at.where)]
-
-    def _declare(self) -> tuple[tuple[Parameter, ...], list[tuple[str, int | None]]]:
-        """Return the free parameters, and for each its base name and drive."""
-        declared: list[tuple[Parameter, tuple[str, int | None]]] = []
-        for name, (low, high, unit) in self.machine.bounds.items():
-            slot = SLOTS.get(name)
-            if slot is None:
-                raise IdentError(
-                    ErrorCode.UNKNOWN_PARAMETER,
-                    f'machine file: the {self.name} model has no parameter {name!r}; '
-                    f'it knows {", ".join(SLOTS)}',
-                )
-            for drive in [None] if slot.shared else self.drives:
-                full = name if drive is None else f'{drive}.{name}'
-                index = None if drive is None else self.machine.drives.index(drive)
-                declared.append(
-                    (Parameter(full, unit, low, high, slot.kind, slot.source), (name, index))
-                )
-        for at in self.effects:
-            declared += self._declare_effect(get_effect(at.effect), at)
-        names = {p.name for p, _ in declared} | {
-            f'{d}.{n}' for d in self.machine.drives for n in self.machine.bounds
-        }
-        for name in self.fixed:
-            if name not in names:
-                raise IdentError(
-                    ErrorCode.UNKNOWN_PARAMETER,
-                    f'{name!r} cannot be fixed: no such parameter; '
-                    f'the model has {", ".join(sorted(names))}',
-                )
-        free = [entry for entry in declared if entry[0].name not in self.fixed]
-        self._all = declared
-        return tuple(p for p, _ in free), [t for _, t in free]
-
-    def _declare_effect(
-        self, effect: Effect, at: EffectAt
-    ) -> list[tuple[Parameter, tuple[str, int | None]]]:
-        places = self._places(at)
-        kind: Kind = 'measurement' if effect.group == 'measurement' else 'physical'
-        prefix = effect.id if at.where == 'all' else f'{at.where}.{effect.id}'
-        effort = self.machine.model_unit
-        turns = self.machine.travel_unit == 'rad'
-        out: list[tuple[Parameter, tuple[str, int | None]]] = []
-        for p in effect.parameters:
-            scale = self.effort_share(p.unit)
-            declared = Parameter(
-                f'{prefix}.{p.name}',
-                (angular(p.unit) if turns else p.unit).replace('effort', effort),
-                p.low * scale,
-                p.high * scale,
-                kind,
-                effect.source,
-            )
-            out.append(
-                (declared, (f'{effect.id}.{p.name}', None if at.where == 'all' else places[0]))
-            )
-        return out
-
-    def effort_share(self, unit: str) -> float:
-        """Return the factor on the bounds of an effect's parameter, see `EffectParameter`."""
-        limit = self.limit if math.isfinite(self.limit) else 100.0 * self.machine.effort_noise
-        if unit == '1/W':
-            return 1.0 / (limit * self.gear)
-        return limit if unit.startswith('effort') else 1.0
-
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The free parameters, in the order of theta's columns."""
-        return self._parameters
+        return self.candidates.free
 
     @property
     def _closed(self) -> bool:
@@ -282,102 +154,11 @@ class DriveModel(ABC):
 
     def rows(self, theta: Array) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units."""
-        theta = np.atleast_2d(np.asarray(theta, dtype=float))
-        if theta.shape[1] != len(self._parameters):
-            raise ValueError(
-                f'theta has {theta.shape[1]} columns, the model {len(self._parameters)} parameters'
-            )
-        block = np.repeat(self._base[None], len(theta), axis=0)
-        values: dict[tuple[str, int | None], Array] = {}
-        for d, drive in enumerate(self.machine.drives):
-            for name in self.machine.bounds:
-                if f'{drive}.{name}' in self.fixed:
-                    values[name, d] = np.full(len(theta), self.fixed[f'{drive}.{name}'])
-        for parameter, target in self._all:
-            if parameter.name in self.fixed:
-                values[target] = np.full(len(theta), self.fixed[parameter.name])
-        for column, target in enumerate(self._targets):
-            values[target] = theta[:, column]
-        self._follow(values)
-        drives = range(len(self.machine.drives))
-        for (name, index), value in values.items():
-            if name in SLOTS:
-                self._fill(block, name, drives if index is None else [index], value)
-        for d in drives:
-            self._finish_drive(block, d)
-        for at in self.effects:
-            effect = get_effect(at.effect)
-            place = None if at.where == 'all' else self._places(at)[0]
-            for number, p in enumerate(effect.parameters):
-                value = values[f'{effect.id}.{p.name}', place]
-                if p.target:
-                    self._shift(block, p.target, p.how, self._places(at), value)
-                else:
-                    for d in self._places(at):
-                        start = rows.MACHINE_COUNT + d * rows.DRIVE_COUNT
-                        block[:, start + rows.effect_row(effect.id) + number] = value
-        for flexible in np.flatnonzero(self._flexible):
-            self._split(block, int(flexible))
-        return block
+        return self.candidates.rows(theta)
 
-    def _follow(self, values: dict[tuple[str, int | None], Array]) -> None:
-        """Give drives that only follow the mean of the identified ones, unless they are known.
-
-        Their gears still move the carriages: with those of the nominal machine, stiff, the torque
-        of the others would be far off.
-        """
-        chosen = [self.machine.drives.index(name) for name in self.drives]
-        for d, drive in enumerate(self.machine.drives):
-            if d in chosen:
-                continue
-            for name in self.machine.bounds:
-                if not SLOTS[name].shared and f'{drive}.{name}' not in self.fixed:
-                    values[name, d] = np.mean([values[name, c] for c in chosen], axis=0)
-
-    def _fill(self, block: Array, name: str, drives: Sequence[int] | range, value: Array) -> None:
-        row = SLOTS[name].row
-        if row in rows.MACHINE_ROWS:
-            block[:, rows.row_of(row)] = value
-            return
-        factor = self.gear**2 if name == 'drive_inertia' else 1.0
-        for d in drives:
-            block[:, rows.row_of(row, d)] = value * factor
-
-    def _finish_drive(self, block: Array, d: int) -> None:
-        """Turn the damping ratio into a damping constant, eq. 23 of the paper."""
-        damping = rows.row_of('gear_damping', d)
-        motor = block[:, rows.row_of('motor_mass', d)]
-        rail = block[:, rows.row_of('rail_mass', d)]
-        both = np.maximum(motor + rail, 1e-12)
-        root = np.sqrt(
-            np.maximum(block[:, rows.row_of('gear_stiffness', d)] * motor * rail / both, 0.0)
-        )
-        block[:, damping] *= 2.0 * root
-
-    @staticmethod
-    def _split(block: Array, d: int) -> None:
-        """Hang a share of a rigid drive's mass on a spring behind the motor."""
-        motor, rail = rows.row_of('motor_mass', d), rows.row_of('rail_mass', d)
-        share = np.clip(block[:, rows.row_of('load_share', d)], 1e-3, 0.999)
-        mass = block[:, motor] + block[:, rail]
-        block[:, motor], block[:, rail] = mass * (1.0 - share), mass * share
-        reduced = mass * share * (1.0 - share)
-        omega = 2.0 * math.pi * block[:, rows.row_of('load_frequency', d)]
-        block[:, rows.row_of('gear_stiffness', d)] = reduced * omega**2
-        damping = 2.0 * block[:, rows.row_of('load_damping', d)] * omega
-        block[:, rows.row_of('gear_damping', d)] = reduced * damping
-
-    @staticmethod
-    def _shift(block: Array, target: str, how: str, drives: Sequence[int], value: Array) -> None:
-        places = [None] if target in rows.MACHINE_ROWS else list(drives)
-        for d in places:
-            row = rows.row_of(target, d)
-            if how == 'scale':
-                block[:, row] *= value
-            elif how == 'set':
-                block[:, row] = value
-            else:
-                block[:, row] += value
+    def effort_share(self, unit: str) -> float:
+        """Return the factor on the bounds of an effect's parameter, see `EffectParameter`."""
+        return self.candidates.effort_share(unit)
 
     def work(self, theta: Array) -> npt.NDArray[np.int64]:
         """Return (S,) integration steps in a cycle that candidates (S, N) take near standstill.
@@ -422,7 +203,7 @@ class DriveModel(ABC):
     def stiff(self) -> npt.NDArray[np.bool_]:
         """(D,) whether motor and carriage of a drive move as one mass, effects included."""
         out: npt.NDArray[np.bool_] = (
-            np.full(len(self.machine.drives), self.rigid) & ~self._flexible
+            np.full(len(self.machine.drives), self.rigid) & ~self.candidates.flexible
         )
         return out
 
@@ -464,7 +245,7 @@ class DriveModel(ABC):
     @property
     def _flags(self) -> npt.NDArray[np.int64] | None:
         """(D,) flags of the effects; None where none is on: their hooks are not compiled then."""
-        return self._on if self._on.any() else None
+        return self.candidates.on if self.candidates.on.any() else None
 
     @property
     @abstractmethod
@@ -552,8 +333,8 @@ class DriveModel(ABC):
             self._command,
             seen.values,
             seen.hold,
-            self._on,
-            self._delayed,
+            self.candidates.on,
+            self.candidates.delayed,
             self.gear,
             self.cycle,
             self.law,

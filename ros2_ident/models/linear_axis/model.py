@@ -80,7 +80,7 @@ class LinearAxis(DriveModel):
             self._begin,
             self._mode,
             self._flags,
-            self._delayed,
+            self.candidates.delayed,
             self.stiff,
             self.gear,
             self.eps,

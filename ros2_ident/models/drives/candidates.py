@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From named parameters to the rows that the kernels read."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.effects import Effect, get_effect, Hook
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.kernel import rows
+from ros2_ident.machine.machine import angular, constant, Machine
+from ros2_ident.machine.parameter import Kind, Parameter
+
+Array = npt.NDArray[np.float64]
+# A parameter without its drive, and the drive's number; None where all drives share it.
+Target = tuple[str, int | None]
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Where a nominal parameter goes: the rows it fills, and what it is."""
+
+    row: str
+    shared: bool
+    kind: Kind
+    source: str
+
+
+_PAPER = 'Ludwig and Gerstmayr 2011, Table 3'
+SLOTS: Mapping[str, Slot] = {
+    'measurement_delay': Slot('effort_delay', True, 'measurement', _PAPER),
+    'gear_stiffness': Slot('gear_stiffness', False, 'physical', _PAPER),
+    'gear_damping_ratio': Slot('gear_damping', False, 'physical', f'{_PAPER}, eq. 23'),
+    'tool_mass': Slot('tool_mass', True, 'physical', _PAPER),
+    'drive_inertia': Slot('motor_mass', False, 'physical', _PAPER),
+    'moving_mass': Slot('rail_mass', False, 'physical', 'Newton; motor and carriage as one mass'),
+    'coulomb_torque': Slot('coulomb', False, 'physical', 'Coulomb 1785'),
+    'viscous_torque': Slot('viscous', False, 'physical', 'linear viscous friction'),
+    'coulomb_friction': Slot('coulomb', False, 'physical', 'Coulomb 1785'),
+    'viscous_friction': Slot('viscous', False, 'physical', 'linear viscous friction'),
+    'constant_force': Slot(
+        'effort_bias', False, 'physical', 'Janot, Gautier, Brunot 2019, offset'
+    ),
+}
+
+
+@dataclass(frozen=True)
+class EffectAt:
+    """An effect and where it sits: a drive's name, or `all`."""
+
+    effect: str
+    where: str
+
+
+class Candidates:
+    """The parameters of a machine with effects, and the rows of candidates.
+
+    Args:
+        machine: The machine.
+        drives: Drives whose parameters are free; the others follow their mean.
+        effects: Effects besides the nominal physics.
+        fixed: Values of parameters that are not to be identified, by name.
+        base: (R,) rows of what the machine file knows, the rest neutral.
+        rigid: Whether nominally motor and carriage move as one mass.
+
+    Attributes:
+        free: The parameters, in the order of theta's columns.
+        on: (D,) flags of the effects that have a kernel.
+        flexible: (D,) where an effect hangs a share of a rigid drive's mass on a spring.
+        delayed: Whether an effect delays set-points.
+        frame: Whether an effect lets the frame move.
+
+    Raises:
+        IdentError: INVALID_GOAL or UNKNOWN_PARAMETER with the remedy.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        drives: Sequence[str],
+        effects: Sequence[EffectAt],
+        fixed: Mapping[str, float],
+        base: Array,
+        rigid: bool,
+    ) -> None:
+        self._machine = machine
+        self._drives = tuple(drives)
+        self._effects = tuple(effects)
+        self._fixed = dict(fixed)
+        self._base = base
+        self._gear = constant(machine.drive, 'gear_factor', 'drive', 1.0)
+        self._limit = constant(machine.controller, 'torque_limit', 'controller', math.inf)
+        self._all = self._declared()
+        self._known_names()
+        free = [entry for entry in self._all if entry[0].name not in self._fixed]
+        self.free: tuple[Parameter, ...] = tuple(p for p, _ in free)
+        self._targets = [target for _, target in free]
+        self.on = np.zeros(len(machine.drives), dtype=np.int64)
+        for at in self._effects:
+            effect = get_effect(at.effect)
+            if effect.hook is not Hook.PARAMETER:
+                for d in self._places(at):
+                    self.on[d] |= rows.bit(effect.id)
+        targets = {p.target for at in self._effects for p in get_effect(at.effect).parameters}
+        places = [self._places(at) for at in self._effects if at.effect == 'gear_flexibility']
+        if places and not rigid:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                'gear_flexibility has no place in a machine whose gear is elastic already; '
+                'its parameter is gear_stiffness',
+            )
+        self.flexible: npt.NDArray[np.bool_] = np.isin(
+            np.arange(len(machine.drives)), [d for p in places for d in p]
+        )
+        self.delayed = 'command_delay' in targets
+        self.frame = 'frame_frequency' in targets
+
+    # ------------------------------------------------------------------ declaration
+
+    def _places(self, at: EffectAt) -> list[int]:
+        if at.where == 'all':
+            return list(range(len(self._machine.drives)))
+        if at.where not in self._machine.drives:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{at.effect} cannot sit on {at.where!r}; '
+                f'choose from {", ".join(self._machine.drives)} or all',
+            )
+        return [self._machine.drives.index(at.where)]
+
+    def _declared(self) -> list[tuple[Parameter, Target]]:
+        """Return all parameters, held ones included, each with where it goes."""
+        declared: list[tuple[Parameter, Target]] = []
+        for name, (low, high, unit) in self._machine.bounds.items():
+            slot = SLOTS.get(name)
+            if slot is None:
+                raise IdentError(
+                    ErrorCode.UNKNOWN_PARAMETER,
+                    f'machine file: the {self._machine.kind} model has no parameter {name!r}; '
+                    f'it knows {", ".join(SLOTS)}',
+                )
+            for drive in [None] if slot.shared else self._drives:
+                full = name if drive is None else f'{drive}.{name}'
+                index = None if drive is None else self._machine.drives.index(drive)
+                declared.append(
+                    (Parameter(full, unit, low, high, slot.kind, slot.source), (name, index))
+                )
+        for at in self._effects:
+            declared += self._of_effect(get_effect(at.effect), at)
+        return declared
+
+    def _of_effect(self, effect: Effect, at: EffectAt) -> list[tuple[Parameter, Target]]:
+        places = self._places(at)
+        kind: Kind = 'measurement' if effect.group == 'measurement' else 'physical'
+        prefix = effect.id if at.where == 'all' else f'{at.where}.{effect.id}'
+        effort = self._machine.model_unit
+        turns = self._machine.travel_unit == 'rad'
+        out: list[tuple[Parameter, Target]] = []
+        for p in effect.parameters:
+            scale = self.effort_share(p.unit)
+            declared = Parameter(
+                f'{prefix}.{p.name}',
+                (angular(p.unit) if turns else p.unit).replace('effort', effort),
+                p.low * scale,
+                p.high * scale,
+                kind,
+                effect.source,
+            )
+            out.append(
+                (declared, (f'{effect.id}.{p.name}', None if at.where == 'all' else places[0]))
+            )
+        return out
+
+    def _known_names(self) -> None:
+        """Refuse to hold what is no parameter."""
+        names = {p.name for p, _ in self._all} | {
+            f'{d}.{n}' for d in self._machine.drives for n in self._machine.bounds
+        }
+        for name in self._fixed:
+            if name not in names:
+                raise IdentError(
+                    ErrorCode.UNKNOWN_PARAMETER,
+                    f'{name!r} cannot be fixed: no such parameter; '
+                    f'the model has {", ".join(sorted(names))}',
+                )
+
+    def effort_share(self, unit: str) -> float:
+        """Return the factor on the bounds of an effect's parameter, see `EffectParameter`."""
+        limit = self._limit if math.isfinite(self._limit) else 100.0 * self._machine.effort_noise
+        if unit == '1/W':
+            return 1.0 / (limit * self._gear)
+        return limit if unit.startswith('effort') else 1.0
+
+    # ------------------------------------------------------------------ rows
+
+    def rows(self, theta: Array) -> Array:
+        """Return (S, R) kernel rows of (S, N) candidates in physical units."""
+        theta = np.atleast_2d(np.asarray(theta, dtype=float))
+        if theta.shape[1] != len(self.free):
+            raise ValueError(
+                f'theta has {theta.shape[1]} columns, the model {len(self.free)} parameters'
+            )
+        block = np.repeat(self._base[None], len(theta), axis=0)
+        values = self._values(theta)
+        drives = range(len(self._machine.drives))
+        for (name, index), value in values.items():
+            if name in SLOTS:
+                self._fill(block, name, drives if index is None else [index], value)
+        for d in drives:
+            self._finish_drive(block, d)
+        for at in self._effects:
+            self._add_effect(block, at, values)
+        for flexible in np.flatnonzero(self.flexible):
+            self._split(block, int(flexible))
+        return block
+
+    def _values(self, theta: Array) -> dict[Target, Array]:
+        """Return every parameter's (S,) values: held, free, and of drives that only follow."""
+        values: dict[Target, Array] = {}
+        for d, drive in enumerate(self._machine.drives):
+            for name in self._machine.bounds:
+                if f'{drive}.{name}' in self._fixed:
+                    values[name, d] = np.full(len(theta), self._fixed[f'{drive}.{name}'])
+        for parameter, target in self._all:
+            if parameter.name in self._fixed:
+                values[target] = np.full(len(theta), self._fixed[parameter.name])
+        for column, target in enumerate(self._targets):
+            values[target] = theta[:, column]
+        self._follow(values)
+        return values
+
+    def _follow(self, values: dict[Target, Array]) -> None:
+        """Give drives that only follow the mean of the identified ones, unless they are known.
+
+        Their gears still move the carriages: with those of the nominal machine, stiff, the torque
+        of the others would be far off.
+        """
+        chosen = [self._machine.drives.index(name) for name in self._drives]
+        for d, drive in enumerate(self._machine.drives):
+            if d in chosen:
+                continue
+            for name in self._machine.bounds:
+                if not SLOTS[name].shared and f'{drive}.{name}' not in self._fixed:
+                    values[name, d] = np.mean([values[name, c] for c in chosen], axis=0)
+
+    def _fill(self, block: Array, name: str, drives: Sequence[int] | range, value: Array) -> None:
+        row = SLOTS[name].row
+        if row in rows.MACHINE_ROWS:
+            block[:, rows.row_of(row)] = value
+            return
+        factor = self._gear**2 if name == 'drive_inertia' else 1.0
+        for d in drives:
+            block[:, rows.row_of(row, d)] = value * factor
+
+    def _add_effect(self, block: Array, at: EffectAt, values: Mapping[Target, Array]) -> None:
+        effect = get_effect(at.effect)
+        place = None if at.where == 'all' else self._places(at)[0]
+        for number, p in enumerate(effect.parameters):
+            value = values[f'{effect.id}.{p.name}', place]
+            if p.target:
+                self._shift(block, p.target, p.how, self._places(at), value)
+                continue
+            for d in self._places(at):
+                start = rows.MACHINE_COUNT + d * rows.DRIVE_COUNT
+                block[:, start + rows.effect_row(effect.id) + number] = value
+
+    @staticmethod
+    def _finish_drive(block: Array, d: int) -> None:
+        """Turn the damping ratio into a damping constant, eq. 23 of the paper."""
+        damping = rows.row_of('gear_damping', d)
+        motor = block[:, rows.row_of('motor_mass', d)]
+        rail = block[:, rows.row_of('rail_mass', d)]
+        both = np.maximum(motor + rail, 1e-12)
+        root = np.sqrt(
+            np.maximum(block[:, rows.row_of('gear_stiffness', d)] * motor * rail / both, 0.0)
+        )
+        block[:, damping] *= 2.0 * root
+
+    @staticmethod
+    def _split(block: Array, d: int) -> None:
+        """Hang a share of a rigid drive's mass on a spring behind the motor."""
+        motor, rail = rows.row_of('motor_mass', d), rows.row_of('rail_mass', d)
+        share = np.clip(block[:, rows.row_of('load_share', d)], 1e-3, 0.999)
+        mass = block[:, motor] + block[:, rail]
+        block[:, motor], block[:, rail] = mass * (1.0 - share), mass * share
+        reduced = mass * share * (1.0 - share)
+        omega = 2.0 * math.pi * block[:, rows.row_of('load_frequency', d)]
+        block[:, rows.row_of('gear_stiffness', d)] = reduced * omega**2
+        damping = 2.0 * block[:, rows.row_of('load_damping', d)] * omega
+        block[:, rows.row_of('gear_damping', d)] = reduced * damping
+
+    @staticmethod
+    def _shift(block: Array, target: str, how: str, drives: Sequence[int], value: Array) -> None:
+        places = [None] if target in rows.MACHINE_ROWS else list(drives)
+        for d in places:
+            row = rows.row_of(target, d)
+            if how == 'scale':
+                block[:, row] *= value
+            elif how == 'set':
+                block[:, row] = value
+            else:
+                block[:, row] += value
