@@ -40,6 +40,7 @@ class Found:
         residual: (R,) measured less simulated effort there; empty where every candidate diverged.
         intervals: Confidence of the estimate, or None.
         cancelled: Whether the run was cancelled.
+        left_out: Whether a refinement was asked for and not begun.
         evaluations: Candidates simulated.
         seconds: Wall time, s.
         candidates: (E, N) candidates of the genetic algorithm.
@@ -53,6 +54,7 @@ class Found:
     residual: Array
     intervals: Intervals | None
     cancelled: bool
+    left_out: bool
     evaluations: int
     seconds: float
     candidates: Array
@@ -188,7 +190,7 @@ def _spent(found: Found) -> str:
     if found.ga.stop in (StopReason.EVALUATIONS, StopReason.SECONDS):
         return str(found.ga.stop.value)
     status = found.refined.status if found.refined else None
-    if status is RefineStatus.CANCELLED:
+    if status is RefineStatus.CANCELLED or found.left_out:
         return StopReason.SECONDS.value
     if status is RefineStatus.EVALUATIONS:
         return RefineStatus.EVALUATIONS.value

@@ -111,6 +111,7 @@ class Run:
             residual=residual,
             intervals=self._intervals(theta, residual, jacobian),
             cancelled=self.cancel is not None and self.cancel.is_set(),
+            left_out=self.settings.refine and refined is None,
             evaluations=ga.evaluations + (refined.evaluations if refined else 0) + extra,
             seconds=self.elapsed,
             candidates=np.concatenate(self.candidates)
@@ -188,24 +189,25 @@ class Run:
         exact = np.concatenate(self.exact)
         width = self.problem.high - self.problem.low
 
+        def apart(from_: Array) -> Flags:
+            return (np.abs(candidates - from_) / width).max(axis=1) > APART
+
+        beside_best = apart(ga.theta)
+
         def chosen(among: Array) -> list[int]:
             rows: list[int] = []
-            others = [ga.theta]
-            # Candidates of equal cost keep the order in which they were drawn.
-            for row in np.argsort(among, kind='stable'):
-                if len(others) == self.settings.starts or not np.isfinite(among[row]):
-                    break
-                if all((np.abs(candidates[row] - o) / width).max() > APART for o in others):
-                    rows.append(int(row))
-                    others.append(candidates[row])
+            free = beside_best & np.isfinite(among)
+            while len(rows) < self.settings.starts - 1 and free.any():
+                # Of candidates of equal cost the one that was drawn first.
+                rows.append(int(np.where(free, among, np.inf).argmin()))
+                free &= apart(candidates[rows[-1]])
             return rows
 
         # Some costs are lower bounds only. Those that may matter are found out as far as they do.
         known = chosen(np.where(exact, costs, np.inf))
         limit = float(costs[known[-1]]) if len(known) == self.settings.starts - 1 > 0 else np.inf
-        far = (np.abs(candidates - ga.theta) / width).max(axis=1) > APART
-        rows = np.flatnonzero(far & ~exact & (costs <= limit))
-        while len(rows):
+        rows = np.flatnonzero(beside_best & ~exact & (costs <= limit))
+        while len(rows) and not stop.is_set():
             costs[rows] = self.problem.costs(candidates[rows], limit, stop.is_set)
             exact[rows] = costs[rows] <= limit
             rows = np.array([row for row in chosen(costs) if not exact[row]], dtype=np.intp)
