@@ -55,7 +55,7 @@ DRIVE = (
     'velocity_gain',
     'integral_gain',
     'torque_limit',
-    'effort_delay',
+    'log_delay',
 )
 # Floating-point operations of one candidate, counted in `tripod_limit.c`: once a cycle (linkage,
 # controller, cost), once a step (four stages), and a hyperbolic tangent, twelve of them a step.

@@ -84,7 +84,7 @@ class EffectParameter:
         role: `size` switches the effect off at its neutral value; `shape` only shapes it;
             `position` and `time` are
             shapes whose starts follow the log: places the drive visits, instants of the log.
-        target: The kernel's row (see `models.rows`) it acts on; empty where the effect's kernel
+        target: The kernel's row (see `kernel.rows`) it acts on; empty where the effect's kernel
             does.
         how: With a target: whether it is added to the row, multiplied with it, or replaces it.
         log: What of the log shows a size by itself: `flat top` for a share of the effort's limit

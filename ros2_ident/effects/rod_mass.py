@@ -9,7 +9,7 @@ EFFECT = Effect(
     title='rod mass',
     equation='half of each rod at the carriage, half at the platform',
     source='Codourey, IJRR 17(12), 1998',
-    parameters=(EffectParameter('mass', 'kg', 0.0, 0.5, 0.0, target='rod_mass'),),
+    parameters=(EffectParameter('mass', 'kg', 0.0, 0.5, 0.0, target='mass_per_rod'),),
     hook=Hook.PARAMETER,
     kernel=None,
     place='all',

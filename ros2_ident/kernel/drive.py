@@ -84,7 +84,7 @@ assert DRIVE_ROWS[:12] == (
     'position_gain',
     'velocity_gain',
     'integral_gain',
-    'command_delay',
+    'set_point_delay',
     'torque_limit',
     'motor_turn',
 )

@@ -26,7 +26,7 @@ from ros2_ident.lanes import (
 W = WIDTH
 DELAY, GAIN, BIAS, LAG, CROSSTALK = (
     row_of(name, 0) - MACHINE_COUNT
-    for name in ('effort_delay', 'effort_gain', 'effort_bias', 'effort_lag', 'effort_crosstalk')
+    for name in ('log_delay', 'log_gain', 'log_bias', 'log_lag', 'log_crosstalk')
 )
 
 PIECE = 128

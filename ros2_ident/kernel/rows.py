@@ -14,7 +14,7 @@ MACHINE_ROWS = (
     'rail_radius',  # m
     'rod_length',  # m
     'tool_mass',  # kg
-    'rod_mass',  # kg, each rod's, halved between its ends
+    'mass_per_rod',  # kg, each rod's, halved between its ends
     'gravity',  # m/s^2, against the axes
     'payload_step',  # kg, added to the tool from payload_time on
     'payload_time',  # s
@@ -33,14 +33,14 @@ DRIVE_ROWS = (
     'position_gain',  # 1/s
     'velocity_gain',  # N m s/m
     'integral_gain',  # N m/m
-    'command_delay',  # s
+    'set_point_delay',  # s
     'torque_limit',  # N m
     'motor_turn',  # rad/m, motor angle per travel
-    'effort_delay',  # s
-    'effort_gain',  # 1
-    'effort_bias',  # N m
-    'effort_lag',  # s
-    'effort_crosstalk',  # 1, of the other drives' effort into this one's
+    'log_delay',  # s
+    'log_gain',  # 1
+    'log_bias',  # N m
+    'log_lag',  # s
+    'log_crosstalk',  # 1, of the other drives' effort into this one's
     'load_share',  # 1, of the moved mass, behind a flexible gear where the model is rigid
     'load_frequency',  # Hz, of motor and load against each other
     'load_damping',  # 1
@@ -49,7 +49,7 @@ NEUTRAL = {
     'payload_duration': 1e9,
     'load_frequency': 30.0,
     'load_damping': 0.05,
-    'effort_gain': 1.0,
+    'log_gain': 1.0,
 }
 
 KERNEL_EFFECTS = tuple(e for e in CATALOGUE.values() if e.hook is not Hook.PARAMETER)

@@ -30,21 +30,19 @@ class Slot:
 
 
 _PAPER = 'Ludwig and Gerstmayr 2011, Table 3'
-SLOTS: Mapping[str, Slot] = {
-    'measurement_delay': Slot('effort_delay', True, 'measurement', _PAPER),
-    'gear_stiffness': Slot('gear_stiffness', False, 'physical', _PAPER),
-    'gear_damping_ratio': Slot('gear_damping', False, 'physical', f'{_PAPER}, eq. 23'),
-    'tool_mass': Slot('tool_mass', True, 'physical', _PAPER),
-    'drive_inertia': Slot('motor_mass', False, 'physical', _PAPER),
-    'moving_mass': Slot('rail_mass', False, 'physical', 'Newton; motor and carriage as one mass'),
-    'coulomb_torque': Slot('coulomb', False, 'physical', 'Coulomb 1785'),
-    'viscous_torque': Slot('viscous', False, 'physical', 'linear viscous friction'),
-    'coulomb_friction': Slot('coulomb', False, 'physical', 'Coulomb 1785'),
-    'viscous_friction': Slot('viscous', False, 'physical', 'linear viscous friction'),
-    'constant_force': Slot(
-        'effort_bias', False, 'physical', 'Janot, Gautier, Brunot 2019, offset'
-    ),
-}
+SLOTS: Mapping[str, Slot] = dict(
+    measurement_delay=Slot('log_delay', True, 'measurement', _PAPER),
+    gear_stiffness=Slot('gear_stiffness', False, 'physical', _PAPER),
+    gear_damping_ratio=Slot('gear_damping', False, 'physical', f'{_PAPER}, eq. 23'),
+    tool_mass=Slot('tool_mass', True, 'physical', _PAPER),
+    drive_inertia=Slot('motor_mass', False, 'physical', _PAPER),
+    moving_mass=Slot('rail_mass', False, 'physical', 'Newton; motor and carriage as one mass'),
+    coulomb_torque=Slot('coulomb', False, 'physical', 'Coulomb 1785'),
+    viscous_torque=Slot('viscous', False, 'physical', 'linear viscous friction'),
+    coulomb_friction=Slot('coulomb', False, 'physical', 'Coulomb 1785'),
+    viscous_friction=Slot('viscous', False, 'physical', 'linear viscous friction'),
+    constant_force=Slot('log_bias', False, 'physical', 'Janot, Gautier, Brunot 2019, offset'),
+)
 
 
 @dataclass(frozen=True)
@@ -115,7 +113,7 @@ class Candidates:
         self.flexible: npt.NDArray[np.bool_] = np.isin(
             np.arange(len(machine.drives)), [d for p in places for d in p]
         )
-        self.delayed = 'command_delay' in targets
+        self.delayed = 'set_point_delay' in targets
         self.frame = 'frame_frequency' in targets
 
     # ------------------------------------------------------------------ declaration
