@@ -145,7 +145,7 @@ class Limit:
             _at(model._command),
             ctypes.c_int64(model._command.size // 6),
             _at(self.measured),
-            _at(model._grid),
+            _at(_grid(self.model)),
             real(model.gear),
             real(model.eps),
             real(model.cycle),
@@ -164,6 +164,13 @@ class Limit:
             2 * 8 * 12 * rounds / seconds_of(lambda: self.library.peak(ctypes.c_int64(rounds)))
             for _ in range(9)
         )
+
+
+def _grid(model: Tripod) -> np.ndarray:
+    """Return (10,) the inverse of the rail directions' differences, then the directions."""
+    azimuth = np.asarray(model.machine.geometry['rail_azimuth'], dtype=float)
+    direction = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    return np.concatenate([np.linalg.inv(direction[1:] - direction[0]), direction]).ravel()
 
 
 def _lanes(values: np.ndarray) -> np.ndarray:
@@ -201,7 +208,7 @@ class Hooked(Tripod):
 
     @property
     def _flags(self) -> np.ndarray:
-        return self._on
+        return self.candidates.on
 
 
 def compare(model: Tripod, limit: Limit, rounds: int) -> None:

@@ -214,6 +214,16 @@ def take(typingctx, array, index):
 
 
 @intrinsic
+def product(typingctx, a, b):
+    """Return a * b, rounded: never fused with a sum, so that no choice of the compiler shows."""
+
+    def codegen(context, builder, sig, args):
+        return builder.fmul(args[0], args[1])
+
+    return lanes_type(lanes_type, lanes_type), codegen
+
+
+@intrinsic
 def where(typingctx, mask, a, b):
     """Return `a` in the lanes where `mask` holds and `b` in the others."""
 

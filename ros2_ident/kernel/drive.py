@@ -20,6 +20,7 @@ from ros2_ident.lanes import (
     INLINED,
     inlined,
     load,
+    product,
     spread,
     store,
     take,
@@ -73,8 +74,13 @@ COMMAND_MASK = mask_of(Hook.COMMAND)
     COMMAND_DELAY,
     LIMIT,
     TURN,
-) = range(12)
-assert DRIVE_ROWS[:12] == (
+    GEAR,
+    EPS,
+    FEEDFORWARD,
+    GEAR_INVERSE,
+    SLOPE,
+) = range(17)
+assert DRIVE_ROWS[:17] == (
     'gear_stiffness',
     'gear_damping',
     'motor_mass',
@@ -87,6 +93,11 @@ assert DRIVE_ROWS[:12] == (
     'set_point_delay',
     'torque_limit',
     'motor_turn',
+    'gear',
+    'regularisation',
+    'feedforward',
+    'gear_inverse',
+    'friction_slope',
 )
 
 
@@ -115,7 +126,7 @@ def _closed_loop(mode, d):
 
 
 @inlined
-def drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, elapsed, kept):
+def drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed, kept):
     """Collect what the kernels of effects see; `kept` is the row of what the hook remembers."""
     return DriveState(
         z,
@@ -125,7 +136,7 @@ def drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, ela
         direction,
         load(par, (first + COULOMB) * W),
         load(par, (first + VISCOUS) * W),
-        spread(gear),
+        load(par, (first + GEAR) * W),
         load(par, (first + TURN) * W),
         time,
         elapsed,
@@ -135,7 +146,7 @@ def drive_state(par, first, mem, own, gear, z, v, s, force, direction, time, ela
 
 
 @inlined
-def gear_force(par, first, mem, own, on, gear, z, v, s, w, time):
+def gear_force(par, first, mem, own, on, z, v, s, w, time):
     """Return the force [N] the gear passes to the carriage, and its reaction on the motor.
 
     By deflection and its rate. The two differ where the motor's lever on the gear wavers: the gear
@@ -146,7 +157,7 @@ def gear_force(par, first, mem, own, on, gear, z, v, s, w, time):
     d = load(par, (first + DAMPING) * W)
     if on is not None and on & (DEFLECTION_MASK | STIFFNESS_MASK):
         zero = spread(0.0)
-        state = drive_state(par, first, mem, own, gear, z, v, s, zero, zero, time, zero, BRISTLE)
+        state = drive_state(par, first, mem, own, z, v, s, zero, zero, time, zero, BRISTLE)
         c = hooks.stiffness_hook(c, state, on, par, first)
         if on & DEFLECTION_MASK:
             x, lever = hooks.deflection_hook((x, spread(1.0)), state, on, par, first)
@@ -159,16 +170,14 @@ def gear_force(par, first, mem, own, on, gear, z, v, s, w, time):
 
 
 @inlined
-def stand(par, first, mem, own, on, gear, s, hold):
+def stand(par, first, mem, own, on, s, hold):
     """Return where a motor rests [m] whose gear carries `hold` [N] with its carriage at s."""
     c = load(par, (first + STIFFNESS) * W)
     z = s + hold / c
     if on is not None and on & (DEFLECTION_MASK | STIFFNESS_MASK):
         zero = spread(0.0)
         for _ in range(STANDING):
-            state = drive_state(
-                par, first, mem, own, gear, z, zero, s, zero, zero, zero, zero, BRISTLE
-            )
+            state = drive_state(par, first, mem, own, z, zero, s, zero, zero, zero, zero, BRISTLE)
             stiffness = hooks.stiffness_hook(c, state, on, par, first)
             x, _ = hooks.deflection_hook((z - s, spread(1.0)), state, on, par, first)
             z = z + hold / stiffness - x
@@ -176,64 +185,78 @@ def stand(par, first, mem, own, on, gear, s, hold):
 
 
 @inlined
-def motor_torque(par, first, mem, own, on, gear, eps, z, v, s, force, time, elapsed):
+def motor_torque(par, first, mem, own, on, z, v, s, force, time, elapsed):
     """Return the torque [N m] that moves the motor and its gear: applied less friction."""
-    direction = tanh(v * (1.0 / eps))
+    direction = tanh(v * load(par, (first + SLOPE) * W))
     torque = load(mem, (own + COMMANDED) * W)
     friction = load(par, (first + COULOMB) * W) * direction + load(par, (first + VISCOUS) * W) * v
     if on is not None and on:
         if on & SIGN_MASK:
             state = drive_state(
-                par, first, mem, own, gear, z, v, s, force, direction, time, elapsed, BRISTLE
+                par, first, mem, own, z, v, s, force, direction, time, elapsed, BRISTLE
             )
             direction = hooks.sign_hook(direction, state, on, par, first)
             friction = state.coulomb * direction + state.viscous * v
-        state = drive_state(
-            par, first, mem, own, gear, z, v, s, force, direction, time, elapsed, WARMTH
-        )
+        state = drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed, WARMTH)
         friction = hooks.friction_hook(friction, state, on, par, first)
         if on & TORQUE_MASK:
             state = drive_state(
-                par, first, mem, own, gear, z, v, s, force, direction, time, elapsed, BRISTLE
+                par, first, mem, own, z, v, s, force, direction, time, elapsed, BRISTLE
             )
             torque = hooks.torque_hook(torque, state, on, par, first)
     return torque - friction
 
 
 @inlined
-def carriage_force(par, first, mem, own, on, gear, z, v, s, time):
+def at_motor(par, first, force):
+    """Return the torque [N m] at the motor that makes a force [N] at the rail."""
+    return force * load(par, (first + GEAR_INVERSE) * W)
+
+
+@inlined
+def motor_acceleration(par, first, mem, own, torque, back):
+    """Return the acceleration [m/s^2] of a motor on which the gear pushes back with `back` [N]."""
+    return (load(par, (first + GEAR) * W) * torque - back) * load(mem, (own + LIGHTNESS) * W)
+
+
+@inlined
+def carriage_force(par, first, mem, own, on, z, v, s, time):
     """Return the force [N] on the carriage besides gear, gravity and rod."""
     force = spread(0.0)
     if on is not None and on & CARRIAGE_MASK:
-        state = drive_state(
-            par, first, mem, own, gear, z, v, s, force, force, time, force, BRISTLE
-        )
+        state = drive_state(par, first, mem, own, z, v, s, force, force, time, force, BRISTLE)
         force = hooks.carriage_hook(force, state, on, par, first)
     return force
 
 
 @inlined
-def keep_bristle(par, first, mem, own, on, gear, eps, z, v, active):
+def keep_bristle(par, first, mem, own, on, z, v, active):
     """Move the memory of a presliding friction to where the motor is now, in active lanes."""
     if on & SIGN_MASK:
         zero = spread(0.0)
-        state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, zero, zero, BRISTLE)
-        bristle = hooks.sign_hook(tanh(v * (1.0 / eps)), state, on, par, first)
+        state = drive_state(par, first, mem, own, z, v, z, zero, zero, zero, zero, BRISTLE)
+        bristle = hooks.sign_hook(tanh(v * load(par, (first + SLOPE) * W)), state, on, par, first)
         store(mem, (own + BRISTLE) * W, where(active, bristle, load(mem, (own + BRISTLE) * W)))
         store(mem, (own + ANCHOR) * W, where(active, z, load(mem, (own + ANCHOR) * W)))
 
 
 @inlined
-def keep_warmth(par, first, mem, own, on, gear, eps, z, v, s, time, cycle):
+def keep_warmth(par, first, mem, own, on, z, v, s, time, cycle):
     """Keep at a cycle's end how warm the drive is."""
     if on & hooks.WARMING:
         zero = spread(0.0)
-        direction = tanh(v * (1.0 / eps))
+        direction = tanh(v * load(par, (first + SLOPE) * W))
         state = drive_state(
-            par, first, mem, own, gear, z, v, s, zero, direction, time, spread(cycle), WARMTH
+            par, first, mem, own, z, v, s, zero, direction, time, spread(cycle), WARMTH
         )
         friction = state.coulomb * direction + state.viscous * v
         store(mem, (own + WARMTH) * W, hooks.friction_keeps(friction, state, on, par, first))
+
+
+@inlined
+def fast_from(par, first):
+    """Return the rate [m/s] from which a motor does not feel how steep friction is."""
+    return FAST * load(par, (first + EPS) * W)
 
 
 @inlined
@@ -260,8 +283,7 @@ def begin(mem, own, z, v, cycle, torque):
 
 @inlined
 def control(
-    par, first, mem, own, on, law, feedforward, cycle, gear, z, v, command, d, drives, count, k,
-    delayed, time,
+    par, first, mem, own, on, law, cycle, z, v, command, d, drives, count, k, delayed, time
 ):  # fmt: skip
     """Run cycle `k` of drive `d`'s controller; return the torque it logs, keep what it asks.
 
@@ -274,7 +296,7 @@ def control(
     rate = v
     if on is not None and on & READING_MASK:
         zero = spread(0.0)
-        state = drive_state(par, first, mem, own, gear, z, v, z, zero, zero, time, zero, BRISTLE)
+        state = drive_state(par, first, mem, own, z, v, z, zero, zero, time, zero, BRISTLE)
         read = hooks.reading_hook(z, state, on, par, first)
         error = read - z
         rate = v + (error - load(mem, (own + READ_ERROR) * W)) * (1.0 / cycle)
@@ -284,7 +306,9 @@ def control(
         rate = (read - load(mem, (own + LAST_BUT_ONE) * W)) * (0.5 / cycle)
         store(mem, (own + LAST_BUT_ONE) * W, load(mem, (own + LAST_READ) * W))
         store(mem, (own + LAST_READ) * W, read)
-    error = load(par, (first + KP) * W) * (zc - read) + feedforward * vc - rate
+    # Not fused: which of the two products the compiler would fuse is its own choice.
+    wanted = product(load(par, (first + KP) * W), zc - read)
+    error = wanted + load(par, (first + FEEDFORWARD) * W) * vc - rate
     integral = load(mem, (own + INTEGRAL) * W) + load(par, (first + KI) * W) * cycle * error
     store(mem, (own + INTEGRAL) * W, integral)
     torque = load(par, (first + KV) * W) * error + integral
@@ -294,7 +318,7 @@ def control(
     if on is not None and on & COMMAND_MASK:
         zero = spread(0.0)
         state = drive_state(
-            par, first, mem, own, gear, z, v, z, zero, zero, time, spread(cycle), APPLIED
+            par, first, mem, own, z, v, z, zero, zero, time, spread(cycle), APPLIED
         )
         asked = hooks.command_hook(torque, state, on, par, first)
         store(mem, (own + APPLIED) * W, hooks.command_keeps(torque, state, on, par, first))

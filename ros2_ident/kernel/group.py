@@ -37,7 +37,7 @@ class Group(NamedTuple):
     """Candidates on their way through the log, in G vectors of lanes.
 
     Attributes:
-        blocks: (G, R * W) rows of `models.rows`.
+        blocks: (G, R * W) rows of `kernel.rows`.
         rows: (G, W) row of `Task.out` for each lane, -1 for none.
         substeps: (G, 2 * W) integration steps in a cycle, while fast and otherwise.
         state: (G, ...) what the simulation goes on with.

@@ -32,10 +32,8 @@ def _build(digest):
         hold,
         on,
         delayed,
-        gear,
         cycle,
         law,
-        feedforward,
         wanted,
         measured,
         samples,
@@ -45,7 +43,7 @@ def _build(digest):
         """Run the controllers of blocks of candidates along a recorded motion.
 
         Args:
-            blocks: (G, R * W) rows of `models.rows`.
+            blocks: (G, R * W) rows of `kernel.rows`.
             rows: (G, W) row of `out` for each lane, -1 for none.
             room: (`room(D)`,) to work in.
             command: (2 * D * K,) set-point positions of the drives, then their rates.
@@ -53,10 +51,8 @@ def _build(digest):
             hold: (D,) torque at the start, for the integral part [N m].
             on: (D,) flags of the effects.
             delayed: Whether command delays are on.
-            gear: Motor angle per travel [rad/m].
             cycle: Controller cycle [s].
-            law: VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
-            feedforward: Weight of the velocity feed-forward.
+            law: (D,) VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
             wanted, measured, samples, out: As for `measurement.hand_on`.
             limits: Not looked at.
         """
@@ -83,8 +79,8 @@ def _build(digest):
                     z = spread(motion[d * count + k])
                     v = spread(motion[(drives + d) * count + k])
                     torque = dk.control(
-                        par, first, mem, d * dk.MEMORY_COUNT, on[d], law, feedforward, cycle, gear,
-                        z, v, command, d, drives, count, k, delayed, spread(k * cycle),
+                        par, first, mem, d * dk.MEMORY_COUNT, on[d], law[d], cycle, z, v,
+                        command, d, drives, count, k, delayed, spread(k * cycle),
                     )  # fmt: skip
                     store(torques, (d * measurement.PIECE + piece) * W, torque)
                 if piece == measurement.PIECE - 1 or k == count - 1:

@@ -22,11 +22,22 @@ MACHINE_ROWS = (
     'frame_inverse_mass',  # 1/kg, 0 for a frame that does not move
     'frame_frequency',  # Hz, of the frame without the machine
     'frame_damping',  # 1
+    'rail_inverse_radius',  # 1/m, derived
+    'rail_x',  # 1, derived as what follows: the direction of the first rail
+    'rail_y',
+    'rail_2_x',  # 1, those of the other two less the first
+    'rail_2_y',
+    'rail_3_x',
+    'rail_3_y',
+    'rail_x_2',  # 1, the inverse of these four
+    'rail_x_3',
+    'rail_y_2',
+    'rail_y_3',
 )
 DRIVE_ROWS = (
     'gear_stiffness',  # N/m
     'gear_damping',  # N s/m
-    'motor_mass',  # kg, the motor's inertia at the rail
+    'motor_mass',  # kg, derived: the motor's inertia at the rail
     'rail_mass',  # kg
     'coulomb',  # N m
     'viscous',  # N m s/m
@@ -36,6 +47,13 @@ DRIVE_ROWS = (
     'set_point_delay',  # s
     'torque_limit',  # N m
     'motor_turn',  # rad/m, motor angle per travel
+    'gear',  # rad/m, force per torque; 1 where the effort is a force
+    'regularisation',  # m/s, of Coulomb friction
+    'feedforward',  # 1, of the set-point's rate
+    'gear_inverse',  # m/rad, derived
+    'friction_slope',  # s/m, derived: one over the regularisation
+    'drive_inertia',  # kg m^2, motor_mass over the square of the gear
+    'rail_azimuth',  # rad
     'log_delay',  # s
     'log_gain',  # 1
     'log_bias',  # N m

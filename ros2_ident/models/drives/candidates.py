@@ -35,7 +35,7 @@ SLOTS: Mapping[str, Slot] = dict(
     gear_stiffness=Slot('gear_stiffness', False, 'physical', _PAPER),
     gear_damping_ratio=Slot('gear_damping', False, 'physical', f'{_PAPER}, eq. 23'),
     tool_mass=Slot('tool_mass', True, 'physical', _PAPER),
-    drive_inertia=Slot('motor_mass', False, 'physical', _PAPER),
+    drive_inertia=Slot('drive_inertia', False, 'physical', _PAPER),
     moving_mass=Slot('rail_mass', False, 'physical', 'Newton; motor and carriage as one mass'),
     coulomb_torque=Slot('coulomb', False, 'physical', 'Coulomb 1785'),
     viscous_torque=Slot('viscous', False, 'physical', 'linear viscous friction'),
@@ -213,6 +213,10 @@ class Candidates:
             self._add_effect(block, at, values)
         for flexible in np.flatnonzero(self.flexible):
             self._split(block, int(flexible))
+        for d in drives:
+            # Divided here, not in every cycle.
+            for derived, of in (('gear_inverse', 'gear'), ('friction_slope', 'regularisation')):
+                block[:, rows.row_of(derived, d)] = 1.0 / block[:, rows.row_of(of, d)]
         return block
 
     def _values(self, theta: Array) -> dict[Target, Array]:
@@ -249,9 +253,8 @@ class Candidates:
         if row in rows.MACHINE_ROWS:
             block[:, rows.row_of(row)] = value
             return
-        factor = self._gear**2 if name == 'drive_inertia' else 1.0
         for d in drives:
-            block[:, rows.row_of(row, d)] = value * factor
+            block[:, rows.row_of(row, d)] = value
 
     def _add_effect(self, block: Array, at: EffectAt, values: Mapping[Target, Array]) -> None:
         effect = get_effect(at.effect)
@@ -267,9 +270,14 @@ class Candidates:
 
     @staticmethod
     def _finish_drive(block: Array, d: int) -> None:
-        """Turn the damping ratio into a damping constant, eq. 23 of the paper."""
+        """Fill what follows from the drive's numbers: the motor's inertia at the rail, damping.
+
+        The damping ratio becomes a damping constant, eq. 23 of the paper.
+        """
+        gear = block[:, rows.row_of('gear', d)]
+        motor = block[:, rows.row_of('drive_inertia', d)] * gear**2
+        block[:, rows.row_of('motor_mass', d)] = motor
         damping = rows.row_of('gear_damping', d)
-        motor = block[:, rows.row_of('motor_mass', d)]
         rail = block[:, rows.row_of('rail_mass', d)]
         both = np.maximum(motor + rail, 1e-12)
         root = np.sqrt(

@@ -84,7 +84,7 @@ class DriveModel(ABC):
                 ErrorCode.BAD_MACHINE_FILE,
                 f'controller.law is {law!r}; write cascade_pi or cascade_p',
             )
-        self.law = int(law == 'cascade_p')
+        self.law = np.full(len(machine.drives), law == 'cascade_p', dtype=np.int64)
         self.candidates = Candidates(
             machine, self.drives, self.effects, self.fixed, self._constants(), self.rigid
         )
@@ -141,6 +141,9 @@ class DriveModel(ABC):
         for d in range(len(self.machine.drives)):
             base[rows.row_of('torque_limit', d)] = self.limit
             base[rows.row_of('motor_turn', d)] = self.turn
+            base[rows.row_of('gear', d)] = self.gear
+            base[rows.row_of('regularisation', d)] = self.eps
+            base[rows.row_of('feedforward', d)] = self.feedforward
             base[rows.row_of('rail_mass', d)] = constant(drive, 'rail_mass', 'drive', 0.0)
             for key in ('position_gain', 'velocity_gain', 'integral_gain'):
                 if key != 'integral_gain' and key not in controller and self._closed:
@@ -180,10 +183,11 @@ class DriveModel(ABC):
             motor = np.maximum(block[:, rows.row_of('motor_mass', d)], 1e-9)
             rail = block[:, rows.row_of('rail_mass', d)]
             if not fast:
+                eps = block[:, rows.row_of('regularisation', d)]
                 slope = (
-                    self.gear
+                    block[:, rows.row_of('gear', d)]
                     * block[:, rows.row_of('coulomb', d)]
-                    / (self.eps * (motor + (rail if self.stiff[d] else 0.0)))
+                    / (eps * (motor + (rail if self.stiff[d] else 0.0)))
                 )
                 need = np.maximum(need, self.cycle * slope / 1.5)
             if not self.stiff[d]:
@@ -335,10 +339,8 @@ class DriveModel(ABC):
             seen.hold,
             self.candidates.on,
             self.candidates.delayed,
-            self.gear,
             self.cycle,
             self.law,
-            self.feedforward,
             *task,
         )
         return task.out

@@ -48,16 +48,14 @@ def room_for(drives: int) -> int:
 
 
 @inlined
-def _rigid_force(par, first, mem, own, on, gear, z, v, time):
+def _rigid_force(par, first, mem, own, on, z, v, time):
     """Return the force [N] on motor and carriage as one mass, without the motor's own torque."""
     weight = load(par, (first + dk.RAIL_MASS) * W) * load(par, GRAVITY * W)
-    return weight - dk.carriage_force(par, first, mem, own, on, gear, z, v, z, time)
+    return weight - dk.carriage_force(par, first, mem, own, on, z, v, z, time)
 
 
 @inlined
-def _step(
-    par, first, mem, on, rigid, mode, acceleration, gear, eps, place, rate, bend, time, since, h
-):
+def _step(par, first, mem, on, rigid, mode, acceleration, place, rate, bend, time, since, h):
     """Integrate one drive over a step of `h` seconds that begins `since` seconds into a cycle."""
     for part in range(rk.STAGES):
         at = part * COORDINATES
@@ -66,19 +64,17 @@ def _step(
         z, v = rk.stage_state(place, rate, bend, COORDINATES, MOTOR, part, h)
         if rigid:
             s = z
-            force = _rigid_force(par, first, mem, 0, on, gear, z, v, now)
+            force = _rigid_force(par, first, mem, 0, on, z, v, now)
             back = force
         else:
             s, w = rk.stage_state(place, rate, bend, COORDINATES, CARRIAGE, part, h)
-            force, back = dk.gear_force(par, first, mem, 0, on, gear, z, v, s, w, now)
+            force, back = dk.gear_force(par, first, mem, 0, on, z, v, s, w, now)
             rail = load(par, (first + dk.RAIL_MASS) * W)
-            push = force + dk.carriage_force(par, first, mem, 0, on, gear, z, v, s, now)
+            push = force + dk.carriage_force(par, first, mem, 0, on, z, v, s, now)
             store(bend, (at + CARRIAGE) * W, push / rail - load(par, GRAVITY * W))
         if mode == dk.CLOSED_LOOP:
-            torque = dk.motor_torque(
-                par, first, mem, 0, on, gear, eps, z, v, s, force, now, elapsed
-            )
-            store(bend, at * W, (gear * torque - back) * load(mem, dk.LIGHTNESS * W))
+            torque = dk.motor_torque(par, first, mem, 0, on, z, v, s, force, now, elapsed)
+            store(bend, at * W, dk.motor_acceleration(par, first, mem, 0, torque, back))
         else:
             store(bend, at * W, spread(acceleration))
     rk.finish(place, rate, bend, COORDINATES, 1 if rigid else COORDINATES, h)
@@ -101,11 +97,8 @@ def _build(digest):
         on,
         delayed,
         rigid,
-        gear,
-        eps,
         cycle,
         law,
-        feedforward,
         wanted,
         measured,
         samples,
@@ -159,7 +152,7 @@ def _build(digest):
                     if not rigid[d]:
                         mem = all_mem[d * mine : (d + 1) * mine]
                         flags = dk.flags_of(on, d)
-                        stretch = dk.stand(par, first, mem, 0, flags, gear, at, hold) - at
+                        stretch = dk.stand(par, first, mem, 0, flags, at, hold) - at
                     z = at + stretch if mode[d] == dk.CLOSED_LOOP else at
                     store(place, MOTOR * W, z)
                     store(rate, MOTOR * W, v)
@@ -169,7 +162,7 @@ def _build(digest):
                     if rigid[d]:
                         moved = moved + load(par, (first + dk.RAIL_MASS) * W)
                     store(mem, dk.LIGHTNESS * W, 1.0 / moved)
-                    dk.begin(mem, 0, z, v, cycle, hold * (1.0 / gear))
+                    dk.begin(mem, 0, z, v, cycle, dk.at_motor(par, first, hold))
             for begun in range(begin, end, measurement.PIECE):
                 cycles = min(measurement.PIECE, end - begun)
                 for d in range(drives):
@@ -185,10 +178,10 @@ def _build(digest):
                         acceleration = 0.0
                         z = load(place, MOTOR * W)
                         v = load(rate, MOTOR * W)
-                        fast = absolute(v) > spread(dk.FAST * eps)
+                        fast = absolute(v) > dk.fast_from(par, first)
                         if mode[d] == dk.CLOSED_LOOP:
                             torque = dk.control(
-                                par, first, mem, 0, flags, law, feedforward, cycle, gear, z, v,
+                                par, first, mem, 0, flags, law[d], cycle, z, v,
                                 command, d, drives, count, k, delayed, time,
                             )  # fmt: skip
                         else:
@@ -200,20 +193,20 @@ def _build(digest):
                             mass = load(par, (first + dk.MOTOR_MASS) * W)
                             if one:
                                 s = z
-                                force = _rigid_force(par, first, mem, 0, flags, gear, z, v, time)
+                                force = _rigid_force(par, first, mem, 0, flags, z, v, time)
                                 back = force
                                 mass = mass + load(par, (first + dk.RAIL_MASS) * W)
                             else:
                                 s = load(place, CARRIAGE * W)
                                 w = load(rate, CARRIAGE * W)
                                 force, back = dk.gear_force(
-                                    par, first, mem, 0, flags, gear, z, v, s, w, time
+                                    par, first, mem, 0, flags, z, v, s, w, time
                                 )
                             store(mem, dk.COMMANDED * W, zero)
                             friction = -dk.motor_torque(
-                                par, first, mem, 0, flags, gear, eps, z, v, s, force, time, zero
+                                par, first, mem, 0, flags, z, v, s, force, time, zero
                             )
-                            torque = (mass * acceleration + back) * (1.0 / gear) + friction
+                            torque = dk.at_motor(par, first, mass * acceleration + back) + friction
                         store(torques, (d * measurement.PIECE + piece) * W, torque)
                         steps = where(fast, load(substeps[g], 0), load(substeps[g], W))
                         whole = cycle / steps
@@ -223,7 +216,7 @@ def _build(digest):
                             # A lane that is through makes steps of no length.
                             h = where(active, whole, zero)
                             _step(
-                                par, first, mem, flags, one, mode[d], acceleration, gear, eps,
+                                par, first, mem, flags, one, mode[d], acceleration,
                                 place, rate, bend, time, sub * whole, h,
                             )  # fmt: skip
                             if on is not None:
@@ -233,8 +226,6 @@ def _build(digest):
                                     mem,
                                     0,
                                     flags,
-                                    gear,
-                                    eps,
                                     load(place, MOTOR * W),
                                     load(rate, MOTOR * W),
                                     active,
@@ -248,8 +239,6 @@ def _build(digest):
                                 mem,
                                 0,
                                 flags,
-                                gear,
-                                eps,
                                 load(place, MOTOR * W),
                                 load(rate, MOTOR * W),
                                 load(place, MOTOR * W),

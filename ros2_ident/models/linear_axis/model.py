@@ -82,10 +82,7 @@ class LinearAxis(DriveModel):
             self._flags,
             self.candidates.delayed,
             self.stiff,
-            self.gear,
-            self.eps,
             self.cycle,
             self.law,
-            self.feedforward,
             *task,
         )

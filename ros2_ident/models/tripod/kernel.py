@@ -33,6 +33,12 @@ from ros2_ident.lanes import (
 
 W = WIDTH
 RADIUS = row_of('rail_radius')
+INVERSE_RADIUS = row_of('rail_inverse_radius')
+RAIL_X, RAIL_Y = row_of('rail_x'), row_of('rail_y')
+RAIL_2_X, RAIL_2_Y = row_of('rail_2_x'), row_of('rail_2_y')
+RAIL_3_X, RAIL_3_Y = row_of('rail_3_x'), row_of('rail_3_y')
+RAIL_X_2, RAIL_X_3 = row_of('rail_x_2'), row_of('rail_x_3')
+RAIL_Y_2, RAIL_Y_3 = row_of('rail_y_2'), row_of('rail_y_3')
 LENGTH = row_of('rod_length')
 TOOL = row_of('tool_mass')
 ROD = row_of('mass_per_rod')
@@ -56,25 +62,27 @@ ROOM = STATE + W * (LINKAGE + 3 * (1 + measurement.PIECE) + 1 + measurement.ROOM
 
 
 @inlined
-def _linkage(par, s1, s2, s3, w1, w2, w3, grid, tool, frame, out):
+def _linkage(par, s1, s2, s3, w1, w2, w3, tool, frame, out):
     """Write mass matrix and load of the linkage at carriages s [m] and rates w [m/s].
 
-    s'' = inverse mass matrix (gear forces - load). `grid` holds the inverse of the two rail
-    directions' differences from the first (2x2) and the directions themselves (3x2).
+    s'' = inverse mass matrix (gear forces - load).
     """
+    x, y = load(par, RAIL_X * W), load(par, RAIL_Y * W)
+    x_2, x_3 = load(par, RAIL_X_2 * W), load(par, RAIL_X_3 * W)
+    y_2, y_3 = load(par, RAIL_Y_2 * W), load(par, RAIL_Y_3 * W)
     radius = load(par, RADIUS * W)
     length = load(par, LENGTH * W)
     rod = load(par, ROD * W)
     gravity = load(par, GRAVITY * W)
     u2 = s2 - s1
     u3 = s3 - s1
-    inverse = 1.0 / radius
-    bx = (grid[0] * u2 + grid[1] * u3) * inverse
-    by = (grid[2] * u2 + grid[3] * u3) * inverse
+    inverse = load(par, INVERSE_RADIUS * W)
+    bx = (x_2 * u2 + x_3 * u3) * inverse
+    by = (y_2 * u2 + y_3 * u3) * inverse
     h2 = 0.5 * u2 * u2
     h3 = 0.5 * u3 * u3
-    qx = (grid[0] * h2 + grid[1] * h3) * inverse - radius * grid[4]
-    qy = (grid[2] * h2 + grid[3] * h3) * inverse - radius * grid[5]
+    qx = (x_2 * h2 + x_3 * h3) * inverse - radius * x
+    qy = (y_2 * h2 + y_3 * h3) * inverse - radius * y
     # The rods (x, y, z): |q + b z1|^2 + z1^2 = L^2; the platform hangs below the carriages.
     a = bx * bx + by * by + 1.0
     b = bx * qx + by * qy
@@ -83,10 +91,10 @@ def _linkage(par, s1, s2, s3, w1, w2, w3, grid, tool, frame, out):
     z3 = z1 + u3
     x1 = -(qx + bx * z1)
     y1 = -(qy + by * z1)
-    x2 = x1 + radius * (grid[6] - grid[4])
-    y2 = y1 + radius * (grid[7] - grid[5])
-    x3 = x1 + radius * (grid[8] - grid[4])
-    y3 = y1 + radius * (grid[9] - grid[5])
+    x2 = x1 + radius * load(par, RAIL_2_X * W)
+    y2 = y1 + radius * load(par, RAIL_2_Y * W)
+    x3 = x1 + radius * load(par, RAIL_3_X * W)
+    y3 = y1 + radius * load(par, RAIL_3_Y * W)
     # Rows (x, y, z) times the platform's velocity give z s'. The inverse of their matrix, but for
     # its determinant:
     cx1 = y2 * z3 - y3 * z2
@@ -203,48 +211,45 @@ def _carriages(par, link, push, sway, sway_rate, frame, bend, at):
 
 @inlined
 def _drive(
-    par, mem, place, rate, bend, push, d, flags, mode, motion, k, count, gear, eps, time, elapsed,
-    part, h,
+    par, mem, place, rate, bend, push, d, flags, mode, motion, k, count, time, elapsed, part, h
 ):  # fmt: skip
     """Write drive `d`'s motor acceleration at a stage into `bend`, its push on the carriage."""
     first = MACHINE_COUNT + d * DRIVE_COUNT
     own = d * dk.MEMORY_COUNT
     z, v = rk.stage_state(place, rate, bend, COORDINATES, MOTOR + d, part, h)
     s, w = rk.stage_state(place, rate, bend, COORDINATES, CARRIAGE + d, part, h)
-    force, back = dk.gear_force(par, first, mem, own, flags, gear, z, v, s, w, time)
+    force, back = dk.gear_force(par, first, mem, own, flags, z, v, s, w, time)
     if dk.closed_loop(mode, d):
-        torque = dk.motor_torque(
-            par, first, mem, own, flags, gear, eps, z, v, s, force, time, elapsed
-        )
-        acceleration = (gear * torque - back) * load(mem, (own + dk.LIGHTNESS) * W)
+        torque = dk.motor_torque(par, first, mem, own, flags, z, v, s, force, time, elapsed)
+        acceleration = dk.motor_acceleration(par, first, mem, own, torque, back)
     else:
         acceleration = spread(motion[(6 + d) * count + k])
     store(bend, (part * COORDINATES + MOTOR + d) * W, acceleration)
     if flags is not None:
-        force = force + dk.carriage_force(par, first, mem, own, flags, gear, z, v, s, time)
+        force = force + dk.carriage_force(par, first, mem, own, flags, z, v, s, time)
     store(push, d * W, force)
 
 
 @inlined
 def _stage(
-    par, mem, link, place, rate, bend, push, on, mode, motion, k, count, gear, eps, time, since,
-    part, h, frame,
+    par, mem, link, place, rate, bend, push, on, mode, motion, k, count, time, since, part, h,
+    frame,
 ):  # fmt: skip
     """Write the accelerations at stage `part` of a step into `bend`."""
     elapsed = since + rk.ahead(part) * h
     now = time + elapsed
     if on is not None:
         for d in range(3):
-            _drive(par, mem, place, rate, bend, push, d, on[d], mode, motion, k, count, gear, eps,
-                   now, elapsed, part, h)  # fmt: skip
+            _drive(par, mem, place, rate, bend, push, d, on[d], mode, motion, k, count, now,
+                   elapsed, part, h)  # fmt: skip
     else:
         # Written out, so that addresses are constants.
-        _drive(par, mem, place, rate, bend, push, 0, None, mode, motion, k, count, gear, eps,
-               now, elapsed, part, h)  # fmt: skip
-        _drive(par, mem, place, rate, bend, push, 1, None, mode, motion, k, count, gear, eps,
-               now, elapsed, part, h)  # fmt: skip
-        _drive(par, mem, place, rate, bend, push, 2, None, mode, motion, k, count, gear, eps,
-               now, elapsed, part, h)  # fmt: skip
+        _drive(par, mem, place, rate, bend, push, 0, None, mode, motion, k, count, now,
+               elapsed, part, h)  # fmt: skip
+        _drive(par, mem, place, rate, bend, push, 1, None, mode, motion, k, count, now,
+               elapsed, part, h)  # fmt: skip
+        _drive(par, mem, place, rate, bend, push, 2, None, mode, motion, k, count, now,
+               elapsed, part, h)  # fmt: skip
     sway = spread(0.0)
     sway_rate = sway
     if frame:
@@ -254,16 +259,15 @@ def _stage(
 
 @inlined
 def _step(
-    par, mem, link, place, rate, bend, push, on, mode, motion, k, count, gear, eps, time, since, h,
-    frame,
+    par, mem, link, place, rate, bend, push, on, mode, motion, k, count, time, since, h, frame
 ):  # fmt: skip
     """Integrate over a step of `h` seconds that begins `since` seconds into cycle `k`.
 
     `on` is None where no effect is.
     """
     for part in range(rk.STAGES):
-        _stage(par, mem, link, place, rate, bend, push, on, mode, motion, k, count, gear, eps,
-               time, since, part, h, frame)  # fmt: skip
+        _stage(par, mem, link, place, rate, bend, push, on, mode, motion, k, count, time,
+               since, part, h, frame)  # fmt: skip
     rk.finish(place, rate, bend, COORDINATES, COORDINATES if frame else FRAME, h)
 
 
@@ -283,12 +287,8 @@ def _build(digest):
         on,
         delayed,
         frame,
-        grid,
-        gear,
-        eps,
         cycle,
         law,
-        feedforward,
         wanted,
         measured,
         samples,
@@ -298,7 +298,7 @@ def _build(digest):
         """Simulate blocks of candidates; see `drive_model.DriveModel`.
 
         Args:
-            blocks: (G, R * W) rows of `models.rows`.
+            blocks: (G, R * W) rows of `kernel.rows`.
             rows: (G, W) row of `out` for each lane, -1 for none; becomes -1 for a lane that is
                 given up.
             substeps: (G, 2 * W) Runge-Kutta steps in a cycle: while every drive moves fast, and
@@ -315,12 +315,8 @@ def _build(digest):
             on: (3,) flags of the effects; with None no hooks are compiled.
             delayed: Whether command delays are on.
             frame: Whether the frame can move.
-            grid: (10,) inverse of the rail directions' differences, then the directions.
-            gear: Motor angle per travel [rad/m].
-            eps: Regularisation of Coulomb friction [m/s].
             cycle: Controller cycle [s].
-            law: VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
-            feedforward: Weight of the velocity feed-forward.
+            law: (3,) VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
             wanted, measured, samples, out: As for `measurement.hand_on`.
             limits: As for `measurement.give_up`.
         """
@@ -360,7 +356,6 @@ def _build(digest):
                     zero,
                     zero,
                     zero,
-                    grid,
                     tool,
                     frame,
                     link,
@@ -372,7 +367,7 @@ def _build(digest):
                     # Gravity only: what else pulls at the start is not known to the integral part.
                     hold = load(link, (6 + d) * W)
                     flags = dk.flags_of(on, d)
-                    z = dk.stand(par, first, mem, own, flags, gear, s, hold)
+                    z = dk.stand(par, first, mem, own, flags, s, hold)
                     if not dk.closed_loop(mode, d):
                         # There the recorded motion is the motor's.
                         store(place, (CARRIAGE + d) * W, s - (z - s))
@@ -380,7 +375,7 @@ def _build(digest):
                     store(place, (MOTOR + d) * W, z)
                     moved = load(par, (first + dk.MOTOR_MASS) * W)
                     store(mem, (own + dk.LIGHTNESS) * W, 1.0 / moved)
-                    dk.begin(mem, own, z, zero, cycle, hold * (1.0 / gear))
+                    dk.begin(mem, own, z, zero, cycle, dk.at_motor(par, first, hold))
             for k in range(begin, end):
                 time = spread(k * cycle)
                 piece = k % measurement.PIECE
@@ -393,10 +388,10 @@ def _build(digest):
                     v = load(rate, (MOTOR + d) * W)
                     if dk.closed_loop(mode, d):
                         torque = dk.control(
-                            par, first, mem, own, flags, law, feedforward, cycle, gear, z, v,
+                            par, first, mem, own, flags, law[d], cycle, z, v,
                             command, d, 3, count, k, delayed, time,
                         )  # fmt: skip
-                        fast = fast & (absolute(v) > spread(dk.FAST * eps))
+                        fast = fast & (absolute(v) > dk.fast_from(par, first))
                     else:
                         z = spread(motion[d * count + k])
                         v = spread(motion[(3 + d) * count + k])
@@ -404,17 +399,15 @@ def _build(digest):
                         store(rate, (MOTOR + d) * W, v)
                         s = load(place, (CARRIAGE + d) * W)
                         w = load(rate, (CARRIAGE + d) * W)
-                        force, back = dk.gear_force(
-                            par, first, mem, own, flags, gear, z, v, s, w, time
-                        )
+                        force, back = dk.gear_force(par, first, mem, own, flags, z, v, s, w, time)
                         store(mem, (own + dk.COMMANDED) * W, zero)
                         friction = -dk.motor_torque(
-                            par, first, mem, own, flags, gear, eps, z, v, s, force, time, zero
+                            par, first, mem, own, flags, z, v, s, force, time, zero
                         )
                         inertia = (
                             load(par, (first + dk.MOTOR_MASS) * W) * motion[(6 + d) * count + k]
                         )
-                        torque = (inertia + back) * (1.0 / gear) + friction
+                        torque = dk.at_motor(par, first, inertia + back) + friction
                     store(torques, (d * measurement.PIECE + piece) * W, torque)
                 # The middle of the cycle, as the present rates predict it.
                 w1 = load(rate, CARRIAGE * W)
@@ -433,7 +426,6 @@ def _build(digest):
                     w1 + half * load(drift, 0),
                     w2 + half * load(drift, W),
                     w3 + half * load(drift, 2 * W),
-                    grid,
                     now,
                     frame,
                     link,
@@ -448,7 +440,7 @@ def _build(digest):
                     since = sub * whole
                     _step(
                         par, mem, link, place, rate, bend, push, on, mode, motion, k, count,
-                        gear, eps, time, since, h, frame,
+                        time, since, h, frame,
                     )  # fmt: skip
                     if on is not None:
                         for d in range(3):
@@ -458,8 +450,6 @@ def _build(digest):
                                 mem,
                                 d * dk.MEMORY_COUNT,
                                 on[d],
-                                gear,
-                                eps,
                                 load(place, (MOTOR + d) * W),
                                 load(rate, (MOTOR + d) * W),
                                 active,
@@ -478,8 +468,6 @@ def _build(digest):
                             mem,
                             d * dk.MEMORY_COUNT,
                             on[d],
-                            gear,
-                            eps,
                             load(place, (MOTOR + d) * W),
                             load(rate, (MOTOR + d) * W),
                             load(place, (CARRIAGE + d) * W),

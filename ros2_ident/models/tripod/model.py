@@ -12,6 +12,10 @@ from ros2_ident.machine.machine import constant
 from ros2_ident.models.drives.model import Array, DriveModel
 from ros2_ident.models.tripod.kernel import ROOM, simulate, STATE
 
+_INVERSE_RADIUS = rows.row_of('rail_inverse_radius')
+_AZIMUTHS = [rows.row_of('rail_azimuth', d) for d in range(3)]
+_DIRECTIONS = slice(rows.row_of('rail_x'), rows.row_of('rail_y_3') + 1)
+
 
 class Tripod(DriveModel):
     """Three motors, gears and carriages, and a platform on massless rods; see `DriveModel`."""
@@ -29,11 +33,23 @@ class Tripod(DriveModel):
                 ErrorCode.BAD_MACHINE_FILE,
                 'machine file: geometry.rail_azimuth needs three angles in rad',
             )
-        direction = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
-        difference = np.linalg.inv(direction[1:] - direction[0])
-        self._grid = np.concatenate([difference.ravel(), direction.ravel()])
+        for d, angle in enumerate(azimuth):
+            base[rows.row_of('rail_azimuth', d)] = angle
         self._drive_constants(base)
         return base
+
+    def rows(self, theta: Array) -> Array:
+        """Return (S, R) kernel rows of (S, N) candidates in physical units."""
+        block = super().rows(theta)
+        block[:, _INVERSE_RADIUS] = 1.0 / block[:, rows.row_of('rail_radius')]
+        azimuth = block[:, _AZIMUTHS]
+        directions = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=2)
+        others = directions[:, 1:] - directions[:, :1]
+        block[:, _DIRECTIONS] = np.concatenate(
+            [directions[:, 0], *others.swapaxes(0, 1), *np.linalg.inv(others).swapaxes(0, 1)],
+            axis=1,
+        )
+        return block
 
     @property
     def _state(self) -> int:
@@ -54,11 +70,7 @@ class Tripod(DriveModel):
             flags,
             self.candidates.delayed,
             self.candidates.frame,
-            self._grid,
-            self.gear,
-            self.eps,
             self.cycle,
             self.law,
-            self.feedforward,
             *task,
         )
