@@ -18,11 +18,14 @@ from ros2_ident.machine.keys import KINDS
 from ros2_ident.recording import read_bag, Stream, write_bag
 from ros2_ident.reference.bag_making import write_simulated
 
+# This tree first; where it is installed, its entry points lie further on.
+SEARCHED = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get('PYTHONPATH')])])
+
 
 def child(*words, **environment):
     return subprocess.run(
         [sys.executable, '-m', 'ros2_ident.cli.main', *words],
-        env={**os.environ, 'PYTHONPATH': str(ROOT), **environment},
+        env={**os.environ, 'PYTHONPATH': SEARCHED, **environment},
         capture_output=True,
         text=True,
         timeout=120,

@@ -3,12 +3,11 @@
 
 from dataclasses import replace
 from functools import partial
-import importlib
 
 import numpy as np
 import pytest
 
-from ros2_ident.checks.paper import run as package_run
+from ros2_ident.checks.paper import run
 from ros2_ident.checks.paper.belt import (
     belt_machine,
     eigenfrequencies_over_position,
@@ -19,14 +18,11 @@ from ros2_ident.checks.paper.belt import (
     Trial,
     TRUTH,
 )
-from ros2_ident.checks.paper.page import belt_section, wilson
+from ros2_ident.checks.paper.page import belt_section
 from ros2_ident.checks.paper.tripod import tripod_section
 from ros2_ident.checks.paper.tripod_runs import Plan
 from ros2_ident.models.belt_drive.model import BeltDrive, step_reference
 from ros2_ident.search import GeneticSettings
-
-# The package's `run` is the function; this is its module.
-RUN = importlib.import_module('ros2_ident.checks.paper.run')
 
 # A log of the least length that still moves, and a search that only has to run through.
 QUICK = Plan(
@@ -40,11 +36,11 @@ QUICK = Plan(
 def out(tmp_path_factory):
     folder = tmp_path_factory.mktemp('paper')
     seen = []
-    RUN.tripod_section, kept = partial(tripod_section, plan=QUICK), RUN.tripod_section
+    run.tripod_section, kept = partial(tripod_section, plan=QUICK), run.tripod_section
     try:
-        page = package_run(folder, lambda part, text: seen.append((part, text)), seeds=3)
+        page = run.run(folder, lambda part, text: seen.append((part, text)), seeds=3)
     finally:
-        RUN.tripod_section = kept
+        run.tripod_section = kept
     return folder, page.read_text(encoding='utf-8'), seen
 
 
@@ -104,7 +100,7 @@ def stand_in(found, count):
 
 
 def findings(harm):
-    base = RUN.BeltFindings(
+    base = run.BeltFindings(
         frequencies=(67.9, 81.7),
         modes=(75.4, 272.8, 400.3),
         minima=41,
@@ -127,10 +123,3 @@ def test_words_follow_from_the_numbers():
     assert '**reproduced**, more survivors help' in harmful
     assert '**not reproduced** clearly' in harmless
     assert 'no seed was trapped' in harmless
-
-
-def test_interval_of_a_share():
-    low, high = wilson(38, 40)
-    assert low == pytest.approx(83.5, abs=0.1)
-    assert high == pytest.approx(98.6, abs=0.1)
-    assert wilson(40, 40)[1] == pytest.approx(100.0)

@@ -190,7 +190,8 @@ class Run:
         width = self.problem.high - self.problem.low
 
         def apart(from_: Array) -> Flags:
-            return (np.abs(candidates - from_) / width).max(axis=1) > APART
+            far: Flags = (np.abs(candidates - from_) / width).max(axis=1) > APART
+            return far
 
         beside_best = apart(ga.theta)
 

@@ -1,4 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
 """The experiments of Ludwig and Gerstmayr (2011), run again."""
-
-from ros2_ident.checks.paper.run import run as run
