@@ -12,6 +12,7 @@ from concurrent.futures import as_completed, Future
 import csv
 from dataclasses import asdict, dataclass, field
 import hashlib
+import io
 import json
 import math
 import os
@@ -22,7 +23,7 @@ from typing import Any
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.report.files import make_directory
+from ros2_ident.files import make_directory, write_text
 from ros2_ident.search.evaluators import Cancel
 
 Row = dict[str, Any]
@@ -273,9 +274,7 @@ def run_fleet(
 
     def take(row: Row) -> None:
         text = json.dumps(_plain(row), indent=1, allow_nan=False) + '\n'
-        partial = rows_folder / f'{row["name"]}.json.partial'
-        partial.write_text(text, encoding='utf-8')
-        partial.replace(rows_folder / f'{row["name"]}.json')
+        write_text(rows_folder / f'{row["name"]}.json', text)
         rows[row['name']] = _plain(row)
         if on_row is not None:
             on_row(rows[row['name']])
@@ -464,20 +463,19 @@ def _told(differences: list[Row]) -> list[Row]:
 def write_summary(out: Path, rows: Sequence[Row]) -> None:
     """Write `fleet.json` and `fleet.csv`, one line for each bag and parameter or failure."""
     content = {'schema': 'ros2_ident.fleet', 'version': 1, 'rows': rows, **summarise(rows)}
-    partial = out / 'fleet.json.partial'
-    partial.write_text(json.dumps(content, indent=1, allow_nan=False) + '\n', encoding='utf-8')
-    partial.replace(out / 'fleet.json')
+    write_text(out / 'fleet.json', json.dumps(content, indent=1, allow_nan=False) + '\n')
     head = ('bag', 'machine', 'date', 'state', 'code', 'message', 'effect', 'where')
-    with (out / 'fleet.csv').open('w', newline='', encoding='utf-8') as file:
-        table = csv.writer(file)
-        table.writerow((*head, 'parameter', 'value', 'low', 'high', 'unit'))
-        for row in rows:
-            same = [row['name'], *(row.get(k, '') for k in head[1:-1])]
-            same.append(','.join(row.get('where', ())))
-            for name, p in row.get('parameters', {'': {}}).items():
-                table.writerow(
-                    (*same, name, *(p.get(k, '') for k in ('value', 'low', 'high', 'unit')))
-                )
+    text = io.StringIO(newline='')
+    table = csv.writer(text)
+    table.writerow((*head, 'parameter', 'value', 'low', 'high', 'unit'))
+    for row in rows:
+        same = [row['name'], *(row.get(k, '') for k in head[1:-1])]
+        same.append(','.join(row.get('where', ())))
+        for name, p in row.get('parameters', {'': {}}).items():
+            table.writerow(
+                (*same, name, *(p.get(k, '') for k in ('value', 'low', 'high', 'unit')))
+            )
+    write_text(out / 'fleet.csv', text.getvalue())
 
 
 def states(rows: Sequence[Row]) -> Counter[str]:

@@ -112,10 +112,11 @@ def test_nothing_is_overwritten_unasked(recording, bag, tmp_path):
     with pytest.raises(IdentError, match='exists already; remove it or give another directory'):
         write_bag(bag, recording)
     (tmp_path / 'precious.txt').write_text('x')
-    with pytest.raises(IdentError, match='is no bag and will not be replaced'):
-        write_bag(tmp_path, recording, overwrite=True)
-    path = write_bag(tmp_path / 'log', recording)
-    write_bag(path, {'/joint_states': recording.state}, overwrite=True)
+    for place in (tmp_path, bag):
+        with pytest.raises(IdentError, match='is no draft that ident wrote and will not be repl'):
+            write_bag(place, recording, mark='draft')
+    path = write_bag(tmp_path / 'log', recording, mark='draft')
+    write_bag(path, {'/joint_states': recording.state}, mark='draft')
     assert read_bag(path)[0].effort is None
     with pytest.raises(IdentError, match='there is no stream to write'):
         write_bag(tmp_path / 'none', {})

@@ -91,15 +91,20 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.interrupt import interrupts
     from ros2_ident.cli.progress import FractionMeter
     from ros2_ident.cli.report import print_page
+    from ros2_ident.files import make_directory
     from ros2_ident.gap.diagnose import diagnose
     from ros2_ident.identify.run import read_problem
-    from ros2_ident.report.files import make_directory, write_diagnosis
+    from ros2_ident.report.files import write_diagnosis
 
     machine = machine_of(args)
     topics = topics_of(args)
     fit = read_problem(args.bag, machine, args.drives, topics=topics)
     check = read_problem(args.check, machine, args.drives, topics=topics) if args.check else None
     out = make_directory(args.out) if args.out else None
+    if out is not None and not args.no_overlay:
+        from ros2_ident.report.overlay import OVERLAY, require_place
+
+        require_place(out / OVERLAY, fit, [args.bag, args.check])
     fixed = once(args.fix, '--fix')
     said = ''
 
@@ -145,12 +150,12 @@ def _overlay(
     if args.no_overlay:
         return ()
     from ros2_ident.identify.problem import Problem
-    from ros2_ident.report.overlay import diagnosed_problem, verdict_of, write_overlay
+    from ros2_ident.report.overlay import diagnosed_problem, OVERLAY, verdict_of, write_overlay
 
     nominal = Problem(machine, data, drives=args.drives, fixed=once(args.fix, '--fix'))
     problem, theta = diagnosed_problem(nominal, found)
     return write_overlay(
-        out / 'overlay',
+        out / OVERLAY,
         problem,
         theta,
         topics=topics_of(args),

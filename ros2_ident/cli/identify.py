@@ -130,11 +130,12 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.progress import make_meter
     from ros2_ident.cli.report import print_page
     from ros2_ident.cli.table import print_result
+    from ros2_ident.files import make_directory
     from ros2_ident.identify.problem import Problem
     from ros2_ident.identify.result import Outcome
     from ros2_ident.identify.run import identify, read_problem
-    from ros2_ident.report.files import make_directory, write_result
-    from ros2_ident.report.overlay import verdict_of, write_overlay
+    from ros2_ident.report.files import write_result
+    from ros2_ident.report.overlay import OVERLAY, require_place, verdict_of, write_overlay
 
     fixed, bounds = once(args.fix, '--fix'), once(args.bounds, '--bounds')
     settings = settings_of(args)
@@ -142,6 +143,8 @@ def run(args: argparse.Namespace) -> int:
     samples = {} if args.samples is None else {'samples': args.samples}
     data = read_problem(args.bag, machine, args.drives, topics=topics_of(args), **samples)
     out = make_directory(args.out)
+    if not args.no_overlay:
+        require_place(out / OVERLAY, data, [args.bag])
     with interrupts() as cancel, make_meter(quiet=args.quiet) as meter:
         result = identify(
             machine,
@@ -159,7 +162,7 @@ def run(args: argparse.Namespace) -> int:
         files = list(write_result(out, result, problem))
         if not args.no_overlay:
             files += write_overlay(
-                out / 'overlay',
+                out / OVERLAY,
                 problem,
                 result.theta,
                 topics=topics_of(args),

@@ -38,6 +38,7 @@ def run(args: argparse.Namespace) -> int:
     import yaml
 
     from ros2_ident.errors import ErrorCode, IdentError
+    from ros2_ident.files import write_text
     from ros2_ident.machine.template import machine_template
     from ros2_ident.models import machine_from_mapping
 
@@ -47,17 +48,10 @@ def run(args: argparse.Namespace) -> int:
         print(text, end='')
         return 0
     path = Path(args.out)
-    try:
-        with path.open('x', encoding='utf-8') as file:
-            file.write(text)
-    except FileExistsError:
+    if path.exists():
         raise IdentError(
             ErrorCode.INVALID_GOAL, f'{path}: exists already; remove it or give another name'
-        ) from None
-    except OSError as exc:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{path}: cannot be written ({exc.strerror}); give another name',
-        ) from None
+        )
+    write_text(path, text)
     print(f'written: {path}; change its values, then: ident check --machine {path}')
     return 0

@@ -4,8 +4,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-import shutil
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from rosbags.interfaces import (
@@ -19,8 +18,10 @@ from rosbags.interfaces import (
 )
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
+import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import replacing_directory
 from ros2_ident.recording import cdr
 from ros2_ident.recording.bag import JOINT_STATE, Topics
 from ros2_ident.recording.streams import FIELDS, Recording, Stream
@@ -38,6 +39,8 @@ _LATCHED = Qos(
     _ZERO,
     False,
 )
+# Key of a bag's mark in the custom data of its metadata.
+MARK = 'ros2_ident'
 _STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 
 
@@ -61,7 +64,7 @@ def write_bag(
     streams: Recording | Mapping[str, Stream],
     *,
     topics: Topics | None = None,
-    overwrite: bool = False,
+    mark: str = '',
     storage: Literal['mcap', 'sqlite3'] = 'mcap',
     custom: Mapping[str, str] | None = None,
     others: Sequence[Topic] = (),
@@ -74,7 +77,8 @@ def write_bag(
             joint that has no value in a sample (NaN in every field) is still named there, with
             NaN.
         topics: Topic names of the roles of a recording.
-        overwrite: Replace a bag that is already there; anything else there is never touched.
+        mark: What the bag is, where it is made anew with every run; noted in its custom data. A
+            bag there that has the same mark is replaced, anything else there is never touched.
         storage: `mcap` (zstd compressed) or `sqlite3`.
         custom: Texts for the custom data of metadata.yaml.
         others: Topics of other types, recorded as latched.
@@ -94,13 +98,21 @@ def write_bag(
         raise IdentError(
             ErrorCode.INVALID_GOAL, f'{path}: there is no stream to write; name at least one'
         )
-    _make_room(path, overwrite)
+    require_room(path, mark)
+    noted = {**(custom or {}), **({MARK: mark} if mark else {})}
+    with replacing_directory(path, replace=bool(mark)) as new:
+        writer = Writer(new, version=9, storage_plugin=_STORAGES[storage])
+        if storage == 'mcap':
+            writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        for key, value in sorted(noted.items()):
+            writer.set_custom_data(key, value)
+        _write(writer, by_topic, others)
+    return path
+
+
+def _write(writer: Writer, by_topic: Mapping[str, Stream], others: Sequence[Topic]) -> None:
+    """Write all messages in the order of their stamps."""
     store = get_typestore(Stores.ROS2_JAZZY)
-    writer = Writer(path, version=9, storage_plugin=_STORAGES[storage])
-    if storage == 'mcap':
-        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    for key, value in sorted((custom or {}).items()):
-        writer.set_custom_data(key, value)
     with writer:
         connections: list[Connection] = []
         messages: list[list[bytes]] = []
@@ -123,22 +135,42 @@ def write_bag(
         row = np.concatenate([np.arange(len(x)) for x in messages])
         for k in np.argsort(when, kind='stable').tolist():
             writer.write(connections[which[k]], int(when[k]), messages[which[k]][row[k]])
-    return path
 
 
-def _make_room(path: Path, overwrite: bool) -> None:
-    if not path.exists():
+def require_room(path: str | Path, mark: str = '') -> None:
+    """Refuse to write a bag where something is that is not ours to replace.
+
+    Args:
+        path: The directory to make.
+        mark: As for `write_bag`.
+
+    Raises:
+        IdentError: INVALID_GOAL with the remedy.
+    """
+    path = Path(path)
+    if not path.exists() and not path.is_symlink():
         return
-    if not overwrite:
+    if not mark:
         raise IdentError(
             ErrorCode.INVALID_GOAL, f'{path}: exists already; remove it or give another directory'
         )
-    known = ('.mcap', '.db3', '.zstd')
-    if not path.is_dir() or any(
-        x.suffix not in known and x.name != 'metadata.yaml' for x in path.iterdir()
-    ):
+    if not _is_marked(path, mark):
         raise IdentError(
             ErrorCode.INVALID_GOAL,
-            f'{path}: is no bag and will not be replaced; give another directory',
+            f'{path}: is no {mark} that ident wrote and will not be replaced; move it away or '
+            'give another directory',
         )
-    shutil.rmtree(path)
+
+
+def _is_marked(path: Path, mark: str) -> bool:
+    """Return whether a bag has a mark, and its directory holds nothing else."""
+    if path.is_symlink() or not path.is_dir():
+        return False
+    try:
+        content = yaml.safe_load((path / 'metadata.yaml').read_text(encoding='utf-8'))
+        about: dict[str, Any] = content['rosbag2_bagfile_information']
+        files = {'metadata.yaml', *map(str, about['relative_file_paths'])}
+        noted = (about['custom_data'] or {}).get(MARK)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, yaml.YAMLError):
+        return False
+    return noted == mark and {x.name for x in path.iterdir()} <= files

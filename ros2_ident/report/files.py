@@ -8,7 +8,6 @@ An identification: `result.json`, `result.yaml`, `history.npz`, `signals.npz`. A
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import make_directory, write_arrays, write_text
 from ros2_ident.gap.diagnosis import Diagnosis, SCHEMA
 from ros2_ident.gap.diagnosis import to_mapping as diagnosis_mapping
 from ros2_ident.identify.data import Data
@@ -30,35 +30,6 @@ JSON, YAML, HISTORY, SIGNALS = 'result.json', 'result.yaml', 'history.npz', 'sig
 DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'
 # Made from the others by `report.page`.
 PAGE = 'report.html'
-
-
-def make_directory(path: str | Path) -> Path:
-    """Make the directory results go to, with its parents.
-
-    Raises:
-        IdentError: INVALID_GOAL where something else is there or it cannot be written to.
-    """
-    path = Path(path)
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as exc:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{path}: cannot be made ({exc.strerror}); give another directory for the results',
-        ) from None
-    if not os.access(path, os.W_OK):
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{path}: cannot be written to; give another directory for the results',
-        )
-    return path
-
-
-def _replace(path: Path, text: str) -> Path:
-    """Write a file such that a reader finds the old or the new one, never half of one."""
-    partial = path.with_name(path.name + '.partial')
-    partial.write_text(text, encoding='utf-8')
-    return partial.replace(path)
 
 
 def write_diagnosis(
@@ -94,7 +65,7 @@ def write_diagnosis(
     }
     text = json.dumps(plain(content), indent=1, allow_nan=False) + '\n'
     return (
-        _replace(folder / DIAGNOSIS, text),
+        write_text(folder / DIAGNOSIS, text),
         write_signals(folder / DIAGNOSIS_SIGNALS, signals_of_diagnosis(found)),
     )
 
@@ -135,21 +106,19 @@ def write_result(
     folder = make_directory(directory)
     data = to_mapping(result)
     history = folder / HISTORY
-    partial = history.with_name(HISTORY + '.partial')
-    with partial.open('wb') as file:
-        np.savez_compressed(
-            file,
-            allow_pickle=False,
-            names=np.array([p.name for p in result.parameters]),
-            best_costs=result.history.best_costs,
-            candidates=result.history.candidates,
-            costs=result.history.costs,
-            generations=result.history.generations,
-        )
-    partial.replace(history)
+    write_arrays(
+        history,
+        {
+            'names': np.array([p.name for p in result.parameters]),
+            'best_costs': result.history.best_costs,
+            'candidates': result.history.candidates,
+            'costs': result.history.costs,
+            'generations': result.history.generations,
+        },
+    )
     files = (
-        _replace(folder / JSON, json.dumps(data, indent=2, allow_nan=False) + '\n'),
-        _replace(folder / YAML, yaml.safe_dump(data, sort_keys=False, width=99)),
+        write_text(folder / JSON, json.dumps(data, indent=2, allow_nan=False) + '\n'),
+        write_text(folder / YAML, yaml.safe_dump(data, sort_keys=False, width=99)),
         history,
     )
     signals = folder / SIGNALS

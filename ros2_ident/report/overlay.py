@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measured and simulated effort side by side: streams, and a bag that any tool opens."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import json
 from pathlib import Path
@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
 
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnosis import Diagnosis, to_mapping
+from ros2_ident.identify.data import Data
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Array, Identification, Outcome
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import Dataset, Recording, Stream, Topics, write_bag
 from ros2_ident.recording.grid import find_ticks
 from ros2_ident.recording.streams import FloatArray, IntArray
-from ros2_ident.recording.write import Topic
+from ros2_ident.recording.write import require_room, Topic
 from ros2_ident.report.scene import MARKERS, scene_messages, scene_of
 from ros2_ident.report.schema import plain
 from ros2_ident.report.schema import to_mapping as result_mapping
@@ -25,6 +27,8 @@ from ros2_ident.report.schema import to_mapping as result_mapping
 # Where the node `identifier` publishes the same, so that one layout shows both.
 SIMULATED, RESIDUAL = '/identifier/simulated', '/identifier/residual'
 SCENE, VERDICT, DIAGNOSTICS = '/identifier/scene', '/identifier/verdict', '/diagnostics'
+# Name of the bag in a result directory, and its mark in the metadata.
+OVERLAY = 'overlay'
 _STRING, _ARRAY = 'std_msgs/msg/String', 'diagnostic_msgs/msg/DiagnosticArray'
 
 
@@ -129,8 +133,8 @@ def write_overlay(
     A tripod moves in them as markers for RViz and Foxglove, too.
 
     Args:
-        path: Directory of the bag; further segments get `_2`, `_3` behind it. Bags there are
-            replaced.
+        path: Directory of the bag; further segments get `_2`, `_3` behind it. Overlays there are
+            replaced, anything else is left alone.
         problem: The problem, from data that hold their recordings.
         theta: (N,) parameters, physical units.
         topics: Names of the original streams' topics.
@@ -139,6 +143,9 @@ def write_overlay(
 
     Returns:
         The bags' directories; none where the data hold no recordings.
+
+    Raises:
+        IdentError: INVALID_GOAL as `require_place`.
     """
     if len(problem.data.recordings) != len(problem.data.datasets) or not np.isfinite(theta).all():
         return ()
@@ -149,13 +156,40 @@ def write_overlay(
         recording = problem.data.recordings[number - 1]
         streams = {getattr(names, role): stream for role, stream in recording.streams.items()}
         streams |= {SIMULATED: extra['simulated'], RESIDUAL: extra['residual']}
-        place = path if number == 1 else path.with_name(f'{path.name}_{number}')
         others = [] if verdict is None else _said(verdict, recording.begin)
         scene = scene_of(problem, theta, extra['residual'], number - 1) if moving else None
         if scene is not None:
             others.append(Topic(SCENE, MARKERS, scene_messages(scene)))
-        written.append(write_bag(place, streams, overwrite=True, others=others))
+        written.append(write_bag(_place(path, number), streams, mark=OVERLAY, others=others))
     return tuple(written)
+
+
+def require_place(path: str | Path, data: Data, inputs: Sequence[str | Path | None] = ()) -> None:
+    """Refuse, before any work is done, a place whose bags are not ours to replace.
+
+    Args:
+        path: As for `write_overlay`.
+        data: What the overlay will be of.
+        inputs: The bags that were read; an overlay among them is not replaced either.
+
+    Raises:
+        IdentError: INVALID_GOAL with the remedy.
+    """
+    read = {Path(x).resolve() for x in inputs if x}
+    for number in range(1, len(data.recordings) + 1):
+        place = _place(Path(path), number)
+        if place.resolve() in read:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{place}: is what is read and will not be replaced; give another directory for '
+                'the results',
+            )
+        require_room(place, OVERLAY)
+
+
+def _place(path: Path, number: int) -> Path:
+    """Return the directory of a segment's bag; they count from 1."""
+    return path if number == 1 else path.with_name(f'{path.name}_{number}')
 
 
 def _said(verdict: Verdict, stamp: int) -> list[Topic]:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import write_arrays
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Array
@@ -118,10 +119,7 @@ def write_signals(path: Path, signals: Signals) -> Path:
         arrays[f'time_{number}'] = recording.time
         arrays[f'measured_{number}'] = recording.measured
         arrays[f'simulated_{number}'] = recording.simulated
-    partial = path.with_name(path.name + '.partial')
-    with partial.open('wb') as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
-    return partial.replace(path)
+    return write_arrays(path, arrays)
 
 
 def load_signals(path: Path) -> Signals:

@@ -11,14 +11,15 @@ import yaml
 
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import replacing, write_text
 from ros2_ident.recording import Stream
 from ros2_ident.report.files import write_diagnosis, write_result
-from ros2_ident.report.overlay import overlay_streams, verdict_of, write_overlay
+from ros2_ident.report.overlay import OVERLAY, overlay_streams, verdict_of, write_overlay
 from ros2_ident.report.scene import largest_gap, scene_of
 from ros2_ident.ros.diagnose_run import Diagnosed
 from ros2_ident.ros.run import Finished
 
-CONFIGURATION, OVERLAY = 'configuration.yaml', 'overlay'
+CONFIGURATION = 'configuration.yaml'
 
 
 def save_result(finished: Finished, directory: str | None = None) -> str:
@@ -39,7 +40,7 @@ def save_result(finished: Finished, directory: str | None = None) -> str:
         return ''
     folder = _folder(Path(base).expanduser())
     path = write_result(folder, finished.identification, finished.problem())[0]
-    (folder / CONFIGURATION).write_text(finished.request.configuration, encoding='utf-8')
+    write_text(folder / CONFIGURATION, finished.request.configuration)
     return str(path)
 
 
@@ -58,7 +59,7 @@ def save_diagnosis(done: Diagnosed) -> str:
     if not done.request.output_directory:
         return ''
     folder = _folder(Path(done.request.output_directory).expanduser())
-    (folder / CONFIGURATION).write_text(done.request.configuration, encoding='utf-8')
+    write_text(folder / CONFIGURATION, done.request.configuration)
     request = done.request
     settings = yaml.safe_load(request.configuration)['settings']
     files = write_diagnosis(
@@ -89,7 +90,8 @@ def draw_diagnosis(done: Diagnosed, result_file: str) -> None:
     if ranks:
         figures['ranking'] = ranking(ranks, found.unit)
     for name, figure in figures.items():
-        figure.savefig(Path(result_file).with_name(f'{name}.png'), dpi=120)
+        with replacing(Path(result_file).with_name(f'{name}.png')) as file:
+            figure.savefig(file, format='png', dpi=120)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import math
 from pathlib import Path
 import textwrap
 
+from ros2_ident.files import write_text
 from ros2_ident.search import GeneticSettings
 
 Value = bool | int | float | str | tuple[str, ...]
@@ -342,5 +343,5 @@ def generated(root: Path) -> dict[Path, str]:
 
 if __name__ == '__main__':
     for path, text in generated(Path(__file__).resolve().parents[2]).items():
-        path.write_text(text, encoding='utf-8')
+        write_text(path, text)
         print(path)

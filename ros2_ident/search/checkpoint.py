@@ -3,13 +3,13 @@
 
 from collections.abc import Mapping
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import write_arrays
 
 _PLAIN = 'plain_json'
 
@@ -21,17 +21,11 @@ def write_state(path: str | Path, state: Mapping[str, Any]) -> None:
         path: The file, by convention `*.npz`.
         state: From `GeneticSearch.state`: arrays, and plain data that JSON can hold.
     """
-    path = Path(path)
     arrays = {k: v for k, v in state.items() if isinstance(v, np.ndarray)}
     plain = json.dumps({k: v for k, v in state.items() if k not in arrays})
     # The generator's state has 128-bit integers: JSON keeps them, no array type does.
     arrays[_PLAIN] = np.frombuffer(plain.encode(), dtype=np.uint8)
-    partial = path.with_name(path.name + '.partial')
-    with partial.open('wb') as file:
-        np.savez(file, allow_pickle=False, **arrays)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+    write_arrays(path, arrays, packed=False)
 
 
 def read_state(path: str | Path) -> dict[str, Any]:

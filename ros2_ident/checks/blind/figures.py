@@ -22,6 +22,7 @@ from ros2_ident.checks.blind.score import (  # noqa: E402
     verdict_of,
     wilson,
 )
+from ros2_ident.files import replacing  # noqa: E402
 from ros2_ident.gap.verdict import NONE, UNKNOWN  # noqa: E402
 
 EDGES = (0.2, 0.45, 0.7, 1.0, 1.5, 2.2, 3.3, 5.0, 12.0)
@@ -125,6 +126,7 @@ def confusion(rows: Sequence[Row], path: Path) -> Path:
 
 def _save(fig: Figure, path: Path) -> Path:
     fig.tight_layout()
-    fig.savefig(path, dpi=110)
+    with replacing(path) as file:
+        fig.savefig(file, format='png', dpi=110)
     plt.close(fig)
     return path

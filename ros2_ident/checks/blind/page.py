@@ -20,6 +20,7 @@ from ros2_ident.checks.blind.score import (
     SEEN,
     verdict_of,
 )
+from ros2_ident.files import write_text
 from ros2_ident.gap.verdict import UNKNOWN
 
 METHOD = """
@@ -102,8 +103,7 @@ def write_page(
     for title, picture in pictures.items():
         text += ['', f'## {title}', '', f'![{title}]({folder.name}/{picture.name})']
     text += ['', *_wrong(rows), METHOD]
-    page.write_text('\n'.join(text), encoding='utf-8')
-    return page
+    return write_text(page, '\n'.join(text))
 
 
 def _sort(sort: str) -> str:

@@ -10,7 +10,6 @@ import multiprocessing
 import os
 from pathlib import Path
 import queue
-import shutil
 import signal
 import subprocess
 import sys
@@ -23,6 +22,7 @@ from ros2_ident.checks.blind.draw import Drawer, plan, Shares, Wanted
 from ros2_ident.checks.blind.label import to_mapping
 from ros2_ident.checks.blind.store import Store, write_json
 from ros2_ident.checks.blind.truth import make_row
+from ros2_ident.files import replacing_directory
 from ros2_ident.models import load_machine
 from ros2_ident.reference.bag_making import nuisance_of, simulate_bag, write_simulated
 
@@ -51,14 +51,14 @@ def draw_case(store: Store, wanted: Wanted, seed: int) -> dict[str, str]:
         nuisance_of(machine), jitter=label.noise['jitter'], drop=label.noise['drop']
     )
     effects = (*label.imperfections, *label.effects)
-    folder = store.case(label.case)
-    shutil.rmtree(folder, ignore_errors=True)  # left by a draw that was cut short
-    folder.mkdir(parents=True)
-    for i, (name, order) in enumerate(zip(('fit', 'check'), label.motions, strict=True)):
-        bag = simulate_bag(
-            machine, label.parameters, order.draw(machine), label.seed + i, nuisance, effects
-        )
-        write_simulated(folder / name, bag)
+    # A case that is there without a seal is one of this run that was cut short.
+    with replacing_directory(store.case(label.case), replace=True) as folder:
+        folder.mkdir()
+        for i, (name, order) in enumerate(zip(('fit', 'check'), label.motions, strict=True)):
+            bag = simulate_bag(
+                machine, label.parameters, order.draw(machine), label.seed + i, nuisance, effects
+            )
+            write_simulated(folder / name, bag)
     return seal.close(to_mapping(label), seed)
 
 

@@ -7,15 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import write_text
 
 RUN, SEALED, TABLE, MACHINE = 'run.json', 'sealed', 'table.jsonl', 'machine.yaml'
 
 
 def write_json(path: Path, content: Any) -> None:
     """Write a file such that a reader finds all of it or none."""
-    partial = path.with_name(path.name + '.partial')
-    partial.write_text(json.dumps(content, indent=1) + '\n', encoding='utf-8')
-    partial.replace(path)
+    write_text(path, json.dumps(content, indent=1) + '\n')
 
 
 def read_json(path: Path) -> Any:
@@ -51,11 +50,17 @@ class Store:
         Raises:
             IdentError: INVALID_GOAL where another run is here.
         """
-        (self.root / SEALED).mkdir(parents=True, exist_ok=True)
         there = read_json(self.root / RUN)
+        if there is None and (self.root / 'cases').exists():
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{self.root} holds `cases` of no run, which a run would replace; give an empty '
+                'directory',
+            )
+        (self.root / SEALED).mkdir(parents=True, exist_ok=True)
         text = Path(machine).read_text(encoding='utf-8')
         if there is None:
-            self.machine.write_text(text, encoding='utf-8')
+            write_text(self.machine, text)
             write_json(self.root / RUN, dict(what))
             return
         same = all(there.get(key) == what[key] for key in ('cases', 'seed', 'shares'))
@@ -107,8 +112,5 @@ class Store:
 
     def write_rows(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Keep the scored cases, in the order of their numbers."""
-        path = self.root / TABLE
-        partial = path.with_name(path.name + '.partial')
         ordered = sorted(rows, key=lambda row: int(row['case']))
-        partial.write_text(''.join(json.dumps(row) + '\n' for row in ordered), encoding='utf-8')
-        partial.replace(path)
+        write_text(self.root / TABLE, ''.join(json.dumps(row) + '\n' for row in ordered))

@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the experiments."""
     from ros2_ident.checks.paper.run import run as run_paper
     from ros2_ident.cli.progress import FractionMeter
-    from ros2_ident.report.files import make_directory
+    from ros2_ident.files import make_directory
 
     with FractionMeter(quiet=args.quiet) as meter:
         page = run_paper(make_directory(args.out), meter, seeds=args.seeds)

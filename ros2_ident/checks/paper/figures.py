@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from ros2_ident.checks.paper.belt import Array, eigenfrequencies_over_position, Trial, TRUTH
+from ros2_ident.files import replacing
 from ros2_ident.models.belt_drive.model import BeltDrive
 
 # Two inks that differ in lightness too, and grey for what only frames them.
@@ -34,7 +35,8 @@ def tidy(axes: Any) -> None:
 def save(figure: Figure, path: Path) -> None:
     """Write a picture."""
     # Without a date in the file, equal pictures are equal files.
-    figure.savefig(path, dpi=120, metadata={'Software': None})
+    with replacing(path) as file:
+        figure.savefig(file, format='png', dpi=120, metadata={'Software': None})
 
 
 def eigenfrequency(path: Path) -> tuple[float, float]:

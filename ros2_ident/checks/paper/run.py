@@ -17,6 +17,7 @@ from ros2_ident.checks.paper.belt import (
 )
 from ros2_ident.checks.paper.page import belt_section, BeltFindings
 from ros2_ident.checks.paper.tripod import tripod_section
+from ros2_ident.files import write_text
 from ros2_ident.models.belt_drive.model import BeltDrive, step_reference
 
 HEAD = (
@@ -57,7 +58,7 @@ def run(
         pictures, lambda part, text: progress(0.5 + 0.5 * part, text), seeds=seeds
     )
     page = folder / 'paper.md'
-    page.write_text(HEAD + belt_section(belt) + '\n' + tripod, encoding='utf-8')
+    write_text(page, HEAD + belt_section(belt) + '\n' + tripod)
     progress(1.0, f'{page} is written')
     return page
 

@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import escape, Markup
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import make_directory, write_text
 from ros2_ident.identify.outcome import package_version
 from ros2_ident.identify.result import Identification, ParameterEstimate
 from ros2_ident.report.files import (
@@ -23,7 +24,6 @@ from ros2_ident.report.files import (
     JSON,
     load_diagnosis,
     load_result,
-    make_directory,
     PAGE,
     SIGNALS,
     YAML,
@@ -61,16 +61,7 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
         )
     target = folder / PAGE if page is None else Path(page)
     make_directory(target.parent)
-    text = _render(folder, result, diagnosis)
-    partial = target.with_name(target.name + '.partial')
-    try:
-        partial.write_text(text, encoding='utf-8')
-        return partial.replace(target)
-    except OSError as exc:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{target}: cannot be written ({exc.strerror}); give another file for the page',
-        ) from None
+    return write_text(target, _render(folder, result, diagnosis))
 
 
 def _render(

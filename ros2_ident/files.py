@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one writer of files: whoever reads finds the old content or the new, never half of one.
+
+Everything is written beside its place under a name of its own that ends with `.partial`, brought
+to the disk, and put in its place in one step. What a crash leaves therefore ends with `.partial`;
+nothing reads it, the next run does not mind it, and it may be deleted.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+import errno
+import os
+from pathlib import Path
+import secrets
+import shutil
+from typing import Any, IO
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+
+PARTIAL = '.partial'
+# Some network file systems cannot bring a directory to the disk.
+_NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EBADF)
+
+
+def make_directory(path: str | Path) -> Path:
+    """Make the directory results go to, with its parents.
+
+    Raises:
+        IdentError: INVALID_GOAL where something else is there or it cannot be written to.
+    """
+    path = Path(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as exc:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{path}: cannot be made ({exc.strerror}); give another directory for the results',
+        ) from None
+    if not os.access(path, os.W_OK):
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{path}: cannot be written to; give another directory for the results',
+        )
+    return path
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[IO[bytes]]:
+    """Give a file to write to, which takes the place of `path` when all of it is written.
+
+    Args:
+        path: The file; its directory exists.
+
+    Yields:
+        A binary file. Where an exception ends the writing, `path` stays what it was.
+
+    Raises:
+        IdentError: INVALID_GOAL where it cannot be written.
+    """
+    path = Path(path)
+    partial = _beside(path)
+    with _explained(path):
+        try:
+            with partial.open('xb') as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(partial, path)
+        except BaseException:
+            with suppress(OSError):
+                partial.unlink()
+            raise
+        _sync(path.parent)
+
+
+@contextmanager
+def replacing_directory(path: str | Path, *, replace: bool = False) -> Iterator[Path]:
+    """Give the path of a directory to make, which takes the place of `path` when it is whole.
+
+    Args:
+        path: The directory; its parents are made.
+        replace: Whether a directory that is there may go. It is for the caller to know that it
+            is his own.
+
+    Yields:
+        The path to make and fill, of the same name and on the same file system.
+
+    Raises:
+        IdentError: INVALID_GOAL where something is in the way or it cannot be written.
+    """
+    path = Path(path)
+    partial = _beside(path)
+    new = partial / 'new' / path.name
+    with _explained(path):
+        try:
+            new.parent.mkdir(parents=True)
+            yield new
+            for made in (new, *new.rglob('*')):
+                _sync(made)
+            _swap(new, path, partial / 'old', replace)
+        except BaseException:
+            shutil.rmtree(new.parent, ignore_errors=True)
+            with suppress(OSError):
+                partial.rmdir()
+            raise
+        _sync(path.parent)
+    shutil.rmtree(partial, ignore_errors=True)
+
+
+def _swap(new: Path, path: Path, old: Path, replace: bool) -> None:
+    """Put a new directory at a path, and what was there at `old`."""
+    if os.path.lexists(path):
+        if path.is_symlink() or not replace:
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
+        os.rename(path, old)
+    try:
+        os.rename(new, path)
+    except BaseException:
+        if old.exists():
+            os.rename(old, path)
+        raise
+
+
+def write_text(path: str | Path, text: str) -> Path:
+    """Write a text as UTF-8, its line ends as they are; see `replacing`.
+
+    Returns:
+        The path.
+    """
+    with replacing(path) as file:
+        file.write(text.encode())
+    return Path(path)
+
+
+def write_arrays(path: str | Path, arrays: Mapping[str, Any], *, packed: bool = True) -> Path:
+    """Write arrays as NPZ without pickle; see `replacing`.
+
+    Args:
+        path: The file.
+        arrays: By name.
+        packed: Whether to compress them.
+
+    Returns:
+        The path.
+    """
+    save = np.savez_compressed if packed else np.savez
+    with replacing(path) as file:
+        save(file, allow_pickle=False, **arrays)
+    return Path(path)
+
+
+def _beside(path: Path) -> Path:
+    """Return a path in the same directory that no other process and no earlier run has."""
+    return path.with_name(f'{path.name}.{secrets.token_hex(4)}{PARTIAL}')
+
+
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    """Turn the system's refusal to write into a sentence with the remedy."""
+    try:
+        yield
+    except OSError as exc:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{path}: cannot be written ({exc.strerror or exc}); make room there, or give another '
+            'directory',
+        ) from exc
+
+
+def _sync(path: Path) -> None:
+    """Bring a file or the names in a directory to the disk."""
+    number = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(number)
+    except OSError as exc:
+        if exc.errno not in _NO_SYNC:
+            raise
+    finally:
+        os.close(number)
