@@ -14,8 +14,8 @@ from ros2_ident.checks.blind.score import (
     Score,
     score,
     sentences,
-    wilson,
 )
+from ros2_ident.checks.share import share_interval
 
 
 def by_name() -> dict[str, Score]:
@@ -23,10 +23,10 @@ def by_name() -> dict[str, Score]:
 
 
 def test_wilson_is_the_textbook_one() -> None:
-    assert all(math.isnan(end) for end in wilson(0, 0))
+    assert all(math.isnan(end) for end in share_interval(0, 0))
     # Newcombe (1998), Statistics in Medicine 17, table I, method 3: 81 of 263 and 0 of 20.
-    assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)
-    assert wilson(0, 20) == pytest.approx((0.0, 0.1611), abs=1e-4)
+    assert share_interval(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)
+    assert share_interval(0, 20) == pytest.approx((0.0, 0.1611), abs=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import false_discovery_control
 
 from ros2_ident.gap.coherence import bases_of, blocks_of, Coarse, coarse_of, LEAST, tested, thrown
 from ros2_ident.gap.coordinates import Coordinate, coordinates, Motion, PHASES, phases, places
@@ -104,10 +105,9 @@ def localise(
             continue
         found += _drive(motion, d, coarse, noise, flips, generator)
         found += _swing(motion, d, residual[d], noise, coarse)
-    limit = _cut([f.p_value for f in found], LEVEL)
     found = [
-        replace(f, significant=f.p_value <= limit and f.over_floor >= MATERIAL and not _faint(f))
-        for f in found
+        replace(f, significant=passed and f.over_floor >= MATERIAL and not _faint(f))
+        for f, passed in zip(found, _passed([f.p_value for f in found]), strict=True)
     ]
     found += _likely(found, motion.drives)
     size = np.sqrt(np.nanmean(residual**2, axis=1)) / floor.per_drive
@@ -135,12 +135,13 @@ def _faint(finding: Finding) -> bool:
     return finding.coordinate.startswith('size by') and finding.statistic < CONTRAST
 
 
-def _cut(p_values: Sequence[float], level: float) -> float:
-    """Return the largest p-value that Benjamini and Hochberg let pass, -1 where none."""
-    ordered = np.sort(np.asarray(p_values))
-    rank = np.arange(1, ordered.size + 1)
-    passed = np.flatnonzero(ordered <= level * rank / max(1, ordered.size))
-    return float(ordered[passed[-1]]) if passed.size else -1.0
+def _passed(p_values: Sequence[float]) -> list[bool]:
+    """Return which p-values Benjamini and Hochberg let pass."""
+    if not p_values:
+        return []
+    # They are fractions of the flips: a tie with the level passes, however it is rounded.
+    adjusted: Array = false_discovery_control(p_values)
+    return [bool(p <= LEVEL * (1.0 + 1e-9)) for p in adjusted]
 
 
 def _drive(

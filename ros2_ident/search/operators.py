@@ -12,6 +12,7 @@ import math
 from numba import njit
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import qmc
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -114,8 +115,8 @@ def latin_hypercube(count: int, dimension: int, rng: np.random.Generator) -> Arr
     Reference:
         McKay, Beckman and Conover (1979), Technometrics 21.
     """
-    layers = np.stack([rng.permutation(count) for _ in range(dimension)], axis=1)
-    return (layers + rng.random((count, dimension))) / count
+    points: Array = qmc.LatinHypercube(dimension, seed=rng).random(count)
+    return points
 
 
 def kronecker(count: int, dimension: int, rng: np.random.Generator) -> Array:

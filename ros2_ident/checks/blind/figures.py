@@ -20,8 +20,8 @@ from ros2_ident.checks.blind.score import (  # noqa: E402
     exact,
     Row,
     verdict_of,
-    wilson,
 )
+from ros2_ident.checks.share import share_interval  # noqa: E402
 from ros2_ident.files import replacing  # noqa: E402
 from ros2_ident.gap.verdict import NONE, UNKNOWN  # noqa: E402
 
@@ -43,7 +43,7 @@ def detection(rows: Sequence[Row], path: Path) -> Path:
             if not part:
                 continue
             hits = sum(test(r) for r in part)
-            ends = wilson(hits, len(part))
+            ends = share_interval(hits, len(part))
             middle.append(shift * float(np.exp(np.mean([np.log(r['rho']) for r in part]))))
             share.append(hits / len(part))
             low.append(max(0.0, share[-1] - ends[0]))
@@ -69,7 +69,7 @@ def reliability(rows: Sequence[Row], path: Path) -> Path:
     fig, ax = plt.subplots(figsize=(4.6, 4.2))
     ax.plot([0, 1], [0, 1], 'k:', lw=1)
     for p, share, count in table:
-        low, high = wilson(round(share * count), count)
+        low, high = share_interval(round(share * count), count)
         ax.errorbar(
             p,
             share,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.checks.share import share_interval
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.explain import Rules
 from ros2_ident.gap.verdict import NONE, TWINS, UNKNOWN
@@ -47,23 +48,6 @@ class Score:
     level: str
     reached: bool | None
     share: bool = True
-
-
-def wilson(hits: int, count: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share.
-
-    Reference:
-        Wilson (1927), Journal of the American Statistical Association 22.
-    """
-    if count == 0:
-        return math.nan, math.nan
-    z = 1.959964
-    share = hits / count
-    middle = (share + z * z / (2 * count)) / (1 + z * z / count)
-    half = (
-        z * math.sqrt(share * (1 - share) / count + z * z / (4 * count**2)) / (1 + z * z / count)
-    )
-    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def same(name: str, where: Sequence[str], truth: Mapping[str, Any]) -> bool:
@@ -169,7 +153,7 @@ def _share(
     name: str, rows: Sequence[Row], test: Callable[[Row], bool], level: str, least: float
 ) -> Score:
     hits = sum(test(r) for r in rows)
-    low, high = wilson(hits, len(rows))
+    low, high = share_interval(hits, len(rows))
     value = hits / len(rows) if rows else math.nan
     return Score(name, value, low, high, len(rows), level, value >= least if rows else None)
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ros2_ident.checks.paper.belt import Trial, TRUTH
+from ros2_ident.checks.share import share_interval
 
 FAR = 0.1  # relative error of EA that is another place altogether
 
@@ -45,27 +46,14 @@ class BeltFindings:
     found_seed: int | None
 
 
-def wilson(hits: int, count: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share, in %.
-
-    Reference:
-        Wilson (1927), Journal of the American Statistical Association 22.
-    """
-    z2 = 1.96**2
-    share = hits / count
-    middle = (share + z2 / (2 * count)) / (1 + z2 / count)
-    spread = math.sqrt(share * (1 - share) * z2 / count + z2**2 / (4 * count**2))
-    spread /= 1 + z2 / count
-    return 100.0 * (middle - spread), 100.0 * (middle + spread)
-
-
 def _hits(found: list[Trial]) -> int:
     return sum(t.success for t in found)
 
 
 def _share(found: list[Trial]) -> str:
-    low, high = wilson(_hits(found), len(found))
-    return f'{100 * _hits(found) / len(found):.0f} % ({low:.0f} to {high:.0f})'
+    low, high = share_interval(_hits(found), len(found))
+    share = 100 * _hits(found) / len(found)
+    return f'{share:.0f} % ({100 * low:.0f} to {100 * high:.0f})'
 
 
 def _table(findings: BeltFindings) -> str:

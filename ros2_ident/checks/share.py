@@ -1,0 +1,18 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The interval of a share, for the figures of all checks."""
+
+import math
+
+from scipy.stats import binomtest
+
+
+def share_interval(hits: int, count: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share; NaN where nothing was counted.
+
+    Reference:
+        Wilson (1927), Journal of the American Statistical Association 22.
+    """
+    if count == 0:
+        return math.nan, math.nan
+    interval = binomtest(hits, count).proportion_ci(0.95, method='wilson')
+    return float(interval.low), float(interval.high)
