@@ -6,7 +6,7 @@ import importlib
 import pkgutil
 from types import MappingProxyType
 
-from ros2_ident.effects.effect import DriveState, Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Context, Detector, DriveState, Effect, EffectParameter, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 
 
@@ -37,4 +37,24 @@ def get_effect(name: str) -> Effect:
         ) from None
 
 
-__all__ = ['CATALOGUE', 'DriveState', 'Effect', 'EffectParameter', 'Hook', 'get_effect']
+def twins(name: str) -> frozenset[str]:
+    """Return an id with those that are the same answer; alone where the catalogue lacks it."""
+    return frozenset({name, *CATALOGUE[name].twins}) if name in CATALOGUE else frozenset({name})
+
+
+def shown_by(detector: Detector) -> Effect | None:
+    """Return the effect that something of a log shows by itself; None where there is none."""
+    return next((e for e in CATALOGUE.values() if e.shown_by == detector), None)
+
+
+__all__ = [
+    'CATALOGUE',
+    'Context',
+    'DriveState',
+    'Effect',
+    'EffectParameter',
+    'Hook',
+    'get_effect',
+    'shown_by',
+    'twins',
+]

@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter, elastic_gear, Hook
 from ros2_ident.lanes import inlined, maximum, minimum, spread
 
 
@@ -30,4 +30,5 @@ EFFECT = Effect(
         'presliding',
     ),
     separated_by='reverse the load of {drive} without its motion: brake hard against gravity',
+    needs=elastic_gear,
 )

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The set-point reaches the controller late."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import closed_loop, Effect, EffectParameter, Hook
 
 EFFECT = Effect(
     id='command_delay',
@@ -21,4 +21,6 @@ EFFECT = Effect(
         'effort_delay',
     ),
     separated_by='compare set-point and measured position of {drive} in a chirp',
+    needs=closed_loop,
+    shown_by='late_set_point',
 )

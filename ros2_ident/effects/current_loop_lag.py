@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import closed_loop, Effect, EffectParameter, Hook
 from ros2_ident.lanes import exp, inlined, maximum, spread, where
 
 
@@ -40,4 +40,5 @@ EFFECT = Effect(
         'velocity_gain_error',
     ),
     separated_by='excite {drive} with a chirp beyond the crossover of its velocity loop',
+    needs=closed_loop,
 )

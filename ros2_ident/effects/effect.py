@@ -7,6 +7,54 @@ import enum
 from typing import Any, Literal, NamedTuple
 
 Group = Literal['structure', 'drive', 'controller', 'measurement']
+# What of a log can show an effect by itself, before any fit: the logged effort does not go beyond
+# a size; what the controllers miss has the period of an encoder's steps over the position; they
+# take up their set-points late.
+Detector = Literal['flat_top', 'reading_steps', 'late_set_point']
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a machine and its log offer an effect.
+
+    Attributes:
+        drives: Number of drives.
+        identified: Rows of the kernel (see `kernel.rows`) that parameters of the machine file
+            fill: what is nominal here is no effect.
+        closed_loop: Whether controllers follow a set-point; else the recorded motion drives.
+        elastic: Whether motor and carriage are joined by a gear that gives.
+        lifted: Whether gravity acts along the drives.
+        integral: Whether a controller has an integral part.
+        features: What the structure has, such as `platform`.
+    """
+
+    drives: int = 1
+    identified: frozenset[str] = frozenset()
+    closed_loop: bool = True
+    elastic: bool = False
+    lifted: bool = False
+    integral: bool = False
+    features: frozenset[str] = frozenset()
+
+
+def anywhere(context: Context) -> bool:
+    """Need nothing of a machine."""
+    return True
+
+
+def closed_loop(context: Context) -> bool:
+    """Need controllers that follow a set-point."""
+    return context.closed_loop
+
+
+def elastic_gear(context: Context) -> bool:
+    """Need a gear that gives."""
+    return context.elastic
+
+
+def platform(context: Context) -> bool:
+    """Need rods and a platform."""
+    return 'platform' in context.features
 
 
 class Hook(enum.Enum):
@@ -87,8 +135,6 @@ class EffectParameter:
         target: The kernel's row (see `kernel.rows`) it acts on; empty where the effect's kernel
             does.
         how: With a target: whether it is added to the row, multiplied with it, or replaces it.
-        log: What of the log shows a size by itself: `flat top` for a share of the effort's limit
-            beyond which the logged effort does not go.
     """
 
     name: str
@@ -100,7 +146,6 @@ class EffectParameter:
     role: Literal['size', 'shape', 'position', 'time'] = 'size'
     target: str = ''
     how: Literal['add', 'scale', 'set'] = 'add'
-    log: Literal['', 'flat top'] = ''
 
 
 @dataclass(frozen=True)
@@ -123,6 +168,10 @@ class Effect:
         keeps: For COMMAND and FRICTION effects with a memory: asked once a cycle with what the
             kernel is asked with, returns what to remember. At first that is the starting torque
             for COMMAND, zero for FRICTION.
+        needs: Whether a machine has what the effect acts on; see `applies`.
+        twins: Ids of effects that no log tells from this one: one answer under several names.
+        reference: Id of the effect's slow twin in `reference`; its own where not stated.
+        shown_by: What of a log shows the effect by itself; `gap` looks for it.
     """
 
     id: str
@@ -138,3 +187,20 @@ class Effect:
     confusable: tuple[str, ...]
     separated_by: str
     keeps: Callable[..., Any] | None = None
+    needs: Callable[[Context], bool] = anywhere
+    twins: tuple[str, ...] = ()
+    reference: str = ''
+    shown_by: Detector | None = None
+
+    def __post_init__(self) -> None:
+        """Name the reference's twin."""
+        object.__setattr__(self, 'reference', self.reference or self.id)
+
+    def applies(self, context: Context) -> bool:
+        """Whether a machine can have the effect.
+
+        It has what the effect needs, and does not identify all the sizes anyway: a parameter of
+        the machine file is no deviation from it.
+        """
+        sizes = {p.target for p in self.parameters if p.role == 'size'}
+        return not sizes <= context.identified and self.needs(context)

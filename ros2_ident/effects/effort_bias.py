@@ -19,4 +19,5 @@ EFFECT = Effect(
         'asymmetric_friction',
     ),
     separated_by='no motion can: turn the axis over, or log the effort with the motor off',
+    twins=('constant_force',),
 )

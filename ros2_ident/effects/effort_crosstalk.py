@@ -19,4 +19,5 @@ EFFECT = Effect(
         'rod_mass',
     ),
     separated_by='move the other drives while {drive} rests',
+    needs=lambda context: context.drives > 1,
 )

@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import closed_loop, Effect, EffectParameter, Hook
 from ros2_ident.lanes import floor, inlined, maximum, spread, where
 
 
@@ -26,4 +26,6 @@ EFFECT = Effect(
     family='reading',
     confusable=(),
     separated_by='creep with {drive} at less than ten steps a second',
+    needs=closed_loop,
+    shown_by='reading_steps',
 )

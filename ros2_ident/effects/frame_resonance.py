@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The frame swings on its feet."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter, Hook, platform
 
 EFFECT = Effect(
     id='frame_resonance',
@@ -32,4 +32,5 @@ EFFECT = Effect(
     family='elasticity',
     confusable=('position_dependent_stiffness',),
     separated_by='strike the frame at rest; clamp it and repeat the motion',
+    needs=platform,
 )

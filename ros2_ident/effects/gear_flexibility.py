@@ -1,7 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A gear, screw or belt that gives, where the nominal model moves motor and load as one mass."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Context, Effect, EffectParameter, Hook
+
+
+def _rigid_and_level(context: Context) -> bool:
+    # What hangs behind a flexible gear would carry the weight alone.
+    return not context.elastic and not context.lifted
+
 
 EFFECT = Effect(
     id='gear_flexibility',
@@ -32,4 +38,5 @@ EFFECT = Effect(
     family='elasticity',
     confusable=('current_loop_lag', 'command_delay'),
     separated_by='excite {drive} with a chirp to three times the resonance, with two payloads',
+    needs=_rigid_and_level,
 )

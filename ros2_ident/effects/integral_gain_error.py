@@ -21,4 +21,5 @@ EFFECT = Effect(
         'position_gain_error',
     ),
     separated_by='compare the logged effort of {drive} with the law: no motion needed',
+    needs=lambda context: context.closed_loop and context.integral,
 )

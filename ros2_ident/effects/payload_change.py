@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A tool that changes its mass during the log."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter, Hook, platform
 
 EFFECT = Effect(
     id='payload_change',
@@ -30,4 +30,5 @@ EFFECT = Effect(
     family='mass',
     confusable=('rod_mass', 'torque_constant_error'),
     separated_by='hold still before and after the change of payload',
+    needs=platform,
 )

@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter, elastic_gear, Hook
 from ros2_ident.lanes import inlined, maximum, spread
 
 
@@ -31,4 +31,5 @@ EFFECT = Effect(
         'frame_resonance',
     ),
     separated_by='excite {drive} with the same chirp at three positions',
+    needs=elastic_gear,
 )

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rails stand on another radius than the machine file says."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter, Hook, platform
 
 EFFECT = Effect(
     id='rail_radius_error',
@@ -20,4 +20,5 @@ EFFECT = Effect(
         'rod_mass',
     ),
     separated_by='hold still at many places of the workspace',
+    needs=platform,
 )

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rods with a mass of their own."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter, Hook, platform
 
 EFFECT = Effect(
     id='rod_mass',
@@ -19,4 +19,5 @@ EFFECT = Effect(
         'torque_constant_error',
     ),
     separated_by='make the same acceleration at the rim and in the middle of the workspace',
+    needs=platform,
 )

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The drive cannot make the torque its controller may ask for."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import closed_loop, Effect, EffectParameter, Hook
 
 EFFECT = Effect(
     id='torque_saturation',
@@ -19,7 +19,6 @@ EFFECT = Effect(
             target='torque_limit',
             how='scale',
             starts=(0.04, 0.06, 0.09, 0.13, 0.2, 0.3, 0.45),
-            log='flat top',
         ),
     ),
     hook=Hook.PARAMETER,
@@ -28,4 +27,6 @@ EFFECT = Effect(
     family='saturation',
     confusable=('current_loop_lag',),
     separated_by='accelerate {drive} harder, until the torque has flat tops',
+    needs=closed_loop,
+    shown_by='flat_top',
 )

@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter, elastic_gear, Hook
 from ros2_ident.lanes import cosine, inlined, sine
 
 
@@ -30,4 +30,5 @@ EFFECT = Effect(
     family='motor angle',
     confusable=('torque_ripple',),
     separated_by='turn {drive} at constant speeds that cross the resonance, both ways',
+    needs=elastic_gear,
 )

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The velocity loop has another gain than the machine file says."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import closed_loop, Effect, EffectParameter, Hook
 
 EFFECT = Effect(
     id='velocity_gain_error',
@@ -22,4 +22,5 @@ EFFECT = Effect(
         'viscous_friction',
     ),
     separated_by='compare the logged effort of {drive} with the law: no motion needed',
+    needs=closed_loop,
 )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.effects import CATALOGUE, get_effect
+from ros2_ident.effects import CATALOGUE
 from ros2_ident.models import DriveModel, EffectAt, Machine, make_model
 from ros2_ident.models.drives.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
@@ -202,44 +202,12 @@ class Case:
             without: Effects to leave out.
             known: Ids to choose from; all by default.
         """
+        context = self.models((), self.fit)[0].context
         out = []
         for effect in CATALOGUE.values():
-            if (
-                effect.id in without
-                or (known and effect.id not in known)
-                or self.inapplicable(effect.id)
-            ):
+            left_out = effect.id in without or (known and effect.id not in known)
+            if left_out or not effect.applies(context):
                 continue
             places = self.drives if effect.place == 'drive' else ('all',)
             out += [EffectAt(effect.id, where) for where in places]
         return out
-
-    def inapplicable(self, effect_id: str) -> bool:
-        """Whether an effect is a nominal parameter of this machine, or has nothing to act on."""
-        bounds, controller = self.machine.bounds, self.machine.controller
-        closed = self.fit.data[0].command_position is not None
-        elastic = 'gear_stiffness' in bounds
-        nominal = {
-            'coulomb_friction': 'coulomb_torque' in bounds or 'coulomb_friction' in bounds,
-            'viscous_friction': 'viscous_torque' in bounds or 'viscous_friction' in bounds,
-            'constant_force': 'constant_force' in bounds,
-            'effort_bias': 'constant_force' in bounds,
-            'effort_delay': 'measurement_delay' in bounds,
-            'integral_gain_error': not closed or not float(controller.get('integral_gain', 0.0)),
-            'effort_crosstalk': len(self.machine.drives) < 2,
-        }
-        if nominal.get(effect_id, False):
-            return True
-        if (
-            effect_id in ('backlash', 'transmission_eccentricity', 'position_dependent_stiffness')
-            and not elastic
-        ):
-            return True
-        # What hangs behind a flexible gear would carry the weight alone.
-        lifted = float(self.machine.geometry.get('gravity', 0.0)) != 0.0
-        if effect_id == 'gear_flexibility' and (elastic or lifted):
-            return True
-        effect = get_effect(effect_id)
-        if effect.group == 'controller' and not closed:
-            return True
-        return effect.group == 'structure' and self.machine.kind != 'tripod'

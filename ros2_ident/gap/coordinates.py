@@ -95,24 +95,19 @@ def motion_of(model: DriveModel, theta: Array) -> Motion:
     assert source is not None
     cutoff = min(_CUTOFF, 0.1 / data.cycle)
     position, velocity, acceleration = smooth_motion(source[rows], data.cycle, cutoff)
-    values = dict(model.fixed)
-    values |= {p.name: float(v) for p, v in zip(model.parameters, theta, strict=True)}
-    delay = values.get('measurement_delay', 0.0) / data.cycle
-    at = np.maximum(np.arange(position.shape[1]) - delay, 0.0)
     grid = np.arange(position.shape[1])
+    delays = model.effort_delay(theta) / data.cycle
     position, velocity, acceleration = (
-        np.stack([np.interp(at, grid, row) for row in part])
+        np.stack(
+            [
+                np.interp(np.maximum(grid - delay, 0.0), grid, row)
+                for row, delay in zip(part, delays, strict=True)
+            ]
+        )
         for part in (position, velocity, acceleration)
     )
     torque = model.simulate(np.atleast_2d(theta))[0]
-    load = torque.copy()
-    for d, name in enumerate(model.drives):
-        def get(*keys: str, name: str = name) -> float:
-            return next((values[f'{name}.{k}'] for k in keys if f'{name}.{k}' in values), 0.0)
-
-        load[d] -= get('coulomb_torque', 'coulomb_friction') * np.tanh(velocity[d] / model.eps)
-        load[d] -= get('viscous_torque', 'viscous_friction') * velocity[d]
-        load[d] -= get('drive_inertia') * model.gear * acceleration[d]
+    load = torque - model.motor_effort(theta, velocity, acceleration)
     return Motion(
         tuple(model.drives), data.cycle, model.turn if model.turn != 1.0 else 0.0, position,
         velocity, acceleration, np.gradient(acceleration, data.cycle, axis=1), torque, load,

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.effects import get_effect
+from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution, Explanation, visibility
 from ros2_ident.gap.blocks import Blocks, Interval
@@ -186,7 +186,7 @@ def diagnose(
     visible = (
         found.rounds[0].visible if found.rounds else visibility(attribution.look(base, candidates))
     )
-    verdict = judge(explainer, found, coarse_readings(case, base.theta, base.law))
+    verdict = judge(explainer, found, _readings(case, base, candidates))
     if verdict.effect == UNKNOWN and not run.stopped() and _shows_later(explainer, found):
         second = together()
         if second.effect not in (NONE, UNKNOWN) and second.complete:
@@ -202,6 +202,16 @@ def diagnose(
         where = tuple(f for f in findings if f.significant)
     testable = tuple(at for at, seen in visible.items() if seen < VISIBLE)
     return _compose(explainer, found, verdict, floor, gates, where, testable, run, seed)
+
+
+def _readings(
+    case: Case, base: Explanation, candidates: Sequence[EffectAt]
+) -> tuple[CoarseReading, ...]:
+    """Return encoders whose steps show, where these are among the effects looked for."""
+    known = shown_by('reading_steps')
+    if known is None or known.id not in {at.effect for at in candidates}:
+        return ()
+    return coarse_readings(case, base.theta, base.law)
 
 
 def _nominal_is_enough(both: Case, theta: Array, explainer: Explainer) -> bool:
@@ -374,9 +384,12 @@ def _values(explainer: Explainer, e: Explanation) -> dict[str, Value]:
 
 def _steps(readings: Sequence[CoarseReading]) -> dict[str, Value]:
     """Return the steps of the encoders named."""
-    (step,) = get_effect('encoder_quantisation').parameters
+    effect = shown_by('reading_steps')
+    if effect is None:
+        return {}
+    (step,) = effect.parameters
     return {
-        f'{r.drive}.encoder_quantisation.{step.name}': Value(
+        f'{r.drive}.{effect.id}.{step.name}': Value(
             r.step, step.unit, r.step - r.error, r.step + r.error
         )
         for r in readings

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ros2_ident.effects import shown_by
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.law import fit_law, Law
@@ -50,8 +51,8 @@ class Gate:
     """What one check says.
 
     Attributes:
-        gate: `missing`, `jitter`, `sign`, `limit`, `law`, `law_noise`, `command_delay`
-            or `step`.
+        gate: `missing`, `jitter`, `sign`, `limit`, `law`, `law_noise`, `step`, or the id of the
+            effect that a late set-point shows.
         drive: The drive, empty for the log as a whole.
         level: `ok`, `warn` (the verdict may suffer) or `fail` (no verdict should be trusted).
         number: What was measured.
@@ -212,12 +213,13 @@ def check_law(
         text = f'{drive}: the controller law cannot be checked, that takes command and position'
         return [Gate('law', drive, 'warn', math.nan, '1', text)]
     found = []
-    if law.command_delay > 0.0:
+    late = shown_by('late_set_point')
+    if law.command_delay > 0.0 and late is not None:
         text = (
             f'{drive}: the controller takes up its set-point {1e3 * law.command_delay:.2f} ms '
-            'late; a command delay belongs into the model'
+            f'late; a {late.title} belongs into the model'
         )
-        found.append(Gate('command_delay', drive, 'warn', law.command_delay, 's', text))
+        found.append(Gate(late.id, drive, 'warn', law.command_delay, 's', text))
     if law.explained < EXPLAINED:
         text = (
             f'{drive}: the stated control law explains {100.0 * law.explained:.0f} % of the '

@@ -89,9 +89,7 @@ def coarse_reading(
     wanted[:, : int(_SETTLE / model.cycle)] = False
     there = np.flatnonzero(wanted[row])
     missed = model.measured[wanted] - model.replay_law(seen, theta[None], wanted)[0]
-    names = [p.name for p in model.parameters]
-    late = float(theta[names.index('measurement_delay')]) if 'measurement_delay' in names else 0.0
-    when = there - late / model.cycle
+    when = there - float(model.effort_delay(theta)[row]) / model.cycle
     position = np.interp(when, np.arange(count), seen.values[d * count : (d + 1) * count])
     first = (len(drives) + d) * count
     velocity = np.interp(when, np.arange(count), seen.values[first : first + count])

@@ -64,8 +64,9 @@ def seen_in_log(candidate: EffectAt, model: DriveModel) -> Array | None:
 
     So far that is a limit of the effort, by its flat top.
     """
-    (parameter, *others) = get_effect(candidate.effect).parameters
-    if parameter.log != 'flat top' or others or not np.isfinite(model.limit):
+    effect = get_effect(candidate.effect)
+    (parameter, *others) = effect.parameters
+    if effect.shown_by != 'flat_top' or others or not np.isfinite(model.limit):
         return None
     top = flat_top(model.measured[model.drives.index(candidate.where)], model.machine.effort_noise)
     if top is None:

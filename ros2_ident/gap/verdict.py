@@ -6,16 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ros2_ident.effects import get_effect
+from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.gap.attribute import Explanation
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.models import EffectAt
 
 NONE, UNKNOWN = 'none', 'unknown'
-
-# Effects no log tells apart: under integral action both are one constant.
-TWINS = ({'constant_force', 'effort_bias'},)
 
 
 @dataclass(frozen=True)
@@ -92,13 +89,7 @@ def _sigmoid(x: float) -> float:
 
 def twins(at: EffectAt) -> list[EffectAt]:
     """Return what is the same as an effect on every possible log."""
-    return [
-        EffectAt(other, at.where)
-        for pair in TWINS
-        if at.effect in pair
-        for other in pair
-        if other != at.effect
-    ]
+    return [EffectAt(other, at.where) for other in get_effect(at.effect).twins]
 
 
 def judge(
@@ -135,11 +126,11 @@ def _with_readings(
     before, after = (np.maximum(explainer.gap(e), 0.0) for e in (found.chain[0], found.chain[-1]))
     rest = np.array([d not in {r.drive for r in readings} for d in drives])
     strongest = max(readings, key=lambda r: after[drives.index(r.drive)])
-    coarse = tuple(EffectAt('encoder_quantisation', r.drive) for r in readings)
+    coarse = tuple(_named(r) for r in readings)
     plain = _judge(explainer, found, t)
     chain = found.chain[-1].effects
     unexplained = float(after[rest].max(initial=0.0)) >= explainer.rules.unknown**2
-    first = EffectAt('encoder_quantisation', strongest.drive)
+    first = _named(strongest)
     closes = float((before - after).sum())
     sure = _sigmoid((float(np.sqrt(before.max())) - explainer.rules.material) / t.size)
     if chain and closes > float(after[drives.index(strongest.drive)]):
@@ -161,6 +152,13 @@ def _with_readings(
         plain.closed,
         tuple(readings),
     )
+
+
+def _named(reading: CoarseReading) -> EffectAt:
+    """Return the effect that an encoder's steps show."""
+    effect = shown_by('reading_steps')
+    assert effect is not None, 'readings are looked for where the catalogue knows what they show'
+    return EffectAt(effect.id, reading.drive)
 
 
 def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:

@@ -9,8 +9,8 @@ import numpy as np
 
 from ros2_ident.checks.blind.label import Label, MotionOrder
 from ros2_ident.checks.blind.probe import Probe
+from ros2_ident.effects import twins
 from ros2_ident.gap.case import Case
-from ros2_ident.gap.verdict import TWINS
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.bag_making import draw_parameters
@@ -254,7 +254,7 @@ class Drawer:
         first, second = self.wanted.sizes
         names = self.wanted.names
         one = self._first((names[0], *names[2:]), first, 0.8)
-        taken = {one[0].name} | {n for pair in TWINS if one[0].name in pair for n in pair}
+        taken = twins(one[0].name)
         other = [name for name in (names[1], *reversed(names[2:])) if name not in taken]
         return [one, self._first(other, second, 0.8)]
 

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.checks.share import share_interval
-from ros2_ident.effects import CATALOGUE
+from ros2_ident.effects import CATALOGUE, twins
 from ros2_ident.gap.explain import Rules
-from ros2_ident.gap.verdict import NONE, TWINS, UNKNOWN
+from ros2_ident.gap.verdict import NONE, UNKNOWN
 
 Array = npt.NDArray[np.float64]
 Row = Mapping[str, Any]
@@ -57,7 +57,7 @@ def same(name: str, where: Sequence[str], truth: Mapping[str, Any]) -> bool:
 
 def alike(name: str, other: str) -> bool:
     """Whether two ids name the same effect."""
-    return name == other or any({name, other} <= pair for pair in TWINS)
+    return other in twins(name)
 
 
 def family(name: str) -> str:

@@ -103,18 +103,23 @@ class Candidates:
                 for d in self._places(at):
                     self.on[d] |= rows.bit(effect.id)
         targets = {p.target for at in self._effects for p in get_effect(at.effect).parameters}
-        places = [self._places(at) for at in self._effects if at.effect == 'gear_flexibility']
-        if places and not rigid:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                'gear_flexibility has no place in a machine whose gear is elastic already; '
-                'its parameter is gear_stiffness',
-            )
-        self.flexible: npt.NDArray[np.bool_] = np.isin(
-            np.arange(len(machine.drives)), [d for p in places for d in p]
-        )
+        self.flexible = self._flexible(rigid)
         self.delayed = 'set_point_delay' in targets
         self.frame = 'frame_frequency' in targets
+
+    def _flexible(self, rigid: bool) -> npt.NDArray[np.bool_]:
+        out = np.zeros(len(self._machine.drives), dtype=bool)
+        for at in self._effects:
+            if 'load_share' not in {p.target for p in get_effect(at.effect).parameters}:
+                continue
+            if not rigid:
+                raise IdentError(
+                    ErrorCode.INVALID_GOAL,
+                    f'{at.effect} has no place in a machine whose gear is elastic already; '
+                    'its parameter is gear_stiffness',
+                )
+            out[self._places(at)] = True
+        return out
 
     # ------------------------------------------------------------------ declaration
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident import lanes
+from ros2_ident.effects import Context
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import drive as drive_kernel
 from ros2_ident.kernel import law as law_kernel
@@ -17,7 +18,7 @@ from ros2_ident.kernel import rows
 from ros2_ident.kernel.group import Group, PART, Task
 from ros2_ident.machine.machine import constant, Machine
 from ros2_ident.machine.parameter import Parameter
-from ros2_ident.models.drives.candidates import Candidates, EffectAt
+from ros2_ident.models.drives.candidates import Candidates, EffectAt, SLOTS
 from ros2_ident.models.drives.recorded import RecordedMotion
 from ros2_ident.recording import Dataset
 
@@ -51,6 +52,8 @@ class DriveModel(ABC):
     name = ''
     # Whether the model can begin in the middle of a motion, from the measured position.
     starts_in_motion = False
+    # What the structure has that effects may need, see `effects.Context`.
+    features: frozenset[str] = frozenset()
 
     def __init__(
         self,
@@ -162,6 +165,46 @@ class DriveModel(ABC):
     def effort_share(self, unit: str) -> float:
         """Return the factor on the bounds of an effect's parameter, see `EffectParameter`."""
         return self.candidates.effort_share(unit)
+
+    @property
+    def context(self) -> Context:
+        """What the machine and its log offer effects."""
+        base = self.rows(np.array([[0.5 * (p.low + p.high) for p in self.parameters]]))[0]
+        drives = range(len(self.machine.drives))
+        return Context(
+            drives=len(drives),
+            identified=frozenset(SLOTS[name].row for name in self.machine.bounds),
+            closed_loop=self._closed,
+            elastic=not self.rigid,
+            lifted=bool(base[rows.row_of('gravity')]),
+            integral=any(base[rows.row_of('integral_gain', d)] for d in drives),
+            features=self.features,
+        )
+
+    def effort_delay(self, theta: Array) -> Array:
+        """Return (D,) how late the effort of each output is logged [s], for one candidate (N,)."""
+        block = self.rows(theta)[0]
+        return np.array([block[rows.row_of('log_delay', d)] for d in self._chosen_rows])
+
+    def motor_effort(self, theta: Array, velocity: Array, acceleration: Array) -> Array:
+        """Return what friction and a motor's own inertia take of the effort of each output.
+
+        Args:
+            theta: (N,) a candidate.
+            velocity: (D, K) of `outputs`.
+            acceleration: (D, K) of `outputs`.
+
+        Returns:
+            (D, K) effort that does not reach the gear [`output_unit`].
+        """
+        block = self.rows(theta)[0]
+        coulomb, viscous, width, inertia, gear = (
+            np.array([[block[rows.row_of(name, d)]] for d in self._chosen_rows])
+            for name in ('coulomb', 'viscous', 'regularisation', 'drive_inertia', 'gear')
+        )
+        friction = coulomb * np.tanh(velocity / width) + viscous * velocity
+        out: Array = friction + inertia * gear * acceleration
+        return out
 
     def work(self, theta: Array) -> npt.NDArray[np.int64]:
         """Return (S,) integration steps in a cycle that candidates (S, N) take near standstill.

@@ -21,6 +21,7 @@ class Tripod(DriveModel):
     """Three motors, gears and carriages, and a platform on massless rods; see `DriveModel`."""
 
     name = 'tripod'
+    features = frozenset({'platform'})
 
     def _constants(self) -> Array:
         base: Array = rows.neutral_rows(1, 3)[0]

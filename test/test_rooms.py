@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one room knows alone is named in no other."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from ros2_ident.effects import CATALOGUE
+from ros2_ident.kernel import rows
+from ros2_ident.models.drives.candidates import SLOTS
+
+PACKAGE = Path(__file__).parents[1] / 'ros2_ident'
+WITHOUT_IDS = ('gap', 'models', 'kernel', 'identify', 'report', 'cli', 'ros', 'search')
+WITHOUT_PARAMETERS = ('gap', 'identify', 'report', 'ros', 'search', 'effects')
+
+
+def words(rooms: tuple[str, ...]) -> Iterator[tuple[str, str]]:
+    """Yield every whole string of some rooms, with where it stands."""
+    for room in rooms:
+        for path in sorted((PACKAGE / room).rglob('*.py')):
+            for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+                if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                    yield node.value, f'{path.relative_to(PACKAGE)}:{node.lineno}'
+
+
+def test_no_effect_is_named_outside_its_file() -> None:
+    named = [f'{place} {word}' for word, place in words(WITHOUT_IDS) if word in CATALOGUE]
+    assert not named, named
+
+
+def test_a_row_of_the_kernel_is_not_named_like_an_effect() -> None:
+    assert not {*rows.MACHINE_ROWS, *rows.DRIVE_ROWS} & set(CATALOGUE)
+
+
+def test_nominal_parameters_are_named_by_models_and_machines_only() -> None:
+    # A row of the kernel may be called like the parameter that fills it; effects name rows.
+    names = set(SLOTS) - {*rows.MACHINE_ROWS, *rows.DRIVE_ROWS} - set(CATALOGUE)
+    assert {'coulomb_torque', 'moving_mass', 'measurement_delay'} <= names
+    named = [f'{place} {word}' for word, place in words(WITHOUT_PARAMETERS) if word in names]
+    assert not named, named
+
+
+@pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda effect: effect.id)
+def test_targets_are_rows_and_twins_agree(effect) -> None:
+    known = {'', *rows.MACHINE_ROWS, *rows.DRIVE_ROWS}
+    assert {p.target for p in effect.parameters} <= known
+    for twin in effect.twins:
+        assert effect.id in CATALOGUE[twin].twins
