@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.identify.data import Data, gather
-from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.run import identify
+from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.recording import Recording
 from ros2_ident.reference.bag_making import make_streams, nuisance_of
@@ -98,7 +98,7 @@ def run(
             source=f'draw {seed}',
         )
         data: Data = gather([recording], machine)
-        problem = Problem(machine, data)
+        problem = problem_of(machine, data)
         if start is None:
             first = identify(machine, data, seed=1)
             start = np.array([p.ga_value for p in first.parameters])

@@ -17,7 +17,7 @@ from scipy.optimize import differential_evolution
 
 from ros2_ident.checks.paper.tripod_runs import FRICTION
 from ros2_ident.identify.data import Data
-from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.motions import Motion
@@ -289,7 +289,7 @@ def tripod_task(machine: Machine, motion: Motion, noise: float, seed: int) -> It
     dataset = Dataset(
         machine.drives, log.cycle, 0, motion.position, motion.velocity, None, None, effort
     )
-    problem = Problem(machine, Data((dataset,)), fixed=FRICTION)
+    problem = problem_of(machine, Data((dataset,)), fixed=FRICTION)
     names = tuple(truth)
     columns = np.array([names.index(p.name.split('.')[-1]) for p in problem.parameters])
     bounds = np.array([machine.bounds[name][:2] for name in names])

@@ -13,9 +13,9 @@ from ros2_ident.gap.blocks import Interval
 from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
 from ros2_ident.gap.localise import localise
 from ros2_ident.identify.data import Data
-from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification
 from ros2_ident.identify.run import identify
+from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import EffectAt
 from ros2_ident.report.files import write_diagnosis, write_result
 from ros2_ident.report.signals import Curves, Signals
@@ -87,7 +87,7 @@ def diagnosed() -> Diagnosis:
 
 def write_identified(folder: Path, result: Identification | None = None) -> None:
     """Write an identification as a run does."""
-    write_result(folder, result or identified(), Problem(axis(), axis_data()))
+    write_result(folder, result or identified(), problem_of(axis(), axis_data()))
 
 
 def write_diagnosed(folder: Path, found: Diagnosis | None = None) -> None:

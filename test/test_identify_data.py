@@ -18,7 +18,7 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
-from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.setup import problem_of
 from ros2_ident.recording import read_bag
 from ros2_ident.search import GeneticSearch, GeneticSettings
 from ros2_ident.search.packing import PackedSearch
@@ -106,7 +106,7 @@ def test_only_the_chosen_drives_need_an_effort():
 def test_cost_and_residuals_agree_over_segments():
     whole = recording_of(axis_bag())
     half = whole.between(whole.begin, whole.begin + 2_000_000_000)
-    problem = Problem(axis(), gather([whole, half], axis()))
+    problem = problem_of(axis(), gather([whole, half], axis()))
     theta = theta_of(tuple(p.name for p in problem.parameters), AXIS_TRUTH)[None]
     theta = np.concatenate([theta, 1.05 * theta])
     residual = problem.residuals(theta)
@@ -122,7 +122,7 @@ def test_cost_and_residuals_agree_over_segments():
 def test_a_name_without_a_drive_means_every_drive():
     data = gather([recording_of(tripod_bag())], tripod())
     fixed = {'gear_stiffness': 1e4, 'drive_2.gear_stiffness': 2e4}
-    problem = Problem(tripod(), data, fixed=fixed, bounds={'drive_inertia': (8e-5, 1e-4)})
+    problem = problem_of(tripod(), data, fixed=fixed, bounds={'drive_inertia': (8e-5, 1e-4)})
     assert problem.fixed == {
         'drive_1.gear_stiffness': 1e4,
         'drive_2.gear_stiffness': 2e4,
@@ -136,7 +136,7 @@ def test_a_name_without_a_drive_means_every_drive():
 def test_gears_of_drives_that_only_follow_can_be_known():
     data = gather([recording_of(tripod_bag())], tripod(), ['drive_1'])
     known = {'drive_2.gear_stiffness': 2e4}
-    problem = Problem(tripod(), data, drives=['drive_1'], fixed=known)
+    problem = problem_of(tripod(), data, drives=['drive_1'], fixed=known)
     theta = theta_of(tuple(p.name for p in problem.parameters), TRIPOD_TRUTH)[None]
     assert problem.costs(theta)[0] == pytest.approx(0.01, rel=0.1)
 
@@ -155,5 +155,5 @@ def test_a_packed_search_finds_what_the_plain_one_finds():
 
 def test_data_of_other_drives_do_not_fit_the_machine():
     with pytest.raises(IdentError, match='the data hold emps_axis and not drive_1') as caught:
-        Problem(tripod(), axis_data())
+        problem_of(tripod(), axis_data())
     assert caught.value.code is ErrorCode.MISSING_STREAM

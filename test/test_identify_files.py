@@ -10,8 +10,8 @@ import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
-from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.run import identify
+from ros2_ident.identify.setup import problem_of
 from ros2_ident.recording import read_bag, Topics
 from ros2_ident.report.files import load_result, write_result
 from ros2_ident.report.overlay import overlay_streams, RESIDUAL, SIMULATED, write_overlay
@@ -118,7 +118,7 @@ def test_results_do_not_go_where_a_file_is(tmp_path, result):
 
 
 def test_an_overlay_holds_the_log_and_what_the_simulation_says(tmp_path, result):
-    problem = Problem(axis(), axis_data())
+    problem = problem_of(axis(), axis_data())
     (path,) = write_overlay(tmp_path / 'overlay', problem, result.theta)
     (again,) = read_bag(path)
     log = recording_of(axis_bag())
@@ -137,7 +137,7 @@ def test_an_overlay_holds_the_log_and_what_the_simulation_says(tmp_path, result)
 def test_an_overlay_keeps_the_unit_of_the_log():
     machine = replace(axis(), effort_unit='A', effort_scale=2.0)
     data = gather([recording_of(axis_bag())], machine)
-    problem = Problem(machine, data)
+    problem = problem_of(machine, data)
     (streams,) = overlay_streams(problem, 0.5 * (problem.low + problem.high))
     log = recording_of(axis_bag()).effort
     shared = np.isin(log.stamp, streams['simulated'].stamp)
@@ -147,13 +147,13 @@ def test_an_overlay_keeps_the_unit_of_the_log():
 
 def test_an_overlay_of_some_drives_names_only_those():
     data = gather([recording_of(tripod_bag())], tripod(), ['drive_3'])
-    problem = Problem(tripod(), data, drives=['drive_3'])
+    problem = problem_of(tripod(), data, drives=['drive_3'])
     (streams,) = overlay_streams(problem, 0.5 * (problem.low + problem.high))
     assert streams['simulated'].names == ('drive_3',)
 
 
 def test_an_overlay_of_two_segments_is_two_bags(tmp_path, result):
     one = recording_of(axis_bag())
-    problem = Problem(axis(), gather([one, one], axis()))
+    problem = problem_of(axis(), gather([one, one], axis()))
     paths = write_overlay(tmp_path / 'overlay', problem, result.theta)
     assert [p.name for p in paths] == ['overlay', 'overlay_2']

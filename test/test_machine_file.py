@@ -118,7 +118,7 @@ def test_a_joint_that_turns_is_said_in_radians():
     data = Dataset(('shoulder',), 2e-3, 0, None, None, angle, None, np.zeros_like(angle))
     effects = [EffectAt(name, 'shoulder') for name in ('asymmetric_friction', 'cable_spring')]
     model = make_model(file, data, effects=effects)
-    assert (file.travel_unit, model.output_unit) == ('rad', 'N m')
+    assert (file.travel_unit, model.unit) == ('rad', 'N m')
     assert [p.unit for p in model.parameters] == [
         'kg m^2', 'N m s/rad', 'N m', 'N m', 'N m s/rad', 'N m/rad', 'rad',
     ]  # fmt: skip

@@ -12,8 +12,8 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.gap.diagnosis import Diagnosis
-from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.run import read_problem
+from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import read_bag
 from ros2_ident.report.overlay import (
@@ -40,7 +40,7 @@ SAID = Verdict('gap', False, 'Backlash on drive_2.', {'drive_2.backlash.gap': '1
 
 @pytest.fixture(scope='module')
 def problem():
-    return Problem(tripod(), read_problem(BAG, tripod()))
+    return problem_of(tripod(), read_problem(BAG, tripod()))
 
 
 @pytest.fixture(scope='module')
@@ -166,7 +166,7 @@ def test_the_largest_gap_is_the_brightest(scene):
 
 
 def test_where_nothing_can_be_simulated_the_measured_machine_is_drawn(problem, theta):
-    one = Problem(problem.machine, problem.data, drives=['drive_1'])
+    one = problem_of(problem.machine, problem.data, drives=['drive_1'])
     few = 0.5 * (one.low + one.high)
     (streams,) = overlay_streams(one, few)
     scene = scene_of(one, few, streams['residual'])
@@ -179,13 +179,13 @@ def test_positions_that_no_rod_reaches_give_no_scene(problem, theta):
     (dataset,) = problem.data.datasets
     far = replace(dataset, position=dataset.position * np.array([[1.0], [9.0], [-9.0]]))
     (streams,) = overlay_streams(problem, theta)
-    wrong = Problem(problem.machine, replace(problem.data, datasets=(far,)))
+    wrong = problem_of(problem.machine, replace(problem.data, datasets=(far,)))
     assert scene_of(wrong, theta, streams['residual']) is None
 
 
 def test_the_model_of_a_diagnosis_is_the_one_with_its_effects(problem):
     effects = [EffectAt('stribeck', 'drive_2'), EffectAt('payload_change', 'all')]
-    extended = Problem(problem.machine, problem.data, effects=effects)
+    extended = problem_of(problem.machine, problem.data, effects=effects)
 
     class Value:
         def __init__(self, value):

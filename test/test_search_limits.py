@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from ros2_ident.identify.data import gather
-from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.run import identify
+from ros2_ident.identify.setup import problem_of
 from ros2_ident.search import (
     Budget,
     GeneticSearch,
@@ -183,9 +183,9 @@ def problems():
     whole = recording_of(axis_bag())
     half = whole.between(whole.begin, whole.begin + 2_000_000_000)
     return {
-        'axis': Problem(axis(), axis_data()),
-        'axis, two segments': Problem(axis(), gather([whole, half], axis())),
-        'tripod': Problem(tripod(), gather([recording_of(tripod_bag())], tripod())),
+        'axis': problem_of(axis(), axis_data()),
+        'axis, two segments': problem_of(axis(), gather([whole, half], axis())),
+        'tripod': problem_of(tripod(), gather([recording_of(tripod_bag())], tripod())),
     }
 
 

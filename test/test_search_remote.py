@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.identify.run import identify, read_problem
 from ros2_ident.identify.settings import IdentifySettings
+from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import load_machine
 from ros2_ident.search import (
     Budget,
@@ -210,7 +210,7 @@ def test_no_scheduler_is_said_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -
 
 def test_problem_refuses_to_be_unpacked_by_other_sources(monkeypatch: pytest.MonkeyPatch) -> None:
     machine = load_machine(ROOT / 'config/emps.yaml')
-    problem = Problem(machine, read_problem(ROOT / 'bags/axis_reversals', machine))
+    problem = problem_of(machine, read_problem(ROOT / 'bags/axis_reversals', machine))
     packed = pickle.dumps(problem)
     again = pickle.loads(packed)
     theta = 0.5 * (problem.low + problem.high)[None]
@@ -223,7 +223,7 @@ def test_problem_refuses_to_be_unpacked_by_other_sources(monkeypatch: pytest.Mon
 
 def test_result_does_not_depend_on_how_candidates_are_cut() -> None:
     machine = load_machine(ROOT / 'config/tripod.yaml')
-    problem = Problem(machine, read_problem(ROOT / 'bags/tripod_mixed', machine))
+    problem = problem_of(machine, read_problem(ROOT / 'bags/tripod_mixed', machine))
     draw = np.random.default_rng(2).random((17, len(problem.low)))
     draw[5, 1:4] = 1e-12  # so soft that it may diverge beside others that do not
     theta = problem.low + draw * (problem.high - problem.low)

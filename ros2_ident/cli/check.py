@@ -83,13 +83,13 @@ def _estimate(machine: 'Machine', args: argparse.Namespace, data: object) -> str
 
     from ros2_ident.cli.progress import duration
     from ros2_ident.identify.data import Data
-    from ros2_ident.identify.problem import Problem
+    from ros2_ident.identify.setup import problem_of
     from ros2_ident.lanes import WIDTH
     from ros2_ident.search import GeneticSettings, ThreadedEvaluator
     from ros2_ident.threads import processors
 
     assert isinstance(data, Data)
-    problem = Problem(machine, data, drives=args.drives)
+    problem = problem_of(machine, data, drives=args.drives)
     lot = WIDTH * processors()
     points = np.random.default_rng(0).random((2 * lot, len(problem.parameters)))
     points = points[np.argsort(problem.work(points), kind='stable')]

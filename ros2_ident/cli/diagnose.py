@@ -149,10 +149,10 @@ def _overlay(
     """Write the overlay bags."""
     if args.no_overlay:
         return ()
-    from ros2_ident.identify.problem import Problem
+    from ros2_ident.identify.setup import problem_of
     from ros2_ident.report.overlay import diagnosed_problem, OVERLAY, verdict_of, write_overlay
 
-    nominal = Problem(machine, data, drives=args.drives, fixed=once(args.fix, '--fix'))
+    nominal = problem_of(machine, data, drives=args.drives, fixed=once(args.fix, '--fix'))
     problem, theta = diagnosed_problem(nominal, found)
     return write_overlay(
         out / OVERLAY,

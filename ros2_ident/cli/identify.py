@@ -131,9 +131,9 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.report import print_page
     from ros2_ident.cli.table import print_result
     from ros2_ident.files import make_directory
-    from ros2_ident.identify.problem import Problem
     from ros2_ident.identify.result import Outcome
     from ros2_ident.identify.run import identify, read_problem
+    from ros2_ident.identify.setup import problem_of
     from ros2_ident.report.files import write_result
     from ros2_ident.report.overlay import OVERLAY, require_place, verdict_of, write_overlay
 
@@ -158,7 +158,7 @@ def run(args: argparse.Namespace) -> int:
             on_progress=meter,
             workers=workers_of(args),
         )
-        problem = Problem(machine, data, drives=result.drives, fixed=result.fixed)
+        problem = problem_of(machine, data, drives=result.drives, fixed=result.fixed)
         files = list(write_result(out, result, problem))
         if not args.no_overlay:
             files += write_overlay(

@@ -111,7 +111,7 @@ def motion_of(model: DriveModel, theta: Array) -> Motion:
     return Motion(
         tuple(model.drives), data.cycle, model.turn if model.turn != 1.0 else 0.0, position,
         velocity, acceleration, np.gradient(acceleration, data.cycle, axis=1), torque, load,
-        model.output_unit, model.machine.travel_unit,
+        model.unit, model.machine.travel_unit,
     )
 
 

@@ -253,7 +253,7 @@ def _floor(attribution: Attribution, base: Explanation) -> Floor:
             residual[:, : int(round(0.1 / model.cycle))] = np.nan
             # Without a check bag both parts are blocks of the same recordings.
             residuals[id(data)], datasets[id(data)] = residual, data
-            unit = model.output_unit
+            unit = model.unit
     return pooled_floor(list(residuals.values()), list(datasets.values()), case.drives, unit)
 
 
@@ -306,7 +306,7 @@ def _compose(
         effect=verdict.effect,
         where=verdict.where,
         probability=verdict.probability,
-        sentence=_sentence(verdict, explainer, found, floor, model.output_unit),
+        sentence=_sentence(verdict, explainer, found, floor, model.unit),
         also=verdict.also,
         confusable=tuple(
             _ranked(explainer, found.chain[0], w.at, w.probability, w.model)
@@ -316,7 +316,7 @@ def _compose(
             _ranked(explainer, found.chain[0], w.at, w.probability, w.model)
             for w in verdict.ranking
         ),
-        unit=model.output_unit,
+        unit=model.unit,
         steps=steps,
         floor=floor,
         share_closed=share,

@@ -111,7 +111,7 @@ def run_gates(
         if law is not None:
             laws.append(law)
         noise = None if floor is None else float(floor.per_drive[model.drives.index(drive)])
-        found += check_law(law, drive, model.output_unit, noise)
+        found += check_law(law, drive, model.unit, noise)
     if theta is not None:
         found += check_step(model, theta, floor)
     order = {'fail': 0, 'warn': 1, 'ok': 2}

@@ -40,15 +40,17 @@ class HeldOut:
         windows: The parts.
         machine: The machine it was recorded on.
         drives: Drives that are identified.
+        labels: The bag each recording came from.
     """
 
     recordings: tuple[Recording, ...]
     windows: tuple[Window, ...]
     machine: Machine
     drives: tuple[str, ...]
+    labels: tuple[str, ...]
 
-    def __iter__(self) -> Iterator[Dataset]:
-        """Align one part after the other; unusable ones are left out."""
+    def __iter__(self) -> Iterator[tuple[Dataset, str]]:
+        """Align one part after the other, each with its label; unusable ones are left out."""
         cycle = constant(self.machine.controller, 'cycle', 'controller')
         for number, begin, end in self.windows:
             try:
@@ -56,7 +58,7 @@ class HeldOut:
                 dataset = _aligned(part, self.machine, self.drives, cycle)
             except IdentError:
                 continue
-            yield _forgotten(dataset)
+            yield _forgotten(dataset), self.labels[number]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +68,9 @@ class Data:
     Attributes:
         datasets: Its segments on the grid of controller cycles.
         recordings: The recording each segment came from, in the same order; empty where unknown.
-        source: Path of the bag, or the name of the live buffer.
-        sha256: Hash of the bag's files, empty for live data.
+        labels: The bag each segment came from, by a short name; empty where there is one only.
+        source: Path of the bag, or the name of the live buffer; of several with ` + ` between.
+        sha256: Hash of the bag's files likewise, empty for live data.
         warnings: What was left out, one sentence each.
         held_out: Parts of a long log to validate on, or None.
     """
@@ -78,6 +81,7 @@ class Data:
     sha256: str = ''
     warnings: tuple[str, ...] = ()
     held_out: HeldOut | None = None
+    labels: tuple[str, ...] = ()
 
     def quality(self, samples: int) -> Quality:
         """Return a summary; `samples` is the number of efforts compared."""
@@ -98,17 +102,17 @@ class Data:
 
 
 def read_problem(
-    bag: str | Path,
+    bags: str | Path | Sequence[str | Path],
     machine: Machine,
     drives: Sequence[str] | None = None,
     *,
     topics: Topics | None = None,
     samples: int = SAMPLES,
 ) -> Data:
-    """Read a bag into what `identify` takes.
+    """Read bags into what `identify` takes.
 
     Args:
-        bag: Path of a bag.
+        bags: Path of a bag, or of several of one machine, for one fit.
         machine: The machine it was recorded on.
         drives: Drives to identify; all where None.
         topics: Topic names.
@@ -120,7 +124,9 @@ def read_problem(
     Raises:
         IdentError: As `read_bag`, `align` and `gather`.
     """
-    return gather(read_bag(bag, topics), machine, drives, samples=samples)
+    several = [bags] if isinstance(bags, str | Path) else bags
+    recordings = [recording for bag in several for recording in read_bag(bag, topics)]
+    return gather(recordings, machine, drives, samples=samples)
 
 
 def gather(
@@ -133,7 +139,7 @@ def gather(
     """Bring recordings onto the controller's grid; unusable ones are left out with a warning.
 
     Args:
-        recordings: From `read_bag` or a `RecordingBuilder`.
+        recordings: From `read_bag` or a `RecordingBuilder`; of one bag or of several.
         machine: The machine they were recorded on.
         drives: Drives to identify; all where None.
         samples: Effort samples to fit on, all drives together; of a longer log the windows are
@@ -157,13 +163,14 @@ def gather(
         raise IdentError(
             ErrorCode.NO_DATA, 'there is no recording to identify from; record a motion first'
         )
-    one = recordings[0]
-    kept: list[tuple[Dataset, Recording]] = []
+    sources = {r.source: r.sha256 for r in recordings}
+    labels = _labels(recordings)
+    kept: list[tuple[Dataset, Recording, str]] = []
     warnings: list[str] = []
     held_out: HeldOut | None = None
     windows = choose_windows(recordings, chosen, samples)
     if windows is not None:
-        held_out = HeldOut(tuple(recordings), windows.check, machine, chosen)
+        held_out = HeldOut(tuple(recordings), windows.check, machine, chosen, labels)
         seconds = sum(end - begin for _, begin, end in windows.fit) * 1e-9
         warnings.append(
             f'the log has {windows.samples} effort samples: fitted on the {len(windows.fit)} '
@@ -171,9 +178,12 @@ def gather(
             ' s; --samples takes more of it'
         )
         recordings = [recordings[n].between(begin, end) for n, begin, end in windows.fit]
+        labels = tuple(labels[n] for n, _, _ in windows.fit)
     first: IdentError | None = None
-    for number, recording in enumerate(recordings, 1):
+    for number, (recording, label) in enumerate(zip(recordings, labels, strict=True), 1):
         place = f'segment {number} of {len(recordings)}'
+        if label:
+            place = f'{label}, {place}'
         try:
             dataset = _aligned(recording, machine, chosen, cycle)
             if dataset.duration < SHORTEST:
@@ -190,13 +200,34 @@ def gather(
         settled = (
             _settled(dataset, machine, place, warnings) if windows is None else _forgotten(dataset)
         )
-        kept.append((settled, recording))
+        kept.append((settled, recording, label))
         warnings += _unsigned(settled, chosen)
     if not kept:
         assert first is not None
         raise first
-    datasets, used = zip(*kept, strict=True)
-    return Data(datasets, used, one.source, one.sha256, tuple(warnings), held_out)
+    datasets, used, origin = zip(*kept, strict=True)
+    return Data(
+        datasets,
+        used,
+        ' + '.join(sources),
+        ' + '.join(sources.values()),
+        tuple(warnings),
+        held_out,
+        origin,
+    )
+
+
+def _labels(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Return a short name of each recording's bag; empty where all are of one."""
+    sources = list(dict.fromkeys(r.source for r in recordings))
+    if len(sources) < 2:
+        return ('',) * len(recordings)
+    names: dict[str, str] = {}
+    for source in sources:
+        stem = Path(source).stem or 'bag'
+        count = sum(name.partition('#')[0] == stem for name in names.values())
+        names[source] = f'{stem}#{count + 1}' if count else stem
+    return tuple(names[r.source] for r in recordings)
 
 
 def chosen_drives(machine: Machine, drives: Sequence[str] | None) -> tuple[str, ...]:

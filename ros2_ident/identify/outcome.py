@@ -72,12 +72,12 @@ def assemble(
     outcome, message = _judge(found, estimates)
     size = len(estimates)
     left = problem.left(found.residual) if found.residual.size else ()
-    quality = problem.data.quality(problem.samples)
+    quality = problem.quality()
     refined = found.refined is not None and np.isfinite(found.refined.cost)
     return Identification(
         outcome=outcome,
         message=message,
-        model=problem.machine.kind,
+        model=problem.name,
         drives=problem.drives,
         parameters=estimates,
         fixed=dict(problem.fixed),
@@ -100,14 +100,14 @@ def assemble(
             np.array(found.ga.best_costs), found.candidates, found.costs, found.generations
         ),
         quality=replace(quality, warnings=quality.warnings + _gap(problem, left)),
-        provenance=provenance_of(problem.machine, problem.data),
+        provenance=_provenance(problem),
         settings=settings,
     )
 
 
 def _gap(problem: Problem, left: tuple[DriveResidual, ...]) -> tuple[str, ...]:
     """Return a sentence for each drive whose residual is well above the noise of its effort."""
-    noise = problem.machine.effort_noise
+    noise = problem.noise
     return tuple(
         f'{x.drive}: the residual is {x.rms / noise:.2g} times the effort noise of the machine '
         'file; `ident diagnose` looks for what the model leaves out'
@@ -197,12 +197,23 @@ def _spent(found: Found) -> str:
     return ''
 
 
+def _provenance(problem: Problem) -> Provenance:
+    if problem.setup is None:
+        return made_of('a model of its own', '', '')
+    return provenance_of(problem.machine, problem.data)
+
+
 def provenance_of(machine: Machine, data: Data) -> Provenance:
     """Return where numbers from a machine file and data come from, as of now."""
+    return made_of(data.source, data.sha256, machine.digest)
+
+
+def made_of(source: str, sha256: str, machine_sha256: str) -> Provenance:
+    """Return where numbers come from, made here and now."""
     return Provenance(
-        source=data.source,
-        sha256=data.sha256,
-        machine_sha256=machine.digest,
+        source=source,
+        sha256=sha256,
+        machine_sha256=machine_sha256,
         package_version=package_version(),
         platform=', '.join(
             [

@@ -236,7 +236,7 @@ class Run:
             self.problem.high,
             cancel=stop,
             max_evaluations=limit,
-            good_enough=DOWN_TO_NOISE * self.problem.machine.effort_noise,
+            good_enough=DOWN_TO_NOISE * self.problem.noise,
         )
 
     # ------------------------------------------------------------------ confidence

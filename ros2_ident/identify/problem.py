@@ -1,85 +1,74 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is to be solved: a machine's model on all segments of a recording, as one problem."""
+"""What is to be solved: models of one machine on all recordings, as one problem."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 import math
-from typing import TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.identify.data import chosen_drives, Data
-from ros2_ident.identify.result import DriveResidual
+from ros2_ident.identify.data import Data
+from ros2_ident.identify.layout import Layout
+from ros2_ident.identify.result import DriveResidual, Quality
 from ros2_ident.kernel.hooks import sources_digest
-from ros2_ident.models import DriveModel, EffectAt, Machine, make_model, Parameter
-from ros2_ident.models.drives.candidates import SLOTS
+from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.parameter import Parameter
+from ros2_ident.models.protocol import complete, FullModel, Model
+
+if TYPE_CHECKING:
+    from ros2_ident.identify.setup import Setup
 
 Array = npt.NDArray[np.float64]
-T = TypeVar('T')
 
 
 class Problem:
-    """A model on every segment, with its box.
+    """Models of one machine on several recordings or segments, as one fit with its box.
 
-    The cost of a candidate is the mean of the segments' costs (eq. 2), weighted by their samples;
-    the residuals of the segments follow one another.
+    The cost of a candidate is the mean of the models' costs (eq. 2), weighted by their samples;
+    the residuals of the models follow one another.
 
     Args:
-        machine: The machine.
-        data: The segments.
-        drives: Drives whose effort is compared; all where None.
-        fixed: Parameters held at a value: by full name, or `gear_stiffness` for every drive's.
-        bounds: (low, high) instead of the machine file's, by the same names.
-        effects: Effects beside the nominal physics.
-        cutoff: Low-pass of recorded motion where it drives the model [Hz].
+        models: One for each recording or segment.
+        bounds: (low, high) instead of the parameters' own, by full name.
+        layout: Where each model finds its parameters; all share them where None.
+        setup: What the models were made from; None where they are a user's own.
+        fixed: Values of the parameters that are held, for the result.
+
+    Attributes:
+        parameters: The N parameters, in the order of theta's columns.
+        low: (N,) lower ends of the box.
+        high: (N,) upper ends.
+        unit: Unit of the cost.
+        drives: What the outputs belong to.
+        fixed: Values of the parameters that are held.
+        samples: Samples compared.
+        series: Lengths of the residual's time series: output after output, model after model.
 
     Raises:
-        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, NO_DATA, or as `make_model`.
+        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER or NO_DATA with the remedy.
     """
 
     def __init__(
         self,
-        machine: Machine,
-        data: Data,
+        models: Sequence[Model],
+        layout: Layout | None = None,
         *,
-        drives: Sequence[str] | None = None,
-        fixed: Mapping[str, float] | None = None,
         bounds: Mapping[str, tuple[float, float]] | None = None,
-        effects: Sequence[EffectAt] = (),
-        cutoff: float = 100.0,
+        fixed: Mapping[str, float] | None = None,
+        setup: 'Setup | None' = None,
     ) -> None:
-        self.machine = machine
-        self.data = data
-        self._how = (drives, fixed, bounds, effects, cutoff)
-        self.drives = chosen_drives(machine, drives)
-        _check_names(machine, data)
-        free = make_model(
-            machine, data.datasets[0], drives=self.drives, effects=effects, cutoff=cutoff
-        )
-        known = [p.name for p in free.parameters]
-        # Drives that only follow have no free parameters; their gears may be known all the same.
-        followers = [
-            f'{drive}.{name}'
-            for drive in machine.drives
-            for name in machine.bounds
-            if drive not in self.drives and not SLOTS[name].shared
-        ]
-        self.fixed = _expanded([*known, *followers], machine, dict(fixed or {}), 'fixed')
-        changed = _expanded(known, machine, dict(bounds or {}), 'bounded')
-        _check_overrides(self.fixed, changed)
-        self.models: tuple[DriveModel, ...] = tuple(
-            make_model(
-                machine, d, drives=self.drives, effects=effects, fixed=self.fixed, cutoff=cutoff
-            )
-            for d in data.datasets
-        )
+        self.models: tuple[FullModel, ...] = tuple(complete(m) for m in models)
+        if not self.models:
+            raise IdentError(ErrorCode.NO_DATA, 'there is no recording; record a motion first')
+        self.setup = setup
+        self.fixed = dict(fixed or {})
+        self._layout = layout or Layout(self.models)
+        changed = dict(bounds or {})
         self.parameters: tuple[Parameter, ...] = tuple(
-            replace(p, low=float(changed[p.name][0]), high=float(changed[p.name][1]))
-            if p.name in changed
-            else p
-            for p in self.models[0].parameters
+            _bounded(p, changed) for p in self._layout.parameters
         )
         if not self.parameters:
             raise IdentError(
@@ -88,9 +77,9 @@ class Problem:
             )
         self.low: Array = np.array([p.low for p in self.parameters])
         self.high: Array = np.array([p.high for p in self.parameters])
-        self.unit = self.models[0].output_unit
+        self.unit = self.models[0].unit
+        self.drives = self.models[0].places
         counts = [(~np.isnan(m.measured)).sum(axis=1) for m in self.models]
-        #: Lengths of the residual's time series: drive after drive, segment after segment.
         self.series: tuple[int, ...] = tuple(int(n) for c in counts for n in c)
         self.samples = sum(self.series)
         if self.samples <= len(self.parameters):
@@ -101,11 +90,41 @@ class Problem:
             )
         self._weights = [c.sum() / self.samples for c in counts]
 
+    @property
+    def machine(self) -> Machine:
+        """The machine; only where the problem was made from one."""
+        assert self.setup is not None
+        return self.setup.machine
+
+    @property
+    def data(self) -> Data:
+        """The data; only where the problem was made from a machine."""
+        assert self.setup is not None
+        return self.setup.data
+
+    @property
+    def name(self) -> str:
+        """Kind of model."""
+        return self.models[0].name
+
+    def quality(self) -> Quality:
+        """Return what the data are like."""
+        if self.setup is not None:
+            return self.setup.data.quality(self.samples)
+        seconds = sum(m.measured.shape[1] * m.cycle for m in self.models)
+        return Quality(len(self.models), seconds, self.samples, {})
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the outputs' noise as stated, `unit`; 0 where it is not."""
+        return self.models[0].noise
+
     def __reduce__(self) -> tuple[Callable[..., 'Problem'], tuple[object, ...]]:
         """Pickle what the problem is made from; the models are made anew where it arrives."""
-        # Only the overlay and the validation need the rest, and both are made here.
-        data = replace(self.data, recordings=(), held_out=None)
-        return _made_anew, (sources_digest(), self.machine, data, *self._how)
+        if self.setup is None:
+            boxes = {p.name: (p.low, p.high) for p in self.parameters}
+            return _of_models, (self.models, self._layout, boxes)
+        return _made_anew, (sources_digest(), self.setup.lean())
 
     def prepare(self) -> None:
         """Compile the simulation, or read it from the cache."""
@@ -113,7 +132,8 @@ class Problem:
 
     def work(self, points: Array) -> npt.NDArray[np.int64]:
         """Return (S,) how much work candidates (S, N) in the unit cube are."""
-        return self.models[0].work(self.low + points * (self.high - self.low))
+        theta = self.low + points * (self.high - self.low)
+        return self.models[0].work(self._layout.of(0, theta))
 
     def costs(
         self, theta: Array, limit: float = math.inf, stop: Callable[[], bool] | None = None
@@ -131,49 +151,52 @@ class Problem:
         """
         total = np.zeros(len(theta))
         below = np.arange(len(theta))
-        for weight, model in zip(self._weights, self.models, strict=True):
+        for number, (weight, model) in enumerate(zip(self._weights, self.models, strict=True)):
             # A bit more than is left, so that the sum is above the limit in spite of rounding.
             left = (limit * (1.0 + 1e-12) - total[below]) / weight
-            total[below] += weight * model.costs(theta[below], left, stop)
+            own = self._layout.of(number, theta[below])
+            total[below] += weight * model.costs(own, left, stop)
             below = below[(total[below] <= limit) & (total[below] < math.inf)]
             if not below.size:
                 break
         return total
 
     def residuals(self, theta: Array) -> Array:
-        """Return (S, R) measured less simulated effort of (S, N) candidates, `unit`.
+        """Return (S, R) measured less simulated outputs of (S, N) candidates, weighted.
 
         Rows of diverged candidates are inf.
         """
-        if len(self.models) == 1:
-            return self.models[0].residuals(theta)
-        return np.concatenate([m.residuals(theta) for m in self.models], axis=1)
+        parts = [m.residuals(self._layout.of(i, theta)) for i, m in enumerate(self.models)]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+    def own(self, number: int, theta: Array) -> Array:
+        """Return (S, N') the parameters of one model among candidates (S, N)."""
+        return self._layout.of(number, np.atleast_2d(theta))
 
     def validate(self, theta: Array) -> tuple[DriveResidual, ...]:
         """Return what candidate (N,) leaves of each drive's effort in the parts held out.
 
         Empty where none are; they are simulated one at a time.
         """
-        drives, fixed, _, effects, cutoff = self._how
-        parts: list[tuple[DriveResidual, ...]] = []
-        for dataset in self.data.held_out or ():
-            part = Problem(
-                self.machine,
-                Data((dataset,)),
-                drives=drives,
-                fixed=fixed,
-                effects=effects,
-                cutoff=cutoff,
-            )
-            parts.append(part.left(part.residuals(theta[None, :])[0]))
+        if self.setup is None:
+            return ()
+        parts = [
+            part.left(part.residuals(part.taken_from(self, theta)[None, :])[0])
+            for part in self.setup.held_out()
+        ]
         return tuple(_together(of_drive) for of_drive in zip(*parts, strict=True))
+
+    def taken_from(self, other: 'Problem', theta: Array) -> Array:
+        """Return (N,) another problem's candidate (N',) as this one's, by the names."""
+        values = {p.name: v for p, v in zip(other.parameters, theta, strict=True)}
+        return np.array([values[p.name] for p in self.parameters])
 
     def cost_of(self, residual: Array) -> float:
         """Return the cost that belongs to one residual vector (R,), `unit`."""
         total, start, series = 0.0, 0, iter(self.series)
-        for weight in self._weights:
+        for weight, model in zip(self._weights, self.models, strict=True):
             parts = []
-            for _ in self.drives:
+            for _ in model.outputs:
                 length = next(series)
                 if length:
                     parts.append(float(np.sqrt(np.mean(residual[start : start + length] ** 2))))
@@ -182,27 +205,27 @@ class Problem:
         return total if np.isfinite(total) else float('inf')
 
     def left(self, residual: Array) -> tuple[DriveResidual, ...]:
-        """Return what a residual vector (R,) leaves of each drive's effort."""
-        measured = [m.measured for m in self.models]
-        square = np.zeros(len(self.drives))
-        whole = np.zeros(len(self.drives))
-        count = np.zeros(len(self.drives), dtype=int)
+        """Return what a residual vector (R,) leaves of each output, in the output's own unit."""
+        outputs = self.models[0].outputs
+        square, whole = np.zeros(len(outputs)), np.zeros(len(outputs))
+        count = np.zeros(len(outputs), dtype=int)
         start = 0
-        for rows in measured:
-            for d, row in enumerate(rows):
+        for model in self.models:
+            for o, (output, row) in enumerate(zip(outputs, model.measured, strict=True)):
                 there = row[~np.isnan(row)]
-                square[d] += float(np.sum(residual[start : start + there.size] ** 2))
-                whole[d] += float(np.sum(there**2))
-                count[d] += there.size
+                left = residual[start : start + there.size] / output.weight
+                square[o] += float(np.sum(left**2))
+                whole[o] += float(np.sum(there**2))
+                count[o] += there.size
                 start += there.size
         return tuple(
             DriveResidual(
-                name,
-                float(np.sqrt(square[d] / max(1, count[d]))),
-                float(np.sqrt(square[d] / whole[d])) if whole[d] > 0.0 else float('nan'),
-                int(count[d]),
+                output.name,
+                float(np.sqrt(square[o] / max(1, count[o]))),
+                float(np.sqrt(square[o] / whole[o])) if whole[o] > 0.0 else float('nan'),
+                int(count[o]),
             )
-            for d, name in enumerate(self.drives)
+            for o, output in enumerate(outputs)
         )
 
 
@@ -218,6 +241,13 @@ def _together(parts: Sequence[DriveResidual]) -> DriveResidual:
         float(np.sqrt(square / whole)) if whole > 0.0 else float('nan'),
         samples,
     )
+
+
+def _bounded(parameter: Parameter, bounds: Mapping[str, tuple[float, float]]) -> Parameter:
+    if parameter.name not in bounds:
+        return parameter
+    low, high = bounds[parameter.name]
+    return replace(parameter, low=float(low), high=float(high))
 
 
 def require_sources(digest: str) -> None:
@@ -237,84 +267,14 @@ def require_sources(digest: str) -> None:
         )
 
 
-def _made_anew(
-    digest: str,
-    machine: Machine,
-    data: Data,
-    drives: Sequence[str] | None,
-    fixed: Mapping[str, float] | None,
-    bounds: Mapping[str, tuple[float, float]] | None,
-    effects: Sequence[EffectAt],
-    cutoff: float,
-) -> Problem:
+def _made_anew(digest: str, setup: 'Setup') -> Problem:
     """Return a pickled problem, or refuse to where it would give other numbers."""
     require_sources(digest)
-    return Problem(
-        machine,
-        data,
-        drives=drives,
-        fixed=fixed,
-        bounds=bounds,
-        effects=effects,
-        cutoff=cutoff,
-    )
+    return setup.problem()
 
 
-def _check_names(machine: Machine, data: Data) -> None:
-    if not data.datasets:
-        raise IdentError(
-            ErrorCode.NO_DATA, 'there is no segment to identify from; record a motion first'
-        )
-    for dataset in data.datasets:
-        missing = [name for name in machine.drives if name not in dataset.names]
-        if missing:
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
-                f'the data hold {", ".join(dataset.names)} and not {", ".join(missing)}; '
-                "align them with the machine's drives",
-            )
-        if dataset.effort is None:
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
-                'the data hold no effort; record it, or name the topic that carries it',
-            )
-
-
-def _expanded(
-    known: Sequence[str], machine: Machine, given: Mapping[str, T], what: str
-) -> dict[str, T]:
-    """Return the entries by full name; a full name goes before the one for every drive."""
-    out: dict[str, T] = {}
-    for name, value in sorted(given.items(), key=lambda item: '.' in item[0]):
-        of_drives = [f'{drive}.{name}' for drive in machine.drives if f'{drive}.{name}' in known]
-        if name in known:
-            out[name] = value
-        elif of_drives:
-            out.update(dict.fromkeys(of_drives, value))
-        else:
-            raise IdentError(
-                ErrorCode.UNKNOWN_PARAMETER,
-                f'{name!r} cannot be {what}: no such parameter; choose from {", ".join(known)}',
-            )
-    return out
-
-
-def _check_overrides(
-    fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]
-) -> None:
-    for name, value in fixed.items():
-        if not np.isfinite(value):
-            raise IdentError(
-                ErrorCode.INVALID_GOAL, f'{name} cannot be fixed at {value}; give a finite number'
-            )
-        if name in bounds:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL, f'{name} is both fixed and bounded; give one of the two'
-            )
-    for name, (low, high) in bounds.items():
-        if not (np.isfinite(low) and np.isfinite(high) and low < high):
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'{name} has the bounds {low:g} to {high:g}; '
-                'give a finite lower bound below a finite upper one',
-            )
+def _of_models(
+    models: Sequence[FullModel], layout: Layout, bounds: Mapping[str, tuple[float, float]]
+) -> Problem:
+    """Return a pickled problem of a user's own models."""
+    return Problem(models, layout, bounds=bounds)

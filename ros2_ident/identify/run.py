@@ -9,13 +9,15 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import chosen_drives, Data, gather
 from ros2_ident.identify.data import read_problem as read_problem
+from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outcome import assemble
 from ros2_ident.identify.phases import Run
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification
 from ros2_ident.identify.settings import IdentifyProgress as IdentifyProgress
 from ros2_ident.identify.settings import IdentifySettings, OnProgress
-from ros2_ident.models import EffectAt, Machine
+from ros2_ident.identify.setup import problem_of, problem_of_models
+from ros2_ident.models import EffectAt, Machine, Model
 from ros2_ident.recording import Dataset, Recording
 from ros2_ident.search.evaluators import Cancel, Threads, Workers
 from ros2_ident.search.packing import PackedSearch
@@ -24,20 +26,22 @@ Measured = Data | Dataset | Sequence[Dataset] | Sequence[Recording]
 
 
 def identify(
-    machine: Machine,
-    data: Measured,
+    machine: Machine | None = None,
+    data: Measured | None = None,
     *,
+    model: Model | Sequence[Model] | None = None,
     drives: Sequence[str] | None = None,
     fixed: Mapping[str, float] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     effects: Sequence[EffectAt] = (),
+    conditions: Conditions | None = None,
     settings: IdentifySettings | None = None,
     seed: int = 0,
     cancel: Cancel | None = None,
     on_progress: OnProgress | None = None,
     workers: Workers | None = None,
 ) -> Identification:
-    """Identify the parameters of a machine.
+    """Identify the parameters of a machine, or of any model.
 
     Same machine, data, settings and seed give the same parameters to the bit, whoever simulates
     and however many there are, unless a budget of seconds or a cancel cuts the run.
@@ -45,11 +49,14 @@ def identify(
     Args:
         machine: What is known of the machine, and the box of what is not.
         data: From `read_problem` or `gather`, or data sets or recordings; several are one problem.
+        model: Instead of machine and data: an object that meets `models.protocol.Model`, or
+            several, one for each recording.
         drives: Drives whose effort is compared and whose parameters are free; all where None.
         fixed: Parameters to hold at a value [their units]: `drive_1.gear_stiffness`, or
             `gear_stiffness` for every drive.
         bounds: (low, high) instead of the machine file's, by the same names.
         effects: Effects beside the nominal physics.
+        conditions: What differs between the recordings.
         settings: How to search.
         seed: Of the random generator.
         cancel: A `threading.Event` or the like; the best so far is kept.
@@ -68,16 +75,41 @@ def identify(
         raise IdentError(
             ErrorCode.INVALID_GOAL, f'seed is {seed!r}; give a whole number of at least 0'
         )
-    measured = _as_data(machine, data, drives)
-    problem = Problem(
-        machine,
-        measured,
-        drives=drives,
-        fixed=fixed,
-        bounds=bounds,
-        effects=effects,
-        cutoff=settings.cutoff,
-    )
+    if model is not None:
+        if machine is not None or data is not None or drives or effects:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                'a model brings its own data, drives and effects; give either the model, or '
+                'machine and data',
+            )
+        problem = problem_of_models(model, fixed=fixed, bounds=bounds, conditions=conditions)
+    elif machine is None or data is None:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL, 'there is nothing to identify; give machine and data, or model'
+        )
+    else:
+        problem = problem_of(
+            machine,
+            _as_data(machine, data, drives),
+            drives=drives,
+            fixed=fixed,
+            bounds=bounds,
+            effects=effects,
+            cutoff=settings.cutoff,
+            conditions=conditions,
+        )
+    return solve(problem, settings, seed, cancel, on_progress, workers)
+
+
+def solve(
+    problem: Problem,
+    settings: IdentifySettings,
+    seed: int,
+    cancel: Cancel | None = None,
+    on_progress: OnProgress | None = None,
+    workers: Workers | None = None,
+) -> Identification:
+    """Solve a problem; arguments and result as for `identify`."""
     search = PackedSearch(len(problem.parameters), settings.genetic, seed, problem.work)
     workers = workers or Threads(settings.threads)
     with workers.open(problem, cancel) as evaluators:

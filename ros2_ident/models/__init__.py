@@ -7,9 +7,9 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.file import load_machine, machine_from_mapping
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
-from ros2_ident.models.drives.candidates import EffectAt
 from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.linear_axis.model import LinearAxis
+from ros2_ident.models.protocol import complete, EffectAt, FullModel, Model, Output
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 
@@ -47,10 +47,14 @@ __all__ = [
     'DRIVE_MODELS',
     'DriveModel',
     'EffectAt',
+    'FullModel',
     'LinearAxis',
     'Machine',
+    'Model',
+    'Output',
     'Parameter',
     'Tripod',
+    'complete',
     'load_machine',
     'machine_from_mapping',
     'make_model',

@@ -15,6 +15,7 @@ from ros2_ident.gap.diagnosis import Diagnosis, to_mapping
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Array, Identification, Outcome
+from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import Dataset, Recording, Stream, Topics, write_bag
 from ros2_ident.recording.grid import find_ticks
@@ -81,7 +82,7 @@ def diagnosed_problem(problem: Problem, found: Diagnosis) -> tuple[Problem, Arra
     """
     names = [name.rsplit('.', 2) for name in found.parameters if name not in found.nominal]
     places = dict.fromkeys((x[-2], x[0] if len(x) == 3 else 'all') for x in names)
-    extended = Problem(
+    extended = problem_of(
         problem.machine,
         problem.data,
         drives=problem.drives,
@@ -104,10 +105,10 @@ def overlay_streams(problem: Problem, theta: Array) -> list[dict[str, Stream]]:
     """
     streams = []
     scale = problem.machine.effort_scale
-    for model, dataset, recording in zip(
-        problem.models, problem.data.datasets, problem.data.recordings, strict=True
+    for number, (model, dataset, recording) in enumerate(
+        zip(problem.models, problem.data.datasets, problem.data.recordings, strict=True)
     ):
-        simulated = model.simulate(theta[None, :])[0] / scale
+        simulated = model.simulate(problem.own(number, theta))[0] / scale
         stamp, cycle, measured = _measured(recording, dataset, problem.drives, scale)
         values = np.where(np.isnan(measured), np.nan, simulated[:, cycle].T)
         streams.append(

@@ -82,7 +82,7 @@ def signals_of_problem(problem: Problem, theta: Array) -> Signals:
                 f'segment {number} of {count}' if count > 1 else '',
                 model.cycle,
                 model.measured,
-                model.simulate(theta[None, :]),
+                model.simulate(problem.own(number - 1, theta)),
             )
             for number, model in enumerate(problem.models, 1)
         ),

@@ -19,6 +19,7 @@ from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings, OnProgress
+from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import Machine
 from ros2_ident.recording import read_bag, Recording, RecordingBuilder, Stream, Topics
 from ros2_ident.report.overlay import overlay_streams
@@ -69,7 +70,7 @@ class Request:
 
     def problem(self, data: Data) -> Problem:
         """Return the model on some data."""
-        return Problem(
+        return problem_of(
             self.machine,
             data,
             drives=self.drives,

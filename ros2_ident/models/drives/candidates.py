@@ -13,6 +13,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import angular, constant, Machine
 from ros2_ident.machine.parameter import Kind, Parameter
+from ros2_ident.models.protocol import EffectAt
 
 Array = npt.NDArray[np.float64]
 # A parameter without its drive, and the drive's number; None where all drives share it.
@@ -43,14 +44,6 @@ SLOTS: Mapping[str, Slot] = dict(
     viscous_friction=Slot('viscous', False, 'physical', 'linear viscous friction'),
     constant_force=Slot('log_bias', False, 'physical', 'Janot, Gautier, Brunot 2019, offset'),
 )
-
-
-@dataclass(frozen=True)
-class EffectAt:
-    """An effect and where it sits: a drive's name, or `all`."""
-
-    effect: str
-    where: str
 
 
 class Candidates:

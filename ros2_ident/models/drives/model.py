@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From named parameters to a compiled simulation: what the tripod and the linear axis share."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 import functools
 import math
@@ -18,8 +18,9 @@ from ros2_ident.kernel import rows
 from ros2_ident.kernel.group import Group, PART, Task
 from ros2_ident.machine.machine import constant, Machine
 from ros2_ident.machine.parameter import Parameter
-from ros2_ident.models.drives.candidates import Candidates, EffectAt, SLOTS
+from ros2_ident.models.drives.candidates import Candidates, SLOTS
 from ros2_ident.models.drives.recorded import RecordedMotion
+from ros2_ident.models.protocol import EffectAt, FullModel, Output
 from ros2_ident.recording import Dataset
 
 Array = npt.NDArray[np.float64]
@@ -28,7 +29,7 @@ Array = npt.NDArray[np.float64]
 _HOLD = 0.5
 
 
-class DriveModel(ABC):
+class DriveModel(FullModel):
     """Drives under their controllers, simulated for many candidates at once.
 
     Args:
@@ -67,8 +68,8 @@ class DriveModel(ABC):
         substeps: int | None = None,
     ) -> None:
         self.machine = machine
-        self.data = data
-        self.effects = tuple(effects)
+        self._data = data
+        self._effects = tuple(effects)
         self.fixed = dict(fixed or {})
         self.substeps = substeps
         self.cutoff = cutoff
@@ -80,7 +81,8 @@ class DriveModel(ABC):
         self.eps = constant(machine.drive, 'coulomb_regularisation', 'drive', 5e-3)
         self.limit = constant(machine.controller, 'torque_limit', 'controller', math.inf)
         self.feedforward = constant(machine.controller, 'velocity_feedforward', 'controller', 0.0)
-        self.cycle = data.cycle
+        self._cycle = data.cycle
+        self.noise = machine.effort_noise
         law = str(machine.controller.get('law', 'cascade_pi'))
         if law not in ('pi', 'cascade_pi', 'cascade_p'):
             raise IdentError(
@@ -112,19 +114,51 @@ class DriveModel(ABC):
         return self.candidates.free
 
     @property
+    def data(self) -> Dataset:
+        """The recording."""
+        return self._data
+
+    @property
+    def effects(self) -> tuple[EffectAt, ...]:
+        """Effects besides the nominal physics."""
+        return self._effects
+
+    def extended(self, effects: Sequence[EffectAt]) -> 'DriveModel':
+        """Return the model of the same recording with these effects and no others."""
+        return type(self)(
+            self.machine,
+            self.data,
+            drives=self.drives,
+            effects=effects,
+            fixed=self.fixed,
+            cutoff=self.cutoff,
+            substeps=self.substeps,
+        )
+
+    @property
     def _closed(self) -> bool:
         """Whether controllers follow a set-point."""
         return self.data.command_position is not None and self.data.command_velocity is not None
 
     @property
-    def outputs(self) -> tuple[str, ...]:
-        """The drives whose torque is compared."""
+    def outputs(self) -> tuple[Output, ...]:
+        """The drives' efforts."""
+        return tuple(Output(name, self.unit, place=name) for name in self.drives)
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The drives compared."""
         return self.drives
 
     @property
-    def output_unit(self) -> str:
-        """Unit of the output and of the cost."""
+    def unit(self) -> str:
+        """Unit of the effort and of the cost."""
         return self.machine.model_unit
+
+    @property
+    def cycle(self) -> float:
+        """The controller's cycle, s."""
+        return self._cycle
 
     @property
     def measured(self) -> Array:
@@ -340,7 +374,7 @@ class DriveModel(ABC):
             theta: (S, N) candidates, physical units, in the order of `parameters`.
 
         Returns:
-            (S, D, K) torque of `outputs` at every controller cycle [`output_unit`]; inf where a
+            (S, D, K) torque of `outputs` at every controller cycle [`unit`]; inf where a
             candidate diverged.
         """
         every = np.ones((len(self.drives), self._cycles), dtype=bool)
@@ -365,7 +399,7 @@ class DriveModel(ABC):
             there: (D, K) cycles of `outputs` that are wanted.
 
         Returns:
-            (S, R) effort, drive by drive [`output_unit`]. Each drive's is known but for a
+            (S, R) effort, drive by drive [`unit`]. Each drive's is known but for a
             constant: a log does not show what an integral part held before.
         """
         block = self.rows(theta)
@@ -403,7 +437,7 @@ class DriveModel(ABC):
             stop: Asked now and then; where it says True, nobody needs the result any more.
 
         Returns:
-            (S,) costs [`output_unit`]; inf where a candidate diverged. Where one is above `limit`
+            (S,) costs [`unit`]; inf where a candidate diverged. Where one is above `limit`
             it is a lower bound of the cost.
         """
         theta = np.atleast_2d(np.asarray(theta, dtype=float))

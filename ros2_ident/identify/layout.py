@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One vector of parameters for several recordings: what they share, and what each has alone."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.parameter import Parameter
+from ros2_ident.models.protocol import FullModel
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """How recordings of one machine differ.
+
+    Attributes:
+        each: Parameters with a value of their own for every recording; `coulomb_torque` means
+            that of every drive.
+        known: What is known of a recording, by its label: how much more than the shared value a
+            parameter is there, in its unit.
+    """
+
+    each: tuple[str, ...] = ()
+    known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        """Return whether recordings differ at all."""
+        return bool(self.each or self.known)
+
+    def check(self, labels: Sequence[str]) -> None:
+        """Hold them against the recordings that are there.
+
+        Args:
+            labels: (M,) the recording each model belongs to.
+
+        Raises:
+            IdentError: INVALID_GOAL where there is no such recording, or only one.
+        """
+        there = dict.fromkeys(labels)
+        strange = [label for label in self.known if label not in there]
+        if strange:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'no recording is called {strange[0]!r}; there are {", ".join(there) or "none"}',
+            )
+        if self.each and len(there) < 2:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                'there is one recording only, so no parameter can differ between recordings; '
+                'give several bags, or leave this out',
+            )
+
+
+class Layout:
+    """The parameters of a fit, and where each model finds its own among them.
+
+    Args:
+        models: The models; a parameter of one name is one parameter.
+        labels: (M,) the recording each model belongs to.
+        conditions: How the recordings differ.
+        held: Parameters that are not to be identified, and their values.
+
+    Attributes:
+        parameters: (N,) all parameters in the models' order; where each recording has its own,
+            `tool_mass@run_1` and `tool_mass@run_2`.
+
+    Raises:
+        IdentError: UNKNOWN_PARAMETER or INVALID_GOAL where `conditions` names what is not there.
+    """
+
+    def __init__(
+        self,
+        models: Sequence[FullModel],
+        labels: Sequence[str] = (),
+        conditions: Conditions | None = None,
+        held: Mapping[str, float] | None = None,
+    ) -> None:
+        conditions = conditions or Conditions()
+        labels = tuple(labels) or ('',) * len(models)
+        every = {p.name for m in models for p in m.parameters}
+        alone = _named(every, conditions.each)
+        found: dict[str, Parameter] = {}
+        for parameter in (p for m in models for p in m.parameters):
+            names = [parameter.name]
+            if parameter.name in alone:
+                # Side by side, so that the parameters of effects stay the last ones.
+                names = [
+                    f'{parameter.name}@{label}'
+                    for m, label in zip(models, labels, strict=True)
+                    if any(p.name == parameter.name for p in m.parameters)
+                ]
+            for name in names:
+                found.setdefault(name, replace(parameter, name=name))
+        values = dict(held or {})
+        for name in values:
+            if name not in found:
+                raise IdentError(
+                    ErrorCode.UNKNOWN_PARAMETER,
+                    f'{name!r} cannot be fixed: no such parameter; '
+                    f'choose from {", ".join(found)}',
+                )
+        self.parameters: tuple[Parameter, ...] = tuple(
+            p for name, p in found.items() if name not in values
+        )
+        self._held = np.array(list(values.values()))
+        # Held values stand behind the free ones.
+        at = {n: i for i, n in enumerate([*(p.name for p in self.parameters), *values])}
+        self._columns: list[npt.NDArray[np.intp] | None] = []
+        self._more: list[Array | None] = []
+        for model, label in zip(models, labels, strict=True):
+            own = [p.name for p in model.parameters]
+            columns = np.array(
+                [at[f'{n}@{label}' if n in alone else n] for n in own], dtype=np.intp
+            )
+            same = not values and len(own) == len(at) and (columns == np.arange(len(at))).all()
+            self._columns.append(None if same else columns)
+            self._more.append(_more(own, every, label, conditions.known.get(label, {})))
+
+    def of(self, number: int, theta: Array) -> Array:
+        """Return (S, N') the parameters of one model among candidates (S, N)."""
+        columns, more = self._columns[number], self._more[number]
+        if self._held.size:
+            theta = np.hstack([theta, np.repeat(self._held[None], len(theta), axis=0)])
+        if columns is not None:
+            theta = theta[:, columns]
+        return theta if more is None else theta + more
+
+
+def _named(every: set[str], names: Sequence[str]) -> set[str]:
+    """Return full names of parameters; `coulomb_torque` means that of every drive."""
+    out: set[str] = set()
+    for name in names:
+        meant = {full for full in every if full == name or full.endswith(f'.{name}')}
+        if not meant:
+            raise IdentError(
+                ErrorCode.UNKNOWN_PARAMETER,
+                f'{name!r} cannot have a value for each recording: no such parameter is free; '
+                f'choose from {", ".join(sorted(every))}',
+            )
+        out |= meant
+    return out
+
+
+def _more(
+    own: Sequence[str], every: set[str], label: str, known: Mapping[str, float]
+) -> Array | None:
+    """Return (N',) what is added to a model's parameters, None where nothing is."""
+    if not known:
+        return None
+    more = np.zeros(len(own))
+    for name, value in known.items():
+        if not np.isfinite(value):
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{label}: {name} is known to differ by {value}; give a finite number',
+            )
+        for full in _named(every, [name]):
+            if full in own:
+                more[list(own).index(full)] += value
+    return more

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a machine and its data to a problem."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.identify.data import chosen_drives, Data
+from ros2_ident.identify.layout import Conditions, Layout
+from ros2_ident.identify.problem import Problem
+from ros2_ident.machine.machine import Machine
+from ros2_ident.models import complete, EffectAt, make_model, Model
+from ros2_ident.models.drives.candidates import SLOTS
+
+T = TypeVar('T')
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a problem is made from, where that is a machine and its data.
+
+    Attributes:
+        machine: The machine.
+        data: The segments.
+        drives: Drives whose effort is compared; all where None.
+        fixed: Parameters held at a value: by full name, or `gear_stiffness` for every drive's.
+        bounds: (low, high) instead of the machine file's, by the same names.
+        effects: Effects beside the nominal physics.
+        cutoff: Low-pass of recorded motion where it drives the model [Hz].
+        conditions: How the recordings differ.
+    """
+
+    machine: Machine
+    data: Data
+    drives: Sequence[str] | None = None
+    fixed: Mapping[str, float] | None = None
+    bounds: Mapping[str, tuple[float, float]] | None = None
+    effects: Sequence[EffectAt] = ()
+    cutoff: float = 100.0
+    conditions: Conditions = Conditions()
+
+    def problem(self) -> Problem:
+        """Return the machine's model on every segment, as one problem.
+
+        Raises:
+            IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, NO_DATA, or as `make_model`.
+        """
+        machine, datasets = self.machine, self.data.datasets
+        drives = chosen_drives(machine, self.drives)
+        _check_names(machine, self.data)
+        free = make_model(
+            machine, datasets[0], drives=drives, effects=self.effects, cutoff=self.cutoff
+        )
+        known = [p.name for p in free.parameters]
+        # Drives that only follow have no free parameters; their gears may be known all the same.
+        followers = [
+            f'{drive}.{name}'
+            for drive in machine.drives
+            for name in machine.bounds
+            if drive not in drives and not SLOTS[name].shared
+        ]
+        fixed = _expanded([*known, *followers], machine, dict(self.fixed or {}), 'fixed')
+        models = [
+            make_model(
+                machine, d, drives=drives, effects=self.effects, fixed=fixed, cutoff=self.cutoff
+            )
+            for d in datasets
+        ]
+        layout = Layout(models, self.data.labels, self.conditions)
+        names = dict.fromkeys([*(p.name for p in layout.parameters), *known])
+        changed = _expanded(list(names), machine, dict(self.bounds or {}), 'bounded')
+        _check_overrides(fixed, changed)
+        return Problem(models, layout, bounds=changed, fixed=fixed, setup=self)
+
+    def lean(self) -> 'Setup':
+        """Return it without what only the process that reads the bag needs."""
+        return replace(self, data=replace(self.data, recordings=(), held_out=None))
+
+    def held_out(self) -> Iterator[Problem]:
+        """Make the problem of each part of a long log that is held out, one at a time."""
+        for dataset, label in self.data.held_out or ():
+            part = Data((dataset,), labels=(label,))
+            yield replace(self, data=part, bounds=None).problem()
+
+
+def problem_of(
+    machine: Machine,
+    data: Data,
+    *,
+    drives: Sequence[str] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    effects: Sequence[EffectAt] = (),
+    cutoff: float = 100.0,
+    conditions: Conditions | None = None,
+) -> Problem:
+    """Return a machine's model on every segment, as one problem; arguments as for `Setup`.
+
+    Raises:
+        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, NO_DATA, or as `make_model`.
+    """
+    differ = conditions or Conditions()
+    differ.check(data.labels)
+    return Setup(machine, data, drives, fixed, bounds, effects, cutoff, differ).problem()
+
+
+def problem_of_models(
+    models: Model | Sequence[Model],
+    *,
+    fixed: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    conditions: Conditions | None = None,
+) -> Problem:
+    """Return a user's own models as one problem.
+
+    Args:
+        models: One, or one for each recording; a parameter of one name is one parameter.
+        fixed: Parameters held at a value, by name.
+        bounds: (low, high) instead of the parameters' own, by name.
+        conditions: What differs between the recordings, which are called `1`, `2` and so on.
+
+    Raises:
+        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER or NO_DATA with the remedy.
+    """
+    several = [complete(m) for m in (models if isinstance(models, Sequence) else [models])]
+    labels = [str(number) for number in range(1, len(several) + 1)]
+    differ = conditions or Conditions()
+    differ.check(labels)
+    held, box = dict(fixed or {}), dict(bounds or {})
+    layout = Layout(several, labels, differ, held)
+    known = [*(p.name for p in layout.parameters), *held]
+    for name in box:
+        if name not in known:
+            raise IdentError(
+                ErrorCode.UNKNOWN_PARAMETER,
+                f'{name!r} cannot be bounded: no such parameter; choose from {", ".join(known)}',
+            )
+    _check_overrides(held, box)
+    return Problem(several, layout, bounds=box, fixed=held)
+
+
+def _check_names(machine: Machine, data: Data) -> None:
+    if not data.datasets:
+        raise IdentError(
+            ErrorCode.NO_DATA, 'there is no segment to identify from; record a motion first'
+        )
+    for dataset in data.datasets:
+        missing = [name for name in machine.drives if name not in dataset.names]
+        if missing:
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                f'the data hold {", ".join(dataset.names)} and not {", ".join(missing)}; '
+                "align them with the machine's drives",
+            )
+        if dataset.effort is None:
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                'the data hold no effort; record it, or name the topic that carries it',
+            )
+
+
+def _expanded(
+    known: Sequence[str], machine: Machine, given: Mapping[str, T], what: str
+) -> dict[str, T]:
+    """Return the entries by full name; the more a name says, the later it counts.
+
+    `coulomb_torque` means that of every drive, and `tool_mass` that of every recording where each
+    has its own.
+    """
+    out: dict[str, T] = {}
+    for name, value in sorted(given.items(), key=lambda item: ('.' in item[0], '@' in item[0])):
+        names = {name, *(f'{drive}.{name}' for drive in machine.drives)}
+        meant = [full for full in known if full in names or full.partition('@')[0] in names]
+        if not meant:
+            raise IdentError(
+                ErrorCode.UNKNOWN_PARAMETER,
+                f'{name!r} cannot be {what}: no such parameter; choose from {", ".join(known)}',
+            )
+        out.update(dict.fromkeys(meant, value))
+    return out
+
+
+def _check_overrides(
+    fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]
+) -> None:
+    for name, value in fixed.items():
+        if not np.isfinite(value):
+            raise IdentError(
+                ErrorCode.INVALID_GOAL, f'{name} cannot be fixed at {value}; give a finite number'
+            )
+        if name in bounds:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL, f'{name} is both fixed and bounded; give one of the two'
+            )
+    for name, (low, high) in bounds.items():
+        if not (np.isfinite(low) and np.isfinite(high) and low < high):
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{name} has the bounds {low:g} to {high:g}; '
+                'give a finite lower bound below a finite upper one',
+            )

@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a model is to the rest of the program: one recording, simulated for many candidates.
+
+`Model` is what a model has to have. All else is optional: what the program can use beyond that, it
+asks `FullModel` for, whose defaults say what happens without. `complete` turns the one into the
+other.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+import math
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.effects import Effect
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.parameter import Parameter
+from ros2_ident.recording import Dataset
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Stop = Callable[[], bool]
+
+
+@dataclass(frozen=True)
+class EffectAt:
+    """An effect and where it sits: an output's place (a drive), or `all`."""
+
+    effect: str
+    where: str
+
+
+@dataclass(frozen=True)
+class Output:
+    """One signal that is compared with its measurement.
+
+    Attributes:
+        name: Unique in the model: `drive_1`, `drive_1.position`.
+        unit: Its unit.
+        weight: What its errors are multiplied with, so that outputs of several units can be
+            summed (eq. 2 of Ludwig and Gerstmayr 2011).
+        place: What it belongs to: the drive; the name itself where empty.
+        quantity: `effort`, `position`, `velocity`, or a word of the model's own.
+    """
+
+    name: str
+    unit: str
+    weight: float = 1.0
+    place: str = ''
+    quantity: str = 'effort'
+
+
+@runtime_checkable
+class Model(Protocol):
+    """What a model has to have. Shapes: S candidates, N parameters, O outputs, K instants.
+
+    Attributes:
+        parameters: What can be identified, in the order of theta's columns.
+        outputs: The O signals compared.
+        cycle: Time from one instant to the next, s.
+        measured: (O, K) measurement of the outputs; NaN where there is no sample.
+    """
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The N parameters."""
+        ...
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """The O outputs."""
+        ...
+
+    @property
+    def cycle(self) -> float:
+        """Seconds from one instant to the next."""
+        ...
+
+    @property
+    def measured(self) -> Array:
+        """(O, K) measured outputs."""
+        ...
+
+    def simulate(self, theta: Array) -> Array:
+        """Return (S, O, K) outputs of candidates (S, N); inf where one diverged."""
+        ...
+
+
+class FullModel(ABC):
+    """A model with everything that the program asks for; the defaults are plain and slow.
+
+    Attributes:
+        name: Kind of model, in results.
+        noise: Standard deviation of the outputs' noise as it is stated, in their unit; 0 where it
+            is not.
+    """
+
+    name = 'model'
+    noise = 0.0
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The N parameters, in the order of theta's columns."""
+
+    @property
+    @abstractmethod
+    def outputs(self) -> tuple[Output, ...]:
+        """The O outputs."""
+
+    @property
+    @abstractmethod
+    def measured(self) -> Array:
+        """(O, K) measured outputs, NaN where there is no sample."""
+
+    @property
+    @abstractmethod
+    def cycle(self) -> float:
+        """Seconds from one instant to the next."""
+
+    @abstractmethod
+    def simulate(self, theta: Array) -> Array:
+        """Return (S, O, K) outputs of candidates (S, N); inf where one diverged."""
+
+    @property
+    def data(self) -> Dataset | None:
+        """The recording on the grid of the model's instants; None where it does not tell."""
+        return None
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """What the outputs belong to, each once: the drives."""
+        return tuple(dict.fromkeys(o.place or o.name for o in self.outputs))
+
+    @property
+    def unit(self) -> str:
+        """Unit of costs: that of the first output."""
+        return self.outputs[0].unit
+
+    # ------------------------------------------------------------------ numbers of a fit
+
+    def simulate_at(self, theta: Array, there: Mask) -> Array:
+        """Return (S, R) what `simulate` does where `there` (O, K) holds, output by output."""
+        out: Array = self.simulate(np.atleast_2d(theta))[:, there]
+        return out
+
+    def residuals(self, theta: Array) -> Array:
+        """Return (S, R) weighted measured less simulated outputs, output by output (eq. 1)."""
+        there = ~np.isnan(self.measured)
+        weight = np.repeat([o.weight for o in self.outputs], there.sum(axis=1))
+        out: Array = (self.measured[there] - self.simulate_at(theta, there)) * weight
+        return out
+
+    def costs(
+        self, theta: Array, limit: float | Array = math.inf, stop: Stop | None = None
+    ) -> Array:
+        """Return (S,) costs of candidates: eq. 2, the mean of the outputs' weighted RMS errors.
+
+        Args:
+            theta: (S, N) candidates.
+            limit: Cost above which a lower bound will do, for all or (S,).
+            stop: Asked now and then; where it says True, nobody needs the result any more.
+
+        Returns:
+            (S,) costs; inf where a candidate diverged.
+        """
+        theta = np.atleast_2d(theta)
+        if stop is not None and stop():
+            return np.full(len(theta), math.inf)
+        lengths = (~np.isnan(self.measured)).sum(axis=1)
+        ends = np.cumsum(lengths)[:-1]
+        parts = np.split(self.residuals(theta), ends, axis=1)
+        rms = [np.sqrt(np.mean(p**2, axis=1)) for p in parts if p.shape[1]]
+        total: Array = np.mean(rms, axis=0) if rms else np.full(len(theta), math.inf)
+        return np.where(np.isfinite(total), total, math.inf)
+
+    def work(self, theta: Array) -> npt.NDArray[np.int64]:
+        """Return (S,) how much work candidates (S, N) are; equals are best evaluated together."""
+        return np.zeros(len(theta), dtype=np.int64)
+
+    # ------------------------------------------------------------------ what may be missing
+
+    @property
+    def effects(self) -> tuple[EffectAt, ...]:
+        """Effects that are in the model beside its nominal physics; their parameters come last."""
+        return ()
+
+    @property
+    def catalogue(self) -> Mapping[str, Effect]:
+        """Effects that the model can be extended by."""
+        return {}
+
+    def extensions(self) -> tuple[EffectAt, ...]:
+        """Return every effect of the catalogue at every place it can sit in this model."""
+        return ()
+
+    def extended(self, effects: Sequence[EffectAt]) -> 'FullModel':
+        """Return the model with these effects and no others.
+
+        Raises:
+            IdentError: INVALID_GOAL where it cannot have one of them.
+        """
+        if not effects:
+            return self
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'a {self.name} cannot be extended by {effects[0].effect}; '
+            'its model offers no effects',
+        )
+
+
+class _Completed(FullModel):
+    """A model that has the least, with the defaults for the rest."""
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self.name = str(getattr(model, 'name', type(model).__name__))
+        self.noise = float(getattr(model, 'noise', 0.0))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(self._model.parameters)
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        return tuple(self._model.outputs)
+
+    @property
+    def measured(self) -> Array:
+        return np.asarray(self._model.measured, dtype=np.float64)
+
+    @property
+    def cycle(self) -> float:
+        return float(self._model.cycle)
+
+    def simulate(self, theta: Array) -> Array:
+        theta = np.atleast_2d(theta)
+        told = np.asarray(self._model.simulate(theta), dtype=np.float64)
+        shape = (len(theta), *self.measured.shape)
+        if told.shape != shape:
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'{self.name}.simulate returned the shape {told.shape} for {len(theta)} '
+                f'candidates; it has to return {shape}: candidates, outputs, instants',
+            )
+        return np.where(np.isnan(told), math.inf, told)
+
+
+def complete(model: Any) -> FullModel:
+    """Return a model with everything that the program asks for.
+
+    Args:
+        model: A `FullModel`, or any object that meets `Model`. Whoever wants more than the
+            defaults derives from `FullModel`.
+
+    Raises:
+        IdentError: INVALID_GOAL naming what the object lacks.
+    """
+    if isinstance(model, FullModel):
+        return model
+    missing = [
+        name
+        for name in ('parameters', 'outputs', 'cycle', 'measured', 'simulate')
+        if not hasattr(model, name)
+    ]
+    if missing:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'a {type(model).__name__} is no model: it has no {", ".join(missing)}; '
+            'see ros2_ident.models.protocol.Model',
+        )
+    return _Completed(model)
