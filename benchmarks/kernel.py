@@ -29,8 +29,7 @@ from ros2_ident.models import load_machine
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.motions import draw_motion
-from ros2_ident.search import GeneticSettings, minimise, ThreadedEvaluator
-from ros2_ident.search.packing import PackedSearch
+from ros2_ident.search import GeneticSearch, GeneticSettings, minimise, ThreadedEvaluator
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE_5 = {
@@ -258,12 +257,17 @@ def schedule(model: Tripod, rounds: int) -> None:
     high = np.array([p.high for p in model.parameters])
     wall, cpu = [], []
     for seed in range(rounds):
-        search = PackedSearch(
-            len(low), GeneticSettings(), seed, lambda x: model.work(low + x * (high - low))
-        )
+        search = GeneticSearch(len(low), GeneticSettings(), seed)
         with ThreadedEvaluator(model.costs, 2, limited=True) as evaluate:
             start, used = time.perf_counter(), time.process_time()
-            found = minimise(evaluate, search, low=low, high=high, lot=2 * WIDTH)
+            found = minimise(
+                evaluate,
+                search,
+                low=low,
+                high=high,
+                lot=2 * WIDTH,
+                work=lambda x: model.work(low + x * (high - low)),
+            )
             wall.append(time.perf_counter() - start)
             cpu.append(time.process_time() - used)
     print(

@@ -17,6 +17,7 @@ from ros2_ident.search import (
     read_state,
     StopReason,
     ThreadedEvaluator,
+    write_state,
 )
 
 LOW, HIGH = [10.0, -2.0], [20.0, 2.0]
@@ -143,7 +144,7 @@ def test_a_cut_off_run_continues_to_the_same_result(tmp_path):
         low=LOW,
         high=HIGH,
         budget=Budget(evaluations=155),
-        checkpoint=tmp_path / 'state.npz',
+        on_survivors=lambda s: write_state(tmp_path / 'state.npz', s.state()),
     )
     again = GeneticSearch.from_state(read_state(tmp_path / 'state.npz'))
     result = minimise(cost, again, low=LOW, high=HIGH)

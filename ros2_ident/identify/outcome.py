@@ -2,16 +2,15 @@
 """From what a run found to the result: the outcome, its words, and where it came from."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime, UTC
 import importlib.metadata
 import platform
 
 import numpy as np
-import numpy.typing as npt
 
 from ros2_ident.identify.data import Data
-from ros2_ident.identify.problem import Array, Problem
+from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import (
     Cost,
     DriveResidual,
@@ -22,48 +21,16 @@ from ros2_ident.identify.result import (
     Provenance,
 )
 from ros2_ident.models import Machine, Parameter
-from ros2_ident.search import Intervals, Refinement, RefineStatus, SearchResult, StopReason
+from ros2_ident.search import RefineStatus, StopReason
+from ros2_ident.search.fit import Fitted
 
 PACKAGE = 'ros2_ident'
 # A residual of so many times the effort's noise has another cause beside it.
 WELL_ABOVE = 1.5
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """What the phases of a run leave behind.
-
-    Attributes:
-        ga: The genetic algorithm's result.
-        refined: The refinement's, or None.
-        theta: (N,) the estimate, physical units; NaN where every candidate diverged.
-        residual: (R,) measured less simulated effort there; empty where every candidate diverged.
-        intervals: Confidence of the estimate, or None.
-        cancelled: Whether the run was cancelled.
-        left_out: Whether a refinement was asked for and not begun.
-        evaluations: Candidates simulated.
-        seconds: Wall time, s.
-        candidates: (E, N) candidates of the genetic algorithm.
-        costs: (E,) their costs.
-        generations: (E,) their generations.
-    """
-
-    ga: SearchResult
-    refined: Refinement | None
-    theta: Array
-    residual: Array
-    intervals: Intervals | None
-    cancelled: bool
-    left_out: bool
-    evaluations: int
-    seconds: float
-    candidates: Array
-    costs: Array
-    generations: npt.NDArray[np.int64]
-
-
 def assemble(
-    problem: Problem, found: Found, seed: int, settings: Mapping[str, object]
+    problem: Problem, found: Fitted, seed: int, settings: Mapping[str, object]
 ) -> Identification:
     """Return the result of a run."""
     estimates = tuple(
@@ -116,7 +83,7 @@ def _gap(problem: Problem, left: tuple[DriveResidual, ...]) -> tuple[str, ...]:
     )
 
 
-def _estimate(parameter: Parameter, number: int, found: Found) -> ParameterEstimate:
+def _estimate(parameter: Parameter, number: int, found: Fitted) -> ParameterEstimate:
     known = found.intervals
     value = float(found.theta[number])
     if known is not None:
@@ -148,7 +115,7 @@ def _estimate(parameter: Parameter, number: int, found: Found) -> ParameterEstim
     )
 
 
-def _judge(found: Found, estimates: tuple[ParameterEstimate, ...]) -> tuple[Outcome, str]:
+def _judge(found: Fitted, estimates: tuple[ParameterEstimate, ...]) -> tuple[Outcome, str]:
     """Return how it ended and the sentence for it."""
     if not np.isfinite(found.ga.cost):
         if found.cancelled:
@@ -185,7 +152,7 @@ def _judge(found: Found, estimates: tuple[ParameterEstimate, ...]) -> tuple[Outc
     return Outcome.IDENTIFIED, f'All {len(estimates)} parameters are identified.{leaning}'
 
 
-def _spent(found: Found) -> str:
+def _spent(found: Fitted) -> str:
     """Return which budget ended the run early, as a sentence; empty where none did."""
     if found.ga.stop in (StopReason.EVALUATIONS, StopReason.SECONDS):
         return str(found.ga.stop.value)

@@ -3,6 +3,8 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+import functools
+import hashlib
 import math
 from typing import TYPE_CHECKING
 
@@ -101,6 +103,23 @@ class Problem:
         """The data; only where the problem was made from a machine."""
         assert self.setup is not None
         return self.setup.data
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the parameters."""
+        return tuple(p.name for p in self.parameters)
+
+    @functools.cached_property
+    def key(self) -> str:
+        """A digest of what the fit depends on: another one, another fit."""
+        total = hashlib.sha256(sources_digest().encode())
+        total.update(repr((self.name, self.names, self.low, self.high, self.fixed)).encode())
+        for model in self.models:
+            total.update(np.ascontiguousarray(model.measured).tobytes())
+        if self.setup is not None:
+            total.update(repr((self.setup.machine, self.setup.drives)).encode())
+            total.update(repr((self.setup.effects, self.setup.conditions)).encode())
+        return total.hexdigest()
 
     @property
     def name(self) -> str:

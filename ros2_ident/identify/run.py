@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from ros2_ident.identify.data import chosen_drives, Data, gather
 from ros2_ident.identify.data import read_problem as read_problem
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outcome import assemble
-from ros2_ident.identify.phases import Run
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification
 from ros2_ident.identify.settings import IdentifyProgress as IdentifyProgress
@@ -20,7 +20,7 @@ from ros2_ident.identify.setup import problem_of, problem_of_models
 from ros2_ident.models import EffectAt, Machine, Model
 from ros2_ident.recording import Dataset, Recording
 from ros2_ident.search.evaluators import Cancel, Threads, Workers
-from ros2_ident.search.packing import PackedSearch
+from ros2_ident.search.fit import fit
 
 Measured = Data | Dataset | Sequence[Dataset] | Sequence[Recording]
 
@@ -40,6 +40,7 @@ def identify(
     cancel: Cancel | None = None,
     on_progress: OnProgress | None = None,
     workers: Workers | None = None,
+    checkpoint: str | Path | None = None,
 ) -> Identification:
     """Identify the parameters of a machine, or of any model.
 
@@ -62,6 +63,7 @@ def identify(
         cancel: A `threading.Event` or the like; the best so far is kept.
         on_progress: Called from this thread at most ten times a second.
         workers: Who simulates; `settings.threads` threads of this process where None.
+        checkpoint: File from which the same run goes on where it was cut off, see `search.fit`.
 
     Returns:
         The parameters with intervals, and how it ended in words.
@@ -98,23 +100,37 @@ def identify(
             cutoff=settings.cutoff,
             conditions=conditions,
         )
-    return solve(problem, settings, seed, cancel, on_progress, workers)
+    return solve(
+        problem,
+        settings,
+        seed,
+        cancel=cancel,
+        on_progress=on_progress,
+        workers=workers,
+        checkpoint=None if checkpoint is None else Path(checkpoint),
+    )
 
 
 def solve(
     problem: Problem,
     settings: IdentifySettings,
     seed: int,
+    *,
     cancel: Cancel | None = None,
     on_progress: OnProgress | None = None,
     workers: Workers | None = None,
+    checkpoint: Path | None = None,
 ) -> Identification:
     """Solve a problem; arguments and result as for `identify`."""
-    search = PackedSearch(len(problem.parameters), settings.genetic, seed, problem.work)
-    workers = workers or Threads(settings.threads)
-    with workers.open(problem, cancel) as evaluators:
-        run = Run(problem, settings, search, evaluators, cancel, on_progress)
-        found = run.solve()
+    found = fit(
+        problem,
+        settings,
+        seed,
+        cancel=cancel,
+        on_progress=on_progress,
+        workers=workers or Threads(settings.threads),
+        checkpoint=checkpoint,
+    )
     result = assemble(problem, found, seed, _plain(settings))
     if found.cancelled or not np.isfinite(result.theta).all():
         return result

@@ -5,17 +5,16 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from pathlib import Path
 import time
 from typing import Any
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.checkpoint import write_state
 from ros2_ident.search.evaluators import AtOnce, Batch, Cancel, Evaluate, Queue
 from ros2_ident.search.genetic import GeneticSearch, StopReason
 from ros2_ident.search.operators import Array, Flags
+from ros2_ident.search.packing import Packing, Work
 
 # How long to wait for a slice before looking at cancel event and budget again, s.
 _LOOK = 0.05
@@ -260,11 +259,12 @@ def minimise(
     on_progress: Callable[[Progress], None] | None = None,
     on_generation: Callable[[Array, Array, Flags], None] | None = None,
     cancel: Cancel | None = None,
-    checkpoint: str | Path | None = None,
+    on_survivors: Callable[[GeneticSearch], None] | None = None,
     slice_seconds: float = 0.05,
     lot: int = 1,
     interval: float = 0.1,
     give_up: bool = True,
+    work: Work | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> SearchResult:
     """Run a search to its end, its budget's end, or until it is cancelled.
@@ -286,12 +286,14 @@ def minimise(
             candidates (S, N), physical units, their costs (S,) as far as they were evaluated, and
             where (S,) that is the cost and not a lower bound of it.
         cancel: Looked at between slices, and while a queue is waited for.
-        checkpoint: File that holds the search's state after every generation.
+        on_survivors: Called with the search after every complete generation, to keep its state.
         slice_seconds: Wall time a slice shall take, s; the sizes adapt to it.
         lot: Candidates that are evaluated in the time of one (vector lanes times threads); slices
             are multiples of it.
         interval: Least time between two reports, s.
         give_up: Whether a `limited` evaluate gets limits.
+        work: (S, N) in the unit cube -> (S,) how much work each candidate is; those that are alike
+            are then evaluated side by side. The result is the same.
         clock: Seconds that never step back.
 
     Returns:
@@ -313,7 +315,9 @@ def minimise(
             stop = StopReason.GENERATIONS
             break
         points = search.ask()
-        found = _Generation(points, run.physical(points), limited)
+        packing = Packing(points, work)
+        points = packing.packed(points)
+        found = _Generation(points, run.physical(points), limited, packing)
         stop = _evaluate_generation(queue, found, run, slicer, cancel)
         if stop is None and limited:
             stop = _settle_doubts(queue, found, run, cancel)
@@ -322,11 +326,11 @@ def minimise(
             on_generation(found.theta[here], found.costs[here], found.exact[here])
         if stop is not None:
             break
-        search.tell(found.costs)
+        search.tell(packing.drawn(found.costs))
         completed += 1
         best_costs.append(search.best_cost)
-        if checkpoint is not None:
-            write_state(checkpoint, search.state())
+        if on_survivors is not None:
+            on_survivors(search)
         stop = search.stop_reason
     run.report(last=True)
     return SearchResult(
@@ -372,9 +376,11 @@ class _Generation:
         exact: (S,) where it is the cost.
         done: How many are evaluated.
         limited: Whether candidates above a limit are given up.
+        packing: The order they stand in.
     """
 
-    def __init__(self, points: Array, theta: Array, limited: bool) -> None:
+    def __init__(self, points: Array, theta: Array, limited: bool, packing: Packing) -> None:
+        self.packing = packing
         self.points = points
         self.theta = theta
         self.costs: Array = np.empty(len(points))
@@ -440,7 +446,10 @@ def _settle_doubts(
     """Evaluate to the end who would survive by a lower bound of its cost; return as above."""
     stop = _Stop(run, cancel)
     while True:
-        doubtful = run.search.in_doubt(found.costs, found.exact)
+        drawn = found.packing.drawn
+        doubtful = found.packing.places(
+            run.search.in_doubt(drawn(found.costs), drawn(found.exact))
+        )
         if not doubtful.size:
             return None
         batch = queue.submit(found.theta[doubtful], stop=stop)

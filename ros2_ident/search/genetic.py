@@ -248,15 +248,10 @@ class GeneticSearch:
             return np.empty(0, dtype=np.intp)
         assert self._population is not None
         points = np.concatenate([self.survivors, self._population])
-        pool = np.concatenate([self.survivor_costs, self._as_drawn(costs)])
+        pool = np.concatenate([self.survivor_costs, costs])
         chosen = select(points, pool, self.settings.survivors, self._distance)
-        drawn = chosen[chosen >= len(self.survivors)] - len(self.survivors)
-        asked: Index = self._as_drawn(np.arange(len(costs)))[drawn]
-        return asked[~exact[asked]]
-
-    def _as_drawn(self, values: Any) -> Any:
-        """Return values of the candidates asked for, (S,), in the order they were drawn."""
-        return values
+        drawn: Index = chosen[chosen >= len(self.survivors)] - len(self.survivors)
+        return drawn[~exact[drawn]]
 
     @property
     def _distance(self) -> float:
@@ -300,7 +295,7 @@ class GeneticSearch:
                 f'the cost of candidate {wrong} is {told[wrong]}; '
                 'give inf for a diverged candidate'
             )
-        self.survivors, self.survivor_costs = self._survive(points, self._as_drawn(told))
+        self.survivors, self.survivor_costs = self._survive(points, told)
         self.evaluations += len(told)
         self._note_best()
         self._population = None

@@ -1,53 +1,53 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A search whose candidates come in an order that fills the vector lanes."""
+"""The order of candidates that fills the vector lanes.
+
+Candidates that take the same number of integration steps share a vector of lanes. The order
+matters to the time only: a search draws and selects as without.
+"""
 
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from ros2_ident.search import GeneticSearch, GeneticSettings
-from ros2_ident.search.operators import Array
+from ros2_ident.search.operators import Array, Index
 
+# (S, N) candidates in the unit cube -> (S,) how much work each of them is.
+Work = Callable[[Array], Any]
 # Sorted in parts, so that a budget that ends within a generation leaves no corner of the box out.
 PART = 128
 
 
-class PackedSearch(GeneticSearch):
-    """The genetic algorithm, its candidates sorted by the work that each of them is.
-
-    Candidates that take the same number of integration steps share a vector of lanes. The order
-    matters to the time only: costs are put back in the order of the search, which draws and
-    selects as without.
+class Packing:
+    """A generation's candidates in an order in which neighbours are alike in work.
 
     Args:
-        dimension: As for `GeneticSearch`.
-        settings: Likewise.
-        seed: Likewise.
-        work: (S, N) in the unit cube -> (S,) work.
+        points: (S, N) candidates as they were drawn, in the unit cube.
+        work: How much work each is; None leaves the order as it is.
     """
 
-    def __init__(
-        self,
-        dimension: int,
-        settings: GeneticSettings,
-        seed: int,
-        work: Callable[[Array], Any],
-    ) -> None:
-        super().__init__(dimension, settings, seed)
-        self._work = work
-        self._order: Any = np.empty(0, dtype=np.int64)
+    def __init__(self, points: Array, work: Work | None) -> None:
+        self._order: Index | None = None
+        if work is not None:
+            part = np.arange(len(points)) // PART
+            self._order = np.lexsort((np.asarray(work(points)), part))
 
-    def ask(self) -> Array:
-        """Return the candidates (S, N) of the present generation in the unit cube, sorted."""
-        points = super().ask()
-        work = np.asarray(self._work(points))
-        part = np.arange(len(points)) // PART
-        self._order = np.lexsort((work, part))
-        packed: Array = points[self._order]
-        return packed
+    def packed(self, drawn: Any) -> Any:
+        """Return values of the candidates (S, ...) in the packed order."""
+        return drawn if self._order is None else drawn[self._order]
 
-    def _as_drawn(self, values: Any) -> Any:
-        drawn = np.empty_like(values)
-        drawn[self._order] = values
-        return drawn
+    def drawn(self, packed: Any) -> Any:
+        """Return values of the candidates (S, ...) in the order in which they were drawn."""
+        if self._order is None:
+            return packed
+        out = np.empty_like(packed)
+        out[self._order] = packed
+        return out
+
+    def places(self, drawn: Index) -> Index:
+        """Return where candidates, given by their number as drawn, stand in the packed order."""
+        if self._order is None:
+            return drawn
+        places: Index = np.empty_like(self._order)
+        places[self._order] = np.arange(len(self._order))
+        return places[drawn]

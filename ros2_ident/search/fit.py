@@ -1,29 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One identification, phase after phase: genetic algorithm, refinement, confidence."""
+"""One fit, phase after phase: genetic algorithm, refinement, confidence.
 
+Identification, diagnosis, the paper's experiments and the fleet all fit by this.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 import time
+from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
-from ros2_ident.identify.outcome import Found
-from ros2_ident.identify.problem import Array, Problem
-from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings, OnProgress
-from ros2_ident.search import (
-    Budget,
-    finite_differences,
-    GeneticSearch,
-    Intervals,
-    intervals,
-    minimise,
-    Progress,
-    refine,
-    Refinement,
-    SearchResult,
-    StopReason,
-)
-from ros2_ident.search.evaluators import Cancel, Evaluators
-from ros2_ident.search.jacobian import Box
-from ros2_ident.search.operators import Flags
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.search.checkpoint import Checkpoint
+from ros2_ident.search.driver import Budget, minimise, Progress, SearchResult
+from ros2_ident.search.evaluators import Cancel, Evaluators, Objective, Threads, Workers
+from ros2_ident.search.genetic import GeneticSearch, GeneticSettings, StopReason
+from ros2_ident.search.jacobian import Box, finite_differences
+from ros2_ident.search.operators import Array, Flags
+from ros2_ident.search.refine import refine, Refinement
+from ros2_ident.search.uncertainty import Intervals, intervals
 
 # The part of a budget that is kept for the refinement.
 REFINEMENT_SHARE = 0.3
@@ -33,6 +31,192 @@ APART = 0.1
 DOWN_TO_NOISE = 1.2
 # Jacobians a refinement takes, for the estimate of the time to go.
 USUAL_STEPS = 12
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How to fit.
+
+    Attributes:
+        genetic: The genetic algorithm; Table 4 of Ludwig and Gerstmayr (2011) by default.
+        budget: What the whole run may cost, refinement included.
+        refine: Whether to refine the genetic algorithm's result locally.
+        starts: Most candidates to refine, the best and good ones far from it; the rest is left out
+            once one has reached the noise of the outputs.
+        refine_evaluations: Most candidates for each start; 60 Jacobians by default.
+        level: Probability that an interval covers the truth.
+        give_up: Whether to leave off simulating candidates of the genetic algorithm as soon as
+            they cost too much to survive. The result is the same; their costs are not known then.
+    """
+
+    genetic: GeneticSettings = field(default_factory=GeneticSettings)
+    budget: Budget = field(default_factory=Budget)
+    refine: bool = True
+    starts: int = 4
+    refine_evaluations: int | None = None
+    level: float = 0.95
+    give_up: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ('starts', 'refine_evaluations'):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, int) and value >= 1):
+                raise IdentError(
+                    ErrorCode.INVALID_GOAL,
+                    f'{name} is {value!r}; give a whole number of at least 1',
+                )
+        if not 0.0 < self.level < 1.0:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'level is {self.level}; give a probability between 0 and 1',
+            )
+
+
+@dataclass(frozen=True)
+class FitProgress:
+    """A fit seen from outside at one instant.
+
+    Attributes:
+        phase: `search` for the genetic algorithm, `refinement` after it.
+        generation: Generation being evaluated, or start being refined; from 1.
+        generations: The last one, or the number of starts.
+        evaluations: Candidates simulated so far, both phases.
+        budget: Candidates that will be simulated at most, the refinement's as usual.
+        best_cost: Lowest cost so far, inf before a candidate converged.
+        unit: Its unit.
+        names: (N,) parameters.
+        best_theta: (N,) best parameters so far, physical units.
+        spread: Largest standard deviation of the survivors over the parameters, in box widths.
+        elapsed: Wall time so far, s.
+        eta: Wall time still to go, s; NaN where unknown.
+    """
+
+    phase: str
+    generation: int
+    generations: int
+    evaluations: int
+    budget: int
+    best_cost: float
+    unit: str
+    names: tuple[str, ...]
+    best_theta: Array
+    spread: float
+    elapsed: float
+    eta: float
+
+
+OnProgress = Callable[[FitProgress], None]
+
+
+class Solvable(Objective, Protocol):
+    """What is fitted: an objective with a box; shapes as for `Objective`.
+
+    Attributes:
+        names: (N,) names of the parameters.
+        low: (N,) lower ends of the box, physical units.
+        high: (N,) upper ends.
+        unit: Unit of the cost.
+        noise: Standard deviation of the residual's noise as stated; 0 where it is not.
+        series: Lengths of the time series that follow one another in the residual.
+        key: Digest of what the fit depends on besides settings and seed.
+    """
+
+    low: Array
+    high: Array
+    unit: str
+    series: tuple[int, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The N names."""
+        ...
+
+    @property
+    def noise(self) -> float:
+        """Stated noise."""
+        ...
+
+    @property
+    def key(self) -> str:
+        """Digest of the problem."""
+        ...
+
+    def work(self, points: Array) -> npt.NDArray[np.int64]:
+        """Return (S,) how much work candidates (S, N) in the unit cube are."""
+        ...
+
+    def cost_of(self, residual: Array) -> float:
+        """Return the cost that belongs to one residual vector (R,)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """What a fit leaves behind.
+
+    Attributes:
+        ga: The genetic algorithm's result.
+        refined: The refinement's, or None.
+        theta: (N,) the estimate, physical units; NaN where every candidate diverged.
+        residual: (R,) residual there; empty where every candidate diverged.
+        intervals: Confidence of the estimate, or None.
+        cancelled: Whether the run was cancelled.
+        left_out: Whether a refinement was asked for and not begun.
+        evaluations: Candidates simulated.
+        seconds: Wall time, s.
+        candidates: (E, N) candidates of the genetic algorithm.
+        costs: (E,) their costs; inf where one diverged or was given up.
+        generations: (E,) their generations.
+    """
+
+    ga: SearchResult
+    refined: Refinement | None
+    theta: Array
+    residual: Array
+    intervals: Intervals | None
+    cancelled: bool
+    left_out: bool
+    evaluations: int
+    seconds: float
+    candidates: Array
+    costs: Array
+    generations: npt.NDArray[np.int64]
+
+
+def fit(
+    problem: Solvable,
+    settings: FitSettings | None = None,
+    seed: int = 0,
+    *,
+    cancel: Cancel | None = None,
+    on_progress: OnProgress | None = None,
+    workers: Workers | None = None,
+    checkpoint: Path | None = None,
+) -> Fitted:
+    """Fit a problem.
+
+    Same problem, settings and seed give the same result to the bit, whoever evaluates, unless a
+    budget of seconds or a cancel cuts the run.
+
+    Args:
+        problem: What to fit.
+        settings: How.
+        seed: Of the random generator.
+        cancel: A `threading.Event` or the like; the best so far is kept.
+        on_progress: Called from this thread at most ten times a second.
+        workers: Who evaluates; threads of this process, one for each processor, where None.
+        checkpoint: File that is written after every generation and gone at the end; a fit of the
+            same problem, settings and seed goes on from it, with the same result to the bit.
+
+    Returns:
+        The estimate with what is known of it.
+
+    Raises:
+        IdentError: BAD_VALUES where the checkpoint is another fit's, or as the workers.
+    """
+    settings = settings or FitSettings()
+    with (workers or Threads()).open(problem, cancel) as evaluators:
+        return _Fit(problem, settings, seed, evaluators, cancel, on_progress, checkpoint).solve()
 
 
 class _Either:
@@ -52,26 +236,26 @@ class _Either:
         )
 
 
-class Run:
-    """One identification: the phases, and what is noted on the way."""
+class _Fit:
+    """One fit: the phases, and what is noted on the way."""
 
     def __init__(
         self,
-        problem: Problem,
-        settings: IdentifySettings,
-        search: GeneticSearch,
+        problem: Solvable,
+        settings: FitSettings,
+        seed: int,
         evaluators: Evaluators,
         cancel: Cancel | None,
         on_progress: OnProgress | None,
+        checkpoint: Path | None,
     ) -> None:
         self.problem = problem
         self.settings = settings
-        self.search = search
         self.evaluators = evaluators
         self.residuals = evaluators.residuals
         self.cancel = cancel
         self.on_progress = on_progress
-        self.names = tuple(p.name for p in problem.parameters)
+        self.names = problem.names
         self.candidates: list[Array] = []
         self.told: list[Array] = []
         self.exact: list[Flags] = []
@@ -79,17 +263,36 @@ class Run:
         jacobian = len(self.names) + 1
         self.usual = settings.starts * USUAL_STEPS * jacobian if settings.refine else 0
         self.per_start = settings.refine_evaluations or 60 * jacobian
+        self.search = GeneticSearch(len(self.names), settings.genetic, seed)
+        self.checkpoint = None
+        self.best_costs: list[float] = []
+        if checkpoint is not None:
+            self.checkpoint = Checkpoint(checkpoint, problem.key)
+            self._go_on(self.checkpoint)
         problem.prepare()  # before the clock runs
         self.start = time.monotonic()
+
+    def _go_on(self, checkpoint: Checkpoint) -> None:
+        """Take up what an earlier run of the same fit has left."""
+        kept = checkpoint.read(self.search.seed, self.settings.genetic)
+        if kept is None:
+            return
+        self.search = GeneticSearch.from_state(kept.search)
+        self.best_costs = list(kept.best_costs)
+        ends = np.flatnonzero(np.diff(kept.generations)) + 1
+        self.candidates = np.split(kept.candidates, ends)
+        self.told = np.split(kept.costs, ends)
+        self.exact = np.split(kept.exact, ends)
+        self.generations = kept.generations.tolist()
 
     @property
     def elapsed(self) -> float:
         """Wall time since the start, s."""
         return time.monotonic() - self.start
 
-    def solve(self) -> Found:
+    def solve(self) -> Fitted:
         """Run the phases."""
-        ga = self._search()
+        ga = replace(self._search(), best_costs=tuple(self.best_costs))
         refined = None
         if self.settings.refine and np.isfinite(ga.cost) and ga.stop is not StopReason.CANCELLED:
             refined = self._refine(ga)
@@ -104,7 +307,9 @@ class Run:
             if ga.stop is not StopReason.CANCELLED:
                 jacobian = self._jacobian(theta, residual)
                 extra += 2 * len(theta)
-        return Found(
+        if self.checkpoint is not None and not self._cut(ga):
+            self.checkpoint.remove()
+        return Fitted(
             ga=ga,
             refined=refined,
             theta=theta,
@@ -122,6 +327,11 @@ class Run:
             else np.empty(0),
             generations=np.array(self.generations, dtype=np.int64),
         )
+
+    def _cut(self, ga: SearchResult) -> bool:
+        """Whether there is more to do for a later run."""
+        cancelled = self.cancel is not None and self.cancel.is_set()
+        return cancelled or ga.stop in (StopReason.EVALUATIONS, StopReason.SECONDS)
 
     # ------------------------------------------------------------------ genetic algorithm
 
@@ -141,7 +351,9 @@ class Run:
             cancel=self.cancel,
             lot=self.evaluators.lot,
             on_generation=self._note,
+            on_survivors=self._keep,
             give_up=self.settings.give_up,
+            work=self.problem.work,
             on_progress=self._report_search if self.on_progress else None,
         )
 
@@ -159,13 +371,26 @@ class Run:
         self.exact.append(exact)
         self.generations += [self.search.generation] * len(theta)
 
+    def _keep(self, search: GeneticSearch) -> None:
+        """Write the checkpoint of a generation that is complete."""
+        self.best_costs.append(search.best_cost)
+        if self.checkpoint is not None:
+            self.checkpoint.write(
+                search,
+                np.array(self.best_costs),
+                np.concatenate(self.candidates),
+                np.concatenate(self.told),
+                np.concatenate(self.exact),
+                np.array(self.generations),
+            )
+
     def _report_search(self, progress: Progress) -> None:
         assert self.on_progress is not None
         later = self.usual * progress.elapsed / max(1, progress.evaluations)
         left = self.settings.budget.seconds
         eta = progress.eta + later
         self.on_progress(
-            IdentifyProgress(
+            FitProgress(
                 phase='search',
                 generation=progress.generation,
                 generations=progress.generations,
@@ -260,7 +485,7 @@ class _Watched:
 
     INTERVAL = 0.1
 
-    def __init__(self, run: Run, ga: SearchResult, starts: int) -> None:
+    def __init__(self, run: _Fit, ga: SearchResult, starts: int) -> None:
         self.run = run
         self.ga = ga
         self.starts = starts
@@ -293,7 +518,7 @@ class _Watched:
         if seconds is not None:
             eta = min(eta, max(0.0, seconds - self.run.elapsed))
         self.run.on_progress(
-            IdentifyProgress(
+            FitProgress(
                 phase='refinement',
                 generation=min(self.starts, 1 + int(self.evaluations / share)),
                 generations=self.starts,

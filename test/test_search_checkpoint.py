@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A fit that was cut off goes on from its checkpoint as if it had never been."""
+
+from dataclasses import replace
+
+from identify_cases import axis, axis_data, QUICK, ROOT, tripod
+import numpy as np
+import pytest
+
+from ros2_ident.errors import IdentError
+from ros2_ident.identify.data import read_problem
+from ros2_ident.identify.result import Outcome
+from ros2_ident.identify.run import identify
+from ros2_ident.search import Budget
+
+
+class After:
+    """A cancel event that is set when it was asked so often."""
+
+    def __init__(self, count):
+        self.left = count
+
+    def is_set(self):
+        self.left -= 1
+        return self.left < 0
+
+
+@pytest.mark.parametrize('questions', [4, 9, 14, 30])
+def test_a_cancelled_run_goes_on_to_the_same_bits(tmp_path, questions):
+    path = tmp_path / 'fit.npz'
+    whole = identify(axis(), axis_data(), settings=QUICK, seed=3)
+    cut = identify(
+        axis(), axis_data(), settings=QUICK, seed=3, checkpoint=path, cancel=After(questions)
+    )
+    assert cut.outcome is Outcome.CANCELLED
+    assert cut.evaluations < whole.evaluations
+    assert path.exists() or not cut.generations
+    again = identify(axis(), axis_data(), settings=QUICK, seed=3, checkpoint=path)
+    assert again.theta.tobytes() == whole.theta.tobytes()
+    assert again.evaluations == whole.evaluations
+    assert again.history.best_costs.tobytes() == whole.history.best_costs.tobytes()
+    assert again.history.candidates.tobytes() == whole.history.candidates.tobytes()
+    assert again.history.costs.tobytes() == whole.history.costs.tobytes()
+    assert not path.exists()
+
+
+def test_a_run_that_spent_its_budget_goes_on_with_a_larger_one(tmp_path):
+    path = tmp_path / 'fit.npz'
+    whole = identify(axis(), axis_data(), settings=QUICK, seed=3)
+    few = replace(QUICK, budget=Budget(evaluations=whole.evaluations // 3))
+    identify(axis(), axis_data(), settings=few, seed=3, checkpoint=path)
+    again = identify(axis(), axis_data(), settings=QUICK, seed=3, checkpoint=path)
+    assert again.theta.tobytes() == whole.theta.tobytes()
+
+
+@pytest.mark.parametrize('other', [{'seed': 4}, {'fixed': {'viscous_friction': 200.0}}])
+def test_the_checkpoint_of_another_fit_is_refused(tmp_path, other):
+    path = tmp_path / 'fit.npz'
+    few = replace(QUICK, budget=Budget(evaluations=140))
+    identify(axis(), axis_data(), settings=few, seed=3, checkpoint=path)
+    before = path.read_bytes() if path.exists() else b''
+    assert before
+    with pytest.raises(IdentError, match='belongs to a fit of other data'):
+        identify(axis(), axis_data(), settings=QUICK, **{'seed': 3, **other}, checkpoint=path)
+    assert path.read_bytes() == before
+
+
+def test_a_damaged_checkpoint_is_refused_with_the_remedy(tmp_path):
+    path = tmp_path / 'fit.npz'
+    path.write_bytes(b'PK nothing')
+    with pytest.raises(IdentError, match='delete it'):
+        identify(axis(), axis_data(), settings=QUICK, seed=3, checkpoint=path)
+
+
+def test_candidates_of_unequal_work_go_on_to_the_same_bits(tmp_path):
+    machine = tripod()
+    data = read_problem(ROOT / 'bags/tripod_mixed', machine)
+    settings = replace(QUICK, refine=False)
+    whole = identify(machine, data, settings=settings, seed=1)
+    path = tmp_path / 'fit.npz'
+    few = replace(settings, budget=Budget(evaluations=100))
+    identify(machine, data, settings=few, seed=1, checkpoint=path)
+    assert path.exists()
+    again = identify(machine, data, settings=settings, seed=1, checkpoint=path)
+    assert np.array_equal(again.theta, whole.theta)
