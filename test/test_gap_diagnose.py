@@ -17,7 +17,6 @@ from ros2_ident.models import machine_from_mapping
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.axis import simulate_axis
 from ros2_ident.reference.effects import Effect
-from ros2_ident.report.pictures.residuals import residual_maps
 
 CYCLE = 1e-3
 NOISE = 0.01
@@ -150,9 +149,7 @@ def test_the_residual_is_kept_and_its_maps_are_in_the_file(found) -> None:
     assert np.nanstd(fit.before) == pytest.approx(found.steps[0].gap.value, rel=0.3)
     assert np.nanstd(fit.after) == pytest.approx(NOISE, rel=0.1)
     maps = to_mapping(found)['maps']
-    pictures = residual_maps(fit.motion, fit.before, found.floor, found.localisation)
-    names = [f'{m["drive"]}_{m["coordinate"].replace(" ", "_")}' for m in maps]
-    assert names == list(pictures) and names
+    assert {m['drive'] for m in maps} == {f.drive for f in found.localisation}
 
     def largest(lines) -> float:
         return max(abs(mean) for line in lines for mean in line['mean'])

@@ -80,11 +80,6 @@ class RecordingBuilder:
         """Messages taken so far, by role."""
         return {role: len(track.stamp) for role, track in self._tracks.items()}
 
-    def last_stamp(self, role: str) -> int | None:
-        """Return the latest arrival's stamp of a role, ns, or None before the first."""
-        track = self._track(role)
-        return track.stamp[-1] if track.stamp else None
-
     def warn(self, sentence: str) -> None:
         """Attach a sentence to every recording that will be built; repeated ones are kept once."""
         if sentence not in self._warnings:
