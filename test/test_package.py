@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The package as others see it: manifests agree, and what is installed is found."""
 
+import ast
+import json
 from pathlib import Path
 import re
 import shutil
@@ -13,6 +15,7 @@ import pytest
 from ros2_ident.errors import ErrorCode
 
 ROOT = Path(__file__).parents[1]
+ROS = {'launch', 'launch_ros', 'rclpy'}
 CONSTANT = re.compile(r'^(?P<type>\w+) (?P<name>[A-Z][A-Z0-9_]*)=(?P<value>\S+)', re.MULTILINE)
 
 
@@ -78,6 +81,77 @@ def test_one_enumeration_per_message() -> None:
         ]
         if path.stem != 'ErrorCode':
             assert len({name.split('_')[0] for name in names}) <= 1, path.name
+
+
+# Where the distribution, and where rosdep's key, is called otherwise than the module. rosdep has
+# no key for those that another one brings.
+DISTRIBUTIONS = {'jinja2': 'Jinja2', 'markupsafe': 'MarkupSafe', 'yaml': 'PyYAML'}
+KEYS = {
+    'bokeh': 'python3-bokeh-pip',
+    'llvmlite': 'python3-numba',
+    'lz4': 'python3-rosbags-pip',
+    'markupsafe': 'python3-jinja2',
+    'rosbags': 'python3-rosbags-pip',
+    'zstandard': 'python3-rosbags-pip',
+}
+# What `search/cluster.py` says to install where a scheduler is named: the extra `cluster`.
+OPTIONAL = {'distributed'}
+
+
+def imported(*folders: str) -> set[str]:
+    """Return the modules from elsewhere that source files import, also inside functions."""
+    found = set()
+    for path in (path for folder in folders for path in (ROOT / folder).rglob('*.py')):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                found.add(node.module)
+    tops = {name.partition('.')[0] for name in found}
+    return tops - set(sys.stdlib_module_names) - {'ros2_ident'}
+
+
+def set_up() -> tuple[set[str], set[str]]:
+    """Return the set-up script's requirements, and those of the extra `test`."""
+    script = (
+        'import setuptools, json; from distutils.core import run_setup;'
+        "made = run_setup('setup.py', stop_after='init');"
+        "print(json.dumps([made.install_requires, made.extras_require['test']]))"
+    )
+    said = subprocess.run(
+        [sys.executable, '-c', script], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    needed, tests = json.loads(said.splitlines()[-1])
+    return set(needed), set(tests)
+
+
+def depends(kind: str) -> set[str]:
+    return {str(x.text) for x in ElementTree.parse(ROOT / 'package.xml').findall(f'{kind}_depend')}
+
+
+def test_what_is_imported_is_declared_and_nothing_else() -> None:
+    modules = imported('ros2_ident', 'launch') - OPTIONAL
+    # What has a dot-free name of its own in a ROS distribution is declared under that name.
+    ros = {x for x in modules if (x.endswith(('_msgs', '_srvs', '_interfaces')) or x in ROS)}
+    others = modules - ros
+    assert {DISTRIBUTIONS.get(x, x) for x in others} == set_up()[0]
+    assert ros | {KEYS.get(x, f'python3-{x}') for x in others} == depends('exec')
+
+
+def test_requirements_name_what_the_set_up_script_names() -> None:
+    lines = (ROOT / 'requirements.in').read_text(encoding='utf-8')
+    package, tools = lines.split('# tests, linters')
+    assert {x for x in package.splitlines() if x and x[0] != '#'} == set_up()[0]
+    assert set_up()[1] <= set(tools.splitlines())
+
+
+def test_what_the_tests_import_is_declared() -> None:
+    own = {path.stem for folder in ('test', 'tools') for path in (ROOT / folder).glob('*.py')}
+    # MuJoCo is of no distribution; without it its tests are skipped.
+    modules = imported('test') - own - {'mujoco'}
+    known = depends('exec') | depends('test')
+    names = {x: {x, KEYS.get(x, f'python3-{x}'), f'{x}-ros2-support'} for x in modules}
+    assert not [x for x, keys in names.items() if not keys & known]
 
 
 def test_every_locked_package_has_one_exact_version() -> None:
