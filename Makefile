@@ -18,7 +18,7 @@ demo: setup ## replay a bag into the identifier node and watch it find the param
 test: setup ## all tests; ARGS='-k search' for some
 	@. ./env.sh; python -m pytest test $(ARGS)
 
-lint: setup ## ruff, mypy, licence headers
+lint: setup ## ruff, mypy, imports, licence headers
 	@. ./env.sh; tools/lint.sh
 
 bench: setup ## benchmarks, beside other programs too, 9 minutes; ARGS=peers for those

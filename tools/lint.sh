@@ -4,9 +4,11 @@
 set -uo pipefail
 cd "${0%/*}/.." || exit
 failed=0
+mkdir -p build
 
 python -m ruff check . || failed=1
 python -m mypy || failed=1
+lint-imports --no-cache > build/imports.log 2>&1 || { cat build/imports.log; failed=1; }
 
 # Every source file says what licence it is under.
 unmarked=$(git ls-files -co --exclude-standard '*.py' '*.sh' 'Makefile' '*/CMakeLists.txt' |

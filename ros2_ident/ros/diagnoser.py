@@ -2,15 +2,18 @@
 """The action ~/diagnose: from a goal to a run, and from its end to messages and files."""
 
 from collections.abc import Callable
-from typing import Any, TYPE_CHECKING
+from typing import Any, Protocol
 
 from ros2_ident_msgs.action import Diagnose
 from ros2_ident_msgs.msg import Gap, Status
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.ros import parameters
 from ros2_ident.ros.actions import GoalServer
+from ros2_ident.ros.board import Board
 from ros2_ident.ros.diagnose_run import Diagnosed, run_diagnosis
+from ros2_ident.ros.diagnostics import Diagnostics
 from ros2_ident.ros.files import draw_diagnosis, save_diagnosis
 from ros2_ident.ros.gap_conversion import (
     diagnose_code,
@@ -20,11 +23,47 @@ from ros2_ident.ros.gap_conversion import (
     gap_message,
 )
 from ros2_ident.ros.goals import diagnose_request_of
-
-if TYPE_CHECKING:
-    from ros2_ident.ros.node import Identifier
+from ros2_ident.ros.outlet import Outlet
+from ros2_ident.ros.page import PageWriter
+from ros2_ident.ros.worker import Worker
 
 Says = Callable[[Any], None]
+
+
+class Host(Protocol):
+    """What the node has for those that serve its actions.
+
+    Attributes:
+        board: What the node is doing, in a sentence.
+        diagnostics: Its entry in `/diagnostics`.
+        outlet: Its publishers.
+        pages: The process that writes pages.
+        stopping: Whether it is being ended.
+        worker: The thread of its runs.
+    """
+
+    board: Board
+    diagnostics: Diagnostics
+    outlet: Outlet
+    pages: PageWriter
+    stopping: bool
+    worker: Worker
+
+    def occupation(self) -> str:
+        """Return what runs now as words for a sentence, empty for nothing."""
+        ...
+
+    def received(self) -> RecordingBuilder:
+        """Return what has been received."""
+        ...
+
+    def get_clock(self) -> Any:
+        """Return the node's clock."""
+        ...
+
+    def get_logger(self) -> Any:
+        """Return the node's logger."""
+        ...
 
 
 class Diagnoser:
@@ -37,7 +76,7 @@ class Diagnoser:
         server: The action's server.
     """
 
-    def __init__(self, node: 'Identifier') -> None:
+    def __init__(self, node: Host) -> None:
         self._node = node
         self.server = GoalServer(
             node,

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The rooms of docs/architecture.md, as import-linter sees them."""
+
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+import tomllib
+
+import pytest
+
+pytest.importorskip('importlinter', reason='import-linter is not installed; run `make setup`')
+
+ROOT = Path(__file__).parents[1]
+LINT = (
+    'import sys; from importlinter.application.use_cases import lint_imports;'
+    'from importlinter.configuration import configure; configure();'
+    'sys.exit(0 if lint_imports(cache_dir=None) else 1)'
+)
+
+
+def lint(folder: Path) -> tuple[bool, str]:
+    """Return whether the contracts hold for the package in a folder, and what is said."""
+    ran = subprocess.run(
+        [sys.executable, '-c', LINT],
+        cwd=folder,
+        env={**os.environ, 'PYTHONPATH': str(folder)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    said = ran.stdout + ran.stderr
+    assert 'Contracts: ' in said, said
+    return ran.returncode == 0, said
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    shutil.copy(ROOT / 'pyproject.toml', tmp_path)
+    for path in (ROOT / 'ros2_ident').rglob('*.py'):
+        target = tmp_path / path.relative_to(ROOT)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, target)
+    return tmp_path
+
+
+def test_the_contracts_hold() -> None:
+    kept, said = lint(ROOT)
+    assert kept, said
+
+
+@pytest.mark.parametrize(
+    ('module', 'text', 'broken'),
+    [
+        # an import inside a function counts
+        ('recording/grid.py', 'def f():\n    import ros2_ident.machine.file\n', 'A room imports'),
+        ('cellar.py', '', 'A room imports'),
+        ('gap/law.py', 'import matplotlib\n', 'gap/ knows'),
+        ('report/schema.py', 'import ros2_ident.models.tripod.kernel\n', 'report/ knows'),
+        ('cli/table.py', 'def f():\n    import rclpy\n', 'Only ros/'),
+        ('models/registry_.py', 'import ros2_ident.search.driver\n', 'models/ know'),
+        ('search/noise.py', 'import ros2_ident.recording\n', 'search/, kernel/'),
+        ('recording/streams.py', 'def f():\n    import ros2_ident.recording.grid\n', 'No circles'),
+    ],
+)
+def test_an_import_that_is_not_allowed_is_found(copy, module, text, broken) -> None:
+    with (copy / 'ros2_ident' / module).open('a', encoding='utf-8') as file:
+        file.write(text)
+    kept, said = lint(copy)
+    assert not kept
+    lines = [line for line in said.splitlines() if 'BROKEN' in line]
+    assert any(line.startswith(broken) for line in lines), said
+
+
+def test_every_room_is_in_the_table_of_the_architecture() -> None:
+    contracts = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))
+    layers = contracts['tool']['importlinter']['contracts'][0]['layers']
+    rooms = {room.strip() for layer in layers for room in layer.split('|')}
+    table = (ROOT / 'docs/architecture.md').read_text(encoding='utf-8').split('## Contracts')[0]
+    listed = {row.split('`')[1] for row in table.splitlines() if row.startswith('| `')}
+    assert {x.removesuffix('/').removesuffix('.py') for x in listed} == rooms
