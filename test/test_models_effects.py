@@ -9,14 +9,16 @@ import pytest
 from ros2_ident.effects import CATALOGUE, get_effect
 from ros2_ident.gap.local_fit import local_fit
 from ros2_ident.gap.screen import trials
-from ros2_ident.models import EffectAt, load_machine
-from ros2_ident.models.tripod.model import Tripod
+from ros2_ident.models import EffectAt, load_machine, make_model
 from ros2_ident.recording import Dataset
+from ros2_ident.reference.axis import simulate_axis
 from ros2_ident.reference.effects import draw_effect, kinds
 from ros2_ident.reference.motions import draw_motion
 from ros2_ident.reference.tripod import simulate_tripod
 
-MACHINE = load_machine(Path(__file__).parents[1] / 'config/tripod.yaml')
+CONFIG = Path(__file__).parents[1] / 'config'
+MACHINE = load_machine(CONFIG / 'tripod.yaml')
+AXIS = load_machine(CONFIG / 'emps.yaml')
 TRUTH = {
     'measurement_delay': 0.025,
     'gear_stiffness': 6e4,
@@ -26,10 +28,13 @@ TRUTH = {
     'coulomb_torque': 0.05,
     'viscous_torque': 0.05,
 }
+AXIS_TRUTH = {'moving_mass': 95.0, 'coulomb_friction': 20.0, 'viscous_friction': 215.0}
+# What a tripod has no place for.
+ON_AN_AXIS = {'gear_flexibility'}
 # The same law on both sides. Steps of an encoder and a drive at its limit make the motion chaotic;
 # the two drifts of friction are linear and exponential in time.
 SAME = sorted(
-    set(CATALOGUE) & set(kinds()) - {'encoder_quantisation', 'torque_saturation', 'friction_drift'}
+    set(CATALOGUE) - {'encoder_quantisation', 'torque_saturation', 'friction_drift'}
 )
 # Another form of the law that the catalogue's has room for.
 CONTAINED = ['friction_drift', 'torque_constant_error', 'position_gain_error', 'presliding']
@@ -40,17 +45,22 @@ def closed(name: str, form: str) -> float:
 
     The nominal parameters stay at the truth; only the effect's own are fitted.
     """
-    motion = draw_motion('multi_point', MACHINE, 5.0, 3)
-    effect = draw_effect(name, np.random.default_rng(1), 0.8, ('drive_2',), MACHINE, form)
-    log = simulate_tripod(MACHINE, TRUTH, motion.position, motion.velocity, [effect])
-    cycle = float(MACHINE.controller['cycle'])
+    machine, truth, simulate, kind = MACHINE, TRUTH, simulate_tripod, 'multi_point'
+    if name in ON_AN_AXIS:
+        machine, truth, simulate, kind = AXIS, AXIS_TRUTH, simulate_axis, 'reversals'
+    drive = machine.drives[len(machine.drives) // 2]
+    motion = draw_motion(kind, machine, 5.0, 3)
+    twin = get_effect(name).reference
+    effect = draw_effect(twin, np.random.default_rng(1), 0.8, (drive,), machine, form)
+    log = simulate(machine, truth, motion.position, motion.velocity, [effect])
+    cycle = float(machine.controller['cycle'])
     data = Dataset(
-        MACHINE.drives, cycle, 0, motion.position, motion.velocity, None, None, log.effort
+        machine.drives, cycle, 0, motion.position, motion.velocity, None, None, log.effort
     )
-    at = EffectAt(name, 'all' if get_effect(name).place == 'all' else 'drive_2')
-    model = Tripod(MACHINE, data, effects=[at])
+    at = EffectAt(name, 'all' if get_effect(name).place == 'all' else drive)
+    model = make_model(machine, data, effects=[at])
     own = len(get_effect(name).parameters)
-    nominal = [TRUTH[p.name.split('.')[-1]] for p in model.parameters[:-own]]
+    nominal = [truth.get(p.name.split('.')[-1], 0.0) for p in model.parameters[:-own]]
 
     def residuals(phi: np.ndarray) -> np.ndarray:
         phi = np.atleast_2d(phi)
@@ -64,6 +74,14 @@ def closed(name: str, form: str) -> float:
     best = starts[np.argsort(np.where(np.isfinite(losses), losses, np.inf))[:3]]
     left = min(local_fit(residuals, phi, low, high, iterations=20).loss for phi in best)
     return 1.0 - left / float(np.mean(residuals(np.array(off)) ** 2))
+
+
+@pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda effect: effect.id)
+def test_an_effect_has_a_twin_in_the_reference(effect) -> None:
+    twin = kinds()[effect.reference]
+    assert twin.place == effect.place
+    assert twin.group not in ('nuisance', 'outside')
+    assert twin.same and twin.other
 
 
 @pytest.mark.parametrize('name', SAME)

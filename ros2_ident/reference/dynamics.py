@@ -19,7 +19,7 @@ import numpy as np
 from ros2_ident.reference import layout as at
 from ros2_ident.reference.compiled import compiled
 from ros2_ident.reference.friction import friction_torque, internal_rates, rotor_torque, window
-from ros2_ident.reference.transmission import carriage_force, gear_force
+from ros2_ident.reference.transmission import carriage_force, gear_force, load_force
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
@@ -144,11 +144,20 @@ def derivative(
             rail_place, rail_speed, own[at.CABLE_STATE] if own.size > 0 else 0.0, d
         )
         if shared[at.RIGID] == 1.0:
-            friction = friction_torque(time, place, speed, 0.0, torque, own, d)
-            force = d[at.GEAR] * (torque - friction) + beside - d[at.CARRIAGE_MASS] * gravity
-            dx[m + i] = force / (d[at.MOTOR_MASS] + d[at.CARRIAGE_MASS])
-            dx[m + count + i] = dx[m + i]
+            moved = d[at.MOTOR_MASS] + d[at.CARRIAGE_MASS]
+            weight = d[at.CARRIAGE_MASS] * gravity
+            share = d[at.LOAD_SHARE]
             load = 0.0
+            if share > 0.0:
+                load = load_force(place - rail_place, speed - rail_speed, d)
+                dx[m + count + i] = (load + beside) / (share * moved) - weight / moved
+                beside = -load
+                weight *= 1.0 - share
+            friction = friction_torque(time, place, speed, load, torque, own, d)
+            force = d[at.GEAR] * (torque - friction) + beside - weight
+            dx[m + i] = force / (moved * (1.0 - share))
+            if share == 0.0:
+                dx[m + count + i] = dx[m + i]
         else:
             slip = own[at.SLIP] if own.size > 0 else 0.0
             load, lever = gear_force(place, speed, rail_place, rail_speed, slip, d)

@@ -65,6 +65,29 @@ def drag(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
     set_columns(plant, i, {at.DRAG: values['slope'], at.DRAG_EXPONENT: 1.75 if other else 2.0})
 
 
+def degressive(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
+    """Write degressive."""
+    columns = {
+        at.DEGRESSIVE_TORQUE: values['torque'],
+        at.DEGRESSIVE_SPEED: values['speed'],
+        at.DEGRESSIVE_FORM: float(other),
+    }
+    set_columns(plant, i, columns)
+
+
+def flexible_load(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
+    """Write flexible load."""
+    rate = 2.0 * np.pi * values['frequency']
+    # A third stiffer where the load is accelerated by 5 m/s^2.
+    columns = {
+        at.LOAD_SHARE: values['share'],
+        at.LOAD_RATE: rate,
+        at.LOAD_DAMPING: values['damping'],
+        at.LOAD_HARDENING: (rate**2 / 5.0) ** 2 / 3.0 * other,
+    }
+    set_columns(plant, i, columns)
+
+
 def backlash(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
     """Write backlash."""
     set_columns(plant, i, {at.BACKLASH: values['width'], at.BACKLASH_FORM: float(other)})

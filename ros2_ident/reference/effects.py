@@ -73,7 +73,8 @@ class Kind:
         other: Equation of the other form.
         write: Writes it into a plant: plant, drive's index, values, whether the other form, seed.
         place: `drive` where each drive can have it, `all` where the machine has one.
-        needs: What the machine has to have: `gear`, `platform`, `integral`, `command`, or nothing.
+        needs: What the machine has to have: `gear`, `rigid` (no gear that gives, and no weight),
+            `platform`, `integral`, `drives` (more than one), or nothing.
     """
 
     name: str
@@ -176,11 +177,14 @@ def kind_of(name: str) -> Kind:
 def suits(kind: Kind, machine: Any, parameters: Mapping[str, float]) -> bool:
     """Return whether an effect can sit on a machine."""
     platform = section(machine, 'kind') == 'tripod'
+    gear = any(key.endswith('gear_stiffness') for key in parameters)
+    level = not float(section(machine, 'geometry').get('gravity', 0.0))
     controller = section(machine, 'controller')
     has = {
         '': True,
         'platform': platform,
-        'gear': any(key.endswith('gear_stiffness') for key in parameters),
+        'gear': gear,
+        'rigid': level and not gear and not platform,
         'integral': float(controller.get('integral_gain', 0.0)) > 0.0,
         'drives': len(section(machine, 'drives')) > 1,
     }

@@ -106,6 +106,12 @@ def friction_torque(
         friction += d[at.LOAD_FRICTION] * abs(loaded) * sign
     if d[at.DRAG] != 0.0:
         friction += d[at.DRAG] * math.copysign(abs(speed) ** d[at.DRAG_EXPONENT], speed)
+    if d[at.DEGRESSIVE_TORQUE] != 0.0:
+        ratio = speed / d[at.DEGRESSIVE_SPEED]
+        if d[at.DEGRESSIVE_FORM] == 0.0:
+            friction += d[at.DEGRESSIVE_TORQUE] * math.tanh(ratio)
+        else:
+            friction += 0.5 * d[at.DEGRESSIVE_TORQUE] * math.asinh(2.0 * ratio)
     if d[at.PLACE_SLOPE] != 0.0:
         away = place - d[at.PLACE_MIDDLE]
         if d[at.PLACE_FORM] == 1.0:

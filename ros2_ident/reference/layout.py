@@ -48,6 +48,9 @@ zero are never read.
     EXTRA_COULOMB_FORM,  # 0 tanh, 1 arctan
     EXTRA_VISCOUS,  # N m s/m
     EXTRA_VISCOUS_EXPONENT,  # 1
+    DEGRESSIVE_TORQUE,  # N m
+    DEGRESSIVE_SPEED,  # m/s
+    DEGRESSIVE_FORM,  # 0 levels off, 1 rises with the logarithm of the speed
     PLACE_SLOPE,  # 1/m, Coulomb friction along the rail
     PLACE_MIDDLE,  # m
     PLACE_FORM,  # 0 linear, 1 levelling off
@@ -90,6 +93,10 @@ zero are never read.
     ECCENTRICITY_SECOND,  # share of the second harmonic
     SLIP_FORCE,  # N, 0: no slip
     SLIP_SPEED,  # m/s
+    LOAD_SHARE,  # 1, of a rigid drive's mass, behind a spring; 0: none
+    LOAD_RATE,  # rad/s, of motor and load against each other
+    LOAD_DAMPING,  # 1
+    LOAD_HARDENING,  # 1/m^2
     # Forces on the carriage.
     CONSTANT_FORCE,  # N, a load against the positive direction
     CONSTANT_SLOPE,  # N/m
@@ -101,7 +108,7 @@ zero are never read.
     BUMPER_STIFFNESS,  # N/m^2
     BUMPER_PLACE,  # m
     DRIVE_COLUMNS,
-) = range(88)
+) = range(95)
 
 # Shared by the machine.
 (

@@ -10,7 +10,7 @@ from ros2_ident.reference import loop
 from ros2_ident.reference.dynamics import mass_and_rods, project
 from ros2_ident.reference.friction import rotor_torque
 from ros2_ident.reference.plant import Array, Plant
-from ros2_ident.reference.transmission import carriage_force, gear_force
+from ros2_ident.reference.transmission import carriage_force, gear_force, spring_of_load
 
 
 def platform_at(carriage: Array, drive: Array) -> Array:
@@ -166,6 +166,10 @@ def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
             x[i] = x[count + i] = start[i] - load[i] / stiffness
         if shared[at.RIGID] == 0.0:
             x[i] = motor_ahead(x[count + i], load[i], d)
+        elif d[at.LOAD_SHARE] > 0.0:
+            # The motor bears its own share of a weight, the spring the rest.
+            borne = (1.0 - d[at.LOAD_SHARE]) * d[at.CARRIAGE_MASS] * shared[at.GRAVITY]
+            x[count + i] = x[i] - (load[i] - borne) / spring_of_load(d)[0]
         hold = load[i] / d[at.GEAR]
         if plant.settled:
             hold = holding_torque(x[i], x[count + i], load[i], plant, i)

@@ -70,6 +70,29 @@ def gear_force(
 
 
 @compiled
+def spring_of_load(d: Array) -> tuple[float, float]:
+    """Return stiffness [N/m] and damping [N s/m] behind which a rigid drive's load hangs."""
+    share = d[at.LOAD_SHARE]
+    reduced = share * (1.0 - share) * (d[at.MOTOR_MASS] + d[at.CARRIAGE_MASS])
+    rate = d[at.LOAD_RATE]
+    return reduced * rate**2, 2.0 * d[at.LOAD_DAMPING] * reduced * rate
+
+
+@compiled
+def load_force(stretch: float, rate: float, d: Array) -> float:
+    """Return the force that a rigid drive passes to its flexible load [N].
+
+    Args:
+        stretch: Motor position less the load's [m].
+        rate: Its rate [m/s].
+        d: (DRIVE_COLUMNS,) the drive's numbers.
+    """
+    stiffness, damping = spring_of_load(d)
+    force: float = stiffness * stretch * (1.0 + d[at.LOAD_HARDENING] * stretch**2) + damping * rate
+    return force
+
+
+@compiled
 def carriage_force(rail_place: float, rail_speed: float, cable_state: float, d: Array) -> float:
     """Return the force between frame and carriage beside the gear's: offset, cable, end cushion.
 

@@ -24,6 +24,8 @@ SHARED: dict[str, tuple[str, tuple[str, ...], str]] = {
     'load_dependent_friction': ('share', ('coefficient',), 'plain'),
     'presliding': ('length', ('way',), 'plain'),
     'quadratic_drag': ('slope', ('torque',), 'plain'),
+    'degressive_friction': ('torque', ('torque',), 'plain'),
+    'gear_flexibility': ('share', ('share',), 'plain'),
     'backlash': ('width', ('gap',), 'plain'),
     'torque_ripple': ('torque', ('sine', 'cosine'), 'length'),
     'transmission_eccentricity': ('amplitude', ('sine', 'cosine'), 'length'),
