@@ -3,12 +3,15 @@
 
 import csv
 import json
+import os
 from pathlib import Path
 import shutil
+import subprocess
+import sys
 
 import pytest
 
-from ros2_ident import fleet
+from ros2_ident import fleet, sources
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 
@@ -81,6 +84,77 @@ def test_row_is_done_anew_where_the_bag_has_changed(listed: Path) -> None:
     assert fleet.key_of(entry, 1, True) != before
 
 
+def test_row_is_done_anew_where_a_library_has_changed(
+    listed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    entry = fleet.read_fleet(listed)[0]
+    before = fleet.key_of(entry, 1, True)
+    installed = sources.version
+    monkeypatch.setattr(
+        sources, 'version', lambda name: '0.1' if name == 'scipy' else installed(name)
+    )
+    sources.result_digest.cache_clear()
+    try:
+        assert fleet.key_of(entry, 1, True) != before
+    finally:
+        sources.result_digest.cache_clear()
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    return shutil.copytree(
+        ROOT / 'ros2_ident', tmp_path / 'ros2_ident', ignore=shutil.ignore_patterns('__pycache__')
+    )
+
+
+@pytest.mark.parametrize(
+    ('module', 'counts'),
+    [
+        ('gap/verdict.py', True),
+        ('gap/floor.py', True),
+        ('identify/run.py', True),
+        ('search/refine.py', True),
+        ('recording/align.py', True),
+        ('models/tripod/kernel.py', True),
+        ('fleet/row.py', True),
+        ('report/page/plots.py', False),
+        ('cli/progress.py', False),
+        ('ros/node.py', False),
+        ('checks/blind/page.py', False),
+    ],
+)
+def test_one_byte_in_what_a_row_depends_on_changes_its_key(
+    package: Path, module: str, counts: bool
+) -> None:
+    before = sources.digest_of(package)
+    # what the key holds is this digest, and the copy's is the package's
+    assert before == sources.result_digest()
+    path = package / module
+    content = path.read_bytes()
+    path.write_bytes(content[:-2] + b'#' + content[-1:])
+    assert (sources.digest_of(package) != before) is counts
+
+
+def test_the_key_covers_every_module_that_a_row_loads(listed: Path) -> None:
+    script = (
+        'import sys; from ros2_ident import fleet;'
+        'entry = fleet.read_fleet(sys.argv[1])[0];'
+        'row = fleet.run_entry(entry, 1, diagnosed=True); assert row["state"] == "done", row;'
+        'print(*(m for m in sys.modules if m.startswith("ros2_ident.")))'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', script, str(listed)],
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    rooms = {name.split('.')[1] for name in done.stdout.split()}
+    assert {'gap', 'identify', 'kernel'} <= rooms
+    # How files are written has no part in what is in them.
+    assert rooms & {x.removesuffix('.py') for x in sources.NO_PART} <= {'files'}
+
+
 def test_drift_is_told_and_chance_is_not() -> None:
     rows = [
         row('a1', 'a', '2026-01-01', 100.0),
@@ -111,7 +185,7 @@ def test_where_nothing_is_missing_the_values_of_the_identification_stay(listed: 
 
 
 def test_a_worker_with_other_sources_is_refused(listed: Path) -> None:
-    found = fleet.run_entry(fleet.read_fleet(listed)[0], 1, diagnosed=False, sources='other')
+    found = fleet.run_entry(fleet.read_fleet(listed)[0], 1, diagnosed=False, asked='other')
     assert (found['state'], found['code']) == ('failed', 'INVALID_GOAL')
     assert 'same version' in found['message']
 

@@ -216,7 +216,7 @@ def test_problem_refuses_to_be_unpacked_by_other_sources(monkeypatch: pytest.Mon
     theta = 0.5 * (problem.low + problem.high)[None]
     np.testing.assert_array_equal(problem.residuals(theta), again.residuals(theta))
     assert again.data.recordings == ()
-    monkeypatch.setattr('ros2_ident.identify.problem.sources_digest', lambda: 'other')
+    monkeypatch.setattr('ros2_ident.identify.problem.result_digest', lambda: 'other')
     with pytest.raises(IdentError, match='same version'):
         pickle.loads(packed)
 

@@ -19,6 +19,7 @@ from ros2_ident.kernel.hooks import sources_digest
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.protocol import complete, FullModel, Model
+from ros2_ident.sources import result_digest
 
 if TYPE_CHECKING:
     from ros2_ident.identify.setup import Setup
@@ -112,7 +113,7 @@ class Problem:
     @functools.cached_property
     def key(self) -> str:
         """A digest of what the fit depends on: another one, another fit."""
-        total = hashlib.sha256(sources_digest().encode())
+        total = hashlib.sha256(sources().encode())
         total.update(repr((self.name, self.names, self.low, self.high, self.fixed)).encode())
         for model in self.models:
             total.update(np.ascontiguousarray(model.measured).tobytes())
@@ -143,7 +144,7 @@ class Problem:
         if self.setup is None:
             boxes = {p.name: (p.low, p.high) for p in self.parameters}
             return _of_models, (self.models, self._layout, boxes)
-        return _made_anew, (sources_digest(), self.setup.lean())
+        return _made_anew, (sources(), self.setup.lean())
 
     def prepare(self) -> None:
         """Compile the simulation, or read it from the cache."""
@@ -269,20 +270,28 @@ def _bounded(parameter: Parameter, bounds: Mapping[str, tuple[float, float]]) ->
     return replace(parameter, low=float(low), high=float(high))
 
 
+def sources() -> str:
+    """Return a digest of all that a result depends on beside the machine and its data.
+
+    The kernels' own covers effects and machines of other packages, too.
+    """
+    return f'{result_digest()}{sources_digest()}'
+
+
 def require_sources(digest: str) -> None:
     """Refuse to work for a process whose sources differ: it would get other numbers.
 
     Args:
-        digest: What `sources_digest` returns there.
+        digest: What `sources` returns there.
 
     Raises:
         IdentError: INVALID_GOAL with the remedy.
     """
-    if digest != sources_digest():
+    if digest != sources():
         raise IdentError(
             ErrorCode.INVALID_GOAL,
-            'a worker has other sources of ros2_ident than this process; install the same version '
-            'on all of them',
+            'a worker has other sources of ros2_ident, or another NumPy, SciPy or Numba, than '
+            'this process; install the same version on all of them',
         )
 
 

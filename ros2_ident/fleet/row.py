@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is found in one bag of a fleet, and the key of everything that it depends on."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+import hashlib
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.fleet.entries import Entry
+
+Row = dict[str, Any]
+
+
+def key_of(entry: Entry, seed: int, diagnosed: bool) -> str:
+    """Return a digest of what a row depends on.
+
+    That is what the list says, the settings, the sources of everything that has a part in a
+    result, the versions of the libraries, and the bytes of the machine file and of the bags.
+    """
+    from ros2_ident.identify.problem import sources
+    from ros2_ident.recording.storage import digest, storage_files
+
+    total = hashlib.sha256(json.dumps([asdict(entry), seed, diagnosed], default=dict).encode())
+    total.update(sources().encode())
+    total.update(Path(entry.machine_file).read_bytes())
+    for bag in filter(None, (entry.bag, entry.check)):
+        total.update(digest(storage_files(bag)[0]).encode())
+    return total.hexdigest()
+
+
+def run_entry(entry: Entry, seed: int, diagnosed: bool, asked: str = '') -> Row:
+    """Identify and diagnose one bag; an error is part of the row.
+
+    Args:
+        entry: What to run.
+        seed: Of every search.
+        diagnosed: Whether to diagnose, too.
+        asked: What `identify.problem.sources` has to return here; empty for anything.
+    """
+    row: Row = {**asdict(entry), 'labels': dict(entry.labels), 'key': ''}
+    try:
+        if asked:
+            from ros2_ident.identify.problem import require_sources
+
+            require_sources(asked)
+        row['key'] = key_of(entry, seed, diagnosed)
+        row.update(_found(entry, seed, diagnosed))
+    except IdentError as error:
+        row.update(state='failed', code=error.code.name, message=error.message)
+    except OSError as error:
+        row.update(
+            state='failed',
+            code=ErrorCode.NO_DATA.name,
+            message=f'{error.filename or entry.bag}: cannot be read ({error.strerror}); correct '
+            'the path in the list',
+        )
+    except Exception as error:
+        # A defect in one bag's run shall not cost the others theirs.
+        row.update(
+            state='failed',
+            code=ErrorCode.INTERNAL.name,
+            message=f'{type(error).__name__}: {error}; run this bag alone and report what it says',
+        )
+    return row
+
+
+def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
+    from ros2_ident.gap.diagnose import diagnose
+    from ros2_ident.gap.verdict import NONE, UNKNOWN
+    from ros2_ident.identify.run import identify, read_problem
+    from ros2_ident.models import load_machine
+
+    machine = load_machine(entry.machine_file)
+    data = read_problem(entry.bag, machine)
+    result = identify(machine, data, seed=seed)
+    values = {
+        p.name: {'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit}
+        for p in result.parameters
+    }
+    found: Row = {
+        'state': 'done',
+        'code': result.outcome.error_code.name,
+        'message': result.message,
+        'model': result.model,
+        'residual': {x.drive: x.rms for x in result.residuals},
+        'unit': result.cost.unit,
+        'parameters': values,
+    }
+    if not diagnosed:
+        return found
+    check = read_problem(entry.check, machine).datasets if entry.check else ()
+    verdict = diagnose(machine, data.datasets, check, seed=seed)
+    if verdict.effect not in (NONE, UNKNOWN):
+        # With the missing effect in the model its nominal parameters are no longer bent by it.
+        values.update(
+            {
+                name: {'value': v.value, 'low': v.low, 'high': v.high, 'unit': v.unit}
+                for name, v in verdict.parameters.items()
+                if name in values
+            }
+        )
+    return {
+        **found,
+        'effect': verdict.effect,
+        'where': list(verdict.where),
+        'also': [{'effect': x.effect, 'where': x.where} for x in verdict.also],
+        'probability': verdict.probability,
+        'verdict': verdict.sentence,
+        'complete': verdict.complete,
+    }
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON can hold it: no infinity, no NaN."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The rows of a fleet that are not done yet, here or on a cluster."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed, Future
+from dataclasses import asdict
+import json
+from pathlib import Path
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import make_directory, write_text
+from ros2_ident.fleet.entries import Entry
+from ros2_ident.fleet.row import key_of, plain, Row, run_entry
+from ros2_ident.fleet.summary import write_summary
+from ros2_ident.search.evaluators import Cancel
+
+OnRow = Callable[[Row], None]
+
+
+def run_fleet(
+    entries: Sequence[Entry],
+    out: str | Path,
+    *,
+    seed: int = 1,
+    diagnosed: bool = True,
+    scheduler: str | None = None,
+    cancel: Cancel | None = None,
+    on_start: Callable[[Entry], None] | None = None,
+    on_row: OnRow | None = None,
+) -> list[Row]:
+    """Run what is not done yet, and write the summary.
+
+    Args:
+        entries: From `read_fleet`.
+        out: Output directory; holds a file for each row, `fleet.json` and `fleet.csv`.
+        seed: Of every search.
+        diagnosed: Whether to diagnose, too.
+        scheduler: Address of a Dask scheduler whose workers see the same files; a bag is one task.
+        cancel: Looked at between bags; rows that are done stay.
+        on_start: Called before a bag is begun in this process.
+        on_row: Called with each row as it is there.
+
+    Returns:
+        The rows that are there, in the order of the entries.
+    """
+    rows_folder = make_directory(Path(out) / 'rows')
+    rows: dict[str, Row] = {}
+
+    def take(row: Row) -> None:
+        text = json.dumps(plain(row), indent=1, allow_nan=False) + '\n'
+        write_text(rows_folder / f'{row["name"]}.json', text)
+        rows[row['name']] = plain(row)
+        if on_row is not None:
+            on_row(rows[row['name']])
+
+    left = []
+    for entry in entries:
+        known = _kept(rows_folder / f'{entry.name}.json', entry, seed, diagnosed)
+        if known is None:
+            left.append(entry)
+            continue
+        rows[entry.name] = known
+        if on_row is not None:
+            on_row(known)
+    for row in (
+        _here(left, seed, diagnosed, cancel, on_start)
+        if scheduler is None
+        else _there(left, seed, diagnosed, cancel, scheduler)
+    ):
+        take(row)
+    ordered = [rows[entry.name] for entry in entries if entry.name in rows]
+    write_summary(Path(out), ordered)
+    return ordered
+
+
+def _kept(path: Path, entry: Entry, seed: int, diagnosed: bool) -> Row | None:
+    """Return a row of an earlier run that still holds; failed ones are tried again."""
+    try:
+        row: Row = json.loads(path.read_text(encoding='utf-8'))
+        holds = row['state'] == 'done' and row['key'] == key_of(entry, seed, diagnosed)
+    except (OSError, ValueError, KeyError, TypeError, IdentError):
+        return None
+    return row if holds else None
+
+
+def _here(
+    entries: Sequence[Entry],
+    seed: int,
+    diagnosed: bool,
+    cancel: Cancel | None,
+    on_start: Callable[[Entry], None] | None,
+) -> Iterator[Row]:
+    for entry in entries:
+        if cancel is not None and cancel.is_set():
+            return
+        if on_start is not None:
+            on_start(entry)
+        yield run_entry(entry, seed, diagnosed)
+
+
+def _there(
+    entries: Sequence[Entry], seed: int, diagnosed: bool, cancel: Cancel | None, scheduler: str
+) -> Iterator[Row]:
+    from ros2_ident.identify.problem import sources
+    from ros2_ident.search.cluster import connect
+
+    if not entries:
+        return
+    client = connect(scheduler)
+    try:
+        executor = client.get_executor(pure=False)
+        tasks: dict[Future[Row], Entry] = {
+            executor.submit(run_entry, entry, seed, diagnosed, sources()): entry
+            for entry in entries
+        }
+        for task in as_completed(tasks):
+            if cancel is not None and cancel.is_set():
+                return
+            try:
+                yield task.result()
+            except Exception as error:
+                yield {
+                    **asdict(tasks[task]),
+                    'key': '',
+                    'state': 'failed',
+                    'code': ErrorCode.INTERNAL.name,
+                    'message': f'the worker was lost ({error}); run the same command again',
+                }
+    finally:
+        client.close()

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the machines of a fleet compare: drift, differences, effects."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+import csv
+import io
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from ros2_ident.files import write_text
+from ros2_ident.fleet.row import Row
+
+# Probability that a drift is said where there is none, over all comparisons of a fleet.
+LEVEL = 0.05
+
+
+def summarise(rows: Sequence[Row]) -> dict[str, Any]:
+    """Compare the rows that are done.
+
+    Two values differ where their difference is beyond its own interval: with half widths a and b
+    the standard deviation of it is sqrt(a^2 + b^2) / 1.96. The level is shared among all
+    comparisons (Holm 1979), so that in a fleet of equal machines one in twenty says anything.
+
+    Returns:
+        `drifts`: parameters of a machine against its earliest bag; `machines`: latest values of a
+        machine against the mean of the others; both strongest first. `effects`: for each effect
+        the drives it was found on.
+    """
+    done = sorted((r for r in rows if r['state'] == 'done'), key=lambda r: str(r['date']))
+    by_machine: dict[str, list[Row]] = {}
+    for row in done:
+        by_machine.setdefault(row['machine'], []).append(row)
+    drifts = [
+        _difference(name, row, of_one[0]['parameters'][name], of_one[0]['name'])
+        for of_one in by_machine.values()
+        for row in of_one[1:]
+        for name in row['parameters']
+        if name in of_one[0]['parameters']
+    ]
+    latest = [of_one[-1] for of_one in by_machine.values()]
+    machines = []
+    for number, row in enumerate(latest):
+        for name in row['parameters']:
+            others = [r for r in latest if r is not row and name in r['parameters']]
+            # What one of two machines is against the other has been said by the first.
+            if others and not (len(others) == 1 and others[0] in latest[:number]):
+                against = others[0]['machine'] if len(others) == 1 else 'the other machines'
+                mean = _mean([r['parameters'][name] for r in others])
+                machines.append(_difference(name, row, mean, against))
+    effects: dict[str, list[str]] = {}
+    for row in done:
+        if row.get('effect') not in (None, 'none'):
+            for effect, drive in _effects_of(row):
+                effects.setdefault(effect, []).append(f'{row["name"]}: {drive}')
+    return {'drifts': _told(drifts), 'machines': _told(machines), 'effects': effects}
+
+
+def _effects_of(row: Row) -> Iterator[tuple[str, str]]:
+    for drive in row['where'] or ['all']:
+        yield row['effect'], drive
+    for further in row.get('also', ()):
+        yield further['effect'], further['where']
+
+
+def _half(value: Mapping[str, Any]) -> float:
+    if value['low'] is None or value['high'] is None:
+        return math.inf
+    return 0.5 * (float(value['high']) - float(value['low']))
+
+
+def _mean(values: Sequence[Mapping[str, Any]]) -> Row:
+    count = len(values)
+    middle = sum(float(v['value']) for v in values) / count
+    half = math.sqrt(sum(_half(v) ** 2 for v in values)) / count
+    return {'value': middle, 'low': middle - half, 'high': middle + half}
+
+
+def _difference(name: str, row: Row, other: Mapping[str, Any], against: str) -> Row:
+    value = row['parameters'][name]
+    spread = math.hypot(_half(value), _half(other)) / 1.96
+    change = float(value['value']) - float(other['value'])
+    strength = abs(change) / spread if 0.0 < spread < math.inf else 0.0
+    return {
+        'parameter': name,
+        'machine': row['machine'],
+        'bag': row['name'],
+        'against': against,
+        'value': value['value'],
+        'reference': other['value'],
+        'change': change / float(other['value']) if other['value'] else None,
+        'unit': value['unit'],
+        'p': math.erfc(strength / math.sqrt(2.0)),
+    }
+
+
+def _told(differences: list[Row]) -> list[Row]:
+    """Return those that Holm's procedure tells, the surest first."""
+    ordered = sorted(differences, key=lambda x: float(x['p']))
+    told: list[Row] = []
+    for number, difference in enumerate(ordered):
+        if difference['p'] > LEVEL / (len(ordered) - number):
+            break
+        told.append(difference)
+    return told
+
+
+def write_summary(out: Path, rows: Sequence[Row]) -> None:
+    """Write `fleet.json` and `fleet.csv`, one line for each bag and parameter or failure."""
+    content = {'schema': 'ros2_ident.fleet', 'version': 1, 'rows': rows, **summarise(rows)}
+    write_text(out / 'fleet.json', json.dumps(content, indent=1, allow_nan=False) + '\n')
+    head = ('bag', 'machine', 'date', 'state', 'code', 'message', 'effect', 'where')
+    text = io.StringIO(newline='')
+    table = csv.writer(text)
+    table.writerow((*head, 'parameter', 'value', 'low', 'high', 'unit'))
+    for row in rows:
+        same = [row['name'], *(row.get(k, '') for k in head[1:-1])]
+        same.append(','.join(row.get('where', ())))
+        for name, p in row.get('parameters', {'': {}}).items():
+            table.writerow(
+                (*same, name, *(p.get(k, '') for k in ('value', 'low', 'high', 'unit')))
+            )
+    write_text(out / 'fleet.csv', text.getvalue())
+
+
+def states(rows: Sequence[Row]) -> Counter[str]:
+    """Return how many rows are in which state."""
+    return Counter(str(row['state']) for row in rows)
