@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.attribute import Attribution, Explanation
-from ros2_ident.gap.case import Case
+from ros2_ident.gap.attribute import Attribution
+from ros2_ident.gap.case import Case, recordings_of
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import to_mapping
 from ros2_ident.gap.explain import Explainer, Rules
+from ros2_ident.gap.fits import Explanation
 from ros2_ident.models import machine_from_mapping
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.axis import simulate_axis
@@ -219,7 +220,7 @@ def test_rules_say_when_something_counts() -> None:
 
 
 def test_a_trifle_on_one_drive_contradicts_nothing() -> None:
-    case = Case(MACHINE, [recording(1)])
+    case = Case(recordings_of(MACHINE, [recording(1)]))
     explainer = Explainer(Attribution(case, np.full(1, NOISE)), Rules())
     law = {name: np.array(values) for name, values in {
         'right': [4.9, 1.10, 1.07], 'wrong': [16.4, 1.0, 1.0], 'clean': [1.0, 1.0, 1.0],
@@ -233,10 +234,10 @@ def test_a_trifle_on_one_drive_contradicts_nothing() -> None:
 
 
 def test_a_nominal_fit_that_had_ended_too_early_goes_on() -> None:
-    case = Case(MACHINE, [recording(1)], [recording(2)])
+    case = Case(recordings_of(MACHINE, [recording(1)]), recordings_of(MACHINE, [recording(2)]))
     attribution = Attribution(case, np.array([NOISE]))
     explainer = Explainer(attribution, Rules())
-    names = [p.name for p in case.models((), case.fit)[0].parameters]
+    names = [p.name for p in case.fit.with_effects(()).parameters]
     truth = np.array([TRUTH[name.removeprefix('lift.')] for name in names])
     stuck = truth.copy()
     stuck[names.index('lift.coulomb_torque')] = 0.15

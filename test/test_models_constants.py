@@ -10,8 +10,8 @@ import pytest
 
 from ros2_ident.kernel import rows
 from ros2_ident.models import load_machine, Machine, machine_from_mapping
-from ros2_ident.models.drives.recorded import recorded_motion
 from ros2_ident.models.linear_axis.model import LinearAxis
+from ros2_ident.models.recorded import recorded_motion
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.motions import draw_motion

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from ros2_ident.effects import CATALOGUE, get_effect
-from ros2_ident.gap.local_fit import local_fit
 from ros2_ident.gap.screen import trials
 from ros2_ident.models import EffectAt, load_machine, make_model
 from ros2_ident.recording import Dataset
@@ -15,6 +14,7 @@ from ros2_ident.reference.axis import simulate_axis
 from ros2_ident.reference.effects import draw_effect, kinds
 from ros2_ident.reference.motions import draw_motion
 from ros2_ident.reference.tripod import simulate_tripod
+from ros2_ident.search.levenberg import local_fit
 
 CONFIG = Path(__file__).parents[1] / 'config'
 MACHINE = load_machine(CONFIG / 'tripod.yaml')

@@ -9,7 +9,7 @@ import pytest
 
 from ros2_ident.gap.reading import coarse_reading
 from ros2_ident.models import EffectAt, load_machine, make_model
-from ros2_ident.models.drives.recorded import recorded_motion
+from ros2_ident.models.recorded import recorded_motion
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.effects import Effect
 from ros2_ident.reference.motions import draw_motion

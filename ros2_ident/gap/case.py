@@ -2,50 +2,196 @@
 """The recordings of one machine, and what any extended model makes of them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.effects import CATALOGUE
-from ros2_ident.models import DriveModel, EffectAt, Machine, make_model
-from ros2_ident.models.drives.recorded import recorded_motion, RecordedMotion
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.identify.layout import Conditions, Layout
+from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.parameter import Parameter
+from ros2_ident.models import complete, EffectAt, FullModel, make_model, Model
+from ros2_ident.models.recorded import RecordedMotion
 from ros2_ident.recording import Dataset
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# A controller's motion has to be in the log at this share of its cycles to be replayed.
-SEEN = 0.3
 # Seconds at a log's start that are not compared: a machine that has stood still holds forces no
 # model knows.
 SETTLE = 0.1
 # Seconds at a log's start at which a delayed effort does not yet belong to the motion beside it.
 LAW_SETTLE = 0.15
+# Extended models of a part that are kept: those of the rounds go on being asked for.
+_KEPT = 16
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Recordings:
+    """Recordings of one machine, each with its nominal model.
+
+    Attributes:
+        models: The models.
+        labels: For each, the bag it came from; empty where there is one only.
+    """
+
+    models: tuple[FullModel, ...]
+    labels: tuple[str, ...] = ()
+
+    def __add__(self, other: 'Recordings') -> 'Recordings':
+        """Return both together."""
+        labels = self.labels + other.labels if self.labels and other.labels else ()
+        return Recordings(self.models + other.models, labels)
+
+
+def recordings_of(
+    machine: Machine,
+    data: Sequence[Dataset],
+    *,
+    drives: Sequence[str] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    labels: Sequence[str] = (),
+) -> Recordings:
+    """Return a machine's nominal model on each recording.
+
+    Args:
+        machine: The machine.
+        data: The recordings, on the controller's grid.
+        drives: The drives compared; all by default.
+        fixed: Parameters not to be identified.
+        labels: For each recording, the bag it came from.
+
+    Raises:
+        IdentError: As `make_model`.
+    """
+    models = (make_model(machine, d, drives=drives, fixed=fixed) for d in data)
+    return Recordings(tuple(models), tuple(labels))
+
+
+def recordings_from(models: Model | Sequence[Model]) -> Recordings:
+    """Return a user's own models, one a recording.
+
+    Raises:
+        IdentError: INVALID_GOAL where one is no model, or compares more than one quantity.
+    """
+    several = tuple(complete(m) for m in (models if isinstance(models, Sequence) else [models]))
+    for model in several:
+        if len(model.outputs) != len(model.places):
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'a {model.name} compares {len(model.outputs)} outputs of '
+                f'{len(model.places)} drives; a diagnosis takes one output of each',
+            )
+    return Recordings(several)
+
+
+class Joint:
+    """A model with some effects on every recording of a part, as one fit.
+
+    Args:
+        part: The part.
+        effects: The effects.
+
+    Attributes:
+        effects: The effects, in the order of their parameters.
+        models: One a recording.
+        layout: Where each finds its parameters.
+        parameters: The N parameters; those of the effects are the last ones.
+        low: (N,) lower ends of the box.
+        high: (N,) upper ends.
+    """
+
+    def __init__(self, part: 'Part', effects: Sequence[EffectAt]) -> None:
+        self.effects = tuple(effects)
+        self.models = tuple(m.extended(self.effects) for m in part.models)
+        self._part = part
+        self.layout = Layout(self.models, part.labels, part.conditions)
+        self.parameters: tuple[Parameter, ...] = self.layout.parameters
+        self.low: Array = np.array([p.low for p in self.parameters])
+        self.high: Array = np.array([p.high for p in self.parameters])
+
+    def own(self, number: int, theta: Array) -> Array:
+        """Return (S, N') the parameters of one model among candidates (S, N)."""
+        return self.layout.of(number, np.atleast_2d(theta))
+
+    def residual(self, theta: Array) -> Array:
+        """Return (S, R) measured less simulated output of (S, N) candidates."""
+        parts = []
+        for number, (model, mask) in enumerate(zip(self.models, self._part.masks, strict=True)):
+            simulated = model.simulate_at(self.own(number, theta), mask)
+            parts.append(np.subtract(model.measured[mask], simulated, out=simulated))
+        return np.concatenate(parts, axis=1) if len(parts) > 1 else parts[0]
+
+    def law_residual(self, theta: Array) -> Array:
+        """Return (S, L) measured effort less what the controllers make of the recorded motion.
+
+        A controller's effort is known but for a constant, so the mean of each drive is zero.
+        """
+        theta = np.atleast_2d(theta)
+        parts = [np.empty((len(theta), 0))]
+        part = self._part
+        for number, (mask, seen) in enumerate(zip(part.law_masks, part.seen, strict=True)):
+            model = self.models[number]
+            rest = model.measured[mask] - model.replay_law(seen, self.own(number, theta), mask)
+            ends = np.cumsum(mask.sum(axis=1))
+            for row in np.split(rest, ends[:-1], axis=1):
+                parts.append(row - row.mean(axis=1, keepdims=True))
+        return np.concatenate(parts, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
 class Part:
     """Some recordings and which of their samples are compared.
 
     Attributes:
-        data: The recordings.
+        models: Their nominal models.
         masks: For each, (D, K) where a sample is compared.
         seen: For each, the motion that its controllers saw; empty where they cannot be checked.
-        law_masks: For each of these, (D, K) where its effort is compared with the controllers'.
+        labels: For each, the bag it came from; empty where there is one only.
+        conditions: How the recordings differ.
     """
 
-    data: tuple[Dataset, ...]
+    models: tuple[FullModel, ...]
     masks: tuple[Mask, ...]
     seen: tuple[RecordedMotion, ...] = ()
-    law_masks: tuple[Mask, ...] = ()
+    labels: tuple[str, ...] = ()
+    conditions: Conditions = Conditions()
+    _joints: dict[tuple[EffectAt, ...], Joint] = field(default_factory=dict, repr=False)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out what is made again."""
+        return {**self.__dict__, '_joints': {}}
+
+    def with_effects(self, effects: Sequence[EffectAt]) -> Joint:
+        """Return the models with these effects."""
+        key = tuple(effects)
+        kept = self._joints
+        found = kept.pop(key, None) or Joint(self, key)
+        kept[key] = found
+        while len(kept) > _KEPT:
+            kept.pop(next(iter(kept)), None)
+        return found
+
+    @property
+    def law_masks(self) -> tuple[Mask, ...]:
+        """For each of `seen`, (D, K) where its effort is compared with the controllers'."""
+        out = []
+        for model, mask in zip(self.models[: len(self.seen)], self.masks, strict=False):
+            later = mask.copy()
+            later[:, : int(round(LAW_SETTLE / model.cycle))] = False
+            out.append(later)
+        return tuple(out)
 
     @property
     def drive(self) -> npt.NDArray[np.int64]:
-        """(R,) the drive of each value that `residual` returns."""
-        parts = [np.full(int(row.sum()), d) for mask in self.masks for d, row in enumerate(mask)]
-        out: npt.NDArray[np.int64] = np.concatenate(parts)
-        return out
+        """(R,) the drive of each value that `Joint.residual` returns."""
+        return _drives_of(self.masks)
+
+    @property
+    def law_drive(self) -> npt.NDArray[np.int64]:
+        """(L,) the drive of each value that `Joint.law_residual` returns."""
+        return _drives_of(self.law_masks)
 
     def rows(self, values: Array) -> Array:
         """Return a residual as (D, K), recordings side by side, NaN where nothing is compared."""
@@ -66,70 +212,30 @@ class Part:
         widths = np.cumsum([mask.shape[1] for mask in self.masks])
         return tuple(int(w) for w in widths[:-1])
 
-    def residual(self, models: Sequence[DriveModel], theta: Array) -> Array:
-        """Return (S, R) measured less simulated output of (S, N) candidates."""
-        parts = []
-        for model, mask in zip(models, self.masks, strict=True):
-            simulated = model.simulate_at(theta, mask)
-            parts.append(np.subtract(model.measured[mask], simulated, out=simulated))
-        return np.concatenate(parts, axis=1) if len(parts) > 1 else parts[0]
 
-    @property
-    def law_drive(self) -> npt.NDArray[np.int64]:
-        """(L,) the drive of each value that `law_residual` returns."""
-        parts = [
-            np.full(int(row.sum()), d) for mask in self.law_masks for d, row in enumerate(mask)
-        ]
-        out: npt.NDArray[np.int64] = np.concatenate(parts or [np.empty(0, np.int64)])
-        return out
-
-    def law_residual(self, models: Sequence[DriveModel], theta: Array) -> Array:
-        """Return (S, L) measured effort less what the controllers make of the recorded motion.
-
-        A controller's effort is known but for a constant, so the mean of each drive is zero.
-        """
-        parts = [np.empty((len(theta), 0))]
-        for model, mask, seen in zip(models, self.law_masks, self.seen, strict=False):
-            rest = model.measured[mask] - model.replay_law(seen, theta, mask)
-            ends = np.cumsum(mask.sum(axis=1))
-            for row in np.split(rest, ends[:-1], axis=1):
-                parts.append(row - row.mean(axis=1, keepdims=True))
-        return np.concatenate(parts, axis=1)
+def _drives_of(masks: Sequence[Mask]) -> npt.NDArray[np.int64]:
+    parts = [np.full(int(row.sum()), d) for mask in masks for d, row in enumerate(mask)]
+    out: npt.NDArray[np.int64] = np.concatenate(parts or [np.empty(0, np.int64)])
+    return out
 
 
-def _settled(data: Dataset, drives: Sequence[str]) -> Mask:
-    rows = [data.names.index(name) for name in drives]
-    assert data.effort is not None
-    there: Mask = ~np.isnan(data.effort[rows])
-    there[:, : int(round(SETTLE / data.cycle))] = False
+def _settled(model: FullModel) -> Mask:
+    there: Mask = ~np.isnan(model.measured)
+    there[:, : int(round(SETTLE / model.cycle))] = False
     return there
 
 
-def _seen(machine: Machine, data: Sequence[Dataset]) -> tuple[RecordedMotion, ...]:
+def _seen(models: Sequence[FullModel]) -> tuple[RecordedMotion, ...]:
     """Return what controllers saw; nothing unless all drives' motion was recorded everywhere."""
-    complete = all(
-        d.command_position is not None
-        and d.position is not None
-        and (np.isfinite(d.position).sum(axis=1) > SEEN * d.cycles).all()
-        for d in data
-    )
-    return tuple(recorded_motion(d, machine.drives) for d in data) if complete else ()
-
-
-def _part(
-    data: Sequence[Dataset], masks: Sequence[Mask], seen: tuple[RecordedMotion, ...]
-) -> Part:
-    later = [mask.copy() for mask in masks[: len(seen)]]
-    for d, mask in zip(data, later, strict=False):
-        mask[:, : int(round(LAW_SETTLE / d.cycle))] = False
-    return Part(tuple(data), tuple(masks), seen, tuple(later))
+    found = [m.recorded_motion() for m in models]
+    seen = tuple(x for x in found if x is not None)
+    return seen if len(seen) == len(models) else ()
 
 
 def split(
-    machine: Machine,
-    fit: Sequence[Dataset],
-    check: Sequence[Dataset],
-    drives: Sequence[str],
+    fit: Recordings,
+    check: Recordings,
+    conditions: Conditions | None = None,
     block: float = 1.0,
 ) -> tuple[Part, Part, str]:
     """Return what to fit on, what to hold out, and how it was split.
@@ -138,62 +244,58 @@ def split(
     runs through; only the comparison is split, with a tenth of a block between them left out.
 
     Args:
-        machine: The machine.
         fit: Recordings to fit on.
         check: Recordings held out, or none.
-        drives: The drives compared.
+        conditions: How the recordings differ.
         block: Length of a block [s].
 
     Returns:
         The two parts, and `check bag` or `blocks`.
     """
-    masks = tuple(_settled(data, drives) for data in fit)
-    if check:
-        held = tuple(_settled(data, drives) for data in check)
-        parts = _part(fit, masks, _seen(machine, fit)), _part(check, held, _seen(machine, check))
-        return *parts, 'check bag'
+    differ = conditions or Conditions()
+
+    def part(of: Recordings, masks: Sequence[Mask]) -> Part:
+        return Part(of.models, tuple(masks), _seen(of.models), of.labels, differ)
+
+    masks = [_settled(m) for m in fit.models]
+    if check.models:
+        return part(fit, masks), part(check, [_settled(m) for m in check.models]), 'check bag'
     even, odd = [], []
-    for data, mask in zip(fit, masks, strict=True):
-        phase = np.arange(mask.shape[1]) * data.cycle / block
+    for model, mask in zip(fit.models, masks, strict=True):
+        phase = np.arange(mask.shape[1]) * model.cycle / block
         inside = phase % 1.0 < 0.9
         second = np.floor(phase) % 2 == 1
         even.append(mask & (inside & ~second))
         odd.append(mask & (inside & second))
-    seen = _seen(machine, fit)
-    return _part(fit, even, seen), _part(fit, odd, seen), 'blocks'
+    first = part(fit, even)
+    return first, Part(fit.models, tuple(odd), first.seen, fit.labels, differ), 'blocks'
 
 
 class Case:
     """One machine's recordings: those to fit on, and those held out.
 
     Args:
-        machine: The machine.
-        fit: Recordings for fitting, on the controller's grid.
-        check: Recordings held out; empty for none.
-        drives: The drives compared; all by default.
-        fixed: Parameters not to be identified.
+        fit: Recordings for fitting.
+        check: Recordings held out; None for none.
+        conditions: How the recordings differ.
+
+    Attributes:
+        drives: The drives compared.
+        noise: Standard deviation of the outputs' noise as stated.
+        fit: What is fitted on.
+        check: What is held out.
+        held_out: `check bag` or `blocks`.
     """
 
     def __init__(
         self,
-        machine: Machine,
-        fit: Sequence[Dataset],
-        check: Sequence[Dataset] = (),
-        *,
-        drives: Sequence[str] | None = None,
-        fixed: Mapping[str, float] | None = None,
+        fit: Recordings,
+        check: Recordings | None = None,
+        conditions: Conditions | None = None,
     ) -> None:
-        self.machine = machine
-        self.fixed = dict(fixed or {})
-        self.drives = tuple(drives or machine.drives)
-        self.fit, self.check, self.held_out = split(machine, fit, check, self.drives)
-
-    def models(self, effects: Sequence[EffectAt], part: Part) -> list[DriveModel]:
-        """Return the model with these effects on each recording of a part."""
-        return [
-            make_model(self.machine, data, drives=self.drives, effects=effects, fixed=self.fixed)
-            for data in part.data
-        ]
+        self.drives = fit.models[0].places
+        self.noise = fit.models[0].noise
+        self.fit, self.check, self.held_out = split(fit, check or Recordings(()), conditions)
 
     def candidates(self, without: Sequence[str] = (), known: Sequence[str] = ()) -> list[EffectAt]:
         """Return every effect at every place it can sit in this machine.
@@ -202,12 +304,8 @@ class Case:
             without: Effects to leave out.
             known: Ids to choose from; all by default.
         """
-        context = self.models((), self.fit)[0].context
-        out = []
-        for effect in CATALOGUE.values():
-            left_out = effect.id in without or (known and effect.id not in known)
-            if left_out or not effect.applies(context):
-                continue
-            places = self.drives if effect.place == 'drive' else ('all',)
-            out += [EffectAt(effect.id, where) for where in places]
-        return out
+        return [
+            at
+            for at in self.fit.models[0].extensions()
+            if at.effect not in without and (not known or at.effect in known)
+        ]

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ros2_ident.models import DriveModel
+from ros2_ident.models import FullModel
 from ros2_ident.recording import smooth_motion
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ class Coordinate:
     pick: int = 1
 
 
-def motion_of(model: DriveModel, theta: Array) -> Motion:
+def motion_of(model: FullModel, theta: Array) -> Motion:
     """Return what the drives of a model did, by the recording where it holds positions.
 
     Args:
@@ -90,9 +90,18 @@ def motion_of(model: DriveModel, theta: Array) -> Motion:
         The motion, later by the measurement delay, as the logged effort is.
     """
     data = model.data
-    rows = [data.names.index(name) for name in model.drives]
+    rows = [data.names.index(name) for name in model.places]
     source = data.position if data.position is not None else data.command_position
-    assert source is not None
+    torque = model.simulate(np.atleast_2d(theta))[0]
+    turn = model.motor_turn(model.places[0])
+    travel = model.machine.travel_unit if model.machine is not None else ''
+    if source is None:
+        # A model that does not tell how its drives move.
+        still = np.zeros_like(torque)
+        return Motion(
+            model.places, data.cycle, turn, still, still, still, still, torque, torque,
+            model.unit, travel,
+        )  # fmt: skip
     cutoff = min(_CUTOFF, 0.1 / data.cycle)
     position, velocity, acceleration = smooth_motion(source[rows], data.cycle, cutoff)
     grid = np.arange(position.shape[1])
@@ -106,13 +115,12 @@ def motion_of(model: DriveModel, theta: Array) -> Motion:
         )
         for part in (position, velocity, acceleration)
     )
-    torque = model.simulate(np.atleast_2d(theta))[0]
     load = torque - model.motor_effort(theta, velocity, acceleration)
     return Motion(
-        tuple(model.drives), data.cycle, model.turn if model.turn != 1.0 else 0.0, position,
+        model.places, data.cycle, turn, position,
         velocity, acceleration, np.gradient(acceleration, data.cycle, axis=1), torque, load,
-        model.unit, model.machine.travel_unit,
-    )
+        model.unit, travel,
+    )  # fmt: skip
 
 
 def direction(velocity: Array) -> Array:

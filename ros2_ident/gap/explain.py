@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.effects import get_effect
-from ros2_ident.gap.attribute import Attribution, Explanation, Round
+from ros2_ident.gap.attribute import Attribution, Round
+from ros2_ident.gap.fits import Explanation
 from ros2_ident.models import EffectAt
 
 Array = npt.NDArray[np.float64]
@@ -188,12 +189,12 @@ class Explainer:
     def plausible(self, e: Explanation) -> bool:
         """Whether the newest effect's sizes stay inside their bounds."""
         effect = get_effect(e.effects[-1].effect)
-        model = self.attribution.case.models(e.effects, self.attribution.case.fit)[0]
-        names = model.parameters[-len(effect.parameters) :]
+        joint = self.attribution.case.fit.with_effects(e.effects)
+        names = joint.parameters[-len(effect.parameters) :]
         values = e.theta[-len(effect.parameters) :]
         for p, declared, value in zip(effect.parameters, names, values, strict=True):
             edge = 1e-3 * (declared.high - declared.low)
-            neutral = p.neutral * model.effort_share(p.unit)
+            neutral = p.neutral * joint.models[0].effort_share(p.unit)
             at_edge = value <= declared.low + edge or value >= declared.high - edge
             if p.role == 'size' and at_edge and abs(value - neutral) > edge:
                 return False

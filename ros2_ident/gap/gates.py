@@ -17,7 +17,7 @@ from ros2_ident.effects import shown_by
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.law import fit_law, Law
-from ros2_ident.models import DriveModel, Machine
+from ros2_ident.models import FullModel, Machine
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import best_lag, fill_gaps
 from ros2_ident.recording.plausibility import lost_sign, unsigned
@@ -91,7 +91,7 @@ class GateReport:
 
 
 def run_gates(
-    model: DriveModel, theta: Array | None = None, floor: Floor | None = None
+    model: FullModel, theta: Array | None = None, floor: Floor | None = None
 ) -> GateReport:
     """Run all gates on a model's recording.
 
@@ -105,12 +105,13 @@ def run_gates(
     """
     found = check_streams(model.data)
     laws = []
-    for drive in model.drives:
+    for number, drive in enumerate(model.places if model.machine is not None else ()):
+        assert model.machine is not None
         found += check_effort(model.machine, model.data, drive)
         law = fit_law(model.machine, model.data, drive)
         if law is not None:
             laws.append(law)
-        noise = None if floor is None else float(floor.per_drive[model.drives.index(drive)])
+        noise = None if floor is None else float(floor.per_drive[number])
         found += check_law(law, drive, model.unit, noise)
     if theta is not None:
         found += check_step(model, theta, floor)
@@ -259,7 +260,7 @@ def check_law(
     return [*found, Gate('law', drive, 'warn', best.ratio if alone else math.nan, '1', text)]
 
 
-def check_step(model: DriveModel, theta: Array, floor: Floor | None = None) -> list[Gate]:
+def check_step(model: FullModel, theta: Array, floor: Floor | None = None) -> list[Gate]:
     """Compare the simulation with one of half the step: its error has to drown in the noise.
 
     Args:
@@ -268,22 +269,15 @@ def check_step(model: DriveModel, theta: Array, floor: Floor | None = None) -> l
         floor: The noise floor; the machine file's noise where None.
     """
     row = np.atleast_2d(np.asarray(theta, dtype=float))
-    steps = int(model._steps(model.rows(row))[0])
-    finer = type(model)(
-        model.machine,
-        model.data,
-        drives=model.drives,
-        effects=model.effects,
-        fixed=model.fixed,
-        cutoff=model.cutoff,
-        substeps=2 * steps,
-    )
+    finer = model.finer(row[0])
+    if finer is None:
+        return []
     error = np.sqrt(np.mean((model.simulate(row)[0] - finer.simulate(row)[0]) ** 2, axis=1))
     noise: Sequence[float] | Array = (
-        [model.machine.effort_noise] * len(error) if floor is None else floor.per_drive
+        [model.noise] * len(error) if floor is None else floor.per_drive
     )
     found = []
-    for drive, off, under in zip(model.drives, error, noise, strict=True):
+    for drive, off, under in zip(model.places, error, noise, strict=True):
         share = float(off / under) if under > 0.0 else math.inf
         level: Level = 'ok' if share <= STEP_ERROR else 'warn' if share <= 0.5 else 'fail'
         text = f'{drive}: half the integration step changes the effort by {share:.2g} of the noise'

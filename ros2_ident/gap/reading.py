@@ -14,8 +14,8 @@ import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
 from ros2_ident.gap.case import Case
-from ros2_ident.models import DriveModel
-from ros2_ident.models.drives.recorded import RecordedMotion
+from ros2_ident.models import FullModel
+from ros2_ident.models.recorded import RecordedMotion
 
 Array = npt.NDArray[np.float64]
 
@@ -58,16 +58,18 @@ def coarse_readings(case: Case, theta: Array, law: Array) -> tuple[CoarseReading
     best: dict[str, CoarseReading] = {}
     trusted = [d for d, missed in zip(case.drives, law, strict=True) if missed < LOST]
     for part in (case.fit, case.check):
-        for model, seen in zip(case.models((), part), part.seen, strict=False):
+        joint = part.with_effects(())
+        for number, seen in enumerate(part.seen):
+            model, own = joint.models[number], joint.own(number, theta)[0]
             for drive in trusted:
-                found = coarse_reading(model, seen, theta, drive)
+                found = coarse_reading(model, seen, own, drive)
                 if found and (drive not in best or found.power > best[drive].power):
                     best[drive] = found
     return tuple(best.values())
 
 
 def coarse_reading(
-    model: DriveModel, seen: RecordedMotion, theta: Array, drive: str
+    model: FullModel, seen: RecordedMotion, theta: Array, drive: str
 ) -> CoarseReading | None:
     """Look for the steps of one drive's encoder.
 
@@ -80,10 +82,10 @@ def coarse_reading(
     Returns:
         The reading's step where its line stands clear of all others; None else.
     """
-    drives = model.machine.drives
+    drives = model.data.names if model.machine is None else model.machine.drives
     count = model.data.cycles
     d = drives.index(drive)
-    row = model.drives.index(drive)
+    row = model.places.index(drive)
     wanted = np.isfinite(model.measured)
     wanted[np.arange(len(wanted)) != row] = False
     wanted[:, : int(_SETTLE / model.cycle)] = False

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.effects import EffectParameter, get_effect
-from ros2_ident.models import DriveModel, EffectAt
+from ros2_ident.models import EffectAt, FullModel
 
 Array = npt.NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class Start:
     visible: float
 
 
-def shape_values(parameter: EffectParameter, model: DriveModel, where: str) -> tuple[float, ...]:
+def shape_values(parameter: EffectParameter, model: FullModel, where: str) -> tuple[float, ...]:
     """Return the values of a shape parameter to start from, in its own unit."""
     if parameter.role == 'position':
         data = model.data
@@ -59,19 +59,20 @@ def shape_values(parameter: EffectParameter, model: DriveModel, where: str) -> t
     return parameter.starts or (parameter.neutral,)
 
 
-def seen_in_log(candidate: EffectAt, model: DriveModel) -> Array | None:
+def seen_in_log(candidate: EffectAt, model: FullModel) -> Array | None:
     """Return an effect's (P,) parameters where the log itself shows them, None where it does not.
 
     So far that is a limit of the effort, by its flat top.
     """
     effect = get_effect(candidate.effect)
     (parameter, *others) = effect.parameters
-    if effect.shown_by != 'flat_top' or others or not np.isfinite(model.limit):
+    limit = model.effort_limit(candidate.where)
+    if effect.shown_by != 'flat_top' or others or not np.isfinite(limit):
         return None
-    top = flat_top(model.measured[model.drives.index(candidate.where)], model.machine.effort_noise)
+    top = flat_top(model.measured[model.places.index(candidate.where)], model.noise)
     if top is None:
         return None
-    share: float = min(max(top / model.limit, parameter.low), parameter.high)
+    share: float = min(max(top / limit, parameter.low), parameter.high)
     return np.array([share])
 
 
@@ -98,7 +99,7 @@ def flat_top(effort: Array, noise: float) -> float | None:
     return level if here > 0.003 and here > 5.0 * below and above < 0.002 else None
 
 
-def trials(candidate: EffectAt, model: DriveModel) -> list[list[Array]]:
+def trials(candidate: EffectAt, model: FullModel) -> list[list[Array]]:
     """Return groups of values of an effect's parameters: within one, sizes superpose.
 
     Args:
@@ -140,7 +141,7 @@ def trials(candidate: EffectAt, model: DriveModel) -> list[list[Array]]:
 
 def screen(
     candidate: EffectAt,
-    models: Sequence[DriveModel],
+    models: Sequence[FullModel],
     evaluate: Callable[[Array], Array],
     theta: Array,
     residual: Array,
@@ -180,7 +181,7 @@ def screen(
     changes = (residual[None] - values).T
     free = residual - basis @ (basis.T @ residual)
     nonlinear = any(p.role == 'size' and p.starts for p in effect.parameters)
-    samples = len(outputs) / (1 if candidate.where == 'all' else len(models[0].drives))
+    samples = len(outputs) / (1 if candidate.where == 'all' else len(models[0].places))
     starts = []
     at = 0
     for group in groups:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ros2_ident.effects import get_effect, shown_by
-from ros2_ident.gap.attribute import Explanation
 from ros2_ident.gap.explain import Explained, Explainer
+from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.models import EffectAt
 

@@ -7,7 +7,7 @@ other.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
 from typing import Any, Protocol, runtime_checkable
@@ -15,9 +15,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.effects import Effect
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
+from ros2_ident.models.recorded import RecordedMotion
 from ros2_ident.recording import Dataset
 
 Array = npt.NDArray[np.float64]
@@ -126,8 +127,17 @@ class FullModel(ABC):
         """Return (S, O, K) outputs of candidates (S, N); inf where one diverged."""
 
     @property
-    def data(self) -> Dataset | None:
-        """The recording on the grid of the model's instants; None where it does not tell."""
+    def data(self) -> Dataset:
+        """The recording on the grid of the model's instants.
+
+        Where the model does not tell more, its measured outputs as efforts.
+        """
+        none = (None,) * 4
+        return Dataset(self.places, self.cycle, 0, *none, self.measured)
+
+    @property
+    def machine(self) -> Machine | None:
+        """The machine file's content; None where the model was not made from one."""
         return None
 
     @property
@@ -188,14 +198,55 @@ class FullModel(ABC):
         """Effects that are in the model beside its nominal physics; their parameters come last."""
         return ()
 
-    @property
-    def catalogue(self) -> Mapping[str, Effect]:
-        """Effects that the model can be extended by."""
-        return {}
-
     def extensions(self) -> tuple[EffectAt, ...]:
         """Return every effect of the catalogue at every place it can sit in this model."""
         return ()
+
+    def restricted(self, there: Mask) -> 'FullModel':
+        """Return the same model that compares its outputs only where `there` (O, K) holds."""
+        return _Restricted(self, there)
+
+    # ------------------------------------------------------------------ what a log shows
+
+    def recorded_motion(self) -> RecordedMotion | None:
+        """Return the motion that the controllers saw, None where they cannot be replayed."""
+        return None
+
+    def replay_law(self, seen: RecordedMotion, theta: Array, there: Mask) -> Array:
+        """Return (S, R) what the controllers alone make of the recorded motion.
+
+        Args:
+            seen: What `recorded_motion` returned.
+            theta: (S, N) candidates.
+            there: (O, K) where it is wanted.
+        """
+        raise NotImplementedError(f'a {self.name} has no controllers that could be replayed')
+
+    def effort_delay(self, theta: Array) -> Array:
+        """Return (O,) how late each output is logged [s], for one candidate (N,)."""
+        return np.zeros(len(self.outputs))
+
+    def motor_effort(self, theta: Array, velocity: Array, acceleration: Array) -> Array:
+        """Return (O, K) what friction and motor inertia take of the effort, for one candidate."""
+        return np.zeros_like(velocity)
+
+    def effort_limit(self, place: str) -> float:
+        """Return the controller's limit of a place's effort; inf where there is none."""
+        return math.inf
+
+    def motor_turn(self, place: str) -> float:
+        """Return the motor angle per travel of a place [rad/m]; 0 where it is not known."""
+        return 0.0
+
+    def finer(self, theta: Array) -> 'FullModel | None':
+        """Return the model with half the integration step of a candidate (N,); None for none."""
+        return None
+
+    # ------------------------------------------------------------------ effects
+
+    def effort_share(self, unit: str) -> float:
+        """Return the factor on the bounds of an effect's parameter, see `EffectParameter`."""
+        return 1.0
 
     def extended(self, effects: Sequence[EffectAt]) -> 'FullModel':
         """Return the model with these effects and no others.
@@ -210,6 +261,44 @@ class FullModel(ABC):
             f'a {self.name} cannot be extended by {effects[0].effect}; '
             'its model offers no effects',
         )
+
+
+class _Restricted(FullModel):
+    """A model of which only a part of the samples is compared."""
+
+    def __init__(self, model: FullModel, there: Mask) -> None:
+        self._model = model
+        self._measured = np.where(there, model.measured, np.nan)
+        self.name, self.noise = model.name, model.noise
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self._model.parameters
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        return self._model.outputs
+
+    @property
+    def measured(self) -> Array:
+        return self._measured
+
+    @property
+    def cycle(self) -> float:
+        return self._model.cycle
+
+    @property
+    def data(self) -> Dataset:
+        return self._model.data
+
+    def simulate(self, theta: Array) -> Array:
+        return self._model.simulate(theta)
+
+    def simulate_at(self, theta: Array, there: Mask) -> Array:
+        return self._model.simulate_at(theta, there)
+
+    def work(self, theta: Array) -> npt.NDArray[np.int64]:
+        return self._model.work(theta)
 
 
 class _Completed(FullModel):

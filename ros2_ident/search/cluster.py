@@ -9,9 +9,8 @@ import time
 from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.evaluators import Cancel, Evaluators, Objective
-from ros2_ident.search.operators import Array
-from ros2_ident.search.remote import Carrier, evaluate, hold, remote, said
+from ros2_ident.search.evaluators import Cancel, Evaluators, Objective, RunTasks, Subject
+from ros2_ident.search.remote import call, Carrier, hold, remote, remote_tasks, said
 
 # So long to reach a scheduler, and to wait for a worker where there is none, s.
 PATIENCE = 30.0
@@ -72,16 +71,37 @@ class Cluster:
         Raises:
             IdentError: INVALID_GOAL where there is no Dask, no scheduler, or no worker.
         """
-        own = isinstance(self._scheduler, str)
-        client = connect(self._scheduler) if own else self._scheduler
+        with self._client(cancel) as client:
 
-        def carrier(digest: str, packed: bytes) -> Carrier:
-            return _DaskCarrier(digest, packed, client, cancel)
+            def carrier(digest: str, packed: bytes) -> Carrier:
+                return _DaskCarrier(digest, packed, client, cancel)
 
-        try:
-            _await_workers(client, cancel)
             with remote(objective, carrier) as evaluators:
                 yield evaluators
+
+    @contextmanager
+    def tasks(self, subject: Subject) -> Iterator[RunTasks]:
+        """Connect, and bring the subject to the workers; see `Workers`.
+
+        Raises:
+            IdentError: As `open`.
+        """
+        with self._client(None) as client:
+
+            def carrier(digest: str, packed: bytes) -> Carrier:
+                return _DaskCarrier(digest, packed, client, None)
+
+            with remote_tasks(subject, carrier) as run:
+                yield run
+
+    @contextmanager
+    def _client(self, cancel: Cancel | None) -> Iterator[Any]:
+        """Connect to the scheduler, and wait for its workers."""
+        own = isinstance(self._scheduler, str)
+        client = connect(self._scheduler) if own else self._scheduler
+        try:
+            _await_workers(client, cancel)
+            yield client
         finally:
             if own:
                 client.close()
@@ -160,9 +180,9 @@ class _DaskCarrier(Carrier):
             self._alone_since = time.monotonic()
         return time.monotonic() - self._alone_since > PATIENCE
 
-    def send(self, theta: Array, limit: float) -> 'Future[Array]':
-        future: Future[Array] = self._executor.submit(
-            evaluate, self.digest, self._data, theta, limit
+    def send(self, name: str, *arguments: Any) -> 'Future[Any]':
+        future: Future[Any] = self._executor.submit(
+            call, self.digest, self._data, name, arguments
         )
         return future
 

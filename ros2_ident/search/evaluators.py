@@ -6,13 +6,13 @@ are in `remote` and `cluster`.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 import math
 from types import TracebackType
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -100,8 +100,28 @@ class Evaluators:
     lot: int
 
 
+class Subject(Protocol):
+    """What tasks are methods of; other processes get it as a pickle."""
+
+    def prepare(self) -> None:
+        """Do what takes time only once, as to compile."""
+        ...
+
+
+# Method of the subject, arguments of each task -> results in their order, as they come.
+RunTasks = Callable[[str, Sequence[tuple[Any, ...]]], Iterator[Any]]
+
+
 class Workers(Protocol):
     """Who evaluates: threads, processes, a cluster."""
+
+    def tasks(self, subject: Subject) -> AbstractContextManager[RunTasks]:
+        """Make ready to run a subject's methods side by side, until the context is left.
+
+        Raises:
+            IdentError: The workers cannot be had; with the remedy.
+        """
+        ...
 
     def open(
         self, objective: Objective, cancel: Cancel | None = None
@@ -233,6 +253,17 @@ class Threads:
 
     def __init__(self, count: int | None = None) -> None:
         self._count = count or processors()
+
+    @contextmanager
+    def tasks(self, subject: Subject) -> Iterator[RunTasks]:
+        """Start the threads; see `Workers`."""
+        with ThreadPoolExecutor(self._count, 'task') as pool:
+
+            def run(name: str, items: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
+                method = getattr(subject, name)
+                return pool.map(lambda arguments: method(*arguments), items)
+
+            yield run
 
     @contextmanager
     def open(self, objective: Objective, cancel: Cancel | None = None) -> Iterator[Evaluators]:

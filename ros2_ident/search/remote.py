@@ -8,7 +8,7 @@ a lost one is sent again, and one that is lost again and again is evaluated in t
 
 from abc import ABC, abstractmethod
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -28,48 +28,52 @@ from ros2_ident.search.evaluators import (
     Evaluators,
     Objective,
     Queue,
+    RunTasks,
     Stop,
+    Subject,
     Threads,
 )
 from ros2_ident.search.operators import Array, Index
 
+# How long to wait for a task before looking whether its worker is still there, s.
+_LOOK = 0.05
 # A batch that was lost so often is evaluated in this process.
 _ATTEMPTS = 3
 # An executor that breaks so often is of no use.
 _STARTS = 8
-# Objectives a worker keeps unpacked; a fleet has one for each bag that is being identified.
+# Objects a worker keeps unpacked; a fleet has one for each bag that is being identified.
 _KEPT = 4
 
 
 # ---------------------------------------------------------------- in the worker
 
-_held: OrderedDict[str, Objective] = OrderedDict()
+_held: OrderedDict[str, Subject] = OrderedDict()
 _lock = Lock()
 
 
 def hold(digest: str, packed: bytes) -> None:
-    """Unpack an objective and compile what it needs, the first time this process sees it."""
+    """Unpack an object and compile what it needs, the first time this process sees it."""
     with _lock:
         if digest not in _held:
-            objective: Objective = pickle.loads(packed)
-            objective.prepare()
-            _held[digest] = objective
+            subject: Subject = pickle.loads(packed)
+            subject.prepare()
+            _held[digest] = subject
             while len(_held) > _KEPT:
                 _held.popitem(last=False)
         _held.move_to_end(digest)
 
 
-def evaluate(digest: str, packed: bytes, theta: Array, limit: float) -> Array:
-    """Return the costs of candidates, on a worker.
+def call(digest: str, packed: bytes, name: str, arguments: tuple[Any, ...]) -> Any:
+    """Return what a method of an object says, on a worker.
 
     Args:
-        digest: Of the packed objective.
-        packed: The objective; empty where `hold` has seen it in this process.
-        theta: (S, N) candidates.
-        limit: As for `Objective.costs`.
+        digest: Of the packed object.
+        packed: The object; empty where `hold` has seen it in this process.
+        name: The method.
+        arguments: Its arguments.
     """
     hold(digest, packed)
-    return _held[digest].costs(theta, limit)
+    return getattr(_held[digest], name)(*arguments)
 
 
 # ---------------------------------------------------------------- in this process
@@ -98,8 +102,8 @@ class Carrier(ABC):
         return False
 
     @abstractmethod
-    def send(self, theta: Array, limit: float) -> 'Future[Array]':
-        """Send candidates (S, N); see `evaluate`."""
+    def send(self, name: str, *arguments: Any) -> 'Future[Any]':
+        """Send a call of the object's method; see `call`."""
 
     @abstractmethod
     def lost(self, error: BaseException) -> bool:
@@ -144,7 +148,7 @@ class _Batch:
             if self._carrier.hopeless:
                 break
             try:
-                return self._carrier.send(theta, self._limit)
+                return self._carrier.send('costs', theta, self._limit)
             except Exception as error:
                 if not self._carrier.lost(error):
                     raise
@@ -239,6 +243,66 @@ def remote(
         carrier.close()
 
 
+class _Call:
+    """One task on its way: sent again where its worker was lost, done here in the end."""
+
+    def __init__(self, carrier: Carrier, here: Subject, name: str, arguments: tuple[Any, ...]):
+        self._carrier = carrier
+        self._here = here
+        self._name = name
+        self._arguments = arguments
+        self._attempts = 0
+        self._future = self._send()
+
+    def _send(self) -> 'Future[Any] | None':
+        while self._attempts < _ATTEMPTS and not self._carrier.hopeless:
+            self._attempts += 1
+            try:
+                return self._carrier.send(self._name, *self._arguments)
+            except Exception as error:
+                if not self._carrier.lost(error):
+                    raise
+                self._carrier.repair()
+        return None
+
+    def result(self) -> Any:
+        """Wait for the task's result."""
+        while self._future is not None and not self._carrier.hopeless:
+            if not wait([self._future], _LOOK).done:
+                continue
+            try:
+                return self._future.result()
+            except (CancelledError, Exception) as error:
+                if not self._carrier.lost(error):
+                    raise said(error) from error
+            self._carrier.repair()
+            self._future = self._send()
+        return getattr(self._here, self._name)(*self._arguments)
+
+
+@contextmanager
+def remote_tasks(
+    subject: Subject, make_carrier: Callable[[str, bytes], Carrier]
+) -> Iterator[RunTasks]:
+    """Run a subject's methods with a carrier's workers; the body of `Workers.tasks`.
+
+    Args:
+        subject: Whose methods; is pickled once.
+        make_carrier: Takes the digest and the packed subject.
+    """
+    packed = pickle.dumps(subject, protocol=pickle.HIGHEST_PROTOCOL)
+    carrier = make_carrier(hashlib.sha256(packed).hexdigest(), packed)
+
+    def run(name: str, items: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
+        calls = [_Call(carrier, subject, name, arguments) for arguments in items]
+        return (one.result() for one in calls)
+
+    try:
+        yield run
+    finally:
+        carrier.close()
+
+
 class Executors:
     """The workers of an executor of `concurrent.futures`, or of anything like it.
 
@@ -269,6 +333,16 @@ class Executors:
         with remote(objective, carrier) as evaluators:
             yield evaluators
 
+    @contextmanager
+    def tasks(self, subject: Subject) -> Iterator[RunTasks]:
+        """Start the workers; see `Workers`."""
+
+        def carrier(digest: str, packed: bytes) -> Carrier:
+            return _ExecutorCarrier(digest, packed, self._make, self._count)
+
+        with remote_tasks(subject, carrier) as run:
+            yield run
+
 
 class _ExecutorCarrier(Carrier):
     """An executor; one that is broken is replaced by a new one."""
@@ -296,8 +370,8 @@ class _ExecutorCarrier(Carrier):
     def hopeless(self) -> bool:
         return self._starts > _STARTS
 
-    def send(self, theta: Array, limit: float) -> 'Future[Array]':
-        return self._executor.submit(evaluate, self.digest, b'', theta, limit)
+    def send(self, name: str, *arguments: Any) -> 'Future[Any]':
+        return self._executor.submit(call, self.digest, b'', name, arguments)
 
     def lost(self, error: BaseException) -> bool:
         return isinstance(error, BrokenExecutor)

@@ -10,8 +10,7 @@ import numpy as np
 from ros2_ident.checks.blind.label import Label, MotionOrder
 from ros2_ident.checks.blind.probe import Probe
 from ros2_ident.effects import twins
-from ros2_ident.gap.case import Case
-from ros2_ident.models import Machine
+from ros2_ident.models import Machine, make_model
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.bag_making import draw_parameters
 from ros2_ident.reference.effects import draw_effect, Effect, kind_of, kinds, NO_ZERO, suits
@@ -86,7 +85,7 @@ def known_kinds(machine: Machine) -> tuple[str, ...]:
     nothing = np.zeros((len(machine.drives), 400))
     cycle = float(machine.controller['cycle'])
     data = Dataset(machine.drives, cycle, 0, nothing, nothing, None, None, nothing)
-    listed = {at.effect for at in Case(machine, [data]).candidates()}
+    listed = {at.effect for at in make_model(machine, data).extensions()}
     return tuple(name for name in kinds() if name in listed and _suits(name, machine))
 
 

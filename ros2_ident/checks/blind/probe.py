@@ -12,8 +12,9 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.gap.attribute import Attribution, Explanation
-from ros2_ident.gap.case import Case, SETTLE
+from ros2_ident.gap.attribute import Attribution
+from ros2_ident.gap.case import Case, recordings_of, SETTLE
+from ros2_ident.gap.fits import Explanation
 from ros2_ident.models import DriveModel, Machine, make_model
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.axis import simulate_axis
@@ -148,7 +149,7 @@ class Probe:
 
     def _refit(self, efforts: Sequence[Array], start: Array | None) -> tuple[Case, Explanation]:
         data = [self.dataset(i, effort) for i, effort in enumerate(efforts)]
-        case = Case(self.machine, data[:1], data[1:])
+        case = Case(recordings_of(self.machine, data[:1]), recordings_of(self.machine, data[1:]))
         attribution = Attribution(case, self.floor)
         starts = [self.theta] if start is None else [self.theta, start]
         found = [attribution.refit((), x, 20) for x in starts]

@@ -3,6 +3,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+import copy
 import functools
 import math
 
@@ -10,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident import lanes
-from ros2_ident.effects import Context
+from ros2_ident.effects import CATALOGUE, Context
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import drive as drive_kernel
 from ros2_ident.kernel import law as law_kernel
@@ -19,14 +20,16 @@ from ros2_ident.kernel.group import Group, PART, Task
 from ros2_ident.machine.machine import constant, Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.drives.candidates import Candidates, SLOTS
-from ros2_ident.models.drives.recorded import RecordedMotion
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
+from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
 
 Array = npt.NDArray[np.float64]
 
 # Middle of the time a commanded torque holds, in cycles.
 _HOLD = 0.5
+# A controller's motion has to be in the log at this share of its cycles to be replayed.
+SEEN = 0.3
 
 
 class DriveModel(FullModel):
@@ -67,8 +70,9 @@ class DriveModel(FullModel):
         cutoff: float = 100.0,
         substeps: int | None = None,
     ) -> None:
-        self.machine = machine
+        self._machine = machine
         self._data = data
+        self._compared: npt.NDArray[np.bool_] | None = None
         self._effects = tuple(effects)
         self.fixed = dict(fixed or {})
         self.substeps = substeps
@@ -114,6 +118,11 @@ class DriveModel(FullModel):
         return self.candidates.free
 
     @property
+    def machine(self) -> Machine:
+        """The machine."""
+        return self._machine
+
+    @property
     def data(self) -> Dataset:
         """The recording."""
         return self._data
@@ -125,6 +134,14 @@ class DriveModel(FullModel):
 
     def extended(self, effects: Sequence[EffectAt]) -> 'DriveModel':
         """Return the model of the same recording with these effects and no others."""
+        return self._again(effects, self.substeps)
+
+    def finer(self, theta: Array) -> 'DriveModel':
+        """Return the model with half the integration step of a candidate (N,)."""
+        steps = int(self._steps(self.rows(np.atleast_2d(theta)))[0])
+        return self._again(self.effects, 2 * steps)
+
+    def _again(self, effects: Sequence[EffectAt], substeps: int | None) -> 'DriveModel':
         return type(self)(
             self.machine,
             self.data,
@@ -132,8 +149,16 @@ class DriveModel(FullModel):
             effects=effects,
             fixed=self.fixed,
             cutoff=self.cutoff,
-            substeps=self.substeps,
+            substeps=substeps,
         )
+
+    def effort_limit(self, place: str) -> float:
+        """Return the controller's limit of a drive's effort; inf where there is none."""
+        return self.limit
+
+    def motor_turn(self, place: str) -> float:
+        """Return the motor angle per travel of a drive [rad/m]; 0 where it is not known."""
+        return self.turn if self.turn != 1.0 else 0.0
 
     @property
     def _closed(self) -> bool:
@@ -165,7 +190,37 @@ class DriveModel(FullModel):
         """(D, K) measured output of `outputs`; NaN at cycles without a sample."""
         index = [self.data.names.index(name) for name in self.drives]
         assert self.data.effort is not None
-        return np.ascontiguousarray(self.data.effort[index])
+        effort = np.ascontiguousarray(self.data.effort[index])
+        return effort if self._compared is None else np.where(self._compared, effort, np.nan)
+
+    def restricted(self, there: npt.NDArray[np.bool_]) -> 'DriveModel':
+        """Return the same model that compares its outputs only where `there` (D, K) holds."""
+        other = copy.copy(self)
+        other.__dict__.pop('_costing', None)
+        other._compared = there
+        return other
+
+    def recorded_motion(self) -> RecordedMotion | None:
+        """Return the motion that the controllers saw, None where they cannot be replayed.
+
+        That takes a set-point, and all drives' motion at a good part of the cycles.
+        """
+        data = self.data
+        if not self._closed or data.position is None:
+            return None
+        if (np.isfinite(data.position).sum(axis=1) <= SEEN * data.cycles).any():
+            return None
+        return recorded_motion(data, self.machine.drives)
+
+    def extensions(self) -> tuple[EffectAt, ...]:
+        """Return every effect of the catalogue at every place it can sit in this machine."""
+        context = self.context
+        return tuple(
+            EffectAt(effect.id, where)
+            for effect in CATALOGUE.values()
+            if effect.applies(context)
+            for where in (self.drives if effect.place == 'drive' else ('all',))
+        )
 
     # ------------------------------------------------------------------ candidates to rows
 

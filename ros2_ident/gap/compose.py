@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From what the rounds found to the diagnosis as a value."""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.effects import get_effect, shown_by
+from ros2_ident.gap.blocks import Blocks, Interval
+from ros2_ident.gap.case import Case
+from ros2_ident.gap.coordinates import motion_of
+from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
+from ros2_ident.gap.explain import Explained, Explainer
+from ros2_ident.gap.fits import Explanation
+from ros2_ident.gap.floor import Floor
+from ros2_ident.gap.localise import Finding
+from ros2_ident.gap.reading import CoarseReading
+from ros2_ident.gap.verdict import advice, NONE, UNKNOWN, Verdict
+from ros2_ident.models import EffectAt
+from ros2_ident.search import intervals
+
+Array = npt.NDArray[np.float64]
+
+
+def compose(
+    explainer: Explainer,
+    found: Explained,
+    verdict: Verdict,
+    floor: Floor,
+    gates: Sequence[tuple[str, str, str]],
+    where: tuple[Finding, ...],
+    testable: tuple[EffectAt, ...],
+    seconds: float,
+    seed: int,
+) -> Diagnosis:
+    """Return the diagnosis.
+
+    Args:
+        explainer: Who ran the rounds.
+        found: What came of them.
+        verdict: What follows from it.
+        floor: The noise floor.
+        gates: What was checked before, as (name, level, sentence).
+        where: Where the gap lies.
+        testable: Effects that the motion cannot show.
+        seconds: Time taken, s.
+        seed: Of the resampling.
+    """
+    fits = explainer.attribution.fits
+    attribution = explainer.attribution
+    case = attribution.case
+    chain = found.chain if verdict.effect not in (NONE, UNKNOWN) else found.chain[:1]
+    final = chain[-1]
+    model = case.fit.with_effects(final.effects).models[0]
+    rows = [case.check.rows(e.check_residual / fits.check_weight) for e in found.chain]
+    blocks = Blocks(rows, model.cycle, seed=seed, starts=case.check.starts)
+    labels = ['nominal'] + [
+        f'{get_effect(a.effect).title} on {a.where}' for a in found.chain[-1].effects
+    ]
+    steps = tuple(Step(labels[i], blocks.rms(i)[1]) for i in range(len(found.chain)))
+    last = len(found.chain) - 1
+    share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
+    values = _values(explainer, final) | _steps(verdict.readings)
+    nominal = {
+        p.name: v
+        for p, v in zip(case.fit.with_effects(()).parameters, found.chain[0].theta, strict=True)
+    }
+    moved = {
+        name: (values[name].value - v) / v
+        for name, v in nominal.items()
+        if name in values and v != 0.0
+    }
+    return Diagnosis(
+        effect=verdict.effect,
+        where=verdict.where,
+        probability=verdict.probability,
+        sentence=_sentence(verdict, explainer, found, floor, model.unit),
+        also=verdict.also,
+        confusable=tuple(
+            _ranked(explainer, found.chain[0], w.at, w.probability, w.model)
+            for w in verdict.confusable
+        ),
+        ranking=tuple(
+            _ranked(explainer, found.chain[0], w.at, w.probability, w.model)
+            for w in verdict.ranking
+        ),
+        unit=model.unit,
+        steps=steps,
+        floor=floor,
+        share_closed=share,
+        held_out=case.held_out,
+        evidence={
+            'size': explainer.size(found.chain[0]),
+            'remaining': found.remaining,
+            'closed': verdict.closed,
+            'material': explainer.rules.material,
+        },
+        per_drive=_per_drive(explainer, found, blocks, floor),
+        localisation=where,
+        parameters=values,
+        moved=moved,
+        nominal=nominal,
+        gates=tuple(gates),
+        not_testable=testable,
+        advice=advice(verdict, testable),
+        complete=found.complete,
+        seconds=seconds,
+        seed=seed,
+        traces=_traces(case, found),
+    )
+
+
+def _traces(case: Case, found: Explained) -> tuple[Trace, ...]:
+    """Return every recording beside the nominal fit and the last one."""
+    base, last = found.chain[0], found.chain[-1]
+    parts = [case.fit, case.check] if case.held_out == 'check bag' else [case.fit]
+    traces = []
+    for part in parts:
+        nominal, extended = part.with_effects(()), part.with_effects(last.effects)
+        for number, mask in enumerate(part.masks):
+            before = nominal.own(number, base.theta)
+            after = extended.models[number].simulate(extended.own(number, last.theta))[0]
+            traces.append(
+                Trace(
+                    held_out=part is case.check,
+                    motion=motion_of(nominal.models[number], before[0]),
+                    measured=nominal.models[number].measured,
+                    extended=after,
+                    fitted=mask if part is case.fit else np.zeros_like(mask),
+                )
+            )
+    return tuple(traces)
+
+
+def _values(explainer: Explainer, e: Explanation) -> dict[str, Value]:
+    case = explainer.attribution.case
+    joint = case.fit.with_effects(e.effects)
+    low, high = joint.low, joint.high
+    series = np.concatenate([mask.sum(axis=1) for mask in case.fit.masks])
+    rows = len(explainer.attribution.fits.weight)
+    found = intervals(
+        e.jacobian[:rows] / (high - low),
+        e.residual[:rows],
+        e.theta,
+        low,
+        high,
+        series=[int(s) for s in series],
+    )
+    return {
+        p.name: Value(float(v), p.unit, float(lo), float(hi))
+        for p, v, lo, hi in zip(joint.parameters, e.theta, found.low, found.high, strict=True)
+    }
+
+
+def _steps(readings: Sequence[CoarseReading]) -> dict[str, Value]:
+    """Return the steps of the encoders named."""
+    effect = shown_by('reading_steps')
+    if effect is None:
+        return {}
+    (step,) = effect.parameters
+    return {
+        f'{r.drive}.{effect.id}.{step.name}': Value(
+            r.step, step.unit, r.step - r.error, r.step + r.error
+        )
+        for r in readings
+    }
+
+
+def _ranked(
+    explainer: Explainer, base: Explanation, at: EffectAt, probability: float, e: Explanation
+) -> Ranked:
+    floor = explainer.attribution.floor
+    gap = float(np.sqrt(np.mean(e.check / explainer.check_count * floor**2)))
+    prefix = f'{at.effect}.' if at.where == 'all' else f'{at.where}.{at.effect}.'
+    own = {name: v for name, v in _values(explainer, e).items() if name.startswith(prefix)}
+    return Ranked(at, probability, gap, explainer.share(base, e), own)
+
+
+def _per_drive(
+    explainer: Explainer, found: Explained, blocks: Blocks, floor: Floor
+) -> dict[str, DriveGap]:
+    case = explainer.attribution.case
+    models = case.check.models
+    out = {}
+    for d, name in enumerate(case.drives):
+        torque = np.concatenate(
+            [m.measured[d, mask[d]] for m, mask in zip(models, case.check.masks, strict=True)]
+        )
+        share = (
+            blocks.share_closed(0, len(found.chain) - 1, floor, drive=d).value
+            if len(found.chain) > 1
+            else 0.0
+        )
+        out[name] = DriveGap(
+            before=float(np.sqrt(blocks.squares[0, d])),
+            after=float(np.sqrt(blocks.squares[-1, d])),
+            noise_floor=float(floor.per_drive[d]),
+            share_closed=share,
+            torque_rms=float(np.sqrt(np.mean(torque**2))),
+        )
+    return out
+
+
+def _sentence(
+    verdict: Verdict, explainer: Explainer, found: Explained, floor: Floor, unit: str
+) -> str:
+    size = explainer.size(found.chain[0])
+    level = f'{float(np.mean(floor.per_drive)):.4g} {unit}'
+    if verdict.effect == NONE and size < explainer.rules.material:
+        return (
+            f'Nothing is missing: the largest gap of a drive is {size:.2f} times the noise floor '
+            f'({level}), below the {explainer.rules.material:.2g} that counts.'
+        )
+    if verdict.effect == NONE:
+        return (
+            f'Nothing can be named: the largest gap of a drive is {size:.2f} times the floor '
+            f'({level}), and no effect of the catalogue closes enough of it to count.'
+        )
+    if verdict.effect == UNKNOWN and not found.complete:
+        return (
+            f'The run was cut short: a gap of {size:.2f} times the noise floor ({level}) is '
+            'there, and nothing was found yet that explains it.'
+        )
+    if verdict.effect == UNKNOWN:
+        tried = len(found.rounds[0].gains) if found.rounds else 0
+        best = max((explainer.share(found.chain[0], w.model) for w in verdict.ranking), default=0)
+        closed = 100 * max(verdict.closed, best, 0)
+        return (
+            f'Something is missing that is not in the catalogue: the gap on '
+            f'{", ".join(verdict.where)} is {size:.2f} times the noise floor, and the best of '
+            f'{tried} candidates closes {closed:.0f} % of it.'
+        )
+    effect = get_effect(verdict.effect)
+    steps = ''.join(
+        f' {r.drive} reads its position in steps of {1e6 * r.step:.3g} um: what its controller '
+        'commands beside the motion in the log has that period. Its course cannot be repeated by '
+        'any simulation, so it does not count as closed.'
+        for r in verdict.readings
+    )
+    more = ''.join(f', then {get_effect(a.effect).title} on {a.where}' for a in verdict.also)
+    rest = ''
+    if found.remaining >= explainer.rules.unknown:
+        rest = f' What is left, {found.remaining:.2f} times the floor, is none of the catalogue.'
+    return (
+        f'{effect.title} on {", ".join(verdict.where)}{more}: closes {100 * verdict.closed:.0f} % '
+        f'of a gap of {size:.2f} times the noise floor.{steps or rest}'
+    )

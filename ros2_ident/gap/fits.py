@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fits of one case: nominal and extended models on the fit part, scored on the part held out.
+
+Every fit is a task of its own, so that threads or workers elsewhere can do them side by side.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.effects import get_effect
+from ros2_ident.gap.case import Case, Joint
+from ros2_ident.gap.screen import screen, Start
+from ros2_ident.models import EffectAt
+from ros2_ident.search.levenberg import difference_jacobian, local_fit, LocalFit
+
+Array = npt.NDArray[np.float64]
+# Mean square, beyond the noise's, from which a controller misses the log.
+_LAW_OFF = 0.05
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A model fitted on the fit part, and what it leaves.
+
+    Attributes:
+        effects: Effects in the order they came in.
+        theta: (N,) parameters, those of the effects last.
+        fit: (D,) sum of squared residuals on the fit part, in units of the floor.
+        check: (D,) the same on the part held out.
+        law: (D,) mean square, in units of the floor, by which the recorded effort misses what the
+            controllers make of the recorded motion, on both parts; zeros where it is not known.
+        jacobian: (R, N) of the weighted residual by the parameters' shares of their box.
+        residual: (R,) weighted residual of the fit part: the outputs', then the controllers'.
+        check_residual: (R',) weighted residual of the outputs on the part held out.
+    """
+
+    effects: tuple[EffectAt, ...]
+    theta: Array
+    fit: Array
+    check: Array
+    law: Array
+    jacobian: Array = field(repr=False)
+    residual: Array = field(repr=False)
+    check_residual: Array = field(repr=False)
+
+    @property
+    def loss(self) -> float:
+        """Sum of squared weighted residuals of the outputs on both parts."""
+        return float(self.fit.sum() + self.check.sum())
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared weighted residuals of the outputs on the fit part."""
+        return float(self.fit.sum())
+
+
+@dataclass(frozen=True)
+class Left:
+    """What a fit leaves: its residual (R,), a basis of its Jacobian (R, N), and its inverse."""
+
+    residual: Array
+    basis: Array
+    inverse: Array
+
+    @classmethod
+    def of(cls, residual: Array, jacobian: Array) -> 'Left':
+        """Return what a fit leaves by its residual (R,) and Jacobian (R, N)."""
+        basis, triangle = np.linalg.qr(jacobian)
+        return cls(residual, basis, np.linalg.pinv(triangle, rcond=1e-9) @ basis.T)
+
+
+@dataclass(frozen=True)
+class Base:
+    """A fit that effects are tried on top of, and what of it every trial needs.
+
+    Attributes:
+        fit: The fit.
+        left: What it leaves.
+        outputs: (R', N) basis of the Jacobian's rows that are the outputs'.
+    """
+
+    fit: Explanation
+    left: Left
+    outputs: Array
+
+    @classmethod
+    def of(cls, fit: Explanation, rows: int) -> 'Base':
+        """Return a base whose first `rows` rows are the outputs'."""
+        left = Left.of(fit.residual, fit.jacobian)
+        outputs = left.basis
+        if len(fit.residual) > rows:
+            outputs = np.linalg.qr(fit.jacobian[:rows])[0]
+        return cls(fit, left, outputs)
+
+
+class Fits:
+    """Fits of one case at one noise floor.
+
+    Args:
+        case: The recordings.
+        floor: (D,) noise floor of each drive, output unit.
+        stopped: Asked often; True ends a fit with the best so far.
+
+    Attributes:
+        weight: (R,) weights of the fit part's outputs.
+        check_weight: (R',) weights of the held-out part's.
+        law_weight: (L,) weights of the controllers' rows; none until `watch_law`.
+    """
+
+    def __init__(
+        self, case: Case, floor: Array, stopped: Callable[[], bool] = lambda: False
+    ) -> None:
+        self.case = case
+        self.floor = floor
+        self.stopped = stopped
+        self.weight = 1.0 / floor[case.fit.drive]
+        self.check_weight = 1.0 / floor[case.check.drive]
+        self.law_weight = np.empty(0)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out what cannot travel: only the process that asks knows when to stop."""
+        return {k: v for k, v in self.__dict__.items() if k != 'stopped'}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        """Take up what travelled."""
+        self.__dict__.update(state, stopped=lambda: False)
+
+    # ------------------------------------------------------------------ controllers
+
+    def watch_law(self, base: Explanation) -> Explanation:
+        """From here on let fits also see what the controllers make of the recorded motion.
+
+        No machine is in these rows, so they tell what sits in a controller or behind a sensor from
+        what happens in the machine. They count less where the stated law is far from the log:
+        there it may be another law, and must not drown the outputs.
+
+        Args:
+            base: The fit without effects.
+
+        Returns:
+            The same fit with the controllers' rows. Its `law` is what they miss at best without
+            effects, so what an effect mends is not what a parameter could.
+        """
+        if not self.case.fit.seen:
+            return base
+        joint = self.case.fit.with_effects(base.effects)
+        span = joint.high - joint.low
+        law = self._least_law(joint, base)
+        scale = self.floor * np.sqrt(1.0 + law)
+        self.law_weight = 1.0 / scale[self.case.fit.law_drive]
+        unit = (base.theta - joint.low) / span
+        residual, jacobian = difference_jacobian(self.evaluate(joint), unit, joint.low, span)
+        return replace(base, law=law, residual=residual, jacobian=jacobian)
+
+    def _least_law(self, joint: Joint, base: Explanation) -> Array:
+        """Return (D,) what each drive's controller misses at least, whatever the parameters."""
+        law = base.law.copy()
+        held_out = self.case.check.with_effects(base.effects)
+        for d in np.flatnonzero(law > 1.0 + _LAW_OFF):
+            own = self.case.fit.law_drive == d
+
+            def missed(theta: Array, own: npt.NDArray[np.bool_] = own) -> Array:
+                return joint.law_residual(theta)[:, own]
+
+            found = local_fit(missed, base.theta, joint.low, joint.high, stopped=self.stopped)
+            law[d] = min(law[d], self._law(joint, held_out, found.theta)[d])
+        return law
+
+    def _law(self, joint: Joint, held_out: Joint, theta: Array) -> Array:
+        """Return (D,) mean square of what the controllers miss on both parts, floors squared."""
+        case = self.case
+        missed = np.concatenate([joint.law_residual(theta)[0], held_out.law_residual(theta)[0]])
+        drive = np.concatenate([case.fit.law_drive, case.check.law_drive])
+        count = len(case.drives)
+        samples = np.maximum(np.bincount(drive, minlength=count), 1)
+        out: Array = np.bincount(drive, (missed / self.floor[drive]) ** 2, count) / samples
+        return out
+
+    # ------------------------------------------------------------------ fits
+
+    def evaluate(self, joint: Joint) -> Callable[[Array], Array]:
+        """Return what a fit minimises: (S, N) candidates to (S, R) weighted residuals."""
+
+        def outputs(theta: Array) -> Array:
+            return joint.residual(np.atleast_2d(theta)) * self.weight[None]
+
+        def both(theta: Array) -> Array:
+            law = joint.law_residual(theta) * self.law_weight[None]
+            return np.concatenate([outputs(theta), law], axis=1)
+
+        return both if self.law_weight.size else outputs
+
+    def refit(
+        self, effects: Sequence[EffectAt], theta: Array, iterations: int = 12
+    ) -> Explanation:
+        """Fit a set of effects jointly from a start (N,)."""
+        joint = self.case.fit.with_effects(effects)
+        found = local_fit(
+            self.evaluate(joint),
+            theta,
+            joint.low,
+            joint.high,
+            iterations=iterations,
+            stopped=self.stopped,
+        )
+        return self.explanation(joint, found)
+
+    def explanation(self, joint: Joint, found: LocalFit) -> Explanation:
+        """Return a fit of the models of the fit part, scored on the part held out as well."""
+        case = self.case
+        held_out = case.check.with_effects(joint.effects)
+        check = held_out.residual(found.theta[None])[0] * self.check_weight
+        check = np.where(np.isfinite(check), check, 1e6)
+        count = len(case.drives)
+        outputs = found.residual[: len(self.weight)]
+        return Explanation(
+            joint.effects,
+            found.theta,
+            np.bincount(case.fit.drive, outputs**2, count).astype(float),
+            np.bincount(case.check.drive, check**2, count).astype(float),
+            self._law(joint, held_out, found.theta),
+            found.jacobian,
+            found.residual,
+            check,
+        )
+
+
+class Trials:
+    """The tasks of one round: effects tried on top of a base. Other processes get it as a pickle.
+
+    Args:
+        fits: Who fits.
+        base: The fit they are tried on top of.
+    """
+
+    def __init__(self, fits: Fits, base: Explanation) -> None:
+        self.fits = fits
+        self.base = Base.of(base, len(fits.weight))
+
+    def prepare(self) -> None:
+        """Compile, or read from the cache, what every fit needs."""
+        joint = self.fits.case.fit.with_effects(())
+        self.fits.evaluate(joint)(0.5 * (joint.low + joint.high))
+
+    def starts(self, candidate: EffectAt) -> list[Start]:
+        """Screen one candidate against what the base leaves."""
+        if self.fits.stopped():
+            return []
+        base = self.base
+        joint = self.fits.case.fit.with_effects((*base.fit.effects, candidate))
+        count = len(base.fit.theta)
+        return screen(
+            candidate,
+            joint.models,
+            self.fits.evaluate(joint),
+            base.fit.theta,
+            base.left.residual,
+            base.left.basis,
+            base.left.inverse,
+            base.outputs,
+            joint.low[:count],
+            joint.high[:count],
+        )
+
+    def begin(
+        self, candidate: EffectAt, start: Start | Array, iterations: int
+    ) -> Explanation | None:
+        """Begin the joint fit of one more effect; None where time is up."""
+        if self.fits.stopped():
+            return None
+        theta = self._better(start) if isinstance(start, Start) else start
+        return self.fits.refit((*self.base.fit.effects, candidate), theta, iterations)
+
+    def finish(self, begun: Explanation) -> Explanation:
+        """Go on with a joint fit to its end."""
+        return begun if self.fits.stopped() else self.fits.refit(begun.effects, begun.theta)
+
+    def _better(self, start: Start) -> Array:
+        """Return a screened start, or the base with a trace of the effect if that is better."""
+        base = self.base.fit
+        joint = self.fits.case.fit.with_effects((*base.effects, start.candidate))
+        neutral = start.phi.copy()
+        for i, p in enumerate(get_effect(start.candidate.effect).parameters):
+            if p.role == 'size':
+                centre = p.neutral * joint.models[0].effort_share(p.unit)
+                neutral[i] = centre + 0.02 * (start.phi[i] - centre)
+        points = np.array(
+            [np.concatenate([start.theta, start.phi]), np.concatenate([base.theta, neutral])]
+        )
+        points = np.clip(points, joint.low, joint.high)
+        losses = np.mean(self.fits.evaluate(joint)(points) ** 2, axis=1)
+        best: Array = points[int(np.nanargmin(losses))]
+        return best
