@@ -178,6 +178,41 @@ def machine_files(prefix: str, **_: Any) -> list[str]:
 # ---------------------------------------------------------------------- shared arguments
 
 
+def add_bags(parser: argparse.ArgumentParser) -> None:
+    """Add one bag or several of one machine, and what differs between them."""
+    action = parser.add_argument(
+        'bag',
+        metavar='BAG',
+        nargs='+',
+        help='bag directory, or an .mcap, .db3, .bag or .csv file; several of one machine make '
+        'one fit',
+    )
+    complete(action, bags)
+    group = parser.add_argument_group('several bags')
+    each = group.add_argument(
+        '--each',
+        type=names,
+        default=(),
+        metavar='NAME,..',
+        help='parameters with a value of their own in every bag, as tool_mass; the others are '
+        'shared',
+    )
+    complete(each, parameters)
+    group.add_argument(
+        '--differences',
+        metavar='FILE',
+        help='YAML file of what is known to differ: by bag, how much a parameter is above the '
+        'shared value, as `with_load: {tool_mass: 0.5}`',
+    )
+
+
+def conditions_of(args: argparse.Namespace) -> Any:
+    """Return what differs between the bags of parsed arguments."""
+    from ros2_ident.identify.layout import read_conditions
+
+    return read_conditions(args.each, args.differences)
+
+
 def add_bag(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
     """Add the bag."""
     action = parser.add_argument(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
-    add_bag,
+    add_bags,
     add_drives,
     add_effort,
     add_machine,
@@ -14,6 +14,7 @@ from ros2_ident.cli.arguments import (
     assignment,
     bags,
     complete,
+    conditions_of,
     effects,
     machine_of,
     names,
@@ -50,9 +51,13 @@ EXIT_CODES = {0: 'the diagnosis is complete', 1: 'it was cut short, or nothing c
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    add_bag(parser)
+    add_bags(parser)
     check = parser.add_argument(
-        '--check', metavar='BAG', help='recording to judge on; else blocks of the first'
+        '--check',
+        action='append',
+        default=[],
+        metavar='BAG',
+        help='recording to judge on, more than once for several; else blocks of the first',
     )
     complete(check, bags)
     add_machine(parser)
@@ -97,14 +102,14 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.report.files import write_diagnosis
 
     machine = machine_of(args)
-    topics = topics_of(args)
+    topics, conditions = topics_of(args), conditions_of(args)
     fit = read_problem(args.bag, machine, args.drives, topics=topics)
     check = read_problem(args.check, machine, args.drives, topics=topics) if args.check else None
     out = make_directory(args.out) if args.out else None
     if out is not None and not args.no_overlay:
         from ros2_ident.report.overlay import OVERLAY, require_place
 
-        require_place(out / OVERLAY, fit, [args.bag, args.check])
+        require_place(out / OVERLAY, fit, [*args.bag, *args.check])
     fixed = once(args.fix, '--fix')
     said = ''
 
@@ -120,6 +125,9 @@ def run(args: argparse.Namespace) -> int:
             machine,
             fit.datasets,
             check.datasets if check else (),
+            labels=fit.labels,
+            check_labels=check.labels if check else (),
+            conditions=conditions,
             drives=args.drives,
             without=args.without,
             fixed=fixed,
@@ -152,7 +160,13 @@ def _overlay(
     from ros2_ident.identify.setup import problem_of
     from ros2_ident.report.overlay import diagnosed_problem, OVERLAY, verdict_of, write_overlay
 
-    nominal = problem_of(machine, data, drives=args.drives, fixed=once(args.fix, '--fix'))
+    nominal = problem_of(
+        machine,
+        data,
+        drives=args.drives,
+        fixed=once(args.fix, '--fix'),
+        conditions=conditions_of(args),
+    )
     problem, theta = diagnosed_problem(nominal, found)
     return write_overlay(
         out / OVERLAY,

@@ -5,7 +5,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
-    add_bag,
+    add_bags,
     add_drives,
     add_effort,
     add_machine,
@@ -13,6 +13,7 @@ from ros2_ident.cli.arguments import (
     add_topics,
     assignment,
     complete,
+    conditions_of,
     count,
     interval,
     machine_of,
@@ -36,6 +37,8 @@ EXAMPLES = (
     '  ident identify bags/tripod_mixed --machine config/tripod.yaml --drives drive_1 --out out\n'
     '  ident identify my_bag --machine my.yaml --fix tool_mass=1.4 \\\n'
     '      --bounds drive_1.gear_stiffness=1e4:1e5 --seed 7 --seconds 60 --out results\n'
+    '  ident identify bags/tripod_mixed bags/tripod_pick_and_place --each tool_mass \\\n'
+    '      --machine config/tripod.yaml --out results\n'
     '\n'
     'writes to DIR: result.json and result.yaml (the same content), history.npz (every\n'
     'candidate), signals.npz (measured and simulated effort), overlay (a bag with the measured,\n'
@@ -50,7 +53,7 @@ EXIT_CODES = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    add_bag(parser)
+    add_bags(parser)
     add_machine(parser)
     parser.add_argument('--out', required=True, metavar='DIR', help='directory for the results')
     add_drives(parser)
@@ -138,13 +141,13 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.report.overlay import OVERLAY, require_place, verdict_of, write_overlay
 
     fixed, bounds = once(args.fix, '--fix'), once(args.bounds, '--bounds')
-    settings = settings_of(args)
+    settings, conditions = settings_of(args), conditions_of(args)
     machine = machine_of(args)
     samples = {} if args.samples is None else {'samples': args.samples}
     data = read_problem(args.bag, machine, args.drives, topics=topics_of(args), **samples)
     out = make_directory(args.out)
     if not args.no_overlay:
-        require_place(out / OVERLAY, data, [args.bag])
+        require_place(out / OVERLAY, data, args.bag)
     with interrupts() as cancel, make_meter(quiet=args.quiet) as meter:
         result = identify(
             machine,
@@ -152,13 +155,16 @@ def run(args: argparse.Namespace) -> int:
             drives=args.drives,
             fixed=fixed,
             bounds=bounds,
+            conditions=conditions,
             settings=settings,
             seed=args.seed,
             cancel=cancel,
             on_progress=meter,
             workers=workers_of(args),
         )
-        problem = problem_of(machine, data, drives=result.drives, fixed=result.fixed)
+        problem = problem_of(
+            machine, data, drives=result.drives, fixed=result.fixed, conditions=conditions
+        )
         files = list(write_result(out, result, problem))
         if not args.no_overlay:
             files += write_overlay(

@@ -159,6 +159,15 @@ def diagnose(
     else:
         first = recordings_of(machine, fit, drives=drives, fixed=fixed, labels=labels)
         second = recordings_of(machine, check, drives=drives, fixed=fixed, labels=check_labels)
+    if conditions is not None:
+        conditions.check([*first.labels, *second.labels])
+        if conditions.each and second.models:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                'a parameter with a value of its own in every bag has none in a bag held out; '
+                'leave the bag to judge on out, or give it with the others: blocks of each are '
+                'held out then',
+            )
     passes = _Passes(conditions, without, rules or Rules(), seed, clock, workers)
     return passes.run(first, second)
 

@@ -3,15 +3,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.protocol import FullModel
 
 Array = npt.NDArray[np.float64]
+
+_FORMAT = 'write what differs in each bag, as `with_load: {tool_mass: 0.5}`'
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,11 @@ class Conditions:
     def __bool__(self) -> bool:
         """Return whether recordings differ at all."""
         return bool(self.each or self.known)
+
+    def plain(self) -> dict[str, object]:
+        """Return what differs, as plain data for files; nothing where nothing does."""
+        known = {label: dict(values) for label, values in self.known.items()}
+        return {'each': list(self.each), 'differences': known} if self else {}
 
     def check(self, labels: Sequence[str]) -> None:
         """Hold them against the recordings that are there.
@@ -54,6 +63,44 @@ class Conditions:
                 'there is one recording only, so no parameter can differ between recordings; '
                 'give several bags, or leave this out',
             )
+
+
+def read_conditions(each: Sequence[str], path: str | Path | None) -> Conditions:
+    """Read what is known to differ between recordings.
+
+    Args:
+        each: Parameters with a value of their own for every recording.
+        path: A YAML file, `{bag: {parameter: how much above the shared value}}`; None for none.
+
+    Raises:
+        IdentError: INVALID_GOAL where the file cannot be read or says something else.
+    """
+    if path is None:
+        return Conditions(tuple(each))
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{path}: cannot be read ({" ".join(str(error).split())}); {_FORMAT}',
+        ) from None
+    if not isinstance(content, Mapping):
+        raise IdentError(ErrorCode.INVALID_GOAL, f'{path}: holds no bag; {_FORMAT}')
+    known: dict[str, dict[str, float]] = {}
+    for label, values in content.items():
+        if not isinstance(values, Mapping):
+            raise IdentError(
+                ErrorCode.INVALID_GOAL, f'{path}: {label} holds no parameter; {_FORMAT}'
+            )
+        known[str(label)] = {}
+        for name, value in values.items():
+            try:
+                known[str(label)][str(name)] = float(value)
+            except (TypeError, ValueError):
+                raise IdentError(
+                    ErrorCode.INVALID_GOAL, f'{path}: {label}: {name} is {value!r}; {_FORMAT}'
+                ) from None
+    return Conditions(tuple(each), known)
 
 
 class Layout:

@@ -88,6 +88,7 @@ def diagnosed_problem(problem: Problem, found: Diagnosis) -> tuple[Problem, Arra
         drives=problem.drives,
         fixed=problem.fixed,
         effects=[EffectAt(effect, where) for effect, where in places],
+        conditions=problem.setup.conditions if problem.setup else None,
     )
     return extended, np.array([found.parameters[p.name].value for p in extended.parameters])
 

@@ -132,7 +132,9 @@ def _simulated(problem: Problem, theta: Array, segment: int, cycle: IntArray) ->
     if dataset.command_position is None or dataset.command_velocity is None:
         return None
     order = [dataset.names.index(name) for name in problem.machine.drives]
-    values = dict(zip((p.name for p in problem.parameters), theta.tolist(), strict=True))
+    model = problem.models[segment]
+    own = problem.own(segment, theta)[0].tolist()
+    values = dict(zip((p.name for p in model.parameters), own, strict=True))
     try:
         log = simulate_tripod(
             problem.machine,

@@ -115,7 +115,7 @@ def _fill(message: IdentificationResult, finished: Finished) -> None:
     message.seconds = finished.seconds
     message.seed = found.seed
     message.missing_fraction = max(found.quality.missing.values(), default=math.nan)
-    message.bag_path = finished.request.bag_path
+    message.bag_path = ' + '.join(finished.request.bag_paths)
     message.bag_sha256 = finished.data_sha256
     message.configuration = finished.request.configuration
     message.configuration_sha256 = finished.configuration_sha256

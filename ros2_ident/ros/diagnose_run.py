@@ -15,6 +15,7 @@ from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.diagnose import diagnose, DiagnoseProgress
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.identify.data import Data, gather
+from ros2_ident.identify.layout import Conditions
 from ros2_ident.models import EffectAt, Machine, make_model, Parameter
 from ros2_ident.recording import Dataset, RecordingBuilder, Topics
 from ros2_ident.ros.run import Cancel, recordings_of
@@ -28,8 +29,9 @@ class DiagnoseRequest:
         machine: The machine.
         machine_text: Content of its file.
         drives: Drives to look at, in the machine's order.
-        fit_path: Bag to fit to; empty for what the node has received.
-        check_path: Bag to judge on; empty for blocks held out of the first.
+        fit_paths: Bags to fit to; none for what the node has received.
+        check_paths: Bags to judge on; none for blocks held out of the others.
+        conditions: What differs between the bags.
         topics: Names of the topics in the bags.
         without: Ids of effects to leave out of the catalogue.
         seconds: Time budget, s; 0 for none.
@@ -40,8 +42,9 @@ class DiagnoseRequest:
     machine: Machine
     machine_text: str
     drives: tuple[str, ...]
-    fit_path: str = ''
-    check_path: str = ''
+    fit_paths: tuple[str, ...] = ()
+    check_paths: tuple[str, ...] = ()
+    conditions: Conditions = Conditions()
     topics: Topics = field(default_factory=Topics)
     without: tuple[str, ...] = ()
     seconds: float = 0.0
@@ -53,11 +56,12 @@ class DiagnoseRequest:
         """Machine file and settings in force, as YAML."""
         settings = {
             'drives': list(self.drives),
-            'fit_bag': self.fit_path,
-            'check_bag': self.check_path,
+            'fit_bags': list(self.fit_paths),
+            'check_bags': list(self.check_paths),
             'without_effects': list(self.without),
             'time_budget': self.seconds,
             'seed': self.seed,
+            **self.conditions.plain(),
         }
         machine = yaml.safe_load(self.machine_text) if self.machine_text else {}
         return yaml.safe_dump({'machine': machine, 'settings': settings}, sort_keys=False)
@@ -113,10 +117,10 @@ def run_diagnosis(
 
     tell(DiagnoseProgress('reading the recordings', 0.0, '', 0.0, math.nan))
     machine, drives = request.machine, request.drives
-    fit = gather(recordings_of(request.fit_path, request.topics, buffer), machine, drives)
+    fit = gather(recordings_of(request.fit_paths, request.topics, buffer), machine, drives)
     check = None
-    if request.check_path:
-        recordings = recordings_of(request.check_path, request.topics, None)
+    if request.check_paths:
+        recordings = recordings_of(request.check_paths, request.topics, None)
         check = gather(recordings, machine, drives)
 
     def stop() -> bool:
@@ -127,6 +131,9 @@ def run_diagnosis(
         machine,
         fit.datasets,
         check.datasets if check else (),
+        labels=fit.labels,
+        check_labels=check.labels if check else (),
+        conditions=request.conditions,
         drives=drives,
         without=request.without,
         seed=request.seed,

@@ -95,7 +95,7 @@ class Diagnoser:
         node = self._node
         now = parameters.snapshot(node)
         request = diagnose_request_of(goal, now)
-        buffer = None if request.fit_path else node.received()
+        buffer = None if request.fit_paths else node.received()
 
         def job(cancel: Any, say: Says) -> tuple[Diagnosed, str, IdentError | None]:
             found = run_diagnosis(request, buffer, cancel, say)
@@ -113,7 +113,7 @@ class Diagnoser:
             done(diagnose_result(self._ended(value, error)))
 
         node.diagnostics.progress = None  # an earlier run's would pass for this one's
-        source = request.fit_path or 'the data received'
+        source = ' + '.join(request.fit_paths) or 'the data received'
         node.board.change(
             Status.STATE_DIAGNOSING, f'diagnosing {", ".join(request.drives)} from {source}'
         )

@@ -11,6 +11,7 @@ from ros2_ident_msgs.action import Identify
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import chosen_drives
+from ros2_ident.identify.layout import Conditions, read_conditions
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.recording import Topics
@@ -56,7 +57,8 @@ def request_of(goal: Any, parameters: Snapshot, *, receiving: bool = False) -> R
         machine=machine,
         machine_text=Path(machine_file).read_text(encoding='utf-8'),
         drives=chosen_drives(machine, drives),
-        bag_path=_bag_path(goal, 'bag_path'),
+        bag_paths=_bag_paths(goal, 'bag_path'),
+        conditions=_conditions(goal),
         topics=_topics(parameters),
         fixed=fixed,
         bounds=bounds,
@@ -90,8 +92,9 @@ def diagnose_request_of(goal: Any, parameters: Snapshot) -> DiagnoseRequest:
         machine=machine,
         machine_text=Path(machine_file).read_text(encoding='utf-8'),
         drives=chosen_drives(machine, drives),
-        fit_path=_bag_path(goal, 'fit_bag_path'),
-        check_path=_existing(goal.check_bag_path),
+        fit_paths=_bag_paths(goal, 'fit_bag_path'),
+        check_paths=_paths(goal.check_bag_path, goal.more_check_bag_paths, 'check_bag_path'),
+        conditions=_conditions(goal),
         topics=_topics(parameters),
         without=tuple(goal.without_effects),
         seconds=goal.time_budget or parameters['time_budget'],
@@ -117,8 +120,8 @@ def _topics(parameters: Snapshot) -> Topics:
     )
 
 
-def _bag_path(goal: Any, field: str) -> str:
-    """Return the path of the bag in a field of the goal, empty for live data."""
+def _bag_paths(goal: Any, field: str) -> tuple[str, ...]:
+    """Return the paths of the bags in a field of the goal and its further ones; none if live."""
     path = getattr(goal, field)
     if goal.data_source not in (goal.DATA_SOURCE_LIVE, goal.DATA_SOURCE_BAG):
         raise _refuse(f'data_source is {goal.data_source}; give 0 (live) or 1 (bag)')
@@ -127,17 +130,30 @@ def _bag_path(goal: Any, field: str) -> str:
         raise _refuse(f'data_source is 1 (bag) and {field} is empty; give the path of a bag')
     if path and not from_bag:
         raise _refuse(f'{field} is given and data_source is 0 (live); set it to 1 to read the bag')
-    return _existing(path)
+    return _paths(path, getattr(goal, f'more_{field}s'), field)
+
+
+def _paths(first: str, more: Sequence[str], field: str) -> tuple[str, ...]:
+    """Return the paths of bags, which have to exist; the first may be empty where it is alone."""
+    if more and not first:
+        raise _refuse(f'more_{field}s has paths and {field} is empty; put the first one there')
+    return tuple(_existing(path) for path in (first, *more) if path)
 
 
 def _existing(path: str) -> str:
-    """Return a bag's path, empty as it is."""
-    if path and not Path(path).expanduser().exists():
+    """Return a bag's path."""
+    if not Path(path).expanduser().exists():
         raise IdentError(
             ErrorCode.NO_DATA,
             f"{path}: does not exist on the node's machine; give the path of a bag there",
         )
-    return str(Path(path).expanduser()) if path else ''
+    return str(Path(path).expanduser())
+
+
+def _conditions(goal: Any) -> Conditions:
+    """Return what differs between the recordings of a goal."""
+    path = goal.differences_file
+    return read_conditions(tuple(goal.each), Path(path).expanduser() if path else None)
 
 
 def _settings(goal: Any, parameters: Snapshot, receiving: bool) -> IdentifySettings:

@@ -139,7 +139,7 @@ class Identifier(Node):
         """
         now = parameters.snapshot(self)
         request = request_of(goal, now, receiving=self.capture.idle < RECEIVING)
-        buffer = None if request.bag_path else self.received()
+        buffer = None if request.bag_paths else self.received()
 
         def preview(simulated: list[Stream], residual: list[Stream]) -> None:
             series = _messages(simulated), _messages(residual)
@@ -168,7 +168,7 @@ class Identifier(Node):
             if done is not None:
                 done(message)
 
-        source = request.bag_path or 'the data received'
+        source = ' + '.join(request.bag_paths) or 'the data received'
         self.board.change(
             Status.STATE_IDENTIFYING,
             f'identifying {", ".join(request.drives)} from {source}',

@@ -15,6 +15,7 @@ import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import Data, gather
+from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification
 from ros2_ident.identify.run import identify
@@ -48,7 +49,8 @@ class Request:
         machine: The machine.
         machine_text: Content of its file.
         drives: Drives to identify, in the machine's order.
-        bag_path: Bag to read; empty for what the node has received.
+        bag_paths: Bags to read; none for what the node has received.
+        conditions: What differs between the bags.
         topics: Names of the topics in the bag.
         fixed: Parameters held at a value.
         bounds: Bounds other than the machine file's.
@@ -60,7 +62,8 @@ class Request:
     machine: Machine
     machine_text: str
     drives: tuple[str, ...]
-    bag_path: str = ''
+    bag_paths: tuple[str, ...] = ()
+    conditions: Conditions = Conditions()
     topics: Topics = field(default_factory=Topics)
     fixed: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -77,6 +80,7 @@ class Request:
             fixed=self.fixed,
             bounds=self.bounds,
             cutoff=self.settings.cutoff,
+            conditions=self.conditions,
         )
 
     @property
@@ -92,6 +96,7 @@ class Request:
             'refine': self.settings.refine,
             'budget': dict(vars(budget)),
             'seed': self.seed,
+            **self.conditions.plain(),
         }
         machine = yaml.safe_load(self.machine_text) if self.machine_text else {}
         return yaml.safe_dump({'machine': machine, 'settings': settings}, sort_keys=False)
@@ -187,7 +192,7 @@ def run(
         IdentError: With the remedy.
     """
     start = time.monotonic()
-    recordings = recordings_of(request.bag_path, request.topics, buffer)
+    recordings = recordings_of(request.bag_paths, request.topics, buffer)
     data = gather(recordings, request.machine, request.drives)
     preview = on_preview and Preview(request.problem(data), on_preview, preview_period)
 
@@ -203,6 +208,7 @@ def run(
         drives=request.drives,
         fixed=request.fixed,
         bounds=request.bounds,
+        conditions=request.conditions,
         settings=request.settings,
         seed=request.seed,
         cancel=cancel,
@@ -219,11 +225,11 @@ def run(
 
 
 def recordings_of(
-    bag_path: str, topics: Topics, buffer: RecordingBuilder | None
+    bag_paths: Sequence[str], topics: Topics, buffer: RecordingBuilder | None
 ) -> list[Recording]:
-    """Return the recordings of a bag, or what the node has received where no bag is named."""
-    if bag_path:
-        return read_bag(bag_path, topics)
+    """Return the recordings of bags, or what the node has received where no bag is named."""
+    if bag_paths:
+        return [recording for path in bag_paths for recording in read_bag(path, topics)]
     if buffer is None:
         raise IdentError(ErrorCode.NO_DATA, 'there is no live data; replay a bag or name its path')
     return buffer.build()
