@@ -169,7 +169,6 @@ def test_the_diagnosis_knows_nothing_of_the_generator() -> None:
     assert done.stdout.strip() == '[]'
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_two_cases_from_the_draw_to_the_page(tmp_path, capsys) -> None:
     words = ['blind', '--cases', '2', '--seed', '8', '--out', str(tmp_path / 'run')]

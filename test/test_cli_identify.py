@@ -223,7 +223,6 @@ def test_results_do_not_go_where_a_file_is(command, tmp_path, capsys):
     assert 'give another directory for the results' in refused(command, capsys)
 
 
-@pytest.mark.slow
 def test_a_drive_of_the_tripod_from_the_command_line(tmp_path):
     bag = write_simulated(tmp_path / 'bag', tripod_bag())
     words = ['identify', str(bag), '--machine', str(TRIPOD_FILE), '--out', str(tmp_path / 'out')]

@@ -89,7 +89,6 @@ def test_the_example_passes_its_own_test(
     module.test_the_buffer_pushes_back_behind_its_place_only()
 
 
-@pytest.mark.slow
 def test_one_file_is_enough_for_a_simulation(blocks: list[str], tmp_path: Path) -> None:
     """In a copy of the package; there the kernels are compiled anew."""
     without = shutil.ignore_patterns('__pycache__')

@@ -11,7 +11,6 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 
-@pytest.mark.slow
 def test_the_site_is_built_strictly_and_whole(tmp_path: Path) -> None:
     pytest.importorskip('mkdocs', reason='mkdocs is not installed')
     done = subprocess.run(

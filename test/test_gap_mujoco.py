@@ -84,7 +84,6 @@ def test_a_limit_shows_as_a_flat_top(short) -> None:
     assert short.course(0, true).torque.max() == limit
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ('name', 'size', 'seed', 'expected'),
     [('cogging', 4.0, 2, 'torque_ripple'), ('none', 0.0, 1, 'none')],

@@ -251,7 +251,6 @@ def test_nothing_to_identify_from():
         identify(axis(), [], settings=QUICK)
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not (SHARED / 'data' / 'emps_train').exists(), reason='no ../shared/data here')
 def test_emps_comes_out_as_published():
     machine = load_machine(AXIS_FILE)

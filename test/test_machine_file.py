@@ -86,7 +86,6 @@ def test_a_file_that_is_there_is_kept(tmp_path, capsys):
     assert path.read_text() == 'mine'
 
 
-@pytest.mark.slow
 def test_from_a_new_machine_file_to_a_result(tmp_path, capsys):
     file, bag, out = (str(tmp_path / name) for name in ('axis.yaml', 'bag', 'out'))
     assert main(['new-machine', '--kind', 'linear_axis', '--drives', 'x', '--out', file]) == 0

@@ -15,16 +15,8 @@ set -uo pipefail
 cd "${0%/*}/.." || exit
 failed=0
 
-# What is not the package's stays out of its environment.
-install_peers() {
-  cmp -s benchmarks/peers.lock build/peers/.lock && return
-  rm -rf build/peers
-  python -m pip install --quiet --no-input --no-deps --target build/peers \
-    -r benchmarks/peers.lock && cp benchmarks/peers.lock build/peers/.lock
-}
-
 with_peers() {
-  install_peers || {
+  tools/peers.sh || {
     echo 'bench: Exudyn, MuJoCo and pycma could not be installed; check the network.' >&2
     return 1
   }

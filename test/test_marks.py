@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which tests are marked slow, and what a run makes of those that are not, or are skipped."""
+
+from pathlib import Path
+import re
+
+import conftest
+import pytest
+from slow_tests import slow_of
+
+pytest_plugins = ['pytester']
+
+HERE = Path(__file__).parent
+LOG = '''
+9.00s setup    test/test_a.py::test_one
+0.10s call     test/test_a.py::test_two
+1.20s call     test/test_b.py::test_three[x y]
+0.90s call     test/test_b.py::test_four
+'''
+
+
+def test_the_list_is_made_of_measured_durations() -> None:
+    assert slow_of(LOG) == ['test_a.py', 'test_b.py::test_three']
+
+
+def test_what_the_list_names_is_there() -> None:
+    assert conftest.listed()
+    for name in conftest.listed():
+        file, _, test = name.partition('::')
+        text = (HERE / file).read_text(encoding='utf-8')
+        assert not test or re.search(rf'^def {test}\(', text, re.MULTILINE), name
+
+
+@pytest.fixture
+def suite(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytest.Pytester:
+    text = (HERE / 'conftest.py').read_text(encoding='utf-8')
+    pytester.makeconftest(text.replace('LIMIT = 15.0', 'LIMIT = 0.2'))
+    pytester.path.joinpath('slow.txt').write_text('test_it.py::test_listed\n', encoding='utf-8')
+    pytester.makeini('[pytest]\nmarkers =\n  slow: slow\n  ros: ros\n')
+    monkeypatch.delenv('CI', raising=False)
+    return pytester
+
+
+def test_a_slow_test_that_is_not_listed_fails_the_run(
+    suite: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sleep = 'import time\n\ndef test_listed(): time.sleep(0.4)\n'
+    suite.makepyfile(test_it=sleep)
+    assert suite.runpytest_subprocess().ret == 0
+    suite.runpytest_subprocess('-m', 'not slow').assert_outcomes(deselected=1)
+    suite.makepyfile(test_it=f'{sleep}\ndef test_other(): time.sleep(0.4)\n')
+    ran = suite.runpytest_subprocess()
+    assert ran.ret == 1
+    ran.stdout.fnmatch_lines(['AMISS test_it.py::test_other took 0 s and is not marked slow*'])
+    # What compiles takes so long only once, and is not meant.
+    monkeypatch.setenv('NUMBA_CACHE_DIR', str(suite.path))
+    suite.makepyfile(
+        test_it='from pathlib import Path\nimport time\n\n'
+        'def test_other():\n    time.sleep(0.4)\n    Path("kernel.nbc").touch()\n'
+    )
+    assert suite.runpytest_subprocess().ret == 0
+
+
+def test_in_ci_nothing_is_skipped(
+    suite: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    suite.makepyfile(
+        test_it='import pytest\n\ndef test_a(): pytest.skip("no zsh")\n\ndef test_b(): pass\n',
+        test_whole='import pytest\npytest.importorskip("no_such_module", reason="no MuJoCo")\n',
+    )
+    assert suite.runpytest_subprocess().ret == 0
+    monkeypatch.setenv('CI', 'true')
+    ran = suite.runpytest_subprocess()
+    ran.assert_outcomes(failed=1, passed=1, skipped=1)
+    assert 'With CI=true nothing may be skipped. Skipped: no zsh' in ran.stdout.str()
+    ran.stdout.fnmatch_lines(['AMISS test_whole.py is skipped with CI=true: *no MuJoCo'])
+    suite.path.joinpath('test_it.py').unlink()
+    assert suite.runpytest_subprocess().ret != 0

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Write test/slow.txt from the durations that a run of all tests has printed.
+
+python -m pytest test --durations=0 | tee build/tests.log
+python tools/slow_tests.py build/tests.log
+"""
+
+from pathlib import Path
+import re
+import sys
+
+ROOT = Path(__file__).parents[1]
+# From here on a test is slow, s.
+SLOW = 1.0
+HEAD = (
+    '# What is marked `slow`: tests of {slow:g} s and more where everything is compiled, and\n'
+    '# files whose fixtures take as long. Written by tools/slow_tests.py.\n'
+)
+
+
+def slow_of(log: str) -> list[str]:
+    """Return the lines of the list, in order, for the output of pytest."""
+    files, tests = set(), set()
+    for seconds, phase, name in re.findall(r'^([\d.]+)s (\w+) +(\S.*)$', log, re.MULTILINE):
+        test = name.strip().removeprefix('test/').partition('[')[0]
+        file = test.partition('::')[0]
+        if float(seconds) >= SLOW:
+            files |= {file} if phase == 'setup' else set()
+            tests |= {test}
+    return sorted(files | {test for test in tests if test.partition('::')[0] not in files})
+
+
+if __name__ == '__main__':
+    text = '\n'.join(slow_of(Path(sys.argv[1]).read_text(encoding='utf-8')))
+    head = HEAD.format(slow=SLOW)
+    (ROOT / 'test/slow.txt').write_text(f'{head}{text}\n', encoding='utf-8')
