@@ -3,14 +3,16 @@
 
 from dataclasses import replace
 
-from identify_cases import axis, axis_data, QUICK, ROOT, tripod
+from identify_cases import axis, axis_data, AXIS_FILE, QUICK, ROOT, tripod
 import numpy as np
 import pytest
 
+from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
 from ros2_ident.identify.data import read_problem
 from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
+from ros2_ident.report.files import load_result
 from ros2_ident.search import Budget
 
 
@@ -83,3 +85,16 @@ def test_candidates_of_unequal_work_go_on_to_the_same_bits(tmp_path):
     assert path.exists()
     again = identify(machine, data, settings=settings, seed=1, checkpoint=path)
     assert np.array_equal(again.theta, whole.theta)
+
+
+def test_the_command_goes_on_where_it_was_cut_off(tmp_path):
+    bag, out = ROOT / 'bags/axis_reversals', tmp_path / 'out'
+    words = ['identify', str(bag), '--machine', str(AXIS_FILE), '--quiet']
+    words += ['--no-report', '--no-overlay', '--seed', '5', '--population', '256']
+    assert main([*words, '--out', str(tmp_path / 'whole')]) == 0
+    assert main([*words, '--out', str(out), '--evaluations', '500']) == 1
+    assert (out / 'checkpoint.npz').exists()
+    assert main([*words, '--out', str(out), '--resume']) == 0
+    assert not (out / 'checkpoint.npz').exists()
+    whole, again = (load_result(folder) for folder in (tmp_path / 'whole', out))
+    assert again.theta.tobytes() == whole.theta.tobytes()

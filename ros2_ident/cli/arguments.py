@@ -326,9 +326,11 @@ def add_scheduler(parser: Any) -> None:
 
 
 def workers_of(args: argparse.Namespace) -> Any:
-    """Return who simulates: a cluster, or None for threads of this process."""
-    if args.scheduler is None:
-        return None
-    from ros2_ident.search.cluster import Cluster
+    """Return who simulates: a cluster, or threads of this process."""
+    if args.scheduler is not None:
+        from ros2_ident.search.cluster import Cluster
 
-    return Cluster(args.scheduler)
+        return Cluster(args.scheduler)
+    from ros2_ident.search import Threads
+
+    return Threads(args.threads)

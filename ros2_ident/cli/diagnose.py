@@ -10,11 +10,13 @@ from ros2_ident.cli.arguments import (
     add_drives,
     add_effort,
     add_machine,
+    add_scheduler,
     add_topics,
     assignment,
     bags,
     complete,
     conditions_of,
+    count,
     effects,
     machine_of,
     names,
@@ -23,6 +25,7 @@ from ros2_ident.cli.arguments import (
     parameters,
     topics_of,
     whole,
+    workers_of,
 )
 
 if TYPE_CHECKING:
@@ -85,6 +88,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--seconds', type=not_negative, default=0.0, metavar='N', help='stop after this time'
     )
+    parser.add_argument(
+        '--threads', type=count, metavar='N', help='threads; one for each processor'
+    )
+    add_scheduler(parser)
     parser.add_argument('--no-overlay', action='store_true', help='write no overlay bag')
     parser.add_argument('--quiet', action='store_true', help='show no progress')
     add_effort(parser)
@@ -135,6 +142,7 @@ def run(args: argparse.Namespace) -> int:
             seconds=args.seconds,
             cancelled=cancel.is_set,
             on_progress=show,
+            workers=workers_of(args),
         )
     print_diagnosis(found)
     if out is not None:

@@ -43,7 +43,7 @@ EXAMPLES = (
     'writes to DIR: result.json and result.yaml (the same content), history.npz (every\n'
     'candidate), signals.npz (measured and simulated effort), overlay (a bag with the measured,\n'
     'simulated and residual effort, the result, and of a tripod its motion as markers for RViz\n'
-    'and Foxglove), report.html (all of it as a page)\n'
+    'and Foxglove), report.html (all of it as a page); checkpoint.npz where a run was cut short\n'
 )
 EXIT_CODES = {
     0: 'identified',
@@ -87,6 +87,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_search(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('search')
     group.add_argument('--no-refine', action='store_true', help='genetic algorithm only')
+    group.add_argument(
+        '--resume',
+        action='store_true',
+        help='go on where an earlier run of the same command ended, by DIR/checkpoint.npz; same '
+        'result',
+    )
     for name, kind, what in (
         ('evaluations', count, 'simulate at most so many candidates'),
         ('seconds', positive, 'stop after this time'),
@@ -137,7 +143,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.identify.result import Outcome
     from ros2_ident.identify.run import identify, read_problem
     from ros2_ident.identify.setup import problem_of
-    from ros2_ident.report.files import write_result
+    from ros2_ident.report.files import CHECKPOINT, write_result
     from ros2_ident.report.overlay import OVERLAY, require_place, verdict_of, write_overlay
 
     fixed, bounds = once(args.fix, '--fix'), once(args.bounds, '--bounds')
@@ -148,6 +154,9 @@ def run(args: argparse.Namespace) -> int:
     out = make_directory(args.out)
     if not args.no_overlay:
         require_place(out / OVERLAY, data, args.bag)
+    checkpoint = out / CHECKPOINT
+    if not args.resume:
+        checkpoint.unlink(missing_ok=True)
     with interrupts() as cancel, make_meter(quiet=args.quiet) as meter:
         result = identify(
             machine,
@@ -161,6 +170,7 @@ def run(args: argparse.Namespace) -> int:
             cancel=cancel,
             on_progress=meter,
             workers=workers_of(args),
+            checkpoint=checkpoint,
         )
         problem = problem_of(
             machine, data, drives=result.drives, fixed=result.fixed, conditions=conditions

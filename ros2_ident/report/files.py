@@ -30,6 +30,8 @@ JSON, YAML, HISTORY, SIGNALS = 'result.json', 'result.yaml', 'history.npz', 'sig
 DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'
 # Made from the others by `report.page`.
 PAGE = 'report.html'
+# What a run that was cut short goes on from.
+CHECKPOINT = 'checkpoint.npz'
 
 
 def write_diagnosis(

@@ -19,6 +19,7 @@ from ros2_ident.identify.layout import Conditions
 from ros2_ident.models import EffectAt, Machine, make_model, Parameter
 from ros2_ident.recording import Dataset, RecordingBuilder, Topics
 from ros2_ident.ros.run import Cancel, recordings_of
+from ros2_ident.search import Threads
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class DiagnoseRequest:
         conditions: What differs between the bags.
         topics: Names of the topics in the bags.
         without: Ids of effects to leave out of the catalogue.
+        threads: Threads that simulate; one for each processor where None.
         seconds: Time budget, s; 0 for none.
         seed: Of the random generator.
         output_directory: Where to make the run's folder; empty to write nothing.
@@ -47,6 +49,7 @@ class DiagnoseRequest:
     conditions: Conditions = Conditions()
     topics: Topics = field(default_factory=Topics)
     without: tuple[str, ...] = ()
+    threads: int | None = None
     seconds: float = 0.0
     seed: int = 1
     output_directory: str = ''
@@ -139,6 +142,7 @@ def run_diagnosis(
         seed=request.seed,
         cancelled=stop,
         on_progress=tell,
+        workers=Threads(request.threads),
     )
     return Diagnosed(
         request=request,

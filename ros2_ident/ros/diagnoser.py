@@ -94,7 +94,7 @@ class Diagnoser:
     def _begin(self, goal: Any, tell: Says, done: Says) -> None:
         node = self._node
         now = parameters.snapshot(node)
-        request = diagnose_request_of(goal, now)
+        request = diagnose_request_of(goal, now, receiving=node.receiving)
         buffer = None if request.fit_paths else node.received()
 
         def job(cancel: Any, say: Says) -> tuple[Diagnosed, str, IdentError | None]:

@@ -68,12 +68,15 @@ def request_of(goal: Any, parameters: Snapshot, *, receiving: bool = False) -> R
     )
 
 
-def diagnose_request_of(goal: Any, parameters: Snapshot) -> DiagnoseRequest:
+def diagnose_request_of(
+    goal: Any, parameters: Snapshot, *, receiving: bool = False
+) -> DiagnoseRequest:
     """Return what a goal asks for, with the node's parameters where it says nothing.
 
     Args:
         goal: A `Diagnose.Goal`.
         parameters: The node's.
+        receiving: Whether messages arrive that must not wait for the simulation.
 
     Raises:
         IdentError: INVALID_GOAL, NO_DATA, UNKNOWN_PARAMETER for a strange effect, or what is wrong
@@ -97,6 +100,7 @@ def diagnose_request_of(goal: Any, parameters: Snapshot) -> DiagnoseRequest:
         conditions=_conditions(goal),
         topics=_topics(parameters),
         without=tuple(goal.without_effects),
+        threads=_threads(parameters, receiving),
         seconds=goal.time_budget or parameters['time_budget'],
         seed=goal.seed or parameters['seed'],
         output_directory=parameters['output_directory'],
@@ -156,6 +160,11 @@ def _conditions(goal: Any) -> Conditions:
     return read_conditions(tuple(goal.each), Path(path).expanduser() if path else None)
 
 
+def _threads(parameters: Snapshot, receiving: bool) -> int:
+    """Return how many threads simulate."""
+    return parameters['workers'] or max(1, processors() - receiving)
+
+
 def _settings(goal: Any, parameters: Snapshot, receiving: bool) -> IdentifySettings:
     changes: dict[str, Any] = {
         name: getattr(goal, name) for name in (*_COUNTS, 'range_reduction') if getattr(goal, name)
@@ -169,7 +178,7 @@ def _settings(goal: Any, parameters: Snapshot, receiving: bool) -> IdentifySetti
             genetic=parameters.genetic(**changes),
             budget=Budget(evaluations=evaluations or None, seconds=seconds or None),
             refine=goal.refine,
-            threads=parameters['workers'] or max(1, processors() - receiving),
+            threads=_threads(parameters, receiving),
         )
     except IdentError as error:
         raise _refuse(error.message) from None

@@ -138,7 +138,7 @@ class Identifier(Node):
             IdentError: Where the goal is unusable; nothing has been started then.
         """
         now = parameters.snapshot(self)
-        request = request_of(goal, now, receiving=self.capture.idle < RECEIVING)
+        request = request_of(goal, now, receiving=self.receiving)
         buffer = None if request.bag_paths else self.received()
 
         def preview(simulated: list[Stream], residual: list[Stream]) -> None:
@@ -174,6 +174,11 @@ class Identifier(Node):
             f'identifying {", ".join(request.drives)} from {source}',
         )
         self.worker.start(job, said, ended, rate=now['progress_rate'])
+
+    @property
+    def receiving(self) -> bool:
+        """Whether messages have arrived just now, which must not wait for the simulation."""
+        return self.capture.idle < RECEIVING
 
     def received(self) -> RecordingBuilder:
         """Return what has been received.

@@ -6,6 +6,7 @@ Identification, diagnosis, the paper's experiments and the fleet all fit by this
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+import math
 from pathlib import Path
 import time
 from typing import Protocol
@@ -29,6 +30,8 @@ REFINEMENT_SHARE = 0.3
 APART = 0.1
 # A residual this close to the effort's own noise leaves nothing to search for.
 DOWN_TO_NOISE = 1.2
+# Checkpoints may take this share of the time.
+CHECKPOINT_SHARE = 0.02
 # Jacobians a refinement takes, for the estimate of the time to go.
 USUAL_STEPS = 12
 
@@ -205,8 +208,9 @@ def fit(
         cancel: A `threading.Event` or the like; the best so far is kept.
         on_progress: Called from this thread at most ten times a second.
         workers: Who evaluates; threads of this process, one for each processor, where None.
-        checkpoint: File that is written after every generation and gone at the end; a fit of the
-            same problem, settings and seed goes on from it, with the same result to the bit.
+        checkpoint: File that is written after a generation, as far as that takes little time, and
+            gone at the end; a fit of the same problem, settings and seed goes on from it, with
+            the same result to the bit.
 
     Returns:
         The estimate with what is known of it.
@@ -265,6 +269,7 @@ class _Fit:
         self.per_start = settings.refine_evaluations or 60 * jacobian
         self.search = GeneticSearch(len(self.names), settings.genetic, seed)
         self.checkpoint = None
+        self.next_checkpoint = -math.inf
         self.best_costs: list[float] = []
         if checkpoint is not None:
             self.checkpoint = Checkpoint(checkpoint, problem.key)
@@ -372,9 +377,10 @@ class _Fit:
         self.generations += [self.search.generation] * len(theta)
 
     def _keep(self, search: GeneticSearch) -> None:
-        """Write the checkpoint of a generation that is complete."""
+        """Write the checkpoint of a generation that is complete, where it is worth its time."""
         self.best_costs.append(search.best_cost)
-        if self.checkpoint is not None:
+        begin = time.monotonic()
+        if self.checkpoint is not None and begin >= self.next_checkpoint:
             self.checkpoint.write(
                 search,
                 np.array(self.best_costs),
@@ -383,6 +389,8 @@ class _Fit:
                 np.concatenate(self.exact),
                 np.array(self.generations),
             )
+            took = time.monotonic() - begin
+            self.next_checkpoint = begin + took / CHECKPOINT_SHARE
 
     def _report_search(self, progress: Progress) -> None:
         assert self.on_progress is not None
