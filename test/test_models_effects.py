@@ -68,7 +68,7 @@ def closed(name: str, form: str) -> float:
         return model.residuals(theta).reshape(len(phi), -1)
 
     low, high = np.array([(p.low, p.high) for p in model.parameters[-own:]]).T
-    off = [p.neutral * model.effort_share(p.unit) for p in get_effect(name).parameters]
+    off = [p.neutral for p in model.scaled(at)]
     starts = np.array([phi for group in trials(at, model) for phi in group])
     losses = np.mean(residuals(starts) ** 2, axis=1)
     best = starts[np.argsort(np.where(np.isfinite(losses), losses, np.inf))[:3]]

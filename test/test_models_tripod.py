@@ -165,7 +165,7 @@ def test_an_effect_at_its_neutral_values_changes_nothing(model: Tripod, effect_i
     effect = get_effect(effect_id)
     where = 'all' if effect.place == 'all' else 'drive_2'
     extended = Tripod(MACHINE, model.data, effects=[EffectAt(effect_id, where)])
-    neutral = [p.neutral * extended.effort_share(p.unit) for p in effect.parameters]
+    neutral = [p.neutral for p in extended.scaled(extended.effects[0])]
     theta = theta_of(model, TABLE_5)
     plain = model.simulate(theta[None])[0]
     with_it = extended.simulate(np.concatenate([theta, neutral])[None])[0]
@@ -178,7 +178,7 @@ def test_an_effect_inside_its_bounds_changes_the_log(model: Tripod, effect_id: s
     where = 'all' if effect.place == 'all' else 'drive_2'
     extended = Tripod(MACHINE, model.data, effects=[EffectAt(effect_id, where)])
     values = []
-    for p in effect.parameters:
+    for p in extended.scaled(extended.effects[0]):
         if p.role == 'time':
             value = 0.8
         elif p.starts:
@@ -187,7 +187,7 @@ def test_an_effect_inside_its_bounds_changes_the_log(model: Tripod, effect_id: s
             value = p.neutral
         else:
             value = p.neutral + 0.2 * ((p.high if p.high > p.neutral else p.low) - p.neutral)
-        values.append(value * extended.effort_share(p.unit))
+        values.append(value)
     theta = theta_of(model, TABLE_5)
     with_it = extended.simulate(np.concatenate([theta, values])[None])[0]
     change = np.sqrt(np.mean((with_it - model.simulate(theta[None])[0]) ** 2, axis=1))

@@ -213,7 +213,8 @@ def print_diagnosis(d: 'Diagnosis') -> None:
             if name in nominal and abs(d.moved[name]) >= 0.01
             else ''
         )
-        print(f'  {name:45s} {v.value:12.5g} [{v.low:.5g}, {v.high:.5g}] {v.unit}{moved}')
+        end = '  at its bound' if v.at_bound else ''
+        print(f'  {name:45s} {v.value:12.5g} [{v.low:.5g}, {v.high:.5g}] {v.unit}{moved}{end}')
     for text in d.advice:
         print(f'advice: {text}')
     print(f'{d.seconds:.0f} s, seed {d.seed}')

@@ -9,7 +9,7 @@ EFFECT = Effect(
     title='Coulomb friction',
     equation='M_C sgn v',
     source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
-    parameters=(EffectParameter('torque', 'effort', 0.0, 0.2, 0.0, target='coulomb'),),
+    parameters=(EffectParameter('torque', 'effort', 0.0, 1.0, 0.0, target='coulomb'),),
     hook=Hook.PARAMETER,
     kernel=None,
     place='drive',

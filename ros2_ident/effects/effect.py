@@ -121,8 +121,8 @@ class EffectParameter:
     Attributes:
         name: Short name, unique within the effect.
         unit: SI unit as text; one that begins with `effort` (N m or N, whichever the machine logs)
-            has bounds as shares of the controller's limit, and `1/W` as shares of the inverse of
-            the power at this limit and 1 m/s.
+            has numbers as shares of the size of the drive's logged effort (what one sample in a
+            thousand exceeds), and `1/W` as shares of the inverse of its power at 1 m/s.
         low: Lower bound of the search, physical sign included.
         high: Upper bound of the search.
         neutral: Value at which the effect vanishes, or that means nothing while another parameter

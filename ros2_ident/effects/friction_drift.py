@@ -32,7 +32,7 @@ EFFECT = Effect(
     source='Bittencourt and Gunnarsson, J. Dyn. Syst. Meas. Control 134(5), 2012',
     parameters=(
         EffectParameter('share', '1', -0.9, 1.0, 0.0),
-        EffectParameter('heating', '1/W', -1500.0, 500.0, 0.0),
+        EffectParameter('heating', '1/W', -300.0, 100.0, 0.0),
         EffectParameter(
             'time_constant', 's', 2.0, 1000.0, 10.0, starts=(3.0, 8.0, 100.0), role='shape'
         ),

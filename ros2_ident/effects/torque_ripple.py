@@ -20,8 +20,8 @@ EFFECT = Effect(
     equation='A sin(n gear z) + B cos(n gear z) added to the motor torque',
     source='Holtz and Springob, IEEE TIE 43(2), 1996',
     parameters=(
-        EffectParameter('sine', 'effort', -0.05, 0.05, 0.0),
-        EffectParameter('cosine', 'effort', -0.05, 0.05, 0.0),
+        EffectParameter('sine', 'effort', -0.25, 0.25, 0.0),
+        EffectParameter('cosine', 'effort', -0.25, 0.25, 0.0),
         EffectParameter(
             'order',
             '1',

@@ -12,6 +12,7 @@ from ros2_ident.identify.layout import Conditions, Layout
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models import complete, EffectAt, FullModel, make_model, Model
+from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.models.recorded import RecordedMotion
 from ros2_ident.recording import Dataset
 
@@ -52,6 +53,7 @@ def recordings_of(
     drives: Sequence[str] | None = None,
     fixed: Mapping[str, float] | None = None,
     labels: Sequence[str] = (),
+    beside: Sequence[Dataset] = (),
 ) -> Recordings:
     """Return a machine's nominal model on each recording.
 
@@ -61,11 +63,15 @@ def recordings_of(
         drives: The drives compared; all by default.
         fixed: Parameters not to be identified.
         labels: For each recording, the bag it came from.
+        beside: The machine's other recordings: what drives do on them bounds effects, too.
 
     Raises:
         IdentError: As `make_model`.
     """
-    models = (make_model(machine, d, drives=drives, fixed=fixed) for d in data)
+    efforts = effort_range(machine, [*data, *beside])
+    models = (
+        make_model(machine, d, drives=drives, fixed=fixed, efforts=efforts) for d in data
+    )
     return Recordings(tuple(models), tuple(labels))
 
 

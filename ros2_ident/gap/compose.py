@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From what the rounds found to the diagnosis as a value."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 
 import numpy as np
@@ -12,7 +12,7 @@ from ros2_ident.gap.blocks import Blocks, Interval
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
-from ros2_ident.gap.explain import Explained, Explainer
+from ros2_ident.gap.explain import at_bound, Explained, Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
@@ -76,7 +76,7 @@ def compose(
         effect=verdict.effect,
         where=verdict.where,
         probability=verdict.probability,
-        sentence=_sentence(verdict, explainer, found, floor, model.unit),
+        sentence=_sentence(verdict, explainer, found, floor, model.unit) + _bounded(values),
         also=verdict.also,
         confusable=tuple(
             _ranked(explainer, found.chain[0], w.at, w.probability, w.model)
@@ -104,7 +104,7 @@ def compose(
         nominal=nominal,
         gates=tuple(gates),
         not_testable=testable,
-        advice=advice(verdict, testable),
+        advice=(*_doubts(values), *advice(verdict, testable)),
         complete=found.complete,
         seconds=seconds,
         seed=seed,
@@ -148,9 +148,17 @@ def _values(explainer: Explainer, e: Explanation) -> dict[str, Value]:
         high,
         series=[int(s) for s in series],
     )
+    # Those of the effects come last; the bounds of the others are the machine file's matter.
+    sizes = [p for at in e.effects for p in joint.models[0].scaled(at)]
+    first = len(joint.parameters) - len(sizes)
+    ends = [False] * first + [
+        at_bound(p, float(v)) for p, v in zip(sizes, e.theta[first:], strict=True)
+    ]
     return {
-        p.name: Value(float(v), p.unit, float(lo), float(hi))
-        for p, v, lo, hi in zip(joint.parameters, e.theta, found.low, found.high, strict=True)
+        p.name: Value(float(v), p.unit, float(lo), float(hi), end)
+        for p, v, lo, hi, end in zip(
+            joint.parameters, e.theta, found.low, found.high, ends, strict=True
+        )
     }
 
 
@@ -176,6 +184,24 @@ def _ranked(
     prefix = f'{at.effect}.' if at.where == 'all' else f'{at.where}.{at.effect}.'
     own = {name: v for name, v in _values(explainer, e).items() if name.startswith(prefix)}
     return Ranked(at, probability, gap, explainer.share(base, e), own)
+
+
+def _bounded(values: Mapping[str, Value]) -> str:
+    """Return what the sentence adds where a size ended at a bound of its search."""
+    names = [name for name, v in values.items() if v.at_bound]
+    ends = 'ends at a bound' if len(names) == 1 else 'end at bounds'
+    return f' {", ".join(names)} {ends} of the search.' if names else ''
+
+
+def _doubts(values: Mapping[str, Value]) -> list[str]:
+    """Return what to do about sizes at a bound of their search."""
+    return [
+        f'{name} ends at a bound of its search, {v.value:.4g} {v.unit}: either the effect is '
+        'larger than any that is looked for, or it stands in for another cause; check the unit of '
+        'the effort and the constants of the machine file, or repeat the diagnosis without it.'
+        for name, v in values.items()
+        if v.at_bound
+    ]
 
 
 def _per_drive(

@@ -157,8 +157,10 @@ def diagnose(
             ErrorCode.NO_DATA, 'there is no recording to fit on; give a bag with drive data'
         )
     else:
-        first = recordings_of(machine, fit, drives=drives, fixed=fixed, labels=labels)
-        second = recordings_of(machine, check, drives=drives, fixed=fixed, labels=check_labels)
+        first, second = (
+            recordings_of(machine, data, drives=drives, fixed=fixed, labels=names, beside=beside)
+            for data, names, beside in ((fit, labels, check), (check, check_labels, fit))
+        )
     if conditions is not None:
         conditions.check([*first.labels, *second.labels])
         if conditions.each and second.models:

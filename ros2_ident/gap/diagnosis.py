@@ -30,12 +30,14 @@ class Value:
         unit: Its unit.
         low: Lower end of the 95 % interval, NaN where not known.
         high: Upper end.
+        at_bound: Whether it is the size of an effect and ended at a bound of its search.
     """
 
     value: float
     unit: str
     low: float
     high: float
+    at_bound: bool = False
 
 
 @dataclass(frozen=True)
@@ -192,6 +194,7 @@ def _values(values: Mapping[str, Value]) -> dict[str, Any]:
             'unit': v.unit,
             'low': _number(v.low),
             'high': _number(v.high),
+            'at_bound': v.at_bound,
         }
         for name, v in values.items()
     }

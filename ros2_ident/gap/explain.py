@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.effects import get_effect
+from ros2_ident.effects import EffectParameter, get_effect
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.models import EffectAt
@@ -18,6 +18,18 @@ Array = npt.NDArray[np.float64]
 _TIE = 20.0
 # Share of what controllers miss of the log that an effect may leave and be vouched for by it.
 _MISSED = 0.05
+
+
+def at_bound(parameter: EffectParameter, value: float) -> bool:
+    """Whether an effect's size ended at a bound of its search, other than at its neutral value.
+
+    Args:
+        parameter: The parameter with its numbers at a place, from `FullModel.scaled`.
+        value: What was fitted, in its unit.
+    """
+    edge = 1e-3 * (parameter.high - parameter.low)
+    outside = value <= parameter.low + edge or value >= parameter.high - edge
+    return parameter.role == 'size' and outside and abs(value - parameter.neutral) > edge
 
 
 @dataclass(frozen=True)
@@ -188,17 +200,9 @@ class Explainer:
 
     def plausible(self, e: Explanation) -> bool:
         """Whether the newest effect's sizes stay inside their bounds."""
-        effect = get_effect(e.effects[-1].effect)
-        joint = self.attribution.case.fit.with_effects(e.effects)
-        names = joint.parameters[-len(effect.parameters) :]
-        values = e.theta[-len(effect.parameters) :]
-        for p, declared, value in zip(effect.parameters, names, values, strict=True):
-            edge = 1e-3 * (declared.high - declared.low)
-            neutral = p.neutral * joint.models[0].effort_share(p.unit)
-            at_edge = value <= declared.low + edge or value >= declared.high - edge
-            if p.role == 'size' and at_edge and abs(value - neutral) > edge:
-                return False
-        return True
+        parameters = self.attribution.case.fit.models[0].scaled(e.effects[-1])
+        values = e.theta[-len(parameters) :]
+        return not any(at_bound(p, v) for p, v in zip(parameters, values, strict=True))
 
     def best(self, round_: Round) -> Explanation | None:
         """Return the best fit, a simple effect before one that is hardly better."""

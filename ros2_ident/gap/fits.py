@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case, Joint
 from ros2_ident.gap.screen import screen, Start
 from ros2_ident.models import EffectAt
@@ -283,10 +282,9 @@ class Trials:
         base = self.base.fit
         joint = self.fits.case.fit.with_effects((*base.effects, start.candidate))
         neutral = start.phi.copy()
-        for i, p in enumerate(get_effect(start.candidate.effect).parameters):
+        for i, p in enumerate(joint.models[0].scaled(start.candidate)):
             if p.role == 'size':
-                centre = p.neutral * joint.models[0].effort_share(p.unit)
-                neutral[i] = centre + 0.02 * (start.phi[i] - centre)
+                neutral[i] = p.neutral + 0.02 * (start.phi[i] - p.neutral)
         points = np.array(
             [np.concatenate([start.theta, start.phi]), np.concatenate([base.theta, neutral])]
         )

@@ -64,10 +64,11 @@ def seen_in_log(candidate: EffectAt, model: FullModel) -> Array | None:
 
     So far that is a limit of the effort, by its flat top.
     """
-    effect = get_effect(candidate.effect)
-    (parameter, *others) = effect.parameters
+    if get_effect(candidate.effect).shown_by != 'flat_top':
+        return None
+    (parameter, *others) = model.scaled(candidate)
     limit = model.effort_limit(candidate.where)
-    if effect.shown_by != 'flat_top' or others or not np.isfinite(limit):
+    if others or not np.isfinite(limit):
         return None
     top = flat_top(model.measured[model.places.index(candidate.where)], model.noise)
     if top is None:
@@ -109,12 +110,11 @@ def trials(candidate: EffectAt, model: FullModel) -> list[list[Array]]:
     Returns:
         Groups of (P,) vectors in physical units.
     """
-    effect = get_effect(candidate.effect)
-    share = [model.effort_share(p.unit) for p in effect.parameters]
-    neutral = np.array([p.neutral * s for p, s in zip(effect.parameters, share, strict=True)])
-    shapes = [i for i, p in enumerate(effect.parameters) if p.role != 'size']
-    sizes = [i for i, p in enumerate(effect.parameters) if p.role == 'size']
-    grids = [shape_values(effect.parameters[i], model, candidate.where) for i in shapes]
+    parameters = model.scaled(candidate)
+    neutral = np.array([p.neutral for p in parameters])
+    shapes = [i for i, p in enumerate(parameters) if p.role != 'size']
+    sizes = [i for i, p in enumerate(parameters) if p.role == 'size']
+    grids = [shape_values(parameters[i], model, candidate.where) for i in shapes]
     groups = []
     for values in itertools.product(*grids):
         base = neutral.copy()
@@ -122,17 +122,17 @@ def trials(candidate: EffectAt, model: FullModel) -> list[list[Array]]:
             base[i] = value
         linear = []
         for i in sizes:
-            p = effect.parameters[i]
+            p = parameters[i]
             if p.starts:
                 # Not linear in this size: every start stands for itself.
                 for start in p.starts:
                     point = base.copy()
-                    point[i] = start * share[i]
+                    point[i] = start
                     groups.append([point])
             else:
                 away = p.high if p.high - p.neutral >= p.neutral - p.low else p.low
                 point = base.copy()
-                point[i] += _TRIAL * (away - p.neutral) * share[i]
+                point[i] += _TRIAL * (away - p.neutral)
                 linear.append(point)
         if linear:
             groups.append(linear)
@@ -170,17 +170,16 @@ def screen(
         One start a group, the most promising first.
     """
     groups = trials(candidate, models[0])
-    effect = get_effect(candidate.effect)
-    share = np.array([models[0].effort_share(p.unit) for p in effect.parameters])
-    neutral = np.array([p.neutral for p in effect.parameters]) * share
-    lower = np.array([p.low for p in effect.parameters]) * share
-    upper = np.array([p.high for p in effect.parameters]) * share
-    size = np.array([p.role == 'size' for p in effect.parameters])
+    parameters = models[0].scaled(candidate)
+    neutral = np.array([p.neutral for p in parameters])
+    lower = np.array([p.low for p in parameters])
+    upper = np.array([p.high for p in parameters])
+    size = np.array([p.role == 'size' for p in parameters])
     points = np.array([point for group in groups for point in group])
     values = evaluate(np.hstack([np.repeat(theta[None], len(points), axis=0), points]))
     changes = (residual[None] - values).T
     free = residual - basis @ (basis.T @ residual)
-    nonlinear = any(p.role == 'size' and p.starts for p in effect.parameters)
+    nonlinear = any(p.role == 'size' and p.starts for p in parameters)
     samples = len(outputs) / (1 if candidate.where == 'all' else len(models[0].places))
     starts = []
     at = 0

@@ -14,6 +14,7 @@ from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import complete, EffectAt, make_model, Model
 from ros2_ident.models.drives.candidates import SLOTS
+from ros2_ident.models.drives.effort_range import effort_range
 
 T = TypeVar('T')
 
@@ -51,8 +52,14 @@ class Setup:
         machine, datasets = self.machine, self.data.datasets
         drives = chosen_drives(machine, self.drives)
         _check_names(machine, self.data)
+        efforts = effort_range(machine, datasets)
         free = make_model(
-            machine, datasets[0], drives=drives, effects=self.effects, cutoff=self.cutoff
+            machine,
+            datasets[0],
+            drives=drives,
+            effects=self.effects,
+            cutoff=self.cutoff,
+            efforts=efforts,
         )
         known = [p.name for p in free.parameters]
         # Drives that only follow have no free parameters; their gears may be known all the same.
@@ -65,7 +72,13 @@ class Setup:
         fixed = _expanded([*known, *followers], machine, dict(self.fixed or {}), 'fixed')
         models = [
             make_model(
-                machine, d, drives=drives, effects=self.effects, fixed=fixed, cutoff=self.cutoff
+                machine,
+                d,
+                drives=drives,
+                effects=self.effects,
+                fixed=fixed,
+                cutoff=self.cutoff,
+                efforts=efforts,
             )
             for d in datasets
         ]

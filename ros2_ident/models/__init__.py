@@ -7,7 +7,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.file import load_machine, machine_from_mapping
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
-from ros2_ident.models.drives.model import DriveModel
+from ros2_ident.models.drives.model import Array, DriveModel
 from ros2_ident.models.linear_axis.model import LinearAxis
 from ros2_ident.models.protocol import complete, EffectAt, FullModel, Model, Output
 from ros2_ident.models.tripod.model import Tripod
@@ -26,6 +26,7 @@ def make_model(
     effects: Sequence[EffectAt] = (),
     fixed: Mapping[str, float] | None = None,
     cutoff: float = 100.0,
+    efforts: Array | None = None,
 ) -> DriveModel:
     """Return the model of a machine on a recording; the arguments are `DriveModel`'s.
 
@@ -40,7 +41,15 @@ def make_model(
             ErrorCode.UNKNOWN_MODEL,
             f'a {machine.kind} has no drive model; use one of {", ".join(DRIVE_MODELS)}',
         ) from None
-    return kind(machine, data, drives=drives, effects=effects, fixed=fixed, cutoff=cutoff)
+    return kind(
+        machine,
+        data,
+        drives=drives,
+        effects=effects,
+        fixed=fixed,
+        cutoff=cutoff,
+        efforts=efforts,
+    )
 
 
 __all__ = [

@@ -15,6 +15,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.effects import EffectParameter, get_effect
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
@@ -231,7 +232,7 @@ class FullModel(ABC):
         return np.zeros_like(velocity)
 
     def effort_limit(self, place: str) -> float:
-        """Return the controller's limit of a place's effort; inf where there is none."""
+        """Return the effort that a share of a place's limit refers to; inf where there is none."""
         return math.inf
 
     def motor_turn(self, place: str) -> float:
@@ -244,9 +245,9 @@ class FullModel(ABC):
 
     # ------------------------------------------------------------------ effects
 
-    def effort_share(self, unit: str) -> float:
-        """Return the factor on the bounds of an effect's parameter, see `EffectParameter`."""
-        return 1.0
+    def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:
+        """Return an effect's parameters with the numbers they have at a place, in their units."""
+        return get_effect(at.effect).parameters
 
     def extended(self, effects: Sequence[EffectAt]) -> 'FullModel':
         """Return the model with these effects and no others.

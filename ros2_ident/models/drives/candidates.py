@@ -2,13 +2,13 @@
 """From named parameters to the rows that the kernels read."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.effects import Effect, get_effect, Hook
+from ros2_ident.effects import Effect, EffectParameter, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import angular, constant, Machine
@@ -16,6 +16,8 @@ from ros2_ident.machine.parameter import Kind, Parameter
 from ros2_ident.models.protocol import EffectAt
 
 Array = npt.NDArray[np.float64]
+# What a share of an unstated limit refers to, in sizes of the logged effort.
+UNLIMITED = 2.0
 # A parameter without its drive, and the drive's number; None where all drives share it.
 Target = tuple[str, int | None]
 
@@ -56,6 +58,7 @@ class Candidates:
         fixed: Values of parameters that are not to be identified, by name.
         base: (R,) rows of what the machine file knows, the rest neutral.
         rigid: Whether nominally motor and carriage move as one mass.
+        efforts: (D,) size of the drives' logged efforts, see `effort_range`.
 
     Attributes:
         free: The parameters, in the order of theta's columns.
@@ -76,8 +79,10 @@ class Candidates:
         fixed: Mapping[str, float],
         base: Array,
         rigid: bool,
+        efforts: Array,
     ) -> None:
         self._machine = machine
+        self._efforts = efforts
         self._drives = tuple(drives)
         self._effects = tuple(effects)
         self._fixed = dict(fixed)
@@ -153,18 +158,10 @@ class Candidates:
         kind: Kind = 'measurement' if effect.group == 'measurement' else 'physical'
         prefix = effect.id if at.where == 'all' else f'{at.where}.{effect.id}'
         effort = self._machine.model_unit
-        turns = self._machine.travel_unit == 'rad'
         out: list[tuple[Parameter, Target]] = []
-        for p in effect.parameters:
-            scale = self.effort_share(p.unit)
-            declared = Parameter(
-                f'{prefix}.{p.name}',
-                (angular(p.unit) if turns else p.unit).replace('effort', effort),
-                p.low * scale,
-                p.high * scale,
-                kind,
-                effect.source,
-            )
+        for p in self.scaled(at):
+            name, unit = f'{prefix}.{p.name}', p.unit.replace('effort', effort)
+            declared = Parameter(name, unit, p.low, p.high, kind, effect.source)
             out.append(
                 (declared, (f'{effect.id}.{p.name}', None if at.where == 'all' else places[0]))
             )
@@ -183,12 +180,38 @@ class Candidates:
                     f'the model has {", ".join(sorted(names))}',
                 )
 
-    def effort_share(self, unit: str) -> float:
-        """Return the factor on the bounds of an effect's parameter, see `EffectParameter`."""
-        limit = self._limit if math.isfinite(self._limit) else 100.0 * self._machine.effort_noise
+    def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:
+        """Return an effect's parameters with the numbers they have at a place, in their units."""
+        effort = float(self._efforts[self._places(at)].max())
+        turns = self._machine.travel_unit == 'rad'
+        out = []
+        for p in get_effect(at.effect).parameters:
+            factor = self._factor(p.unit, effort)
+            out.append(
+                replace(
+                    p,
+                    unit=angular(p.unit) if turns else p.unit,
+                    low=p.low * factor,
+                    high=p.high * factor,
+                    neutral=p.neutral * factor,
+                    starts=tuple(start * factor for start in p.starts),
+                )
+            )
+        return tuple(out)
+
+    def _factor(self, unit: str, effort: float) -> float:
+        """Return the factor on the numbers of an effect's parameter, see `EffectParameter`."""
         if unit == '1/W':
-            return 1.0 / (limit * self._gear)
-        return limit if unit.startswith('effort') else 1.0
+            return 1.0 / (effort * self._gear)
+        return effort if unit.startswith('effort') else 1.0
+
+    def full_effort(self, drive: int) -> float:
+        """Return the effort that a share of a drive's limit refers to.
+
+        That is the limit, or, where none is stated, more than the drive was ever seen to make.
+        """
+        limit = self._limit
+        return limit if math.isfinite(limit) else UNLIMITED * float(self._efforts[drive])
 
     # ------------------------------------------------------------------ rows
 
@@ -296,12 +319,19 @@ class Candidates:
         damping = 2.0 * block[:, rows.row_of('load_damping', d)] * omega
         block[:, rows.row_of('gear_damping', d)] = reduced * damping
 
-    @staticmethod
-    def _shift(block: Array, target: str, how: str, drives: Sequence[int], value: Array) -> None:
+    def _shift(
+        self, block: Array, target: str, how: str, drives: Sequence[int], value: Array
+    ) -> None:
         places = [None] if target in rows.MACHINE_ROWS else list(drives)
         for d in places:
             row = rows.row_of(target, d)
-            if how == 'scale':
+            if how == 'scale' and target == 'torque_limit':
+                assert d is not None
+                # An unstated limit is none, but a share of it is one.
+                seen = UNLIMITED * float(self._efforts[d])
+                unstated = np.isinf(block[:, row]) & (value < 1.0)
+                block[:, row] = np.where(unstated, seen, block[:, row]) * value
+            elif how == 'scale':
                 block[:, row] *= value
             elif how == 'set':
                 block[:, row] = value

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident import lanes
-from ros2_ident.effects import CATALOGUE, Context
+from ros2_ident.effects import CATALOGUE, Context, EffectParameter
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import drive as drive_kernel
 from ros2_ident.kernel import law as law_kernel
@@ -20,6 +20,7 @@ from ros2_ident.kernel.group import Group, PART, Task
 from ros2_ident.machine.machine import constant, Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.drives.candidates import Candidates, SLOTS
+from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
 from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
@@ -45,6 +46,8 @@ class DriveModel(FullModel):
         fixed: Values of parameters that are not to be identified, by name.
         cutoff: Low-pass of recorded motion where it drives the model [Hz]; at most a fifth of the
             log's rate.
+        efforts: (D,) size of the drives' logged efforts, of which bounds of effects are shares;
+            by default this recording's, see `effort_range`.
         substeps: Integration steps in a controller cycle; by default chosen for each candidate's
             stiffness.
 
@@ -69,6 +72,7 @@ class DriveModel(FullModel):
         fixed: Mapping[str, float] | None = None,
         cutoff: float = 100.0,
         substeps: int | None = None,
+        efforts: Array | None = None,
     ) -> None:
         self._machine = machine
         self._data = data
@@ -94,8 +98,15 @@ class DriveModel(FullModel):
                 f'controller.law is {law!r}; write cascade_pi or cascade_p',
             )
         self.law = np.full(len(machine.drives), law == 'cascade_p', dtype=np.int64)
+        self.efforts = effort_range(machine, [data]) if efforts is None else efforts
         self.candidates = Candidates(
-            machine, self.drives, self.effects, self.fixed, self._constants(), self.rigid
+            machine,
+            self.drives,
+            self.effects,
+            self.fixed,
+            self._constants(),
+            self.rigid,
+            self.efforts,
         )
         self._command, self._motion, self._mode = self._inputs()
 
@@ -150,11 +161,12 @@ class DriveModel(FullModel):
             fixed=self.fixed,
             cutoff=self.cutoff,
             substeps=substeps,
+            efforts=self.efforts,
         )
 
     def effort_limit(self, place: str) -> float:
-        """Return the controller's limit of a drive's effort; inf where there is none."""
-        return self.limit
+        """Return the effort that a share of a drive's limit refers to [`unit`]."""
+        return self.candidates.full_effort(self.machine.drives.index(place))
 
     def motor_turn(self, place: str) -> float:
         """Return the motor angle per travel of a drive [rad/m]; 0 where it is not known."""
@@ -251,9 +263,9 @@ class DriveModel(FullModel):
         """Return (S, R) kernel rows of (S, N) candidates in physical units."""
         return self.candidates.rows(theta)
 
-    def effort_share(self, unit: str) -> float:
-        """Return the factor on the bounds of an effect's parameter, see `EffectParameter`."""
-        return self.candidates.effort_share(unit)
+    def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:
+        """Return an effect's parameters with the numbers they have at a place, in their units."""
+        return self.candidates.scaled(at)
 
     @property
     def context(self) -> Context:
