@@ -12,7 +12,7 @@ import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 
-_KEYS = {'bag', 'check', 'machine_file', 'machine', 'date', 'labels'}
+_KEYS = {'bag', 'check', 'machine_file', 'model', 'machine', 'date', 'labels'}
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,9 @@ class Entry:
     Attributes:
         name: Of its row and file; unique.
         bag: Path of the bag. All paths are absolute: a worker may run in another folder.
-        machine_file: Path of the machine file.
+        machine_file: Path of the machine file; empty where `model` makes the model.
         check: Path of a second bag to judge the diagnosis on; empty for none.
+        model: `module:function` that makes a model of one's own from a bag's path; empty for none.
         machine: Which machine it was recorded on.
         date: When, in a form that sorts, as 2026-01-31; empty where unknown.
         labels: Whatever else the list says.
@@ -36,6 +37,7 @@ class Entry:
     machine: str = ''
     date: str = ''
     labels: Mapping[str, str] = field(default_factory=dict)
+    model: str = ''
 
 
 def read_fleet(path: str | Path, machine_file: str | None = None) -> list[Entry]:
@@ -102,7 +104,13 @@ def _entry(
         )
     own = given.get('machine_file')
     file = str(base / str(own)) if own else machine_file
-    if not file:
+    model = str(given.get('model') or '')
+    if model and own:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{where} names a machine file and a model; give it one of the two',
+        )
+    if not file and not model:
         raise IdentError(
             ErrorCode.INVALID_GOAL,
             f'{where} names no machine file; add `machine_file` to it or to the list, or give '
@@ -115,9 +123,10 @@ def _entry(
     return Entry(
         name,
         os.path.abspath(base / bag),
-        os.path.abspath(file),
+        '' if model else os.path.abspath(str(file)),
         os.path.abspath(base / str(given['check'])) if given.get('check') else '',
         str(given.get('machine') or Path(bag).stem),
         str(given.get('date') or ''),
         {str(k): str(v) for k, v in (given.get('labels') or {}).items()},
+        model,
     )

@@ -1,16 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is found in one bag of a fleet, and the key of everything that it depends on."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 import hashlib
+import importlib
 import json
 import math
 from pathlib import Path
-from typing import Any
+import sys
+from typing import Any, TYPE_CHECKING
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.fleet.entries import Entry
+
+if TYPE_CHECKING:
+    from ros2_ident.gap.diagnosis import Diagnosis
+    from ros2_ident.identify.result import Identification
 
 Row = dict[str, Any]
 
@@ -19,14 +25,16 @@ def key_of(entry: Entry, seed: int, diagnosed: bool) -> str:
     """Return a digest of what a row depends on.
 
     That is what the list says, the settings, the sources of everything that has a part in a
-    result, the versions of the libraries, and the bytes of the machine file and of the bags.
+    result, the versions of the libraries, and the bytes of the machine file (or of the module that
+    makes the model) and of the bags.
     """
     from ros2_ident.identify.problem import sources
     from ros2_ident.recording.storage import digest, storage_files
 
     total = hashlib.sha256(json.dumps([asdict(entry), seed, diagnosed], default=dict).encode())
     total.update(sources().encode())
-    total.update(Path(entry.machine_file).read_bytes())
+    described = _maker_file(entry.model) if entry.model else entry.machine_file
+    total.update(Path(described).read_bytes())
     for bag in filter(None, (entry.bag, entry.check)):
         total.update(digest(storage_files(bag)[0]).encode())
     return total.hexdigest()
@@ -69,14 +77,9 @@ def run_entry(entry: Entry, seed: int, diagnosed: bool, asked: str = '') -> Row:
 
 
 def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
-    from ros2_ident.gap.diagnose import diagnose
     from ros2_ident.gap.verdict import NONE, UNKNOWN
-    from ros2_ident.identify.run import identify, read_problem
-    from ros2_ident.models import load_machine
 
-    machine = load_machine(entry.machine_file)
-    data = read_problem(entry.bag, machine)
-    result = identify(machine, data, seed=seed)
+    result, diagnosis = _job(entry, seed)
     values = {
         p.name: {'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit}
         for p in result.parameters
@@ -92,8 +95,7 @@ def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
     }
     if not diagnosed:
         return found
-    check = read_problem(entry.check, machine).datasets if entry.check else ()
-    verdict = diagnose(machine, data.datasets, check, seed=seed)
+    verdict = diagnosis()
     if verdict.effect not in (NONE, UNKNOWN):
         # With the missing effect in the model its nominal parameters are no longer bent by it.
         values.update(
@@ -112,6 +114,51 @@ def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
         'verdict': verdict.sentence,
         'complete': verdict.complete,
     }
+
+
+def _job(entry: Entry, seed: int) -> 'tuple[Identification, Callable[[], Diagnosis]]':
+    """Return the identification of an entry's bag, and what diagnoses it."""
+    from ros2_ident.gap.diagnose import diagnose
+    from ros2_ident.identify.run import identify, read_problem
+    from ros2_ident.models import load_machine
+
+    if entry.model:
+        make = _maker(entry.model)
+        model = make(entry.bag)
+        check = make(entry.check) if entry.check else ()
+        result = identify(model=model, seed=seed)
+        return result, lambda: diagnose(model=model, check_model=check, seed=seed)
+    machine = load_machine(entry.machine_file)
+    data = read_problem(entry.bag, machine)
+    result = identify(machine, data, seed=seed)
+
+    def diagnosis() -> 'Diagnosis':
+        held_out = read_problem(entry.check, machine).datasets if entry.check else ()
+        return diagnose(machine, data.datasets, held_out, seed=seed)
+
+    return result, diagnosis
+
+
+def _maker(model: str) -> Any:
+    """Return the function that `module:function` names.
+
+    Raises:
+        IdentError: INVALID_GOAL where there is none.
+    """
+    module, _, name = model.partition(':')
+    try:
+        return getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'the model {model!r} is not found ({error}); write module:function, and put the '
+            'module where Python looks for it, as by PYTHONPATH',
+        ) from None
+
+
+def _maker_file(model: str) -> str:
+    """Return the source file of the module that makes a model."""
+    return str(sys.modules[_maker(model).__module__].__file__)
 
 
 def plain(value: Any) -> Any:
