@@ -19,7 +19,7 @@ import numpy as np
 import psutil
 
 from ros2_ident.identify.result import Identification
-from ros2_ident.identify.run import identify, read_problem
+from ros2_ident.identify.run import identify, read_data
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine
 from ros2_ident.search import Budget, Threads, Workers
@@ -36,7 +36,7 @@ def main() -> None:
     parser.add_argument('--evaluations', type=int, default=700)
     args = parser.parse_args()
     machine = load_machine(ROOT / 'config/tripod.yaml')
-    data = read_problem(ROOT / 'bags/tripod_pick_and_place', machine)
+    data = read_data(ROOT / 'bags/tripod_pick_and_place', machine)
     settings = IdentifySettings(budget=Budget(evaluations=args.evaluations))
     count = processors()
 

@@ -22,7 +22,7 @@ sys.path.insert(0, str(ROOT / 'benchmarks'))
 
 from measure import machine  # noqa: E402
 
-from ros2_ident.identify.run import identify, read_problem  # noqa: E402
+from ros2_ident.identify.run import identify, read_data  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
 from ros2_ident.ros.identifier import SWITCH_INTERVAL  # noqa: E402
@@ -59,7 +59,7 @@ class Busy:
 
     def __init__(self) -> None:
         self._machine = load_machine(ROOT / 'config/tripod.yaml')
-        self._data = read_problem(str(ROOT / 'bags/tripod_pick_and_place'), self._machine)
+        self._data = read_data(str(ROOT / 'bags/tripod_pick_and_place'), self._machine)
         threads = max(1, len(os.sched_getaffinity(0)) - 1)
         # No end within a stretch: what is measured is the search.
         self._settings = IdentifySettings(

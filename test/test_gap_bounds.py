@@ -12,7 +12,7 @@ from ros2_ident.effects import EffectParameter
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import Diagnosis, to_mapping
 from ros2_ident.gap.explain import at_bound
-from ros2_ident.identify.run import read_problem
+from ros2_ident.identify.run import read_data
 from ros2_ident.models import EffectAt, load_machine, Machine, make_model
 from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.recording import Dataset
@@ -46,7 +46,7 @@ def diagnosed(machine: Machine, effect: Effect) -> Diagnosis:
 
 
 def test_the_bundled_axis_needs_no_limit() -> None:
-    fit = read_problem(str(ROOT / 'bags/axis_reversals'), AXIS).datasets
+    fit = read_data(str(ROOT / 'bags/axis_reversals'), AXIS).datasets
     stated, unstated = (diagnose(m, fit, seed=1) for m in (AXIS, without_limit(AXIS)))
     assert (unstated.effect, unstated.where) == (stated.effect, stated.where)
     assert unstated.sentence == stated.sentence

@@ -9,7 +9,7 @@ import pytest
 from ros2_ident.gap.floor import noise_floor
 from ros2_ident.gap.gates import check_effort, check_law, check_streams, run_gates
 from ros2_ident.gap.law import fit_law, Gain, Law
-from ros2_ident.identify.run import read_problem
+from ros2_ident.identify.run import read_data
 from ros2_ident.models import load_machine
 from ros2_ident.recording import AlignQuality, StreamQuality
 
@@ -53,7 +53,7 @@ def test_steps_of_the_logged_position_are_no_noise_between_controller_and_log():
 
 def test_a_log_of_the_package_passes_its_own_law():
     machine = load_machine(ROOT / 'config/emps.yaml')
-    data = read_problem(ROOT / 'bags/axis_reversals', machine).datasets[0]
+    data = read_data(ROOT / 'bags/axis_reversals', machine).datasets[0]
     law = fit_law(machine, data, 'emps_axis')
     # The bag holds positions in steps of 1 um.
     assert law.steps == pytest.approx(machine.controller['velocity_gain'] * 1e-6 / 4e-3, rel=1e-6)
@@ -70,7 +70,7 @@ def test_without_a_command_there_is_nothing_to_check():
 
 def test_an_effort_without_its_sign_fails():
     machine = load_machine(ROOT / 'config/emps.yaml')
-    data = read_problem(ROOT / 'bags/axis_reversals', machine).datasets[0]
+    data = read_data(ROOT / 'bags/axis_reversals', machine).datasets[0]
     (_, gate) = check_effort(machine, data, 'emps_axis')
     assert (gate.gate, gate.level) == ('sign', 'ok')
     folded = replace(data, effort=np.abs(data.effort))

@@ -23,7 +23,7 @@ import pytest
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.result import Outcome
-from ros2_ident.identify.run import identify, IdentifyProgress, read_problem
+from ros2_ident.identify.run import identify, IdentifyProgress, read_data
 from ros2_ident.models import load_machine
 from ros2_ident.search import Budget, GeneticSettings
 
@@ -254,7 +254,7 @@ def test_nothing_to_identify_from():
 @pytest.mark.skipif(not (SHARED / 'data' / 'emps_train').exists(), reason='no ../shared/data here')
 def test_emps_comes_out_as_published():
     machine = load_machine(AXIS_FILE)
-    result = identify(machine, read_problem(SHARED / 'data' / 'emps_train', machine), seed=1)
+    result = identify(machine, read_data(SHARED / 'data' / 'emps_train', machine), seed=1)
     assert result.outcome is Outcome.IDENTIFIED
     published = {
         'moving_mass': (95.1089, 0.01),

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ros2_ident.identify.run import identify, read_problem
+from ros2_ident.identify.run import identify, read_data
 from ros2_ident.models import load_machine
 from ros2_ident.recording import choose_windows, read_bag, Recording, Stream, write_bag
 from ros2_ident.report.files import load_result, write_result
@@ -70,7 +70,7 @@ def test_long_log_is_fitted_in_part_and_validated_on_the_rest(
     monkeypatch.setattr('ros2_ident.recording.windows.LENGTH', 2.0)
     monkeypatch.setattr('ros2_ident.recording.windows._SHIFT', 0.4)
     machine = load_machine(ROOT / 'config/emps.yaml')
-    data = read_problem(ROOT / 'bags/axis_reversals', machine, samples=3_500)
+    data = read_data(ROOT / 'bags/axis_reversals', machine, samples=3_500)
     assert data.held_out is not None
     assert sum(d.duration for d in data.datasets) < 4.0
     result = identify(machine, data)

@@ -12,7 +12,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.gap.diagnosis import Diagnosis
-from ros2_ident.identify.run import read_problem
+from ros2_ident.identify.run import read_data
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import read_bag
@@ -40,7 +40,7 @@ SAID = Verdict('gap', False, 'Backlash on drive_2.', {'drive_2.backlash.gap': '1
 
 @pytest.fixture(scope='module')
 def problem():
-    return problem_of(tripod(), read_problem(BAG, tripod()))
+    return problem_of(tripod(), read_data(BAG, tripod()))
 
 
 @pytest.fixture(scope='module')

@@ -9,7 +9,7 @@ import pytest
 
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
-from ros2_ident.identify.data import read_problem
+from ros2_ident.identify.data import read_data
 from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
 from ros2_ident.report.files import load_result
@@ -76,7 +76,7 @@ def test_a_damaged_checkpoint_is_refused_with_the_remedy(tmp_path):
 
 def test_candidates_of_unequal_work_go_on_to_the_same_bits(tmp_path):
     machine = tripod()
-    data = read_problem(ROOT / 'bags/tripod_mixed', machine)
+    data = read_data(ROOT / 'bags/tripod_mixed', machine)
     settings = replace(QUICK, refine=False)
     whole = identify(machine, data, settings=settings, seed=1)
     path = tmp_path / 'fit.npz'

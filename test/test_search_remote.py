@@ -18,7 +18,7 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.result import Identification, Outcome
-from ros2_ident.identify.run import identify, read_problem
+from ros2_ident.identify.run import identify, read_data
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import load_machine
@@ -143,7 +143,7 @@ def test_cut_batches_are_put_together_again() -> None:
 
 def test_dask_gives_the_bits_of_threads(cluster: Any) -> None:
     machine = load_machine(ROOT / 'config/emps.yaml')
-    data = read_problem(ROOT / 'bags/axis_reversals', machine)
+    data = read_data(ROOT / 'bags/axis_reversals', machine)
     seen: list[str] = []
     here = identify(machine, data, seed=3)
     there = identify(
@@ -160,7 +160,7 @@ def test_dask_gives_the_bits_of_threads(cluster: Any) -> None:
 
 def test_dask_worker_killed_in_mid_run_leaves_the_result_unchanged(cluster: Any) -> None:
     machine = load_machine(ROOT / 'config/emps.yaml')
-    data = read_problem(ROOT / 'bags/axis_reversals', machine)
+    data = read_data(ROOT / 'bags/axis_reversals', machine)
     here = identify(machine, data, seed=4)
     victims = [worker.process.pid for worker in cluster.workers.values()]
     killed: list[int] = []
@@ -202,7 +202,7 @@ def test_no_scheduler_is_said_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -
     pytest.importorskip('distributed')
     monkeypatch.setattr('ros2_ident.search.cluster.PATIENCE', 1.0)
     machine = load_machine(ROOT / 'config/emps.yaml')
-    data = read_problem(ROOT / 'bags/axis_reversals', machine)
+    data = read_data(ROOT / 'bags/axis_reversals', machine)
     with pytest.raises(IdentError, match='dask scheduler') as caught:
         identify(machine, data, workers=Cluster('tcp://127.0.0.1:1'))
     assert caught.value.code is ErrorCode.INVALID_GOAL
@@ -210,7 +210,7 @@ def test_no_scheduler_is_said_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -
 
 def test_problem_refuses_to_be_unpacked_by_other_sources(monkeypatch: pytest.MonkeyPatch) -> None:
     machine = load_machine(ROOT / 'config/emps.yaml')
-    problem = problem_of(machine, read_problem(ROOT / 'bags/axis_reversals', machine))
+    problem = problem_of(machine, read_data(ROOT / 'bags/axis_reversals', machine))
     packed = pickle.dumps(problem)
     again = pickle.loads(packed)
     theta = 0.5 * (problem.low + problem.high)[None]
@@ -223,7 +223,7 @@ def test_problem_refuses_to_be_unpacked_by_other_sources(monkeypatch: pytest.Mon
 
 def test_result_does_not_depend_on_how_candidates_are_cut() -> None:
     machine = load_machine(ROOT / 'config/tripod.yaml')
-    problem = problem_of(machine, read_problem(ROOT / 'bags/tripod_mixed', machine))
+    problem = problem_of(machine, read_data(ROOT / 'bags/tripod_mixed', machine))
     draw = np.random.default_rng(2).random((17, len(problem.low)))
     draw[5, 1:4] = 1e-12  # so soft that it may diverge beside others that do not
     theta = problem.low + draw * (problem.high - problem.low)
@@ -235,7 +235,7 @@ def test_result_does_not_depend_on_how_candidates_are_cut() -> None:
 
 def test_budget_and_outcome_across_an_executor() -> None:
     machine = load_machine(ROOT / 'config/emps.yaml')
-    data = read_problem(ROOT / 'bags/axis_reversals', machine)
+    data = read_data(ROOT / 'bags/axis_reversals', machine)
     settings = IdentifySettings(budget=Budget(evaluations=120), refine=False)
     workers = Executors(ThreadPoolExecutor, 2)
     there = identify(machine, data, settings=settings, workers=workers)

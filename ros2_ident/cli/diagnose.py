@@ -105,13 +105,13 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.report import print_page
     from ros2_ident.files import make_directory
     from ros2_ident.gap.diagnose import diagnose
-    from ros2_ident.identify.run import read_problem
+    from ros2_ident.identify.run import read_data
     from ros2_ident.report.files import write_diagnosis
 
     machine = machine_of(args)
     topics, conditions = topics_of(args), conditions_of(args)
-    fit = read_problem(args.bag, machine, args.drives, topics=topics)
-    check = read_problem(args.check, machine, args.drives, topics=topics) if args.check else None
+    fit = read_data(args.bag, machine, args.drives, topics=topics)
+    check = read_data(args.check, machine, args.drives, topics=topics) if args.check else None
     out = make_directory(args.out) if args.out else None
     if out is not None and not args.no_overlay:
         from ros2_ident.report.overlay import OVERLAY, require_place

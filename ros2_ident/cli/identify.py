@@ -141,7 +141,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.table import print_result
     from ros2_ident.files import make_directory
     from ros2_ident.identify.result import Outcome
-    from ros2_ident.identify.run import identify, read_problem
+    from ros2_ident.identify.run import identify, read_data
     from ros2_ident.identify.setup import problem_of
     from ros2_ident.report.files import CHECKPOINT, write_result
     from ros2_ident.report.overlay import OVERLAY, require_place, verdict_of, write_overlay
@@ -150,7 +150,7 @@ def run(args: argparse.Namespace) -> int:
     settings, conditions = settings_of(args), conditions_of(args)
     machine = machine_of(args)
     samples = {} if args.samples is None else {'samples': args.samples}
-    data = read_problem(args.bag, machine, args.drives, topics=topics_of(args), **samples)
+    data = read_data(args.bag, machine, args.drives, topics=topics_of(args), **samples)
     out = make_directory(args.out)
     if not args.no_overlay:
         require_place(out / OVERLAY, data, args.bag)

@@ -119,7 +119,7 @@ def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
 def _job(entry: Entry, seed: int) -> 'tuple[Identification, Callable[[], Diagnosis]]':
     """Return the identification of an entry's bag, and what diagnoses it."""
     from ros2_ident.gap.diagnose import diagnose
-    from ros2_ident.identify.run import identify, read_problem
+    from ros2_ident.identify.run import identify, read_data
     from ros2_ident.models import load_machine
 
     if entry.model:
@@ -129,11 +129,11 @@ def _job(entry: Entry, seed: int) -> 'tuple[Identification, Callable[[], Diagnos
         result = identify(model=model, seed=seed)
         return result, lambda: diagnose(model=model, check_model=check, seed=seed)
     machine = load_machine(entry.machine_file)
-    data = read_problem(entry.bag, machine)
+    data = read_data(entry.bag, machine)
     result = identify(machine, data, seed=seed)
 
     def diagnosis() -> 'Diagnosis':
-        held_out = read_problem(entry.check, machine).datasets if entry.check else ()
+        held_out = read_data(entry.check, machine).datasets if entry.check else ()
         return diagnose(machine, data.datasets, held_out, seed=seed)
 
     return result, diagnosis

@@ -101,7 +101,7 @@ class Data:
         )
 
 
-def read_problem(
+def read_data(
     bags: str | Path | Sequence[str | Path],
     machine: Machine,
     drives: Sequence[str] | None = None,

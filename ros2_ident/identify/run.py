@@ -9,7 +9,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import chosen_drives, Data, gather
-from ros2_ident.identify.data import read_problem as read_problem
+from ros2_ident.identify.data import read_data as read_data
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outcome import assemble
 from ros2_ident.identify.problem import Problem
@@ -49,7 +49,7 @@ def identify(
 
     Args:
         machine: What is known of the machine, and the box of what is not.
-        data: From `read_problem` or `gather`, or data sets or recordings; several are one problem.
+        data: From `read_data` or `gather`, or data sets or recordings; several are one problem.
         model: Instead of machine and data: an object that meets `models.protocol.Model`, or
             several, one for each recording.
         drives: Drives whose effort is compared and whose parameters are free; all where None.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ros2_ident.checks.paper.belt import shipped_machine
 from ros2_ident.identify.data import Data
-from ros2_ident.identify.run import identify, read_problem
+from ros2_ident.identify.run import identify, read_data
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import Machine, make_model
 from ros2_ident.recording import Dataset
@@ -186,7 +186,7 @@ class Bench:
         with tempfile.TemporaryDirectory() as folder:
             bag = SimulatedBag(streams, self.log, self.motion)
             written = write_simulated(Path(folder) / 'tripod', bag)
-            return read_problem(written, self.machine_of(noise))
+            return read_data(written, self.machine_of(noise))
 
     def trial(self, case: Case, seed: int) -> DriveTrial:
         """Identify once."""
