@@ -42,6 +42,8 @@ INTRODUCTION = (
     "  of the size of the drive's logged effort, which one sample in a thousand exceeds in the",
     '  liveliest recording: 0.25 means a quarter of it. Numbers in 1/W are shares of the inverse',
     '  of its power at 1 m/s. A limit in the machine file does not matter.',
+    '- Of a joint that turns, a metre means 20 rad (a lever of 0.05 m), in every unit: bounds of',
+    '  0.005 to 0.2 m/s are 0.1 to 4 rad/s, and 1/m becomes 1/20 rad.',
     '- At its neutral value a parameter of the role *size* switches the effect off. A *shape*',
     '  means nothing while the size is neutral.',
     '- *Place*: each drive can have its own, or the machine has one.',

@@ -18,6 +18,7 @@ from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.gap.verdict import advice, NONE, UNKNOWN, Verdict
+from ros2_ident.gap.wording import length
 from ros2_ident.models import EffectAt
 from ros2_ident.search import intervals
 
@@ -104,7 +105,7 @@ def compose(
         nominal=nominal,
         gates=tuple(gates),
         not_testable=testable,
-        advice=(*_doubts(values), *advice(verdict, testable)),
+        advice=(*_doubts(values), *advice(verdict, testable, model.travel)),
         complete=found.complete,
         seconds=seconds,
         seed=seed,
@@ -170,7 +171,7 @@ def _steps(readings: Sequence[CoarseReading]) -> dict[str, Value]:
     (step,) = effect.parameters
     return {
         f'{r.drive}.{effect.id}.{step.name}': Value(
-            r.step, step.unit, r.step - r.error, r.step + r.error
+            r.step, r.unit, r.step - r.error, r.step + r.error
         )
         for r in readings
     }
@@ -260,7 +261,7 @@ def _sentence(
         )
     effect = get_effect(verdict.effect)
     steps = ''.join(
-        f' {r.drive} reads its position in steps of {1e6 * r.step:.3g} um: what its controller '
+        f' {r.drive} reads its position in steps of {length(r.step, r.unit)}: what its controller '
         'commands beside the motion in the log has that period. Its course cannot be repeated by '
         'any simulation, so it does not count as closed.'
         for r in verdict.readings

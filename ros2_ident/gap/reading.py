@@ -19,7 +19,8 @@ from ros2_ident.models.recorded import RecordedMotion
 
 Array = npt.NDArray[np.float64]
 
-# Steps looked for, m; a smaller one drowns in the resolution of the log's own position.
+# Steps looked for, m (see `FullModel.travel` for joints that turn); a smaller one drowns in the
+# resolution of the log's own position.
 SMALLEST, LARGEST = 4e-6, 1.5e-4
 # Power of a line, in units of its mean, that chance does not reach among all of them.
 CLEAR = 30.0
@@ -36,15 +37,17 @@ class CoarseReading:
 
     Attributes:
         drive: The drive.
-        step: Period of the reading's error over the position [m].
-        error: What one period more or less over the whole way would change of it [m].
+        step: Period of the reading's error over the position [`unit`].
+        error: What one period more or less over the whole way would change of it [`unit`].
         power: Power of the line, in units of the mean of all lines.
+        unit: Unit of the position.
     """
 
     drive: str
     step: float
     error: float
     power: float
+    unit: str = 'm'
 
 
 def coarse_readings(case: Case, theta: Array, law: Array) -> tuple[CoarseReading, ...]:
@@ -98,13 +101,15 @@ def coarse_reading(
     rate = there.size / (count * model.cycle)
     fast = missed - uniform_filter1d(missed, max(3, int(_SLOW * rate)))
     span = float(np.ptp(position))
-    if span < 3.0 * SMALLEST:
+    unit, per_metre = model.travel
+    smallest, largest = SMALLEST * per_metre, LARGEST * per_metre
+    if span < 3.0 * smallest:
         return None
     # The step itself, and its difference from cycle to cycle, which turns with the direction.
     lines = [_lines(position, fast), _lines(position, fast * np.sign(velocity))]
     power = np.maximum(*lines)
     order = np.arange(power.size) * (_BINS // 2) / _BINS
-    inside = (order > span / LARGEST) & (order < span / SMALLEST)
+    inside = (order > span / largest) & (order < span / smallest)
     best = int(np.argmax(np.where(inside, power, 0.0)))
     if power[best] < CLEAR:
         return None
@@ -116,7 +121,7 @@ def coarse_reading(
             best = max(0, low - 2) + int(np.argmax(power[near]))
             break
     step = span / float(order[best])
-    return CoarseReading(drive, step, step**2 / span, float(power[best]))
+    return CoarseReading(drive, step, step**2 / span, float(power[best]), unit)
 
 
 def _lines(position: Array, values: Array) -> Array:

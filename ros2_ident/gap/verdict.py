@@ -10,6 +10,7 @@ from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.reading import CoarseReading
+from ros2_ident.gap.wording import in_travel
 from ros2_ident.models import EffectAt
 
 NONE, UNKNOWN = 'none', 'unknown'
@@ -278,13 +279,24 @@ def _confusable(
     return tuple(out)
 
 
-def advice(verdict: Verdict, not_testable: Sequence[EffectAt]) -> tuple[str, ...]:
-    """Return what to do next: motions that tell effects apart, and what was not to be seen."""
+def advice(
+    verdict: Verdict,
+    not_testable: Sequence[EffectAt],
+    travel: tuple[str, float] = ('m', 1.0),
+) -> tuple[str, ...]:
+    """Return what to do next: motions that tell effects apart, and what was not to be seen.
+
+    Args:
+        verdict: The answer.
+        not_testable: Effects that the motion could not show.
+        travel: Unit of the drives' positions, and how many of them stand for a metre.
+    """
     out = []
     if len(verdict.confusable) > 1:
         first, *others = verdict.confusable
         for other in others:
             motion = get_effect(other.at.effect).separated_by.format(drive=_place(other.at.where))
+            motion = in_travel(motion, *travel)
             one, two = get_effect(first.at.effect).title, get_effect(other.at.effect).title
             out.append(f'{one} and {two} cannot be told apart on this data; {motion}.')
     if verdict.effect == UNKNOWN and verdict.probability > 0.0:

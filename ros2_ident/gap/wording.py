@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Words for where a gap lies."""
 
+import re
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +29,34 @@ _WHILE = {
 def figure(value: float, sign: str = '') -> str:
     """Return a number with two digits that tell, as an engineer writes it: 280, not 2.8e+02."""
     return f'{float(f"{value:.2g}"):{sign}g}'
+
+
+_METRES = {'um': 1e-6, 'mm': 1e-3, 'm': 1.0}
+_LENGTH = re.compile(r'(\d+(?:\.\d+)?)(?: to (\d+(?:\.\d+)?))? (um|mm|m)(?=/s|\b)')
+
+
+def length(value: float, unit: str) -> str:
+    """Return a small way: micrometres of one in m, else its own unit."""
+    return f'{1e6 * value:.3g} um' if unit == 'm' else f'{value:.3g} {unit}'
+
+
+def in_travel(text: str, unit: str, per_metre: float) -> str:
+    """Return a sentence with its lengths and speeds in a drive's unit of travel.
+
+    Args:
+        text: A sentence with lengths in um, mm or m.
+        unit: Unit of the drive's position.
+        per_metre: How many of these a metre stands for.
+    """
+    if unit == 'm':
+        return text
+
+    def told(found: re.Match[str]) -> str:
+        factor = _METRES[found[3]] * per_metre
+        numbers = [f'{float(n) * factor:.3g}' for n in (found[1], found[2]) if n]
+        return f'{" to ".join(numbers)} {unit}'
+
+    return _LENGTH.sub(told, text)
 
 
 def percent(share: float) -> str:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from ros2_ident.effects import EffectParameter, get_effect
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.lever import per_metre
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.recorded import RecordedMotion
@@ -140,6 +141,12 @@ class FullModel(ABC):
     def machine(self) -> Machine | None:
         """The machine file's content; None where the model was not made from one."""
         return None
+
+    @property
+    def travel(self) -> tuple[str, float]:
+        """Unit of the drives' positions, and how many of them stand for a metre."""
+        unit = 'm' if self.machine is None else self.machine.travel_unit
+        return unit, per_metre(unit)
 
     @property
     def places(self) -> tuple[str, ...]:

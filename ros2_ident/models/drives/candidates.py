@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ros2_ident.effects import Effect, EffectParameter, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
+from ros2_ident.machine.lever import angular_factor, per_metre
 from ros2_ident.machine.machine import angular, constant, Machine
 from ros2_ident.machine.parameter import Kind, Parameter
 from ros2_ident.models.protocol import EffectAt
@@ -186,7 +187,7 @@ class Candidates:
         turns = self._machine.travel_unit == 'rad'
         out = []
         for p in get_effect(at.effect).parameters:
-            factor = self._factor(p.unit, effort)
+            factor = self._factor(p.unit, effort, turns)
             out.append(
                 replace(
                     p,
@@ -199,11 +200,12 @@ class Candidates:
             )
         return tuple(out)
 
-    def _factor(self, unit: str, effort: float) -> float:
+    def _factor(self, unit: str, effort: float, turns: bool) -> float:
         """Return the factor on the numbers of an effect's parameter, see `EffectParameter`."""
         if unit == '1/W':
-            return 1.0 / (effort * self._gear)
-        return effort if unit.startswith('effort') else 1.0
+            return 1.0 / (effort * self._gear * per_metre(self._machine.travel_unit))
+        factor = angular_factor(unit) if turns else 1.0
+        return effort * factor if unit.startswith('effort') else factor
 
     def full_effort(self, drive: int) -> float:
         """Return the effort that a share of a drive's limit refers to.
