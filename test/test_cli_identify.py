@@ -232,3 +232,28 @@ def test_a_drive_of_the_tripod_from_the_command_line(tmp_path):
     assert data['parameters']['tool_mass']['value'] == pytest.approx(1.4, rel=0.02)
     assert set(data['residual']) == {'drive_1'}
     assert recording_of(tripod_bag()).state is not None
+
+
+def test_a_signal_in_the_middle_of_a_line_of_progress_does_no_harm():
+    script = (
+        'import io, os, signal, sys\n'
+        'from ros2_ident.cli.interrupt import interrupts\n'
+        'class Raw(io.FileIO):\n'
+        '    def write(self, data):\n'
+        '        os.kill(os.getpid(), signal.SIGTERM)\n'
+        '        return super().write(data)\n'
+        'with interrupts() as cancel:\n'
+        '    sys.stderr = io.TextIOWrapper(io.BufferedWriter(Raw(2, "w", closefd=False)))\n'
+        '    print("generation 1", file=sys.stderr, flush=True)\n'
+        '    assert cancel.is_set()\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', script],
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == 'stopping; the best so far is kept\ngeneration 1\n'

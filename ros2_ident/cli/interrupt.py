@@ -3,8 +3,8 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import os
 import signal
-import sys
 import threading
 from types import FrameType
 
@@ -18,7 +18,8 @@ def interrupts() -> Iterator[threading.Event]:
         if event.is_set():
             raise KeyboardInterrupt
         event.set()
-        print('stopping; the best so far is kept', file=sys.stderr)
+        # The signal may have come in the middle of a `print`, which cannot be entered twice.
+        os.write(2, b'stopping; the best so far is kept\n')
 
     if threading.current_thread() is not threading.main_thread():
         yield event
