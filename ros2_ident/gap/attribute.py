@@ -19,7 +19,8 @@ from ros2_ident.gap.screen import seen_in_log, Start
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt
 from ros2_ident.search import Threads, Workers
-from ros2_ident.search.fit import fit, FitProgress, FitSettings
+from ros2_ident.search.fit import fit
+from ros2_ident.search.settings import FitProgress, FitSettings
 
 Array = npt.NDArray[np.float64]
 # Joint fits of one round: at most, and at least whatever the screen says of them.

@@ -28,7 +28,7 @@ from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt, Model
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings, Workers
-from ros2_ident.search.fit import FitSettings
+from ros2_ident.search.settings import FitSettings
 
 Array = npt.NDArray[np.float64]
 

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is to be solved: models of one machine on all recordings, as one problem."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 import functools
 import hashlib
 import math
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import Data
-from ros2_ident.identify.layout import Layout
+from ros2_ident.identify.layout import Conditions, Layout
 from ros2_ident.identify.result import DriveResidual, Quality
 from ros2_ident.kernel.hooks import sources_digest
 from ros2_ident.machine.machine import Machine
@@ -21,10 +21,38 @@ from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.protocol import complete, FullModel, Model
 from ros2_ident.sources import result_digest
 
-if TYPE_CHECKING:
-    from ros2_ident.identify.setup import Setup
-
 Array = npt.NDArray[np.float64]
+
+
+class Origin(Protocol):
+    """What a problem was made from, and can be made from again: see `setup.Setup`."""
+
+    @property
+    def machine(self) -> Machine:
+        """The machine."""
+        ...
+
+    @property
+    def data(self) -> Data:
+        """The segments."""
+        ...
+
+    @property
+    def conditions(self) -> Conditions:
+        """How the recordings differ."""
+        ...
+
+    def problem(self) -> 'Problem':
+        """Return the problem."""
+        ...
+
+    def lean(self) -> 'Origin':
+        """Return it without what only the process that reads the bag needs."""
+        ...
+
+    def held_out(self) -> 'Iterator[Problem]':
+        """Make the problem of each part of a long log that is held out, one at a time."""
+        ...
 
 
 class Problem:
@@ -61,7 +89,7 @@ class Problem:
         *,
         bounds: Mapping[str, tuple[float, float]] | None = None,
         fixed: Mapping[str, float] | None = None,
-        setup: 'Setup | None' = None,
+        setup: 'Origin | None' = None,
     ) -> None:
         self.models: tuple[FullModel, ...] = tuple(complete(m) for m in models)
         if not self.models:
@@ -118,8 +146,8 @@ class Problem:
         for model in self.models:
             total.update(np.ascontiguousarray(model.measured).tobytes())
         if self.setup is not None:
-            total.update(repr((self.setup.machine, self.setup.drives)).encode())
-            total.update(repr((self.setup.effects, self.setup.conditions)).encode())
+            total.update(repr((self.setup.machine, self.setup.conditions)).encode())
+            total.update(repr([m.effects for m in self.models]).encode())
         return total.hexdigest()
 
     @property
@@ -295,7 +323,7 @@ def require_sources(digest: str) -> None:
         )
 
 
-def _made_anew(digest: str, setup: 'Setup') -> Problem:
+def _made_anew(digest: str, setup: Origin) -> Problem:
     """Return a pickled problem, or refuse to where it would give other numbers."""
     require_sources(digest)
     return setup.problem()

@@ -4,9 +4,9 @@
 from dataclasses import dataclass
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.fit import FitProgress as IdentifyProgress
-from ros2_ident.search.fit import FitSettings
-from ros2_ident.search.fit import OnProgress as OnProgress
+from ros2_ident.search.settings import FitProgress as IdentifyProgress
+from ros2_ident.search.settings import FitSettings
+from ros2_ident.search.settings import OnProgress as OnProgress
 
 __all__ = ['IdentifyProgress', 'IdentifySettings', 'OnProgress']
 

@@ -4,8 +4,7 @@
 Identification, diagnosis, the paper's experiments and the fleet all fit by this.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 import math
 from pathlib import Path
 import time
@@ -14,101 +13,25 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.checkpoint import Checkpoint
 from ros2_ident.search.driver import Budget, minimise, Progress, SearchResult
 from ros2_ident.search.evaluators import Cancel, Evaluators, Objective, Threads, Workers
-from ros2_ident.search.genetic import GeneticSearch, GeneticSettings, StopReason
+from ros2_ident.search.genetic import GeneticSearch, StopReason
 from ros2_ident.search.jacobian import Box, finite_differences
 from ros2_ident.search.operators import Array, Flags
 from ros2_ident.search.refine import refine, Refinement
+from ros2_ident.search.settings import FitProgress, FitSettings, OnProgress
+from ros2_ident.search.starts import distinct_starts
 from ros2_ident.search.uncertainty import Intervals, intervals
 
 # The part of a budget that is kept for the refinement.
 REFINEMENT_SHARE = 0.3
-# Starts of the refinement differ in at least one parameter by this part of the box.
-APART = 0.1
 # A residual this close to the effort's own noise leaves nothing to search for.
 DOWN_TO_NOISE = 1.2
 # Checkpoints may take this share of the time.
 CHECKPOINT_SHARE = 0.02
 # Jacobians a refinement takes, for the estimate of the time to go.
 USUAL_STEPS = 12
-
-
-@dataclass(frozen=True)
-class FitSettings:
-    """How to fit.
-
-    Attributes:
-        genetic: The genetic algorithm; Table 4 of Ludwig and Gerstmayr (2011) by default.
-        budget: What the whole run may cost, refinement included.
-        refine: Whether to refine the genetic algorithm's result locally.
-        starts: Most candidates to refine, the best and good ones far from it; the rest is left out
-            once one has reached the noise of the outputs.
-        refine_evaluations: Most candidates for each start; 60 Jacobians by default.
-        level: Probability that an interval covers the truth.
-        give_up: Whether to leave off simulating candidates of the genetic algorithm as soon as
-            they cost too much to survive. The result is the same; their costs are not known then.
-    """
-
-    genetic: GeneticSettings = field(default_factory=GeneticSettings)
-    budget: Budget = field(default_factory=Budget)
-    refine: bool = True
-    starts: int = 4
-    refine_evaluations: int | None = None
-    level: float = 0.95
-    give_up: bool = True
-
-    def __post_init__(self) -> None:
-        for name in ('starts', 'refine_evaluations'):
-            value = getattr(self, name)
-            if value is not None and not (isinstance(value, int) and value >= 1):
-                raise IdentError(
-                    ErrorCode.INVALID_GOAL,
-                    f'{name} is {value!r}; give a whole number of at least 1',
-                )
-        if not 0.0 < self.level < 1.0:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'level is {self.level}; give a probability between 0 and 1',
-            )
-
-
-@dataclass(frozen=True)
-class FitProgress:
-    """A fit seen from outside at one instant.
-
-    Attributes:
-        phase: `search` for the genetic algorithm, `refinement` after it.
-        generation: Generation being evaluated, or start being refined; from 1.
-        generations: The last one, or the number of starts.
-        evaluations: Candidates simulated so far, both phases.
-        budget: Candidates that will be simulated at most, the refinement's as usual.
-        best_cost: Lowest cost so far, inf before a candidate converged.
-        unit: Its unit.
-        names: (N,) parameters.
-        best_theta: (N,) best parameters so far, physical units.
-        spread: Largest standard deviation of the survivors over the parameters, in box widths.
-        elapsed: Wall time so far, s.
-        eta: Wall time still to go, s; NaN where unknown.
-    """
-
-    phase: str
-    generation: int
-    generations: int
-    evaluations: int
-    budget: int
-    best_cost: float
-    unit: str
-    names: tuple[str, ...]
-    best_theta: Array
-    spread: float
-    elapsed: float
-    eta: float
-
-
-OnProgress = Callable[[FitProgress], None]
 
 
 class Solvable(Objective, Protocol):
@@ -418,35 +341,16 @@ class _Fit:
 
     def _starts(self, ga: SearchResult, stop: Cancel) -> Array:
         """Return (B, N) the best candidate and the best that lie apart from it and each other."""
-        candidates, costs = np.concatenate(self.candidates), np.concatenate(self.told)
-        exact = np.concatenate(self.exact)
-        width = self.problem.high - self.problem.low
-
-        def apart(from_: Array) -> Flags:
-            far: Flags = (np.abs(candidates - from_) / width).max(axis=1) > APART
-            return far
-
-        beside_best = apart(ga.theta)
-
-        def chosen(among: Array) -> list[int]:
-            rows: list[int] = []
-            free = beside_best & np.isfinite(among)
-            while len(rows) < self.settings.starts - 1 and free.any():
-                # Of candidates of equal cost the one that was drawn first.
-                rows.append(int(np.where(free, among, np.inf).argmin()))
-                free &= apart(candidates[rows[-1]])
-            return rows
-
-        # Some costs are lower bounds only. Those that may matter are found out as far as they do.
-        known = chosen(np.where(exact, costs, np.inf))
-        limit = float(costs[known[-1]]) if len(known) == self.settings.starts - 1 > 0 else np.inf
-        rows = np.flatnonzero(beside_best & ~exact & (costs <= limit))
-        while len(rows) and not stop.is_set():
-            costs[rows] = self.problem.costs(candidates[rows], limit, stop.is_set)
-            exact[rows] = costs[rows] <= limit
-            rows = np.array([row for row in chosen(costs) if not exact[row]], dtype=np.intp)
-            limit = np.inf
-        return np.array([ga.theta, *candidates[chosen(costs)]])
+        return distinct_starts(
+            ga.theta,
+            np.concatenate(self.candidates),
+            np.concatenate(self.told),
+            np.concatenate(self.exact),
+            self.problem.high - self.problem.low,
+            self.settings.starts,
+            lambda theta, limit: self.problem.costs(theta, limit, stop.is_set),
+            stop,
+        )
 
     def _refine(self, ga: SearchResult) -> Refinement | None:
         budget = self.settings.budget
