@@ -22,7 +22,7 @@ def request_():
         machine=load_machine(AXIS_FILE),
         machine_text='',
         drives=('emps_axis',),
-        bag_path=str(BAG),
+        bag_paths=(str(BAG),),
         settings=IdentifySettings(
             genetic=GeneticSettings(initial_population=64, generations=4), refine=False
         ),
