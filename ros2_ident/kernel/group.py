@@ -18,17 +18,23 @@ PART = 8 * measurement.PIECE
 class Task(NamedTuple):
     """What a simulation is for, as `measurement.hand_on` takes it.
 
+    Q is 1 where the effort alone is wanted, else 3: `measurement.QUANTITIES`.
+
     Attributes:
-        wanted: (D, K) column of `out` for each drive and cycle, -1 for none.
-        measured: (D, K + 1) measured torque where costs are summed, else (0, 0).
-        samples: (D,) cycles of each drive that count.
+        wanted: (Q, D, K) column of `out` for each quantity, drive and cycle, -1 for none.
+        measured: (Q, D, K + 1) what was measured where costs are summed, else (0, 0, 0).
+        samples: (Q, D) cycles that count.
+        weights: (Q,) factors on the errors.
+        moving: True where positions or velocities are wanted, None where not.
         limits: (S,) cost above which a candidate need not be simulated further; (0,) for none.
-        out: (S, C) torque, or (S, 1) costs.
+        out: (S, C) what the log holds, or (S, 1) costs.
     """
 
     wanted: npt.NDArray[np.int64]
     measured: Array
     samples: npt.NDArray[np.int64]
+    weights: Array
+    moving: bool | None
     limits: Array
     out: Array
 

@@ -37,6 +37,8 @@ def _build(digest):
         wanted,
         measured,
         samples,
+        weights,
+        moving,
         limits,
         out,
     ):
@@ -54,7 +56,8 @@ def _build(digest):
             cycle: Controller cycle [s].
             law: (D,) VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
             wanted, measured, samples, out: As for `measurement.hand_on`.
-            limits: Not looked at.
+            weights, limits: Not looked at.
+            moving: None; of the motion there is only what was recorded.
         """
         _ = digest
         drives = on.shape[0]
@@ -87,18 +90,20 @@ def _build(digest):
                     measurement.hand_on(
                         par,
                         torques,
+                        torques,
                         k - piece,
                         piece + 1,
                         cycle,
                         wanted,
                         measured,
                         samples,
+                        moving,
                         rows[g],
                         kept,
                         rest,
                         out,
                     )
-            measurement.conclude(par, finite, measured, samples, rows[g], kept, out)
+            measurement.conclude(par, finite, measured, samples, weights, rows[g], kept, out)
 
     return replay
 

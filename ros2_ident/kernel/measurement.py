@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the torque a controller commanded to the one a log holds, and to a candidate's cost.
+"""From what the simulated drives did to what a log holds of it, and to a candidate's cost.
 
 The simulations hand their torque on `PIECE` cycles at a time, while it is still in the processor's
 cache: a cost needs no trajectory in memory, and residuals are stored at measured samples only.
+
+Where motors' positions and velocities are wanted, too, they are handed on beside the torque; the
+log holds them as they were at the controller's instants. `moving` is None where the effort alone
+is wanted: nothing of this is compiled then.
 """
 # mypy: ignore-errors
+
+from typing import Literal
 
 import numpy as np
 
@@ -30,9 +36,17 @@ DELAY, GAIN, BIAS, LAG, CROSSTALK = (
 )
 
 PIECE = 128
-# What a drive's log keeps from one piece to the next: the rows of its part of `kept`.
+# What is measured, in the order of the outputs; `Task` has a row of each for every drive.
+QUANTITIES: tuple[Literal['effort', 'position', 'velocity'], ...] = (
+    'effort',
+    'position',
+    'velocity',
+)
+MOTIONS = len(QUANTITIES) - 1
+# What a drive's log keeps from one piece to the next: the rows of its part of `kept`. From SQUARES
+# on, a row for each quantity.
 VALUE, BEFORE, SQUARES = range(3)
-KEPT = 3
+KEPT = SQUARES + len(QUANTITIES)
 # Rows of room to work in.
 ROOM = PIECE + 1
 
@@ -121,43 +135,66 @@ def _square(late, whole, first, count, measured, squares):
     store(squares, 0, total)
 
 
+@inlined
+def _book(seen, whole, first, count, wanted, measured, q, d, rows, kept, out):
+    """Write what the log holds of quantity `q` of drive `d`, or add it to the costs."""
+    if measured.size:
+        row = (d * KEPT + SQUARES + q) * W
+        _square(seen, whole, first, count, measured[q, d], kept[row : row + W])
+    else:
+        _write(seen, whole, first, count, wanted[q, d], rows, out)
+
+
 @called
-def hand_on(par, torque, first, count, cycle, wanted, measured, samples, rows, kept, room, out):
-    """Write a piece of a block's torque where it is wanted, or add it to the costs.
+def hand_on(
+    par, torque, moves, first, count, cycle, wanted, measured, samples, moving, rows, kept, room,
+    out,
+):  # fmt: skip
+    """Write a piece of a block's log where it is wanted, or add it to the costs.
+
+    A quantity is the effort or, unless `moving` is None, the motors' position or velocity (Q is 1
+    or 3).
 
     Args:
         par: (R * W,) rows of the candidates.
         torque: (D * PIECE * W,) commanded torque of the cycles from `first` on.
+        moves: (2 * D * PIECE * W,) the motors' positions, then their velocities; not looked at
+            where `moving` is None.
         first: The piece's first cycle.
         count: Its cycles.
         cycle: Controller cycle [s].
-        wanted: (D, K) column of `out` for each drive and cycle, -1 for none.
-        measured: (D, K + 1) measured torque to sum costs, NaN where there is no sample and behind
-            the last cycle; (0, 0) to write torque.
-        samples: (D,) how many cycles of a drive count.
+        wanted: (Q, D, K) column of `out` for each quantity, drive and cycle, -1 for none.
+        measured: (Q, D, K + 1) what was measured, to sum costs, NaN where there is no sample and
+            behind the last cycle; (0, 0, 0) to write the log.
+        samples: (Q, D) how many cycles of a drive count.
+        moving: Whether positions and velocities are wanted, or None.
         rows: (W,) row of `out` for each lane, -1 for none.
         kept: (D * KEPT * W,) what is kept between pieces; zero before the first.
         room: (ROOM * W,) to work in.
-        out: (S, C) logged torque, written where it is wanted. The delay interpolates linearly
+        out: (S, C) the log, written where it is wanted. The torque's delay interpolates linearly
             between cycles; before the first cycle the torque is the first one.
     """
-    drives, cycles = wanted.shape
+    _, drives, cycles = wanted.shape
     late = room[: PIECE * W]
     whole = room[PIECE * W :]
     for d in range(drives):
-        if samples[d]:
+        if samples[0, d]:
             _log(par, torque, d, drives, first, count, cycle, kept, late)
             delay = load(par, (MACHINE_COUNT + d * DRIVE_COUNT + DELAY) * W) / spread(cycle)
             store(whole, 0, clip(floor(delay), spread(0.0), spread(float(cycles))))
-            if measured.size:
-                row = (d * KEPT + SQUARES) * W
-                _square(late, whole, first, count, measured[d], kept[row : row + W])
-            else:
-                _write(late, whole, first, count, wanted[d], rows, out)
+            _book(late, whole, first, count, wanted, measured, 0, d, rows, kept, out)
+    if moving is not None:
+        store(whole, 0, spread(0.0))
+        for q in range(1, 1 + MOTIONS):
+            for d in range(drives):
+                at = ((q - 1) * drives + d) * PIECE * W
+                seen = moves[at : at + PIECE * W]
+                if samples[q, d]:
+                    _book(seen, whole, first, count, wanted, measured, q, d, rows, kept, out)
 
 
 @inlined
-def _cost(samples, kept, lane):
+def _cost(samples, weights, kept, lane):
     """Return a lane's cost, eq. 2 of the paper, as far as errors have been summed.
 
     Squares only add to it, and every operation on them rises with them: it never exceeds, not in
@@ -165,15 +202,17 @@ def _cost(samples, kept, lane):
     """
     total = 0.0
     outputs = 0
-    for d in range(samples.shape[0]):
-        if samples[d]:
-            total += np.sqrt(kept[(d * KEPT + SQUARES) * W + lane] / samples[d])
-            outputs += 1
+    for q in range(samples.shape[0]):
+        for d in range(samples.shape[1]):
+            if samples[q, d]:
+                square = kept[(d * KEPT + SQUARES + q) * W + lane]
+                total += weights[q] * np.sqrt(square / samples[q, d])
+                outputs += 1
     return total / max(outputs, 1)
 
 
 @called
-def give_up(samples, rows, limits, kept, out):
+def give_up(samples, weights, rows, limits, kept, out):
     """Write what lanes cost that have come above their limits; return whether none is left.
 
     A lane's number is that of the first piece after which it was above: it does not depend on
@@ -181,6 +220,7 @@ def give_up(samples, rows, limits, kept, out):
 
     Args:
         samples: As for `hand_on`.
+        weights: (Q,) factors on the errors, positive.
         rows: As for `hand_on`; becomes -1 for a lane that is given up.
         limits: (S,) cost above which a candidate need not be simulated further; (0,) for none.
         kept: What `hand_on` kept.
@@ -191,7 +231,7 @@ def give_up(samples, rows, limits, kept, out):
     left = False
     for lane in range(W):
         if rows[lane] >= 0:
-            cost = _cost(samples, kept, lane)
+            cost = _cost(samples, weights, kept, lane)
             if cost <= limits[rows[lane]]:
                 left = True
             else:
@@ -201,7 +241,7 @@ def give_up(samples, rows, limits, kept, out):
 
 
 @called
-def conclude(par, finite, measured, samples, rows, kept, out):
+def conclude(par, finite, measured, samples, weights, rows, kept, out):
     """Write the costs (S, 1), eq. 2 of the paper, and inf for diverged candidates.
 
     Args:
@@ -209,20 +249,21 @@ def conclude(par, finite, measured, samples, rows, kept, out):
         finite: (W,) other than zero where a candidate stayed finite.
         measured: As for `hand_on`.
         samples: As for `hand_on`.
+        weights: As for `give_up`.
         rows: As for `hand_on`.
         kept: What `hand_on` kept.
-        out: (S, C) as for `hand_on`; where costs are summed (S, 1), the RMS error averaged over
-            the drives that count.
+        out: (S, C) as for `hand_on`; where costs are summed (S, 1), weight times RMS error,
+            averaged over the quantities of drives that count.
     """
     for lane in range(W):
         if rows[lane] < 0:
             continue
         good = finite[lane] != 0.0
-        for d in range(samples.shape[0]):
+        for d in range(samples.shape[1]):
             delay = par[(MACHINE_COUNT + d * DRIVE_COUNT + DELAY) * W + lane]
             good &= np.isfinite(delay) and delay >= 0.0
         if measured.size:
-            cost = _cost(samples, kept, lane)
+            cost = _cost(samples, weights, kept, lane)
             good &= np.isfinite(cost) and samples.any()
             out[rows[lane], 0] = cost if good else np.inf
         elif not good:

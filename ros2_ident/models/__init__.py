@@ -27,6 +27,8 @@ def make_model(
     fixed: Mapping[str, float] | None = None,
     cutoff: float = 100.0,
     efforts: Array | None = None,
+    quantities: Sequence[str] = ('effort',),
+    weights: Sequence[float] | None = None,
 ) -> DriveModel:
     """Return the model of a machine on a recording; the arguments are `DriveModel`'s.
 
@@ -49,6 +51,8 @@ def make_model(
         fixed=fixed,
         cutoff=cutoff,
         efforts=efforts,
+        quantities=quantities,
+        weights=weights,
     )
 
 

@@ -21,6 +21,7 @@ from ros2_ident.machine.machine import constant, Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.drives.candidates import Candidates, SLOTS
 from ros2_ident.models.drives.effort_range import effort_range
+from ros2_ident.models.drives.outputs import chosen_outputs
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
 from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
@@ -40,8 +41,8 @@ class DriveModel(FullModel):
         machine: The machine file's content.
         data: The recording on the controller's grid. Without a command the recorded motion drives
             the model (inverse mode): motors follow it and the torque it takes is the output.
-        drives: Drives whose torque is compared and whose parameters are free; the others follow
-            their recorded motion. All by default.
+        drives: Drives that are compared and whose parameters are free; the others follow their
+            recorded motion. All by default.
         effects: Effects besides the nominal physics.
         fixed: Values of parameters that are not to be identified, by name.
         cutoff: Low-pass of recorded motion where it drives the model [Hz]; at most a fifth of the
@@ -50,6 +51,9 @@ class DriveModel(FullModel):
             by default this recording's, see `effort_range`.
         substeps: Integration steps in a controller cycle; by default chosen for each candidate's
             stiffness.
+        quantities: What of the drives is compared: `effort`, and where controllers follow a
+            set-point `position` and `velocity` of the motors.
+        weights: Factor on the errors of each quantity; 1 by default.
 
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, MISSING_STREAM or BAD_MACHINE_FILE with the
@@ -73,6 +77,8 @@ class DriveModel(FullModel):
         cutoff: float = 100.0,
         substeps: int | None = None,
         efforts: Array | None = None,
+        quantities: Sequence[str] = ('effort',),
+        weights: Sequence[float] | None = None,
     ) -> None:
         self._machine = machine
         self._data = data
@@ -82,6 +88,7 @@ class DriveModel(FullModel):
         self.substeps = substeps
         self.cutoff = cutoff
         self.drives = self._chosen(drives)
+        self.compared = chosen_outputs(machine.drives, self.drives, quantities, weights)
         self.gear = constant(machine.drive, 'gear_factor', 'drive', 1.0)
         # Where effort is a force, the gear factor is 1 and says nothing of the motor's angle.
         length = constant(machine.drive, 'travel_per_turn', 'drive', 2.0 * math.pi / self.gear)
@@ -108,6 +115,7 @@ class DriveModel(FullModel):
             self.rigid,
             self.efforts,
         )
+        self._check_outputs()
         self._command, self._motion, self._mode = self._inputs()
 
     # ------------------------------------------------------------------ declaration
@@ -122,6 +130,14 @@ class DriveModel(FullModel):
                     f'drive {name!r} is not in the machine file; choose from {", ".join(known)}',
                 )
         return tuple(n for n in known if n in chosen)
+
+    def _check_outputs(self) -> None:
+        if self.compared.moving and not self._closed:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                'without a command the recorded motion drives the model and cannot be compared '
+                'with it; compare the effort alone, or record the command',
+            )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -162,6 +178,8 @@ class DriveModel(FullModel):
             cutoff=self.cutoff,
             substeps=substeps,
             efforts=self.efforts,
+            quantities=self.compared.quantities,
+            weights=self.compared.weights,
         )
 
     def effort_limit(self, place: str) -> float:
@@ -179,18 +197,14 @@ class DriveModel(FullModel):
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        """The drives' efforts."""
-        return tuple(Output(name, self.unit, place=name) for name in self.drives)
+        """What is compared: quantity by quantity, drive by drive within."""
+        machine = self.machine
+        return self.compared.described(machine.model_unit, machine.travel_unit)
 
     @property
     def places(self) -> tuple[str, ...]:
         """The drives compared."""
         return self.drives
-
-    @property
-    def unit(self) -> str:
-        """Unit of the effort and of the cost."""
-        return self.machine.model_unit
 
     @property
     def cycle(self) -> float:
@@ -199,14 +213,12 @@ class DriveModel(FullModel):
 
     @property
     def measured(self) -> Array:
-        """(D, K) measured output of `outputs`; NaN at cycles without a sample."""
-        index = [self.data.names.index(name) for name in self.drives]
-        assert self.data.effort is not None
-        effort = np.ascontiguousarray(self.data.effort[index])
-        return effort if self._compared is None else np.where(self._compared, effort, np.nan)
+        """(O, K) what was measured of `outputs`; NaN at cycles without a sample."""
+        measured = self.compared.measured(self.data)
+        return measured if self._compared is None else np.where(self._compared, measured, np.nan)
 
     def restricted(self, there: npt.NDArray[np.bool_]) -> 'DriveModel':
-        """Return the same model that compares its outputs only where `there` (D, K) holds."""
+        """Return the same model that compares its outputs only where `there` (O, K) holds."""
         other = copy.copy(self)
         other.__dict__.pop('_costing', None)
         other._compared = there
@@ -283,24 +295,24 @@ class DriveModel(FullModel):
         )
 
     def effort_delay(self, theta: Array) -> Array:
-        """Return (D,) how late the effort of each output is logged [s], for one candidate (N,)."""
+        """Return (D,) how late each drive's effort is logged [s], for one candidate (N,)."""
         block = self.rows(theta)[0]
-        return np.array([block[rows.row_of('log_delay', d)] for d in self._chosen_rows])
+        return np.array([block[rows.row_of('log_delay', d)] for d in self.compared.places])
 
     def motor_effort(self, theta: Array, velocity: Array, acceleration: Array) -> Array:
-        """Return what friction and a motor's own inertia take of the effort of each output.
+        """Return what friction and a motor's own inertia take of the effort of each drive.
 
         Args:
             theta: (N,) a candidate.
-            velocity: (D, K) of `outputs`.
-            acceleration: (D, K) of `outputs`.
+            velocity: (D, K) of `drives`.
+            acceleration: (D, K) of `drives`.
 
         Returns:
-            (D, K) effort that does not reach the gear [`output_unit`].
+            (D, K) effort that does not reach the gear [N m or N].
         """
         block = self.rows(theta)[0]
         coulomb, viscous, width, inertia, gear = (
-            np.array([[block[rows.row_of(name, d)]] for d in self._chosen_rows])
+            np.array([[block[rows.row_of(name, d)]] for d in self.compared.places])
             for name in ('coulomb', 'viscous', 'regularisation', 'drive_inertia', 'gear')
         )
         friction = coulomb * np.tanh(velocity / width) + viscous * velocity
@@ -421,7 +433,7 @@ class DriveModel(FullModel):
             lanes.padded(steps[order].astype(float)).reshape(groups, -1),
             np.empty((groups, self._state)),
         )
-        cycles = task.wanted.shape[1]
+        cycles = task.wanted.shape[2]
         whole = stop is None and not np.isfinite(task.limits).any()
         part = cycles if whole else PART
         for begin in range(0, cycles, part):
@@ -435,45 +447,45 @@ class DriveModel(FullModel):
         return task.out
 
     def simulate(self, theta: Array) -> Array:
-        """Return the logged torque of every candidate.
+        """Return what the log of every candidate holds.
 
         Args:
             theta: (S, N) candidates, physical units, in the order of `parameters`.
 
         Returns:
-            (S, D, K) torque of `outputs` at every controller cycle [`unit`]; inf where a
-            candidate diverged.
+            (S, O, K) `outputs` at every controller cycle; inf where a candidate diverged.
         """
-        every = np.ones((len(self.drives), self._cycles), dtype=bool)
+        every = np.ones((len(self.compared), self._cycles), dtype=bool)
         return self.simulate_at(theta, every).reshape(-1, *every.shape)
 
     def simulate_at(self, theta: Array, there: npt.NDArray[np.bool_]) -> Array:
-        """Return (S, R) what `simulate` does where `there` (D, K) holds, drive by drive."""
+        """Return (S, R) what `simulate` does where `there` (O, K) holds, output by output."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
         out = np.empty((len(theta), int(there.sum())))
-        return self._simulated(theta, self._task(there, out))
+        return self._simulated(theta, self.compared.task(there, out))
 
     def replay_law(
         self, seen: RecordedMotion, theta: Array, there: npt.NDArray[np.bool_]
     ) -> Array:
-        """Return what the log would hold if the controllers alone were the model's.
+        """Return the effort a log would hold if the controllers alone were the model's.
 
         They are fed with the recorded motion; no machine is simulated.
 
         Args:
             seen: The recording's motion, of all the machine's drives.
             theta: (S, N) candidates.
-            there: (D, K) cycles of `outputs` that are wanted.
+            there: (D, K) cycles of `drives` that are wanted.
 
         Returns:
-            (S, R) effort, drive by drive [`unit`]. Each drive's is known but for a
+            (S, R) effort, drive by drive. Each drive's is known but for a
             constant: a log does not show what an integral part held before.
         """
         block = self.rows(theta)
         groups = -(-len(block) // lanes.WIDTH)
         places = np.full(groups * lanes.WIDTH, -1, dtype=np.int64)
         places[: len(block)] = np.arange(len(block))
-        task = self._task(there, np.empty((len(block), int(there.sum()))))
+        effort = chosen_outputs(self.machine.drives, self.drives, ('effort',), None)
+        task = effort.task(there, np.empty((len(block), int(there.sum()))))
         law_kernel.replay(
             lanes.padded(block).reshape(groups, -1),
             places.reshape(groups, lanes.WIDTH),
@@ -504,7 +516,8 @@ class DriveModel(FullModel):
             stop: Asked now and then; where it says True, nobody needs the result any more.
 
         Returns:
-            (S,) costs [`unit`]; inf where a candidate diverged. Where one is above `limit`
+            (S,) costs: weight times RMS error, averaged over the outputs that have samples; inf
+            where a candidate diverged. Where one is above `limit`
             it is a lower bound of the cost.
         """
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
@@ -516,31 +529,19 @@ class DriveModel(FullModel):
     @functools.cached_property
     def _costing(self) -> Task:
         """The task of summing costs, but for what belongs to the candidates."""
-        measured = self.measured
-        wanted = np.full((len(self.machine.drives), measured.shape[1] + 1), np.nan)
-        wanted[self._chosen_rows, :-1] = measured
-        return self._task(~np.isnan(measured), np.empty((0, 1)))._replace(measured=wanted)
+        return self.compared.costing(self.measured)
 
     def residuals(self, theta: Array) -> Array:
-        """Return (S, R) measured less simulated torque, drive by drive (eq. 1)."""
+        """Return (S, R) weighted measured less simulated output, output by output (eq. 1)."""
         measured = self.measured
         there = ~np.isnan(measured)
         out = self.simulate_at(theta, there)
-        return np.subtract(measured[there], out, out=out)
+        np.subtract(measured[there], out, out=out)
+        weights = np.array([output.weight for output in self.outputs])
+        if (weights != 1.0).any():
+            out *= np.repeat(weights, there.sum(axis=1))
+        return out
 
     @property
     def _cycles(self) -> int:
         return self._command.size // (2 * len(self.machine.drives))
-
-    @property
-    def _chosen_rows(self) -> list[int]:
-        return [self.machine.drives.index(name) for name in self.drives]
-
-    def _task(self, there: npt.NDArray[np.bool_], out: Array) -> Task:
-        """Return the task of writing the torque of `outputs` where `there` (D, K) holds."""
-        drives = len(self.machine.drives)
-        wanted = np.full((drives, there.shape[1]), -1, dtype=np.int64)
-        columns = np.full(there.shape, -1, dtype=np.int64)
-        columns[there] = np.arange(int(there.sum()))
-        wanted[self._chosen_rows] = columns
-        return Task(wanted, np.empty((0, 0)), (wanted >= 0).sum(axis=1), np.empty(0), out)

@@ -43,7 +43,12 @@ def state_for(drives: int) -> int:
 
 def room_for(drives: int) -> int:
     """Return how many numbers of room the kernel needs for so many drives."""
-    own = drives * measurement.PIECE + rk.STAGES * COORDINATES + 1 + measurement.ROOM
+    own = (
+        drives * (1 + measurement.MOTIONS) * measurement.PIECE
+        + rk.STAGES * COORDINATES
+        + 1
+        + measurement.ROOM
+    )
     return state_for(drives) + W * own
 
 
@@ -102,6 +107,8 @@ def _build(digest):
         wanted,
         measured,
         samples,
+        weights,
+        moving,
         limits,
         out,
     ):
@@ -120,7 +127,7 @@ def _build(digest):
         """
         _ = digest
         drives = mode.shape[0]
-        count = wanted.shape[1]
+        count = wanted.shape[2]
         going = room[: state.shape[1]]
         all_place, more = parted(room, drives * COORDINATES)
         all_rate, more = parted(more, drives * COORDINATES)
@@ -129,6 +136,7 @@ def _build(digest):
         bend, rest = parted(rest, rk.STAGES * COORDINATES)
         torques, rest = parted(rest, drives * measurement.PIECE)
         finite, rest = parted(rest, 1)
+        rest, moves = parted(rest, measurement.ROOM)
         own = COORDINATES * W
         mine = dk.MEMORY_COUNT * W
         zero = spread(0.0)
@@ -208,6 +216,9 @@ def _build(digest):
                             )
                             torque = dk.at_motor(par, first, mass * acceleration + back) + friction
                         store(torques, (d * measurement.PIECE + piece) * W, torque)
+                        if moving is not None:
+                            store(moves, (d * measurement.PIECE + piece) * W, z)
+                            store(moves, ((drives + d) * measurement.PIECE + piece) * W, v)
                         steps = where(fast, load(substeps[g], 0), load(substeps[g], W))
                         whole = cycle / steps
                         sub = 0.0
@@ -248,18 +259,20 @@ def _build(digest):
                 measurement.hand_on(
                     par,
                     torques,
+                    moves,
                     begun,
                     cycles,
                     cycle,
                     wanted,
                     measured,
                     samples,
+                    moving,
                     rows[g],
                     kept,
                     rest,
                     out,
                 )
-                if measurement.give_up(samples, rows[g], limits, kept, out):
+                if measurement.give_up(samples, weights, rows[g], limits, kept, out):
                     break
             copied(going, state[g])
             if end == count:
@@ -270,7 +283,7 @@ def _build(digest):
                             at = (d * COORDINATES + r) * W + lane
                             if not np.isfinite(all_place[at] + all_rate[at]):
                                 finite[lane] = 0.0
-                measurement.conclude(par, finite, measured, samples, rows[g], kept, out)
+                measurement.conclude(par, finite, measured, samples, weights, rows[g], kept, out)
 
     return simulate
 

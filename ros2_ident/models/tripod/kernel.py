@@ -58,7 +58,9 @@ MOTOR, CARRIAGE, FRAME = 0, 3, 6
 LINKAGE = 14
 # What goes on from a part of the log to the next: as many numbers of each block.
 STATE = W * ((2 + rk.STAGES) * COORDINATES + 3 * (1 + dk.MEMORY_COUNT + measurement.KEPT))
-ROOM = STATE + W * (LINKAGE + 3 * (1 + measurement.PIECE) + 1 + measurement.ROOM)
+ROOM = STATE + W * (
+    LINKAGE + 3 * (1 + (1 + measurement.MOTIONS) * measurement.PIECE) + 1 + measurement.ROOM
+)
 
 
 @inlined
@@ -292,6 +294,8 @@ def _build(digest):
         wanted,
         measured,
         samples,
+        weights,
+        moving,
         limits,
         out,
     ):
@@ -317,8 +321,8 @@ def _build(digest):
             frame: Whether the frame can move.
             cycle: Controller cycle [s].
             law: (3,) VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
-            wanted, measured, samples, out: As for `measurement.hand_on`.
-            limits: As for `measurement.give_up`.
+            wanted, measured, samples, moving, out: As for `measurement.hand_on`.
+            weights, limits: As for `measurement.give_up`.
         """
         _ = digest
         count = command.shape[0] // 6
@@ -335,6 +339,7 @@ def _build(digest):
         link, rest = parted(rest, LINKAGE)
         torques, rest = parted(rest, 3 * measurement.PIECE)
         finite, rest = parted(rest, 1)
+        rest, moves = parted(rest, measurement.ROOM)
         zero = spread(0.0)
         half = 0.5 * cycle
         for g in range(blocks.shape[0]):
@@ -409,6 +414,9 @@ def _build(digest):
                         )
                         torque = dk.at_motor(par, first, inertia + back) + friction
                     store(torques, (d * measurement.PIECE + piece) * W, torque)
+                    if moving is not None:
+                        store(moves, (d * measurement.PIECE + piece) * W, z)
+                        store(moves, ((3 + d) * measurement.PIECE + piece) * W, v)
                 # The middle of the cycle, as the present rates predict it.
                 w1 = load(rate, CARRIAGE * W)
                 w2 = load(rate, (CARRIAGE + 1) * W)
@@ -478,18 +486,20 @@ def _build(digest):
                     measurement.hand_on(
                         par,
                         torques,
+                        moves,
                         k - piece,
                         piece + 1,
                         cycle,
                         wanted,
                         measured,
                         samples,
+                        moving,
                         rows[g],
                         kept,
                         rest,
                         out,
                     )
-                    if measurement.give_up(samples, rows[g], limits, kept, out):
+                    if measurement.give_up(samples, weights, rows[g], limits, kept, out):
                         break
             copied(going, state[g])
             if end == count:
@@ -498,7 +508,7 @@ def _build(digest):
                     for r in range(coordinates):
                         if not np.isfinite(place[r * W + lane] + rate[r * W + lane]):
                             finite[lane] = 0.0
-                measurement.conclude(par, finite, measured, samples, rows[g], kept, out)
+                measurement.conclude(par, finite, measured, samples, weights, rows[g], kept, out)
 
     return simulate
 

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What of the drives is compared with a recording, and how much each of it counts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.kernel.group import Task
+from ros2_ident.kernel.measurement import QUANTITIES
+from ros2_ident.models.protocol import Output
+from ros2_ident.recording import Dataset
+
+Array = npt.NDArray[np.float64]
+T = TypeVar('T', bound=np.generic)
+Quantity = Literal['effort', 'position', 'velocity']
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Quantities of drives, quantity by quantity, drive by drive within.
+
+    Position and velocity are the motor's at the controller's instants, neither late nor rounded:
+    what an encoder makes of a position acts on what the controller reads.
+
+    Attributes:
+        drives: Names of the drives that are compared.
+        places: Their numbers among the machine's drives.
+        count: Drives of the machine.
+        quantities: What of each is compared, in the order of `QUANTITIES`.
+        weights: Factor on the errors of each quantity.
+    """
+
+    drives: tuple[str, ...]
+    places: tuple[int, ...]
+    count: int
+    quantities: tuple[Quantity, ...]
+    weights: tuple[float, ...]
+
+    def __len__(self) -> int:
+        return len(self.quantities) * len(self.drives)
+
+    def described(self, effort: str, travel: str) -> tuple[Output, ...]:
+        """Return the O outputs: `drive_1` for its effort, `drive_1.position` for its position.
+
+        Args:
+            effort: Unit of efforts.
+            travel: Unit of positions.
+        """
+        units = {'effort': effort, 'position': travel, 'velocity': f'{travel}/s'}
+        return tuple(
+            Output(
+                drive if quantity == 'effort' else f'{drive}.{quantity}',
+                units[quantity],
+                weight,
+                drive,
+                quantity,
+            )
+            for quantity, weight in zip(self.quantities, self.weights, strict=True)
+            for drive in self.drives
+        )
+
+    @property
+    def moving(self) -> bool:
+        """Whether motion is among them."""
+        return self.quantities != ('effort',)
+
+    def measured(self, data: Dataset) -> Array:
+        """Return (O, K) what a recording holds of them; NaN at cycles without a sample.
+
+        Raises:
+            IdentError: MISSING_STREAM where it holds nothing of a quantity.
+        """
+        rows = [data.names.index(name) for name in self.drives]
+        parts = []
+        for quantity in self.quantities:
+            values = getattr(data, quantity)
+            if values is None:
+                raise IdentError(
+                    ErrorCode.MISSING_STREAM,
+                    f'the recording holds no {quantity}; record it, or leave it out of what is '
+                    'compared',
+                )
+            parts.append(values[rows])
+        return np.ascontiguousarray(np.concatenate(parts))
+
+    def task(self, there: npt.NDArray[np.bool_], out: Array) -> Task:
+        """Return the task of writing them to `out` where `there` (O, K) holds."""
+        columns = np.full(there.shape, -1, dtype=np.int64)
+        columns[there] = np.arange(int(there.sum()))
+        wanted = self._in_kernel(columns, -1)
+        weights = np.ones(len(wanted))
+        for quantity, weight in zip(self.quantities, self.weights, strict=True):
+            weights[QUANTITIES.index(quantity)] = weight
+        return Task(
+            wanted,
+            np.empty((0, 0, 0)),
+            (wanted >= 0).sum(axis=2),
+            weights,
+            True if self.moving else None,
+            np.empty(0),
+            out,
+        )
+
+    def costing(self, measured: Array) -> Task:
+        """Return the task of summing costs by what was measured (O, K).
+
+        What belongs to the candidates is still to be put in: `limits` and `out`.
+        """
+        behind = np.pad(measured, ((0, 0), (0, 1)), constant_values=np.nan)
+        task = self.task(~np.isnan(measured), np.empty((0, 1)))
+        return task._replace(measured=self._in_kernel(behind, np.nan))
+
+    def _in_kernel(self, values: npt.NDArray[T], fill: float) -> npt.NDArray[T]:
+        """Return (Q, D, ...) the values (O, ...) among what the kernel knows."""
+        known = len(QUANTITIES) if self.moving else 1
+        out = np.full((known, self.count, *values.shape[1:]), fill, dtype=values.dtype)
+        each = values.reshape(len(self.quantities), len(self.drives), *values.shape[1:])
+        for quantity, part in zip(self.quantities, each, strict=True):
+            out[QUANTITIES.index(quantity), list(self.places)] = part
+        return out
+
+
+def chosen_outputs(
+    machine_drives: Sequence[str],
+    drives: Sequence[str],
+    quantities: Sequence[str],
+    weights: Sequence[float] | None,
+) -> Outputs:
+    """Return the outputs that were asked for.
+
+    Args:
+        machine_drives: The machine's drives.
+        drives: Those that are compared.
+        quantities: What of them, each one of `QUANTITIES`.
+        weights: One for each quantity; 1 by default.
+
+    Raises:
+        IdentError: INVALID_GOAL with the remedy.
+    """
+    unknown = [q for q in quantities if q not in QUANTITIES]
+    if unknown or not quantities or len(set(quantities)) < len(quantities):
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{", ".join(quantities) or "nothing"} cannot be compared; choose from '
+            f'{", ".join(QUANTITIES)}, each once',
+        )
+    given = [1.0] * len(quantities) if weights is None else [float(w) for w in weights]
+    if len(given) != len(quantities) or not all(0.0 < w < np.inf for w in given):
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'weights {", ".join(f"{w:g}" for w in given) or "none"} do not suit '
+            f'{", ".join(quantities)}; give one positive number for each',
+        )
+    of = dict(zip(quantities, given, strict=True))
+    ordered: tuple[Quantity, ...] = tuple(q for q in QUANTITIES if q in of)
+    return Outputs(
+        tuple(drives),
+        tuple(machine_drives.index(name) for name in drives),
+        len(machine_drives),
+        ordered,
+        tuple(of[q] for q in ordered),
+    )
