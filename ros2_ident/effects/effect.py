@@ -92,11 +92,10 @@ class DriveState(NamedTuple):
         gear: Force per torque [1/m]; 1 on an axis with force as effort.
         turn: Motor angle per travel [rad/m].
         time: Time since the start of the log [s].
-        elapsed: Time since the present torque was commanded [s]; for COMMAND, and where `keeps` is
-            asked, the cycle.
-        travel: Way gone since `memory` was written [m].
-        memory: What the hook's own effect kept: for SIGN the bristle state, for COMMAND and
-            FRICTION what `Effect.keeps` returned last.
+        elapsed: Time since the present torque was commanded [s]; for COMMAND, and where `keeps` of
+            FRICTION is asked, the cycle.
+        travel: Way gone since SIGN effects with a memory wrote theirs [m].
+        memory: What the effect's own `Effect.keeps` returned last; 0 where it has none.
     """
 
     position: Any
@@ -166,9 +165,11 @@ class Effect:
         family: Structural class: effects of one family look alike on ordinary motions.
         confusable: Ids of effects that one log may not tell apart from this one.
         separated_by: The motion that would, as an instruction with `{drive}` for the place.
-        keeps: For COMMAND and FRICTION effects with a memory: asked once a cycle with what the
-            kernel is asked with, returns what to remember. At first that is the starting torque
-            for COMMAND, zero for FRICTION.
+        keeps: For SIGN, FRICTION and COMMAND effects with a memory of their own: asked as the
+            kernel, returns what to remember. COMMAND and FRICTION effects are asked once a cycle,
+            SIGN effects after each integration step; `value` is the nominal one as the effects
+            with a memory before it in the chain leave it. The first memory is the starting torque
+            for COMMAND, else zero.
         needs: Whether a machine has what the effect acts on; see `applies`.
         twins: Ids of effects that no log tells from this one: one answer under several names.
         reference: Id of the effect's slow twin in `reference`; its own where not stated.

@@ -23,6 +23,7 @@ EFFECT = Effect(
     parameters=(EffectParameter('way', 'm', 2e-6, 2e-3, 2e-6, starts=(5e-5, 3e-4)),),
     hook=Hook.SIGN,
     kernel=_kernel,
+    keeps=_kernel,
     place='drive',
     family='friction at reversals',
     confusable=('stribeck', 'backlash'),

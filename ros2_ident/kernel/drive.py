@@ -12,7 +12,7 @@ from numba.extending import overload
 from ros2_ident.effects import DriveState, Hook
 from ros2_ident.kernel import hooks
 from ros2_ident.kernel.hooks import mask_of
-from ros2_ident.kernel.rows import DRIVE_ROWS
+from ros2_ident.kernel.rows import DRIVE_ROWS, MEMORY_ROWS
 from ros2_ident.lanes import (
     absolute,
     clip,
@@ -37,21 +37,24 @@ FAST = 8.0
 # Rounds to where a motor stands at rest: a wavering gear leaves a tenth of the error each.
 STANDING = 6
 
-# What a drive remembers between cycles: rows of its memory block. LIGHTNESS is one over the moved
-# mass, APPLIED what COMMAND effects keep, WARMTH what FRICTION effects do.
 (
     INTEGRAL,
     COMMANDED,
-    APPLIED,
-    BRISTLE,
     ANCHOR,
     READ_ERROR,
     LAST_READ,
     LAST_BUT_ONE,
     LIGHTNESS,
-    WARMTH,
-) = range(10)
-MEMORY_COUNT = 10
+) = range(len(MEMORY_ROWS))
+assert MEMORY_ROWS == (
+    'integral',
+    'commanded',
+    'anchor',
+    'read_error',
+    'last_read',
+    'last_but_one',
+    'lightness',
+)
 
 SIGN_MASK = mask_of(Hook.SIGN)
 TORQUE_MASK = mask_of(Hook.TORQUE)
@@ -126,8 +129,8 @@ def _closed_loop(mode, d):
 
 
 @inlined
-def drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed, kept):
-    """Collect what the kernels of effects see; `kept` is the row of what the hook remembers."""
+def drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed):
+    """Collect what the kernels of effects see; the hooks add each effect's own memory."""
     return DriveState(
         z,
         v,
@@ -141,7 +144,7 @@ def drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed, 
         time,
         elapsed,
         z - load(mem, (own + ANCHOR) * W),
-        load(mem, (own + kept) * W),
+        spread(0.0),
     )
 
 
@@ -157,10 +160,10 @@ def gear_force(par, first, mem, own, on, z, v, s, w, time):
     d = load(par, (first + DAMPING) * W)
     if on is not None and on & (DEFLECTION_MASK | STIFFNESS_MASK):
         zero = spread(0.0)
-        state = drive_state(par, first, mem, own, z, v, s, zero, zero, time, zero, BRISTLE)
-        c = hooks.stiffness_hook(c, state, on, par, first)
+        state = drive_state(par, first, mem, own, z, v, s, zero, zero, time, zero)
+        c = hooks.stiffness_hook(c, state, on, par, first, mem, own)
         if on & DEFLECTION_MASK:
-            x, lever = hooks.deflection_hook((x, spread(1.0)), state, on, par, first)
+            x, lever = hooks.deflection_hook((x, spread(1.0)), state, on, par, first, mem, own)
             # Teeth that do not touch do not damp.
             d = where(absolute(x) > zero, d, zero)
             force = c * x + d * (lever * v - w)
@@ -177,9 +180,9 @@ def stand(par, first, mem, own, on, s, hold):
     if on is not None and on & (DEFLECTION_MASK | STIFFNESS_MASK):
         zero = spread(0.0)
         for _ in range(STANDING):
-            state = drive_state(par, first, mem, own, z, zero, s, zero, zero, zero, zero, BRISTLE)
-            stiffness = hooks.stiffness_hook(c, state, on, par, first)
-            x, _ = hooks.deflection_hook((z - s, spread(1.0)), state, on, par, first)
+            state = drive_state(par, first, mem, own, z, zero, s, zero, zero, zero, zero)
+            stiffness = hooks.stiffness_hook(c, state, on, par, first, mem, own)
+            x, _ = hooks.deflection_hook((z - s, spread(1.0)), state, on, par, first, mem, own)
             z = z + hold / stiffness - x
     return z
 
@@ -192,18 +195,14 @@ def motor_torque(par, first, mem, own, on, z, v, s, force, time, elapsed):
     friction = load(par, (first + COULOMB) * W) * direction + load(par, (first + VISCOUS) * W) * v
     if on is not None and on:
         if on & SIGN_MASK:
-            state = drive_state(
-                par, first, mem, own, z, v, s, force, direction, time, elapsed, BRISTLE
-            )
-            direction = hooks.sign_hook(direction, state, on, par, first)
+            state = drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed)
+            direction = hooks.sign_hook(direction, state, on, par, first, mem, own)
             friction = state.coulomb * direction + state.viscous * v
-        state = drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed, WARMTH)
-        friction = hooks.friction_hook(friction, state, on, par, first)
+        state = drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed)
+        friction = hooks.friction_hook(friction, state, on, par, first, mem, own)
         if on & TORQUE_MASK:
-            state = drive_state(
-                par, first, mem, own, z, v, s, force, direction, time, elapsed, BRISTLE
-            )
-            torque = hooks.torque_hook(torque, state, on, par, first)
+            state = drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed)
+            torque = hooks.torque_hook(torque, state, on, par, first, mem, own)
     return torque - friction
 
 
@@ -224,33 +223,31 @@ def carriage_force(par, first, mem, own, on, z, v, s, time):
     """Return the force [N] on the carriage besides gear, gravity and rod."""
     force = spread(0.0)
     if on is not None and on & CARRIAGE_MASK:
-        state = drive_state(par, first, mem, own, z, v, s, force, force, time, force, BRISTLE)
-        force = hooks.carriage_hook(force, state, on, par, first)
+        state = drive_state(par, first, mem, own, z, v, s, force, force, time, force)
+        force = hooks.carriage_hook(force, state, on, par, first, mem, own)
     return force
 
 
 @inlined
-def keep_bristle(par, first, mem, own, on, z, v, active):
-    """Move the memory of a presliding friction to where the motor is now, in active lanes."""
-    if on & SIGN_MASK:
+def keep_step(par, first, mem, own, on, z, v, active):
+    """Write, after a step, what effects on friction's direction remember, in active lanes."""
+    if on & hooks.SIGN_KEEPING:
         zero = spread(0.0)
-        state = drive_state(par, first, mem, own, z, v, z, zero, zero, zero, zero, BRISTLE)
-        bristle = hooks.sign_hook(tanh(v * load(par, (first + SLOPE) * W)), state, on, par, first)
-        store(mem, (own + BRISTLE) * W, where(active, bristle, load(mem, (own + BRISTLE) * W)))
+        state = drive_state(par, first, mem, own, z, v, z, zero, zero, zero, zero)
+        direction = tanh(v * load(par, (first + SLOPE) * W))
+        hooks.sign_keeps(direction, state, on, par, first, mem, own, active)
         store(mem, (own + ANCHOR) * W, where(active, z, load(mem, (own + ANCHOR) * W)))
 
 
 @inlined
-def keep_warmth(par, first, mem, own, on, z, v, s, time, cycle):
-    """Keep at a cycle's end how warm the drive is."""
-    if on & hooks.WARMING:
+def keep_cycle(par, first, mem, own, on, z, v, s, time, cycle):
+    """Write, at a cycle's end, what effects on friction remember."""
+    if on & hooks.FRICTION_KEEPING:
         zero = spread(0.0)
         direction = tanh(v * load(par, (first + SLOPE) * W))
-        state = drive_state(
-            par, first, mem, own, z, v, s, zero, direction, time, spread(cycle), WARMTH
-        )
+        state = drive_state(par, first, mem, own, z, v, s, zero, direction, time, spread(cycle))
         friction = state.coulomb * direction + state.viscous * v
-        store(mem, (own + WARMTH) * W, hooks.friction_keeps(friction, state, on, par, first))
+        hooks.friction_keeps(friction, state, on, par, first, mem, own, None)
 
 
 @inlined
@@ -275,7 +272,7 @@ def set_point(command, base, count, k, delay, cycle, delayed):
 def begin(mem, own, z, v, cycle, torque):
     """Write what a drive remembers: it came to z at rate v, and `torque` [N m] was commanded."""
     store(mem, (own + INTEGRAL) * W, torque)
-    store(mem, (own + APPLIED) * W, torque)
+    hooks.command_begun(mem, own, torque)
     store(mem, (own + ANCHOR) * W, z)
     store(mem, (own + LAST_READ) * W, z - v * cycle)
     store(mem, (own + LAST_BUT_ONE) * W, z - 2.0 * v * cycle)
@@ -296,8 +293,8 @@ def control(
     rate = v
     if on is not None and on & READING_MASK:
         zero = spread(0.0)
-        state = drive_state(par, first, mem, own, z, v, z, zero, zero, time, zero, BRISTLE)
-        read = hooks.reading_hook(z, state, on, par, first)
+        state = drive_state(par, first, mem, own, z, v, z, zero, zero, time, zero)
+        read = hooks.reading_hook(z, state, on, par, first, mem, own)
         error = read - z
         rate = v + (error - load(mem, (own + READ_ERROR) * W)) * (1.0 / cycle)
         store(mem, (own + READ_ERROR) * W, error)
@@ -317,10 +314,8 @@ def control(
     asked = torque
     if on is not None and on & COMMAND_MASK:
         zero = spread(0.0)
-        state = drive_state(
-            par, first, mem, own, z, v, z, zero, zero, time, spread(cycle), APPLIED
-        )
-        asked = hooks.command_hook(torque, state, on, par, first)
-        store(mem, (own + APPLIED) * W, hooks.command_keeps(torque, state, on, par, first))
+        state = drive_state(par, first, mem, own, z, v, z, zero, zero, time, spread(cycle))
+        asked = hooks.command_hook(torque, state, on, par, first, mem, own)
+        hooks.command_keeps(torque, state, on, par, first, mem, own, None)
     store(mem, (own + COMMANDED) * W, asked)
     return torque

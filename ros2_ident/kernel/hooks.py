@@ -10,11 +10,13 @@ import functools
 import hashlib
 from pathlib import Path
 
-from ros2_ident.effects import Hook
-from ros2_ident.kernel.rows import bit, effect_row, KERNEL_EFFECTS
-from ros2_ident.lanes import inlined, load, WIDTH
+from ros2_ident.effects import DriveState, Hook
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.kernel.rows import bit, effect_row, KEEPING_EFFECTS, KERNEL_EFFECTS, memory_row
+from ros2_ident.lanes import inlined, load, store, where, WIDTH
 
 W = WIDTH
+_REMEMBERING = Hook.SIGN, Hook.FRICTION, Hook.COMMAND
 
 
 @inlined
@@ -36,37 +38,136 @@ _GATHER = {1: _gather1, 2: _gather2, 3: _gather3}
 
 
 @inlined
-def _unchanged(value, drive, on, par, first):
+def _remembering(drive, memory):
+    """Return the state with an effect's own memory in it."""
+    return DriveState(
+        drive.position,
+        drive.velocity,
+        drive.carriage,
+        drive.load,
+        drive.direction,
+        drive.coulomb,
+        drive.viscous,
+        drive.gear,
+        drive.turn,
+        drive.time,
+        drive.elapsed,
+        drive.travel,
+        memory,
+    )
+
+
+@inlined
+def _unchanged(value, drive, on, par, first, mem, own):
     return value
 
 
-def _link(before, effect, kernel):
+@inlined
+def _unkept(value, drive, on, par, first, mem, own, active):
+    return value
+
+
+@inlined
+def _unbegun(mem, own, value):
+    pass
+
+
+def _link(before, effect):
+    """Return the chain `before` with an effect behind it."""
     gather = _GATHER[len(effect.parameters)]
     mask = bit(effect.id)
     row = effect_row(effect.id)
+    kernel = effect.kernel
+    if effect.keeps is None:
+
+        @inlined
+        def after(value, drive, on, par, first, mem, own):
+            value = before(value, drive, on, par, first, mem, own)
+            if on & mask:
+                value = kernel(value, drive, gather(par, first + row))
+            return value
+
+        return after
+    kept = memory_row(effect.id)
 
     @inlined
-    def after(value, drive, on, par, first):
-        value = before(value, drive, on, par, first)
+    def after_with_memory(value, drive, on, par, first, mem, own):
+        value = before(value, drive, on, par, first, mem, own)
         if on & mask:
-            value = kernel(value, drive, gather(par, first + row))
+            state = _remembering(drive, load(mem, (own + kept) * W))
+            value = kernel(value, state, gather(par, first + row))
+        return value
+
+    return after_with_memory
+
+
+def _link_keeping(before, effect):
+    """Return what `before` writes and an effect's memory behind it, in the active lanes.
+
+    What goes on to the next is what the effect makes of the value with the memory it had.
+    """
+    gather = _GATHER[len(effect.parameters)]
+    mask = bit(effect.id)
+    row = effect_row(effect.id)
+    kept = memory_row(effect.id)
+    kernel, keeps = effect.kernel, effect.keeps
+
+    @inlined
+    def after(value, drive, on, par, first, mem, own, active):
+        value = before(value, drive, on, par, first, mem, own, active)
+        if on & mask:
+            old = load(mem, (own + kept) * W)
+            state = _remembering(drive, old)
+            p = gather(par, first + row)
+            new = keeps(value, state, p)
+            if active is not None:
+                new = where(active, new, old)
+            store(mem, (own + kept) * W, new)
+            value = kernel(value, state, p)
         return value
 
     return after
 
 
+def _link_begun(before, effect):
+    """Return what `before` writes, and `value` as an effect's first memory."""
+    kept = memory_row(effect.id)
+
+    @inlined
+    def after(mem, own, value):
+        before(mem, own, value)
+        store(mem, (own + kept) * W, value)
+
+    return after
+
+
+def check_memories(effects):
+    """Refuse effects that would remember something in a hook that writes no memory.
+
+    Raises:
+        IdentError: INVALID_GOAL with the remedy.
+    """
+    for effect in effects:
+        if effect.keeps is not None and effect.hook not in _REMEMBERING:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'effect {effect.id}: an effect of {effect.hook.name} has no memory; leave '
+                f'`keeps` out, or choose from {", ".join(hook.name for hook in _REMEMBERING)}',
+            )
+
+
+def _chain(link, start, effects, hook):
+    return functools.reduce(link, (e for e in effects if e.hook is hook), start)
+
+
 def _compose(hook):
-    function = _unchanged
-    for effect in KERNEL_EFFECTS:
-        if effect.hook is hook:
-            function = _link(function, effect, effect.kernel)
-    return function
+    return _chain(_link, _unchanged, KERNEL_EFFECTS, hook)
 
 
 def _compose_keeps(hook):
-    keeping = [e for e in KERNEL_EFFECTS if e.hook is hook and e.keeps is not None]
-    assert len(keeping) == 1, f'effects of {hook} would share one memory'
-    return _link(_unchanged, keeping[0], keeping[0].keeps), bit(keeping[0].id)
+    """Return the function that writes the memories of a hook's effects, and their flags."""
+    mask = sum(bit(e.id) for e in KEEPING_EFFECTS if e.hook is hook)
+    return _chain(_link_keeping, _unkept, KEEPING_EFFECTS, hook), mask
 
 
 def mask_of(hook):
@@ -74,6 +175,7 @@ def mask_of(hook):
     return sum(bit(e.id) for e in KERNEL_EFFECTS if e.hook is hook)
 
 
+check_memories(KERNEL_EFFECTS)
 sign_hook = _compose(Hook.SIGN)
 friction_hook = _compose(Hook.FRICTION)
 torque_hook = _compose(Hook.TORQUE)
@@ -82,8 +184,10 @@ stiffness_hook = _compose(Hook.STIFFNESS)
 carriage_hook = _compose(Hook.CARRIAGE_FORCE)
 reading_hook = _compose(Hook.READING)
 command_hook = _compose(Hook.COMMAND)
-command_keeps, _ = _compose_keeps(Hook.COMMAND)
-friction_keeps, WARMING = _compose_keeps(Hook.FRICTION)
+sign_keeps, SIGN_KEEPING = _compose_keeps(Hook.SIGN)
+friction_keeps, FRICTION_KEEPING = _compose_keeps(Hook.FRICTION)
+command_keeps, COMMAND_KEEPING = _compose_keeps(Hook.COMMAND)
+command_begun = _chain(_link_begun, _unbegun, KEEPING_EFFECTS, Hook.COMMAND)
 
 
 @functools.cache

@@ -9,7 +9,7 @@ and those of the measurement behind it, from everything that happens in the mach
 from ros2_ident.kernel import drive as dk
 from ros2_ident.kernel import measurement
 from ros2_ident.kernel.hooks import sources_digest
-from ros2_ident.kernel.rows import DRIVE_COUNT, MACHINE_COUNT
+from ros2_ident.kernel.rows import DRIVE_COUNT, MACHINE_COUNT, MEMORY_COUNT
 from ros2_ident.lanes import kernel, parted, spread, store, WIDTH
 
 W = WIDTH
@@ -17,7 +17,7 @@ W = WIDTH
 
 def room(drives: int) -> int:
     """Return how many numbers of room the replay of so many drives needs."""
-    each = dk.MEMORY_COUNT + measurement.PIECE + measurement.KEPT
+    each = MEMORY_COUNT + measurement.PIECE + measurement.KEPT
     return int((drives * each + 1 + measurement.ROOM) * W)
 
 
@@ -62,7 +62,7 @@ def _build(digest):
         _ = digest
         drives = on.shape[0]
         count = command.shape[0] // (2 * drives)
-        mem, rest = parted(room, drives * dk.MEMORY_COUNT)
+        mem, rest = parted(room, drives * MEMORY_COUNT)
         torques, rest = parted(rest, drives * measurement.PIECE)
         kept, rest = parted(rest, drives * measurement.KEPT)
         finite, rest = parted(rest, 1)
@@ -74,7 +74,7 @@ def _build(digest):
             for d in range(drives):
                 start = spread(motion[d * count])
                 still = spread(0.0)
-                dk.begin(mem, d * dk.MEMORY_COUNT, start, still, cycle, spread(hold[d]))
+                dk.begin(mem, d * MEMORY_COUNT, start, still, cycle, spread(hold[d]))
             for k in range(count):
                 piece = k % measurement.PIECE
                 for d in range(drives):
@@ -82,7 +82,7 @@ def _build(digest):
                     z = spread(motion[d * count + k])
                     v = spread(motion[(drives + d) * count + k])
                     torque = dk.control(
-                        par, first, mem, d * dk.MEMORY_COUNT, on[d], law[d], cycle, z, v,
+                        par, first, mem, d * MEMORY_COUNT, on[d], law[d], cycle, z, v,
                         command, d, drives, count, k, delayed, spread(k * cycle),
                     )  # fmt: skip
                     store(torques, (d * measurement.PIECE + piece) * W, torque)

@@ -71,6 +71,18 @@ NEUTRAL = {
 }
 
 KERNEL_EFFECTS = tuple(e for e in CATALOGUE.values() if e.hook is not Hook.PARAMETER)
+# What a drive remembers between cycles, besides a row for each effect with a memory.
+MEMORY_ROWS = (
+    'integral',  # N m, the controller's
+    'commanded',  # N m, asked of the motor
+    'anchor',  # m, where the motor was after the last step
+    'read_error',  # m, of the last reading
+    'last_read',  # m
+    'last_but_one',  # m
+    'lightness',  # 1/kg, one over the moved mass
+)
+KEEPING_EFFECTS = tuple(e for e in KERNEL_EFFECTS if e.keeps is not None)
+MEMORY_COUNT = len(MEMORY_ROWS) + len(KEEPING_EFFECTS)
 MACHINE_COUNT = len(MACHINE_ROWS)
 EFFECT_START = len(DRIVE_ROWS)
 DRIVE_COUNT = EFFECT_START + sum(len(e.parameters) for e in KERNEL_EFFECTS)
@@ -89,6 +101,11 @@ def effect_row(effect_id: str) -> int:
             return row
         row += len(effect.parameters)
     raise KeyError(effect_id)
+
+
+def memory_row(effect_id: str) -> int:
+    """Return the row of an effect's memory, counted from its drive's first row of memory."""
+    return len(MEMORY_ROWS) + [e.id for e in KEEPING_EFFECTS].index(effect_id)
 
 
 def row_of(name: str, drive: int | None = None) -> int:

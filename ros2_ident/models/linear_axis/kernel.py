@@ -13,7 +13,7 @@ from ros2_ident.kernel import drive as dk
 from ros2_ident.kernel import measurement
 from ros2_ident.kernel import runge_kutta as rk
 from ros2_ident.kernel.hooks import sources_digest
-from ros2_ident.kernel.rows import DRIVE_COUNT, MACHINE_COUNT, row_of
+from ros2_ident.kernel.rows import DRIVE_COUNT, MACHINE_COUNT, MEMORY_COUNT, row_of
 from ros2_ident.lanes import (
     absolute,
     any_lane,
@@ -38,7 +38,7 @@ COORDINATES = 2
 
 def state_for(drives: int) -> int:
     """Return how many numbers of each block go on from a part of the log to the next."""
-    return W * drives * (2 * COORDINATES + dk.MEMORY_COUNT + measurement.KEPT)
+    return W * drives * (2 * COORDINATES + MEMORY_COUNT + measurement.KEPT)
 
 
 def room_for(drives: int) -> int:
@@ -131,14 +131,14 @@ def _build(digest):
         going = room[: state.shape[1]]
         all_place, more = parted(room, drives * COORDINATES)
         all_rate, more = parted(more, drives * COORDINATES)
-        all_mem, more = parted(more, drives * dk.MEMORY_COUNT)
+        all_mem, more = parted(more, drives * MEMORY_COUNT)
         kept, rest = parted(more, drives * measurement.KEPT)
         bend, rest = parted(rest, rk.STAGES * COORDINATES)
         torques, rest = parted(rest, drives * measurement.PIECE)
         finite, rest = parted(rest, 1)
         rest, moves = parted(rest, measurement.ROOM)
         own = COORDINATES * W
-        mine = dk.MEMORY_COUNT * W
+        mine = MEMORY_COUNT * W
         zero = spread(0.0)
         for g in range(blocks.shape[0]):
             par = blocks[g]
@@ -231,7 +231,7 @@ def _build(digest):
                                 place, rate, bend, time, sub * whole, h,
                             )  # fmt: skip
                             if on is not None:
-                                dk.keep_bristle(
+                                dk.keep_step(
                                     par,
                                     first,
                                     mem,
@@ -244,7 +244,7 @@ def _build(digest):
                             sub += 1.0
                             active = steps > spread(sub)
                         if on is not None:
-                            dk.keep_warmth(
+                            dk.keep_cycle(
                                 par,
                                 first,
                                 mem,

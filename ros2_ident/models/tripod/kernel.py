@@ -15,7 +15,7 @@ from ros2_ident.kernel import drive as dk
 from ros2_ident.kernel import measurement
 from ros2_ident.kernel import runge_kutta as rk
 from ros2_ident.kernel.hooks import sources_digest
-from ros2_ident.kernel.rows import DRIVE_COUNT, MACHINE_COUNT, row_of
+from ros2_ident.kernel.rows import DRIVE_COUNT, MACHINE_COUNT, MEMORY_COUNT, row_of
 from ros2_ident.lanes import (
     absolute,
     any_lane,
@@ -57,7 +57,7 @@ MOTOR, CARRIAGE, FRAME = 0, 3, 6
 # frame's acceleration 9-11, its own bias 12, the mass it carries 13.
 LINKAGE = 14
 # What goes on from a part of the log to the next: as many numbers of each block.
-STATE = W * ((2 + rk.STAGES) * COORDINATES + 3 * (1 + dk.MEMORY_COUNT + measurement.KEPT))
+STATE = W * ((2 + rk.STAGES) * COORDINATES + 3 * (1 + MEMORY_COUNT + measurement.KEPT))
 ROOM = STATE + W * (
     LINKAGE + 3 * (1 + (1 + measurement.MOTIONS) * measurement.PIECE) + 1 + measurement.ROOM
 )
@@ -217,7 +217,7 @@ def _drive(
 ):  # fmt: skip
     """Write drive `d`'s motor acceleration at a stage into `bend`, its push on the carriage."""
     first = MACHINE_COUNT + d * DRIVE_COUNT
-    own = d * dk.MEMORY_COUNT
+    own = d * MEMORY_COUNT
     z, v = rk.stage_state(place, rate, bend, COORDINATES, MOTOR + d, part, h)
     s, w = rk.stage_state(place, rate, bend, COORDINATES, CARRIAGE + d, part, h)
     force, back = dk.gear_force(par, first, mem, own, flags, z, v, s, w, time)
@@ -332,7 +332,7 @@ def _build(digest):
         place, more = parted(room, COORDINATES)
         rate, more = parted(more, COORDINATES)
         bend, more = parted(more, rk.STAGES * COORDINATES)
-        mem, more = parted(more, 3 * dk.MEMORY_COUNT)
+        mem, more = parted(more, 3 * MEMORY_COUNT)
         drift, more = parted(more, 3)
         kept, rest = parted(more, 3 * measurement.KEPT)
         push, rest = parted(rest, 3)
@@ -367,7 +367,7 @@ def _build(digest):
                 )
                 for d in range(3):
                     first = MACHINE_COUNT + d * DRIVE_COUNT
-                    own = d * dk.MEMORY_COUNT
+                    own = d * MEMORY_COUNT
                     s = load(place, (CARRIAGE + d) * W)
                     # Gravity only: what else pulls at the start is not known to the integral part.
                     hold = load(link, (6 + d) * W)
@@ -387,7 +387,7 @@ def _build(digest):
                 fast = zero >= zero
                 for d in range(3):
                     first = MACHINE_COUNT + d * DRIVE_COUNT
-                    own = d * dk.MEMORY_COUNT
+                    own = d * MEMORY_COUNT
                     flags = dk.flags_of(on, d)
                     z = load(place, (MOTOR + d) * W)
                     v = load(rate, (MOTOR + d) * W)
@@ -452,11 +452,11 @@ def _build(digest):
                     )  # fmt: skip
                     if on is not None:
                         for d in range(3):
-                            dk.keep_bristle(
+                            dk.keep_step(
                                 par,
                                 MACHINE_COUNT + d * DRIVE_COUNT,
                                 mem,
-                                d * dk.MEMORY_COUNT,
+                                d * MEMORY_COUNT,
                                 on[d],
                                 load(place, (MOTOR + d) * W),
                                 load(rate, (MOTOR + d) * W),
@@ -470,11 +470,11 @@ def _build(digest):
                     active = steps > spread(sub)
                 if on is not None:
                     for d in range(3):
-                        dk.keep_warmth(
+                        dk.keep_cycle(
                             par,
                             MACHINE_COUNT + d * DRIVE_COUNT,
                             mem,
-                            d * dk.MEMORY_COUNT,
+                            d * MEMORY_COUNT,
                             on[d],
                             load(place, (MOTOR + d) * W),
                             load(rate, (MOTOR + d) * W),
