@@ -142,6 +142,9 @@ def _build(digest):
         zero = spread(0.0)
         for g in range(blocks.shape[0]):
             par = blocks[g]
+            # Divided here, not in every cycle.
+            quick = cycle / load(substeps[g], 0)
+            slow = cycle / load(substeps[g], W)
             # Another group's may hold NaN, which a factor of zero would not take away.
             bend[:] = 0.0
             if begin > 0:
@@ -220,7 +223,7 @@ def _build(digest):
                             store(moves, (d * measurement.PIECE + piece) * W, z)
                             store(moves, ((drives + d) * measurement.PIECE + piece) * W, v)
                         steps = where(fast, load(substeps[g], 0), load(substeps[g], W))
-                        whole = cycle / steps
+                        whole = where(fast, quick, slow)
                         sub = 0.0
                         active = steps > zero
                         while any_lane(active):

@@ -344,6 +344,9 @@ def _build(digest):
         half = 0.5 * cycle
         for g in range(blocks.shape[0]):
             par = blocks[g]
+            # Divided here, not in every cycle.
+            quick = cycle / load(substeps[g], 0)
+            slow = cycle / load(substeps[g], W)
             tool = load(par, TOOL * W)
             loaded = payload_on(par)
             if begin > 0:
@@ -439,7 +442,7 @@ def _build(digest):
                     link,
                 )
                 steps = where(fast, load(substeps[g], 0), load(substeps[g], W))
-                whole = cycle / steps
+                whole = where(fast, quick, slow)
                 sub = 0.0
                 active = steps > zero
                 while any_lane(active):
