@@ -185,6 +185,7 @@ def test_positions_alone_are_compared_where_there_is_no_effort(data) -> None:
     model = Tripod(MACHINE, blind, quantities=['position'])
     assert [o.name for o in model.outputs] == [f'{d}.position' for d in MACHINE.drives]
     np.testing.assert_array_equal(model.measured, data.position)
+    assert model.recorded_motion() is None
     costs = model.costs(around(model, 9))
     assert costs[0] < TOLERANCE['position'] < costs[1:].min()
     np.testing.assert_array_equal(

@@ -88,7 +88,7 @@ class DriveModel(FullModel):
         self.substeps = substeps
         self.cutoff = cutoff
         self.drives = self._chosen(drives)
-        self.compared = chosen_outputs(machine.drives, self.drives, quantities, weights)
+        self.signals = chosen_outputs(machine.drives, self.drives, quantities, weights)
         self.gear = constant(machine.drive, 'gear_factor', 'drive', 1.0)
         # Where effort is a force, the gear factor is 1 and says nothing of the motor's angle.
         length = constant(machine.drive, 'travel_per_turn', 'drive', 2.0 * math.pi / self.gear)
@@ -132,7 +132,7 @@ class DriveModel(FullModel):
         return tuple(n for n in known if n in chosen)
 
     def _check_outputs(self) -> None:
-        if self.compared.moving and not self._closed:
+        if self.signals.moving and not self._closed:
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
                 'without a command the recorded motion drives the model and cannot be compared '
@@ -178,8 +178,8 @@ class DriveModel(FullModel):
             cutoff=self.cutoff,
             substeps=substeps,
             efforts=self.efforts,
-            quantities=self.compared.quantities,
-            weights=self.compared.weights,
+            quantities=self.signals.quantities,
+            weights=self.signals.weights,
         )
 
     def effort_limit(self, place: str) -> float:
@@ -199,7 +199,7 @@ class DriveModel(FullModel):
     def outputs(self) -> tuple[Output, ...]:
         """What is compared: quantity by quantity, drive by drive within."""
         machine = self.machine
-        return self.compared.described(machine.model_unit, machine.travel_unit)
+        return self.signals.described(machine.model_unit, machine.travel_unit)
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -214,7 +214,7 @@ class DriveModel(FullModel):
     @property
     def measured(self) -> Array:
         """(O, K) what was measured of `outputs`; NaN at cycles without a sample."""
-        measured = self.compared.measured(self.data)
+        measured = self.signals.measured(self.data)
         return measured if self._compared is None else np.where(self._compared, measured, np.nan)
 
     def restricted(self, there: npt.NDArray[np.bool_]) -> 'DriveModel':
@@ -227,10 +227,10 @@ class DriveModel(FullModel):
     def recorded_motion(self) -> RecordedMotion | None:
         """Return the motion that the controllers saw, None where they cannot be replayed.
 
-        That takes a set-point, and all drives' motion at a good part of the cycles.
+        That takes a set-point, an effort, and all drives' motion at a good part of the cycles.
         """
         data = self.data
-        if not self._closed or data.position is None:
+        if not self._closed or data.position is None or data.effort is None:
             return None
         if (np.isfinite(data.position).sum(axis=1) <= SEEN * data.cycles).any():
             return None
@@ -297,7 +297,7 @@ class DriveModel(FullModel):
     def effort_delay(self, theta: Array) -> Array:
         """Return (D,) how late each drive's effort is logged [s], for one candidate (N,)."""
         block = self.rows(theta)[0]
-        return np.array([block[rows.row_of('log_delay', d)] for d in self.compared.places])
+        return np.array([block[rows.row_of('log_delay', d)] for d in self.signals.places])
 
     def motor_effort(self, theta: Array, velocity: Array, acceleration: Array) -> Array:
         """Return what friction and a motor's own inertia take of the effort of each drive.
@@ -312,7 +312,7 @@ class DriveModel(FullModel):
         """
         block = self.rows(theta)[0]
         coulomb, viscous, width, inertia, gear = (
-            np.array([[block[rows.row_of(name, d)]] for d in self.compared.places])
+            np.array([[block[rows.row_of(name, d)]] for d in self.signals.places])
             for name in ('coulomb', 'viscous', 'regularisation', 'drive_inertia', 'gear')
         )
         friction = coulomb * np.tanh(velocity / width) + viscous * velocity
@@ -455,14 +455,14 @@ class DriveModel(FullModel):
         Returns:
             (S, O, K) `outputs` at every controller cycle; inf where a candidate diverged.
         """
-        every = np.ones((len(self.compared), self._cycles), dtype=bool)
+        every = np.ones((len(self.signals), self._cycles), dtype=bool)
         return self.simulate_at(theta, every).reshape(-1, *every.shape)
 
     def simulate_at(self, theta: Array, there: npt.NDArray[np.bool_]) -> Array:
         """Return (S, R) what `simulate` does where `there` (O, K) holds, output by output."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
         out = np.empty((len(theta), int(there.sum())))
-        return self._simulated(theta, self.compared.task(there, out))
+        return self._simulated(theta, self.signals.task(there, out))
 
     def replay_law(
         self, seen: RecordedMotion, theta: Array, there: npt.NDArray[np.bool_]
@@ -529,7 +529,7 @@ class DriveModel(FullModel):
     @functools.cached_property
     def _costing(self) -> Task:
         """The task of summing costs, but for what belongs to the candidates."""
-        return self.compared.costing(self.measured)
+        return self.signals.costing(self.measured)
 
     def residuals(self, theta: Array) -> Array:
         """Return (S, R) weighted measured less simulated output, output by output (eq. 1)."""
