@@ -219,6 +219,17 @@ def motor_acceleration(par, first, mem, own, torque, back):
 
 
 @inlined
+def prescribed_torque(
+    par, first, mem, own, on, z, v, s, mass, acceleration, force, back, time
+):  # fmt: skip
+    """Return the torque [N m] that it takes to follow a recorded motion; none is commanded."""
+    zero = spread(0.0)
+    store(mem, (own + COMMANDED) * W, zero)
+    friction = -motor_torque(par, first, mem, own, on, z, v, s, force, time, zero)
+    return at_motor(par, first, mass * acceleration + back) + friction
+
+
+@inlined
 def carriage_force(par, first, mem, own, on, z, v, s, time):
     """Return the force [N] on the carriage besides gear, gravity and rod."""
     force = spread(0.0)
