@@ -145,7 +145,6 @@ def effects(tmp_path: Path) -> Path:
     return tmp_path / 'ros2_ident' / 'effects'
 
 
-@pytest.mark.slow
 def test_effects_of_one_hook_have_a_memory_each(effects: Path, tmp_path: Path) -> None:
     for effect in WITH_MEMORY:
         text = (effects / f'{effect}.py').read_text(encoding='utf-8')
@@ -154,7 +153,6 @@ def test_effects_of_one_hook_have_a_memory_each(effects: Path, tmp_path: Path) -
     in_a_copy(tmp_path, 'twice_on_each_hook()')
 
 
-@pytest.mark.slow
 def test_a_catalogue_without_memories_simulates_the_same(
     effects: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
