@@ -17,8 +17,8 @@ import pytest
 
 HERE = Path(__file__).parent
 SLOW = HERE / 'slow.txt'
-# A test that is not listed took less than a second when it was measured; s. The rest is for slower
-# machines, and for the neighbours of this one.
+# s; a test that is not listed took less than half of one when it was measured. The rest is for
+# slower machines, and for the neighbours of this one.
 LIMIT = 15.0
 CI = os.environ.get('CI') == 'true'
 
