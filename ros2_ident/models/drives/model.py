@@ -414,7 +414,7 @@ class DriveModel(FullModel):
 
     @abstractmethod
     def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
-        """Run the compiled simulation over a part of the log; see `kernel.loop.simulate`."""
+        """Run the compiled simulation over a part of the log; see `tripod.kernel.simulate`."""
 
     def _simulated(
         self, theta: Array, task: Task, stop: Callable[[], bool] | None = None

@@ -9,14 +9,17 @@ many as a candidate's stiffness asks for.
 """
 # mypy: ignore-errors
 
+import numpy as np
+
 from ros2_ident.kernel import drive as dk
-from ros2_ident.kernel import loop, measurement
+from ros2_ident.kernel import measurement
 from ros2_ident.kernel import runge_kutta as rk
 from ros2_ident.kernel.hooks import sources_digest
 from ros2_ident.kernel.rows import DRIVE_COUNT, MACHINE_COUNT, MEMORY_COUNT, row_of
 from ros2_ident.lanes import (
     absolute,
     any_lane,
+    copied,
     inlined,
     kernel,
     load,
@@ -270,169 +273,6 @@ def _step(
     rk.finish(place, rate, bend, COORDINATES, COORDINATES if frame else FRAME, h)
 
 
-@inlined
-def payload_on(par):
-    """Return whether any lane's tool changes its mass."""
-    found = False
-    for lane in range(W):
-        found |= par[PAYLOAD * W + lane] != 0.0
-    return found
-
-
-@inlined
-def _start(
-    par, cycle, count, place, rate, bend, mem, drift, push, link, torques, moves, command,
-    motion, mode, on, delayed, frame, law, moving,
-):  # fmt: skip
-    """Put the machine at rest where the first set-points are; see `loop.simulate`."""
-    zero = spread(0.0)
-    tool = load(par, TOOL * W)
-    for d in range(3):
-        start = command[d * count] if dk.closed_loop(mode, d) else motion[d * count]
-        store(place, (CARRIAGE + d) * W, spread(start))
-    _linkage(
-        par,
-        load(place, CARRIAGE * W),
-        load(place, (CARRIAGE + 1) * W),
-        load(place, (CARRIAGE + 2) * W),
-        zero,
-        zero,
-        zero,
-        tool,
-        frame,
-        link,
-    )
-    for d in range(3):
-        first = MACHINE_COUNT + d * DRIVE_COUNT
-        own = d * MEMORY_COUNT
-        s = load(place, (CARRIAGE + d) * W)
-        # Gravity only: what else pulls at the start is not known to the integral part.
-        hold = load(link, (6 + d) * W)
-        flags = dk.flags_of(on, d)
-        z = dk.stand(par, first, mem, own, flags, s, hold)
-        if not dk.closed_loop(mode, d):
-            # There the recorded motion is the motor's.
-            store(place, (CARRIAGE + d) * W, s - (z - s))
-            z = s
-        store(place, (MOTOR + d) * W, z)
-        moved = load(par, (first + dk.MOTOR_MASS) * W)
-        store(mem, (own + dk.LIGHTNESS) * W, 1.0 / moved)
-        dk.begin(mem, own, z, zero, cycle, dk.at_motor(par, first, hold))
-
-
-@inlined
-def _advance(
-    par, substeps, begun, cycles, cycle, count, place, rate, bend, mem, drift, push, link, torques,
-    moves, command, motion, mode, on, delayed, frame, law, moving,
-):  # fmt: skip
-    """Simulate `cycles` cycles from `begun` on; see `loop.simulate`."""
-    zero = spread(0.0)
-    half = 0.5 * cycle
-    # Divided here, not in every cycle.
-    quick = cycle / load(substeps, 0)
-    slow = cycle / load(substeps, W)
-    tool = load(par, TOOL * W)
-    loaded = payload_on(par)
-    for piece in range(cycles):
-        k = begun + piece
-        time = spread(k * cycle)
-        fast = zero >= zero
-        for d in range(3):
-            first = MACHINE_COUNT + d * DRIVE_COUNT
-            own = d * MEMORY_COUNT
-            flags = dk.flags_of(on, d)
-            z = load(place, (MOTOR + d) * W)
-            v = load(rate, (MOTOR + d) * W)
-            if dk.closed_loop(mode, d):
-                torque = dk.control(
-                    par, first, mem, own, flags, law[d], cycle, z, v,
-                    command, d, 3, count, k, delayed, time,
-                )  # fmt: skip
-                fast = fast & (absolute(v) > dk.fast_from(par, first))
-            else:
-                z = spread(motion[d * count + k])
-                v = spread(motion[(3 + d) * count + k])
-                store(place, (MOTOR + d) * W, z)
-                store(rate, (MOTOR + d) * W, v)
-                s = load(place, (CARRIAGE + d) * W)
-                w = load(rate, (CARRIAGE + d) * W)
-                force, back = dk.gear_force(par, first, mem, own, flags, z, v, s, w, time)
-                mass = load(par, (first + dk.MOTOR_MASS) * W)
-                torque = dk.prescribed_torque(
-                    par, first, mem, own, flags, z, v, s, mass, motion[(6 + d) * count + k], force,
-                    back, time,
-                )  # fmt: skip
-            store(torques, (d * measurement.PIECE + piece) * W, torque)
-            if moving is not None:
-                store(moves, (d * measurement.PIECE + piece) * W, z)
-                store(moves, ((3 + d) * measurement.PIECE + piece) * W, v)
-        # The middle of the cycle, as the present rates predict it.
-        w1 = load(rate, CARRIAGE * W)
-        w2 = load(rate, (CARRIAGE + 1) * W)
-        w3 = load(rate, (CARRIAGE + 2) * W)
-        now = tool
-        if loaded:
-            start = load(par, PAYLOAD_TIME * W)
-            inside = (time >= start) & (time < start + load(par, PAYLOAD_DURATION * W))
-            now = where(inside, tool + load(par, PAYLOAD * W), tool)
-        _linkage(
-            par,
-            load(place, CARRIAGE * W) + half * w1,
-            load(place, (CARRIAGE + 1) * W) + half * w2,
-            load(place, (CARRIAGE + 2) * W) + half * w3,
-            w1 + half * load(drift, 0),
-            w2 + half * load(drift, W),
-            w3 + half * load(drift, 2 * W),
-            now,
-            frame,
-            link,
-        )
-        steps = where(fast, load(substeps, 0), load(substeps, W))
-        whole = where(fast, quick, slow)
-        sub = 0.0
-        active = steps > zero
-        while any_lane(active):
-            # A lane that is through makes steps of no length.
-            h = where(active, whole, zero)
-            since = sub * whole
-            _step(
-                par, mem, link, place, rate, bend, push, on, mode, motion, k, count,
-                time, since, h, frame,
-            )  # fmt: skip
-            if on is not None:
-                for d in range(3):
-                    dk.keep_step(
-                        par,
-                        MACHINE_COUNT + d * DRIVE_COUNT,
-                        mem,
-                        d * MEMORY_COUNT,
-                        on[d],
-                        load(place, (MOTOR + d) * W),
-                        load(rate, (MOTOR + d) * W),
-                        active,
-                    )
-            last = (rk.STAGES - 1) * COORDINATES + CARRIAGE
-            for d in range(3):
-                newest = where(active, load(bend, (last + d) * W), load(drift, d * W))
-                store(drift, d * W, newest)
-            sub += 1.0
-            active = steps > spread(sub)
-        if on is not None:
-            for d in range(3):
-                dk.keep_cycle(
-                    par,
-                    MACHINE_COUNT + d * DRIVE_COUNT,
-                    mem,
-                    d * MEMORY_COUNT,
-                    on[d],
-                    load(place, (MOTOR + d) * W),
-                    load(rate, (MOTOR + d) * W),
-                    load(place, (CARRIAGE + d) * W),
-                    time,
-                    cycle,
-                )
-
-
 def _build(digest):
     @kernel
     def simulate(
@@ -459,7 +299,7 @@ def _build(digest):
         limits,
         out,
     ):
-        """Simulate blocks of candidates; see `drives.model.DriveModel` and `loop.simulate`.
+        """Simulate blocks of candidates; see `drives.model.DriveModel`.
 
         Args:
             blocks: (G, R * W) rows of `kernel.rows`.
@@ -485,6 +325,8 @@ def _build(digest):
             weights, limits: As for `measurement.give_up`.
         """
         _ = digest
+        count = command.shape[0] // 6
+        coordinates = COORDINATES if frame else FRAME
         # One array for all: the compiler sees then that its parts do not overlap.
         going = room[:STATE]
         place, more = parted(room, COORDINATES)
@@ -498,15 +340,186 @@ def _build(digest):
         torques, rest = parted(rest, 3 * measurement.PIECE)
         finite, rest = parted(rest, 1)
         rest, moves = parted(rest, measurement.ROOM)
-        loop.simulate(
-            _start, _advance,
-            (place, rate, bend, mem, drift, push, link, torques, moves, command, motion, mode, on,
-             delayed, frame, law, moving),
-            blocks, rows, substeps, state, going, begin, end, cycle, place, rate, kept, torques,
-            moves, finite, rest, wanted, measured, samples, weights, moving, limits, out,
-        )  # fmt: skip
+        zero = spread(0.0)
+        half = 0.5 * cycle
+        for g in range(blocks.shape[0]):
+            par = blocks[g]
+            # Divided here, not in every cycle.
+            quick = cycle / load(substeps[g], 0)
+            slow = cycle / load(substeps[g], W)
+            tool = load(par, TOOL * W)
+            loaded = payload_on(par)
+            if begin > 0:
+                copied(state[g], going)
+            else:
+                going[:] = 0.0
+                for d in range(3):
+                    start = command[d * count] if dk.closed_loop(mode, d) else motion[d * count]
+                    store(place, (CARRIAGE + d) * W, spread(start))
+                _linkage(
+                    par,
+                    load(place, CARRIAGE * W),
+                    load(place, (CARRIAGE + 1) * W),
+                    load(place, (CARRIAGE + 2) * W),
+                    zero,
+                    zero,
+                    zero,
+                    tool,
+                    frame,
+                    link,
+                )
+                for d in range(3):
+                    first = MACHINE_COUNT + d * DRIVE_COUNT
+                    own = d * MEMORY_COUNT
+                    s = load(place, (CARRIAGE + d) * W)
+                    # Gravity only: what else pulls at the start is not known to the integral part.
+                    hold = load(link, (6 + d) * W)
+                    flags = dk.flags_of(on, d)
+                    z = dk.stand(par, first, mem, own, flags, s, hold)
+                    if not dk.closed_loop(mode, d):
+                        # There the recorded motion is the motor's.
+                        store(place, (CARRIAGE + d) * W, s - (z - s))
+                        z = s
+                    store(place, (MOTOR + d) * W, z)
+                    moved = load(par, (first + dk.MOTOR_MASS) * W)
+                    store(mem, (own + dk.LIGHTNESS) * W, 1.0 / moved)
+                    dk.begin(mem, own, z, zero, cycle, dk.at_motor(par, first, hold))
+            for k in range(begin, end):
+                time = spread(k * cycle)
+                piece = k % measurement.PIECE
+                fast = zero >= zero
+                for d in range(3):
+                    first = MACHINE_COUNT + d * DRIVE_COUNT
+                    own = d * MEMORY_COUNT
+                    flags = dk.flags_of(on, d)
+                    z = load(place, (MOTOR + d) * W)
+                    v = load(rate, (MOTOR + d) * W)
+                    if dk.closed_loop(mode, d):
+                        torque = dk.control(
+                            par, first, mem, own, flags, law[d], cycle, z, v,
+                            command, d, 3, count, k, delayed, time,
+                        )  # fmt: skip
+                        fast = fast & (absolute(v) > dk.fast_from(par, first))
+                    else:
+                        z = spread(motion[d * count + k])
+                        v = spread(motion[(3 + d) * count + k])
+                        store(place, (MOTOR + d) * W, z)
+                        store(rate, (MOTOR + d) * W, v)
+                        s = load(place, (CARRIAGE + d) * W)
+                        w = load(rate, (CARRIAGE + d) * W)
+                        force, back = dk.gear_force(par, first, mem, own, flags, z, v, s, w, time)
+                        mass = load(par, (first + dk.MOTOR_MASS) * W)
+                        torque = dk.prescribed_torque(
+                            par, first, mem, own, flags, z, v, s, mass,
+                            motion[(6 + d) * count + k], force, back, time,
+                        )  # fmt: skip
+                    store(torques, (d * measurement.PIECE + piece) * W, torque)
+                    if moving is not None:
+                        store(moves, (d * measurement.PIECE + piece) * W, z)
+                        store(moves, ((3 + d) * measurement.PIECE + piece) * W, v)
+                # The middle of the cycle, as the present rates predict it.
+                w1 = load(rate, CARRIAGE * W)
+                w2 = load(rate, (CARRIAGE + 1) * W)
+                w3 = load(rate, (CARRIAGE + 2) * W)
+                now = tool
+                if loaded:
+                    start = load(par, PAYLOAD_TIME * W)
+                    inside = (time >= start) & (time < start + load(par, PAYLOAD_DURATION * W))
+                    now = where(inside, tool + load(par, PAYLOAD * W), tool)
+                _linkage(
+                    par,
+                    load(place, CARRIAGE * W) + half * w1,
+                    load(place, (CARRIAGE + 1) * W) + half * w2,
+                    load(place, (CARRIAGE + 2) * W) + half * w3,
+                    w1 + half * load(drift, 0),
+                    w2 + half * load(drift, W),
+                    w3 + half * load(drift, 2 * W),
+                    now,
+                    frame,
+                    link,
+                )
+                steps = where(fast, load(substeps[g], 0), load(substeps[g], W))
+                whole = where(fast, quick, slow)
+                sub = 0.0
+                active = steps > zero
+                while any_lane(active):
+                    # A lane that is through makes steps of no length.
+                    h = where(active, whole, zero)
+                    since = sub * whole
+                    _step(
+                        par, mem, link, place, rate, bend, push, on, mode, motion, k, count,
+                        time, since, h, frame,
+                    )  # fmt: skip
+                    if on is not None:
+                        for d in range(3):
+                            dk.keep_step(
+                                par,
+                                MACHINE_COUNT + d * DRIVE_COUNT,
+                                mem,
+                                d * MEMORY_COUNT,
+                                on[d],
+                                load(place, (MOTOR + d) * W),
+                                load(rate, (MOTOR + d) * W),
+                                active,
+                            )
+                    last = (rk.STAGES - 1) * COORDINATES + CARRIAGE
+                    for d in range(3):
+                        newest = where(active, load(bend, (last + d) * W), load(drift, d * W))
+                        store(drift, d * W, newest)
+                    sub += 1.0
+                    active = steps > spread(sub)
+                if on is not None:
+                    for d in range(3):
+                        dk.keep_cycle(
+                            par,
+                            MACHINE_COUNT + d * DRIVE_COUNT,
+                            mem,
+                            d * MEMORY_COUNT,
+                            on[d],
+                            load(place, (MOTOR + d) * W),
+                            load(rate, (MOTOR + d) * W),
+                            load(place, (CARRIAGE + d) * W),
+                            time,
+                            cycle,
+                        )
+                if piece == measurement.PIECE - 1 or k == end - 1:
+                    measurement.hand_on(
+                        par,
+                        torques,
+                        moves,
+                        k - piece,
+                        piece + 1,
+                        cycle,
+                        wanted,
+                        measured,
+                        samples,
+                        moving,
+                        rows[g],
+                        kept,
+                        rest,
+                        out,
+                    )
+                    if measurement.give_up(samples, weights, rows[g], limits, kept, out):
+                        break
+            copied(going, state[g])
+            if end == count:
+                for lane in range(W):
+                    finite[lane] = 1.0
+                    for r in range(coordinates):
+                        if not np.isfinite(place[r * W + lane] + rate[r * W + lane]):
+                            finite[lane] = 0.0
+                measurement.conclude(par, finite, measured, samples, weights, rows[g], kept, out)
 
     return simulate
+
+
+@inlined
+def payload_on(par):
+    """Return whether any lane's tool changes its mass."""
+    found = False
+    for lane in range(W):
+        found |= par[PAYLOAD * W + lane] != 0.0
+    return found
 
 
 simulate = _build(sources_digest())
