@@ -97,6 +97,17 @@ def interval(text: str) -> tuple[str, tuple[float, float]]:
     return name, ends
 
 
+def add_effects(parser: argparse.ArgumentParser) -> None:
+    """Add the argument for effects in files of the user."""
+    parser.add_argument(
+        '--effect',
+        action='append',
+        default=[],
+        metavar='FILE.py',
+        help='also look for the effect that this file defines; may be given several times',
+    )
+
+
 def once(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
     """Return pairs as a dictionary.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from ros2_ident.cli.arguments import (
     add_bags,
     add_drives,
+    add_effects,
     add_effort,
     add_machine,
     add_scheduler,
@@ -43,6 +44,7 @@ EXAMPLES = (
     '      --machine config/tripod.yaml --out diagnosis\n'
     '  ident diagnose bags/axis_reversals --machine config/emps.yaml \\\n'
     '      --without asymmetric_friction,backlash\n'
+    '  ident diagnose my_bag --machine my.yaml --effect rubber_buffer.py\n'
     '\n'
     'writes to DIR: diagnosis.json, diagnosis.npz (measured and simulated effort), overlay (a\n'
     'bag with the measured effort, that of the model with the effects found, the residual, and\n'
@@ -74,6 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='effects to leave out of the catalogue',
     )
     complete(without, effects)
+    add_effects(parser)
     add_drives(parser)
     fix = parser.add_argument(
         '--fix',
@@ -100,6 +103,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose, write the result, print it."""
+    from ros2_ident.effects import add_effect_files
+
+    # Before the simulations are composed of the effects there are.
+    add_effect_files(args.effect)
     from ros2_ident.cli.interrupt import interrupts
     from ros2_ident.cli.progress import FractionMeter
     from ros2_ident.cli.report import print_page

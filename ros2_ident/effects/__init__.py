@@ -1,25 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The catalogue: every module of this folder that defines EFFECT is one effect."""
+"""The catalogue: every module of this folder that defines EFFECT is one effect.
 
-from collections.abc import Mapping
-import importlib
-import pkgutil
+Other packages add theirs by entry points, users by files of their own; see `loading`.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 
 from ros2_ident.effects.effect import Context, Detector, DriveState, Effect, EffectParameter, Hook
+from ros2_ident.effects.loading import Catalogue
 from ros2_ident.errors import ErrorCode, IdentError
 
-
-def _load() -> dict[str, Effect]:
-    found = {}
-    for module in sorted(name for _, name, _ in pkgutil.iter_modules(__path__)):
-        effect = getattr(importlib.import_module(f'{__name__}.{module}'), 'EFFECT', None)
-        if effect is not None:
-            found[effect.id] = effect
-    return found
+_KNOWN = Catalogue(__name__, __path__)
+CATALOGUE: Mapping[str, Effect] = MappingProxyType(_KNOWN.effects)
 
 
-CATALOGUE: Mapping[str, Effect] = MappingProxyType(_load())
+def add_effect_files(paths: Sequence[str]) -> None:
+    """Make effects known that lie in files of their own, one each.
+
+    Processes that simulate for this one learn of them by an environment variable.
+
+    Args:
+        paths: Python files that define EFFECT.
+
+    Raises:
+        IdentError: INVALID_GOAL where a file holds no effect, its id is taken, or the simulations
+            are composed already: effects come before anything else of the package is imported.
+    """
+    _KNOWN.add_files(paths)
+
+
+def composed() -> tuple[Effect, ...]:
+    """Return all effects for good: for those who compose the simulations of them."""
+    return _KNOWN.close()
+
+
+def sources() -> tuple[Path, ...]:
+    """Return the files outside this package that effects were read from."""
+    return tuple(_KNOWN.sources)
 
 
 def get_effect(name: str) -> Effect:
@@ -54,7 +73,10 @@ __all__ = [
     'Effect',
     'EffectParameter',
     'Hook',
+    'add_effect_files',
+    'composed',
     'get_effect',
     'shown_by',
+    'sources',
     'twins',
 ]

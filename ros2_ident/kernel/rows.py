@@ -8,7 +8,7 @@ rows, then each drive's, then each drive's effects in the catalogue's order.
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.effects import CATALOGUE, Hook
+from ros2_ident.effects import composed, Hook
 
 MACHINE_ROWS = (
     'rail_radius',  # m
@@ -70,7 +70,7 @@ NEUTRAL = {
     'log_gain': 1.0,
 }
 
-KERNEL_EFFECTS = tuple(e for e in CATALOGUE.values() if e.hook is not Hook.PARAMETER)
+KERNEL_EFFECTS = tuple(e for e in composed() if e.hook is not Hook.PARAMETER)
 # What a drive remembers between cycles, besides a row for each effect with a memory.
 MEMORY_ROWS = (
     'integral',  # N m, the controller's

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where effects come from: this folder, other packages, files of the user.
+
+The kernels are composed of all effects once, so these have to be known before; an environment
+variable tells the files to processes that simulate for this one.
+"""
+
+from collections.abc import Iterator, Sequence
+import hashlib
+import importlib
+from importlib.metadata import entry_points
+import importlib.util
+import os
+from pathlib import Path
+import pkgutil
+import sys
+from types import ModuleType
+from typing import Any
+
+from ros2_ident.effects.effect import Effect
+from ros2_ident.errors import ErrorCode, IdentError
+
+# Paths of files with effects, separated as in PATH.
+VARIABLE = 'ROS2_IDENT_EFFECTS'
+# Entry points of other packages: a module with EFFECT, or an `Effect`.
+GROUP = 'ros2_ident.effects'
+# Parameters that a kernel takes at most.
+_MOST = 3
+
+
+class Catalogue:
+    """All effects by id.
+
+    Attributes:
+        effects: The effects.
+        sources: Files outside this package that they were read from.
+        closed: Whether the kernels are composed, so that no other effect can come.
+    """
+
+    def __init__(self, package: str, folders: Sequence[str]) -> None:
+        self.effects: dict[str, Effect] = {}
+        self.sources: list[Path] = []
+        self.closed = False
+        for module in sorted(name for _, name, _ in pkgutil.iter_modules(folders)):
+            own = getattr(importlib.import_module(f'{package}.{module}'), 'EFFECT', None)
+            if own is not None:
+                self._add(own, module)
+        for effect, source, path in _of_packages():
+            self._add(effect, source)
+            self.sources.append(path)
+        self.add_files(filter(None, os.environ.get(VARIABLE, '').split(os.pathsep)))
+
+    def add_files(self, paths: Sequence[str] | Iterator[str]) -> None:
+        """Read effects from files, one each, and tell processes to come of them.
+
+        Raises:
+            IdentError: INVALID_GOAL where a file holds no effect, or comes too late.
+        """
+        for path in (Path(given).expanduser().resolve() for given in paths):
+            if path in self.sources:
+                continue
+            if self.closed:
+                raise IdentError(
+                    ErrorCode.INVALID_GOAL,
+                    f'{path.name}: the simulations are compiled without it already; name the file '
+                    f'in the environment variable {VARIABLE}, or call add_effect_files before '
+                    'anything else of ros2_ident is imported',
+                )
+            self._add(getattr(_imported(path), 'EFFECT', None), path.name)
+            self.sources.append(path)
+            told = [*filter(None, os.environ.get(VARIABLE, '').split(os.pathsep)), str(path)]
+            os.environ[VARIABLE] = os.pathsep.join(dict.fromkeys(told))
+
+    def close(self) -> tuple[Effect, ...]:
+        """Return all effects; from here on no other can come."""
+        self.closed = True
+        return tuple(self.effects.values())
+
+    def _add(self, effect: Any, source: str) -> None:
+        wrong = _wrong(effect)
+        if not wrong and effect.id in self.effects:
+            wrong = f'the catalogue has an effect {effect.id} already; give it another id'
+        if wrong:
+            raise IdentError(ErrorCode.INVALID_GOAL, f'{source}: {wrong}')
+        self.effects[effect.id] = effect
+
+
+def _wrong(effect: Any) -> str:
+    """Return what is wrong with what should be an effect; empty for nothing."""
+    if not isinstance(effect, Effect):
+        return 'it defines no EFFECT; write EFFECT = Effect(...), see docs/adding_an_effect.md'
+    if not effect.id.isidentifier() or not effect.id.islower():
+        return f'{effect.id!r} is no id; write it like rubber_buffer'
+    if effect.kernel is not None and not 1 <= len(effect.parameters) <= _MOST:
+        return f'{effect.id} has {len(effect.parameters)} parameters; give it one to {_MOST}'
+    return ''
+
+
+def _imported(path: Path) -> ModuleType:
+    """Import a file under a name of its own."""
+    if not path.is_file():
+        raise IdentError(
+            ErrorCode.INVALID_GOAL, f'there is no file {path}; name the file that defines EFFECT'
+        )
+    name = f'ros2_ident_effect_{path.stem}_{hashlib.sha256(bytes(path)).hexdigest()[:8]}'
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL, f'{path.name} is no Python file; name one that ends with .py'
+        )
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[name]
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{path.name} cannot be imported, {type(error).__name__}: {error}; correct the file',
+        ) from error
+    return module
+
+
+def _of_packages() -> Iterator[tuple[Any, str, Path]]:
+    """Yield effects of other packages, each with its name and its file."""
+    for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
+        found = point.load()
+        module = sys.modules[point.module]
+        yield getattr(found, 'EFFECT', found), point.value, Path(str(module.__file__)).resolve()
