@@ -48,3 +48,15 @@ def test_targets_are_rows_and_twins_agree(effect) -> None:
     assert {p.target for p in effect.parameters} <= known
     for twin in effect.twins:
         assert effect.id in CATALOGUE[twin].twins
+
+
+def imports(path: Path) -> set[str]:
+    """Return the modules that a file imports, wherever it does so."""
+    tree = ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+    return {node.module or '' for node in tree if isinstance(node, ast.ImportFrom)}
+
+
+def test_the_tables_of_the_reference_do_not_import_who_reads_them() -> None:
+    for table in ('effect_table', 'outside_table', 'effect_writers', 'effect_kind'):
+        found = imports(PACKAGE / f'reference/{table}.py')
+        assert 'ros2_ident.reference.effects' not in found, table

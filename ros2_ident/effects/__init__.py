@@ -36,9 +36,9 @@ def composed() -> tuple[Effect, ...]:
     return _KNOWN.close()
 
 
-def sources() -> tuple[Path, ...]:
-    """Return the files outside this package that effects were read from."""
-    return tuple(_KNOWN.sources)
+def sources() -> Mapping[Path, str]:
+    """Return files outside this package that effects were read from, and their modules' names."""
+    return MappingProxyType(_KNOWN.sources)
 
 
 def get_effect(name: str) -> Effect:

@@ -33,21 +33,21 @@ class Catalogue:
 
     Attributes:
         effects: The effects.
-        sources: Files outside this package that they were read from.
+        sources: Files outside this package that they were read from, each with its module's name.
         closed: Whether the kernels are composed, so that no other effect can come.
     """
 
     def __init__(self, package: str, folders: Sequence[str]) -> None:
         self.effects: dict[str, Effect] = {}
-        self.sources: list[Path] = []
+        self.sources: dict[Path, str] = {}
         self.closed = False
-        for module in sorted(name for _, name, _ in pkgutil.iter_modules(folders)):
-            own = getattr(importlib.import_module(f'{package}.{module}'), 'EFFECT', None)
+        for name in sorted(name for _, name, _ in pkgutil.iter_modules(folders)):
+            own = getattr(importlib.import_module(f'{package}.{name}'), 'EFFECT', None)
             if own is not None:
-                self._add(own, module)
-        for effect, source, path in _of_packages():
+                self._add(own, name)
+        for effect, source, module in _of_packages():
             self._add(effect, source)
-            self.sources.append(path)
+            self.sources[Path(str(module.__file__)).resolve()] = module.__name__
         self.add_files(filter(None, os.environ.get(VARIABLE, '').split(os.pathsep)))
 
     def add_files(self, paths: Sequence[str] | Iterator[str]) -> None:
@@ -66,8 +66,9 @@ class Catalogue:
                     f'in the environment variable {VARIABLE}, or call add_effect_files before '
                     'anything else of ros2_ident is imported',
                 )
-            self._add(getattr(_imported(path), 'EFFECT', None), path.name)
-            self.sources.append(path)
+            found = _imported(path)
+            self._add(getattr(found, 'EFFECT', None), path.name)
+            self.sources[path] = found.__name__
             told = [*filter(None, os.environ.get(VARIABLE, '').split(os.pathsep)), str(path)]
             os.environ[VARIABLE] = os.pathsep.join(dict.fromkeys(told))
 
@@ -97,12 +98,15 @@ def _wrong(effect: Any) -> str:
 
 
 def _imported(path: Path) -> ModuleType:
-    """Import a file under a name of its own."""
+    """Import a file under a name that its content gives it, wherever it lies.
+
+    What numba keeps of a kernel says where its parts came from by the names of their modules.
+    """
     if not path.is_file():
         raise IdentError(
             ErrorCode.INVALID_GOAL, f'there is no file {path}; name the file that defines EFFECT'
         )
-    name = f'ros2_ident_effect_{path.stem}_{hashlib.sha256(bytes(path)).hexdigest()[:8]}'
+    name = f'ros2_ident_effect_{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}'
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise IdentError(
@@ -121,9 +125,8 @@ def _imported(path: Path) -> ModuleType:
     return module
 
 
-def _of_packages() -> Iterator[tuple[Any, str, Path]]:
-    """Yield effects of other packages, each with its name and its file."""
+def _of_packages() -> Iterator[tuple[Any, str, ModuleType]]:
+    """Yield effects of other packages, each with its name and its module."""
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
         found = point.load()
-        module = sys.modules[point.module]
-        yield getattr(found, 'EFFECT', found), point.value, Path(str(module.__file__)).resolve()
+        yield getattr(found, 'EFFECT', found), point.value, sys.modules[point.module]

@@ -205,7 +205,10 @@ def sources_digest():
         *(package / 'models').rglob('*.py'),
     ]
     digest = hashlib.sha256()
+    for path in sorted(files):
+        digest.update(path.read_bytes())
     # Files of users come in the order in which their effects lie in the rows.
-    for path in [*sorted(files), *sources()]:
+    for path, module in sources().items():
+        digest.update(module.encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

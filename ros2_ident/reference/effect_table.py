@@ -8,7 +8,7 @@ import numpy as np
 
 from ros2_ident.reference import effect_writers as writers
 from ros2_ident.reference import layout as at
-from ros2_ident.reference.effects import column_writer, Kind, Quantity
+from ros2_ident.reference.effect_kind import column_writer, Kind, Quantity
 
 PHASE = Quantity('phase', 'rad', 0.0, 2.0 * np.pi)
 

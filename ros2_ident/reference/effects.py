@@ -7,85 +7,22 @@ its own equations (Colton and Kress call that the inverse crime). Effects of the
 are in no catalogue.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.reference.effect_kind import Kind
+from ros2_ident.reference.effect_table import KINDS as INSIDE
+from ros2_ident.reference.outside_table import KINDS as OUTSIDE
 from ros2_ident.reference.plant import Plant, section
 
 Form = Literal['same', 'other']
-Group = Literal['structure', 'drive', 'controller', 'measurement', 'nuisance', 'outside']
-
-# The table's torques and forces suit the tripod of config/tripod.yaml; other machines scale them.
-TRIPOD_LIMIT = 6.0  # N m
-TRIPOD_FORCE = 6.0 * 2.0 * np.pi / 0.08  # N
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """One drawn number of an effect.
-
-    Attributes:
-        name: Name in labels.
-        unit: SI unit as text.
-        low: Value at size 0, or lower end of the draw.
-        high: Value at size 1, or upper end of the draw.
-        signed: Whether either sign is drawn.
-        choices: Values to choose from, instead of the range.
-    """
-
-    name: str
-    unit: str
-    low: float = 0.0
-    high: float = 0.0
-    signed: bool = False
-    choices: tuple[float, ...] = ()
-
-    def scale(self, machine: Any) -> float:
-        """Return the factor from the tripod's torques and forces to another machine's."""
-        limit = float(section(machine, 'controller')['torque_limit'])
-        if self.unit.startswith('N m'):
-            return limit / TRIPOD_LIMIT
-        if self.unit.startswith('N'):
-            return limit * float(section(machine, 'drive').get('gear_factor', 1.0)) / TRIPOD_FORCE
-        return 1.0
-
 
 # Kinds that do not fade out with their size: a bristle in place of the tanh, a limit.
 NO_ZERO = ('presliding', 'torque_saturation')
-
-Write = Callable[[Plant, int, Mapping[str, float], bool, int], None]
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of effect.
-
-    Attributes:
-        name: The effect's id.
-        group: What it sits on; `nuisance` and `outside` are not in the catalogue.
-        size: The quantity that the size draws, geometrically from low to high.
-        others: Quantities drawn beside it, uniformly.
-        same: Equation of the catalogue's form.
-        other: Equation of the other form.
-        write: Writes it into a plant: plant, drive's index, values, whether the other form, seed.
-        place: `drive` where each drive can have it, `all` where the machine has one.
-        needs: What the machine has to have: `gear`, `rigid` (no gear that gives, and no weight),
-            `platform`, `integral`, `drives` (more than one), or nothing.
-    """
-
-    name: str
-    group: Group
-    size: Quantity
-    others: tuple[Quantity, ...]
-    same: str
-    other: str
-    write: Write
-    place: Literal['drive', 'all'] = 'drive'
-    needs: str = ''
 
 
 @dataclass(frozen=True)
@@ -154,10 +91,7 @@ class Effect:
 
 def kinds() -> Mapping[str, Kind]:
     """Return all kinds of effects by id: the catalogue's, then the ones outside it."""
-    from ros2_ident.reference.effect_table import KINDS as inside
-    from ros2_ident.reference.outside_table import KINDS as outside
-
-    return {kind.name: kind for kind in (*inside, *outside)}
+    return {kind.name: kind for kind in (*INSIDE, *OUTSIDE)}
 
 
 def kind_of(name: str) -> Kind:
@@ -257,15 +191,6 @@ def draw_imperfections(
     for name in chosen:
         drawn.append(draw_effect(str(name), rng, -0.3, (str(rng.choice(drives)),), machine))
     return tuple(drawn)
-
-
-def column_writer(column: int, quantity: str, factor: float = 1.0) -> Write:
-    """Return a `write` that adds one value to one column of a drive, in either form."""
-
-    def write(plant: Plant, i: int, values: Mapping[str, float], other: bool, seed: int) -> None:
-        plant.drive[i, column] += factor * values[quantity]
-
-    return write
 
 
 def parse_effect(

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ros2_ident.reference import layout as at
-from ros2_ident.reference.effects import column_writer, Kind, Quantity
+from ros2_ident.reference.effect_kind import column_writer, Kind, Quantity
 from ros2_ident.reference.plant import Array, Plant, set_columns
 
 Values = Mapping[str, float]
