@@ -72,7 +72,6 @@ def bag(folder: Path, seed: int) -> str:
     return path
 
 
-@pytest.mark.slow
 def test_one_file_outside_the_package_is_diagnosed_by_name(file: Path, tmp_path: Path) -> None:
     words = ['diagnose', bag(tmp_path, 1), '--check', bag(tmp_path, 2)]
     words += ['--machine', str(MACHINE), '--quiet', '--out', 'out']
@@ -88,7 +87,6 @@ def test_one_file_outside_the_package_is_diagnosed_by_name(file: Path, tmp_path:
     assert place == pytest.approx(0.15, abs=2e-3) and stiffness == pytest.approx(3e4, rel=0.1)
 
 
-@pytest.mark.slow
 def test_what_was_compiled_serves_the_same_file_elsewhere(tmp_path: Path) -> None:
     code = (
         'import numpy as np\n'

@@ -55,7 +55,6 @@ def test_the_bundled_axis_needs_no_limit() -> None:
         assert unstated.parameters[name].value == pytest.approx(value.value, rel=1e-9)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ('name', 'values', 'size'),
     [
@@ -81,7 +80,6 @@ def test_an_effect_is_found_with_a_limit_and_without(
         assert [sizes[0] * limit, 2.0 * sizes[1] * seen] == pytest.approx([65.0, 65.0], rel=0.01)
 
 
-@pytest.mark.slow
 def test_a_size_beyond_its_bound_is_flagged() -> None:
     # More than a quarter of the effort, which is what is looked for.
     effect = Effect('stribeck', AXIS.drives, {'torque': 70.0, 'speed': 0.02}, 'same')

@@ -66,7 +66,6 @@ def diagnosed(name: str, values: dict[str, float], form: str = 'same') -> Diagno
     return diagnose(JOINT, [recording(1, effect)], [recording(2, effect)], seed=1)
 
 
-@pytest.mark.slow
 def test_stribeck_friction_of_half_a_radian_a_second_is_found() -> None:
     found = diagnosed('stribeck', {'torque': 0.4, 'speed': 0.5})
     assert (found.effect, found.where) == ('stribeck', JOINT.drives)
@@ -77,7 +76,6 @@ def test_stribeck_friction_of_half_a_radian_a_second_is_found() -> None:
     assert ' m/s' not in told and 'mm' not in told and ' um' not in told
 
 
-@pytest.mark.slow
 def test_steps_of_an_encoder_of_twelve_bits_are_found() -> None:
     # The controller smooths the speed it reads, as those of coarse encoders do.
     found = diagnosed('encoder_quantisation', {'step': 1.5e-3}, 'other')
