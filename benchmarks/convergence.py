@@ -37,7 +37,7 @@ def model_and_reference(
     log = simulate_tripod(machine, parameters, motion.position, motion.velocity)
     data = Dataset(
         machine.drives,
-        float(machine.controller['cycle']),
+        machine.number('cycle'),
         0,
         motion.position,
         motion.velocity,

@@ -238,13 +238,13 @@ class TripodDrive:
     def __init__(
         self, machine: Any, values: Mapping[str, float], position: np.ndarray, velocity: np.ndarray
     ) -> None:
-        drive, geometry, controller = machine.drive, machine.geometry, machine.controller
-        gear, mass = float(drive['gear_factor']), float(drive['rail_mass'])
+        number = machine.number
+        gear, mass = number('gear_factor'), number('rail_mass')
         motor = values['drive_inertia'] * gear**2
         stiffness = values['gear_stiffness']
         reduced = np.sqrt(stiffness * motor * mass / (motor + mass))
-        azimuth = np.array(geometry['rail_azimuth'], dtype=float)
-        radius = float(geometry['rail_radius'])
+        azimuth = machine.numbers('rail_azimuth')
+        radius = number('rail_radius')
         self.rail = radius * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
         self.par = np.array(
             [
@@ -254,18 +254,18 @@ class TripodDrive:
                 motor,
                 values['coulomb_torque'],
                 values['viscous_torque'],
-                float(drive['coulomb_regularisation']),
+                number('coulomb_regularisation'),
                 gear,
                 mass,
-                float(geometry['gravity']),
-                float(geometry['rod_length']),
+                number('gravity'),
+                number('rod_length'),
             ]
         )
         self.gains = np.array(
-            [float(controller[f'{k}_gain']) for k in ('position', 'velocity', 'integral')]
+            [number(f'{k}_gain') for k in ('position', 'velocity', 'integral')]
         )
-        self.cycle = float(controller['cycle'])
-        self.limit = float(controller['torque_limit'])
+        self.cycle = number('cycle')
+        self.limit = number('torque_limit')
         self.target = np.ascontiguousarray(position.T)
         self.speed = np.ascontiguousarray(velocity.T)
 

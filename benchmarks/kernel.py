@@ -79,7 +79,7 @@ def synthetic(seconds: float) -> Tripod:
     """Return the tripod on a log of that length, its effort simulated at Table 5's values."""
     machine = load_machine(ROOT / 'config' / 'tripod.yaml')
     motion = draw_motion('pick_and_place', machine, seconds, 7)
-    cycle = float(machine.controller['cycle'])
+    cycle = machine.number('cycle')
     blank = np.zeros(motion.position.shape)
 
     def model(effort: np.ndarray) -> Tripod:
@@ -145,10 +145,10 @@ class Limit:
             ctypes.c_int64(model._command.size // 6),
             _at(self.measured),
             _at(_grid(self.model)),
-            real(model.gear),
-            real(model.eps),
+            real(model.machine.number('gear_factor')),
+            real(model.machine.number('coulomb_regularisation')),
             real(model.cycle),
-            real(model.feedforward),
+            real(model.machine.number('velocity_feedforward')),
             _at(out),
         )
         error = np.sqrt(out / self.samples[:, None]).mean(axis=1).ravel()[: len(theta)]
@@ -220,7 +220,8 @@ def compare(model: Tripod, limit: Limit, rounds: int) -> None:
     box = low + (high - low) * rng.random((64, len(true)))
     hooked = Hooked(model.machine, model.data)
     cycles = model.data.cycles
-    share = np.mean(np.abs(model.data.command_velocity) < 9.2 * model.eps)
+    width = model.machine.number('coulomb_regularisation')
+    share = np.mean(np.abs(model.data.command_velocity) < 9.2 * width)
     peak = limit.peak()
     print(f'peak {peak * 1e-9:.1f} GFLOP/s a core; tangents needed {share:.2f} of the time')
     for name, theta in (('near Table 5', near), ("Table 3's box", box)):

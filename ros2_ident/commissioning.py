@@ -5,14 +5,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 import math
 
-import numpy as np
-import numpy.typing as npt
-
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.floor import noise_floor
 from ros2_ident.identify.data import gather
 from ros2_ident.machine.file import MachineFile
-from ros2_ident.machine.machine import constant, Machine
+from ros2_ident.machine.machine import Machine
+from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import check, Dataset, Finding, Recording, Report
 
 # What a finding on the bag may owe to the machine file.
@@ -50,7 +48,7 @@ def check_both(
     report = check(recordings, machine)
     findings = [_with_line(finding, file, recordings) for finding in report.findings]
     findings += check_machine(file)
-    if machine is not None and machine.kind != 'belt_drive':
+    if machine is not None and kind_of(machine).from_bag:
         try:
             data = gather(recordings, machine, drives)
         except IdentError as error:
@@ -59,7 +57,7 @@ def check_both(
         else:
             findings += _fit(report, machine, file)
             for dataset in data.datasets:
-                findings += _reach(dataset, machine, file)
+                findings += _contradicted(dataset, machine, file)
                 findings += _noise(dataset, machine, file)
     return replace(report, findings=tuple(findings))
 
@@ -87,7 +85,7 @@ def _with_line(finding: Finding, file: MachineFile, recordings: Sequence[Recordi
 
 def _fit(report: Report, machine: Machine, file: MachineFile) -> Iterator[Finding]:
     """Compare what the summaries of the streams say with the machine file."""
-    cycle = constant(machine.controller, 'cycle', 'controller')
+    cycle = machine.number('cycle')
     for stream in report.streams:
         if stream.role == 'command' and stream.rate * cycle > 1.5:
             yield Finding(
@@ -109,32 +107,14 @@ def _fit(report: Report, machine: Machine, file: MachineFile) -> Iterator[Findin
             )
 
 
-def _reach(dataset: Dataset, machine: Machine, file: MachineFile) -> Iterator[Finding]:
-    """Say where the rods of a tripod cannot meet at the recorded positions."""
-    if machine.kind != 'tripod' or dataset.position is None:
+def _contradicted(dataset: Dataset, machine: Machine, file: MachineFile) -> Iterator[Finding]:
+    """Say what in the machine file the recorded positions contradict."""
+    check_motion = kind_of(machine).check_motion
+    if check_motion is None or dataset.position is None:
         return
     order = [dataset.names.index(name) for name in machine.drives]
-    height = dataset.position[order]
-    radius = constant(machine.geometry, 'rail_radius', 'geometry')
-    rod = constant(machine.geometry, 'rod_length', 'geometry')
-    azimuth = np.asarray(machine.geometry['rail_azimuth'], dtype=float)[:, None]
-    corner = np.stack(
-        [*np.broadcast_arrays(radius * np.cos(azimuth), radius * np.sin(azimuth), height)], axis=-1
-    )
-    # The rods meet where the circle through the three carriages is smaller than they are long.
-    side = [np.linalg.norm(corner[i] - corner[i - 1], axis=-1) for i in range(3)]
-    area = np.linalg.norm(np.cross(corner[1] - corner[0], corner[2] - corner[0]), axis=-1)
-    circle: npt.NDArray[np.float64] = side[0] * side[1] * side[2] / (2.0 * area)
-    share = float(np.mean(circle[np.isfinite(circle)] >= rod)) if circle.size else 0.0
-    if share > 0.0:
-        yield Finding(
-            'error',
-            'machine',
-            '',
-            f'{file.place(("geometry", "rod_length"))}: rods of {rod:g} m do not meet in '
-            f'{100.0 * share:.2g} % of the recorded positions; correct rod_length, rail_radius, '
-            'rail_azimuth, or the unit of the positions (m)',
-        )
+    for remark in check_motion(machine, dataset.position[order]):
+        yield Finding(remark.level, 'machine', '', file.sentence(remark))
 
 
 def _noise(dataset: Dataset, machine: Machine, file: MachineFile) -> Iterator[Finding]:

@@ -64,8 +64,8 @@ def motion(seconds: float = 8.0, drives: int = 2, seed: int = 0) -> Motion:
     load = 0.2 + 0.03 * acceleration + 0.01 * np.sin(2.0 * position / 0.05)
     torque = load + 0.05 * np.tanh(velocity / 0.005) + 0.03 * velocity
     return Motion(
-        tuple(f'drive_{d + 1}' for d in range(drives)), CYCLE, 78.54, position, velocity,
-        acceleration, np.gradient(acceleration, CYCLE, axis=1), torque, load, 'N m',
+        tuple(f'drive_{d + 1}' for d in range(drives)), CYCLE, np.full(drives, 78.54), position,
+        velocity, acceleration, np.gradient(acceleration, CYCLE, axis=1), torque, load, 'N m',
     )
 
 
@@ -99,7 +99,7 @@ def practice_case(number: int, bag: str = 'fit') -> Case:
     folder = PRACTICE / f'case_{number:03d}'
     label = json.loads((folder / 'label.json').read_text())
     machine = load_machine(ROOT / 'config' / 'tripod.yaml')
-    data = align(read_bag(folder / bag)[0], machine.drives, machine.controller['cycle'])
+    data = align(read_bag(folder / bag)[0], machine.drives, machine.number('cycle'))
     model = make_model(machine, data)
     theta = []
     for parameter in model.parameters:

@@ -252,7 +252,7 @@ class MujocoProbe(Probe):
     def effort(self, which: int, effects: Sequence[Any]) -> Array:
         """Return (D, K) the logged effort before noise, on one of the motions."""
         true = effects[0] if effects else self.true
-        cycle = float(self.machine.controller['cycle'])
+        cycle = self.machine.number('cycle')
         return reported(self.course(which, true), true, cycle)
 
 
@@ -350,7 +350,7 @@ def _log(probe: MujocoProbe, course: Course, effort: Array) -> Log:
     none = np.zeros((3, 0))
     return Log(
         names=probe.machine.drives,
-        cycle=float(probe.machine.controller['cycle']),
+        cycle=probe.machine.number('cycle'),
         effort=effort,
         position=course.position,
         velocity=course.velocity,

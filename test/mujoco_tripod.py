@@ -131,7 +131,7 @@ class Course:
 
 def nominal(machine: Machine, parameters: Mapping[str, float]) -> True3:
     """Return the tripod of a machine file with parameters, named as there, and no effect."""
-    gear, rail = float(machine.drive['gear_factor']), float(machine.drive['rail_mass'])
+    gear, rail = machine.number('gear_factor'), machine.number('rail_mass')
     drives = []
     for name in machine.drives:
         own = {
@@ -160,13 +160,13 @@ class Simulation:
 
     def __init__(self, machine: Machine, true: True3, substeps: int = SUBSTEPS) -> None:
         self.machine, self.true, self.substeps = machine, true, substeps
-        self.cycle = float(machine.controller['cycle'])
+        self.cycle = machine.number('cycle')
         self.gear = true.gear
-        self.mass = float(machine.drive['rail_mass'])
-        self.gravity = float(machine.geometry['gravity'])
-        self.length = float(machine.geometry['rod_length'])
-        azimuth = np.asarray(machine.geometry['rail_azimuth'], dtype=float)
-        radius = float(machine.geometry['rail_radius'])
+        self.mass = machine.number('rail_mass')
+        self.gravity = machine.number('gravity')
+        self.length = machine.number('rod_length')
+        azimuth = machine.numbers('rail_azimuth')
+        radius = machine.number('rail_radius')
         self.feet = radius * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
         self.depth = math.sqrt(self.length**2 - radius**2)
         self.model = mujoco.MjModel.from_xml_string(self.xml())
@@ -342,15 +342,15 @@ class Simulation:
             What the machine did.
         """
         drives = self.true.drives
-        law, data, model = self.machine.controller, self.data, self.model
+        law, data, model = self.machine.number, self.data, self.model
         motors = [self._dof(f'motor_{i}') for i in range(len(drives))]
         places = [self._address(f'motor_{i}') for i in range(len(drives))]
         controls = [int(model.actuator_ctrladr[a]) for a in self._drives()]
         levels = [(0.0, 0.0) if d.dry else (d.forward, d.backward) for d in drives]
-        width = self.gear * float(self.machine.drive.get('coulomb_regularisation', 5e-3))
-        kp, kv = float(law['position_gain']), float(law['velocity_gain'])
-        ki, kff = float(law['integral_gain']), float(law['velocity_feedforward'])
-        limit = float(law['torque_limit'])
+        width = self.gear * law('coulomb_regularisation')
+        kp, kv = law('position_gain'), law('velocity_gain')
+        ki, kff = law('integral_gain'), law('velocity_feedforward')
+        limit = law('torque_limit')
         delivered = np.array([min(d.limit, limit) for d in drives])
         volts = np.array([_volts(d) for d in drives])
         integral = self.rest(target[:, 0])
@@ -400,4 +400,4 @@ def simulate(
 ) -> tuple[Array, Course]:
     """Simulate one log; return the effort as logged, without noise, and the course behind it."""
     course = Simulation(machine, true, substeps).run(position, velocity)
-    return reported(course, true, float(machine.controller['cycle'])), course
+    return reported(course, true, machine.number('cycle')), course

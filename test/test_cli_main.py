@@ -14,7 +14,7 @@ import yaml
 from ros2_ident.cli import arguments
 from ros2_ident.cli.main import commands, main, make_parser
 from ros2_ident.effects import CATALOGUE
-from ros2_ident.machine.keys import KINDS
+from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import read_bag, Stream, write_bag
 from ros2_ident.reference.bag_making import write_simulated
 

@@ -56,7 +56,7 @@ def test_a_log_of_the_package_passes_its_own_law():
     data = read_data(ROOT / 'bags/axis_reversals', machine).datasets[0]
     law = fit_law(machine, data, 'emps_axis')
     # The bag holds positions in steps of 1 um.
-    assert law.steps == pytest.approx(machine.controller['velocity_gain'] * 1e-6 / 4e-3, rel=1e-6)
+    assert law.steps == pytest.approx(machine.number('velocity_gain') * 1e-6 / 4e-3, rel=1e-6)
     assert [g.level for g in check_law(law, 'emps_axis', 'N', 0.3)] == ['ok']
     moved = np.array(data.position) + 1e-7 * np.random.default_rng(0).standard_normal(data.cycles)
     assert fit_law(machine, replace(data, position=moved), 'emps_axis').steps < 1e-6

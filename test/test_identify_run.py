@@ -128,9 +128,7 @@ def test_a_parameter_that_the_data_do_not_determine_is_said():
 
 
 def test_where_everything_diverges_there_is_no_estimate():
-    machine = replace(
-        axis(), controller={**axis().controller, 'velocity_gain': 1e300, 'torque_limit': math.inf}
-    )
+    machine = axis().with_constants(velocity_gain=1e300, torque_limit=math.inf)
     result = identify(machine, axis_data(), settings=QUICK)
     assert result.outcome is Outcome.DIVERGED
     assert np.isnan(result.theta).all()

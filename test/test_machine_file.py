@@ -12,12 +12,11 @@ import yaml
 from ros2_ident.cli import check as cli_check
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
-from ros2_ident.machine.file import read_machine_file
-from ros2_ident.machine.keys import KEYS, keys_of, KINDS
 from ros2_ident.machine.template import machine_template
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.models.belt_drive.model import BeltDrive, CONSTANTS, step_reference
 from ros2_ident.models.drives.candidates import SLOTS
+from ros2_ident.models.registry import KINDS, read_machine_file
 from ros2_ident.recording import Dataset, Stream, write_bag
 
 BAGS = {'tripod': ROOT / 'bags' / 'tripod_mixed', 'emps': ROOT / 'bags' / 'axis_reversals'}
@@ -38,33 +37,32 @@ def test_a_new_machine_file_loads_without_a_remark(kind, tmp_path, capsys):
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_a_new_machine_file_says_unit_and_meaning_of_every_key(kind):
-    text = ' '.join(machine_template(kind).replace('#', ' ').split())
-    for key in keys_of(kind).values():
+    text = ' '.join(machine_template(KINDS[kind]).replace('#', ' ').split())
+    for key in KINDS[kind].keys:
         assert ' '.join(key.meaning.split()) in text, key.path
         assert key.unit in text
 
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_what_stands_behind_a_comment_can_be_taken_in(kind):
-    text = re.sub(r'^( *)# (\w+: [^#]*#)', r'\1\2', machine_template(kind), flags=re.MULTILINE)
+    template = machine_template(KINDS[kind])
+    text = re.sub(r'^( *)# (\w+: [^#]*#)', r'\1\2', template, flags=re.MULTILINE)
     machine = machine_from_mapping(yaml.safe_load(text))
-    known = {path[1] for path in keys_of(kind) if path[0] == 'parameters'}
+    known = {path[1] for path in KINDS[kind].by_path if path[0] == 'parameters'}
     assert set(machine.bounds) == known
 
 
 def test_the_table_knows_what_the_models_know():
-    drives = [*keys_of('tripod'), *keys_of('linear_axis')]
+    drives = [*KINDS['tripod'].by_path, *KINDS['linear_axis'].by_path]
     assert {path[1] for path in drives if path[0] == 'parameters'} == set(SLOTS)
-    belt = {path: key for path, key in keys_of('belt_drive').items() if path[1:]}
+    belt = {path: key for path, key in KINDS['belt_drive'].by_path.items() if path[1:]}
     assert {p[1] for p in belt if p[0] == 'parameters'} == set(CONSTANTS)
     for name, (section, unit, _) in CONSTANTS.items():
         assert belt[section, name].unit == unit
-    for key in KEYS:
-        assert set(key.examples) <= set(KINDS)
 
 
 def test_a_new_belt_drive_is_a_model():
-    machine = machine_from_mapping(yaml.safe_load(machine_template('belt_drive')))
+    machine = machine_from_mapping(yaml.safe_load(machine_template(KINDS['belt_drive'])))
     outputs = BeltDrive(machine, step_reference()).simulate(np.array([[2e5, 45.0]]))
     assert np.isfinite(outputs).all()
     assert np.abs(outputs).max() > 0.0
@@ -142,7 +140,7 @@ def test_a_joint_either_turns_or_travels(old, new, said):
 
 def changed(path: Path, old: str, new: str, kind: str = 'linear_axis') -> tuple[str, int]:
     """Write a new machine file with one text replaced; return its path and the text's line."""
-    text = machine_template(kind)
+    text = machine_template(KINDS[kind])
     assert text.count(old) == 1, old
     path.write_text(text.replace(old, new))
     return str(path), text[: text.index(old)].count('\n') + 1
@@ -201,7 +199,7 @@ def test_an_error_names_file_line_and_remedy(old, new, code, said, tmp_path, cap
 )
 def test_what_is_missing_is_said_where_it_belongs(kind, old, section, said, tmp_path):
     path, _ = changed(tmp_path / 'my.yaml', old, '  # ', kind)
-    lines = machine_template(kind).splitlines()
+    lines = machine_template(KINDS[kind]).splitlines()
     line = next(i for i, text in enumerate(lines, 1) if text.startswith(f'{section}:'))
     with pytest.raises(IdentError) as caught:
         load_machine(path)

@@ -22,8 +22,8 @@ def candidates(count, seed=0):
 
 
 def constants_of(theta):
-    sections = {**MACHINE.geometry, **MACHINE.drive, **MACHINE.controller}
-    return {**sections, 'axial_stiffness': theta[0], 'position_gain': theta[1]}
+    constants = {name: MACHINE.number(name) for name in MACHINE.constants}
+    return {**constants, 'axial_stiffness': theta[0], 'position_gain': theta[1]}
 
 
 @pytest.fixture(scope='module')
@@ -100,17 +100,7 @@ def test_eigenfrequencies_are_those_of_the_reading(belt):
 
 
 def test_printed_constants_give_one_hertz():
-    printed = {'driving_inertia': 1e-2, 'driven_inertia': 1e-2}
-    drive = {**MACHINE.drive, **printed}
-    geometry = {**MACHINE.geometry, 'radius': 1e-3}
-    machine = type(MACHINE)(
-        kind='belt_drive',
-        drives=MACHINE.drives,
-        geometry=geometry,
-        drive=drive,
-        controller=MACHINE.controller,
-        bounds=MACHINE.bounds,
-    )
+    machine = MACHINE.with_constants(driving_inertia=1e-2, driven_inertia=1e-2, radius=1e-3)
     first = BeltDrive(machine, step_reference()).eigenfrequencies(TRUTH)[0, 0]
     assert first == pytest.approx(1.0, abs=0.1)
 

@@ -53,7 +53,7 @@ def closed(name: str, form: str) -> float:
     twin = get_effect(name).reference
     effect = draw_effect(twin, np.random.default_rng(1), 0.8, (drive,), machine, form)
     log = simulate(machine, truth, motion.position, motion.velocity, [effect])
-    cycle = float(machine.controller['cycle'])
+    cycle = machine.number('cycle')
     data = Dataset(
         machine.drives, cycle, 0, motion.position, motion.velocity, None, None, log.effort
     )

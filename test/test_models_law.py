@@ -30,7 +30,7 @@ TRUTH = {
 def recording(*effects: Effect, kind: str = 'multi_point', seconds: float = 3.0) -> Dataset:
     motion = draw_motion(kind, MACHINE, seconds, 5)
     log = simulate_tripod(MACHINE, TRUTH, motion.position, motion.velocity, effects)
-    cycle = float(MACHINE.controller['cycle'])
+    cycle = MACHINE.number('cycle')
     return Dataset(
         MACHINE.drives, cycle, 0, motion.position, motion.velocity, log.position, log.velocity,
         log.effort,

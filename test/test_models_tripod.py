@@ -36,7 +36,7 @@ def reference(parameters: dict[str, float], kind: str = 'pick_and_place', second
 def dataset(motion, effort, command=True, position=None) -> Dataset:
     return Dataset(
         MACHINE.drives,
-        float(MACHINE.controller['cycle']),
+        MACHINE.number('cycle'),
         0,
         motion.position if command else None,
         motion.velocity if command else None,

@@ -19,12 +19,18 @@ class Machine:
     """The part of a machine file that the check reads."""
 
     drives: tuple = ('a',)
-    geometry: dict = field(default_factory=lambda: {'gravity': 9.81})
-    controller: dict = field(default_factory=lambda: {'cycle': 1e-3, 'torque_limit': 6.0})
     effort_scale: float = 1.0
     # 0.2 N m at rest at 10 rad/m: 2 N, the weight of 0.2 kg
-    drive: dict = field(default_factory=lambda: {'gear_factor': 10.0, 'rail_mass': 0.05})
+    constants: dict = field(
+        default_factory=lambda: {
+            'gravity': 9.81, 'cycle': 1e-3, 'torque_limit': 6.0, 'gear_factor': 10.0,
+            'rail_mass': 0.05,
+        }
+    )  # fmt: skip
     bounds: dict = field(default_factory=lambda: {'tool_mass': (0.12, 0.17, 'kg')})
+
+    def number(self, name, drive=None):
+        return self.constants[name]
 
 
 def motion():

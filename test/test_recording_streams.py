@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording import effort_factor, Recording, scale_effort, Stream
+from ros2_ident.machine.units import effort_factor
+from ros2_ident.recording import Recording, scale_effort, Stream
 
 STAMP = np.arange(4) * 1_000_000
 VALUES = np.arange(8.0).reshape(4, 2)

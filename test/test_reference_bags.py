@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from ros2_ident.errors import IdentError
+from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag
 from ros2_ident.reference.bag_making import (
     CLEAN,
@@ -21,8 +21,8 @@ from ros2_ident.reference.bag_making import (
 from ros2_ident.reference.motions import draw_motion, KINDS, space_of
 
 ROOT = Path(__file__).parents[1]
-MACHINE = yaml.safe_load((ROOT / 'config' / 'tripod.yaml').read_text())
-EMPS = yaml.safe_load((ROOT / 'config' / 'emps.yaml').read_text())
+MACHINE = load_machine(ROOT / 'config' / 'tripod.yaml')
+EMPS = load_machine(ROOT / 'config' / 'emps.yaml')
 TRUTH = {
     'measurement_delay': 0.0249,
     'gear_stiffness': 2.32e5,
@@ -160,7 +160,7 @@ def test_drawn_machines_lie_in_their_box_and_run(machine):
     for seed in range(3):
         parameters = draw_parameters(machine, np.random.default_rng(seed))
         for name, number in parameters.items():
-            low, high, _ = machine['parameters'][name.rpartition('.')[2]]
+            low, high, _ = machine.bounds[name.rpartition('.')[2]]
             assert float(low) < number < float(high)
         made = simulate_bag(machine, parameters, draw_motion('mixed', machine, 2.0, seed), seed)
         assert np.all(np.isfinite(made.log.effort))

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.models import load_machine
 from ros2_ident.reference.axis import simulate_axis
 from ros2_ident.reference.motions import draw_motion
 from ros2_ident.reference.simulate import late
@@ -31,7 +31,7 @@ EMPS = {
 
 
 def machine_of(name):
-    return yaml.safe_load((ROOT / 'config' / f'{name}.yaml').read_text())
+    return load_machine(ROOT / 'config' / f'{name}.yaml')
 
 
 def test_tripod_law_recomputed_from_the_log():
@@ -46,8 +46,7 @@ def test_tripod_law_recomputed_from_the_log():
 
 
 def test_torque_is_limited():
-    machine = machine_of('tripod')
-    machine['controller']['torque_limit'] = 0.3
+    machine = machine_of('tripod').with_constants(torque_limit=0.3)
     motion = draw_motion('multi_point', machine, 1.5, 1)
     log = simulate_tripod(machine, TRUTH, motion.position, motion.velocity)
     assert np.max(np.abs(log.torque)) == 0.3

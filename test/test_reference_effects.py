@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from ros2_ident import effects
 from ros2_ident.errors import IdentError
+from ros2_ident.models import load_machine
 from ros2_ident.reference.axis import simulate_axis
 from ros2_ident.reference.effects import (
     draw_effect,
@@ -22,7 +22,7 @@ from ros2_ident.reference.motions import draw_motion
 from ros2_ident.reference.tripod import simulate_tripod
 
 ROOT = Path(__file__).parents[1]
-MACHINE = yaml.safe_load((ROOT / 'config' / 'tripod.yaml').read_text())
+MACHINE = load_machine(ROOT / 'config' / 'tripod.yaml')
 TRUTH = {
     'measurement_delay': 0.005,
     'gear_stiffness': 2.0e5,
@@ -134,20 +134,20 @@ def test_size_is_geometric_and_seeded():
 
 
 def test_torques_scale_with_the_machine():
-    emps = yaml.safe_load((ROOT / 'config' / 'emps.yaml').read_text())
-    effect = draw_effect('stribeck', np.random.default_rng(4), 0.0, tuple(emps['drives']), emps)
+    emps = load_machine(ROOT / 'config' / 'emps.yaml')
+    effect = draw_effect('stribeck', np.random.default_rng(4), 0.0, emps.drives, emps)
     assert effect.values['torque'] == pytest.approx(0.01 * 351.5065 / 6.0)
 
 
 def test_effects_of_one_axis():
-    emps = yaml.safe_load((ROOT / 'config' / 'emps.yaml').read_text())
+    emps = load_machine(ROOT / 'config' / 'emps.yaml')
     parameters = {'moving_mass': 95.0, 'viscous_friction': 200.0, 'coulomb_friction': 20.0}
     motion = draw_motion('reversals', emps, 2.0, 1)
     plain = simulate_axis(emps, parameters, motion.position, motion.velocity)
     names = [kind.name for kind in kinds().values() if suits(kind, emps, parameters)]
     assert 'stribeck' in names and 'backlash' not in names and 'rod_mass' not in names
     for name in ('stribeck', 'asymmetric_friction', 'presliding', 'command_delay', 'cable_spring'):
-        effect = draw_effect(name, np.random.default_rng(2), 0.9, tuple(emps['drives']), emps)
+        effect = draw_effect(name, np.random.default_rng(2), 0.9, emps.drives, emps)
         log = simulate_axis(emps, parameters, motion.position, motion.velocity, [effect])
         assert rms(log, plain)[0] > 0.1
 

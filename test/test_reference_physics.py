@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.models import load_machine
 from ros2_ident.reference import layout as at
 from ros2_ident.reference.effects import Effect
 from ros2_ident.reference.motions import draw_motion
@@ -33,7 +33,7 @@ GEAR = 2.0 * np.pi / 0.08
 
 @pytest.fixture(scope='module')
 def machine():
-    return yaml.safe_load((ROOT / 'config' / 'tripod.yaml').read_text())
+    return load_machine(ROOT / 'config' / 'tripod.yaml')
 
 
 def without_controller(plant):
@@ -84,7 +84,7 @@ def test_energy_is_kept_without_friction_and_controller(machine, effects):
     # Loads that the constant motor torques do not know let the machine fall over its rods.
     loads = [
         Effect('constant_force', (name,), {'force': force}, 'same')
-        for name, force in zip(machine['drives'], (5.0, -3.0, 2.0), strict=True)
+        for name, force in zip(machine.drives, (5.0, -3.0, 2.0), strict=True)
     ]
     plant = without_controller(tripod_plant(machine, FRICTIONLESS))
     start = np.array([0.45, 0.50, 0.47])
@@ -101,7 +101,7 @@ def test_energy_is_kept_without_friction_and_controller(machine, effects):
 def test_rods_keep_their_length(machine):
     motion = draw_motion('multi_point', machine, 2.0, 1)
     log = simulate_tripod(machine, TRUTH, motion.position, motion.velocity)
-    for i, azimuth in enumerate(machine['geometry']['rail_azimuth']):
+    for i, azimuth in enumerate(machine.numbers('rail_azimuth')):
         foot = np.stack(
             [0.3 * np.cos(azimuth) + 0.0 * log.frame, 0.3 * np.sin(azimuth) + 0.0 * log.frame]
         )
@@ -135,7 +135,7 @@ def test_any_pose_carries_the_whole_weight(machine):
 def test_forward_kinematics_inverts_the_rail_formula(machine):
     plant = tripod_plant(machine, TRUTH)
     point = np.array([0.05, -0.03, -0.1])
-    azimuth = np.array(machine['geometry']['rail_azimuth'])
+    azimuth = np.array(machine.numbers('rail_azimuth'))
     foot = 0.3 * np.stack([np.cos(azimuth), np.sin(azimuth)])
     carriage = point[2] + np.sqrt(0.36 - np.sum((point[:2, None] - foot) ** 2, axis=0))
     assert platform_at(carriage, plant.drive) == pytest.approx(point, abs=1e-13)
@@ -147,7 +147,7 @@ def test_forward_kinematics_inverts_the_rail_formula(machine):
 def test_settled_machine_stays_at_rest(machine):
     plant = without_controller(tripod_plant(machine, TRUTH))
     plant.settled = True
-    drives = tuple(machine['drives'])
+    drives = tuple(machine.drives)
     effects = [
         RODS,
         Effect('cable_spring', drives, {'stiffness': 60.0, 'place': 0.44}, 'same'),
@@ -186,7 +186,7 @@ def test_tighter_steps_converge(machine):
 
 def minimal_coordinates(machine, parameters, held):
     """The tripod in coordinates (z, p), written apart from the package, for scipy."""
-    azimuth = np.array(machine['geometry']['rail_azimuth'])
+    azimuth = np.array(machine.numbers('rail_azimuth'))
     foot = 0.3 * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     m_e = parameters['drive_inertia'] * GEAR**2
     c = parameters['gear_stiffness']

@@ -24,8 +24,6 @@ from ros2_ident.report.overlay import (
 )
 from ros2_ident.report.scene import (
     colours,
-    feet,
-    joints,
     largest_gap,
     MARKERS,
     REPEAT,
@@ -114,21 +112,20 @@ def test_foxglove_finds_what_it_needs(overlay):
 
 
 def test_the_rods_keep_their_length_and_the_platform_its_shape(scene):
-    for carriage, platform in zip(scene.carriage, scene.platform, strict=True):
-        corner = joints(scene, platform)
-        rods = np.linalg.norm(feet(scene, carriage) - corner, axis=1)
-        np.testing.assert_allclose(rods, tripod().geometry['rod_length'], rtol=1e-12)
-        sides = np.linalg.norm(corner - np.roll(corner, 1, axis=0), axis=1)
-        np.testing.assert_allclose(sides, sides[0], rtol=1e-12)
-        assert (platform[2] < carriage).all()
+    figure = scene.figure
+    rods = np.linalg.norm(figure.links[:, :, 1] - figure.links[:, :, 0], axis=2)
+    np.testing.assert_allclose(rods, tripod().number('rod_length'), rtol=1e-12)
+    sides = np.linalg.norm(figure.body[:3, 1] - figure.body[:3, 0], axis=1)
+    np.testing.assert_allclose(sides, sides[0], rtol=1e-12)
+    assert (figure.tool[:, None, 2] < figure.blocks[..., 2]).all()
 
 
 def test_the_simulated_platform_follows_the_measured_one(scene):
-    off = np.linalg.norm(scene.simulated - scene.platform, axis=1)
-    stroke = np.ptp(scene.platform, axis=0).max()
+    off = np.linalg.norm(scene.simulated - scene.figure.tool, axis=1)
+    stroke = np.ptp(scene.figure.tool, axis=0).max()
     assert 0.0 < off.max() < 0.2 * stroke
     drawn = scene.magnification * off.max()
-    assert 0.02 * scene.radius < drawn <= 0.25 * scene.radius
+    assert 0.02 * scene.figure.size < drawn <= 0.25 * scene.figure.size
     assert np.log10(scene.magnification) == round(np.log10(scene.magnification))
 
 
@@ -145,7 +142,7 @@ def test_what_is_drawn_is_the_scene(scene):
     assert {x.header.frame_id for x in first} == {'tripod'}
     path = next(x for x in first if x.ns == 'gap')
     assert len(path.points) == len(path.colors) == len(scene.stamp)
-    np.testing.assert_array_equal([[p.x, p.y, p.z] for p in path.points], scene.platform)
+    np.testing.assert_array_equal([[p.x, p.y, p.z] for p in path.points], scene.figure.tool)
     rods = next(x for x in second if (x.ns, x.id) == ('measured', 2))
     ends = np.array([[p.x, p.y, p.z] for p in rods.points]).reshape(3, 2, 3)
     np.testing.assert_allclose(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), 0.6, rtol=1e-12)

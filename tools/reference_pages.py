@@ -12,8 +12,8 @@ import re
 
 from ros2_ident.cli.main import commands, make_parser
 from ros2_ident.errors import ErrorCode
-from ros2_ident.machine.file import literal
-from ros2_ident.machine.keys import Key, keys_of, KINDS
+from ros2_ident.machine.keys import Key, literal
+from ros2_ident.models.registry import own_kinds
 
 _MADE = 'Made by `python tools/reference_pages.py`; a test compares it with the code.'
 
@@ -29,29 +29,27 @@ def machine_file() -> str:
         '[own_machine.md](own_machine.md). SI units throughout. What lies outside the plausible',
         'range is warned of, not refused. A key that is not in the table is refused.',
     ]
-    for kind, meaning in KINDS.items():
+    for kind in own_kinds().values():
         lines += [
             '',
-            f'## `machine: {kind}`',
+            f'## `machine: {kind.name}`',
             '',
-            f'{meaning[0].upper()}{meaning[1:]}.',
+            f'{kind.title[0].upper()}{kind.title[1:]}.',
             '',
             '| key | unit | meaning | without it | plausible |',
             '| --- | --- | --- | --- | --- |',
         ]
-        lines += [_row(key, kind) for key in keys_of(kind).values()]
+        lines += [_row(key) for key in kind.keys]
     return '\n'.join(lines) + '\n'
 
 
-def _row(key: Key, kind: str) -> str:
+def _row(key: Key) -> str:
     units = [unit for unit in dict.fromkeys((key.unit, key.force_unit)) if unit]
     without = key.absent or ('not searched: zero' if key.section == 'parameters' else 'refused')
-    if kind == 'belt_drive' and key.section == 'parameters':
-        without = 'the constant above holds'
     span = f'{key.low:g} to {key.high:g}' if math.isfinite(key.high) else ''
     return (
         f'| `{".".join(key.path)}` | {" or ".join(units)} | {key.meaning}; '
-        f'as `{literal(key, kind)}` | {without} | {span} |'
+        f'as `{literal(key)}` | {without} | {span} |'
     )
 
 

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.commissioning import check_both, check_machine
     from ros2_ident.errors import ErrorCode, IdentError
     from ros2_ident.identify.data import gather
-    from ros2_ident.machine.file import read_machine_file
+    from ros2_ident.models.registry import read_machine_file
     from ros2_ident.recording import check, read_bag, render, Report
 
     file = read_machine_file(args.machine) if args.machine else None

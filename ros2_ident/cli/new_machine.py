@@ -4,6 +4,7 @@
 import argparse
 
 from ros2_ident.cli.arguments import names
+from ros2_ident.models.registry import KINDS, machine_from_mapping
 
 DESCRIPTION = (
     'Write a machine file: every key with its unit, its meaning and the value of an example '
@@ -21,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument(
         '--kind',
-        choices=('linear_axis', 'tripod', 'belt_drive'),
+        choices=tuple(KINDS),
         required=True,
         help='kind of machine',
     )
@@ -40,9 +41,8 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.errors import ErrorCode, IdentError
     from ros2_ident.files import write_text
     from ros2_ident.machine.template import machine_template
-    from ros2_ident.models import machine_from_mapping
 
-    text = machine_template(args.kind, args.drives)
+    text = machine_template(KINDS[args.kind], args.drives)
     machine_from_mapping(yaml.safe_load(text), '--drives')
     if args.out is None:
         print(text, end='')

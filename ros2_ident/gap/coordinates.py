@@ -32,7 +32,7 @@ class Motion:
     Attributes:
         drives: Their names.
         cycle: Time from column to column, s.
-        gear: Motor angle per travel, rad/m; 0 where it is not known.
+        gear: (D,) motor angle per travel, rad/m; 0 where it is not known.
         position: (D, K), m, or rad of a joint that turns.
         velocity: (D, K), per second.
         acceleration: (D, K), per second squared.
@@ -45,7 +45,7 @@ class Motion:
 
     drives: tuple[str, ...]
     cycle: float
-    gear: float
+    gear: Array
     position: Array
     velocity: Array
     acceleration: Array
@@ -93,7 +93,7 @@ def motion_of(model: FullModel, theta: Array) -> Motion:
     rows = [data.names.index(name) for name in model.places]
     source = data.position if data.position is not None else data.command_position
     torque = model.simulate(np.atleast_2d(theta))[0]
-    turn = model.motor_turn(model.places[0])
+    turn = np.array([model.motor_turn(place) for place in model.places])
     travel = model.machine.travel_unit if model.machine is not None else ''
     if source is None:
         # A model that does not tell how its drives move.
@@ -214,8 +214,8 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
             f'{what} of {motion.drives[o]}' for o in others for what in ('torque', 'acceleration')
         )
         found.append(_linear('other drives', labels, rows))
-    if motion.gear:
-        found += _orders(position, motion.gear)
+    if motion.gear[d]:
+        found += _orders(position, float(motion.gear[d]))
     return [c for c in found if c.columns.shape[1]]
 
 

@@ -155,7 +155,7 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
     if data.effort is None or data.position is None:
         return []
     found = []
-    limit = float(machine.controller.get('torque_limit', math.inf))
+    limit = machine.number('torque_limit', drive)
     top = float(np.nanmax(np.abs(data.effort[d])))
     if math.isfinite(limit):
         bad = top > 1.2 * limit

@@ -125,7 +125,7 @@ def fit_law(machine: Machine, data: Dataset, drive: str) -> Law | None:
     columns, effort = _Fit(signals).system(delays)
     free = _solve(columns, effort)[2]
     gains = {
-        name: float(machine.controller.get(name, 0.0))
+        name: float(np.nan_to_num(machine.number(name, drive)))
         for name in ('position_gain', 'velocity_gain', 'integral_gain')
     }
     known = _law_of(columns, gains)
@@ -278,7 +278,7 @@ def _signals(machine: Machine, data: Dataset, drive: str) -> _Signals | None:
     if position is None or not np.ptp(data.command_position[d]):
         return None
     speed_steps = 0.0
-    if str(machine.controller.get('law', 'pi')) == 'cascade_p':
+    if machine.text('law', drive) == 'cascade_p':
         # Half the sum of two readings, differenced over a cycle.
         velocity = np.zeros_like(position)
         velocity[2:] = (position[2:] - position[:-2]) * (0.5 / data.cycle)
@@ -287,7 +287,7 @@ def _signals(machine: Machine, data: Dataset, drive: str) -> _Signals | None:
     else:
         logged = None if data.velocity is None else _filled(data.velocity[d])
         velocity = np.gradient(position, data.cycle) if logged is None else logged
-    limit = float(machine.controller.get('torque_limit', math.inf))
+    limit = machine.number('torque_limit', drive)
     index = np.flatnonzero(np.isfinite(effort) & (np.abs(effort) < _SATURATED * limit))
     # The first samples of the log are taken up before the delayed effort begins.
     index = index[index > LATEST_EFFORT / data.cycle]
@@ -295,8 +295,8 @@ def _signals(machine: Machine, data: Dataset, drive: str) -> _Signals | None:
         return None
     return _Signals(
         data.cycle, data.command_position[d], data.command_velocity[d], position, velocity,
-        index, effort[index], float(machine.controller.get('velocity_feedforward', 0.0)),
-        float(machine.controller.get('integral_gain', 0.0)) != 0.0,
+        index, effort[index], machine.number('velocity_feedforward', drive),
+        machine.number('integral_gain', drive) != 0.0,
         speed_steps,
     )
 

@@ -124,7 +124,7 @@ def _along(motion: Motion, drive: int, name: str) -> tuple[Array, str]:
     d, travel = drive, motion.travel
     time = np.arange(motion.position.shape[1], dtype=np.float64) * motion.cycle
     way = since_reversal(motion.position[d], motion.velocity[d])
-    turn: Array = np.mod(motion.gear * motion.position[d] / (2.0 * np.pi), 1.0)
+    turn: Array = np.mod(motion.gear[d] * motion.position[d] / (2.0 * np.pi), 1.0)
     table = {
         'velocity': (motion.velocity[d], f'velocity [{travel}/s]'),
         'position': (motion.position[d], f'position [{travel}]'),

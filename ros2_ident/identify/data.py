@@ -9,8 +9,8 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.result import Quality
-from ros2_ident.machine.machine import constant
-from ros2_ident.models import DRIVE_MODELS, Machine
+from ros2_ident.models import Machine
+from ros2_ident.models.registry import kind_from_bag, kind_of
 from ros2_ident.recording import (
     align,
     choose_windows,
@@ -51,7 +51,7 @@ class HeldOut:
 
     def __iter__(self) -> Iterator[tuple[Dataset, str]]:
         """Align one part after the other, each with its label; unusable ones are left out."""
-        cycle = constant(self.machine.controller, 'cycle', 'controller')
+        cycle = self.machine.number('cycle')
         for number, begin, end in self.windows:
             try:
                 part = self.recordings[number].between(begin, end)
@@ -151,14 +151,9 @@ def gather(
     Raises:
         IdentError: NO_DATA where none can be used; where there is only one, what is wrong with it.
     """
-    if machine.kind not in DRIVE_MODELS:
-        raise IdentError(
-            ErrorCode.UNKNOWN_MODEL,
-            f'a {machine.kind} is not identified from a bag of drives; '
-            f'use a machine file of one of {", ".join(DRIVE_MODELS)}',
-        )
+    kind_from_bag(machine)
     chosen = chosen_drives(machine, drives)
-    cycle = constant(machine.controller, 'cycle', 'controller')
+    cycle = machine.number('cycle')
     if not recordings:
         raise IdentError(
             ErrorCode.NO_DATA, 'there is no recording to identify from; record a motion first'
@@ -329,7 +324,7 @@ def _settled(dataset: Dataset, machine: Machine, place: str, warnings: list[str]
     speed = dataset.command_velocity
     if speed is None or dataset.effort is None:
         return dataset
-    if dataset.position is not None and DRIVE_MODELS[machine.kind].starts_in_motion:
+    if dataset.position is not None and kind_of(machine).starts_in_motion:
         return dataset
     fast = np.abs(speed).max()
     if fast == 0.0 or np.abs(speed[:, 0]).max() < 0.02 * fast:

@@ -1,43 +1,138 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is known of a machine, and the box of what is not: a machine file's content."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording.streams import effort_factor
+from ros2_ident.machine.keys import NEUTRAL, Value
+from ros2_ident.machine.units import angular, effort_factor, plain_unit
+
+Box = tuple[float, float, str]
 
 
 @dataclass(frozen=True)
 class Machine:
-    """The content of a machine file.
+    """The content of a machine file, complete: what the file leaves out has its default.
 
     Attributes:
-        kind: `tripod`, `linear_axis` or `belt_drive`.
+        kind: Name of its kind, as `models.registry.KINDS` has it.
         drives: Joint names of the drives, in the model's order.
-        geometry: Lengths, angles and gravity; SI units.
-        drive: Constants of the drives; SI units.
-        controller: Constants of the controller; SI units.
+        constants: Constants by name, SI units: one of the machine, or one of each drive. What is
+            to be identified and not stated has the middle of its box; what nobody knows is NaN.
         bounds: `{name: (low, high, unit)}` of the parameters to be identified.
+        own_bounds: The same of single drives, as `drive_2.rail_azimuth`, where the drives differ;
+            `bounds` then holds the box that encloses them.
+        given: Names of the constants that the file states.
         effort_unit: Unit of the logged effort.
         effort_scale: Factor from the logged effort to N m (or N): a torque constant [N m/A], or
             the rated torque over 100 %.
         effort_noise: Standard deviation of the logged effort's noise, in the model's effort unit.
         digest: SHA-256 of the file, empty where the machine was made in memory.
+
+    Raises:
+        IdentError: BAD_MACHINE_FILE where a constant has neither one value nor one of each drive.
     """
 
     kind: str
     drives: tuple[str, ...]
-    geometry: Mapping[str, Any]
-    drive: Mapping[str, float]
-    controller: Mapping[str, Any]
-    bounds: Mapping[str, tuple[float, float, str]]
+    constants: Mapping[str, tuple[Value, ...]]
+    bounds: Mapping[str, Box]
+    own_bounds: Mapping[str, Box] = field(default_factory=dict)
+    given: frozenset[str] = frozenset()
     effort_unit: str = 'N m'
     effort_scale: float = 1.0
     effort_noise: float = 0.01
     digest: str = ''
+
+    def __post_init__(self) -> None:
+        for name, values in self.constants.items():
+            if len(values) not in (1, len(self.drives)):
+                raise IdentError(
+                    ErrorCode.BAD_MACHINE_FILE,
+                    f'{name} has {len(values)} values for {len(self.drives)} drives; give one for '
+                    'all, or one for each',
+                )
+        for name in ('constants', 'bounds', 'own_bounds'):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
+    def __reduce__(self) -> tuple[Callable[..., 'Machine'], tuple[Any, ...]]:
+        """Pickle the mappings as such: what forbids their change cannot be pickled."""
+        values = [getattr(self, one.name) for one in fields(self)]
+        plain = [dict(v) if isinstance(v, MappingProxyType) else v for v in values]
+        return Machine, tuple(plain)
+
+    # ------------------------------------------------------------------ constants
+
+    def stated(self, name: str) -> bool:
+        """Return whether the file states a constant."""
+        return name in self.given
+
+    def known(self, name: str) -> bool:
+        """Return whether a constant is stated or is to be identified."""
+        return name in self.given or name in self.bounds
+
+    def number(self, name: str, drive: str | None = None) -> float:
+        """Return a numeric constant, SI units.
+
+        Args:
+            name: Its key.
+            drive: The drive it belongs to; without it, one that is the same for all.
+
+        Raises:
+            IdentError: BAD_MACHINE_FILE where it differs from drive to drive and none is named,
+            or where machines of this kind have no such constant.
+        """
+        return float(self._value(name, drive))
+
+    def text(self, name: str, drive: str | None = None) -> str:
+        """Return a constant that is no number; arguments and errors as of `number`."""
+        return str(self._value(name, drive))
+
+    def numbers(self, name: str) -> npt.NDArray[np.float64]:
+        """Return (D,) a numeric constant of each drive; errors as of `number`."""
+        return np.array([self.number(name, drive) for drive in self.drives])
+
+    def texts(self, name: str) -> tuple[str, ...]:
+        """Return a constant of each drive that is no number; errors as of `number`."""
+        return tuple(self.text(name, drive) for drive in self.drives)
+
+    def _value(self, name: str, drive: str | None) -> Value:
+        values = self.constants.get(name)
+        if values is None:
+            if name in NEUTRAL:
+                return NEUTRAL[name]
+            raise IdentError(
+                ErrorCode.BAD_MACHINE_FILE,
+                f'a {self.kind} has no constant {name}; it has {", ".join(self.constants)}',
+            )
+        if len(values) == 1:
+            return values[0]
+        if drive is not None:
+            return values[self.drives.index(drive)]
+        if any(value != values[0] for value in values[1:]):
+            raise IdentError(
+                ErrorCode.BAD_MACHINE_FILE,
+                f'{name} differs from drive to drive, and this needs one for all; '
+                'write one value in the machine file',
+            )
+        return values[0]
+
+    def box(self, name: str, drive: str | None = None) -> Box:
+        """Return (low, high, unit) of a parameter to be identified.
+
+        Args:
+            name: Its name without a drive.
+            drive: The drive whose parameter it is; without it, the box of all.
+        """
+        return self.own_bounds.get(f'{drive}.{name}', self.bounds[name])
+
+    # ------------------------------------------------------------------ units
 
     @property
     def travel_unit(self) -> str:
@@ -51,12 +146,48 @@ class Machine:
         if self.travel_unit == 'rad':
             return 'N m'
         force = self.effort_unit == 'N'
-        other = self.effort_unit in ('A', 'percent') and 'gear_factor' not in self.drive
+        other = self.effort_unit in ('A', 'percent') and not self.known('gear_factor')
         return 'N' if force or other else 'N m'
 
-    def with_bounds(self, bounds: Mapping[str, tuple[float, float, str]]) -> 'Machine':
-        """Return the same machine with another box."""
-        return replace(self, bounds=dict(bounds))
+    # ------------------------------------------------------------------ changes
+
+    def with_bounds(self, bounds: Mapping[str, Box]) -> 'Machine':
+        """Return the same machine with another box, the same for all drives."""
+        return replace(self, bounds=dict(bounds), own_bounds={})
+
+    def with_constants(self, **changed: Value | Sequence[Value]) -> 'Machine':
+        """Return the same machine with other constants: one value each, or one for each drive.
+
+        A constant whose default follows from another one stays as it is.
+        """
+        constants = dict(self.constants)
+        for name, value in changed.items():
+            constants[name] = (value,) if isinstance(value, (int, float, str)) else tuple(value)
+        return replace(self, constants=constants, given=self.given | set(changed))
+
+    def with_values(self, values: Mapping[str, float]) -> 'Machine':
+        """Return the same machine with the constants that some of these parameters are.
+
+        Args:
+            values: Parameters by name, `rail_mass` or `drive_2.rail_mass`; others are passed over.
+        """
+        named = {name.rpartition('.')[2] for name in values}
+        changed = {
+            name: tuple(
+                values.get(f'{drive}.{name}', values.get(name, self._value(name, drive)))
+                for drive in self.drives
+            )
+            for name in self.constants
+            if name in named
+        }
+        return replace(
+            self,
+            constants={
+                **self.constants,
+                **{n: each if len(set(each)) > 1 else each[:1] for n, each in changed.items()},
+            },
+            given=self.given | set(changed),
+        )
 
     def with_effort_unit(
         self, unit: str, torque_constant: float | None = None, rated_torque: float | None = None
@@ -68,52 +199,3 @@ class Machine:
         """
         factor = effort_factor(unit, torque_constant, rated_torque)
         return replace(self, effort_unit=unit, effort_scale=factor)
-
-
-_ANGULAR = {'kg': 'kg m^2', 'N': 'N m', 'm': 'rad'}
-
-
-def angular(unit: str) -> str:
-    """Return a unit of straight motion as it is where a joint turns: `N m s/rad` for `N s/m`.
-
-    Args:
-        unit: A unit of masses, forces and lengths.
-    """
-    return re.sub(r'\b(kg|N|m)\b', lambda found: _ANGULAR[found[0]], unit)
-
-
-def plain_unit(unit: object) -> str:
-    """Return a unit without what is a matter of taste."""
-    text = str(unit).replace('²', '2').replace('·', '')
-    return ''.join(text.replace('^', '').replace('*', '').split())
-
-
-def constant(
-    section: Mapping[str, Any], key: str, where: str, default: float | None = None
-) -> float:
-    """Return one number of a machine file's section.
-
-    Args:
-        section: The section's mapping.
-        key: The number's name.
-        where: The section's name, for the error.
-        default: What an absent key means; None makes it an error.
-
-    Returns:
-        The number, in the unit the machine file states.
-
-    Raises:
-        IdentError: BAD_MACHINE_FILE where it is absent or no number.
-    """
-    value = section.get(key, default)
-    if value is None:
-        raise IdentError(
-            ErrorCode.BAD_MACHINE_FILE,
-            f'machine file: {where}.{key} is missing; add it as a number',
-        )
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise IdentError(
-            ErrorCode.BAD_MACHINE_FILE, f'machine file: {where}.{key} is {value!r}; write a number'
-        ) from None

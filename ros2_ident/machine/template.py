@@ -5,18 +5,18 @@ from collections.abc import Sequence
 from itertools import groupby
 import textwrap
 
-from ros2_ident.machine.file import literal
-from ros2_ident.machine.keys import Key, keys_of, KINDS
+from ros2_ident.machine.keys import Key, literal
+from ros2_ident.machine.kind import Kind
 
 _WIDTH = 99
 _COMMENT = 42
 
 
-def machine_template(kind: str, drives: Sequence[str] = ()) -> str:
+def machine_template(kind: Kind, drives: Sequence[str] = ()) -> str:
     """Return the text of a machine file.
 
     Args:
-        kind: One of `KINDS`.
+        kind: The kind of machine.
         drives: Joint names; those of the example where there are none.
 
     Returns:
@@ -25,12 +25,13 @@ def machine_template(kind: str, drives: Sequence[str] = ()) -> str:
     """
     lines = [
         '# SPDX-License-Identifier: Apache-2.0',
-        f'# Machine file of a {kind}: {KINDS[kind]}.',
+        f'# Machine file of a {kind.name}: {kind.title}.',
         '# Every value is an example: put those of your machine in their place. SI units.',
         '# A line behind a # is an alternative, or for what this example has no need of.',
+        '# Under drive, controller and parameters, a list holds one entry for each drive.',
         '# `ident check --machine THIS_FILE` says what is missing or implausible, with the line.',
     ]
-    for section, keys in groupby(keys_of(kind).values(), key=lambda key: key.section):
+    for section, keys in groupby(kind.keys, key=lambda key: key.section):
         indent = ''
         if section:
             note = (
@@ -40,7 +41,7 @@ def machine_template(kind: str, drives: Sequence[str] = ()) -> str:
             indent = '  '
         for key in keys:
             value = f'[{", ".join(drives)}]' if drives and key.name == 'drives' else None
-            lines += _lines(key, indent, value or literal(key, kind))
+            lines += _lines(key, indent, value or literal(key))
     return '\n'.join(lines) + '\n'
 
 

@@ -13,7 +13,6 @@ from ros2_ident.recording.findings import render as render
 from ros2_ident.recording.findings import Report as Report
 from ros2_ident.recording.quality import check as check
 from ros2_ident.recording.smooth import smooth_motion as smooth_motion
-from ros2_ident.recording.streams import effort_factor as effort_factor
 from ros2_ident.recording.streams import Recording as Recording
 from ros2_ident.recording.streams import scale_effort as scale_effort
 from ros2_ident.recording.streams import Stream as Stream

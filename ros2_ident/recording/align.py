@@ -37,7 +37,7 @@ def align(
         cycle: Controller cycle, s.
         need: Fields without which the data is of no use: of `position`, `velocity`, `effort`,
             `command`.
-        effort_scale: Factor from the logged effort to N m or N (see `effort_factor`).
+        effort_scale: Factor from the logged effort to N m or N (a torque constant, say).
 
     Returns:
         The data set. Its grid covers the command where there is one, else the state; where the

@@ -2,7 +2,7 @@
 """Judge recordings before an hour is spent on them."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -30,24 +30,19 @@ class MachineFacts(Protocol):
         """Joint names of the drives."""
 
     @property
-    def geometry(self) -> Mapping[str, Any]:
-        """Geometry, with `gravity` in m/s^2 where it acts along the drives."""
-
-    @property
-    def controller(self) -> Mapping[str, Any]:
-        """Controller, with `cycle` in s and `torque_limit` where there is one."""
-
-    @property
-    def drive(self) -> Mapping[str, Any]:
-        """Constants of a drive, with `gear_factor` in rad/m and `rail_mass` in kg."""
-
-    @property
     def bounds(self) -> Mapping[str, tuple[float, float, str]]:
         """Bounds of what is to be identified, by name: low, high, unit."""
 
     @property
     def effort_scale(self) -> float:
         """Factor from the logged effort to N m or N."""
+
+    def number(self, name: str, drive: str | None = None) -> float:
+        """Return a constant of the machine, or of a drive.
+
+        Of the machine: `gravity` along the drives [m/s^2], `cycle` [s]. Of a drive:
+        `torque_limit` [N m, or N; inf for none], `gear_factor` [rad/m], `rail_mass` [kg].
+        """
 
 
 def check(recordings: Sequence[Recording], machine: MachineFacts | None = None) -> Report:
@@ -237,7 +232,7 @@ def _judge_recording(recording: Recording, machine: MachineFacts | None) -> list
         data = align(
             recording,
             machine.drives,
-            float(machine.controller.get('cycle', 1e-3)),
+            machine.number('cycle'),
             need=needed,
             effort_scale=machine.effort_scale,
         )
@@ -249,18 +244,18 @@ def _judge_recording(recording: Recording, machine: MachineFacts | None) -> list
         for text in data.quality.warnings
         if text not in recording.warnings
     ]
-    limit = machine.controller.get('torque_limit')
-    if limit and data.effort is not None:
+    if data.effort is not None:
         for name, row in zip(data.names, data.effort, strict=True):
-            top = float(np.nanmax(np.abs(row)))
-            if top > 1.2 * float(limit):
+            limit = machine.number('torque_limit', name)
+            top = float(np.nanmax(np.abs(row))) if np.isfinite(limit) else 0.0
+            if top > 1.2 * limit:
                 found.append(
                     Finding(
                         'error',
                         'effort_unit',
                         name,
                         f'{name}: the effort reaches {top:.4g}, beyond the torque_limit '
-                        f'{float(limit):g} of the machine; it is no torque in N m (or force in '
+                        f'{limit:g} of the machine; it is no torque in N m (or force in '
                         'N): state effort_unit in the machine file',
                     )
                 )
@@ -287,7 +282,7 @@ def _judge_drives(
     )
     drives: list[DriveSummary] = []
     findings: list[Finding] = []
-    gravity = 0.0 if machine is None else float(machine.geometry.get('gravity', 0.0))
+    gravity = 0.0 if machine is None else machine.number('gravity')
     scale = 1.0 if machine is None else machine.effort_scale
     for name in names:
         summary, said = judge_drive(number, recording, name, gravity, scale, machine is not None)
@@ -303,15 +298,16 @@ def _judge_weight(drives: Sequence[DriveSummary], machine: MachineFacts) -> list
     All drives raised by the same height raise the whole machine by it, so their forces at rest add
     up to its weight in every pose.
     """
-    gravity = float(machine.geometry.get('gravity', 0.0))
-    held = [x.effort_rest for x in drives if x.drive in machine.drives]
-    if not gravity or len(held) < len(machine.drives) or not np.isfinite(held).all():
+    gravity = machine.number('gravity')
+    held = [x for x in drives if x.drive in machine.drives]
+    resting = bool(np.isfinite([x.effort_rest for x in held]).all())
+    if not gravity or len(held) < len(machine.drives) or not resting:
         return []
-    carriages = len(machine.drives) * float(machine.drive.get('rail_mass', 0.0))
+    carriages = sum(machine.number('rail_mass', name) for name in machine.drives)
     loads = [machine.bounds[x] for x in ('tool_mass', 'moving_mass') if x in machine.bounds]
     low = gravity * (carriages + sum(x[0] for x in loads))
     high = gravity * (carriages + sum(x[1] for x in loads))
-    force = sum(held) * float(machine.drive.get('gear_factor', 1.0))
+    force = sum(x.effort_rest * machine.number('gear_factor', x.drive) for x in held)
     # nothing held or a reversed sign is said drive by drive
     if low * gravity <= 0.0 or force * gravity < 0.05 * low * gravity:
         return []

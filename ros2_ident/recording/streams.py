@@ -247,44 +247,6 @@ class Recording:
         return replace(self, **{role: cut.get(role) for role in ROLES})  # type: ignore[arg-type]
 
 
-def effort_factor(
-    unit: str, torque_constant: float | None = None, rated: float | None = None
-) -> float:
-    """Return the factor from a logged effort to N m (or N).
-
-    Args:
-        unit: `N m`, `N`, `A` or `percent`.
-        torque_constant: N m/A (or N/A), needed for `A`.
-        rated: Rated torque N m (or force N), needed for `percent`.
-
-    Raises:
-        IdentError: WRONG_UNITS naming what is missing.
-    """
-    if unit in ('N m', 'N'):
-        return 1.0
-    needed: dict[str, tuple[str, float | None, float]] = {
-        'A': ('torque_constant', torque_constant, 1.0),
-        'percent': ('rated_torque', rated, 0.01),
-    }
-    if unit not in needed:
-        raise IdentError(
-            ErrorCode.WRONG_UNITS,
-            f'effort unit is {unit!r}; write one of N m, N, A, percent',
-        )
-    key, value, share = needed[unit]
-    try:
-        factor = float(value) if value is not None else 0.0
-    except (TypeError, ValueError):
-        factor = 0.0
-    if not np.isfinite(factor) or factor == 0.0:
-        raise IdentError(
-            ErrorCode.WRONG_UNITS,
-            f'effort unit {unit} needs {key} to become a torque, found {value}; add the line '
-            f'`{key}: ...` to the machine file, or give --{key.replace("_", "-")}',
-        )
-    return factor * share
-
-
 def scale_effort(recording: Recording, factor: float | Iterable[float]) -> Recording:
     """Convert the measured efforts of a recording.
 

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.machine import Machine
 from ros2_ident.recording import Stream, write_bag
-from ros2_ident.reference.axis import simulate_axis
 from ros2_ident.reference.motions import Motion
-from ros2_ident.reference.plant import Array, Log, section, Unmodelled
-from ros2_ident.reference.tripod import simulate_tripod
+from ros2_ident.reference.plant import Array, Log, Unmodelled
+from ros2_ident.reference.twin import twin_of
 
 Whole = np.ndarray[Any, np.dtype[np.int64]]
 
@@ -64,12 +63,9 @@ class SimulatedBag:
     motion: Motion
 
 
-def nuisance_of(machine: Any) -> Nuisance:
+def nuisance_of(machine: Machine) -> Nuisance:
     """Return the nuisance of a machine file: its effort noise, a fifth of it as resolution."""
-    if isinstance(machine, Mapping):
-        noise = float(machine.get('effort_noise', 0.01))
-    else:
-        noise = float(machine.effort_noise)
+    noise = machine.effort_noise
     return Nuisance(effort_noise=noise, effort_step=0.2 * noise)
 
 
@@ -125,7 +121,7 @@ def make_streams(
 
 
 def simulate_bag(
-    machine: Any,
+    machine: Machine,
     parameters: Mapping[str, float],
     motion: Motion,
     seed: int = 0,
@@ -135,8 +131,8 @@ def simulate_bag(
     """Simulate a log and make streams of it.
 
     Args:
-        machine: A `Machine`, or the mapping a machine file holds: a tripod or a linear axis.
-        parameters: Parameters by name, see `tripod_plant` and `axis_plant`.
+        machine: A machine whose kind has a reference.
+        parameters: Parameters by name, see its `plant`, as `tripod_plant` and `axis_plant`.
         motion: Set-points, from `draw_motion`.
         seed: Seed of noise, jitter and losses.
         nuisance: What lies between machine and log; by the machine file's noise where not given.
@@ -148,16 +144,8 @@ def simulate_bag(
     Raises:
         IdentError: UNKNOWN_MODEL for a machine that has no reference here.
     """
-    kind = section(machine, 'kind')
-    if kind == 'tripod':
-        log = simulate_tripod(machine, parameters, motion.position, motion.velocity, effects)
-    elif kind == 'linear_axis':
-        log = simulate_axis(machine, parameters, motion.position, motion.velocity, effects)
-    else:
-        raise IdentError(
-            ErrorCode.UNKNOWN_MODEL,
-            f'there is no reference of a {kind} here; use tripod or linear_axis',
-        )
+    twin = twin_of(machine)
+    log = twin.simulate(machine, parameters, motion.position, motion.velocity, effects)
     rng = np.random.default_rng(seed)
     streams = make_streams(log, motion, nuisance or nuisance_of(machine), rng)
     return SimulatedBag(streams, log, motion)
@@ -179,7 +167,7 @@ def write_simulated(
     return write_bag(path, bag.streams, custom=notes)
 
 
-def draw_parameters(machine: Any, rng: np.random.Generator) -> dict[str, float]:
+def draw_parameters(machine: Machine, rng: np.random.Generator) -> dict[str, float]:
     """Draw one machine's parameters from the inner part of its box, as real machines differ.
 
     Friction is drawn for each drive by itself, the gear's stiffness spreads by a twentieth about a
@@ -187,17 +175,15 @@ def draw_parameters(machine: Any, rng: np.random.Generator) -> dict[str, float]:
     common.
 
     Args:
-        machine: A `Machine`, or the mapping a machine file holds.
+        machine: The machine.
         rng: Source of chance.
 
     Returns:
         Parameters by name, SI units.
     """
-    bounds = machine['parameters'] if isinstance(machine, Mapping) else machine.bounds
-    drives = tuple(map(str, section(machine, 'drives')))
+    drives = machine.drives
     drawn = {}
-    for name, (low, high, _) in bounds.items():
-        low, high = float(low), float(high)
+    for name, (low, high, _) in machine.bounds.items():
         begin = low + (0.35 if name == 'gear_stiffness' else 0.1) * (high - low)
         end = low + (0.5 if name in ('measurement_delay', 'gear_damping_ratio') else 0.9) * (
             high - low

@@ -3,11 +3,14 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+import math
+from typing import Literal
 
 import numpy as np
 
-from ros2_ident.reference.plant import Plant, section
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.machine import Machine
+from ros2_ident.reference.plant import Plant
 
 Group = Literal['structure', 'drive', 'controller', 'measurement', 'nuisance', 'outside']
 
@@ -36,14 +39,24 @@ class Quantity:
     signed: bool = False
     choices: tuple[float, ...] = ()
 
-    def scale(self, machine: Any) -> float:
-        """Return the factor from the tripod's torques and forces to another machine's."""
-        limit = float(section(machine, 'controller')['torque_limit'])
+    def scale(self, machine: Machine) -> float:
+        """Return the factor from the tripod's torques and forces to another machine's.
+
+        Raises:
+            IdentError: INVALID_GOAL where the machine has no limit to go by.
+        """
+        if not self.unit.startswith('N'):
+            return 1.0
+        limit = float(machine.numbers('torque_limit').max())
+        if not math.isfinite(limit):
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{self.name} is drawn as a share of controller.torque_limit, which the machine '
+                f'file lacks; add it, or give {self.name}=VALUE in {self.unit}',
+            )
         if self.unit.startswith('N m'):
             return limit / TRIPOD_LIMIT
-        if self.unit.startswith('N'):
-            return limit * float(section(machine, 'drive').get('gear_factor', 1.0)) / TRIPOD_FORCE
-        return 1.0
+        return limit * float(machine.numbers('gear_factor').max()) / TRIPOD_FORCE
 
 
 Write = Callable[[Plant, int, Mapping[str, float], bool, int], None]

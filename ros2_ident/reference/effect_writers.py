@@ -191,7 +191,8 @@ def drift(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
         set_columns(plant, i, {at.DRIFT_RATE: -values['share'] / 10.0})
         return
     # Half a watt of friction warms the tripod's drive; others by their torque limit.
-    power = 0.5 * plant.drive[i, at.TORQUE_LIMIT] * plant.drive[i, at.GEAR] / (6.0 * 25.0 * np.pi)
+    power = plant.drive[i, at.TORQUE_LIMIT] * plant.drive[i, at.GEAR] / (6.0 * 25.0 * np.pi)
+    power = 0.5 * (power if np.isfinite(power) else 1.0)
     columns = {
         at.DRIFT_SHARE: values['share'],
         at.DRIFT_TIME: values['time'],

@@ -9,15 +9,17 @@ are in no catalogue.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.machine import Machine
 from ros2_ident.reference.effect_kind import Kind
 from ros2_ident.reference.effect_table import KINDS as INSIDE
 from ros2_ident.reference.outside_table import KINDS as OUTSIDE
-from ros2_ident.reference.plant import Plant, section
+from ros2_ident.reference.plant import Plant
+from ros2_ident.reference.twin import twin_of
 
 Form = Literal['same', 'other']
 
@@ -108,19 +110,17 @@ def kind_of(name: str) -> Kind:
     return table[name]
 
 
-def suits(kind: Kind, machine: Any, parameters: Mapping[str, float]) -> bool:
+def suits(kind: Kind, machine: Machine, parameters: Mapping[str, float]) -> bool:
     """Return whether an effect can sit on a machine."""
-    platform = section(machine, 'kind') == 'tripod'
+    platform = twin_of(machine).platform
     gear = any(key.endswith('gear_stiffness') for key in parameters)
-    level = not float(section(machine, 'geometry').get('gravity', 0.0))
-    controller = section(machine, 'controller')
     has = {
         '': True,
         'platform': platform,
         'gear': gear,
-        'rigid': level and not gear and not platform,
-        'integral': float(controller.get('integral_gain', 0.0)) > 0.0,
-        'drives': len(section(machine, 'drives')) > 1,
+        'rigid': not (machine.number('gravity') or gear or platform),
+        'integral': bool((machine.numbers('integral_gain') > 0.0).any()),
+        'drives': len(machine.drives) > 1,
     }
     return bool(has[kind.needs])
 
@@ -130,7 +130,7 @@ def draw_effect(
     rng: np.random.Generator,
     size: float,
     where: Sequence[str],
-    machine: Any,
+    machine: Machine,
     form: Form = 'other',
 ) -> Effect:
     """Draw an effect's numbers.
@@ -140,7 +140,7 @@ def draw_effect(
         rng: Source of chance.
         size: 0 (seen by nobody) to 1 (gross): the size quantity is low (high / low)^size.
         where: Drives, or `('all',)`; kinds that sit on the whole machine are put on all.
-        machine: A `Machine`, or the mapping a machine file holds; scales torques and forces.
+        machine: The machine; scales torques and forces.
         form: Form of the equation.
 
     Returns:
@@ -165,20 +165,20 @@ def draw_effect(
 
 
 def draw_imperfections(
-    rng: np.random.Generator, machine: Any, parameters: Mapping[str, float], count: int = 2
+    rng: np.random.Generator, machine: Machine, parameters: Mapping[str, float], count: int = 2
 ) -> tuple[Effect, ...]:
     """Draw the small unlisted imperfections that every real log has: each well below the noise.
 
     Args:
         rng: Source of chance.
-        machine: A `Machine`, or the mapping a machine file holds.
+        machine: The machine.
         parameters: Nominal parameters.
         count: How many beside the arctan in place of the sign's tanh.
 
     Returns:
         Effects to be applied before the one that counts.
     """
-    drives = tuple(map(str, section(machine, 'drives')))
+    drives = machine.drives
     names = [
         kind.name
         for kind in kinds().values()
@@ -194,7 +194,7 @@ def draw_imperfections(
 
 
 def parse_effect(
-    text: str, rng: np.random.Generator, machine: Any, form: Form = 'other'
+    text: str, rng: np.random.Generator, machine: Machine, form: Form = 'other'
 ) -> Effect:
     """Read an effect from a command line.
 
@@ -202,7 +202,7 @@ def parse_effect(
         text: `stribeck@drive_2:torque=0.05,speed=0.03`, or `stribeck@drive_2:size=0.5` to draw it,
             or `frame_resonance:size=0.8`; without `@` it sits on all drives.
         rng: Source of chance where the effect is drawn.
-        machine: A `Machine`, or the mapping a machine file holds.
+        machine: The machine.
         form: Form of the equation.
 
     Returns:

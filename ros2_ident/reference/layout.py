@@ -21,6 +21,7 @@ zero are never read.
     RAIL_Y,  # m
     ROD_LENGTH,  # m
     # Controller as it really is.
+    LAW,  # 0 PI on velocity with feedforward, 1 P on velocity from the encoder
     POSITION_GAIN,  # 1/s
     VELOCITY_GAIN,  # N m s/m
     INTEGRAL_GAIN,  # N m/m
@@ -108,14 +109,13 @@ zero are never read.
     BUMPER_STIFFNESS,  # N/m^2
     BUMPER_PLACE,  # m
     DRIVE_COLUMNS,
-) = range(95)
+) = range(96)
 
 # Shared by the machine.
 (
     GRAVITY,  # m/s^2
     PLATFORM,  # 1 with rods and platform, 0 without
     RIGID,  # 1: motor and carriage are one mass
-    LAW,  # 0 PI on velocity with feedforward, 1 P on velocity from the encoder
     CYCLE,  # s
     TOOL_MASS,  # kg
     ROD_MASS,  # kg
@@ -134,7 +134,7 @@ zero are never read.
     FRAME_PRELOAD,  # N, what the drives rest on the frame at the start
     SAG,  # 1/W, supply sag
     SHARED_COLUMNS,
-) = range(22)
+) = range(21)
 
 # Internal states of one drive, behind positions and velocities.
 (

@@ -26,7 +26,7 @@ def limited(torque: float, limit: float, knee: float) -> float:
 
 @compiled
 def control(
-    position: float, speed: float, target: float, target_speed: float, law: float, cycle: float,
+    position: float, speed: float, target: float, target_speed: float, cycle: float,
     memory: Array, d: Array,
 ) -> float:  # fmt: skip
     """Run one controller cycle of one drive.
@@ -40,7 +40,6 @@ def control(
         speed: Motor speed [m/s].
         target: Set-point [m].
         target_speed: Its derivative [m/s].
-        law: Which law.
         cycle: Controller cycle [s].
         memory: (MEMORY,) the controller's memory, changed in place.
         d: (DRIVE_COLUMNS,) the drive's numbers.
@@ -48,6 +47,7 @@ def control(
     Returns:
         Torque [N m].
     """
+    law = d[at.LAW]
     seen = position
     quantum = d[at.ENCODER_STEP]
     if quantum > 0.0:
@@ -141,7 +141,6 @@ def run(
                 x[m + i],
                 target[i, k],
                 target_speed[i, k],
-                shared[at.LAW],
                 cycle,
                 memory[i],
                 drive[i],

@@ -7,36 +7,15 @@ s_i = p_z + sqrt(L^2 - |p_xy - rho e_i|^2) with the machine file's geometry.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.machine import Machine
 from ros2_ident.reference.paths import Path
-from ros2_ident.reference.plant import Array, section
-
-
-@dataclass(frozen=True)
-class Space:
-    """Where and how fast a machine moves.
-
-    Attributes:
-        centre: (M,) middle of the workspace [m]: platform position, or axis position.
-        reach: (M,) half its extents [m].
-        speed: Largest speed [m/s].
-        acceleration: Largest acceleration [m/s^2].
-    """
-
-    centre: Array
-    reach: Array
-    speed: float
-    acceleration: float
-
-    def point(self, rng: np.random.Generator, share: float = 1.0) -> Array:
-        """Return a point drawn evenly from the workspace, shrunk to a share of its reach."""
-        return np.asarray(
-            self.centre + share * self.reach * rng.uniform(-1.0, 1.0, self.centre.size)
-        )
+from ros2_ident.reference.plant import Array
+from ros2_ident.reference.space import Space
+from ros2_ident.reference.twin import twin_of
 
 
 @dataclass(frozen=True)
@@ -61,17 +40,9 @@ class Motion:
         return (self.position.shape[1] - 1) * self.cycle
 
 
-def space_of(machine: Any) -> Space:
+def space_of(machine: Machine) -> Space:
     """Return the workspace and limits that suit a machine."""
-    if section(machine, 'kind') == 'tripod':
-        geometry = section(machine, 'geometry')
-        size = float(geometry['rod_length']) / 0.6
-        return Space(
-            np.array([0.0, 0.0, -0.05]) * size, np.array([0.075, 0.075, 0.06]) * size, 1.0, 25.0
-        )
-    if 'gear_factor' in section(machine, 'drive'):
-        return Space(np.array([0.45]), np.array([0.12]), 0.9, 20.0)
-    return Space(np.array([0.125]), np.array([0.12]), 0.12, 1.2)
+    return twin_of(machine).space(machine)
 
 
 def _pick_and_place(path: Path, space: Space, rng: np.random.Generator, seconds: float) -> None:
@@ -207,7 +178,7 @@ KINDS: Mapping[str, Callable[[Path, Space, np.random.Generator, float], None]] =
 
 def draw_motion(
     kind: str,
-    machine: Any,
+    machine: Machine,
     seconds: float,
     seed: int | np.random.Generator,
     space: Space | None = None,
@@ -216,7 +187,7 @@ def draw_motion(
 
     Args:
         kind: One of `KINDS`.
-        machine: A `Machine`, or the mapping a machine file holds.
+        machine: The machine.
         seconds: Duration [s].
         seed: Seed, or source of chance.
         space: Workspace and limits; the machine's usual ones where not given.
@@ -237,38 +208,10 @@ def draw_motion(
         )
     rng = np.random.default_rng(seed)
     space = space or space_of(machine)
-    cycle = float(section(machine, 'controller')['cycle'])
+    cycle = machine.number('cycle')
     path = Path(space.centre, cycle)
     path.rest(rng.uniform(0.25, 0.5))
     KINDS[kind](path, space, rng, seconds)
     points, speeds = path.sampled(seconds)
-    if section(machine, 'kind') == 'tripod':
-        points, speeds = rails_of(points, speeds, machine)
+    points, speeds = twin_of(machine).set_points(points, speeds, machine)
     return Motion(kind, cycle, points, speeds)
-
-
-def rails_of(points: Array, speeds: Array, machine: Any) -> tuple[Array, Array]:
-    """Return the carriages' set-points of a platform's way.
-
-    Args:
-        points: (3, K) platform positions [m].
-        speeds: (3, K) platform speeds [m/s].
-        machine: A tripod.
-
-    Returns:
-        (3, K) carriage positions [m] and speeds [m/s].
-
-    Raises:
-        IdentError: BAD_VALUES where a rod would not reach.
-    """
-    geometry = section(machine, 'geometry')
-    azimuth = np.asarray(geometry['rail_azimuth'], dtype=float)
-    foot = float(geometry['rail_radius']) * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
-    away = points[None, :2] - foot[:, :, None]
-    square = float(geometry['rod_length']) ** 2 - np.sum(away**2, axis=1)
-    if not np.all(square > 0.0):
-        raise IdentError(
-            ErrorCode.BAD_VALUES, 'the motion leaves the reach of the rods; shrink its space'
-        )
-    rise = np.sqrt(square)
-    return points[2] + rise, speeds[2] - np.sum(away * speeds[None, :2], axis=1) / rise

@@ -3,16 +3,39 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.machine import Machine
 from ros2_ident.reference import layout as at
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 CommandFilter = Callable[[Array, Array, float], tuple[Array, Array]]
 EffortFilter = Callable[[Array, float], Array]
+
+# Columns of a drive that are constants of the machine file.
+_CONSTANTS = {
+    at.GEAR: 'gear_factor',
+    at.CARRIAGE_MASS: 'rail_mass',
+    at.SIGN_WIDTH: 'coulomb_regularisation',
+    at.POSITION_GAIN: 'position_gain',
+    at.VELOCITY_GAIN: 'velocity_gain',
+    at.INTEGRAL_GAIN: 'integral_gain',
+    at.FEEDFORWARD: 'velocity_feedforward',
+    at.TORQUE_LIMIT: 'torque_limit',
+}
+# Parameters that all drives can have, besides the numeric constants of the machine file.
+PARAMETERS = (
+    'measurement_delay',
+    'coulomb_torque',
+    'viscous_torque',
+    'coulomb_friction',
+    'viscous_friction',
+    'constant_force',
+)
+ELASTIC = ('gear_stiffness', 'gear_damping_ratio', 'drive_inertia')
 
 
 @dataclass(frozen=True)
@@ -86,27 +109,15 @@ class Unmodelled(Protocol):
         """Write the effect into the plant."""
 
 
-def section(machine: Any, key: str) -> Any:
-    """Return a part of a machine: of a `Machine`, or of the mapping a machine file holds."""
-    if isinstance(machine, Mapping):
-        return machine.get('machine' if key == 'kind' else key, {})
-    return getattr(machine, key)
-
-
 def value(
-    name: str,
-    drive: str,
-    parameters: Mapping[str, float],
-    constants: Mapping[str, Any],
-    default: float | None = None,
+    name: str, drive: str, parameters: Mapping[str, float], default: float | None = None
 ) -> float:
-    """Look a number up: the drive's own parameter, the shared one, the machine file's constant.
+    """Look a parameter up: the drive's own one, else the shared one.
 
     Args:
         name: `gear_stiffness`.
         drive: `drive_1`.
         parameters: Parameters by name.
-        constants: A section of the machine file.
         default: What it is where nobody says.
 
     Returns:
@@ -115,21 +126,55 @@ def value(
     Raises:
         IdentError: UNKNOWN_PARAMETER where it has no value.
     """
-    for source, key in ((parameters, f'{drive}.{name}'), (parameters, name), (constants, name)):
-        if key in source:
-            return float(source[key])
+    for key in (f'{drive}.{name}', name):
+        if key in parameters:
+            return float(parameters[key])
     if default is None:
-        raise IdentError(
-            ErrorCode.UNKNOWN_PARAMETER,
-            f'the reference needs a value of {name}; give {name} or {drive}.{name}',
-        )
+        raise _missing(name, drive)
     return default
 
 
+def _missing(name: str, drive: str) -> IdentError:
+    return IdentError(
+        ErrorCode.UNKNOWN_PARAMETER,
+        f'the reference needs a value of {name}; give {name} or {drive}.{name}',
+    )
+
+
+def true_machine(machine: Machine, parameters: Mapping[str, float]) -> Machine:
+    """Return a machine with the true values of constants that are to be identified.
+
+    Raises:
+        IdentError: UNKNOWN_PARAMETER for one that neither file nor parameters state,
+        BAD_MACHINE_FILE for a gain that is in neither.
+    """
+    true = machine.with_values(parameters)
+    for name in true.constants:
+        if name in machine.bounds and not true.stated(name):
+            raise _missing(name, machine.drives[0])
+    for name in ('position_gain', 'velocity_gain'):
+        if np.isnan(true.numbers(name)).any():
+            raise IdentError(
+                ErrorCode.BAD_MACHINE_FILE,
+                'the reference runs the controllers, and the machine file has no '
+                f'controller.{name}; add it',
+            )
+    return true
+
+
 def known_names(
-    parameters: Mapping[str, float], names: Sequence[str], known: Sequence[str]
+    parameters: Mapping[str, float], machine: Machine, own: Sequence[str]
 ) -> None:
-    """Raise an IdentError (UNKNOWN_PARAMETER) for a parameter that the machine does not have."""
+    """Raise an IdentError (UNKNOWN_PARAMETER) for a parameter that the machine does not have.
+
+    Args:
+        parameters: Parameters by name.
+        machine: The machine, each of whose numeric constants can be one.
+        own: What else it has.
+    """
+    names = machine.drives
+    numeric = [n for n, values in machine.constants.items() if not isinstance(values[0], str)]
+    known = (*own, *numeric)
     for key in parameters:
         head, _, tail = key.rpartition('.')
         if (tail or key) not in known or (head and head not in names):
@@ -139,20 +184,43 @@ def known_names(
             )
 
 
-def read_controller(plant: Plant, controller: Mapping[str, Any]) -> None:
-    """Write the controller's constants of a machine file into a plant."""
-    law = str(controller.get('law', 'cascade_pi'))
-    if law not in ('cascade_pi', 'cascade_p'):
-        raise IdentError(
-            ErrorCode.BAD_MACHINE_FILE, f'controller.law is {law!r}; write cascade_pi or cascade_p'
-        )
-    plant.shared[at.LAW] = 1.0 if law == 'cascade_p' else 0.0
-    plant.shared[at.CYCLE] = float(controller['cycle'])
-    plant.drive[:, at.POSITION_GAIN] = float(controller['position_gain'])
-    plant.drive[:, at.VELOCITY_GAIN] = float(controller['velocity_gain'])
-    plant.drive[:, at.INTEGRAL_GAIN] = float(controller.get('integral_gain', 0.0))
-    plant.drive[:, at.FEEDFORWARD] = float(controller.get('velocity_feedforward', 0.0))
-    plant.drive[:, at.TORQUE_LIMIT] = float(controller['torque_limit'])
+def read_drives(plant: Plant, machine: Machine, parameters: Mapping[str, float]) -> None:
+    """Write into a plant what the drives of all machines have: controllers, gears, friction.
+
+    Args:
+        plant: The plant; it is rigid where its shared numbers say so.
+        machine: The machine with the true values of its constants.
+        parameters: Parameters by name.
+
+    Raises:
+        IdentError: UNKNOWN_PARAMETER where the gear or the motor of an elastic drive has no value.
+    """
+    plant.shared[at.CYCLE] = machine.number('cycle')
+    for i, name in enumerate(machine.drives):
+        d = plant.drive[i]
+        for column, key in _CONSTANTS.items():
+            d[column] = machine.number(key, name)
+        d[at.LAW] = 1.0 if machine.text('law', name) == 'cascade_p' else 0.0
+        gear = d[at.GEAR]
+        for column, friction in ((at.COULOMB, 'coulomb'), (at.VISCOUS, 'viscous')):
+            # A torque at the motor, or a force at the carriage.
+            torque = value(f'{friction}_torque', name, parameters, 0.0)
+            d[column] = torque + value(f'{friction}_friction', name, parameters, 0.0) / gear
+        d[at.CONSTANT_FORCE] = value('constant_force', name, parameters, 0.0) * gear
+        d[at.CARRIAGE_MASS] = value('moving_mass', name, parameters, d[at.CARRIAGE_MASS])
+        plant.delay[i] = value('measurement_delay', name, parameters, 0.0)
+        if plant.shared[at.RIGID] == 0.0:
+            _read_gear(d, name, parameters)
+
+
+def _read_gear(d: Array, name: str, parameters: Mapping[str, float]) -> None:
+    motor = value('drive_inertia', name, parameters) * d[at.GEAR] ** 2
+    carriage = d[at.CARRIAGE_MASS]
+    stiffness = value('gear_stiffness', name, parameters)
+    ratio = value('gear_damping_ratio', name, parameters)
+    d[at.MOTOR_MASS] = motor
+    d[at.STIFFNESS] = stiffness
+    d[at.DAMPING] = 2.0 * ratio * np.sqrt(stiffness * motor * carriage / (motor + carriage))
 
 
 def set_columns(

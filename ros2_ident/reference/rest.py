@@ -161,7 +161,7 @@ def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
     )
     for i in range(count):
         d = drive[i]
-        if shared[at.LAW] == 1.0:
+        if d[at.LAW] == 1.0:
             stiffness = d[at.GEAR] * d[at.VELOCITY_GAIN] * d[at.POSITION_GAIN]
             x[i] = x[count + i] = start[i] - load[i] / stiffness
         if shared[at.RIGID] == 0.0:
@@ -173,7 +173,7 @@ def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
         hold = load[i] / d[at.GEAR]
         if plant.settled:
             hold = holding_torque(x[i], x[count + i], load[i], plant, i)
-        memory[i, loop.INTEGRAL] = hold if shared[at.LAW] == 0.0 else 0.0
+        memory[i, loop.INTEGRAL] = hold if d[at.LAW] == 0.0 else 0.0
         memory[i, loop.LAST_TORQUE] = hold
         quantum = d[at.ENCODER_STEP]
         seen = quantum * np.floor(x[i] / quantum + 0.5) if quantum > 0.0 else x[i]

@@ -6,85 +6,63 @@ Equations: Ludwig and Gerstmayr (2011), section 4 and eq. 23, for all three driv
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.machine import Machine
 from ros2_ident.reference import layout as at
 from ros2_ident.reference.plant import (
     Array,
+    ELASTIC,
     known_names,
     Log,
+    PARAMETERS,
     Plant,
-    read_controller,
-    section,
+    read_drives,
+    true_machine,
     Unmodelled,
     value,
 )
 from ros2_ident.reference.simulate import simulate
-
-PARAMETERS = (
-    'measurement_delay',
-    'gear_stiffness',
-    'gear_damping_ratio',
-    'tool_mass',
-    'drive_inertia',
-    'coulomb_torque',
-    'viscous_torque',
-)
+from ros2_ident.reference.space import Space
+from ros2_ident.reference.twin import Twin
 
 
-def tripod_plant(machine: Any, parameters: Mapping[str, float]) -> Plant:
+def tripod_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
     """Build the nominal tripod.
 
     Args:
-        machine: A `Machine`, or the mapping a machine file holds.
+        machine: A tripod.
         parameters: `measurement_delay` [s], `gear_stiffness` [N/m], `gear_damping_ratio` [1],
             `tool_mass` [kg], `drive_inertia` [kg m^2], `coulomb_torque` [N m], `viscous_torque` [N
-            m s/m]; all but the tool's mass also as `drive_1.gear_stiffness`. The friction torques
-            are zero where not given.
+            m s/m], and numeric constants of the machine file; all of a drive also as
+            `drive_1.gear_stiffness`. The friction torques are zero where not given.
 
     Returns:
         The machine, ready for effects.
 
     Raises:
-        IdentError: UNKNOWN_PARAMETER for a name that is missing or not the tripod's.
+        IdentError: UNKNOWN_PARAMETER for a name that is missing or not the tripod's,
+        BAD_MACHINE_FILE for a gain that is missing.
     """
-    names = tuple(map(str, section(machine, 'drives')))
-    geometry = section(machine, 'geometry')
-    constants = section(machine, 'drive')
-    known_names(parameters, names, PARAMETERS)
+    names = machine.drives
+    known_names(parameters, machine, (*PARAMETERS, *ELASTIC, 'tool_mass'))
+    true = true_machine(machine, parameters)
     plant = Plant(names, np.zeros(at.SHARED_COLUMNS), np.zeros((3, at.DRIVE_COLUMNS)), np.zeros(3))
-    shared = plant.shared
-    shared[at.GRAVITY] = float(geometry['gravity'])
-    shared[at.PLATFORM] = 1.0
-    shared[at.TOOL_MASS] = value('tool_mass', names[0], parameters, constants)
-    read_controller(plant, section(machine, 'controller'))
-    for i, name in enumerate(names):
-        d = plant.drive[i]
-        gear = float(constants['gear_factor'])
-        motor = value('drive_inertia', name, parameters, constants) * gear**2
-        carriage = float(constants['rail_mass'])
-        stiffness = value('gear_stiffness', name, parameters, constants)
-        ratio = value('gear_damping_ratio', name, parameters, constants)
-        azimuth = float(geometry['rail_azimuth'][i])
-        d[at.GEAR] = gear
-        d[at.MOTOR_MASS] = motor
-        d[at.CARRIAGE_MASS] = carriage
-        d[at.STIFFNESS] = stiffness
-        d[at.DAMPING] = 2.0 * ratio * np.sqrt(stiffness * motor * carriage / (motor + carriage))
-        d[at.COULOMB] = value('coulomb_torque', name, parameters, constants, 0.0)
-        d[at.VISCOUS] = value('viscous_torque', name, parameters, constants, 0.0)
-        d[at.SIGN_WIDTH] = float(constants.get('coulomb_regularisation', 5e-3))
-        d[at.RAIL_X] = float(geometry['rail_radius']) * np.cos(azimuth)
-        d[at.RAIL_Y] = float(geometry['rail_radius']) * np.sin(azimuth)
-        d[at.ROD_LENGTH] = float(geometry['rod_length'])
-        plant.delay[i] = value('measurement_delay', name, parameters, constants, 0.0)
+    plant.shared[at.GRAVITY] = true.number('gravity')
+    plant.shared[at.PLATFORM] = 1.0
+    plant.shared[at.TOOL_MASS] = value('tool_mass', names[0], parameters)
+    read_drives(plant, true, parameters)
+    azimuth = true.numbers('rail_azimuth')
+    plant.drive[:, at.RAIL_X] = true.number('rail_radius') * np.cos(azimuth)
+    plant.drive[:, at.RAIL_Y] = true.number('rail_radius') * np.sin(azimuth)
+    plant.drive[:, at.ROD_LENGTH] = true.number('rod_length')
     return plant
 
 
 def simulate_tripod(
-    machine: Any,
+    machine: Machine,
     parameters: Mapping[str, float],
     position: Array,
     velocity: Array,
@@ -95,7 +73,7 @@ def simulate_tripod(
     """Simulate a tripod from its set-points.
 
     Args:
-        machine: A `Machine`, or the mapping a machine file holds.
+        machine: A tripod.
         parameters: Parameters by name, see `tripod_plant`.
         position: (3, K) set-point at every controller cycle [m].
         velocity: (3, K) its derivative [m/s].
@@ -107,3 +85,39 @@ def simulate_tripod(
         The log.
     """
     return simulate(tripod_plant(machine, parameters), position, velocity, effects, rtol, atol)
+
+
+def _space(machine: Machine) -> Space:
+    size = machine.number('rod_length') / 0.6
+    return Space(
+        np.array([0.0, 0.0, -0.05]) * size, np.array([0.075, 0.075, 0.06]) * size, 1.0, 25.0
+    )
+
+
+def rails_of(points: Array, speeds: Array, machine: Machine) -> tuple[Array, Array]:
+    """Return the carriages' set-points of a platform's way.
+
+    Args:
+        points: (3, K) platform positions [m].
+        speeds: (3, K) platform speeds [m/s].
+        machine: A tripod.
+
+    Returns:
+        (3, K) carriage positions [m] and speeds [m/s].
+
+    Raises:
+        IdentError: BAD_VALUES where a rod would not reach.
+    """
+    azimuth = machine.numbers('rail_azimuth')
+    foot = machine.number('rail_radius') * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    away = points[None, :2] - foot[:, :, None]
+    square = machine.number('rod_length') ** 2 - np.sum(away**2, axis=1)
+    if not np.all(square > 0.0):
+        raise IdentError(
+            ErrorCode.BAD_VALUES, 'the motion leaves the reach of the rods; shrink its space'
+        )
+    rise = np.sqrt(square)
+    return points[2] + rise, speeds[2] - np.sum(away * speeds[None, :2], axis=1) / rise
+
+
+TWIN = Twin('tripod', tripod_plant, simulate_tripod, _space, rails_of, platform=True)

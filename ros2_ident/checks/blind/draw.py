@@ -83,7 +83,7 @@ class Wanted:
 def known_kinds(machine: Machine) -> tuple[str, ...]:
     """Return the kinds that are in the catalogue and make sense on a machine."""
     nothing = np.zeros((len(machine.drives), 400))
-    cycle = float(machine.controller['cycle'])
+    cycle = machine.number('cycle')
     data = Dataset(machine.drives, cycle, 0, nothing, nothing, None, None, nothing)
     listed = {at.effect for at in make_model(machine, data).extensions()}
     return tuple(name for name in kinds() if name in listed and _suits(name, machine))

@@ -7,7 +7,8 @@ from typing import Any
 
 from ros2_ident.models import Machine
 from ros2_ident.reference.effects import Effect
-from ros2_ident.reference.motions import draw_motion, Motion, Space, space_of
+from ros2_ident.reference.motions import draw_motion, Motion, space_of
+from ros2_ident.reference.space import Space
 
 # What a case can hold: one effect, two, none, one that no catalogue lists, one that the motion
 # does not show.

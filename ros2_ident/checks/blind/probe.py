@@ -17,10 +17,9 @@ from ros2_ident.gap.case import Case, recordings_of, SETTLE
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.models import DriveModel, Machine, make_model
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.axis import simulate_axis
 from ros2_ident.reference.motions import Motion
 from ros2_ident.reference.plant import Unmodelled
-from ros2_ident.reference.tripod import simulate_tripod
+from ros2_ident.reference.twin import twin_of
 
 Array = npt.NDArray[np.float64]
 
@@ -71,8 +70,7 @@ class Probe:
     def effort(self, which: int, effects: Sequence[Unmodelled]) -> Array:
         """Return (D, K) the logged effort before noise, on one of the motions."""
         motion = self.motions[which]
-        simulate = simulate_tripod if self.machine.kind == 'tripod' else simulate_axis
-        log = simulate(
+        log = twin_of(self.machine).simulate(
             self.machine,
             self.parameters,
             motion.position,

@@ -12,10 +12,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.machine import constant, Machine
+from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.belt_drive import cost as belt_cost
 from ros2_ident.models.belt_drive import kernels as belt_kernels
+from ros2_ident.models.belt_drive import KIND
 from ros2_ident.models.belt_drive.kernels import Array
 
 PAPER = 'Ludwig and Gerstmayr (2011)'
@@ -98,17 +99,12 @@ class BeltDrive:
     outputs: tuple[str, ...] = OUTPUTS
 
     def __init__(self, machine: Machine, data: BeltData) -> None:
-        if machine.kind != 'belt_drive':
+        if machine.kind != KIND.name:
             raise IdentError(
                 ErrorCode.UNKNOWN_MODEL,
-                f'the machine is a {machine.kind} and the model a belt_drive; '
+                f'the machine is a {machine.kind} and the model a {KIND.name}; '
                 'give the machine file of a belt drive',
             )
-        sections = {
-            'geometry': machine.geometry,
-            'drive': machine.drive,
-            'controller': machine.controller,
-        }
         unknown = set(machine.bounds) - set(CONSTANTS)
         if unknown:
             raise IdentError(
@@ -116,12 +112,7 @@ class BeltDrive:
                 f'a belt drive has no parameter {", ".join(sorted(unknown))}; '
                 f'choose from {", ".join(CONSTANTS)}',
             )
-        nominal = []
-        for name, (section, _, _) in CONSTANTS.items():
-            # What is to be identified need not be known.
-            default = machine.bounds[name][0] if name in machine.bounds else None
-            nominal.append(constant(sections[section], name, section, default))
-        self._nominal = np.array(nominal)
+        self._nominal = np.array([machine.number(name) for name in CONSTANTS])
         self._columns = np.array([list(CONSTANTS).index(n) for n in machine.bounds], dtype=np.intp)
         self.parameters: tuple[Parameter, ...] = tuple(
             Parameter(n, unit, low, high, 'physical', f'{PAPER}: {CONSTANTS[n][2]}')

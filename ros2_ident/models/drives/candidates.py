@@ -12,8 +12,9 @@ from ros2_ident.effects import Effect, EffectParameter, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
 from ros2_ident.machine.lever import angular_factor, per_metre
-from ros2_ident.machine.machine import angular, constant, Machine
+from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Kind, Parameter
+from ros2_ident.machine.units import angular
 from ros2_ident.models.protocol import EffectAt
 
 Array = npt.NDArray[np.float64]
@@ -34,6 +35,21 @@ class Slot:
 
 
 _PAPER = 'Ludwig and Gerstmayr 2011, Table 3'
+_FILE = 'a constant of the machine file'
+# Rows that constants of the machine file fill, of each drive and of the machine.
+CONSTANT_ROWS = {
+    'gear_factor': 'gear',
+    'rail_mass': 'rail_mass',
+    'coulomb_regularisation': 'regularisation',
+    'position_gain': 'position_gain',
+    'velocity_gain': 'velocity_gain',
+    'integral_gain': 'integral_gain',
+    'velocity_feedforward': 'feedforward',
+    'torque_limit': 'torque_limit',
+}
+_OF_MACHINE = ('gravity', 'rail_radius', 'rod_length')
+# Stated as a force at the carriage, in rows a torque at the motor.
+_FORCES = ('coulomb_friction', 'viscous_friction')
 SLOTS: Mapping[str, Slot] = dict(
     measurement_delay=Slot('log_delay', True, 'measurement', _PAPER),
     gear_stiffness=Slot('gear_stiffness', False, 'physical', _PAPER),
@@ -46,6 +62,9 @@ SLOTS: Mapping[str, Slot] = dict(
     coulomb_friction=Slot('coulomb', False, 'physical', 'Coulomb 1785'),
     viscous_friction=Slot('viscous', False, 'physical', 'linear viscous friction'),
     constant_force=Slot('log_bias', False, 'physical', 'Janot, Gautier, Brunot 2019, offset'),
+    **{name: Slot(row, False, 'physical', _FILE) for name, row in CONSTANT_ROWS.items()},
+    rail_azimuth=Slot('rail_azimuth', False, 'physical', _FILE),
+    **{name: Slot(name, True, 'physical', _FILE) for name in _OF_MACHINE},
 )
 
 
@@ -88,8 +107,8 @@ class Candidates:
         self._effects = tuple(effects)
         self._fixed = dict(fixed)
         self._base = base
-        self._gear = constant(machine.drive, 'gear_factor', 'drive', 1.0)
-        self._limit = constant(machine.controller, 'torque_limit', 'controller', math.inf)
+        self._gear = float(machine.numbers('gear_factor').max())
+        self._limit = float(machine.numbers('torque_limit').max())
         self._all = self._declared()
         self._known_names()
         free = [entry for entry in self._all if entry[0].name not in self._fixed]
@@ -136,7 +155,7 @@ class Candidates:
     def _declared(self) -> list[tuple[Parameter, Target]]:
         """Return all parameters, held ones included, each with where it goes."""
         declared: list[tuple[Parameter, Target]] = []
-        for name, (low, high, unit) in self._machine.bounds.items():
+        for name in self._machine.bounds:
             slot = SLOTS.get(name)
             if slot is None:
                 raise IdentError(
@@ -147,6 +166,7 @@ class Candidates:
             for drive in [None] if slot.shared else self._drives:
                 full = name if drive is None else f'{drive}.{name}'
                 index = None if drive is None else self._machine.drives.index(drive)
+                low, high, unit = self._machine.box(name, drive)
                 declared.append(
                     (Parameter(full, unit, low, high, slot.kind, slot.source), (name, index))
                 )
@@ -230,6 +250,7 @@ class Candidates:
         for (name, index), value in values.items():
             if name in SLOTS:
                 self._fill(block, name, drives if index is None else [index], value)
+        self._convert(block, values)
         for d in drives:
             self._finish_drive(block, d)
         for at in self._effects:
@@ -261,14 +282,15 @@ class Candidates:
         """Give drives that only follow the mean of the identified ones, unless they are known.
 
         Their gears still move the carriages: with those of the nominal machine, stiff, the torque
-        of the others would be far off.
+        of the others would be far off. What the machine file says of them holds.
         """
         chosen = [self._machine.drives.index(name) for name in self._drives]
         for d, drive in enumerate(self._machine.drives):
             if d in chosen:
                 continue
             for name in self._machine.bounds:
-                if not SLOTS[name].shared and f'{drive}.{name}' not in self._fixed:
+                own = self._machine.stated(name) or f'{drive}.{name}' in self._machine.own_bounds
+                if not (own or SLOTS[name].shared or f'{drive}.{name}' in self._fixed):
                     values[name, d] = np.mean([values[name, c] for c in chosen], axis=0)
 
     def _fill(self, block: Array, name: str, drives: Sequence[int] | range, value: Array) -> None:
@@ -278,6 +300,16 @@ class Candidates:
             return
         for d in drives:
             block[:, rows.row_of(row, d)] = value
+
+    def _convert(self, block: Array, values: Mapping[Target, Array]) -> None:
+        """Refer to the motor what is stated at the carriage, and to the gear what follows it."""
+        for name, index in values:
+            if name in _FORCES and index is not None:
+                row = rows.row_of(SLOTS[name].row, index)
+                block[:, row] /= block[:, rows.row_of('gear', index)]
+        if 'gear_factor' in self._machine.bounds and not self._machine.stated('travel_per_turn'):
+            for d in range(len(self._machine.drives)):
+                block[:, rows.row_of('motor_turn', d)] = block[:, rows.row_of('gear', d)]
 
     def _add_effect(self, block: Array, at: EffectAt, values: Mapping[Target, Array]) -> None:
         effect = get_effect(at.effect)

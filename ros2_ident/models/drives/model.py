@@ -17,9 +17,9 @@ from ros2_ident.kernel import drive as drive_kernel
 from ros2_ident.kernel import law as law_kernel
 from ros2_ident.kernel import rows
 from ros2_ident.kernel.group import Group, PART, Task
-from ros2_ident.machine.machine import constant, Machine
+from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
-from ros2_ident.models.drives.candidates import Candidates, SLOTS
+from ros2_ident.models.drives.candidates import Candidates, CONSTANT_ROWS, SLOTS
 from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.models.drives.outputs import chosen_outputs
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
@@ -60,9 +60,6 @@ class DriveModel(FullModel):
         remedy.
     """
 
-    name = ''
-    # Whether the model can begin in the middle of a motion, from the measured position.
-    starts_in_motion = False
     # What the structure has that effects may need, see `effects.Context`.
     features: frozenset[str] = frozenset()
 
@@ -89,22 +86,10 @@ class DriveModel(FullModel):
         self.cutoff = cutoff
         self.drives = self._chosen(drives)
         self.signals = chosen_outputs(machine.drives, self.drives, quantities, weights)
-        self.gear = constant(machine.drive, 'gear_factor', 'drive', 1.0)
-        # Where effort is a force, the gear factor is 1 and says nothing of the motor's angle.
-        length = constant(machine.drive, 'travel_per_turn', 'drive', 2.0 * math.pi / self.gear)
-        self.turn = 2.0 * math.pi / length
-        self.eps = constant(machine.drive, 'coulomb_regularisation', 'drive', 5e-3)
-        self.limit = constant(machine.controller, 'torque_limit', 'controller', math.inf)
-        self.feedforward = constant(machine.controller, 'velocity_feedforward', 'controller', 0.0)
         self._cycle = data.cycle
+        self.name = machine.kind
         self.noise = machine.effort_noise
-        law = str(machine.controller.get('law', 'cascade_pi'))
-        if law not in ('pi', 'cascade_pi', 'cascade_p'):
-            raise IdentError(
-                ErrorCode.BAD_MACHINE_FILE,
-                f'controller.law is {law!r}; write cascade_pi or cascade_p',
-            )
-        self.law = np.full(len(machine.drives), law == 'cascade_p', dtype=np.int64)
+        self.law = np.array([law == 'cascade_p' for law in machine.texts('law')], dtype=np.int64)
         self.efforts = effort_range(machine, [data]) if efforts is None else efforts
         self.candidates = Candidates(
             machine,
@@ -188,12 +173,21 @@ class DriveModel(FullModel):
 
     def motor_turn(self, place: str) -> float:
         """Return the motor angle per travel of a drive [rad/m]; 0 where it is not known."""
-        return self.turn if self.turn != 1.0 else 0.0
+        turn = float(self.turns[self.machine.drives.index(place)])
+        return turn if turn != 1.0 else 0.0
 
     @property
     def _closed(self) -> bool:
         """Whether controllers follow a set-point."""
         return self.data.command_position is not None and self.data.command_velocity is not None
+
+    @property
+    def turns(self) -> Array:
+        """(D,) motor angle per travel [rad/m].
+
+        Where effort is a force, the gear factor is 1 and says nothing of the motor's angle.
+        """
+        return 2.0 * math.pi / self.machine.numbers('travel_per_turn')
 
     @property
     def outputs(self) -> tuple[Output, ...]:
@@ -253,23 +247,22 @@ class DriveModel(FullModel):
         """Return (R,) rows of what the machine file knows, the rest neutral."""
 
     def _drive_constants(self, base: Array) -> None:
-        controller, drive = self.machine.controller, self.machine.drive
-        for d in range(len(self.machine.drives)):
-            base[rows.row_of('torque_limit', d)] = self.limit
-            base[rows.row_of('motor_turn', d)] = self.turn
-            base[rows.row_of('gear', d)] = self.gear
-            base[rows.row_of('regularisation', d)] = self.eps
-            base[rows.row_of('feedforward', d)] = self.feedforward
-            base[rows.row_of('rail_mass', d)] = constant(drive, 'rail_mass', 'drive', 0.0)
-            for key in ('position_gain', 'velocity_gain', 'integral_gain'):
-                if key != 'integral_gain' and key not in controller and self._closed:
-                    raise IdentError(
-                        ErrorCode.BAD_MACHINE_FILE,
-                        f'the log holds a set-point but the machine file no controller.{key}; add '
-                        'it, or name a command topic that is not there and let the recorded '
-                        'motion drive the model',
-                    )
-                base[rows.row_of(key, d)] = constant(controller, key, 'controller', 0.0)
+        machine = self.machine
+        for key in ('position_gain', 'velocity_gain'):
+            if self._closed and not machine.known(key):
+                raise IdentError(
+                    ErrorCode.BAD_MACHINE_FILE,
+                    f'the log holds a set-point but the machine file no controller.{key}; add it, '
+                    'or name a command topic that is not there and let the recorded motion drive '
+                    'the model',
+                )
+        turn = self.turns
+        for d, drive in enumerate(machine.drives):
+            base[rows.row_of('motor_turn', d)] = turn[d]
+            for key, row in CONSTANT_ROWS.items():
+                # Without a set-point nobody reads a gain that nobody knows.
+                value = machine.number(key, drive)
+                base[rows.row_of(row, d)] = 0.0 if math.isnan(value) else value
 
     def rows(self, theta: Array) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units."""

@@ -7,7 +7,6 @@ import numpy.typing as npt
 from ros2_ident.kernel import rows
 from ros2_ident.kernel.group import Group, Task
 from ros2_ident.lanes import room
-from ros2_ident.machine.machine import constant
 from ros2_ident.models.drives.model import Array, DriveModel
 from ros2_ident.models.linear_axis.kernel import room_for, simulate, state_for
 
@@ -20,9 +19,6 @@ _FIRST = 10
 class LinearAxis(DriveModel):
     """The tripod's drive without rods, gravity along the axis adjustable; see `DriveModel`."""
 
-    name = 'linear_axis'
-    starts_in_motion = True
-
     @property
     def rigid(self) -> bool:
         """Whether motor and carriage are one mass: where no gear stiffness is to be found."""
@@ -30,7 +26,7 @@ class LinearAxis(DriveModel):
 
     def _constants(self) -> Array:
         base: Array = rows.neutral_rows(1, len(self.machine.drives))[0]
-        base[rows.row_of('gravity')] = constant(self.machine.geometry, 'gravity', 'geometry', 0.0)
+        base[rows.row_of('gravity')] = self.machine.number('gravity')
         self._drive_constants(base)
         return base
 

@@ -3,12 +3,10 @@
 
 import numpy as np
 
-from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
 from ros2_ident.kernel.drive import CLOSED_LOOP
 from ros2_ident.kernel.group import Group, Task
 from ros2_ident.lanes import room
-from ros2_ident.machine.machine import constant
 from ros2_ident.models.drives.model import Array, DriveModel
 from ros2_ident.models.tripod.kernel import ROOM, simulate, STATE
 
@@ -20,21 +18,13 @@ _DIRECTIONS = slice(rows.row_of('rail_x'), rows.row_of('rail_y_3') + 1)
 class Tripod(DriveModel):
     """Three motors, gears and carriages, and a platform on massless rods; see `DriveModel`."""
 
-    name = 'tripod'
     features = frozenset({'platform'})
 
     def _constants(self) -> Array:
         base: Array = rows.neutral_rows(1, 3)[0]
-        geometry = self.machine.geometry
         for key in ('rail_radius', 'rod_length', 'gravity'):
-            base[rows.row_of(key)] = constant(geometry, key, 'geometry')
-        azimuth = np.asarray(geometry.get('rail_azimuth', ()), dtype=float)
-        if azimuth.shape != (3,):
-            raise IdentError(
-                ErrorCode.BAD_MACHINE_FILE,
-                'machine file: geometry.rail_azimuth needs three angles in rad',
-            )
-        for d, angle in enumerate(azimuth):
+            base[rows.row_of(key)] = self.machine.number(key)
+        for d, angle in enumerate(self.machine.numbers('rail_azimuth')):
             base[rows.row_of('rail_azimuth', d)] = angle
         self._drive_constants(base)
         return base

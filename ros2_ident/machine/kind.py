@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a kind of machine registers: its keys, what is plausible only together, and its model."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+import functools
+import pkgutil
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.machine.draft import Draft, Path, Remark
+from ros2_ident.machine.figure import Figure
+from ros2_ident.machine.keys import Key
+from ros2_ident.machine.machine import Machine
+
+Array = npt.NDArray[np.float64]
+
+
+def later(name: str) -> Callable[..., Any]:
+    """Return a function or class that is imported when it is called first.
+
+    Args:
+        name: `package.module:name`.
+    """
+
+    def call(*args: Any, **kwargs: Any) -> Any:
+        return pkgutil.resolve_name(name)(*args, **kwargs)
+
+    return call
+
+
+def _plausible(draft: Draft) -> Iterable[Remark]:
+    return ()
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of machine.
+
+    Attributes:
+        name: What `machine:` in a machine file says.
+        title: What it is, in a few words.
+        keys: Its keys, in the order of a new machine file; a constant's name stands there once.
+        model: Builds its model: `model(machine, data, *, drives, effects, fixed, cutoff,
+            efforts)` where it is identified from a bag, see `models.registry.make_model`.
+        drives: How many drives it has; None for any number.
+        judge: Returns what is to be changed in a machine file and shows only together.
+        from_bag: Whether it is identified from a bag of drives.
+        starts_in_motion: Whether its model can begin in the middle of a motion, from the measured
+            position.
+        check_motion: Returns what in a machine file contradicts recorded positions (D, K), NaN
+            where there is no sample.
+        scene: Returns what to draw at positions (D, F) of its drives, None where they cannot be.
+
+    Raises:
+        ValueError: Where two of its constants have one name, or it comes from a bag without
+        `controller.cycle`: a mistake of whoever wrote the kind.
+    """
+
+    name: str
+    title: str
+    keys: tuple[Key, ...]
+    model: Callable[..., Any]
+    drives: int | None = None
+    judge: Callable[[Draft], Iterable[Remark]] = _plausible
+    from_bag: bool = True
+    starts_in_motion: bool = False
+    check_motion: Callable[[Machine, Array], Iterable[Remark]] | None = None
+    scene: Callable[[Machine, Array], Figure | None] | None = None
+
+    def __post_init__(self) -> None:
+        names = [key.name for key in self.constants]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f'{self.name}: constants with the same name: {", ".join(twice)}')
+        if self.from_bag and 'cycle' not in names:
+            raise ValueError(f'{self.name}: what comes from a bag needs the key controller.cycle')
+
+    @property
+    def constants(self) -> tuple[Key, ...]:
+        """The keys that say something of the machine."""
+        return tuple(key for key in self.keys if key.constant)
+
+    @functools.cached_property
+    def by_path(self) -> Mapping[Path, Key]:
+        """Its keys by path."""
+        return {key.path: key for key in self.keys}

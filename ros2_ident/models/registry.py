@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every kind of machine there is: a folder of this package with `KIND`, or another package's.
+
+Another package adds one by an entry point of the group `ros2_ident.machines`: its name is the
+kind's, its object a `Kind`.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+import functools
+import importlib
+from importlib.metadata import entry_points
+from pathlib import Path
+import pkgutil
+from typing import Any, TYPE_CHECKING
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine import file as machine_file
+from ros2_ident.machine.file import MachineFile
+from ros2_ident.machine.kind import Kind
+from ros2_ident.machine.machine import Machine
+
+if TYPE_CHECKING:
+    from ros2_ident.models.drives.candidates import EffectAt
+    from ros2_ident.models.drives.model import Array, DriveModel
+    from ros2_ident.recording import Dataset
+
+ENTRY_POINTS = 'ros2_ident.machines'
+
+
+@functools.cache
+def own_kinds() -> Mapping[str, Kind]:
+    """Return the kinds of this package by name."""
+    package = importlib.import_module('ros2_ident.models')
+    found = [
+        getattr(importlib.import_module(f'{package.__name__}.{folder}'), 'KIND', None)
+        for _, folder, is_package in pkgutil.iter_modules(package.__path__)
+        if is_package
+    ]
+    return {kind.name: kind for kind in found if isinstance(kind, Kind)}
+
+
+class Kinds(Mapping[str, Kind]):
+    """All kinds by name; another package's is loaded when it is asked for."""
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names: this package's, then the others'."""
+        own = own_kinds()
+        yield from own
+        yield from sorted({p.name for p in entry_points(group=ENTRY_POINTS)} - set(own))
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return sum(1 for _ in self)
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether there is one, without loading it."""
+        return any(name == known for known in self)
+
+    def __getitem__(self, name: str) -> Kind:
+        """Return a kind.
+
+        Raises:
+            KeyError: Where there is none of that name.
+            IdentError: UNKNOWN_MODEL where the package that offers it does not give it.
+        """
+        return own_kinds()[name] if name in own_kinds() else _others(name)
+
+
+def _others(name: str) -> Kind:
+    for point in entry_points(group=ENTRY_POINTS, name=name):
+        try:
+            kind = point.load()
+        except (ImportError, AttributeError) as error:
+            raise IdentError(
+                ErrorCode.UNKNOWN_MODEL,
+                f'the machine kind {name} of {point.value} cannot be loaded ({error}); mend or '
+                'remove the package that registers it',
+            ) from error
+        if isinstance(kind, Kind) and kind.name == name:
+            return kind
+        raise IdentError(
+            ErrorCode.UNKNOWN_MODEL,
+            f'{point.value} is no machine kind {name}; register a Kind by its own name',
+        )
+    raise KeyError(name)
+
+
+KINDS: Mapping[str, Kind] = Kinds()
+
+
+def kind_of(machine: Machine) -> Kind:
+    """Return the kind of a machine.
+
+    Raises:
+        IdentError: UNKNOWN_MODEL where there is none of that name.
+    """
+    try:
+        return KINDS[machine.kind]
+    except KeyError:
+        raise IdentError(
+            ErrorCode.UNKNOWN_MODEL,
+            f'there is no machine kind {machine.kind!r}; choose from {", ".join(KINDS)}',
+        ) from None
+
+
+def read_machine_file(path: str | Path) -> MachineFile:
+    """Read a machine file of any kind and judge it; see `machine.file.read`."""
+    return machine_file.read(path, KINDS)
+
+
+def load_machine(path: str | Path) -> Machine:
+    """Read a machine file.
+
+    Args:
+        path: A YAML file in the format of `config/tripod.yaml`.
+
+    Returns:
+        The machine.
+
+    Raises:
+        IdentError: BAD_MACHINE_FILE, UNKNOWN_MODEL, UNKNOWN_PARAMETER or WRONG_UNITS with file,
+        line and remedy.
+    """
+    return read_machine_file(path).usable()
+
+
+def machine_from_mapping(data: Any, where: object = 'machine file') -> Machine:
+    """Build a machine from a parsed machine file.
+
+    Args:
+        data: The mapping a machine file holds.
+        where: What to call it in error messages.
+
+    Returns:
+        The machine.
+
+    Raises:
+        IdentError: as `load_machine`, without lines.
+    """
+    return machine_file.judged(data, KINDS, str(where)).usable()
+
+
+def kind_from_bag(machine: Machine) -> Kind:
+    """Return the kind of a machine that is identified from a bag of drives.
+
+    Raises:
+        IdentError: UNKNOWN_MODEL where its kind is not.
+    """
+    kind = kind_of(machine)
+    if not kind.from_bag:
+        known = ', '.join(name for name, other in KINDS.items() if other.from_bag)
+        raise IdentError(
+            ErrorCode.UNKNOWN_MODEL,
+            f'a {machine.kind} is not identified from a bag of drives; '
+            f'use a machine file of one of {known}',
+        )
+    return kind
+
+
+def make_model(
+    machine: Machine,
+    data: 'Dataset',
+    *,
+    drives: Sequence[str] | None = None,
+    effects: 'Sequence[EffectAt]' = (),
+    fixed: Mapping[str, float] | None = None,
+    cutoff: float = 100.0,
+    efforts: 'Array | None' = None,
+) -> 'DriveModel':
+    """Return the model of a machine on a recording; the arguments are `DriveModel`'s.
+
+    Raises:
+        IdentError: UNKNOWN_MODEL where the machine's kind has no drives to simulate, or as the
+        kind's model.
+    """
+    model: DriveModel = kind_from_bag(machine).model(
+        machine,
+        data,
+        drives=drives,
+        effects=effects,
+        fixed=fixed,
+        cutoff=cutoff,
+        efforts=efforts,
+    )
+    return model
