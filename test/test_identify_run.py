@@ -240,7 +240,7 @@ def test_wrong_use_is_refused_before_anything_is_simulated(arguments, code, text
 
 def test_a_belt_drive_is_no_machine_for_a_recording():
     machine = replace(axis(), kind='belt_drive')
-    with pytest.raises(IdentError, match='a belt_drive has no drive model'):
+    with pytest.raises(IdentError, match='a belt_drive is not identified from a bag of drives'):
         identify(machine, axis_data(), settings=QUICK)
 
 

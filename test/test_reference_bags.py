@@ -114,7 +114,7 @@ def test_nuisance_follows_the_machine_file():
 
 def test_belt_drive_has_its_reference_elsewhere(bag):
     with pytest.raises(IdentError, match='no reference of a belt_drive'):
-        simulate_bag(MACHINE | {'machine': 'belt_drive'}, TRUTH, bag.motion)
+        simulate_bag(replace(MACHINE, kind='belt_drive'), TRUTH, bag.motion)
 
 
 def test_written_and_read(bag, tmp_path):

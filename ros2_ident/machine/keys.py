@@ -19,6 +19,7 @@ Derived = Callable[[Mapping[str, Value]], Value]
 NEUTRAL: Mapping[str, Value] = {
     'gravity': 0.0,
     'gear_factor': 1.0,
+    'travel_per_turn': 2.0 * math.pi,
     'rail_mass': 0.0,
     'coulomb_regularisation': 5e-3,
     'law': 'cascade_pi',

@@ -32,8 +32,8 @@ def control(
     """Run one controller cycle of one drive.
 
     Law 0: e_v = k_p (z_cmd - z) + k_ff z_cmd' - z', I += k_I e_v T, M = k_v e_v + I, limited.
-    Law 1: M = k_v (k_p (z_cmd - z) - w), limited; w is the backward difference of the mean of the
-    last two readings (EMPS: Janot, Gautier, Brunot 2019).
+    Law 1: M = k_v (k_p (z_cmd - z) + k_ff z_cmd' - w), limited; w is the backward difference of
+    the mean of the last two readings (EMPS: Janot, Gautier, Brunot 2019).
 
     Args:
         position: Motor position read from the encoder [m].
@@ -67,7 +67,8 @@ def control(
         memory[SEEN_FILTERED] = mean
     memory[SEEN] = seen
     if law == 1.0:
-        torque = d[at.VELOCITY_GAIN] * (d[at.POSITION_GAIN] * (target - seen) - speed)
+        ahead = d[at.FEEDFORWARD] * target_speed
+        torque = d[at.VELOCITY_GAIN] * (d[at.POSITION_GAIN] * (target - seen) + ahead - speed)
     else:
         error = d[at.POSITION_GAIN] * (target - seen) + d[at.FEEDFORWARD] * target_speed - speed
         memory[INTEGRAL] += d[at.INTEGRAL_GAIN] * error * cycle

@@ -263,6 +263,8 @@ class DriveModel(FullModel):
                 # Without a set-point nobody reads a gain that nobody knows.
                 value = machine.number(key, drive)
                 base[rows.row_of(row, d)] = 0.0 if math.isnan(value) else value
+            if self.law[d]:
+                base[rows.row_of('integral_gain', d)] = 0.0  # P on velocity
 
     def rows(self, theta: Array) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units."""

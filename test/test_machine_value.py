@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The machine as a value: what a file leaves out, what differs by drive, what is free."""
+
+import copy
+import math
+from pathlib import Path
+import pickle
+import re
+
+from identify_cases import QUICK, ROOT
+import numpy as np
+import pytest
+import yaml
+
+from ros2_ident.cli.main import main
+from ros2_ident.errors import IdentError
+from ros2_ident.identify.data import gather
+from ros2_ident.identify.run import identify
+from ros2_ident.models import load_machine, machine_from_mapping, make_model
+from ros2_ident.models.registry import KINDS
+from ros2_ident.recording import Dataset, read_bag
+from ros2_ident.reference import twin_of
+from ros2_ident.reference.axis import simulate_axis
+from ros2_ident.reference.bag_making import CLEAN, simulate_bag
+from ros2_ident.reference.effects import draw_effect
+from ros2_ident.reference.motions import draw_motion
+from ros2_ident.reference.tripod import simulate_tripod
+
+EMPS = yaml.safe_load((ROOT / 'config' / 'emps.yaml').read_text())
+TRIPOD = yaml.safe_load((ROOT / 'config' / 'tripod.yaml').read_text())
+AXIS_TRUTH = {
+    'moving_mass': 95.0,
+    'viscous_friction': 200.0,
+    'coulomb_friction': 20.0,
+    'constant_force': 0.0,
+}
+TRUTH = {
+    'measurement_delay': 0.002,
+    'gear_stiffness': 2e5,
+    'gear_damping_ratio': 0.4,
+    'tool_mass': 1.5,
+    'drive_inertia': 9e-5,
+    'coulomb_torque': 0.05,
+    'viscous_torque': 0.03,
+}
+
+
+def file_of(data: dict, **changed: object) -> dict:
+    """Return a machine file with other keys, `section__key=value`; None takes one out."""
+    out = copy.deepcopy(data)
+    for path, value in changed.items():
+        section, _, key = path.partition('__')
+        if value is None:
+            del out[section][key]
+        else:
+            out[section][key] = value
+    return out
+
+
+def theta_of(model, values):
+    """Return (1, N) parameters of a model by their names."""
+    named = (values.get(p.name, values.get(p.name.rpartition('.')[2])) for p in model.parameters)
+    return np.array([list(named)])
+
+
+def same_as_reference(machine, values, share=1e-3, seconds=1.5):
+    """Assert that the fast model follows the reference; return the reference's effort."""
+    motion = draw_motion('multi_point', machine, seconds, 3)
+    log = twin_of(machine).simulate(machine, values, motion.position, motion.velocity)
+    data = Dataset(
+        machine.drives, motion.cycle, 0, motion.position, motion.velocity, None, None, log.effort
+    )
+    model = make_model(machine, data)
+    error = model.simulate(theta_of(model, values))[0] - log.effort
+    assert np.sqrt(np.mean(error**2)) < share * np.abs(log.effort).max()
+    return log.effort
+
+
+# ------------------------------------------------------------------ the value
+
+
+def test_a_machine_is_complete_and_says_what_was_stated():
+    axis = machine_from_mapping(
+        {
+            'machine': 'linear_axis',
+            'drives': ['a', 'b'],
+            'controller': {'cycle': 1e-3},
+            'parameters': {'moving_mass': [1.0, 2.0, 'kg']},
+        }
+    )
+    assert set(axis.constants) == {key.name for key in KINDS['linear_axis'].constants}
+    assert axis.numbers('torque_limit').tolist() == [math.inf, math.inf]
+    assert axis.number('gear_factor') == 1.0 and not axis.stated('gear_factor')
+    assert axis.numbers('travel_per_turn').tolist() == [2.0 * math.pi] * 2
+    assert math.isnan(axis.number('position_gain')) and not axis.known('position_gain')
+    assert axis.stated('cycle') and axis.text('law', 'b') == 'cascade_pi'
+
+
+def test_a_drives_constant_is_one_value_or_one_for_each():
+    machine = machine_from_mapping(file_of(TRIPOD, drive__gear_factor=[70.0, 80.0, 90.0]))
+    assert machine.numbers('gear_factor').tolist() == [70.0, 80.0, 90.0]
+    assert machine.number('gear_factor', 'drive_2') == 80.0
+    turns = 2.0 * math.pi / np.array([70.0, 80.0, 90.0])
+    np.testing.assert_array_equal(machine.numbers('travel_per_turn'), turns)
+    with pytest.raises(IdentError, match='gear_factor differs from drive to drive'):
+        machine.number('gear_factor')
+    assert machine.number('rail_mass') == machine.number('rail_mass', 'drive_3') == 1.2
+
+
+def test_a_machine_does_not_change_and_can_be_pickled():
+    machine = machine_from_mapping(file_of(TRIPOD, controller__law=['pi', 'cascade_p', 'pi']))
+    assert machine.texts('law') == ('cascade_pi', 'cascade_p', 'cascade_pi')
+    with pytest.raises(TypeError):
+        machine.constants['rail_mass'] = (1.0,)
+    again = pickle.loads(pickle.dumps(machine))
+    assert again == machine
+    other = again.with_constants(rail_mass=(1.0, 2.0, 3.0))
+    assert other.numbers('rail_mass').tolist() == [1.0, 2.0, 3.0]
+    assert again.numbers('rail_mass').tolist() == [1.2] * 3
+    with pytest.raises(IdentError, match='rail_mass has 2 values for 3 drives'):
+        machine.with_constants(rail_mass=(1.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ('changed', 'said'),
+    [
+        ({'drive__gear_factor': [70.0, 80.0]}, 'drive.gear_factor has 2 values for 3 drives; wr'),
+        ({'drive__gear_factor': [70.0, 'x', 80.0]}, "drive.gear_factor is 'x'; write a number in"),
+        ({'controller__law': ['pi', 'pid', 'pi']}, "law is 'pid'; write one of cascade_pi, casc"),
+        ({'controller__cycle': [1e-3] * 3}, 'controller.cycle is [0.001, 0.001, 0.001]; write a'),
+        ({'geometry__rail_azimuth': 0.0}, 'geometry.rail_azimuth needs three angles in rad'),
+        ({'parameters__rail_azimuth': [0.0, 1.0, 'rad']}, 'needs a list of three boxes'),
+        ({'parameters__rail_mass': [[0.5, 2.0, 'kg']] * 2}, 'has 2 values for 3 drives'),
+        ({'parameters__rail_mass': [[2.0, 0.5, 'kg']] * 3}, 'min has to be below max'),
+        ({'drive__rail_mass': None, 'parameters__rod_length': [0.6, 0.5, 'm']}, 'min has to be'),
+    ],
+)
+def test_what_is_wrong_with_a_list_is_said(changed, said):
+    with pytest.raises(IdentError, match=re.escape(said)):
+        machine_from_mapping(file_of(TRIPOD, **changed))
+
+
+# ------------------------------------------------------------------ what a file may omit
+
+
+@pytest.mark.parametrize('data', [EMPS, TRIPOD], ids=['axis', 'tripod'])
+def test_no_torque_limit_is_a_limit_that_is_never_reached(data):
+    without = machine_from_mapping(file_of(data, controller__torque_limit=None))
+    wide = machine_from_mapping(file_of(data, controller__torque_limit=1e5))
+    values = AXIS_TRUTH if data is EMPS else TRUTH
+    efforts = [same_as_reference(machine, values, 2e-3) for machine in (without, wide)]
+    np.testing.assert_array_equal(*efforts)
+
+
+def test_an_effect_drawn_by_size_needs_a_limit_to_go_by():
+    machine = machine_from_mapping(file_of(TRIPOD, controller__torque_limit=None))
+    with pytest.raises(IdentError, match='drawn as a share of controller.torque_limit'):
+        draw_effect('stribeck', np.random.default_rng(0), 0.5, ('drive_1',), machine)
+
+
+@pytest.mark.parametrize('law', ['pi', None])
+def test_law_pi_is_cascade_pi(law):
+    stated = file_of(TRIPOD, controller__law='cascade_pi')
+    machine = machine_from_mapping(file_of(stated, controller__law=law))
+    plain = machine_from_mapping(stated)
+    np.testing.assert_array_equal(
+        same_as_reference(machine, TRUTH), same_as_reference(plain, TRUTH)
+    )
+
+
+def test_a_set_point_fed_forward_reaches_a_p_controller_too():
+    # Its log tells feed-forward from none, in the fast model and in the reference.
+    parts = [
+        machine_from_mapping(file_of(EMPS, controller__velocity_feedforward=share))
+        for share in (0.0, 0.9)
+    ]
+    plain, fed = (same_as_reference(machine, AXIS_TRUTH, 2e-3) for machine in parts)
+    assert np.abs(fed - plain).max() > 1.0  # N, the noise is 0.3
+
+
+def test_a_rigid_axis_behind_a_gear_follows_its_reference():
+    drive = {'gear_factor': 78.54, 'rail_mass': 0.0, 'coulomb_regularisation': 5e-3}
+    controller = {**TRIPOD['controller'], 'integral_gain': 250.0}
+    boxes = {
+        'moving_mass': [1.0, 20.0, 'kg'],
+        'coulomb_friction': [0.0, 60.0, 'N'],
+        'viscous_torque': [0.0, 1.0, 'N m s/m'],
+    }
+    data = {'machine': 'linear_axis', 'drives': ['x'], 'drive': drive, 'parameters': boxes}
+    machine = machine_from_mapping({**data, 'controller': controller})
+    values = {'moving_mass': 3.0, 'coulomb_friction': 12.0, 'viscous_torque': 0.04}
+    same_as_reference(machine, values, 2e-3)
+
+
+# ------------------------------------------------------------------ several drives
+
+
+def test_two_axes_go_from_file_to_result(tmp_path: Path, capsys):
+    file, bag, out = tmp_path / 'axes.yaml', tmp_path / 'bag', tmp_path / 'out'
+    content = {**EMPS, 'drives': ['x', 'y']}
+    file.write_text(yaml.safe_dump(content))
+    truth = {'x.moving_mass': 70.0, 'y.moving_mass': 110.0, 'y.coulomb_friction': 30.0}
+    words = [part for name, value in truth.items() for part in ('--set', f'{name}={value}')]
+    about = ['--machine', str(file), '--seconds', '4', '--motion', 'reversals', '--seed', '2']
+    assert main(['simulate', str(bag), *about, *words]) == 0
+    assert main(['check', str(bag), '--machine', str(file)]) == 0
+    assert 'error' not in capsys.readouterr().out
+    few = ['--population', '128', '--generations', '6', '--no-overlay', '--quiet']
+    assert main(['identify', str(bag), '--machine', str(file), '--out', str(out), *few]) == 0
+    found = yaml.safe_load((out / 'result.yaml').read_text())['parameters']
+    for name, value in truth.items():
+        assert found[name]['value'] == pytest.approx(value, rel=0.02), name
+    alone = simulate_axis(
+        machine_from_mapping(EMPS), AXIS_TRUTH, *(np.zeros((1, 8)) + 0.1 for _ in range(2))
+    )
+    both = simulate_axis(
+        load_machine(file), AXIS_TRUTH, *(np.zeros((2, 8)) + 0.1 for _ in range(2))
+    )
+    np.testing.assert_array_equal(both.effort, np.repeat(alone.effort, 2, axis=0))
+
+
+# ------------------------------------------------------------------ free constants
+
+
+FREE = {
+    'position_gain': ([20.0, 80.0, '1/s'], 25.0),
+    'velocity_gain': ([3.0, 6.0, 'N m s/m'], 4.1),
+    'integral_gain': ([150.0, 350.0, 'N m/m'], 220.0),
+    'velocity_feedforward': ([0.5, 1.2, '1'], 0.8),
+    'torque_limit': ([0.1, 6.0, 'N m'], 0.3),
+    'gear_factor': ([60.0, 100.0, 'rad/m'], 70.0),
+    'rail_mass': ([0.5, 2.0, 'kg'], 0.9),
+    'coulomb_regularisation': ([1e-3, 1e-2, 'm/s'], 8e-3),
+    'gravity': ([9.0, 10.0, 'm/s^2'], 9.6),
+    'rail_radius': ([0.2, 0.4, 'm'], 0.28),
+    'rod_length': ([0.5, 0.7, 'm'], 0.62),
+    'rail_azimuth': (
+        [[-0.1, 0.1, 'rad'], [2.0, 2.2, 'rad'], [4.1, 4.3, 'rad']],
+        {'drive_1.rail_azimuth': 0.03, 'drive_2.rail_azimuth': 2.12, 'drive_3.rail_azimuth': 4.15},
+    ),
+}
+
+
+def freed(name):
+    """Return the tripod with a constant free and not stated, and the truth with its value."""
+    key = next(key for key in KINDS['tripod'].constants if key.name == name)
+    data = copy.deepcopy(TRIPOD)
+    data[key.section].pop(name, None)
+    box, value = FREE[name]
+    data['parameters'][name] = box
+    return machine_from_mapping(data), TRUTH | (value if name == 'rail_azimuth' else {name: value})
+
+
+@pytest.mark.parametrize('name', FREE)
+def test_any_constant_can_be_free(name):
+    machine, truth = freed(name)
+    assert not machine.stated(name) and machine.known(name)
+    effort = same_as_reference(machine, truth, 2e-3)
+    stated = machine_from_mapping(TRIPOD)
+    motion = draw_motion('multi_point', machine, 1.5, 3)
+    plain = simulate_tripod(stated, TRUTH, motion.position, motion.velocity).effort
+    assert np.abs(effort - plain).max() > 5e-3
+    with pytest.raises(IdentError, match=f'the reference needs a value of {name}'):
+        twin_of(machine).simulate(machine, TRUTH, motion.position, motion.velocity)
+
+
+@pytest.mark.parametrize('name', ['gear_factor', 'position_gain'])
+def test_a_drive_that_follows_keeps_what_the_file_says_of_it(name):
+    machine, _ = freed(name)
+    boxes = [[60.0, 70.0, ''], [70.0, 80.0, ''], [80.0, 90.0, '']]
+    unit = FREE[name][0][2]
+    data = copy.deepcopy(TRIPOD)
+    del data['drive' if name == 'gear_factor' else 'controller'][name]
+    data['parameters'][name] = [[low, high, unit] for low, high, _ in boxes]
+    machine = machine_from_mapping(data)
+    motion = draw_motion('multi_point', machine, 1.0, 3)
+    log = Dataset(
+        machine.drives, motion.cycle, 0, motion.position, motion.velocity, motion.position,
+        motion.velocity, np.zeros_like(motion.position),
+    )  # fmt: skip
+    model = make_model(machine, log, drives=['drive_1'])
+    assert [p.high for p in model.parameters if name in p.name] == [70.0]
+    assert machine.numbers(name).tolist() == [65.0, 75.0, 85.0]
+    middle = np.array([[0.5 * (p.low + p.high) for p in model.parameters]])
+    assert np.isfinite(model.simulate(middle)).all()
+
+
+def test_free_gains_and_masses_are_found_from_a_bag(tmp_path: Path):
+    data = file_of(TRIPOD, drive__rail_mass=None, controller__position_gain=None)
+    data['parameters'] |= {'rail_mass': FREE['rail_mass'][0], 'position_gain': [40, 80, '1/s']}
+    file, bag = tmp_path / 'free.yaml', tmp_path / 'bag'
+    file.write_text(yaml.safe_dump(data))
+    truth = {**TRUTH, 'rail_mass': 1.3, 'drive_2.position_gain': 55.0, 'tool_mass': 1.4}
+    words = [part for name, value in truth.items() for part in ('--set', f'{name}={value}')]
+    about = ['--machine', str(file), '--seconds', '4', '--seed', '5', '--clean']
+    assert main(['simulate', str(bag), *about, *words]) == 0
+    machine = load_machine(file)
+    held = {n: v for n, v in TRUTH.items() if n in ('measurement_delay', 'gear_damping_ratio')}
+    result = identify(machine, gather(read_bag(bag), machine), fixed=held, settings=QUICK)
+    assert result.parameter('drive_2.position_gain').value == pytest.approx(55.0, rel=0.01)
+    for drive in machine.drives:
+        mass = result.parameter(f'{drive}.rail_mass')
+        assert mass.value == pytest.approx(1.3, rel=0.05) or not mass.identifiable
+
+
+def test_a_clean_bag_of_a_free_machine_is_made_from_its_truth():
+    machine, truth = freed('rod_length')
+    motion = draw_motion('multi_point', machine, 1.0, 1)
+    bag = simulate_bag(machine, truth, motion, nuisance=CLEAN)
+    log = simulate_tripod(
+        machine_from_mapping(file_of(TRIPOD, geometry__rod_length=0.62)),
+        TRUTH,
+        motion.position,
+        motion.velocity,
+    )
+    np.testing.assert_array_equal(bag.log.effort, log.effort)
