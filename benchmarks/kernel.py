@@ -167,7 +167,7 @@ class Limit:
 
 def _grid(model: Tripod) -> np.ndarray:
     """Return (10,) the inverse of the rail directions' differences, then the directions."""
-    azimuth = np.asarray(model.machine.geometry['rail_azimuth'], dtype=float)
+    azimuth = model.machine.numbers('rail_azimuth')
     direction = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     return np.concatenate([np.linalg.inv(direction[1:] - direction[0]), direction]).ravel()
 

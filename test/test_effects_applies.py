@@ -52,7 +52,7 @@ def test_recorded_motion_knows_no_controller() -> None:
 
 
 def test_a_weight_does_not_hang_behind_a_spring() -> None:
-    standing = replace(machine_of('emps'), geometry={'gravity': 9.81})
+    standing = machine_of('emps').with_constants(gravity=9.81)
     assert left_out(standing) - left_out(machine_of('emps')) == {'gear_flexibility'}
 
 

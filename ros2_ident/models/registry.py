@@ -20,8 +20,8 @@ from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.machine import Machine
 
 if TYPE_CHECKING:
-    from ros2_ident.models.drives.candidates import EffectAt
     from ros2_ident.models.drives.model import Array, DriveModel
+    from ros2_ident.models.protocol import EffectAt
     from ros2_ident.recording import Dataset
 
 ENTRY_POINTS = 'ros2_ident.machines'
