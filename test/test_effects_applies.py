@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where an effect can sit: by what the machine and its log offer."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
