@@ -33,7 +33,7 @@ TRUTH = {
     'viscous_torque': 0.03,
 }
 CATALOGUE = {effect.reference for effect in effects.CATALOGUE.values()}
-AXIS = yaml.safe_load((ROOT / 'config' / 'emps.yaml').read_text())
+AXIS = load_machine(ROOT / 'config' / 'emps.yaml')
 AXIS_TRUTH = {'moving_mass': 95.0, 'viscous_friction': 200.0, 'coulomb_friction': 20.0}
 ON_A_TRIPOD = [kind.name for kind in kinds().values() if suits(kind, MACHINE, TRUTH)]
 
@@ -93,7 +93,7 @@ def test_effect_vanishes_with_its_size(name, motion, plain):
 def test_what_a_tripod_has_no_place_for_shows_on_an_axis(form):
     assert CATALOGUE - set(ON_A_TRIPOD) == {'gear_flexibility'}
     motion = draw_motion('reversals', AXIS, 2.0, 1)
-    drives = tuple(AXIS['drives'])
+    drives = AXIS.drives
     plain = simulate_axis(AXIS, AXIS_TRUTH, motion.position, motion.velocity)
     logs = {}
     for size in (0.0, 0.9):
@@ -110,7 +110,7 @@ def test_what_a_tripod_has_no_place_for_shows_on_an_axis(form):
 
 
 def test_a_constant_load_stretches_the_spring_at_rest():
-    drives = tuple(AXIS['drives'])
+    drives = AXIS.drives
     flexible = {'share': 0.5, 'frequency': 20.0, 'damping': 0.5}
     still = np.full((1, 400), 0.1)
     loaded = [
