@@ -14,6 +14,8 @@ import yaml
 
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
+from ros2_ident.gap.gates import check_law
+from ros2_ident.gap.law import fit_law
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.run import identify
 from ros2_ident.models import load_machine, machine_from_mapping, make_model
@@ -314,3 +316,18 @@ def test_a_clean_bag_of_a_free_machine_is_made_from_its_truth():
         motion.velocity,
     )
     np.testing.assert_array_equal(bag.log.effort, log.effort)
+
+
+def test_a_gain_that_is_to_be_found_contradicts_no_log():
+    machine, truth = freed('position_gain')
+    motion = draw_motion('multi_point', machine, 4.0, 3)
+    log = simulate_tripod(machine, truth, motion.position, motion.velocity)
+    data = Dataset(
+        machine.drives, motion.cycle, 0, motion.position, motion.velocity, log.position,
+        log.velocity, log.effort,
+    )  # fmt: skip
+    for known, level in ((machine, 'ok'), (machine_from_mapping(TRIPOD), 'warn')):
+        law = fit_law(known, data, 'drive_2')
+        assert law is not None
+        assert check_law(law, 'drive_2', noise=0.01)[-1].level == level
+    assert 'position_gain' not in {gain.name for gain in fit_law(machine, data, 'drive_2').gains}

@@ -25,6 +25,7 @@ LATEST_EFFORT, LATEST_COMMAND = 0.12, 0.012
 _COUNTS = 1.02
 # Beyond this share of the limit the law does not hold.
 _SATURATED = 0.98
+_GAINS = ('position_gain', 'velocity_gain', 'integral_gain')
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,8 @@ def fit_law(machine: Machine, data: Dataset, drive: str) -> Law | None:
     constant. Delays of effort and set-point are found by a search around it.
 
     Args:
-        machine: The machine file, for the law's kind, the gains expected and the torque limit.
+        machine: The machine file, for the law's kind, the gains expected and the torque limit;
+            gains that are to be identified are taken from the log.
         data: The recording on the grid of controller cycles.
         drive: The drive.
 
@@ -123,17 +125,18 @@ def fit_law(machine: Machine, data: Dataset, drive: str) -> Law | None:
         return None
     delays = _delays(signals)
     columns, effort = _Fit(signals).system(delays)
-    free = _solve(columns, effort)[2]
-    gains = {
-        name: float(np.nan_to_num(machine.number(name, drive)))
-        for name in ('position_gain', 'velocity_gain', 'integral_gain')
-    }
+    solution, _, free = _solve(columns, effort)
+    sought = [name for name in _GAINS if name in machine.bounds]
+    gains = {name: float(np.nan_to_num(machine.number(name, drive))) for name in _GAINS}
+    gains |= {name: value for name, value in _gains_of(solution).items() if name in sought}
     known = _law_of(columns, gains)
     alone = []
     for name in (*gains, 'scale'):
         if name == 'scale' and not signals.integral and signals.forward == 0.0:
             continue  # the same as the velocity gain
-        if name != 'scale' and not gains[name]:
+        if name in sought or (name != 'scale' and not gains[name]):
+            continue
+        if name == 'scale' and 'velocity_gain' in sought:
             continue
         # The law is linear in each gain by itself.
         part = known if name == 'scale' else known - _law_of(columns, {**gains, name: 0.0})
@@ -156,6 +159,14 @@ def fit_law(machine: Machine, data: Dataset, drive: str) -> Law | None:
         effort.size,
         gains['velocity_gain'] * signals.speed_steps,
     )
+
+
+def _gains_of(solution: Array) -> dict[str, float]:
+    """Return the gains of a free law's coefficients, columns as of `_Fit.system`."""
+    kv = float(solution[1])
+    integral = float(solution[4]) if solution.size > 4 else 0.0
+    position = float(solution[0]) / kv if kv else 0.0
+    return dict(zip(_GAINS, (position, kv, integral), strict=True))
 
 
 def _law_of(columns: Array, gains: dict[str, float]) -> Array:
