@@ -26,12 +26,21 @@ Target = tuple[str, int | None]
 
 @dataclass(frozen=True)
 class Slot:
-    """Where a nominal parameter goes: the rows it fills, and what it is."""
+    """Where a nominal parameter goes: the rows it fills, and what it is.
+
+    Attributes:
+        row: The row it fills.
+        shared: Whether all drives have the same.
+        kind: As of a `Parameter`.
+        source: Where it comes from.
+        force: Whether it is a force at the carriage where the row is a torque at the motor.
+    """
 
     row: str
     shared: bool
     kind: Kind
     source: str
+    force: bool = False
 
 
 _PAPER = 'Ludwig and Gerstmayr 2011, Table 3'
@@ -48,8 +57,6 @@ CONSTANT_ROWS = {
     'torque_limit': 'torque_limit',
 }
 _OF_MACHINE = ('gravity', 'rail_radius', 'rod_length')
-# Stated as a force at the carriage, in rows a torque at the motor.
-_FORCES = ('coulomb_friction', 'viscous_friction')
 SLOTS: Mapping[str, Slot] = dict(
     measurement_delay=Slot('log_delay', True, 'measurement', _PAPER),
     gear_stiffness=Slot('gear_stiffness', False, 'physical', _PAPER),
@@ -59,8 +66,8 @@ SLOTS: Mapping[str, Slot] = dict(
     moving_mass=Slot('rail_mass', False, 'physical', 'Newton; motor and carriage as one mass'),
     coulomb_torque=Slot('coulomb', False, 'physical', 'Coulomb 1785'),
     viscous_torque=Slot('viscous', False, 'physical', 'linear viscous friction'),
-    coulomb_friction=Slot('coulomb', False, 'physical', 'Coulomb 1785'),
-    viscous_friction=Slot('viscous', False, 'physical', 'linear viscous friction'),
+    coulomb_friction=Slot('coulomb', False, 'physical', 'Coulomb 1785', force=True),
+    viscous_friction=Slot('viscous', False, 'physical', 'linear viscous friction', force=True),
     constant_force=Slot('log_bias', False, 'physical', 'Janot, Gautier, Brunot 2019, offset'),
     **{name: Slot(row, False, 'physical', _FILE) for name, row in CONSTANT_ROWS.items()},
     rail_azimuth=Slot('rail_azimuth', False, 'physical', _FILE),
@@ -304,7 +311,7 @@ class Candidates:
     def _convert(self, block: Array, values: Mapping[Target, Array]) -> None:
         """Refer to the motor what is stated at the carriage, and to the gear what follows it."""
         for name, index in values:
-            if name in _FORCES and index is not None:
+            if name in SLOTS and SLOTS[name].force and index is not None:
                 row = rows.row_of(SLOTS[name].row, index)
                 block[:, row] /= block[:, rows.row_of('gear', index)]
         if 'gear_factor' in self._machine.bounds and not self._machine.stated('travel_per_turn'):
