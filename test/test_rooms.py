@@ -53,7 +53,8 @@ def test_nominal_parameters_are_named_by_models_and_machines_only() -> None:
 
 def test_no_kind_of_machine_is_named_outside_its_own_folder_and_its_reference() -> None:
     rooms = tuple(path.name for path in PACKAGE.iterdir() if (path / '__init__.py').is_file())
-    own = {f'models/{kind}/' for kind in KINDS} | {
+    kinds = set(KINDS)
+    own = {f'models/{kind}/' for kind in kinds} | {
         'reference/axis.py',
         'reference/tripod.py',
         # The paper's own machines, by the names of their files.
@@ -62,7 +63,7 @@ def test_no_kind_of_machine_is_named_outside_its_own_folder_and_its_reference() 
     named = [
         f'{place} {word}'
         for word, place in words(rooms)
-        if word in KINDS and not place.startswith(tuple(own))
+        if word in kinds and not place.startswith(tuple(own))
     ]
     assert not named, named
 

@@ -54,7 +54,7 @@ class Kinds(Mapping[str, Kind]):
 
     def __contains__(self, name: object) -> bool:
         """Return whether there is one, without loading it."""
-        return any(name == known for known in self)
+        return name in own_kinds() or any(name == known for known in self)
 
     def __getitem__(self, name: str) -> Kind:
         """Return a kind.
