@@ -184,7 +184,7 @@ def test_a_missing_machine_file(command, capsys):
 def test_a_machine_file_that_is_none(command, tmp_path, capsys):
     (tmp_path / 'machine.yaml').write_text('machine: rocket\n')
     command[3] = str(tmp_path / 'machine.yaml')
-    assert "machine.yaml:1: machine is 'rocket'; write one of lin" in refused(command, capsys)
+    assert "machine.yaml:1: machine is 'rocket'; write one of bel" in refused(command, capsys)
 
 
 def test_a_damaged_bag(command, tmp_path, capsys):

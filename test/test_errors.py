@@ -84,7 +84,7 @@ PROVOKED: dict[ErrorCode, Callable[[Path], list[str]]] = {
     ErrorCode.DIVERGED: lambda folder: identify(
         AXIS,
         folder,
-        machine=machine_with(folder, 'torque_limit: 351.5065', 'integral_gain: 1.0e300'),
+        machine=machine_with(folder, 'torque_limit: 351.5065', 'velocity_feedforward: 1.0e300'),
     ),
     ErrorCode.BAD_MACHINE_FILE: lambda folder: identify(
         AXIS, folder, machine=machine_with(folder, 'cycle:', 'cyle:')

@@ -222,6 +222,7 @@ def test_what_is_missing_is_said_where_it_belongs(kind, old, section, said, tmp_
         ('linear_axis', '# travel_per_turn: 0.08', 'travel_per_turn: 0.04', 'one turn is 0.08 m'),
         ('linear_axis', '  gear_factor: ', '  # ', 'but drive.gear_factor is missing; add it in'),
         ('tripod', '4.1887902]', '240]', 'write the angles in rad'),
+        ('tripod', 'law: cascade_pi', 'law: cascade_p', 'integral_gain has no meaning under'),
     ],
 )
 def test_what_is_implausible_is_a_warning_and_loads(kind, old, new, said, tmp_path, capsys):

@@ -261,6 +261,7 @@ def judge_drives(draft: Draft, elastic: str = '') -> Iterator[Remark]:
     """
     yield from _units(draft)
     yield from _travel(draft)
+    yield from _law(draft)
     if not elastic and not draft.states('parameters', 'gear_stiffness'):
         return
     for name, why in (
@@ -303,6 +304,24 @@ def _units(draft: Draft) -> Iterator[Remark]:
             ('effort_unit',) if ('effort_unit',) in draft.present else ('drive',),
             'the effort is a torque but drive.gear_factor is missing; add it in rad/m, or write '
             '`effort_unit: N`, or `moving_mass` in kg m^2 where a joint turns',
+        )
+
+
+def _law(draft: Draft) -> Iterator[Remark]:
+    law = draft.present.get(('controller', 'law'))
+    laws = law if isinstance(law, list) else [law]
+    if 'cascade_p' not in laws:
+        return
+    gains = draft.numbers('controller', 'integral_gain')
+    each = [gains[d % len(gains)] for d, one in enumerate(laws) if gains and one == 'cascade_p']
+    if len(laws) == 1 < len(gains):
+        each = list(gains)
+    if any(each):
+        yield Remark(
+            'warn',
+            ('controller', 'integral_gain'),
+            'integral_gain has no meaning under `law: cascade_p`, which has no integral part; '
+            'write 0, or `law: cascade_pi`',
         )
 
 
