@@ -2,6 +2,7 @@
 """Bounds of effects follow the logged effort, not a limit that a file may leave out."""
 
 from dataclasses import replace
+import math
 from pathlib import Path
 import re
 
@@ -27,8 +28,7 @@ TRUTH = {'moving_mass': 95.0, 'coulomb_friction': 20.0, 'viscous_friction': 215.
 
 
 def without_limit(machine: Machine) -> Machine:
-    constants = {k: v for k, v in machine.controller.items() if k != 'torque_limit'}
-    return replace(machine, controller=constants)
+    return machine.with_constants(torque_limit=math.inf)
 
 
 def recording(effect: Effect, seed: int) -> Dataset:
@@ -76,7 +76,7 @@ def test_an_effect_is_found_with_a_limit_and_without(
     else:
         # A share of the stated limit, or of twice the effort that was seen.
         seen = max(np.quantile(np.abs(recording(effect, n).effort), 0.999) for n in (1, 2))
-        limit = float(AXIS.controller['torque_limit'])
+        limit = AXIS.number('torque_limit')
         assert [sizes[0] * limit, 2.0 * sizes[1] * seen] == pytest.approx([65.0, 65.0], rel=0.01)
 
 
@@ -109,7 +109,7 @@ def test_bounds_are_shares_of_the_range_whatever_the_limit() -> None:
     data = Dataset(AXIS.drives, 1e-3, 0, still, still, None, None, effort)
     at = EffectAt('coulomb_friction', DRIVE)
     limits = [AXIS, without_limit(AXIS)]
-    limits.append(replace(AXIS, controller={**AXIS.controller, 'torque_limit': 20.0}))
+    limits.append(AXIS.with_constants(torque_limit=20.0))
     for machine in limits:
         (torque,) = make_model(machine, data).scaled(at)
         assert torque.high == pytest.approx(50.0, rel=2e-3)
