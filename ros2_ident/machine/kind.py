@@ -43,8 +43,8 @@ class Kind:
         name: What `machine:` in a machine file says.
         title: What it is, in a few words.
         keys: Its keys, in the order of a new machine file; a constant's name stands there once.
-        model: Builds its model: `model(machine, data, *, drives, effects, fixed, cutoff,
-            efforts)` where it is identified from a bag, see `models.registry.make_model`.
+        model: Builds its model: `model(machine, data, *, drives, effects, fixed, cutoff)` where
+            it is identified from a bag; what else it can be asked for `make_model` says.
         drives: How many drives it has; None for any number.
         judge: Returns what is to be changed in a machine file and shows only together.
         from_bag: Whether it is identified from a bag of drives.

@@ -166,6 +166,8 @@ def make_model(
     fixed: Mapping[str, float] | None = None,
     cutoff: float = 100.0,
     efforts: 'Array | None' = None,
+    quantities: Sequence[str] = ('effort',),
+    weights: Sequence[float] | None = None,
 ) -> 'DriveModel':
     """Return the model of a machine on a recording; the arguments are `DriveModel`'s.
 
@@ -173,6 +175,10 @@ def make_model(
         IdentError: UNKNOWN_MODEL where the machine's kind has no drives to simulate, or as the
         kind's model.
     """
+    # What not every model can do is asked for only where it is wanted.
+    wanted: dict[str, Any] = {'efforts': efforts, 'weights': weights}
+    if tuple(quantities) != ('effort',):
+        wanted['quantities'] = quantities
     model: DriveModel = kind_from_bag(machine).model(
         machine,
         data,
@@ -180,6 +186,6 @@ def make_model(
         effects=effects,
         fixed=fixed,
         cutoff=cutoff,
-        efforts=efforts,
+        **{name: value for name, value in wanted.items() if value is not None},
     )
     return model
