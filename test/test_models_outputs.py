@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model, Output
@@ -21,7 +22,8 @@ from ros2_ident.reference.motions import draw_motion
 from ros2_ident.reference.plant import Log
 from ros2_ident.reference.tripod import simulate_tripod
 
-MACHINE = load_machine(Path(__file__).parents[1] / 'config' / 'tripod.yaml')
+FILE = Path(__file__).parents[1] / 'config' / 'tripod.yaml'
+MACHINE = load_machine(FILE)
 TRUTH = {
     'measurement_delay': 0.0249,
     'gear_stiffness': 232139.0,
@@ -79,7 +81,7 @@ def test_an_axis_motion_is_the_references(elastic: bool) -> None:
             'geometry': {'gravity': 9.81 if elastic else 0.0},
             'drive': {'gear_factor': 78.54, 'coulomb_regularisation': 5e-3}
             | ({'rail_mass': 1.5} if elastic else {}),
-            'controller': dict(MACHINE.controller),
+            'controller': yaml.safe_load(FILE.read_text())['controller'],
             'parameters': {name: [0.0, 2.0 * values[name], unit] for name, unit in units.items()},
         }
     )
