@@ -86,7 +86,7 @@ def test_messages_are_decoded_in_pieces(tmp_path: Path, monkeypatch: pytest.Monk
     recording = log(20.0, [(1.0, 19.0)])
     bag = write_bag(tmp_path / 'bag', recording)
     whole = read_bag(bag)[0]
-    monkeypatch.setattr('ros2_ident.recording.bag._PIECE', 7)
+    monkeypatch.setattr('ros2_ident.recording.content._PIECE', 7)
     pieces = read_bag(bag)[0]
     assert pieces.streams == whole.streams
     np.testing.assert_array_equal(whole.streams['state'].stamp, recording.streams['state'].stamp)

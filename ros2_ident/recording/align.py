@@ -8,6 +8,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.dataset import AlignQuality, Dataset, StreamQuality
 from ros2_ident.recording.grid import sample_period
+from ros2_ident.recording.limits import Limits, too_large
 from ros2_ident.recording.placing import place, Placed
 from ros2_ident.recording.setpoint import interpolate_setpoint
 from ros2_ident.recording.streams import (
@@ -19,6 +20,8 @@ from ros2_ident.recording.streams import (
 
 # A hole in the command up to so many of its samples, or so many seconds, is bridged.
 _BRIDGED_SAMPLES, _BRIDGED_SECONDS = 10, 0.05
+# Arrays of drives and cycles that a data set holds, twice while they are made.
+_GRIDS = 10
 
 
 def align(
@@ -28,6 +31,7 @@ def align(
     *,
     need: Collection[str] = ('effort',),
     effort_scale: float = 1.0,
+    limits: Limits | None = None,
 ) -> Dataset:
     """Put a recording on the grid of controller cycles.
 
@@ -38,6 +42,7 @@ def align(
         need: Fields without which the data is of no use: of `position`, `velocity`, `effort`,
             `command`.
         effort_scale: Factor from the logged effort to N m or N (a torque constant, say).
+        limits: How much memory the grid may take; the default where None.
 
     Returns:
         The data set. Its grid covers the command where there is one, else the state; where the
@@ -57,6 +62,7 @@ def align(
     placed = place(recording, names, cycle, warnings)
     where = recording.source or 'recording'
     start, cycles = _span(where, placed, cycle, warnings)
+    _check_memory(where, cycles, len(names), limits or Limits())
     command = placed.get('command')
     position = velocity = None
     if command is not None:
@@ -79,6 +85,19 @@ def align(
         measured['effort'],
         quality,
     )
+
+
+def _check_memory(where: str, cycles: int, drives: int, limits: Limits) -> None:
+    """Refuse a grid that would not fit.
+
+    Raises:
+        IdentError: BAD_VALUES.
+    """
+    needed = _GRIDS * cycles * drives * 8
+    if needed > limits.memory:
+        raise too_large(
+            f'{where}: a grid of {cycles} controller cycles takes', needed, limits.memory, 'memory'
+        )
 
 
 def _span(

@@ -1,27 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read logs into recordings: MCAP, db3 and ROS 1 bags, whole or damaged, and tables."""
 
-from collections import deque
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
-import sqlite3
-
-import numpy as np
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording import cdr
+from ros2_ident.recording import db3_scan, mcap_scan, rosbag1_scan
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.mcap_scan import scan
-from ros2_ident.recording.storage import digest, storage_files, SUFFIXES, unpack_messages, unpacked
-from ros2_ident.recording.streams import IntArray, Recording, ROLES
+from ros2_ident.recording.content import Content, JOINT_STATE, Messages
+from ros2_ident.recording.damage import Damage, Losses
+from ros2_ident.recording.limits import Limits
+from ros2_ident.recording.metadata import Metadata, NAME, read_metadata
+from ros2_ident.recording.shown import listed, printable
+from ros2_ident.recording.storage import damaged, digest, storage_files, SUFFIXES, unpacked
+from ros2_ident.recording.streams import Recording, ROLES
 from ros2_ident.recording.table import read_table
 from ros2_ident.recording.table import SUFFIXES as TABLES
-
-JOINT_STATE = 'sensor_msgs/msg/JointState'
-# Messages that are decoded at once; fewer would take longer.
-_PIECE = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -67,74 +62,16 @@ class Topics:
         return found
 
 
-class _Messages:
-    """The messages of a topic in the order of log time, decoded piece by piece.
-
-    A message as an object takes some hundred bytes; hours of them at 1 kHz would fill the memory.
-    """
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.lost = 0
-        self.blocks: deque[tuple[IntArray, cdr.Block]] = deque()
-        self._fresh: list[tuple[int, bytes]] = []
-
-    def append(self, log_time: int, data: bytes) -> None:
-        """Take a message: log time [ns] and CDR bytes."""
-        self.count += 1
-        self._fresh.append((log_time, data))
-        if len(self._fresh) >= _PIECE:
-            self.decode()
-
-    def decode(self) -> None:
-        """Decode what has come since the last time; what is no JointState is counted."""
-        if not self._fresh:
-            return
-        times = [x[0] for x in self._fresh]
-        data = unpack_messages([x[1] for x in self._fresh])
-        self._fresh = []
-        try:
-            found = cdr.decode(data)
-        except (ValueError, IndexError):
-            before = len(data)
-            data, times = _whole_messages(data, times)
-            self.lost += before - len(data)
-            found = cdr.decode(data)
-        clock = np.array(times, dtype=np.int64)
-        self.blocks.extend((clock[block.rows], block) for block in found)
-
-    def __len__(self) -> int:
-        return self.count
-
-
-@dataclass
-class _Raw:
-    """What a bag holds.
-
-    Attributes:
-        messages: By topic.
-        types: Message type of every topic of the bag.
-        counts: Messages of every topic of the bag.
-        warnings: What could not be read.
-    """
-
-    messages: dict[str, _Messages] = field(default_factory=dict)
-    types: dict[str, str] = field(default_factory=dict)
-    counts: dict[str, int] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
-
-
-def _damaged(path: Path, text: str) -> IdentError:
-    return IdentError(ErrorCode.DAMAGED_BAG, f'{path}: {text}')
-
-
-def read_bag(path: str | Path, topics: Topics | None = None) -> list[Recording]:
+def read_bag(
+    path: str | Path, topics: Topics | None = None, limits: Limits | None = None
+) -> list[Recording]:
     """Read a bag's JointState topics, or a table's columns.
 
     Args:
         path: A bag directory with or without metadata.yaml, a bare `.mcap`, `.db3` or `.bag`
             file, or a `.csv` file.
         topics: Which topics to read; the default names where None.
+        limits: How much of the machine it may take; those of the environment where None.
 
     Returns:
         One recording per uninterrupted stretch, in the order of the log. What a damaged bag does
@@ -146,123 +83,123 @@ def read_bag(path: str | Path, topics: Topics | None = None) -> list[Recording]:
     """
     path = Path(path)
     topics = topics or Topics()
+    limits = limits or Limits.from_environment()
     if path.suffix.lower() in TABLES:
-        return read_table(path, topics.columns)
+        return read_table(path, topics.columns, limits)
     roles = topics.roles()
     files, warnings = storage_files(path)
-    raw = _read(path, files, warnings, roles)
-    _check_topics(path, raw, roles)
-    builder = RecordingBuilder(str(path), digest(files))
-    for sentence in raw.warnings:
+    metadata = read_metadata(path)
+    if (path / NAME).exists() and not warnings:
+        listed_files = [path / x for x in metadata.files] if metadata else []
+        if listed_files and all(x.is_file() for x in listed_files):
+            files = listed_files
+        else:
+            metadata = None
+            warnings.append(_unfit(path))
+    content = Content(frozenset(roles), limits)
+    _scan_all(path, files, content, metadata)
+    if not content.warnings:  # damage says it all: metadata.yaml cannot fit a broken file
+        content.warnings[:0] = warnings
+    _check_topics(path, content, roles)
+    builder = RecordingBuilder(str(path), digest(files), limits)
+    for sentence in content.warnings:
         builder.warn(sentence)
     for topic, role in roles.items():
-        if topic in raw.messages:
-            _feed(builder, role, topic, raw.messages[topic])
+        if topic in content.messages:
+            _feed(builder, role, topic, content.messages[topic])
     return builder.build()
 
 
-def _read(path: Path, files: list[Path], warnings: list[str], roles: dict[str, str]) -> _Raw:
-    """Read the serialised messages, from the records one by one where the regular way fails."""
-    empty = [x for x in files if not x.stat().st_size]
-    if empty:
-        raise _damaged(empty[0], 'is empty (0 bytes); copy or record the bag again')
-    if (path / 'metadata.yaml').exists() and not warnings:
-        try:
-            return _read_regular([path], roles)
-        except Exception:
-            # an unreadable metadata.yaml around good files is everyday; the files say more
-            warnings = [
-                f'{path}: metadata.yaml does not fit the files; `ros2 bag reindex {path}` writes '
-                'it anew'
-            ]
-    with unpacked(files) as plain:
-        try:
-            raw = _read_regular(plain, roles)
-        except Exception as exc:
-            # rosbags lets struct, zstd and sqlite errors of broken files through
-            if isinstance(exc, MemoryError):
-                raise
-            if any(x.suffix != '.mcap' for x in plain):
-                raise _unreadable(files, plain, exc) from exc
-            # the damage says it all: metadata.yaml cannot fit a broken file
-            return _read_damaged(files, plain, roles)
-    raw.warnings[:0] = warnings
-    return raw
-
-
-def _unreadable(files: list[Path], plain: list[Path], exc: Exception) -> IdentError:
-    reason = ' '.join(str(exc).split()).rstrip('.') or type(exc).__name__
-    path, kind = next(
-        (x, y.suffix) for x, y in zip(files, plain, strict=True) if y.suffix != '.mcap'
+def _unfit(path: Path) -> str:
+    return (
+        f'{path}: metadata.yaml does not fit the files; `ros2 bag reindex {path}` writes it anew'
     )
+
+
+def _scan_all(path: Path, files: list[Path], content: Content, metadata: Metadata | None) -> None:
+    """Read the serialised messages of all files; say what is lost.
+
+    Raises:
+        IdentError: DAMAGED_BAG where no file yields a message and one is damaged.
+    """
+    refused: list[IdentError] = []
+    scanned: list[tuple[Path, Losses]] = []
+    with unpacked(files, content.limits) as plain:
+        for file, (place, whole) in zip(files, plain, strict=True):
+            try:
+                losses = _scan(place, content, metadata if len(files) == 1 else None)
+            except Damage as exc:
+                refused.append(_unreadable(file, place.suffix, str(exc)))
+                continue
+            if not whole:
+                losses.say('it cannot be unpacked to its end')
+            scanned.append((file, losses))
+            if metadata is not None:
+                content.sort()  # the files follow each other
+        content.sort()
+    if refused and not any(losses.whole for _, losses in scanned):
+        raise refused[0]
+    content.warnings += [x.message for x in refused]
+    if metadata is not None and len(files) == 1 and scanned:
+        scanned[0][1].expect(metadata.counts, content.counts)
+    for file, losses in scanned:
+        _account(file, losses, content, alone=len(files) == 1)
+    if metadata is not None and len(files) > 1 and not refused:
+        lost = sum((Counter(metadata.counts) - Counter(content.counts)).values())
+        if lost and not content.warnings:
+            content.warnings.append(_unfit(path))
+
+
+def _account(file: Path, losses: Losses, content: Content, *, alone: bool) -> None:
+    """Say what a file has lost.
+
+    Raises:
+        IdentError: DAMAGED_BAG where it is the only file and nothing is left of it.
+    """
+    if not losses.text:
+        return
+    name = printable(file.name)
+    if not losses.whole:
+        error = damaged(file, f'{losses.text}, no message is whole; copy or record the bag again')
+        if alone:
+            raise error
+        content.warnings.append(error.message)
+        return
+    remedy = {
+        '.mcap': f'`mcap recover {name}` writes a sound file of the same content',
+        '.db3': f'`sqlite3 {name} .recover` may find more, or copy the file again',
+    }.get(file.suffix, 'copy the file again')
+    content.warnings.append(losses.sentence(file, remedy))
+
+
+def _scan(path: Path, content: Content, metadata: Metadata | None) -> Losses:
+    """Read one file by its kind."""
+    if not path.stat().st_size:
+        raise Damage('')
+    if path.suffix == '.mcap':
+        return mcap_scan.scan(path, content)
+    if path.suffix == '.bag':
+        return rosbag1_scan.scan(path, content)
+    if path.suffix == '.db3':
+        return db3_scan.scan(path, content, metadata.checksums if metadata else None)
+    raise Damage('its kind is not known')
+
+
+def _unreadable(path: Path, kind: str, reason: str) -> IdentError:
+    if not reason:
+        return damaged(path, 'is empty (0 bytes); copy or record the bag again')
     if kind not in SUFFIXES:
         remedy = 'give an .mcap, .db3, .bag or .csv file or a bag directory'
-    elif isinstance(exc, sqlite3.Error) or kind == '.db3':
+    elif kind == '.db3':
         remedy = (
             f'what is left comes out with `sqlite3 {path.name} .recover`, or copy the file again'
         )
     else:
         remedy = 'copy or record the bag again'
-    return _damaged(path, f'cannot be read ({reason}); {remedy}')
+    return damaged(path, f'cannot be read ({reason}); {remedy}')
 
 
-def _read_regular(paths: list[Path], roles: dict[str, str]) -> _Raw:
-    raw = _Raw()
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with AnyReader(paths, default_typestore=store) as reader:
-        for connection in reader.connections:
-            raw.types[connection.topic] = connection.msgtype
-            raw.counts[connection.topic] = (
-                raw.counts.get(connection.topic, 0) + connection.msgcount
-            )
-        wanted = [x for x in reader.connections if x.topic in roles and x.msgtype == JOINT_STATE]
-        for connection in wanted:
-            raw.messages.setdefault(connection.topic, _Messages())
-        if wanted:
-            for connection, log_time, data in reader.messages(connections=wanted):
-                # ROS 2's type: the conversion itself leaves out the header's `seq` of ROS 1
-                cdr_data = data if reader.is2 else bytes(store.ros1_to_cdr(data, JOINT_STATE))
-                raw.messages[connection.topic].append(log_time, cdr_data)
-    return raw
-
-
-def _read_damaged(files: list[Path], plain: list[Path], roles: dict[str, str]) -> _Raw:
-    raw = _Raw()
-    whole: dict[str, list[tuple[int, bytes]]] = {}
-    for path, unpacked_file in zip(files, plain, strict=True):
-        try:
-            found = scan(unpacked_file)
-        except ValueError as exc:
-            raise _damaged(
-                path, f'cannot be read ({exc}); give an .mcap, .db3, .bag or .csv file'
-            ) from None
-        raw.types.update(found.types)
-        for topic, log_time, data in found.messages:
-            raw.counts[topic] = raw.counts.get(topic, 0) + 1
-            if topic in roles and found.types[topic] == JOINT_STATE:
-                whole.setdefault(topic, []).append((log_time, data))
-        lost = []
-        if found.end < found.size:
-            lost.append(f'the file breaks off after byte {found.end} of {found.size}')
-        if found.lost_chunks:
-            lost.append(f'{found.lost_chunks} blocks inside are damaged')
-        what = ' and '.join(lost)
-        if lost and not found.messages:
-            raise _damaged(path, f'{what}, no message is whole; copy or record the bag again')
-        if lost:
-            raw.warnings.append(
-                f'{path}: is damaged: {what}, {len(found.messages)} whole messages were read; '
-                f'`mcap recover {path.name}` writes a sound file of the same content'
-            )
-    for topic, messages in whole.items():
-        messages.sort(key=lambda x: x[0])
-        raw.messages[topic] = _Messages()
-        for log_time, data in messages:
-            raw.messages[topic].append(log_time, data)
-    return raw
-
-
-def _check_topics(path: Path, raw: _Raw, roles: dict[str, str]) -> None:
+def _check_topics(path: Path, raw: Content, roles: dict[str, str]) -> None:
     """Say what is wrong where no wanted topic can be read."""
     wrong = {
         topic: raw.types[topic]
@@ -273,8 +210,8 @@ def _check_topics(path: Path, raw: _Raw, roles: dict[str, str]) -> None:
         topic, kind = next(iter(wrong.items()))
         raise IdentError(
             ErrorCode.MISSING_STREAM,
-            f'{path}: {topic} is of type {kind}, expected {JOINT_STATE}; give another topic as '
-            f'{roles[topic]}',
+            f'{path}: {topic} is of type {printable(kind)}, expected {JOINT_STATE}; give '
+            f'another topic as {roles[topic]}',
         )
     if any(raw.messages.get(topic) for topic in roles):
         return
@@ -295,18 +232,17 @@ def _check_topics(path: Path, raw: _Raw, roles: dict[str, str]) -> None:
         raise IdentError(
             ErrorCode.MISSING_STREAM,
             f'{path}: holds none of {", ".join(roles)}; its JointState topics are '
-            f'{", ".join(others)}: say which one is state, effort or command',
+            f'{listed(others)}: say which one is state, effort or command',
         )
     raise IdentError(
         ErrorCode.MISSING_STREAM,
-        f'{path}: holds no {JOINT_STATE} topic, only {", ".join(sorted(raw.types)) or "nothing"}; '
+        f'{path}: holds no {JOINT_STATE} topic, only {listed(sorted(raw.types)) or "nothing"}; '
         'record the topic on which the drives report their joints',
     )
 
 
-def _feed(builder: RecordingBuilder, role: str, topic: str, messages: _Messages) -> None:
+def _feed(builder: RecordingBuilder, role: str, topic: str, messages: Messages) -> None:
     """Bring the messages of a topic into the builder; they are gone afterwards."""
-    messages.decode()
     if messages.lost and not messages.blocks:
         raise IdentError(
             ErrorCode.BAD_VALUES,
@@ -327,18 +263,3 @@ def _feed(builder: RecordingBuilder, role: str, topic: str, messages: _Messages)
         clock, block = messages.blocks.popleft()
         stamp = clock if unstamped else block.stamp
         builder.add_block(role, stamp, block.names, *block.fields)
-
-
-def _whole_messages(data: list[bytes], log_times: list[int]) -> tuple[list[bytes], list[int]]:
-    """Return the messages that decode, one by one, and their log times."""
-    kept: list[bytes] = []
-    times: list[int] = []
-    for message, log_time in zip(data, log_times, strict=True):
-        try:
-            blocks = cdr.decode([message])
-        except (ValueError, IndexError):
-            continue
-        if blocks[0].names and len(set(blocks[0].names)) == len(blocks[0].names):
-            kept.append(message)
-            times.append(log_time)
-    return kept, times

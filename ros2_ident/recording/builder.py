@@ -9,8 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording.segments import match_segments, split_stamps
-from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray, Recording, ROLES, Stream
+from ros2_ident.recording.limits import Limits, too_large, variable_of
+from ros2_ident.recording.outliers import leave_out
+from ros2_ident.recording.segments import match_segments, split_pauses, split_stamps
+from ros2_ident.recording.shown import listed, printable
+from ros2_ident.recording.streams import (
+    FIELDS,
+    FloatArray,
+    IntArray,
+    LATEST_STAMP,
+    Recording,
+    ROLES,
+    Stream,
+)
+
+# Nothing that is measured is larger; its square would overflow soon.
+_ABSURD = 1e30
 
 Values = Sequence[float] | NDArray[np.float64]
 
@@ -37,13 +51,17 @@ class _Track:
     layouts: list[_Layout] = field(default_factory=list)
     known: dict[tuple[tuple[str, ...], tuple[bool, bool, bool]], int] = field(default_factory=dict)
 
+    joints: dict[str, int] = field(default_factory=dict)
+
     def layout(self, names: tuple[str, ...], filled: tuple[bool, bool, bool]) -> int:
-        """Return the number of a layout, after checking it the first time it is seen."""
+        """Return the number of a layout."""
         key = (names, filled)
         number = self.known.get(key)
         if number is None:
             number = self.known[key] = len(self.layouts)
             self.layouts.append(_Layout(names, filled))
+            for name in names:
+                self.joints.setdefault(name, len(self.joints))
         return number
 
 
@@ -67,11 +85,15 @@ class RecordingBuilder:
     Args:
         source: Where the messages come from, for the recordings and the errors.
         sha256: Hash of the bag, empty for live data.
+        limits: How many joints, and how much memory they may take.
     """
 
-    def __init__(self, source: str = 'live', sha256: str = '') -> None:
+    def __init__(
+        self, source: str = 'live', sha256: str = '', limits: Limits | None = None
+    ) -> None:
         self.source = source
         self.sha256 = sha256
+        self.limits = limits or Limits()
         self._tracks = {role: _Track() for role in ROLES}
         self._warnings: list[str] = []
 
@@ -115,8 +137,14 @@ class RecordingBuilder:
         track = self._track(role)
         data = (position, velocity, effort)
         sizes = (len(position), len(velocity), len(effort))
-        joints = tuple(names)
+        joints = self._named(role, names)
         self._check(role, joints, sizes)
+        if not -LATEST_STAMP < stamp < LATEST_STAMP:
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'{self.source}: a message of {role} has the stamp {stamp:.6g} ns, which is no '
+                'time; send nanoseconds since 1970',
+            )
         number = track.layout(joints, (sizes[0] > 0, sizes[1] > 0, sizes[2] > 0))
         values = track.layouts[number].values
         mark = len(values)
@@ -157,7 +185,7 @@ class RecordingBuilder:
             IdentError: BAD_VALUES where the shapes do not fit.
         """
         track = self._track(role)
-        joints = tuple(names)
+        joints = self._named(role, names)
         rows = len(stamp)
         parts = [x for x in (position, velocity, effort) if x is not None]
         for part in parts:
@@ -171,6 +199,12 @@ class RecordingBuilder:
         self._check(role, joints, tuple(len(joints) if there else 0 for there in filled))
         if not rows:
             return
+        if int(stamp.max()) >= LATEST_STAMP or int(stamp.min()) <= -LATEST_STAMP:
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'{self.source}: a stamp of {role} is no time, it lies more than a century off; '
+                'send nanoseconds since 1970',
+            )
         number = track.layout(joints, (filled[0], filled[1], filled[2]))
         if parts:
             _append(track.layouts[number].values, np.concatenate(parts, axis=1))
@@ -198,9 +232,15 @@ class RecordingBuilder:
                 f'{self.source}: no measured value arrived; check the topic names and that the '
                 'drives publish',
             )
+        groups = []
+        for group in match_segments(pieces):
+            parts = split_pauses(group)
+            groups += parts
+            if len(parts) > 1:
+                warnings.append(_paused(parts))
         return [
             Recording(**group, source=self.source, sha256=self.sha256, warnings=tuple(warnings))
-            for group in match_segments(pieces)
+            for group in groups
         ]
 
     def _track(self, role: str) -> _Track:
@@ -211,11 +251,30 @@ class RecordingBuilder:
                 ErrorCode.BAD_VALUES, f'role is {role!r}; choose one of {", ".join(ROLES)}'
             ) from None
 
+    def _named(self, role: str, names: Sequence[str]) -> tuple[str, ...]:
+        """Return the names as they may be shown, within the limits of a stream."""
+        track, limits = self._track(role), self.limits
+        joints = tuple(names)
+        if all(name in track.joints for name in joints):
+            return joints
+        longest = max(map(len, joints))
+        new = sum(name not in track.joints for name in joints)
+        if longest > limits.name or len(track.joints) + new > limits.joints:
+            what = (
+                f'a name of {longest} characters, more than the {limits.name} allowed; shorten '
+                f'it, or raise {variable_of("name")}'
+                if longest > limits.name
+                else f'more than {limits.joints} joints; record the drives only, or raise '
+                f'{variable_of("joints")}'
+            )
+            raise IdentError(ErrorCode.BAD_VALUES, f'{self.source}: {role} names {what}')
+        return tuple(printable(name, 8 * limits.name) for name in joints)
+
     def _check(self, role: str, names: tuple[str, ...], sizes: Sequence[int]) -> None:
         if len(set(names)) != len(names):
             raise IdentError(
                 ErrorCode.BAD_VALUES,
-                f'{self.source}: a message of {role} names a joint twice ({", ".join(names)}); '
+                f'{self.source}: a message of {role} names a joint twice ({listed(names)}); '
                 'give each joint its own name',
             )
         for name, size in zip(FIELDS, sizes, strict=True):
@@ -228,9 +287,7 @@ class RecordingBuilder:
 
     def _streams(self, role: str, track: _Track, warnings: list[str]) -> list[Stream]:
         """Return the segments of one role."""
-        names: list[str] = []
-        for layout in track.layouts:
-            names.extend(name for name in layout.names if name not in names)
+        names = list(track.joints)
         measured = [
             any(layout.filled[i] and layout.names for layout in track.layouts) for i in range(3)
         ]
@@ -241,14 +298,24 @@ class RecordingBuilder:
             )
             return []
         stamp = np.array(track.stamp, dtype=np.int64)
+        needed = 3 * sum(measured) * len(names) * stamp.size * 8
+        if needed > self.limits.memory:
+            raise too_large(
+                f'{self.source}: {role} with {len(names)} joints takes',
+                needed,
+                self.limits.memory,
+                'memory',
+            )
         fields = self._fields(track, names, measured)
         for array_ in fields:
-            if array_ is not None and (bad := np.isinf(array_)).any():
+            if array_ is not None and (bad := np.abs(array_) > _ABSURD).any():
                 array_[bad] = np.nan
                 warnings.append(
                     f'{role}: {int(bad.sum())} infinite values are taken as not measured'
                 )
         split = split_stamps(stamp, f'{self.source}: {role}')
+        if split.stray.size:
+            warnings.append(_strayed(role, stamp, split.stray))
         if split.reordered:
             warnings.append(
                 f'{role}: {split.reordered} messages overtook others and were put back into order'
@@ -262,6 +329,7 @@ class RecordingBuilder:
                 stamp if untouched else stamp[rows],
                 [x if untouched or x is None else x[rows] for x in fields],
             )
+            warnings += leave_out(role, part, names, cut)
             for values in cut:
                 if values is not None:
                     values.setflags(write=False)
@@ -288,7 +356,7 @@ class RecordingBuilder:
             if not layout.width:
                 continue
             rows = order[edges[index] : edges[index + 1]]
-            columns = np.array([names.index(name) for name in layout.names])
+            columns = np.array([track.joints[name] for name in layout.names])
             # a copy: a view would lock the growing array against the next append
             block = np.array(layout.values, dtype=np.float64).reshape(rows.size, layout.width)
             offset = 0
@@ -298,6 +366,27 @@ class RecordingBuilder:
                     target[np.ix_(rows, columns)] = block[:, offset : offset + len(columns)]
                     offset += len(columns)
         return fields
+
+
+def _strayed(role: str, stamp: IntArray, rows: IntArray) -> str:
+    """Return what to say of messages that are left out for their stamps."""
+    off = np.abs(stamp[rows] - stamp[np.maximum(rows - 1, 0)]).max() * 1e-9
+    what = 'message has a stamp' if rows.size == 1 else 'messages have stamps'
+    return (
+        f'{role}: {rows.size} {what} up to {float(off):.3g} s apart from those before and after, '
+        f'the first is number {int(rows[0]) + 1}, and {"is" if rows.size == 1 else "are"} left out'
+    )
+
+
+def _paused(parts: list[dict[str, Stream]]) -> str:
+    """Return what to say of pauses in which nothing came."""
+    begins = [min(int(x.stamp[0]) for x in part.values()) for part in parts]
+    ends = [max(int(x.stamp[-1]) for x in part.values()) for part in parts]
+    longest = max(b - a for a, b in zip(ends, begins[1:], strict=False)) * 1e-9
+    return (
+        f'nothing came for up to {longest:.4g} s: the recorder paused or its clock was set; the '
+        f'{len(parts)} stretches are taken one by one'
+    )
 
 
 def _merge(

@@ -6,16 +6,25 @@ at the same bytes: the layout is parsed once and the numbers of all messages are
 array operations.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import struct
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ros2_ident.recording.limits import Limits, variable_of
 from ros2_ident.recording.streams import FloatArray, IntArray
 
+# Messages of one size are sorted by layout so many times together, then one by one.
+_ROUNDS = 32
+# CDR may be filled up to its alignment; more at the end is no JointState.
+_PADDING = 8
 _HEADER = 4  # bytes of encapsulation before the first byte that alignment counts from
+
+
+class TooManyNamesError(ValueError):
+    """A message names more joints, or longer ones, than are allowed."""
 
 
 @dataclass(frozen=True)
@@ -51,19 +60,28 @@ class Block:
     names: tuple[str, ...]
     fields: tuple[FloatArray | None, FloatArray | None, FloatArray | None]
 
+    def taken(self, rows: IntArray) -> 'Block':
+        """Return the messages at some places of this block, numbered from 0."""
+        position, velocity, effort = (None if x is None else x[rows] for x in self.fields)
+        return Block(
+            np.arange(rows.size), self.stamp[rows], self.names, (position, velocity, effort)
+        )
 
-def parse_layout(data: bytes) -> Layout:
+
+def parse_layout(data: bytes, limits: Limits | None = None) -> Layout:
     """Find the parts of one serialised JointState.
 
     Args:
         data: The message with its four bytes of encapsulation.
+        limits: How many names, and of what length.
 
     Returns:
         The layout.
 
     Raises:
-        ValueError: The bytes are no JointState.
+        ValueError: The bytes are no JointState; TooManyNamesError where they exceed the limits.
     """
+    limits = limits or Limits()
     if len(data) < _HEADER + 28 or data[0] != 0 or data[1] not in (0, 1):
         raise ValueError('no CDR message')
     big = data[1] == 0
@@ -85,11 +103,21 @@ def parse_layout(data: bytes) -> Layout:
     number, at = count(at)
     if number > len(data):
         raise ValueError('more names than bytes')
+    if number > limits.joints:
+        raise TooManyNamesError(
+            f'a message names {number} joints, more than the {limits.joints} allowed; record the '
+            f'drives only, or raise {variable_of("joints")}'
+        )
     names = []
     for _ in range(number):
         size, at = count(at)
         if at + size > len(data):
             raise ValueError('message ends early')
+        if size > limits.name + 1:
+            raise TooManyNamesError(
+                f'a joint has a name of {size - 1} bytes, more than the {limits.name} allowed; '
+                f'shorten it, or raise {variable_of("name")}'
+            )
         fixed[at : at + size] = True
         names.append(data[at : at + size].rstrip(b'\0').decode())
         at += size
@@ -104,14 +132,17 @@ def parse_layout(data: bytes) -> Layout:
             raise ValueError('message ends early')
         spans.append((at, at + 8 * number))
         at += 8 * number
+    if len(data) - at > _PADDING:
+        raise ValueError('message goes on after its end')
     return Layout(tuple(names), (spans[0], spans[1], spans[2]), fixed, big)
 
 
-def decode(messages: Sequence[bytes]) -> list[Block]:
+def decode(messages: Sequence[bytes], limits: Limits | None = None) -> list[Block]:
     """Decode serialised JointState messages.
 
     Args:
         messages: T messages of one topic, in order.
+        limits: How many names each may have, and of what length.
 
     Returns:
         Blocks in the order of the messages: concatenated, their `rows` are 0..T-1.
@@ -130,16 +161,11 @@ def decode(messages: Sequence[bytes]) -> list[Block]:
         rows = np.flatnonzero(sizes == size)
         joined = b''.join([messages[i] for i in rows.tolist()])
         table = np.frombuffer(joined, dtype=np.uint8).reshape(rows.size, size)
-        left = np.arange(rows.size)
-        while left.size:
-            layout = parse_layout(messages[int(rows[left[0]])])
-            same = (table[left][:, layout.fixed] == table[left[0], layout.fixed]).all(axis=1)
-            chosen = left[same]
+        for layout, chosen in _by_layout(messages, rows, table, limits):
             layout_of[rows[chosen]] = len(layouts)
             place[rows[chosen]] = np.arange(chosen.size)
             layouts.append(layout)
             pieces.append(table[chosen])
-            left = left[~same]
     edges = np.flatnonzero(np.diff(layout_of)) + 1
     starts = [0, *edges.tolist()]
     blocks = []
@@ -148,6 +174,31 @@ def decode(messages: Sequence[bytes]) -> list[Block]:
         rows = np.arange(begin, end)
         blocks.append(_block(layouts[which], pieces[which][place[begin:end]], rows))
     return blocks
+
+
+def _by_layout(
+    messages: Sequence[bytes],
+    rows: IntArray,
+    table: NDArray[np.uint8],
+    limits: Limits | None,
+) -> Iterator[tuple[Layout, IntArray]]:
+    """Yield the layouts of messages of one size, each with the rows of the table that have it."""
+    left = np.arange(rows.size)
+    for _ in range(_ROUNDS):
+        if not left.size:
+            return
+        layout = parse_layout(messages[int(rows[left[0]])], limits)
+        same = (table[left][:, layout.fixed] == table[left[0], layout.fixed]).all(axis=1)
+        yield layout, left[same]
+        left = left[~same]
+    # hardly two are alike: comparing each with all others would take for ever
+    groups: dict[object, tuple[Layout, list[int]]] = {}
+    for row in left.tolist():
+        layout = parse_layout(messages[int(rows[row])], limits)
+        key = layout.names, layout.spans, layout.big
+        groups.setdefault(key, (layout, []))[1].append(row)
+    for layout, chosen in groups.values():
+        yield layout, np.array(chosen, dtype=np.int64)
 
 
 def _block(layout: Layout, table: NDArray[np.uint8], rows: IntArray) -> Block:
@@ -164,6 +215,8 @@ def _block(layout: Layout, table: NDArray[np.uint8], rows: IntArray) -> Block:
         if values.shape[1] != len(layout.names):
             raise ValueError(f'{len(layout.names)} names but an array of {values.shape[1]} values')
         fields.append(values)
+    if (nanoseconds >= 1_000_000_000).any():
+        raise ValueError('a stamp of more nanoseconds than a second has')
     stamp = seconds * 1_000_000_000 + nanoseconds
     return Block(rows, stamp, layout.names, (fields[0], fields[1], fields[2]))
 

@@ -20,6 +20,8 @@ from ros2_ident.recording.streams import FloatArray, IntArray
 _RATE_TOLERANCE = 0.02
 # Clocks of controller and stamps may run apart by this share before the given cycle must be wrong.
 _DRIFT_LIMIT = 1e-3
+# Cycles of one recording: 28 hours at 1 kHz.
+_MOST_CYCLES = 1e8
 # Length of the mean phase vector below which the stamps do not cluster on the grid.
 _CLUSTERED = 0.1
 # From this length on rounding to the next cycle is right to five standard deviations.
@@ -90,6 +92,14 @@ def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
             f'controller cycle is {cycle} s; give a positive time in the machine file',
         )
     time = (stamp - reference).astype(np.float64) * 1e-9
+    cycles = (time[-1] - time[0]) / cycle
+    if cycles > _MOST_CYCLES:
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            f'{time[-1] - time[0]:.4g} s are {cycles:.3g} controller cycles of {cycle:g} s, more '
+            f'than the {_MOST_CYCLES:g} that can be laid out; cut the log, or correct its stamps '
+            'or the cycle',
+        )
     period = sample_period(stamp)
     if period:
         stride = _stride(time, period, cycle)

@@ -75,7 +75,7 @@ def check(recordings: Sequence[Recording], machine: MachineFacts | None = None) 
                 'warn',
                 'segments',
                 '',
-                f'the stamps step back {len(recordings) - 1} times, the log falls into '
+                f'the stamps step back, or nothing came for long: the log falls into '
                 f'{len(recordings)} segments; each is judged and used by itself',
             )
         )

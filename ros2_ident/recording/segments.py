@@ -1,17 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where one recording ends and the next begins, by the stamps alone."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording.grid import sample_period
 from ros2_ident.recording.streams import IntArray, Stream
 
 # A message may overtake at most so many others; further back it is a restart.
 _OVERTAKE = 3
 # More restarts than this, and more than this share of the messages, are two clocks on one topic.
 _MANY, _SHARE = 10, 0.02
+# Nothing at all came for so long, s and in samples: what was before and after are two recordings.
+_PAUSE, _PAUSE_SAMPLES = 10.0, 50
+# Stamps of so many messages in a row, and of this share of all, may lie apart by themselves; so
+# many periods off is apart.
+_STRAY, _STRAY_SHARE, _APART = 3, 0.01, 10.0
 # So many messages do not overtake each other on one connection.
 _LATE_SHARE = 0.25
 
@@ -23,10 +29,12 @@ class Split:
     Attributes:
         segments: For each segment the rows of its messages in the order of their stamps.
         reordered: How many messages arrived late and were put back.
+        stray: Rows left out because their stamps lie apart from those around them.
     """
 
     segments: tuple[IntArray, ...]
     reordered: int
+    stray: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
 
 def split_stamps(stamp: IntArray, where: str) -> Split:
@@ -46,6 +54,51 @@ def split_stamps(stamp: IntArray, where: str) -> Split:
     Raises:
         IdentError: BAD_VALUES where the stamps jump back and forth all the time.
     """
+    stray = find_stray(stamp)
+    if not stray.size:
+        return _split(stamp, where)
+    rows = np.delete(np.arange(stamp.size), stray)
+    found = _split(stamp[rows], where)
+    return replace(found, segments=tuple(rows[x] for x in found.segments), stray=stray)
+
+
+def find_stray(stamp: IntArray) -> IntArray:
+    """Return the messages whose stamps lie apart from those before and after, which fit together.
+
+    One wrong bit in a stamp does that. A clock that was set goes on from where it was set to.
+
+    Args:
+        stamp: Stamps (T,), ns, in the order of arrival.
+    """
+    none = np.empty(0, dtype=np.int64)
+    steps = np.diff(stamp)
+    forward = steps[steps > 0]
+    if stamp.size < 2 * _STRAY + 2 or not forward.size:
+        return none
+    period = float(np.median(forward))
+    apart = np.flatnonzero(np.abs(steps) > _APART * period)
+    if not apart.size or apart.size > 2 * max(_STRAY, _STRAY_SHARE * stamp.size):
+        return none
+    found: list[int] = []
+    leap = set(apart.tolist())
+    for k in apart.tolist():
+        if found and k <= found[-1]:
+            continue
+        ends = (k + n for n in range(1, _STRAY + 1) if k + n in leap)
+        for last in ends:
+            around = int(stamp[last + 1] - stamp[k])
+            inside = stamp[k + 1 : last + 1]
+            outside = (inside < stamp[k]) | (inside > stamp[last + 1])
+            if 0 < around <= (last - k + 3) * period and outside.all():
+                found += range(k + 1, last + 1)
+                break
+    if leap and not found or len(found) > max(_STRAY, _STRAY_SHARE * stamp.size):
+        return none
+    return np.array(found, dtype=np.int64)
+
+
+def _split(stamp: IntArray, where: str) -> Split:
+    """Cut a stream at the backward steps of its stamps."""
     steps = np.diff(stamp)
     back = np.flatnonzero(steps < 0) + 1
     if not back.size:
@@ -117,6 +170,42 @@ def match_segments(pieces: dict[str, list[Stream]]) -> list[dict[str, Stream]]:
         for place, stream in zip(places, streams, strict=True):
             groups[place][role] = stream
     return groups
+
+
+def split_pauses(group: dict[str, Stream]) -> list[dict[str, Stream]]:
+    """Cut one recording where no stream has a sample for long.
+
+    A grid over a clock that was set forward would hold the years between. A command that is only
+    sent when it changes is no pause, since the state goes on.
+
+    Args:
+        group: The streams of one recording, by role.
+
+    Returns:
+        The recordings, one where there is no pause.
+    """
+    periods = [sample_period(x.stamp) for x in group.values()]
+    pause = round(1e9 * max(_PAUSE, _PAUSE_SAMPLES * min((x for x in periods if x), default=0.0)))
+    spans: list[tuple[int, int]] = []
+    for stream in group.values():
+        long = np.flatnonzero(np.diff(stream.stamp) > pause)
+        begins = stream.stamp[[0, *(long + 1)]]
+        spans += zip(begins.tolist(), stream.stamp[[*long, -1]].tolist(), strict=True)
+    spans.sort()
+    joined = [spans[0]]
+    for begin, end in spans[1:]:
+        first, last = joined[-1]
+        if begin - last > pause:
+            joined.append((begin, end))
+        else:
+            joined[-1] = first, max(last, end)
+    if len(joined) == 1:
+        return [group]
+    parts = []
+    for begin, end in joined:
+        cut = {role: stream.between(begin, end + 1) for role, stream in group.items()}
+        parts.append({role: stream for role, stream in cut.items() if stream is not None})
+    return parts
 
 
 def _places(streams: list[Stream], leader: list[Stream]) -> list[int]:

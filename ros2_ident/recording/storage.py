@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files of a bag: found, hashed, unpacked."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 import hashlib
 from pathlib import Path
 import re
+import shutil
 from tempfile import TemporaryDirectory
 
-import zstandard
-
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording.inflate import stated_size, unpack_zstd
+from ros2_ident.recording.limits import Limits, size_text, variable_of
 
 SUFFIXES = ('.mcap', '.db3', '.bag')
-_ZSTD = b'\x28\xb5\x2f\xfd'
 
 
 def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
@@ -62,50 +62,66 @@ def digest(files: Iterable[Path]) -> str:
     return total.hexdigest()
 
 
+def damaged(path: Path, text: str) -> IdentError:
+    """Return the refusal of a damaged file."""
+    return IdentError(ErrorCode.DAMAGED_BAG, f'{path}: {text}')
+
+
 @contextmanager
-def unpacked(files: list[Path]) -> Iterator[list[Path]]:
+def unpacked(files: list[Path], limits: Limits) -> Iterator[list[tuple[Path, bool]]]:
     """Give the files with those that are compressed as a whole (`.zstd`) unpacked for the while.
 
     Args:
         files: Storage files.
+        limits: How much of the disk they may take.
 
     Yields:
-        The files to read; a damaged one as far as it can be unpacked.
+        The files to read, and whether each is whole; a damaged one as far as it can be unpacked.
+
+    Raises:
+        IdentError: DAMAGED_BAG where one unpacks to more than allowed, or than the disk holds.
     """
     if all(x.suffix != '.zstd' for x in files):
-        yield files
+        yield [(x, True) for x in files]
         return
     with TemporaryDirectory() as room:
         plain = []
-        for path in files:
+        for number, path in enumerate(files):
             if path.suffix != '.zstd':
-                plain.append(path)
+                plain.append((path, True))
                 continue
-            target = Path(room, path.stem)
-            with path.open('rb') as source, target.open('wb') as sink:
-                _unpack_into(source.read(), sink.write)
-            plain.append(target)
+            target = Path(room, str(number), path.stem)
+            target.parent.mkdir()
+            plain.append((target, _unpack_file(path, target, limits)))
         yield plain
 
 
-def unpack_messages(data: list[bytes]) -> list[bytes]:
-    """Unpack messages that were compressed one by one, which only metadata.yaml would say."""
-    if not data or not data[0].startswith(_ZSTD):
-        return data
-    plain = []
-    for message in data:
-        parts: list[bytes] = []
-        _unpack_into(message, parts.append)
-        plain.append(b''.join(parts))
-    return plain
+def _unpack_file(path: Path, target: Path, limits: Limits) -> bool:
+    """Unpack a file; return whether it is whole."""
+    size = path.stat().st_size
+    # the disk is other programs' too
+    free = shutil.disk_usage(target.parent).free // 2
+    left = most = min(limits.unpacked, limits.total(size), free)
+    refusal = damaged(
+        path,
+        f'unpacks from {size_text(size)} to more than {size_text(most)}, the most that is allowed '
+        'or that the disk holds; unpack it by `zstd -d`, or raise '
+        f'{variable_of("unpacked")} (MiB) and {variable_of("ratio")}',
+    )
+    if stated_size(path) > most:
+        raise refusal
 
+    def pieces() -> Iterator[bytes]:
+        with path.open('rb') as source:
+            while block := source.read(1 << 20):
+                yield block
 
-def _unpack_into(data: bytes, write: Callable[[bytes], object]) -> None:
-    """Unpack zstd data as far as it is whole."""
-    unpacker = zstandard.ZstdDecompressor().decompressobj()
-    step = 1 << 16
-    for at in range(0, len(data), step):
-        try:
-            write(unpacker.decompress(data[at : at + step]))
-        except zstandard.ZstdError:
-            return
+    with target.open('wb') as sink:
+        for piece, whole in unpack_zstd(pieces):
+            left -= len(piece)
+            if left < 0:
+                raise refusal
+            sink.write(piece)
+            if not whole:
+                return False
+    return True

@@ -11,6 +11,8 @@ from ros2_ident.errors import ErrorCode, IdentError
 
 FIELDS = ('position', 'velocity', 'effort')
 ROLES = ('state', 'effort', 'command')
+# Stamps beyond, ns, are damage: their differences would not fit 64 bits.
+LATEST_STAMP = 1 << 62
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -16,14 +16,17 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import replacing_directory
 from ros2_ident.recording import cdr
-from ros2_ident.recording.bag import JOINT_STATE, Topics
+from ros2_ident.recording.bag import Topics
+from ros2_ident.recording.content import JOINT_STATE
+from ros2_ident.recording.db3_scan import CHECKSUM, topic_checksum
+from ros2_ident.recording.mcap_write import BagWriter
 from ros2_ident.recording.streams import FIELDS, Recording, Stream
 
 # Latched, as the messages that are still of use to those who come later.
@@ -79,7 +82,8 @@ def write_bag(
         topics: Topic names of the roles of a recording.
         mark: What the bag is, where it is made anew with every run; noted in its custom data. A
             bag there that has the same mark is replaced, anything else there is never touched.
-        storage: `mcap` (zstd compressed) or `sqlite3`.
+        storage: `mcap` (zstd compressed, with every checksum of the format) or `sqlite3`, with a
+            checksum of each topic in the custom data.
         custom: Texts for the custom data of metadata.yaml.
         others: Topics of other types, recorded as latched.
 
@@ -101,7 +105,7 @@ def write_bag(
     require_room(path, mark)
     noted = {**(custom or {}), **({MARK: mark} if mark else {})}
     with replacing_directory(path, replace=bool(mark)) as new:
-        writer = Writer(new, version=9, storage_plugin=_STORAGES[storage])
+        writer = BagWriter(new, version=9, storage_plugin=_STORAGES[storage])
         if storage == 'mcap':
             writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         for key, value in sorted(noted.items()):
@@ -110,7 +114,7 @@ def write_bag(
     return path
 
 
-def _write(writer: Writer, by_topic: Mapping[str, Stream], others: Sequence[Topic]) -> None:
+def _write(writer: BagWriter, by_topic: Mapping[str, Stream], others: Sequence[Topic]) -> None:
     """Write all messages in the order of their stamps."""
     store = get_typestore(Stores.ROS2_JAZZY)
     with writer:
@@ -130,6 +134,10 @@ def _write(writer: Writer, by_topic: Mapping[str, Stream], others: Sequence[Topi
             )
             messages.append([data for _, data in other.messages])
             stamps.append(np.array([when for when, _ in other.messages], dtype=np.int64))
+        if writer.storage_plugin == StoragePlugin.SQLITE3:  # a format without checksums
+            for connection, times, data in zip(connections, stamps, messages, strict=True):
+                pairs = [(int(times[k]), data[k]) for k in np.argsort(times, kind='stable')]
+                writer.set_custom_data(CHECKSUM + connection.topic, topic_checksum(pairs))
         when = np.concatenate(stamps)
         which = np.repeat(np.arange(len(messages)), [len(x) for x in messages])
         row = np.concatenate([np.arange(len(x)) for x in messages])

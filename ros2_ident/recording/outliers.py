@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Samples that jump away from those around them and back: wrong bits, lost digits, bad packets.
+
+A sample that a cubic through its neighbours misses by many times what it misses those by,
+for a few milliseconds, is nothing that a machine does. Such samples are left out, like samples
+that never came: left in, a set-point one millimetre off for one cycle moves friction by percents.
+A position that jumps and stays is only said: nobody knows which side is right.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray
+
+# Samples on each side that a cubic is laid through, and those between that are judged by it.
+_SIDE, _JUDGED = 10, 3
+# Longer than this from the sample before to the one after, s, it may have been so.
+_SHORT = 0.025
+# More of them, and more than this share, are how the signal is.
+_MANY, _MANY_SHARE = 20, 0.002
+# Rows looked at together: they stay in the cache.
+_BLOCK = 1 << 15
+# A jump that stays: so many times the steps around it and the fastest elsewhere.
+_STAYS_RATIO, _AROUND = 8.0, 25
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What counts as a jump of one kind of signal.
+
+    Attributes:
+        run: Samples that may jump in a row.
+        ratio: So many times farther off than the worst of the samples around.
+        share: Share of the signal's range that is no jump.
+        slip: Sampling periods by which a stamp may be off: a fast motion is no jump.
+    """
+
+    run: int
+    ratio: float
+    share: float
+    slip: float
+
+
+# A set-point is exact, a position nearly so; velocities and efforts are rough by themselves.
+_EXACT, _FINE, _ROUGH = Rule(3, 8.0, 1e-4, 0.0), Rule(3, 8.0, 1e-4, 1.0), Rule(1, 12.0, 0.05, 1.0)
+# A jump's neighbours are off by this share of it at most.
+_ALONE = 0.2
+# So many steps of a signal's resolution are no jump either.
+_STEPS, _FEW = 4.0, 9
+
+
+def rule_of(role: str, field: str) -> Rule:
+    """Return the rule for a field of a stream."""
+    if field == 'effort':
+        return _ROUGH
+    if role == 'command':
+        return _EXACT
+    return _FINE if field == 'position' else _ROUGH
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """Jumps of one signal.
+
+    Attributes:
+        rows: The samples that jump (N,).
+        size: The largest jump, in the signal's unit.
+        short: Whether each is over before a machine could do that.
+    """
+
+    rows: IntArray
+    size: float
+    short: bool = True
+
+
+def find_lone(stamp: IntArray, values: FloatArray, rule: Rule) -> Jumps | None:
+    """Find the samples of one signal that jump away and back.
+
+    Args:
+        stamp: Stamps (T,), ns, increasing.
+        values: The signal (T,), NaN where not measured.
+        rule: What counts as a jump.
+
+    Returns:
+        The samples, or None where there are none, or so many that the signal is like that.
+    """
+    there = np.flatnonzero(np.isfinite(values))
+    if there.size < 2 * _SIDE + 1:
+        return None
+    whole = there.size == values.size
+    x, time = (values, stamp) if whole else (values[there], stamp[there])
+    least = _floor(x, rule)
+    found = _candidates(x, rule, least)
+    most = max(_MANY, int(_MANY_SHARE * x.size))
+    if not found.size or found.size > 20 * most:
+        return None
+    rows: list[int] = []
+    largest, longest = 0.0, 0.0
+    for at in found.tolist():
+        if rows and at <= rows[-1] + _JUDGED:
+            continue
+        run, size = _run_at(time, x, at, rule, least)
+        if run:
+            rows += run
+            largest = max(largest, size)
+            longest = max(longest, float(time[run[-1] + 1] - time[run[0] - 1]) * 1e-9)
+    if not rows or len(rows) > most:
+        return None
+    return Jumps(there[np.array(rows)], largest, longest <= _SHORT)
+
+
+def _floor(x: FloatArray, rule: Rule) -> float:
+    """Return the least that is a jump: a few steps of the resolution, some of the range."""
+    few = x[:: max(1, x.size // _BLOCK)]
+    low, high = np.quantile(few, (0.005, 0.995))
+    steps = np.abs(np.diff(x[:_BLOCK]))
+    steps = steps[steps > 0.0]
+    if steps.size < _FEW:  # it stands still: a set-point has no resolution then, an encoder may
+        step = 0.0 if rule is _EXACT else float(steps.max(initial=0.0))
+    else:
+        step = float(np.quantile(steps, 0.01))
+    return max(_STEPS * step, rule.share * float(high - low), 1e-300)
+
+
+def _candidates(x: FloatArray, rule: Rule, least: float) -> IntArray:
+    """Return where a cubic through two samples on each side is far off, and not so beside it."""
+    near, far = 6, 8
+    # a run of samples shows half its jump at its edges
+    part_of = 1.0 if rule.run == 1 else 0.4
+    found = []
+    for begin in range(0, x.size, _BLOCK):
+        low, high = max(0, begin - far - 2), min(x.size, begin + _BLOCK + far + 2)
+        part = x[low:high]
+        size = part.size
+        off = np.zeros(size + 2 * far)
+        with np.errstate(over='ignore', invalid='ignore'):
+            outer, inner = part[:-4] + part[4:], part[1:-3] + part[3:-1]
+            off[far + 2 : far + size - 2] = np.abs(part[2:-2] - (4.0 * inner - outer) / 6.0)
+        rows = np.flatnonzero(off[far : far + size] > part_of * least)
+        beside = np.zeros(rows.size)
+        for shift in range(near, far + 1):
+            np.maximum(beside, off[far - shift + rows], out=beside)
+            np.maximum(beside, off[far + shift + rows], out=beside)
+        rows = rows[off[far + rows] > part_of * 0.8 * rule.ratio * beside] + low
+        found.append(rows[(rows >= begin) & (rows < begin + _BLOCK)])
+    return np.concatenate(found)
+
+
+def _run_at(
+    time: IntArray, x: FloatArray, at: int, rule: Rule, least: float
+) -> tuple[list[int], float]:
+    """Return the samples of a lone jump near a place, none where it is none, and its size."""
+    begin, end = max(0, at - _JUDGED), min(x.size, at + _JUDGED + 1)
+    low, high = max(0, begin - _SIDE), min(x.size, end + _SIDE)
+    if begin - low < 4 or high - end < 4:
+        return [], 0.0
+    around = np.r_[low:begin, end:high]
+    when = (time[low:high] - time[at]) / max(float(time[high - 1] - time[low]), 1.0)
+    powers = when[:, None] ** np.arange(4)
+    with np.errstate(over='ignore', invalid='ignore'):
+        cubic = np.linalg.lstsq(powers[around - low], x[around], rcond=None)[0]
+        off = np.abs(x[low:high] - powers @ cubic)
+        steps = np.diff(when)
+        usual = float(np.median(steps))
+        slip = rule.slip * usual + float(np.abs(steps - usual).max())
+        rest = float(off[around - low].max())
+        bound = max(rule.ratio * rest, least, abs(float(cubic[1])) * slip)
+    wrong = np.flatnonzero(off[begin - low : end - low] > bound) + begin
+    if not np.isfinite(bound) or not 0 < wrong.size <= rule.run:
+        return [], 0.0
+    if wrong[-1] - wrong[0] >= rule.run or wrong[0] < 1 or wrong[-1] >= x.size - 1:
+        return [], 0.0
+    size = float(off[wrong - low].max())
+    # a blow rings on, an oscillation sets in: only what leaves its neighbours alone is no motion
+    off[wrong - low] = 0.0
+    if float(off[begin - low : end - low].max()) > _ALONE * size:
+        return [], 0.0
+    return wrong.tolist(), size
+
+
+def find_lasting(stamp: IntArray, values: FloatArray) -> Jumps | None:
+    """Find where a position jumps farther than it ever moves, and stays.
+
+    Args:
+        stamp: Stamps (T,), ns, increasing.
+        values: The position (T,), NaN where not measured.
+    """
+    there = np.flatnonzero(np.isfinite(values))
+    if there.size < 4 * _AROUND:
+        return None
+    x, time = values[there], stamp[there]
+    steps = np.diff(time)
+    change = np.abs(np.diff(x))
+    usual = float(np.median(steps))
+    change[steps > 1.5 * usual] = 0.0
+    if not change.any():
+        return None
+    fastest = np.partition(change, -min(_MANY, change.size))[-min(_MANY, change.size)]
+    rows = np.flatnonzero(change > _STAYS_RATIO * max(float(fastest), _floor(x, _FINE)))
+    rows = rows[[_alone(change, int(k)) for k in rows]] if rows.size else rows
+    return Jumps(there[rows + 1], float(change[rows].max())) if rows.size else None
+
+
+def _alone(change: FloatArray, at: int) -> bool:
+    beside = np.r_[change[max(0, at - _AROUND) : at], change[at + 1 : at + 1 + _AROUND]]
+    return bool(change[at] > _STAYS_RATIO * beside.max(initial=0.0))
+
+
+def leave_out(
+    role: str, stamp: IntArray, names: Sequence[str], fields: Sequence[FloatArray | None]
+) -> list[str]:
+    """Set the lone jumps of a stream to NaN, in place.
+
+    Args:
+        role: `state`, `effort` or `command`.
+        stamp: Stamps (T,), ns, increasing.
+        names: The D joints.
+        fields: Position, velocity and effort, each (T, D) or None.
+
+    Returns:
+        What was found, one sentence for each signal.
+    """
+    said = []
+    for field, values in zip(FIELDS, fields, strict=True):
+        if values is None or (role, field) == ('command', 'effort'):
+            continue  # a feedforward may be anything, and is not used
+        for column, name in enumerate(names):
+            signal = values[:, column]
+            what = f'{role}: {field} of {name}'
+            lone = find_lone(stamp, signal, rule_of(role, field))
+            if lone is not None:
+                if lone.short:
+                    signal[lone.rows] = np.nan
+                then = _LEFT_OUT if lone.short else _USED
+                said.append(f'{what} {_where(stamp, lone)} and back; {then}')
+            lasting = None
+            if (role, field) == ('state', 'position'):
+                lasting = find_lasting(stamp, signal)
+            if lasting is not None:
+                said.append(f'{what} {_where(stamp, lasting)} and stays there; {_KEPT}')
+    return said
+
+
+_LEFT_OUT = 'that is no motion and is left out'
+_USED = 'it is used as it is: look whether that was so, or cut the log there'
+_KEPT = 'it is used as it is: look whether the encoder slipped, or cut the log there'
+
+
+def _where(stamp: IntArray, jumps: Jumps) -> str:
+    """Return size and place of jumps for a sentence."""
+    at = float(stamp[jumps.rows[0]] - stamp[0]) * 1e-9
+    if jumps.rows.size == 1:
+        return f'jumps by {jumps.size:.3g} at {at:.4f} s'
+    return f'jumps by up to {jumps.size:.3g} at {jumps.rows.size} samples, first at {at:.4f} s,'

@@ -1,0 +1,186 @@
+"""Fuzzing: whatever the bytes are, a log is read, salvaged or refused in one sentence.
+
+`benchmarks/fuzz_readers.py` does the same for hours; what it found lies in `corpus/readers`.
+"""
+
+from pathlib import Path
+import random
+import time
+
+from hypothesis import given, HealthCheck, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from reader_cases import COLUMNS, damage, kinds, outcome, START
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording import check, read_bag, RecordingBuilder
+from ros2_ident.recording.cdr import decode
+
+CORPUS = Path(__file__).parent / 'corpus' / 'readers'
+QUIET = settings(
+    max_examples=150,
+    deadline=10_000,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+KINDS = [
+    'mcap',
+    'mcap_bare',
+    'metadata',
+    'db3',
+    'db3_bare',
+    'mcap_plain',
+    'mcap_lz4',
+    'mcap_late',
+    'mcap_no_crc',
+    'mcap_zstd_no_crc',
+    'mcap_loose',
+    'bag_none',
+    'bag_bz2',
+    'bag_lz4',
+    'mcap_file_zstd',
+    'db3_message_zstd',
+    'table',
+    'columns',
+]
+
+
+@pytest.fixture(scope='module')
+def logs(tmp_path_factory):
+    return kinds(tmp_path_factory.mktemp('logs'))
+
+
+def answered(path):
+    """Read and judge; return the refusal, or None."""
+    try:
+        found = read_bag(path)
+    except IdentError as error:
+        assert error.code != ErrorCode.INTERNAL
+        assert error.message.isprintable(), repr(error.message)
+        return error.message
+    assert all(x.sentence.isprintable() for x in check(found).findings)
+    return None
+
+
+@pytest.mark.parametrize('path', sorted(CORPUS.iterdir()), ids=lambda x: x.name)
+def test_the_corpus_is_answered_at_once(path, tmp_path):
+    copy = tmp_path / path.name
+    copy.write_bytes(path.read_bytes())
+    if path.suffix == '.csv':
+        (tmp_path / f'{path.stem}.columns.yaml').write_text(COLUMNS)
+    begin = time.perf_counter()
+    answered(copy)
+    assert time.perf_counter() - begin < 10.0
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_damaged_logs_are_answered(logs, tmp_path, kind):
+    log = logs[kind]
+    truth = read_bag(log.write(tmp_path, log.data))
+
+    @settings(QUIET, max_examples=20)
+    @given(st.integers(0, 1 << 32), st.integers(1, 5))
+    def run(seed, times):
+        outcome(log.write(tmp_path, damage(log.data, random.Random(seed), times)), truth)
+
+    run()
+
+
+@QUIET
+@given(st.binary(max_size=400), st.sampled_from(['mcap', 'db3', 'bag', 'mcap.zstd', 'csv']))
+def test_any_bytes_are_answered(tmp_path, data, suffix):
+    (tmp_path / 'log.columns.yaml').write_text(COLUMNS)
+    heads = {'mcap': b'\x89MCAP0\r\n', 'db3': b'SQLite format 3\0', 'bag': b'#ROSBAG V2.0\n'}
+    path = tmp_path / f'log.{suffix}'
+    for head in (b'', heads.get(suffix, b'time,q1,q2,tau1,tau2,ref1,ref2\n')):
+        path.write_bytes(head + data)
+        answered(path)
+
+
+@QUIET
+@given(st.lists(st.binary(max_size=120), max_size=4))
+def test_any_message_is_decoded_or_refused(data):
+    messages = [b'\x00\x01\x00\x00' + x for x in data]
+    try:
+        blocks = decode(messages)
+    except ValueError:
+        return
+    assert sum(x.rows.size for x in blocks) == len(messages)
+
+
+NUMBERS = st.one_of(
+    st.floats(allow_nan=True, allow_infinity=True).map(repr),
+    st.integers(-(1 << 70), 1 << 70).map(str),
+    st.sampled_from(
+        ['', ' ', 'nan', '-inf', '1e400', '1e999999999', '1e-999999999', '0x1', '1_0']
+    ),
+    st.text(max_size=6),
+)
+
+
+@QUIET
+@given(
+    st.lists(st.lists(NUMBERS, max_size=9), max_size=12),
+    st.sampled_from(['utf-8', 'utf-16', 'latin-1', 'utf-8-sig']),
+    st.sampled_from(['\n', '\r\n', '\r']),
+    st.booleans(),
+)
+def test_any_table_is_answered(tmp_path, rows, encoding, end, regular):
+    names = 'time,q1,q2,tau1,tau2,ref1,ref2'
+    lines = [names, *(','.join(row) for row in rows)]
+    if regular:  # odd rows among many even ones
+        lines[1:1] = [f'{k * 1e-3:.3f},{k % 5},1,2,3,4,5' for k in range(40)]
+    path = tmp_path / 'log.csv'
+    path.write_bytes(end.join(lines).encode(encoding, 'replace'))
+    (tmp_path / 'log.columns.yaml').write_text(COLUMNS)
+    answered(path)
+
+
+YAML = st.recursive(
+    st.one_of(st.none(), st.booleans(), st.floats(), st.integers(), st.text(max_size=5)),
+    lambda x: st.one_of(
+        st.lists(x, max_size=3),
+        st.dictionaries(st.sampled_from(['column', 'unit', 'scale', 'position', 'a']), x),
+    ),
+    max_leaves=6,
+)
+
+
+@QUIET
+@given(st.sampled_from(['time', 'joints', 'delimiter', 'decimal', 'skip', 'header', 'x']), YAML)
+def test_any_map_is_answered(tmp_path, key, value):
+    import yaml
+
+    columns = yaml.safe_load(COLUMNS)
+    columns[key] = value
+    path = tmp_path / 'log.csv'
+    path.write_text('time,q1,q2,tau1,tau2,ref1,ref2\n0,1,2,3,4,5,6\n0.001,1,2,3,4,5,6\n')
+    (tmp_path / 'log.columns.yaml').write_text(yaml.safe_dump(columns))
+    answered(path)
+
+
+STAMPS = st.lists(
+    st.one_of(
+        st.integers(-(1 << 63), (1 << 63) - 1),
+        st.integers(0, 100).map(lambda k: START + k * 1_000_000),
+    ),
+    min_size=1,
+    max_size=40,
+)
+
+
+@QUIET
+@given(STAMPS, STAMPS)
+def test_any_stamps_make_recordings_or_a_sentence(state, command):
+    builder = RecordingBuilder('log')
+    try:
+        for role, stamp in (('state', state), ('command', command)):
+            values = np.arange(len(stamp), dtype=float)[:, None]
+            builder.add_block(role, np.array(stamp, dtype=np.int64), ['a'], values)
+        found = builder.build()
+    except IdentError as error:
+        assert error.message.isprintable()
+        return
+    for part in found:
+        assert all((np.diff(x.stamp) > 0).all() for x in part.streams.values())
+    check(found)

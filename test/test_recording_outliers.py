@@ -1,0 +1,108 @@
+"""Samples that jump away and back, in every stream: found, left out, said."""
+
+from identify_cases import ROOT
+import numpy as np
+import pytest
+from reader_cases import make_recording, START
+
+from ros2_ident.recording import check, read_bag, RecordingBuilder
+from ros2_ident.recording.outliers import find_lasting, find_lone, rule_of
+
+BAGS = ('axis_reversals', 'tripod_mixed', 'tripod_pick_and_place')
+
+
+def size_in(sentence):
+    return float(sentence.split('jumps by ')[1].split()[0])
+
+
+def rebuilt(recording, role, field, row, column, change, run=1):
+    """Return a recording with some samples of a signal off."""
+    builder = RecordingBuilder('log')
+    for name, x in recording.streams.items():
+        fields = {
+            f: None if (v := x.values(f)) is None else v.copy()
+            for f in ('position', 'velocity', 'effort')
+        }
+        if name == role:
+            fields[field][row : row + run, column] += change
+        builder.add_block(name, x.stamp, x.names, **fields)
+    return builder.build()
+
+
+@pytest.fixture(scope='module', params=BAGS)
+def bundled(request):
+    return read_bag(ROOT / 'bags' / request.param)[0]
+
+
+def test_nothing_is_found_in_the_bundled_bags(bundled):
+    assert bundled.warnings == ()
+
+
+@pytest.mark.parametrize('run', [1, 2, 3])
+@pytest.mark.parametrize('role', ['command', 'state'])
+def test_a_position_one_millimetre_off_is_left_out(bundled, role, run):
+    size = bundled.streams[role].stamp.size
+    for row in (size // 7, size // 2, size - 40):
+        (read,) = rebuilt(bundled, role, 'position', row, 0, 1e-3, run)
+        expected = bundled.streams[role].position.copy()
+        expected[row : row + run, 0] = np.nan
+        np.testing.assert_array_equal(read.streams[role].position, expected)
+        seconds = (bundled.streams[role].stamp[row] - bundled.streams[role].stamp[0]) * 1e-9
+        (said,) = read.warnings
+        assert f'{role}: position of {bundled.state.names[0]} jumps by' in said
+        assert (
+            f'at {seconds:.4f} s' in said or f'at {run} samples, first at {seconds:.4f} s' in said
+        )
+        assert 'is left out' in said
+        if run == 1:
+            assert size_in(said) == pytest.approx(1e-3, rel=0.03)
+        assert any(x.code == 'reading' and x.sentence == said for x in check([read]).findings)
+
+
+def test_an_effort_of_a_wrong_bit_is_left_out(bundled):
+    role = 'effort' if bundled.effort is not None else 'state'
+    (read,) = rebuilt(bundled, role, 'effort', 777, 0, 1e6)
+    assert np.isnan(read.streams[role].effort[777, 0])
+    assert f'{role}: effort of' in read.warnings[0]
+    (read,) = rebuilt(bundled, role, 'effort', 777, 0, 1e200)
+    assert 'infinite values are taken as not measured' in read.warnings[0]
+
+
+def test_a_position_that_jumps_and_stays_is_said_and_kept():
+    recording = make_recording(3000)
+    builder = RecordingBuilder('log')
+    position = recording.state.position.copy()
+    position[1500:, 1] += 0.5
+    builder.add_block('state', recording.state.stamp, recording.state.names, position)
+    (read,) = builder.build()
+    np.testing.assert_array_equal(read.state.position, position)
+    (said,) = read.warnings
+    assert 'position of drive_2 jumps by' in said and 'at 1.5000 s and stays there' in said
+    assert size_in(said) == pytest.approx(0.5, rel=0.03)
+
+
+def test_steps_blows_and_rare_samples_are_no_outliers():
+    stamp = START + np.arange(4000) * 1_000_000
+    rng = np.random.default_rng(0)
+    steps = np.repeat(rng.normal(size=40), 100)
+    assert find_lone(stamp, steps, rule_of('command', 'position')) is None
+    blow = rng.normal(size=4000) * 0.01
+    blow[2000:2200] += 3.0 * np.exp(-np.arange(200) / 8.0) * np.cos(np.arange(200))
+    assert find_lone(stamp, blow, rule_of('state', 'effort')) is None
+    noise = rng.standard_normal(4000)
+    assert find_lone(stamp, noise, rule_of('state', 'effort')) is None
+    assert find_lasting(stamp, np.cumsum(noise)) is None
+    encoder = np.round(rng.random(4000) * 0.6) * 1e-4
+    assert find_lone(stamp, encoder, rule_of('state', 'position')) is None
+    slow = np.zeros(200)
+    slow[100] = 1.0
+    found = find_lone(START + np.arange(200) * 20_000_000, slow, rule_of('command', 'position'))
+    assert found is not None and not found.short  # at 50 Hz it may have been so
+
+
+def test_a_gap_before_a_sample_is_no_jump():
+    stamp = START + np.delete(np.arange(3000), [1000, 2000]) * 1_000_000
+    late = stamp.copy()
+    late[1000] += 800_000
+    position = (stamp - START) * 2e-9
+    assert find_lone(late, position, rule_of('state', 'position')) is None
