@@ -217,6 +217,25 @@ def add_bags(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_outputs(parser: argparse.ArgumentParser) -> None:
+    """Add what is compared with the simulation."""
+    parser.add_argument(
+        '--outputs',
+        type=names,
+        default=(),
+        metavar='NAME[=W],..',
+        help='what is compared: of effort, position and velocity, each with a weight, or weighted '
+        'by its noise; effort alone by default',
+    )
+
+
+def outputs_of(args: argparse.Namespace) -> Any:
+    """Return what is compared, of parsed arguments; None for the effort alone."""
+    from ros2_ident.identify.outputs import read_outputs
+
+    return read_outputs(args.outputs)
+
+
 def conditions_of(args: argparse.Namespace) -> Any:
     """Return what differs between the bags of parsed arguments."""
     from ros2_ident.identify.layout import read_conditions

@@ -2,13 +2,14 @@
 """`ident identify`: a machine's parameters from a bag."""
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
     add_bags,
     add_drives,
     add_effort,
     add_machine,
+    add_outputs,
     add_scheduler,
     add_topics,
     assignment,
@@ -18,6 +19,7 @@ from ros2_ident.cli.arguments import (
     interval,
     machine_of,
     once,
+    outputs_of,
     parameters,
     positive,
     topics_of,
@@ -76,6 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     complete(fix, parameters)
     complete(bounds, parameters)
+    add_outputs(parser)
     parser.add_argument('--no-overlay', action='store_true', help='write no overlay bag')
     parser.add_argument('--no-report', action='store_true', help='write no report.html')
     parser.add_argument('--quiet', action='store_true', help='show no progress')
@@ -140,6 +143,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.report import print_page
     from ros2_ident.cli.table import print_result
     from ros2_ident.files import make_directory
+    from ros2_ident.identify.outputs import checked
     from ros2_ident.identify.result import Outcome
     from ros2_ident.identify.run import identify, read_data
     from ros2_ident.identify.setup import problem_of
@@ -147,10 +151,11 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.report.overlay import OVERLAY, require_place, verdict_of, write_overlay
 
     fixed, bounds = once(args.fix, '--fix'), once(args.bounds, '--bounds')
-    settings, conditions = settings_of(args), conditions_of(args)
+    settings, conditions, outputs = settings_of(args), conditions_of(args), outputs_of(args)
     machine = machine_of(args)
-    samples = {} if args.samples is None else {'samples': args.samples}
-    data = read_data(args.bag, machine, args.drives, topics=topics_of(args), **samples)
+    read: dict[str, Any] = {} if args.samples is None else {'samples': args.samples}
+    read['quantities'] = tuple(checked(outputs))
+    data = read_data(args.bag, machine, args.drives, topics=topics_of(args), **read)
     out = make_directory(args.out)
     if not args.no_overlay:
         require_place(out / OVERLAY, data, args.bag)
@@ -165,6 +170,7 @@ def run(args: argparse.Namespace) -> int:
             fixed=fixed,
             bounds=bounds,
             conditions=conditions,
+            outputs=outputs,
             settings=settings,
             seed=args.seed,
             cancel=cancel,
@@ -173,7 +179,12 @@ def run(args: argparse.Namespace) -> int:
             checkpoint=checkpoint,
         )
         problem = problem_of(
-            machine, data, drives=result.drives, fixed=result.fixed, conditions=conditions
+            machine,
+            data,
+            drives=result.drives,
+            fixed=result.fixed,
+            conditions=conditions,
+            outputs=outputs,
         )
         files = list(write_result(out, result, problem))
         if not args.no_overlay:

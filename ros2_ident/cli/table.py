@@ -56,13 +56,13 @@ def print_result(result: Identification) -> None:
     print(f'cost: genetic algorithm {cost.ga:.5g} {cost.unit}{refined}')
     for left in result.residuals:
         print(
-            f'{left.drive}: residual {left.rms:.5g} {cost.unit} RMS, '
-            f"{100.0 * left.share:.3g} % of the effort's"
+            f'{left.drive}: residual {left.rms:.5g} {left.unit or cost.unit} RMS, '
+            f"{100.0 * left.share:.3g} % of the {'log' if left.unit else 'effort'}'s"
         )
     for left in result.validation:
         print(
-            f'{left.drive}: residual {left.rms:.5g} {cost.unit} RMS over {left.samples} samples '
-            'that were not fitted on'
+            f'{left.drive}: residual {left.rms:.5g} {left.unit or cost.unit} RMS over '
+            f'{left.samples} samples that were not fitted on'
         )
     print(f'{result.evaluations} candidates in {duration(result.seconds)}, seed {result.seed}')
     for warning in result.quality.warnings:

@@ -41,6 +41,7 @@ class HeldOut:
         machine: The machine it was recorded on.
         drives: Drives that are identified.
         labels: The bag each recording came from.
+        quantities: What is compared.
     """
 
     recordings: tuple[Recording, ...]
@@ -48,6 +49,7 @@ class HeldOut:
     machine: Machine
     drives: tuple[str, ...]
     labels: tuple[str, ...]
+    quantities: tuple[str, ...] = ('effort',)
 
     def __iter__(self) -> Iterator[tuple[Dataset, str]]:
         """Align one part after the other, each with its label; unusable ones are left out."""
@@ -55,7 +57,7 @@ class HeldOut:
         for number, begin, end in self.windows:
             try:
                 part = self.recordings[number].between(begin, end)
-                dataset = _aligned(part, self.machine, self.drives, cycle)
+                dataset = _aligned(part, self.machine, self.drives, cycle, self.quantities)
             except IdentError:
                 continue
             yield _forgotten(dataset), self.labels[number]
@@ -108,6 +110,7 @@ def read_data(
     *,
     topics: Topics | None = None,
     samples: int = SAMPLES,
+    quantities: Sequence[str] = ('effort',),
 ) -> Data:
     """Read bags into what `identify` takes.
 
@@ -117,6 +120,7 @@ def read_data(
         drives: Drives to identify; all where None.
         topics: Topic names.
         samples: As for `gather`.
+        quantities: As for `gather`.
 
     Returns:
         The segments.
@@ -126,7 +130,7 @@ def read_data(
     """
     several = [bags] if isinstance(bags, str | Path) else bags
     recordings = [recording for bag in several for recording in read_bag(bag, topics)]
-    return gather(recordings, machine, drives, samples=samples)
+    return gather(recordings, machine, drives, samples=samples, quantities=quantities)
 
 
 def gather(
@@ -135,6 +139,7 @@ def gather(
     drives: Sequence[str] | None = None,
     *,
     samples: int = SAMPLES,
+    quantities: Sequence[str] = ('effort',),
 ) -> Data:
     """Bring recordings onto the controller's grid; unusable ones are left out with a warning.
 
@@ -144,6 +149,8 @@ def gather(
         drives: Drives to identify; all where None.
         samples: Effort samples to fit on, all drives together; of a longer log the windows are
             taken that tell most (see `recording.windows`), and others are held out.
+        quantities: What will be compared, so has to be in the log: of `effort`, `position` and
+            `velocity`.
 
     Returns:
         The segments that can be used.
@@ -165,7 +172,9 @@ def gather(
     held_out: HeldOut | None = None
     windows = choose_windows(recordings, chosen, samples)
     if windows is not None:
-        held_out = HeldOut(tuple(recordings), windows.check, machine, chosen, labels)
+        held_out = HeldOut(
+            tuple(recordings), windows.check, machine, chosen, labels, tuple(quantities)
+        )
         seconds = sum(end - begin for _, begin, end in windows.fit) * 1e-9
         warnings.append(
             f'the log has {windows.samples} effort samples: fitted on the {len(windows.fit)} '
@@ -180,7 +189,7 @@ def gather(
         if label:
             place = f'{label}, {place}'
         try:
-            dataset = _aligned(recording, machine, chosen, cycle)
+            dataset = _aligned(recording, machine, chosen, cycle, quantities)
             if dataset.duration < SHORTEST:
                 raise IdentError(
                     ErrorCode.NO_DATA,
@@ -253,13 +262,17 @@ def chosen_drives(machine: Machine, drives: Sequence[str] | None) -> tuple[str, 
 
 
 def _aligned(
-    recording: Recording, machine: Machine, chosen: tuple[str, ...], cycle: float
+    recording: Recording,
+    machine: Machine,
+    chosen: tuple[str, ...],
+    cycle: float,
+    quantities: Sequence[str] = ('effort',),
 ) -> Dataset:
-    """Align all drives of the machine; only the chosen ones need an effort."""
+    """Align all drives of the machine; only the chosen ones need what is compared."""
     everyone = chosen == machine.drives
-    need = ('effort',) if everyone else ()
+    need = tuple(quantities) if everyone else ()
     dataset = align(recording, machine.drives, cycle, need=need, effort_scale=machine.effort_scale)
-    if not everyone:
+    if not everyone and 'effort' in quantities:
         _check_efforts(recording, dataset, chosen)
     _check_motion(recording, dataset, chosen)
     return dataset
@@ -284,8 +297,8 @@ def _check_efforts(recording: Recording, dataset: Dataset, chosen: tuple[str, ..
 def _check_motion(recording: Recording, dataset: Dataset, chosen: tuple[str, ...]) -> None:
     """Refuse what would cost minutes and tell nothing."""
     where = recording.source or 'recording'
-    assert dataset.effort is not None
-    for name in chosen:
+    for name in chosen if dataset.effort is not None else ():
+        assert dataset.effort is not None
         row = dataset.effort[dataset.names.index(name)]
         there = row[~np.isnan(row)]
         if there.size and float(there.max()) == float(there.min()):

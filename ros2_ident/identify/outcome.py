@@ -79,7 +79,7 @@ def _gap(problem: Problem, left: tuple[DriveResidual, ...]) -> tuple[str, ...]:
         f'{x.drive}: the residual is {x.rms / noise:.2g} times the effort noise of the machine '
         'file; `ident diagnose` looks for what the model leaves out'
         for x in left
-        if noise > 0.0 and x.rms > WELL_ABOVE * noise
+        if noise > 0.0 and not x.unit and x.rms > WELL_ABOVE * noise
     )
 
 

@@ -272,6 +272,7 @@ class Problem:
                 float(np.sqrt(square[o] / max(1, count[o]))),
                 float(np.sqrt(square[o] / whole[o])) if whole[o] > 0.0 else float('nan'),
                 int(count[o]),
+                '' if output.quantity == outputs[0].quantity else output.unit,
             )
             for o, output in enumerate(outputs)
         )
@@ -288,6 +289,7 @@ def _together(parts: Sequence[DriveResidual]) -> DriveResidual:
         float(np.sqrt(square / max(1, samples))),
         float(np.sqrt(square / whole)) if whole > 0.0 else float('nan'),
         samples,
+        parts[0].unit,
     )
 
 

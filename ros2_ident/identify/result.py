@@ -92,12 +92,14 @@ class DriveResidual:
         share: The same over the RMS of the measured effort; times 100 it is the relative error of
             the EMPS benchmark.
         samples: Measured samples compared.
+        unit: Unit of `rms`; the cost's where empty.
     """
 
     drive: str
     rms: float
     share: float
     samples: int
+    unit: str = ''
 
 
 @dataclass(frozen=True, eq=False)

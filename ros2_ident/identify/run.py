@@ -12,6 +12,7 @@ from ros2_ident.identify.data import chosen_drives, Data, gather
 from ros2_ident.identify.data import read_data as read_data
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outcome import assemble
+from ros2_ident.identify.outputs import checked, Outputs
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification
 from ros2_ident.identify.settings import IdentifyProgress as IdentifyProgress
@@ -35,6 +36,7 @@ def identify(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     effects: Sequence[EffectAt] = (),
     conditions: Conditions | None = None,
+    outputs: Outputs | None = None,
     settings: IdentifySettings | None = None,
     seed: int = 0,
     cancel: Cancel | None = None,
@@ -58,6 +60,8 @@ def identify(
         bounds: (low, high) instead of the machine file's, by the same names.
         effects: Effects beside the nominal physics.
         conditions: What differs between the recordings.
+        outputs: What is compared: of `effort`, `position` and `velocity`, each with its weight,
+            None for one by its noise; the effort alone by default.
         settings: How to search.
         seed: Of the random generator.
         cancel: A `threading.Event` or the like; the best so far is kept.
@@ -78,11 +82,11 @@ def identify(
             ErrorCode.INVALID_GOAL, f'seed is {seed!r}; give a whole number of at least 0'
         )
     if model is not None:
-        if machine is not None or data is not None or drives or effects:
+        if machine is not None or data is not None or drives or effects or outputs:
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
-                'a model brings its own data, drives and effects; give either the model, or '
-                'machine and data',
+                'a model brings its own data, drives, effects and outputs; give either the model, '
+                'or machine and data',
             )
         problem = problem_of_models(model, fixed=fixed, bounds=bounds, conditions=conditions)
     elif machine is None or data is None:
@@ -92,13 +96,14 @@ def identify(
     else:
         problem = problem_of(
             machine,
-            _as_data(machine, data, drives),
+            _as_data(machine, data, drives, tuple(checked(outputs))),
             drives=drives,
             fixed=fixed,
             bounds=bounds,
             effects=effects,
             cutoff=settings.cutoff,
             conditions=conditions,
+            outputs=outputs,
         )
     return solve(
         problem,
@@ -137,7 +142,9 @@ def solve(
     return replace(result, validation=problem.validate(result.theta))
 
 
-def _as_data(machine: Machine, data: Measured, drives: Sequence[str] | None) -> Data:
+def _as_data(
+    machine: Machine, data: Measured, drives: Sequence[str] | None, quantities: Sequence[str]
+) -> Data:
     if isinstance(data, Data):
         return data
     if isinstance(data, Dataset):
@@ -147,7 +154,7 @@ def _as_data(machine: Machine, data: Measured, drives: Sequence[str] | None) -> 
     if datasets and not recordings:
         return Data(tuple(datasets))
     chosen_drives(machine, drives)
-    return gather(recordings, machine, drives)
+    return gather(recordings, machine, drives, quantities=quantities)
 
 
 def _plain(settings: IdentifySettings) -> dict[str, object]:

@@ -2,7 +2,7 @@
 """From a machine and its data to a problem."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import chosen_drives, Data
 from ros2_ident.identify.layout import Conditions, Layout
+from ros2_ident.identify.outputs import checked, EFFORT, Outputs, weights_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import complete, EffectAt, make_model, Model
@@ -32,6 +33,7 @@ class Setup:
         effects: Effects beside the nominal physics.
         cutoff: Low-pass of recorded motion where it drives the model [Hz].
         conditions: How the recordings differ.
+        outputs: What is compared, and its weight; see `outputs.weights_of`.
     """
 
     machine: Machine
@@ -42,6 +44,7 @@ class Setup:
     effects: Sequence[EffectAt] = ()
     cutoff: float = 100.0
     conditions: Conditions = Conditions()
+    outputs: Outputs = field(default_factory=lambda: dict(EFFORT))
 
     def problem(self) -> Problem:
         """Return the machine's model on every segment, as one problem.
@@ -51,7 +54,8 @@ class Setup:
         """
         machine, datasets = self.machine, self.data.datasets
         drives = chosen_drives(machine, self.drives)
-        _check_names(machine, self.data)
+        _check_names(machine, self.data, 'effort' in self.outputs)
+        weights = weights_of(self.outputs, datasets, drives, machine.effort_noise)
         efforts = effort_range(machine, datasets)
         free = make_model(
             machine,
@@ -60,6 +64,8 @@ class Setup:
             effects=self.effects,
             cutoff=self.cutoff,
             efforts=efforts,
+            quantities=tuple(self.outputs),
+            weights=weights,
         )
         known = [p.name for p in free.parameters]
         # Drives that only follow have no free parameters; their gears may be known all the same.
@@ -79,6 +85,8 @@ class Setup:
                 fixed=fixed,
                 cutoff=self.cutoff,
                 efforts=efforts,
+                quantities=tuple(self.outputs),
+                weights=weights,
             )
             for d in datasets
         ]
@@ -96,7 +104,13 @@ class Setup:
         """Make the problem of each part of a long log that is held out, one at a time."""
         for dataset, label in self.data.held_out or ():
             part = Data((dataset,), labels=(label,))
-            yield replace(self, data=part, bounds=None).problem()
+            # With the weights of what was fitted, so that all of it is in one unit.
+            drives = chosen_drives(self.machine, self.drives)
+            weights = weights_of(
+                self.outputs, self.data.datasets, drives, self.machine.effort_noise
+            )
+            outputs = dict(zip(self.outputs, weights, strict=True))
+            yield replace(self, data=part, bounds=None, outputs=outputs).problem()
 
 
 def problem_of(
@@ -109,6 +123,7 @@ def problem_of(
     effects: Sequence[EffectAt] = (),
     cutoff: float = 100.0,
     conditions: Conditions | None = None,
+    outputs: Outputs | None = None,
 ) -> Problem:
     """Return a machine's model on every segment, as one problem; arguments as for `Setup`.
 
@@ -117,7 +132,10 @@ def problem_of(
     """
     differ = conditions or Conditions()
     differ.check(data.labels)
-    return Setup(machine, data, drives, fixed, bounds, effects, cutoff, differ).problem()
+    compared = checked(outputs)
+    return Setup(
+        machine, data, drives, fixed, bounds, effects, cutoff, differ, compared
+    ).problem()
 
 
 def problem_of_models(
@@ -155,7 +173,7 @@ def problem_of_models(
     return Problem(several, layout, bounds=box, fixed=held)
 
 
-def _check_names(machine: Machine, data: Data) -> None:
+def _check_names(machine: Machine, data: Data, effort: bool) -> None:
     if not data.datasets:
         raise IdentError(
             ErrorCode.NO_DATA, 'there is no segment to identify from; record a motion first'
@@ -168,7 +186,7 @@ def _check_names(machine: Machine, data: Data) -> None:
                 f'the data hold {", ".join(dataset.names)} and not {", ".join(missing)}; '
                 "align them with the machine's drives",
             )
-        if dataset.effort is None:
+        if effort and dataset.effort is None:
             raise IdentError(
                 ErrorCode.MISSING_STREAM,
                 'the data hold no effort; record it, or name the topic that carries it',

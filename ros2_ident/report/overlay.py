@@ -109,7 +109,7 @@ def overlay_streams(problem: Problem, theta: Array) -> list[dict[str, Stream]]:
     for number, (model, dataset, recording) in enumerate(
         zip(problem.models, problem.data.datasets, problem.data.recordings, strict=True)
     ):
-        simulated = model.simulate(problem.own(number, theta))[0] / scale
+        simulated = model.simulate(problem.own(number, theta))[0, : len(problem.drives)] / scale
         stamp, cycle, measured = _measured(recording, dataset, problem.drives, scale)
         values = np.where(np.isnan(measured), np.nan, simulated[:, cycle].T)
         streams.append(
@@ -151,6 +151,8 @@ def write_overlay(
     """
     if len(problem.data.recordings) != len(problem.data.datasets) or not np.isfinite(theta).all():
         return ()
+    if problem.models[0].outputs[0].quantity != 'effort':
+        return ()  # there is no effort to lay the simulated one over
     names = topics or Topics()
     path = Path(path)
     written = []

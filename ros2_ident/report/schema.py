@@ -81,13 +81,20 @@ def to_mapping(result: Identification) -> dict[str, Any]:
 def _residuals(residuals: tuple[DriveResidual, ...]) -> dict[str, Any]:
     return {
         left.drive: {'rms': left.rms, 'share': left.share, 'samples': left.samples}
+        | ({'unit': left.unit} if left.unit else {})
         for left in residuals
     }
 
 
 def _read_residuals(data: Mapping[str, Any]) -> tuple[DriveResidual, ...]:
     return tuple(
-        DriveResidual(drive, _number(x['rms']), _number(x['share']), int(x['samples']))
+        DriveResidual(
+            drive,
+            _number(x['rms']),
+            _number(x['share']),
+            int(x['samples']),
+            str(x.get('unit', '')),
+        )
         for drive, x in data.items()
     )
 

@@ -66,7 +66,7 @@ def _curves(title: str, cycle: float, measured: Array, simulated: Array) -> Curv
 
 
 def signals_of_problem(problem: Problem, theta: Array) -> Signals:
-    """Simulate every segment with an estimate.
+    """Simulate every segment with an estimate; the first quantity compared of every drive.
 
     Args:
         problem: The problem.
@@ -81,8 +81,8 @@ def signals_of_problem(problem: Problem, theta: Array) -> Signals:
             _curves(
                 f'segment {number} of {count}' if count > 1 else '',
                 model.cycle,
-                model.measured,
-                model.simulate(problem.own(number - 1, theta)),
+                model.measured[: len(problem.drives)],
+                model.simulate(problem.own(number - 1, theta))[:, : len(problem.drives)],
             )
             for number, model in enumerate(problem.models, 1)
         ),

@@ -12,6 +12,7 @@ from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import chosen_drives
 from ros2_ident.identify.layout import Conditions, read_conditions
+from ros2_ident.identify.outputs import read_outputs
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.recording import Topics
@@ -59,6 +60,7 @@ def request_of(goal: Any, parameters: Snapshot, *, receiving: bool = False) -> R
         drives=chosen_drives(machine, drives),
         bag_paths=_bag_paths(goal, 'bag_path'),
         conditions=_conditions(goal),
+        outputs=read_outputs(tuple(goal.outputs)),
         topics=_topics(parameters),
         fixed=fixed,
         bounds=bounds,

@@ -16,6 +16,7 @@ import yaml
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.layout import Conditions
+from ros2_ident.identify.outputs import checked, Outputs
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification
 from ros2_ident.identify.run import identify
@@ -51,6 +52,7 @@ class Request:
         drives: Drives to identify, in the machine's order.
         bag_paths: Bags to read; none for what the node has received.
         conditions: What differs between the bags.
+        outputs: What is compared; the effort where None.
         topics: Names of the topics in the bag.
         fixed: Parameters held at a value.
         bounds: Bounds other than the machine file's.
@@ -64,6 +66,7 @@ class Request:
     drives: tuple[str, ...]
     bag_paths: tuple[str, ...] = ()
     conditions: Conditions = Conditions()
+    outputs: Outputs | None = None
     topics: Topics = field(default_factory=Topics)
     fixed: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -81,6 +84,7 @@ class Request:
             bounds=self.bounds,
             cutoff=self.settings.cutoff,
             conditions=self.conditions,
+            outputs=self.outputs,
         )
 
     @property
@@ -97,6 +101,7 @@ class Request:
             'budget': dict(vars(budget)),
             'seed': self.seed,
             **self.conditions.plain(),
+            **({'outputs': dict(self.outputs)} if self.outputs else {}),
         }
         machine = yaml.safe_load(self.machine_text) if self.machine_text else {}
         return yaml.safe_dump({'machine': machine, 'settings': settings}, sort_keys=False)
@@ -193,7 +198,8 @@ def run(
     """
     start = time.monotonic()
     recordings = recordings_of(request.bag_paths, request.topics, buffer)
-    data = gather(recordings, request.machine, request.drives)
+    compared = tuple(checked(request.outputs))
+    data = gather(recordings, request.machine, request.drives, quantities=compared)
     preview = on_preview and Preview(request.problem(data), on_preview, preview_period)
 
     def report(progress: IdentifyProgress) -> None:
@@ -209,6 +215,7 @@ def run(
         fixed=request.fixed,
         bounds=request.bounds,
         conditions=request.conditions,
+        outputs=request.outputs,
         settings=request.settings,
         seed=request.seed,
         cancel=cancel,

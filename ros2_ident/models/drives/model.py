@@ -88,7 +88,8 @@ class DriveModel(FullModel):
         self.signals = chosen_outputs(machine.drives, self.drives, quantities, weights)
         self._cycle = data.cycle
         self.name = machine.kind
-        self.noise = machine.effort_noise
+        # Stated for the effort only.
+        self.noise = machine.effort_noise if 'effort' in quantities else 0.0
         self.law = np.array([law == 'cascade_p' for law in machine.texts('law')], dtype=np.int64)
         self.efforts = effort_range(machine, [data]) if efforts is None else efforts
         self.candidates = Candidates(

@@ -99,7 +99,8 @@ def of_identification(result: Identification) -> list[Sentence]:
         level = 'doubtful' if warnings else 'good'
     out = [Sentence(level, headline.rstrip('.') + '.')]
     left = [
-        f'{quantity(x.rms, result.cost.unit, 3)} on {x.drive} ({percent(x.share)} of the effort)'
+        f'{quantity(x.rms, x.unit or result.cost.unit, 3)} on {x.drive} '
+        f'({percent(x.share)} of the {"log" if x.unit else "effort"})'
         for x in result.residuals
     ]
     if left:

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What of a recording is compared with the model, and how much each of it counts (eq. 2)."""
+
+from collections.abc import Mapping, Sequence
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording import Dataset
+
+Array = npt.NDArray[np.float64]
+
+QUANTITIES = ('effort', 'position', 'velocity')
+# What is compared, and its weight; None for one by its noise.
+Outputs = Mapping[str, float | None]
+EFFORT: Outputs = {'effort': None}
+
+# Differences of fourth order keep the noise and lose the motion; their gain on white noise.
+_ORDER = 4
+_GAIN = math.sqrt(math.comb(2 * _ORDER, _ORDER))
+# Median of the size of a normal number, in standard deviations.
+_MEDIAN = 0.6744897501960817
+
+
+def checked(outputs: Outputs | None) -> Outputs:
+    """Return what is compared, in the order of `QUANTITIES`; the effort where None.
+
+    Raises:
+        IdentError: INVALID_GOAL naming what is wrong.
+    """
+    given = dict(outputs) if outputs else dict(EFFORT)
+    for quantity, weight in given.items():
+        if quantity not in QUANTITIES:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{quantity!r} cannot be compared; choose from {", ".join(QUANTITIES)}',
+            )
+        if weight is not None and not (math.isfinite(weight) and weight > 0.0):
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'the weight of {quantity} is {weight:g}; give a number above 0',
+            )
+    return {q: given[q] for q in QUANTITIES if q in given}
+
+
+def read_outputs(texts: Sequence[str]) -> Outputs | None:
+    """Read what is compared from words as `effort` and `position=1e4`; None where there is none.
+
+    Raises:
+        IdentError: INVALID_GOAL where one is not understood.
+    """
+    found: dict[str, float | None] = {}
+    for text in texts:
+        name, equals, value = text.partition('=')
+        try:
+            found[name] = float(value) if equals else None
+        except ValueError:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{text!r} is no output; write its name, or its name and weight as position=1e4',
+            ) from None
+    return checked(found) if found else None
+
+
+def weights_of(
+    outputs: Outputs, datasets: Sequence[Dataset], drives: Sequence[str], effort_noise: float
+) -> tuple[float, ...]:
+    """Return the weight of each quantity.
+
+    Where none is given, each counts by what its samples tell: errors are divided by the noise of
+    the quantity and multiplied with that of the first one, in whose unit costs then are.
+
+    Args:
+        outputs: What is compared, from `checked`.
+        datasets: The recordings.
+        drives: The drives that are compared.
+        effort_noise: Standard deviation of the logged effort.
+    """
+    if len(outputs) == 1:
+        return tuple(1.0 if weight is None else weight for weight in outputs.values())
+    noise = [
+        effort_noise if q == 'effort' else _noise(q, datasets, drives) for q in outputs
+    ]
+    return tuple(
+        (noise[0] / own if own > 0.0 else 1.0) if weight is None else weight
+        for weight, own in zip(outputs.values(), noise, strict=True)
+    )
+
+
+def _noise(quantity: str, datasets: Sequence[Dataset], drives: Sequence[str]) -> float:
+    """Return the standard deviation of a quantity's noise, the drives' and recordings' median."""
+    found = []
+    for data in datasets:
+        values = getattr(data, quantity)
+        for name in drives if values is not None else ():
+            row = values[data.names.index(name)]
+            there = row[np.isfinite(row)]
+            if there.size < 100:
+                continue
+            fast = np.abs(np.diff(there, _ORDER)) / _GAIN
+            # Where neighbours are equal, the step of the log is the noise.
+            apart = np.diff(np.unique(there))
+            step = float(np.median(apart)) if apart.size else 0.0
+            found.append(max(float(np.median(fast)) / _MEDIAN, step / math.sqrt(12.0)))
+    return float(np.median(found)) if found else 0.0
