@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is compared is chosen and weighted; constants of the machine file are identified."""
 
+from dataclasses import replace
+from functools import cache
+
 from identify_cases import (
     axis,
     axis_bag,
@@ -23,6 +26,8 @@ from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
 from ros2_ident.models import machine_from_mapping
 from ros2_ident.recording import Stream
+from ros2_ident.reference.bag_making import nuisance_of, simulate_bag
+from ros2_ident.reference.motions import draw_motion
 from ros2_ident.report.files import load_result
 
 BOTH = {'effort': None, 'position': None}
@@ -57,19 +62,29 @@ def test_a_gain_and_a_mass_are_recovered_and_the_position_makes_them_sharp():
     assert units['drive_1'] == '' and units['drive_1.position'] == 'm'
 
 
+@cache
 def without_effort():
-    recording = recording_of(axis_bag())
+    """Return a log of the axis that holds set-point and position only."""
+    truth = {**AXIS_TRUTH, 'constant_force': 0.0}
+    motion = draw_motion('multi_point', axis(), 4.0, 2)
+    nuisance = replace(nuisance_of(axis()), position_step=1e-8)
+    recording = recording_of(simulate_bag(axis(), truth, motion, 1, nuisance))
     state = recording.state
     bare = Stream(state.names, state.stamp, position=state.position)
-    return recording_of(axis_bag(), state=bare, effort=None)
+    return replace(recording, state=bare, effort=None)
 
 
 def test_a_log_without_effort_is_identified_by_its_position():
     data = gather([without_effort()], axis(), quantities=('position',))
-    found = identify(axis(), data, outputs={'position': None}, seed=1)
+    # A constant in the log of the effort cannot show in the position.
+    found = identify(
+        axis(), data, fixed={'constant_force': 0.0}, outputs={'position': None}, seed=1
+    )
+    assert found.outcome is Outcome.IDENTIFIED
     assert found.cost.unit == 'm'
-    mass = found.parameter('emps_axis.moving_mass')
-    assert mass.value == pytest.approx(AXIS_TRUTH['moving_mass'], rel=0.02)
+    for name in ('moving_mass', 'viscous_friction', 'coulomb_friction'):
+        estimate = found.parameter(f'emps_axis.{name}')
+        assert estimate.value == pytest.approx(AXIS_TRUTH[name], rel=0.01), name
     with pytest.raises(IdentError) as caught:
         gather([without_effort()], axis())
     assert caught.value.code is ErrorCode.MISSING_STREAM
