@@ -120,3 +120,22 @@ def test_only_sizes_away_from_neutral_are_at_a_bound() -> None:
     assert at_bound(size, 2.0) and at_bound(size, 1.999)
     assert not at_bound(size, 0.0) and not at_bound(size, 1.9)
     assert not at_bound(replace(size, role='shape'), 2.0)
+
+
+def test_each_drive_has_its_own_measure() -> None:
+    tripod = load_machine(ROOT / 'config/tripod.yaml').with_constants(
+        torque_limit=(6.0, 3.0, math.inf), gear_factor=(80.0, 40.0, 20.0)
+    )
+    still = np.full((3, 4000), 0.2)
+    ramp = np.linspace(-1.0, 1.0, 4000)
+    effort = np.array([2.0 * ramp, 1.0 * ramp, 0.5 * ramp])
+    data = Dataset(tripod.drives, 5e-4, 0, still, 0.0 * still, None, None, effort)
+    model = make_model(tripod, data)
+    drives = tripod.drives
+    high = [model.scaled(EffectAt('coulomb_friction', d))[0].high for d in drives]
+    assert high == pytest.approx([2.0, 1.0, 0.5], rel=2e-3)
+    # A share of the limit is one of the drive's own, or of twice what it was seen to make.
+    limits = [model.effort_limit(d) for d in drives]
+    assert limits == pytest.approx([6.0, 3.0, 1.0], rel=2e-3)
+    heating = [model.scaled(EffectAt('friction_drift', d))[1].high for d in drives]
+    assert heating == pytest.approx([100.0 / x for x in (160.0, 40.0, 10.0)], rel=2e-3)

@@ -114,8 +114,6 @@ class Candidates:
         self._effects = tuple(effects)
         self._fixed = dict(fixed)
         self._base = base
-        self._gear = float(machine.numbers('gear_factor').max())
-        self._limit = float(machine.numbers('torque_limit').max())
         self._all = self._declared()
         self._known_names()
         free = [entry for entry in self._all if entry[0].name not in self._fixed]
@@ -210,11 +208,13 @@ class Candidates:
 
     def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:
         """Return an effect's parameters with the numbers they have at a place, in their units."""
-        effort = float(self._efforts[self._places(at)].max())
+        places = self._places(at)
+        effort = float(self._efforts[places].max())
+        force = float((self._efforts * self._machine.numbers('gear_factor'))[places].max())
         turns = self._machine.travel_unit == 'rad'
         out = []
         for p in get_effect(at.effect).parameters:
-            factor = self._factor(p.unit, effort, turns)
+            factor = self._factor(p.unit, effort, force, turns)
             out.append(
                 replace(
                     p,
@@ -227,10 +227,10 @@ class Candidates:
             )
         return tuple(out)
 
-    def _factor(self, unit: str, effort: float, turns: bool) -> float:
+    def _factor(self, unit: str, effort: float, force: float, turns: bool) -> float:
         """Return the factor on the numbers of an effect's parameter, see `EffectParameter`."""
         if unit == '1/W':
-            return 1.0 / (effort * self._gear * per_metre(self._machine.travel_unit))
+            return 1.0 / (force * per_metre(self._machine.travel_unit))
         factor = angular_factor(unit) if turns else 1.0
         return effort * factor if unit.startswith('effort') else factor
 
@@ -239,7 +239,7 @@ class Candidates:
 
         That is the limit, or, where none is stated, more than the drive was ever seen to make.
         """
-        limit = self._limit
+        limit = float(self._machine.numbers('torque_limit')[drive])
         return limit if math.isfinite(limit) else UNLIMITED * float(self._efforts[drive])
 
     # ------------------------------------------------------------------ rows

@@ -3,6 +3,7 @@
 
 from collections.abc import Iterator, Mapping
 import math
+from typing import Any
 
 from ros2_ident.machine.draft import Draft, Remark
 from ros2_ident.machine.keys import Key, Value
@@ -163,6 +164,11 @@ def _sought(
     return Key('parameters', name, unit, meaning, example, each=True, **rest)  # type: ignore[arg-type]
 
 
+def _all_sought(**keys: dict[str, Any]) -> tuple[Key, ...]:
+    """Return parameters that each drive has, by their names."""
+    return tuple(_sought(name, **about) for name, about in keys.items())
+
+
 DELAY = Key(
     'parameters',
     'measurement_delay',
@@ -194,44 +200,45 @@ INERTIA = _sought(
     high=1e3,
     force_unit='kg',
 )
-FRICTION = (
-    _sought(
-        'coulomb_torque', 'N m', 'Coulomb friction', (0.0, 0.5), low=0.0, high=1e5, force_unit='N'
+FRICTION = _all_sought(
+    coulomb_torque=dict(
+        unit='N m',
+        meaning='Coulomb friction',
+        example=(0.0, 0.5),
+        low=0.0,
+        high=1e5,
+        force_unit='N',
     ),
-    _sought(
-        'viscous_torque',
-        'N m s/m',
-        'viscous friction',
-        (0.0, 0.5),
+    viscous_torque=dict(
+        unit='N m s/m',
+        meaning='viscous friction',
+        example=(0.0, 0.5),
         low=0.0,
         high=1e7,
         force_unit='N s/m',
     ),
-    _sought(
-        'coulomb_friction',
-        'N',
-        'the same where the effort is a force',
-        (0.0, 60.0),
+    coulomb_friction=dict(
+        unit='N',
+        meaning='the same where the effort is a force',
+        example=(0.0, 60.0),
         low=0.0,
         high=1e5,
         force_unit='N',
         shown=False,
     ),
-    _sought(
-        'viscous_friction',
-        'N s/m',
-        'the same where the effort is a force',
-        (0.0, 500.0),
+    viscous_friction=dict(
+        unit='N s/m',
+        meaning='the same where the effort is a force',
+        example=(0.0, 500.0),
         low=0.0,
         high=1e7,
         force_unit='N s/m',
         shown=False,
     ),
-    _sought(
-        'constant_force',
-        'N m',
-        'a constant in the logged effort',
-        (-1.0, 1.0),
+    constant_force=dict(
+        unit='N m',
+        meaning='a constant in the logged effort',
+        example=(-1.0, 1.0),
         low=-1e6,
         high=1e6,
         force_unit='N',
