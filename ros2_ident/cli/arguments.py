@@ -162,7 +162,8 @@ def parameters(parsed_args: argparse.Namespace, **_: Any) -> list[str]:
 def effects(prefix: str, **_: Any) -> list[str]:
     """Complete effects: each is a module, so that none has to be loaded."""
     folder = Path(__file__).parents[1] / 'effects'
-    found = [path.stem for path in sorted(folder.glob('[a-z]*.py')) if path.stem != 'effect']
+    modules = {path.stem for path in folder.glob('[a-z]*.py')}
+    found = sorted(modules - {'effect', 'loading'})
     return _after_comma(prefix, found)
 
 
