@@ -12,6 +12,7 @@ import pytest
 
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.run import identify, IdentifySettings
 from ros2_ident.models import load_machine, make_model
@@ -51,10 +52,14 @@ class TwoMass(DriveModel):
         raise NotImplementedError
 
     def simulate(self, theta):
-        return np.stack([self._force(row) for row in np.atleast_2d(theta)])
+        return self.moved(theta)[0]
 
     def simulate_at(self, theta, there):
         return self.simulate(theta)[:, there]
+
+    def residuals(self, theta):
+        there = ~np.isnan(self.measured)
+        return self.measured[there] - self.simulate_at(theta, there)
 
     def costs(self, theta, limit=np.inf, stop=None):
         square = (self.simulate(theta) - self.measured) ** 2
@@ -63,29 +68,37 @@ class TwoMass(DriveModel):
     def work(self, theta):
         return np.ones(len(np.atleast_2d(theta)), dtype=np.int64)
 
-    def _force(self, theta):
-        named = dict(self.fixed) | {p.name: v for p, v in zip(self.parameters, theta)}
-        out = []
-        for drive in self.drives:
+    def extensions(self):
+        return ()
+
+    def finer(self, theta):
+        return None
+
+    def moved(self, theta):
+        """Return force, position and speed (S, D, K) of the motors."""
+        theta = np.atleast_2d(theta)
+        named = {name: np.full(len(theta), value) for name, value in self.fixed.items()}
+        named |= {p.name: column for p, column in zip(self.parameters, theta.T)}
+        out = np.empty((3, len(theta), len(self.drives), self.data.cycles))
+        for number, drive in enumerate(self.drives):
             d = self.data.names.index(drive)
             motor, load = self.machine.number('motor_mass', drive), named[drive + '.moving_mass']
             spring = named[drive + '.gear_stiffness']
             gains = [self.machine.number(k, drive) for k in ('position_gain', 'velocity_gain')]
             target = self.data.command_position[d]
-            z = s = target[0]
-            v = w = 0.0
+            z = s = np.full(len(theta), target[0])
+            v = w = np.zeros(len(theta))
             h = self.cycle / STEPS
-            force = np.empty(target.size)
             for k, aim in enumerate(target):
-                force[k] = gains[1] * (gains[0] * (aim - z) - v)
+                force = gains[1] * (gains[0] * (aim - z) - v)
+                out[:, :, number, k] = force, z, v
                 for _ in range(STEPS):
                     pull = spring * (z - s) + 40.0 * (v - w)
-                    v += h * (force[k] - pull) / motor
-                    w += h * pull / load
-                    z += h * v
-                    s += h * w
-            out.append(force)
-        return np.array(out)
+                    v = v + h * (force - pull) / motor
+                    w = w + h * pull / load
+                    z = z + h * v
+                    s = s + h * w
+        return out
 
 
 def judge(draft):
@@ -114,7 +127,7 @@ drives: [slide]
 effort_unit: N
 effort_noise: 0.05
 drive: {motor_mass: 2.0}
-controller: {law: cascade_p, cycle: 2.0e-3, position_gain: 12.0, velocity_gain: 120.0}
+controller: {law: cascade_pi, cycle: 2.0e-3, position_gain: 12.0, velocity_gain: 120.0}
 parameters:
   moving_mass: [1.0, 10.0, kg]
   gear_stiffness: [500.0, 5000.0, N/m]
@@ -140,8 +153,8 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     sys.modules.pop('two_mass_axis', None)
 
 
-def recording(machine) -> Recording:
-    """Return a log of the machine with noise."""
+def recording(machine, seed=1, ripple=0.0) -> Recording:
+    """Return a log of the machine with noise, and a force the model knows nothing of."""
     cycle = machine.number('cycle')
     time = np.arange(1500) * cycle
     ramp = np.clip(time / 0.3, 0.0, 1.0) ** 3
@@ -149,11 +162,13 @@ def recording(machine) -> Recording:
     rate = np.gradient(command, cycle, axis=1)
     data = Dataset(machine.drives, cycle, 0, command, rate, None, None, np.zeros_like(command))
     model = make_model(machine, data)
-    force = model.simulate(np.array([[TRUTH[p.name] for p in model.parameters]]))[0]
-    force += 0.05 * np.random.default_rng(1).standard_normal(force.shape)
+    truth = np.array([TRUTH[p.name] for p in model.parameters])
+    force, place, speed = model.moved(truth)[:, 0]
+    force = force + ripple * np.sin(900.0 * place)
+    force += 0.05 * np.random.default_rng(seed).standard_normal(force.shape)
     stamp = np.round(time * 1e9).astype(np.int64)
     return Recording(
-        Stream(machine.drives, stamp, command.T, rate.T),
+        Stream(machine.drives, stamp, place.T, speed.T),
         effort=Stream(machine.drives, stamp, effort=force.T),
         command=Stream(machine.drives, stamp, command.T, rate.T),
     )
@@ -186,6 +201,19 @@ def test_it_is_identified_from_a_bag_like_any_other(installed, tmp_path):
         assert result.parameter(name).value == pytest.approx(value, rel=0.02)
     assert result.model == 'two_mass'
     assert result.cost.refined == pytest.approx(0.05, rel=0.1)
+
+
+def test_it_is_diagnosed_like_any_other(installed):
+    machine = load_machine(installed)
+
+    def found(ripple):
+        data = gather([recording(machine, ripple=ripple)], machine)
+        return diagnose(machine, data.datasets, seed=1)
+
+    assert found(0.0).effect == 'none'
+    gap = found(0.2)
+    assert gap.effect == 'unknown' and gap.where == ('slide',)
+    assert gap.per_drive['slide'].before > 2.0 * gap.per_drive['slide'].noise_floor
 
 
 def test_a_kind_that_its_package_does_not_hold_spoils_no_other(installed):
