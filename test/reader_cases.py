@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small logs of every kind, ways to damage them, and what may come of reading a damaged one."""
 
 from collections.abc import Callable

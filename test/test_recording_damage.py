@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Damaged and crafted logs: what is whole is read and what is lost is said, within bounds."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fuzzing: whatever the bytes are, a log is read, salvaged or refused in one sentence.
 
 `benchmarks/fuzz_readers.py` does the same for hours; what it found lies in `corpus/readers`.

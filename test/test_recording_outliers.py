@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples that jump away and back, in every stream: found, left out, said."""
 
 from identify_cases import ROOT
