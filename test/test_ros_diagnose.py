@@ -119,7 +119,9 @@ def test_a_goal_gives_feedback_a_result_and_a_latched_gap(shared: Any) -> None:
     assert math.isnan(torque.genetic_value)
 
     stages = [x.stage for x in feedback]
-    assert stages[0] == 'reading the recordings' and len(set(stages)) > 2
+    # A bag may be read before the first feedback is due.
+    first = ('reading the recordings', 'identifying the nominal parameters')
+    assert stages[0] in first and len(set(stages)) > 2
     fractions = [x.fraction for x in feedback]
     assert all(0.0 <= x <= 1.0 for x in fractions)
     assert [x.elapsed for x in feedback] == sorted(x.elapsed for x in feedback)
