@@ -265,7 +265,8 @@ def test_a_signal_ends_a_run_and_keeps_its_result(
 ) -> None:
     from ros2_ident_msgs.msg import IdentificationResult
 
-    with identifier(domain, tmp_path, 'initial_population:=4000') as node:
+    # Long enough on any machine to be in the middle of it.
+    with identifier(domain, tmp_path, 'initial_population:=1000000') as node:
         feedback = []
         listener.send(bag_goal(), feedback.append)
         listener.until(lambda: len(feedback) > 1, 'feedback', 60.0)
