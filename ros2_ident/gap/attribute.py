@@ -19,6 +19,7 @@ from ros2_ident.gap.screen import seen_in_log, Start
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt
 from ros2_ident.search import Threads, Workers
+from ros2_ident.search.evaluators import RunTasks
 from ros2_ident.search.fit import fit
 from ros2_ident.search.settings import FitProgress, FitSettings
 
@@ -140,17 +141,22 @@ class Attribution:
         self, base: Explanation, candidates: Sequence[EffectAt]
     ) -> dict[EffectAt, list[Start]]:
         """Screen every candidate on top of a base; those already in it are left out."""
+        with self.workers.tasks(Trials(self.fits, base)) as run:
+            return self._screened(run, base, candidates)
+
+    def _screened(
+        self, run: RunTasks, base: Explanation, candidates: Sequence[EffectAt]
+    ) -> dict[EffectAt, list[Start]]:
         new = [c for c in candidates if c not in base.effects]
         found: dict[EffectAt, list[Start]] = {}
-        with self.workers.tasks(Trials(self.fits, base)) as run:
-            for done, (candidate, starts) in enumerate(
-                zip(new, run('starts', [(c,) for c in new]), strict=True), 1
-            ):
-                if starts:
-                    found[candidate] = starts
-                self.on_step(
-                    0.5 * done / len(new), f'looking at {candidate.effect} on {candidate.where}'
-                )
+        for done, (candidate, starts) in enumerate(
+            zip(new, run('starts', [(c,) for c in new]), strict=True), 1
+        ):
+            if starts:
+                found[candidate] = starts
+            self.on_step(
+                0.5 * done / len(new), f'looking at {candidate.effect} on {candidate.where}'
+            )
         return found
 
     def round(self, base: Explanation, candidates: Sequence[EffectAt], fits: int = _FITS) -> Round:
@@ -164,13 +170,13 @@ class Attribution:
         Returns:
             The screened gains and the joint fits, the best on both parts first.
         """
-        screened = self.look(base, candidates)
-        chosen: list[tuple[EffectAt, Start | Array]] = [
-            (start.candidate, start) for start in self._promising(screened, fits)
-        ]
-        chosen += self._shown(base, candidates)
         begun: list[Explanation] = []
         with self.workers.tasks(Trials(self.fits, base)) as run:
+            screened = self._screened(run, base, candidates)
+            chosen: list[tuple[EffectAt, Start | Array]] = [
+                (start.candidate, start) for start in self._promising(screened, fits)
+            ]
+            chosen += self._shown(base, candidates)
             tasks = [(candidate, start, _HEAT) for candidate, start in chosen]
             for finished, ((candidate, _), e) in enumerate(
                 zip(chosen, run('begin', tasks), strict=True), 1
