@@ -2,7 +2,8 @@
 """The recordings of one machine, and what any extended model makes of them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -167,7 +168,7 @@ class Part:
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out what is made again."""
-        return {**self.__dict__, '_joints': {}}
+        return {f.name: getattr(self, f.name) for f in fields(self)} | {'_joints': {}}
 
     def with_effects(self, effects: Sequence[EffectAt]) -> Joint:
         """Return the models with these effects."""
@@ -179,7 +180,7 @@ class Part:
             kept.pop(next(iter(kept)), None)
         return found
 
-    @property
+    @cached_property
     def law_masks(self) -> tuple[Mask, ...]:
         """For each of `seen`, (D, K) where its effort is compared with the controllers'."""
         out = []
@@ -189,12 +190,12 @@ class Part:
             out.append(later)
         return tuple(out)
 
-    @property
+    @cached_property
     def drive(self) -> npt.NDArray[np.int64]:
         """(R,) the drive of each value that `Joint.residual` returns."""
         return _drives_of(self.masks)
 
-    @property
+    @cached_property
     def law_drive(self) -> npt.NDArray[np.int64]:
         """(L,) the drive of each value that `Joint.law_residual` returns."""
         return _drives_of(self.law_masks)

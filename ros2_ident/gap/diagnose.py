@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution, visibility
-from ros2_ident.gap.case import Case, Recordings, recordings_from, recordings_of
+from ros2_ident.gap.case import Case, Recordings, recordings_from, recordings_of, SETTLE
 from ros2_ident.gap.compose import compose
 from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.diagnosis import Diagnosis
@@ -368,7 +368,7 @@ def _floor(case: Case, base: Explanation) -> Floor:
         joint = part.with_effects(())
         for number, model in enumerate(joint.models):
             residual = model.measured - model.simulate(joint.own(number, base.theta))[0]
-            residual[:, : int(round(0.1 / model.cycle))] = np.nan
+            residual[:, : int(round(SETTLE / model.cycle))] = np.nan
             # Without a check bag both parts are blocks of the same recordings.
             residuals[id(part.models[number])] = residual
             datasets[id(part.models[number])] = model.data

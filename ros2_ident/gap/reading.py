@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
-from ros2_ident.gap.case import Case
+from ros2_ident.gap.case import Case, LAW_SETTLE
 from ros2_ident.models import FullModel
 from ros2_ident.models.recorded import RecordedMotion
 
@@ -26,8 +26,8 @@ SMALLEST, LARGEST = 4e-6, 1.5e-4
 CLEAR = 30.0
 # Mean square, in units of the floor, from which on something else than steps is missed.
 LOST = 2500.0
-# What is slower is no step, s; and what is left out at the log's start.
-_SLOW, _SETTLE = 0.05, 0.15
+# What is slower is no step, s.
+_SLOW = 0.05
 _BINS = 2**20
 
 
@@ -91,7 +91,7 @@ def coarse_reading(
     row = model.places.index(drive)
     wanted = np.isfinite(model.measured)
     wanted[np.arange(len(wanted)) != row] = False
-    wanted[:, : int(_SETTLE / model.cycle)] = False
+    wanted[:, : int(LAW_SETTLE / model.cycle)] = False
     there = np.flatnonzero(wanted[row])
     missed = model.measured[wanted] - model.replay_law(seen, theta[None], wanted)[0]
     when = there - float(model.effort_delay(theta)[row]) / model.cycle
