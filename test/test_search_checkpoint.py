@@ -55,7 +55,15 @@ def test_a_run_that_spent_its_budget_goes_on_with_a_larger_one(tmp_path):
     assert again.theta.tobytes() == whole.theta.tobytes()
 
 
-@pytest.mark.parametrize('other', [{'seed': 4}, {'fixed': {'viscous_friction': 200.0}}])
+@pytest.mark.parametrize(
+    'other',
+    [
+        {'seed': 4},
+        {'fixed': {'viscous_friction': 200.0}},
+        {'outputs': {'effort': 2.0}},
+        {'settings': replace(QUICK, cutoff=50.0)},
+    ],
+)
 def test_the_checkpoint_of_another_fit_is_refused(tmp_path, other):
     path = tmp_path / 'fit.npz'
     few = replace(QUICK, budget=Budget(evaluations=140))
@@ -63,7 +71,8 @@ def test_the_checkpoint_of_another_fit_is_refused(tmp_path, other):
     before = path.read_bytes() if path.exists() else b''
     assert before
     with pytest.raises(IdentError, match='belongs to a fit of other data'):
-        identify(axis(), axis_data(), settings=QUICK, **{'seed': 3, **other}, checkpoint=path)
+        again = {'settings': QUICK, 'seed': 3, **other}
+        identify(axis(), axis_data(), **again, checkpoint=path)
     assert path.read_bytes() == before
 
 

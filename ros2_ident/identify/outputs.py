@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.kernel.measurement import QUANTITIES
 from ros2_ident.recording import Dataset
 
 Array = npt.NDArray[np.float64]
 
-QUANTITIES = ('effort', 'position', 'velocity')
 # What is compared, and its weight; None for one by its noise.
 Outputs = Mapping[str, float | None]
 EFFORT: Outputs = {'effort': None}

@@ -142,12 +142,11 @@ class Problem:
     def key(self) -> str:
         """A digest of what the fit depends on: another one, another fit."""
         total = hashlib.sha256(sources().encode())
-        total.update(repr((self.name, self.names, self.low, self.high, self.fixed)).encode())
+        total.update(repr((self.name, self.names, self.fixed, self.setup)).encode())
+        total.update(np.concatenate([self.low, self.high]).tobytes())
         for model in self.models:
+            total.update(repr(model.outputs).encode())
             total.update(np.ascontiguousarray(model.measured).tobytes())
-        if self.setup is not None:
-            total.update(repr((self.setup.machine, self.setup.conditions)).encode())
-            total.update(repr([m.effects for m in self.models]).encode())
         return total.hexdigest()
 
     @property

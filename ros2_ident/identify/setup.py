@@ -37,7 +37,7 @@ class Setup:
     """
 
     machine: Machine
-    data: Data
+    data: Data = field(repr=False)
     drives: Sequence[str] | None = None
     fixed: Mapping[str, float] | None = None
     bounds: Mapping[str, tuple[float, float]] | None = None
@@ -55,7 +55,7 @@ class Setup:
         machine, datasets = self.machine, self.data.datasets
         drives = chosen_drives(machine, self.drives)
         _check_names(machine, self.data, 'effort' in self.outputs)
-        weights = weights_of(self.outputs, datasets, drives, machine.effort_noise)
+        weights = self._weights()
         efforts = effort_range(machine, datasets)
         free = make_model(
             machine,
@@ -102,15 +102,15 @@ class Setup:
 
     def held_out(self) -> Iterator[Problem]:
         """Make the problem of each part of a long log that is held out, one at a time."""
+        # With the weights of what was fitted, so that all of it is in one unit.
+        outputs = dict(zip(self.outputs, self._weights(), strict=True))
         for dataset, label in self.data.held_out or ():
             part = Data((dataset,), labels=(label,))
-            # With the weights of what was fitted, so that all of it is in one unit.
-            drives = chosen_drives(self.machine, self.drives)
-            weights = weights_of(
-                self.outputs, self.data.datasets, drives, self.machine.effort_noise
-            )
-            outputs = dict(zip(self.outputs, weights, strict=True))
             yield replace(self, data=part, bounds=None, outputs=outputs).problem()
+
+    def _weights(self) -> tuple[float, ...]:
+        drives = chosen_drives(self.machine, self.drives)
+        return weights_of(self.outputs, self.data.datasets, drives, self.machine.effort_noise)
 
 
 def problem_of(
