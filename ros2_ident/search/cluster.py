@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evaluate candidates on a Dask cluster."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future, wait
 from contextlib import contextmanager, suppress
 import math
@@ -71,13 +71,8 @@ class Cluster:
         Raises:
             IdentError: INVALID_GOAL where there is no Dask, no scheduler, or no worker.
         """
-        with self._client(cancel) as client:
-
-            def carrier(digest: str, packed: bytes) -> Carrier:
-                return _DaskCarrier(digest, packed, client, cancel)
-
-            with remote(objective, carrier) as evaluators:
-                yield evaluators
+        with self._carrier(cancel) as carrier, remote(objective, carrier) as evaluators:
+            yield evaluators
 
     @contextmanager
     def tasks(self, subject: Subject) -> Iterator[RunTasks]:
@@ -86,22 +81,17 @@ class Cluster:
         Raises:
             IdentError: As `open`.
         """
-        with self._client(None) as client:
-
-            def carrier(digest: str, packed: bytes) -> Carrier:
-                return _DaskCarrier(digest, packed, client, None)
-
-            with remote_tasks(subject, carrier) as run:
-                yield run
+        with self._carrier(None) as carrier, remote_tasks(subject, carrier) as run:
+            yield run
 
     @contextmanager
-    def _client(self, cancel: Cancel | None) -> Iterator[Any]:
-        """Connect to the scheduler, and wait for its workers."""
+    def _carrier(self, cancel: Cancel | None) -> Iterator[Callable[[str, bytes], Carrier]]:
+        """Connect to the scheduler, wait for its workers, and give what makes a carrier."""
         own = isinstance(self._scheduler, str)
         client = connect(self._scheduler) if own else self._scheduler
         try:
             _await_workers(client, cancel)
-            yield client
+            yield lambda digest, packed: _DaskCarrier(digest, packed, client, cancel)
         finally:
             if own:
                 client.close()

@@ -221,6 +221,19 @@ class _Costs(Queue):
 
 
 @contextmanager
+def _carried(
+    subject: Subject, make_carrier: Callable[[str, bytes], Carrier]
+) -> Iterator[Carrier]:
+    """Bring an object to a carrier's workers; `make_carrier` takes its digest and the pickle."""
+    packed = pickle.dumps(subject, protocol=pickle.HIGHEST_PROTOCOL)
+    carrier = make_carrier(hashlib.sha256(packed).hexdigest(), packed)
+    try:
+        yield carrier
+    finally:
+        carrier.close()
+
+
+@contextmanager
 def remote(
     objective: Objective, make_carrier: Callable[[str, bytes], Carrier]
 ) -> Iterator[Evaluators]:
@@ -230,17 +243,12 @@ def remote(
         objective: What to evaluate; is pickled once.
         make_carrier: Takes the digest and the packed objective.
     """
-    packed = pickle.dumps(objective, protocol=pickle.HIGHEST_PROTOCOL)
-    carrier = make_carrier(hashlib.sha256(packed).hexdigest(), packed)
-    try:
-        with Threads().open(objective) as here:
-            # A candidate's residuals are as long as the log: sending them takes longer than
-            # simulating them anew.
-            yield Evaluators(
-                _Costs(carrier, here.costs), here.residuals, WIDTH * max(1, carrier.slots)
-            )
-    finally:
-        carrier.close()
+    with _carried(objective, make_carrier) as carrier, Threads().open(objective) as here:
+        # A candidate's residuals are as long as the log: sending them takes longer than
+        # simulating them anew.
+        yield Evaluators(
+            _Costs(carrier, here.costs), here.residuals, WIDTH * max(1, carrier.slots)
+        )
 
 
 class _Call:
@@ -290,17 +298,13 @@ def remote_tasks(
         subject: Whose methods; is pickled once.
         make_carrier: Takes the digest and the packed subject.
     """
-    packed = pickle.dumps(subject, protocol=pickle.HIGHEST_PROTOCOL)
-    carrier = make_carrier(hashlib.sha256(packed).hexdigest(), packed)
+    with _carried(subject, make_carrier) as carrier:
 
-    def run(name: str, items: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
-        calls = [_Call(carrier, subject, name, arguments) for arguments in items]
-        return (one.result() for one in calls)
+        def run(name: str, items: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
+            calls = [_Call(carrier, subject, name, arguments) for arguments in items]
+            return (one.result() for one in calls)
 
-    try:
         yield run
-    finally:
-        carrier.close()
 
 
 class Executors:
@@ -326,22 +330,17 @@ class Executors:
     @contextmanager
     def open(self, objective: Objective, cancel: Cancel | None = None) -> Iterator[Evaluators]:
         """Start the workers; see `Workers`."""
-
-        def carrier(digest: str, packed: bytes) -> Carrier:
-            return _ExecutorCarrier(digest, packed, self._make, self._count)
-
-        with remote(objective, carrier) as evaluators:
+        with remote(objective, self._carrier) as evaluators:
             yield evaluators
 
     @contextmanager
     def tasks(self, subject: Subject) -> Iterator[RunTasks]:
         """Start the workers; see `Workers`."""
-
-        def carrier(digest: str, packed: bytes) -> Carrier:
-            return _ExecutorCarrier(digest, packed, self._make, self._count)
-
-        with remote_tasks(subject, carrier) as run:
+        with remote_tasks(subject, self._carrier) as run:
             yield run
+
+    def _carrier(self, digest: str, packed: bytes) -> Carrier:
+        return _ExecutorCarrier(digest, packed, self._make, self._count)
 
 
 class _ExecutorCarrier(Carrier):
