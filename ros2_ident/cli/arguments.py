@@ -365,3 +365,8 @@ def workers_of(args: argparse.Namespace) -> Any:
     from ros2_ident.search import Threads
 
     return Threads(args.threads)
+
+
+def asked(args: argparse.Namespace) -> dict[str, object]:
+    """Return which files a run was asked to read, for the commands that a page proposes next."""
+    return {'bags': [str(bag) for bag in args.bag], 'machine_file': str(args.machine)}

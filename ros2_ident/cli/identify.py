@@ -2,6 +2,7 @@
 """`ident identify`: a machine's parameters from a bag."""
 
 import argparse
+from dataclasses import replace
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
@@ -12,6 +13,7 @@ from ros2_ident.cli.arguments import (
     add_outputs,
     add_scheduler,
     add_topics,
+    asked,
     assignment,
     complete,
     conditions_of,
@@ -186,6 +188,7 @@ def run(args: argparse.Namespace) -> int:
             conditions=conditions,
             outputs=outputs,
         )
+        result = replace(result, settings={**result.settings, **asked(args)})
         files = list(write_result(out, result, problem))
         if not args.no_overlay:
             files += write_overlay(

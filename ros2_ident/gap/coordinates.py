@@ -41,6 +41,8 @@ class Motion:
         load: (D, K) what of it goes through the transmission: without friction and motor inertia.
         unit: Unit of the effort.
         travel: Unit of the position.
+        tracking: (D, K) set-point less measured position, NaN at cycles without a sample; None
+            where one of them was not recorded.
     """
 
     drives: tuple[str, ...]
@@ -54,6 +56,7 @@ class Motion:
     load: Array
     unit: str
     travel: str = 'm'
+    tracking: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -119,8 +122,17 @@ def motion_of(model: FullModel, theta: Array) -> Motion:
     return Motion(
         model.places, data.cycle, turn, position,
         velocity, acceleration, np.gradient(acceleration, data.cycle, axis=1), torque, load,
-        model.unit, travel,
+        model.unit, travel, following_error(model),
     )  # fmt: skip
+
+
+def following_error(model: FullModel) -> Array | None:
+    """Return (D, K) set-point less measured position, None where one was not recorded."""
+    data = model.data
+    if data.position is None or data.command_position is None:
+        return None
+    rows = [data.names.index(name) for name in model.places]
+    return np.asarray(data.command_position[rows] - data.position[rows], dtype=np.float64)
 
 
 def direction(velocity: Array) -> Array:
