@@ -451,6 +451,7 @@ def test_shares_that_say_nothing_are_words():
     assert percent(280.0) == 'over 1000 %'
     assert precision(280.0) == 'not determined' and precision(0.034) == '± 3.4 %'
     assert change(280.0) == '× 280' and change(-0.375) == '−37.5 %'
+    assert change(-2.98) == 'changes its sign'
 
 
 def test_pairs_of_numbers_have_the_same_decimals():

@@ -356,9 +356,15 @@ def _steps_of_effects(
 def _line(name: str, data: Mapping[str, Any]) -> str:
     """Return a parameter as YAML, with what it was before."""
     v, before = data['parameters'][name], data['nominal'].get(name)
-    value, old = (digits(float(f'{x:.4g}')) for x in (v['value'], before))
+    value, old = (_plain(x) for x in (v['value'], before))
     unit = '' if v['unit'] == '1' else f'{v["unit"]}; '
     return f'{name}: {value}  # {unit}{old} before'
+
+
+def _plain(value: float) -> str:
+    """Return a number with four digits as YAML reads one."""
+    rounded = float(f'{value:.4g}')
+    return f'{rounded:.0f}' if 1e3 <= abs(rounded) < 1e9 else digits(rounded)
 
 
 def _motions(data: Mapping[str, Any]) -> Iterator[str]:

@@ -65,6 +65,8 @@ def change(share: float | None) -> str:
     if share >= 2.0:
         factor = 1.0 + share
         return f'× {number(factor, 2)}' if factor < 1000.0 else '× over 1000'
+    if share <= -1.0:
+        return 'changes its sign'
     return f'{100.0 * share:+.1f} %'.replace('-', '−')
 
 
