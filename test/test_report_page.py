@@ -335,6 +335,20 @@ def test_the_edge_of_the_answer_is_green_only_where_nothing_is_to_be_careful_abo
     assert of_diagnosis({**data, 'complete': False}, '').level == 'bad'
 
 
+def test_a_contradiction_comes_before_the_answer(both):
+    data = content(both)
+    grave = [{'gate': 'law', 'level': 'error', 'sentence': 'drive_1: the gain is twice that.'}]
+    said = of_diagnosis({**data, 'gates': grave}, '')
+    assert said.first == ('drive_1: the gain is twice that.',) and said.level == 'bad'
+    verdict = {'effect': 'bookkeeping', 'where': ['drive_1'], 'probability': 0.95,
+               'sentence': 'drive_1: the gain is twice that. No effect is named.'}
+    refused = of_diagnosis({**data, 'gates': grave, 'verdict': verdict, 'confusable': []}, '')
+    assert refused.headline.startswith('Log and machine file contradict each other')
+    assert [step.code for step in refused.steps] == [
+        'ident check bags/fit --machine MACHINE.yaml'
+    ]
+
+
 def test_the_page_keeps_room_for_a_picture_until_it_is_drawn(both):
     text = both.read_text()
     for name in Page(both).pictures:

@@ -24,6 +24,20 @@ from ros2_ident.report.page.sentences import effect_name, joined, some
 
 # Drives that the first screen lists; the table further down has all.
 LISTED = 3
+# Levels of a check of the log that come before any answer.
+GRAVE = ('error', 'fail')
+# Answers that say nothing of physics: what is wrong, and what to do.
+REFUSALS = {
+    'bookkeeping': (
+        'Log and machine file contradict each other: nothing physical can be said.',
+        'Correct what is named above, in the machine file or in the recording. What fits and what '
+        'does not says:',
+    ),
+    'model': (
+        'The model is not the one of this machine: nothing physical can be said.',
+        'Choose another kind of machine, or check that the recording is of this one:',
+    ),
+}
 # Parameters that it offers to paste.
 VALUES = 6
 # Parameters of an identification that it lists.
@@ -102,6 +116,7 @@ class Answer:
         steps: What to do now.
         careful: What else to know, the most important first.
         values: Parameters that were identified: name, value with unit, precision.
+        first: What has to be said before anything else.
     """
 
     level: sentences.Level
@@ -112,12 +127,13 @@ class Answer:
     steps: tuple[Step, ...]
     careful: tuple[str, ...] = ()
     values: tuple[tuple[str, str, str], ...] = ()
+    first: tuple[str, ...] = ()
 
 
 def effects_found(data: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the effects of a verdict at their places, the first first; none where unnamed."""
     verdict = data['verdict']
-    if verdict['effect'] in ('none', 'unknown'):
+    if verdict['effect'] in sentences.NAMELESS:
         return []
     return [verdict, *data['also']]
 
@@ -135,7 +151,9 @@ def of_diagnosis(data: Mapping[str, Any], out: str) -> Answer:
     careful = tuple(_careful(data))
     verdict = data['verdict']
     level: sentences.Level = 'bad'
-    if data['complete'] and verdict['effect'] != 'unknown':
+    grave = [g['sentence'] for g in data['gates'] if g['level'] in GRAVE]
+    first = () if verdict['effect'] in REFUSALS else tuple(joined(grave))
+    if data['complete'] and verdict['effect'] not in sentences.NAMELESS - {'none'} and not first:
         unsure = len(data['confusable']) > 1 or _unexplained(data)
         level = 'doubtful' if careful or unsure else 'good'
     return Answer(
@@ -146,6 +164,7 @@ def of_diagnosis(data: Mapping[str, Any], out: str) -> Answer:
         tuple(_closes(data)),
         tuple(_steps(data, out)),
         careful,
+        first=first,
     )
 
 
@@ -158,6 +177,8 @@ def _headline(data: Mapping[str, Any]) -> str:
             if small
             else 'Nothing can be named: what is left is too small to tell its cause.'
         )
+    if verdict['effect'] in REFUSALS:
+        return REFUSALS[verdict['effect']][0]
     if verdict['effect'] == 'unknown':
         where = _places(verdict['where'])
         if not data['complete']:
@@ -187,7 +208,9 @@ def _sure(data: Mapping[str, Any]) -> Iterator[str]:
         'check bag': 'Judged on a recording that was not used for fitting.',
         'blocks': 'Judged on every second block of 1 s, which was not used for fitting.',
     }
-    if data['complete'] or verdict['probability']:
+    if verdict['effect'] in REFUSALS:
+        yield verdict['sentence']
+    elif data['complete'] or verdict['probability']:
         that = {
             'none': 'that nothing is missing',
             'unknown': 'that the cause is none of the effects tried',
@@ -267,7 +290,8 @@ def _unexplained(data: Mapping[str, Any]) -> bool:
 def _careful(data: Mapping[str, Any]) -> Iterator[str]:
     if not data['complete']:
         yield 'The run was cut short: effects not tried by then may close more of the gap.'
-    yield from joined([g['sentence'] for g in data['gates'] if g['level'] != 'ok'])
+    odd = [g['sentence'] for g in data['gates'] if g['level'] not in ('ok', *GRAVE)]
+    yield from joined([text for text in odd if text not in data['verdict']['sentence']])
     ends = [name for name, v in data['parameters'].items() if v['at_bound']]
     if ends:
         yield (
@@ -315,6 +339,10 @@ def _steps(data: Mapping[str, Any], out: str) -> Iterator[Step]:
     elif data['verdict']['effect'] == 'none':
         yield Step('Use the parameters: no effect has to be added to the simulation.')
         yield Step('Identify them on all of the recording:', code=_identify(data, out))
+    elif data['verdict']['effect'] in REFUSALS:
+        settings = data['settings']
+        check = f'{_bags(settings, data["provenance"]["source"])} {_machine(settings)}'
+        yield Step(REFUSALS[data['verdict']['effect']][1], code=f'ident check {check}')
     else:
         where = data['verdict']['where']
         alone = 'the machine' if not where or 'all' in where else f'{" and ".join(where)} alone'

@@ -123,17 +123,20 @@ const identPage = {
     for (const section of document.querySelectorAll('section')) observer.observe(section)
   },
 
-  // Draws the plots one after another, and says when.
+  async painted() {
+    await new Promise((resolve) => requestAnimationFrame(() => setTimeout(resolve, 0)))
+    if (!performance.getEntriesByName('first picture').length) performance.mark('first picture')
+  },
+
+  // Draws the plots one after another, and says when; other pictures are there already.
   async draw() {
+    if (document.querySelector('svg.chart')) await this.painted()
     for (const script of document.querySelectorAll('script.plot')) {
       const item = JSON.parse(script.textContent)
       await Bokeh.embed.embed_item(item)
       this.documents[item.target_id] = Bokeh.documents.at(-1)
       await new Promise((resolve) => setTimeout(resolve, 0))
-      if (!performance.getEntriesByName('first picture').length) {
-        await new Promise((resolve) => requestAnimationFrame(() => setTimeout(resolve, 0)))
-        performance.mark('first picture')
-      }
+      await this.painted()
     }
     performance.mark('all pictures')
     document.documentElement.dataset.ready = 'yes'

@@ -14,6 +14,8 @@ from ros2_ident.report.page.numbers import change, number, precision, quantity
 
 Level = Literal['good', 'doubtful', 'bad']
 
+# Verdicts that name no effect.
+NAMELESS = frozenset({'none', 'unknown', 'bookkeeping', 'model'})
 # Half an interval over the value from which a parameter is called badly known.
 WIDE = 0.2
 # Correlations from here on are said in words.
@@ -150,7 +152,7 @@ def moved_names(data: Mapping[str, Any]) -> list[str]:
     Args:
         data: The content of `diagnosis.json`.
     """
-    if data['verdict']['effect'] in ('none', 'unknown'):
+    if data['verdict']['effect'] in NAMELESS:
         return []
     return [
         name
