@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from report_cases import long_signals, write_diagnosed, write_identified
 
-from ros2_ident.report.page import write_report
+from ros2_ident.fleet.summary import write_summary
+from ros2_ident.report.page import write_comparison, write_report
 from ros2_ident.report.signals import write_signals
 
 PICTURES = 5
@@ -198,6 +199,26 @@ def test_it_is_accessible(page: Any, scheme: str) -> None:
     page.execute_cdp_cmd('Emulation.setEmulatedMedia', wanted)
     page.execute_script(AXE.read_text(encoding='utf-8'))
     assert page.execute_async_script(JUDGE) == []
+
+
+def test_pages_on_several_runs_are_accessible(page: Any, tmp_path: Path) -> None:
+    if not AXE.exists():
+        pytest.skip('axe-core is missing; `npm install --prefix build/axe axe-core` brings it')
+    here = page.current_url
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    write_identified(folder)
+    value = {'value': 2.0, 'low': 1.9, 'high': 2.1, 'unit': 'kg'}
+    done = {'state': 'done', 'code': 'OK', 'message': 'ok', 'date': '', 'machine': 'a'}
+    write_summary(tmp_path, [{**done, 'name': 'a', 'parameters': {'mass': value}}])
+    pages = (write_report(tmp_path), write_comparison([folder, folder], tmp_path / 'both.html'))
+    for written in pages:
+        page.get(written.as_uri())
+        until(page, 'return document.documentElement.dataset.ready')
+        page.execute_script(AXE.read_text(encoding='utf-8'))
+        assert page.execute_async_script(JUDGE) == []
+    page.get(here)
+    until(page, 'return document.documentElement.dataset.ready')
 
 
 def test_close_up_every_sample_is_drawn(page: Any) -> None:

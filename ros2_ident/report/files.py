@@ -29,6 +29,8 @@ from ros2_ident.report.signals import signals_of_diagnosis, signals_of_problem, 
 
 JSON, YAML, HISTORY, SIGNALS = 'result.json', 'result.yaml', 'history.npz', 'signals.npz'
 DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'
+# What `ident fleet` found, of all its recordings.
+FLEET = 'fleet.json'
 # Made from the others by `report.page`.
 PAGE = 'report.html'
 # What a run that was cut short goes on from.

@@ -2,25 +2,17 @@
 """From the files of a result directory to `report.html`."""
 
 from collections.abc import Iterator, Mapping
-from importlib.resources import files as resources
-import math
 from pathlib import Path
 from typing import Any
-
-from bokeh.core.json_encoder import serialize_json
-from bokeh.embed import json_item
-from bokeh.resources import Resources
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
-from ros2_ident.identify.outcome import package_version
-from ros2_ident.identify.result import Identification, ParameterEstimate
+from ros2_ident.identify.result import Identification
 from ros2_ident.report.files import (
     DIAGNOSIS,
     DIAGNOSIS_SIGNALS,
+    FLEET,
     JSON,
     load_diagnosis,
     load_result,
@@ -30,25 +22,24 @@ from ros2_ident.report.files import (
 )
 from ros2_ident.report.page import bars, charts, numbers, plots, sentences
 from ros2_ident.report.page.answer import (
-    above,
     effects_found,
     of_diagnosis,
     of_identification,
 )
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.look import Picture
+from ros2_ident.report.page.render import render
+from ros2_ident.report.page.several import write_fleet
 from ros2_ident.report.signals import load_signals
 
 Facts = list[tuple[str, str]]
-# A residual less than this above its noise floor has nothing that could close.
-NOISE = 0.4
 
 
 def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
     """Write the page on what a result directory holds.
 
     Args:
-        directory: Holds a result, a diagnosis, or both.
+        directory: Holds a result, a diagnosis, or both; or what `ident fleet` wrote.
         page: The file to write; `report.html` in the directory where None.
 
     Returns:
@@ -61,6 +52,8 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
     folder = Path(directory)
     result = load_result(folder) if any((folder / n).exists() for n in (JSON, YAML)) else None
     diagnosis = load_diagnosis(folder) if (folder / DIAGNOSIS).exists() else None
+    if result is None and diagnosis is None and (folder / FLEET).exists():
+        return write_fleet(folder, page)
     if result is None and diagnosis is None:
         raise IdentError(
             ErrorCode.NO_DATA,
@@ -78,13 +71,9 @@ def _render(
     context: dict[str, Any] = {
         'title': _title(result, diagnosis),
         'lead': _lead(result, diagnosis),
-        'version': package_version(),
         'result': result,
         'diagnosis': diagnosis,
         'pictures': _pictures(folder, result, diagnosis),
-        'css': Markup(_asset('page.css')),
-        'script': Markup(_asset('page.js')),
-        'library': Markup(Resources(mode='inline', components=['bokeh']).render()),
         'effects': '',
         'hero': None,
         'about': [],
@@ -99,8 +88,7 @@ def _render(
         for name, text, part in CONTENTS
         if shown.get(name, {'result': result, 'diagnosis': diagnosis, '': True}[part])
     ]
-    page: str = _environment().get_template('template.html').render(context)
-    return page
+    return render('template.html', context, plots=True)
 
 
 # Section, its entry in the contents, and the part of a run it belongs to.
@@ -117,29 +105,6 @@ CONTENTS = (
     ('about', 'The effects', 'diagnosis'),
     ('provenance', 'Provenance', ''),
 )
-
-
-def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader('ros2_ident.report.page', '.'),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-    )
-    environment.filters |= {
-        'change': numbers.change,
-        'closes': _closes,
-        'equation': numbers.equation,
-        'item': _item,
-        'number': numbers.number,
-        'percent': numbers.percent,
-        'places': _places,
-        'precision': numbers.precision,
-        'prose': numbers.prose,
-        'unit': numbers.unit_of,
-        'width': sentences.width,
-    }
-    return environment
 
 
 def _pictures(
@@ -216,38 +181,6 @@ def about(effect_id: str) -> dict[str, str]:
         'confusable': ', '.join(CATALOGUE[e].title for e in effect.confusable if e in CATALOGUE),
         'motion': effect.separated_by.format(drive='the drive'),
     }
-
-
-def _closes(drive: Mapping[str, Any]) -> str:
-    """Return the share of a drive's gap that closes; a dash where there is none but noise."""
-    if drive['after'] is None or above(drive['before'], drive['noise_floor']) < NOISE:
-        return '–'
-    return numbers.percent(drive['share_closed'])
-
-
-def _item(picture: Picture, name: str) -> Markup:
-    """Return a plot as JSON that may stand inside a script element."""
-    text = serialize_json(json_item(picture.plot, name))  # type: ignore[arg-type]
-    return Markup(text.replace('<', '\\u003c'))
-
-
-def _asset(name: str) -> str:
-    return (resources('ros2_ident.report.page') / name).read_text(encoding='utf-8')
-
-
-def _places(p: ParameterEstimate) -> tuple[float, float, float] | None:
-    """Return left end and width of the interval and the place of the value, % of the bounds."""
-    span = p.upper_bound - p.lower_bound
-    if not math.isfinite(p.value) or span <= 0.0:
-        return None
-
-    def at(value: float, otherwise: float) -> float:
-        share = (value - p.lower_bound) / span if math.isfinite(value) else otherwise
-        return round(100.0 * min(1.0, max(0.0, share)), 2)
-
-    here = at(p.value, 0.0)
-    low, high = at(p.low, here / 100.0), at(p.high, here / 100.0)
-    return low, round(high - low, 2), here
 
 
 def _title(result: Identification | None, diagnosis: Mapping[str, Any] | None) -> str:
