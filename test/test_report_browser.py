@@ -201,6 +201,26 @@ def test_it_is_accessible(page: Any, scheme: str) -> None:
     assert page.execute_async_script(JUDGE) == []
 
 
+def test_of_six_joints_one_is_shown_and_each_has_a_tab(page: Any, tmp_path: Path) -> None:
+    here = page.current_url
+    write_identified(tmp_path)
+    write_signals(tmp_path / 'signals.npz', long_signals(5000, drives=6))
+    page.get(write_report(tmp_path).as_uri())
+    until(page, 'return document.documentElement.dataset.ready')
+    seen = (
+        "return [...new Set(identPage.models('effort-plot', 'Figure')"
+        '.filter((f) => f.visible).map((f) => f.name))]'
+    )
+    # The first has a spike that no simulation repeats.
+    assert page.execute_script(seen) == ['drive-0']
+    height = page.execute_script("return document.getElementById('effort-plot').clientHeight")
+    assert press(page, 'effort-plot', 'drive_5') == 'true'
+    assert page.execute_script(seen) == ['drive-4']
+    until(page, f"return document.getElementById('effort-plot').clientHeight === {height}")
+    page.get(here)
+    until(page, 'return document.documentElement.dataset.ready')
+
+
 def test_pages_on_several_runs_are_accessible(page: Any, tmp_path: Path) -> None:
     if not AXE.exists():
         pytest.skip('axe-core is missing; `npm install --prefix build/axe axe-core` brings it')

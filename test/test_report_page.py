@@ -420,9 +420,25 @@ def test_one_dot_stands_for_many():
     assert one_a_cell(np.ones(3), np.ones(3)).tolist() == [2]
 
 
+def test_an_identification_keeps_where_it_began(tmp_path):
+    write_identified(tmp_path)
+    signals = load_signals(tmp_path / 'signals.npz')
+    assert signals.models == ('middle of the bounds', 'identified') and signals.judged == 1
+    (log,) = signals.recordings
+    began, ended = (np.nanstd(log.measured - simulated) for simulated in log.simulated)
+    assert began > 5.0 * ended
+    # The axis' set-point is recorded: so is how far it lags behind.
+    assert np.isfinite(log.tracking).mean() > 0.9 and 0.0 < np.nanstd(log.tracking) < 0.01
+    drawn = effort_plot(signals)
+    hidden = {r.name for r in drawn.plot.select({'type': GlyphRenderer}) if not r.visible}
+    assert hidden == {'model-0'}
+    assert [b.pressed for b in drawn.choices[0].buttons] == [False, False, True]
+
+
 def test_signals_come_back_as_they_were(tmp_path):
     signals = long_signals(1000)
     back = load_signals(write_signals(tmp_path / 'signals.npz', signals))
+    assert (back.travel, back.judged) == (signals.travel, signals.judged)
     assert (back.unit, back.drives, back.models) == (signals.unit, signals.drives, signals.models)
     for one, two in zip(back.recordings, signals.recordings, strict=True):
         assert one.title == two.title

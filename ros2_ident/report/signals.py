@@ -50,6 +50,7 @@ class Signals:
         models: Names of the M models.
         recordings: The recordings in order.
         travel: Unit of the drives' positions.
+        judged: The model whose residual matters, and which a page shows at first; -1 for all.
     """
 
     unit: str
@@ -57,6 +58,7 @@ class Signals:
     models: tuple[str, ...]
     recordings: tuple[Curves, ...]
     travel: str = 'm'
+    judged: int = -1
 
 
 def _curves(
@@ -76,29 +78,26 @@ def _curves(
 
 
 def signals_of_problem(problem: Problem, theta: Array) -> Signals:
-    """Simulate every segment with an estimate; the first quantity compared of every drive.
+    """Simulate every segment with an estimate, and in the middle of the bounds, where it began.
+
+    Only the first quantity compared of every drive is kept.
 
     Args:
         problem: The problem.
         theta: (N,) parameters, physical units, finite.
     """
-    count = len(problem.models)
-    return Signals(
-        problem.unit,
-        problem.drives,
-        ('identified',),
-        tuple(
-            _curves(
-                f'segment {number} of {count}' if count > 1 else '',
-                model.cycle,
-                model.measured[: len(problem.drives)],
-                model.simulate(problem.own(number - 1, theta))[:, : len(problem.drives)],
-                following_error(model),
-            )
-            for number, model in enumerate(problem.models, 1)
-        ),
-        _travel(problem),
-    )
+    count, drives = len(problem.models), len(problem.drives)
+    middle = np.array([0.5 * (p.low + p.high) for p in problem.parameters])
+    recordings = []
+    for number, model in enumerate(problem.models, 1):
+        both = np.concatenate([problem.own(number - 1, values) for values in (middle, theta)])
+        title = f'segment {number} of {count}' if count > 1 else ''
+        measured, simulated = model.measured[:drives], model.simulate(both)[:, :drives]
+        recordings.append(
+            _curves(title, model.cycle, measured, simulated, following_error(model))
+        )
+    models = ('middle of the bounds', 'identified')
+    return Signals(problem.unit, problem.drives, models, tuple(recordings), _travel(problem), 1)
 
 
 def _travel(problem: Problem) -> str:
@@ -134,6 +133,7 @@ def write_signals(path: Path, signals: Signals) -> Path:
         'drives': np.array(signals.drives),
         'models': np.array(signals.models),
         'travel': np.array(signals.travel),
+        'judged': np.array(signals.judged),
         'titles': np.array([r.title for r in signals.recordings]),
     }
     for number, recording in enumerate(signals.recordings):
@@ -187,4 +187,5 @@ def _signals(arrays: Mapping[str, Any]) -> Signals:
             for number, title in enumerate(arrays['titles'])
         ),
         str(arrays['travel']),
+        int(arrays['judged']),
     )

@@ -14,6 +14,7 @@ from bokeh.models import (
     ColumnDataSource,
     CrosshairTool,
     CustomJS,
+    DataRange1d,
     Range1d,
     WheelZoomTool,
 )
@@ -145,8 +146,9 @@ def _compared(
     simulated: npt.NDArray[Any],
     floor: Floors | None,
 ) -> npt.NDArray[np.float64]:
-    """Return (D, T) the residual of the first model over each drive's noise floor."""
-    residual = np.asarray(measured - simulated[0], dtype=np.float64)
+    """Return (D, T) the residual that matters over each drive's noise floor."""
+    judged = simulated[max(0, signals.judged)]
+    residual = np.asarray(measured - judged, dtype=np.float64)
     residual[~np.isfinite(residual)] = np.nan
     known = [(floor or {}).get(drive) or 1.0 for drive in signals.drives]
     out: npt.NDArray[np.float64] = residual / np.array(known)[:, None]
@@ -178,8 +180,9 @@ def _choices(
         tabs = [Button(name, str(d), d == first) for d, name in enumerate(signals.drives)]
         yield Choice('Drive', 'drive', tuple(tabs))
     if len(signals.models) > 1:
-        models = [Button(name, str(m)) for m, name in enumerate(signals.models)]
-        yield Choice('Simulation', 'model', (Button('both', '', pressed=True), *models))
+        both = Button('both', '', signals.judged < 0)
+        models = [Button(n, str(m), m == signals.judged) for m, n in enumerate(signals.models)]
+        yield Choice('Simulation', 'model', (both, *models))
     views = [
         Button(f'{number(0.5 * (a + b), 3)} s, {signals.drives[d]}', f'{a},{b}')
         for a, b, d in moments
@@ -245,6 +248,7 @@ class _Group:
         made = plot(
             height=height,
             x_range=self._whole,
+            y_range=DataRange1d(only_visible=True),
             min_border_left=76,
             tools=['pan', 'box_zoom', wheel, 'reset', self._cursor],
             active_scroll=wheel,
@@ -266,10 +270,12 @@ class _Group:
         for m, colour in enumerate(_colours(len(self._signals.models))):
             column, name = f'simulated_{d}_{m}', f'model-{m}'
             data[column] = coded(simulated[m], offset, step)
-            self._line(top, column, (offset, step), line_color=colour, name=name)
+            look = {
+                'line_color': colour, 'name': name, 'visible': self._signals.judged in (-1, m),
+            }
+            self._line(top, column, (offset, step), **look)
             self._line(
-                below, f'measured_{d}', (0.0, step), minus=column, line_color=colour,
-                line_width=0.7, name=name,
+                below, f'measured_{d}', (0.0, step), minus=column, line_width=0.7, **look
             )
 
     def add_tracking(self, data: dict[str, Any], tracking: npt.NDArray[Any]) -> None:
