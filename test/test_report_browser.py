@@ -4,9 +4,9 @@
 from collections.abc import Iterator
 import json
 from pathlib import Path
-import shutil
 from typing import Any
 
+from browser_cases import chromium
 import pytest
 from report_cases import long_signals, write_diagnosed, write_identified
 
@@ -40,19 +40,8 @@ axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'best-p
 
 @pytest.fixture(scope='module')
 def browser() -> Iterator[Any]:
-    programs = [shutil.which('chromium') or shutil.which('google-chrome'),
-                shutil.which('chromedriver')]
-    if None in programs:
-        pytest.skip('Chromium is not installed; `apt install chromium chromium-driver` brings it')
-    webdriver = pytest.importorskip('selenium.webdriver', reason='`make setup` installs selenium')
-    options = webdriver.ChromeOptions()
-    options.binary_location = programs[0]
-    for word in ('--headless=new', '--no-sandbox', '--window-size=1120,900'):
-        options.add_argument(word)
-    options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
-    driver = webdriver.Chrome(options, webdriver.ChromeService(programs[1]))
-    yield driver
-    driver.quit()
+    with chromium() as driver:
+        yield driver
 
 
 @pytest.fixture(scope='module')

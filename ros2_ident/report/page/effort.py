@@ -270,8 +270,10 @@ class _Group:
         for m, colour in enumerate(_colours(len(self._signals.models))):
             column, name = f'simulated_{d}_{m}', f'model-{m}'
             data[column] = coded(simulated[m], offset, step)
-            look = {
-                'line_color': colour, 'name': name, 'visible': self._signals.judged in (-1, m),
+            look: dict[str, Any] = {
+                'line_color': colour,
+                'name': name,
+                'visible': self._signals.judged in (-1, m),
             }
             self._line(top, column, (offset, step), **look)
             self._line(
