@@ -22,6 +22,8 @@ from ros2_ident.cli.main import main
 from ros2_ident.cli.report import print_page
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.diagnosis import DriveGap, to_mapping
+from ros2_ident.gap.maps import chosen
 from ros2_ident.identify.result import Outcome
 from ros2_ident.report.files import write_result
 from ros2_ident.report.page import charts, write_report
@@ -309,6 +311,29 @@ def test_where_lists_three_that_do_not_overlap_and_the_worst_drive(both):
     assert rest == ['drive_1 position', 'drive_1 size by phase', 'drive_3 time']
     first, _ = leading({**data, 'localisation': found[4:]})
     assert first[0].startswith('drive_1: the largest gap')
+
+
+def test_the_worst_drive_and_the_named_one_have_a_map_whatever_was_found_there():
+    found = diagnosed()
+    assert {m['drive'] for m in to_mapping(found)['maps']} == {'drive_1'}
+    worst = dict(found.per_drive, drive_2=DriveGap(0.09, 0.09, 0.01, 0.0, 0.3))
+    maps = to_mapping(replace(found, per_drive=worst))['maps']
+    # Nothing was found on the worst: it stands first, over its speed.
+    assert (maps[0]['drive'], maps[0]['coordinate']) == ('drive_2', 'velocity')
+    assert {m['drive'] for m in maps} == {'drive_1', 'drive_2'}
+    noise = {**found.evidence, 'size': 0.1}
+    quiet = replace(found, per_drive=worst, localisation=(), evidence=noise)
+    assert to_mapping(quiet)['maps'] == []
+
+
+def test_many_findings_of_one_drive_leave_room_for_another():
+    (one, *_) = diagnosed().localisation
+    names = ('velocity', 'position', 'load', 'time', 'jerk')
+    findings = [replace(one, drive='a', coordinate=n, significant=True) for n in names]
+    findings.append(replace(one, drive='b', coordinate='time', significant=True))
+    assert chosen(findings) == (
+        ('a', 'velocity'), ('a', 'position'), ('a', 'load'), ('b', 'time'),
+    )
 
 
 def test_the_picture_of_the_first_screen_draws_the_law_through_the_residual(both):

@@ -21,15 +21,12 @@ from ros2_ident.report.files import (
     YAML,
 )
 from ros2_ident.report.page import bars, charts, numbers, plots, sentences
-from ros2_ident.report.page.answer import (
-    effects_found,
-    of_diagnosis,
-    of_identification,
-)
+from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.look import Picture
 from ros2_ident.report.page.render import render
 from ros2_ident.report.page.several import write_fleet
+from ros2_ident.report.page.steps import effects_found
 from ros2_ident.report.signals import load_signals
 
 Facts = list[tuple[str, str]]
