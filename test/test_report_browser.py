@@ -165,19 +165,19 @@ def test_a_switch_shows_one_simulation_or_both(page: Any) -> None:
     assert page.execute_script(visible) == both
 
 
-def test_a_phone_shows_all_of_it(page: Any) -> None:
-    """Nothing but tables and plots in their own frames is wider than the window."""
+def phone_width(page: Any) -> int:
+    """Return how wide the page is in a window of 400 pixels."""
     phone = {'width': 400, 'height': 800, 'deviceScaleFactor': 1, 'mobile': True}
     page.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', phone)
     try:
-        assert page.execute_script('return document.documentElement.scrollWidth') <= 400
-        hero = page.execute_script(
-            "const r = document.querySelector('.hero svg').getBoundingClientRect();"
-            'return [r.left, r.right]'
-        )
-        assert 0 <= hero[0] < hero[1] <= 400
+        return int(page.execute_script('return document.documentElement.scrollWidth'))
     finally:
         page.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+
+
+def test_a_phone_shows_all_of_it(page: Any) -> None:
+    """Nothing but tables and plots in their own frames is wider than the window."""
+    assert phone_width(page) <= 400
 
 
 @pytest.mark.parametrize('scheme', ['light', 'dark'])
@@ -206,6 +206,11 @@ def test_of_six_joints_one_is_shown_and_each_has_a_tab(page: Any, tmp_path: Path
     assert press(page, 'effort-plot', 'drive_5') == 'true'
     assert page.execute_script(seen) == ['drive-4']
     until(page, f"return document.getElementById('effort-plot').clientHeight === {height}")
+    axis = "return identPage.models('effort-plot', 'Figure').find((f) => f.visible).y_range"
+    assert page.execute_script(f'{axis}.start') == pytest.approx(-1.2, abs=0.2)
+    assert page.execute_script(f'{axis}.end') == pytest.approx(1.2, abs=0.2)
+    assert [x for x in page.get_log('browser') if x['level'] != 'INFO'] == []
+    assert phone_width(page) <= 400
     page.get(here)
     until(page, 'return document.documentElement.dataset.ready')
 

@@ -107,7 +107,10 @@ def equation(text: str) -> Markup:
 
 
 def prose(text: str) -> Markup:
-    """Return a sentence with what stands between backticks as code; no line ends before a %."""
+    """Return a sentence with what stands between backticks as code.
+
+    No line ends before a % or after a ±.
+    """
     html = str(escape(text)).replace('^2', '²').replace('^3', '³')
-    html = re.sub(r'(?<=\d) %', '\N{NO-BREAK SPACE}%', html)
+    html = re.sub(r'(?<=\d) (?=%)|(?<=±) (?=\d)', '\N{NO-BREAK SPACE}', html)
     return Markup(re.sub('`([^`]*)`', r'<code>\1</code>', html))

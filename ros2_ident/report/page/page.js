@@ -131,6 +131,8 @@ const identPage = {
   // Draws the plots one after another, and says when; other pictures are there already.
   async draw() {
     if (document.querySelector('svg.chart')) await this.painted()
+    // It warns of plots behind a tab, whose axes are set once they are shown.
+    window.Bokeh?.set_log_level('error')
     for (const script of document.querySelectorAll('script.plot')) {
       const item = JSON.parse(script.textContent)
       await Bokeh.embed.embed_item(item)
