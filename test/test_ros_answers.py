@@ -136,6 +136,8 @@ def test_a_second_signal_ends_at_once() -> None:
 
 
 def test_a_run_that_does_not_end_is_answered_all_the_same(start) -> None:
+    from action_msgs.msg import GoalStatus
+
     from ros2_ident.errors import ErrorCode
 
     node, listener = start(initial_population=1000000)
@@ -144,7 +146,9 @@ def test_a_run_that_does_not_end_is_answered_all_the_same(start) -> None:
     done = listener.asked(handle.get_result_async)
     listener.until(lambda: feedback, 'feedback')
     node.executor.create_task(node.node.give_up)
-    result = listener.wait_future(done, 'the result', 10.0).result.identification
+    answered = listener.wait_future(done, 'the result', 10.0)
+    assert answered.status == GoalStatus.STATUS_ABORTED
+    result = answered.result.identification
     assert result.error_code == ErrorCode.CANCELLED
     assert 'did not end in time' in result.error_message
 

@@ -65,6 +65,7 @@ class GoalServer:
         self.pending = False
         self.open = 0
         self._finish: Done | None = None
+        self._given_up = False
         self._server = ActionServer(
             node,
             kind,
@@ -103,7 +104,7 @@ class GoalServer:
             result = await self._result_of(handle)
             if handle.is_cancel_requested:
                 handle.canceled()
-            elif self._code(result) in (ErrorCode.OK, ErrorCode.CANCELLED):
+            elif self._code(result) in (ErrorCode.OK, ErrorCode.CANCELLED) and not self._given_up:
                 handle.succeed()
             else:
                 handle.abort()
@@ -146,6 +147,7 @@ class GoalServer:
     def give_up(self, error: IdentError) -> None:
         """Answer the goal that runs, without waiting for the end of its run any longer."""
         if self._finish is not None:
+            self._given_up = True
             self._finish(self._failed(error))
 
     def destroy(self) -> None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Declare the node's parameters from the table, refuse wrong ones in sentences, take snapshots."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 import difflib
 from typing import Any
@@ -130,9 +130,8 @@ def wrong_type(entry: Entry, value: Any) -> str:
 
 def wrong_list(entry: Entry, value: Any) -> str:
     """Return the sentence for a value that is no list of strings; empty where it is one."""
-    if value is None or (not isinstance(value, str | bytes) and not len(value)):
-        return ''
-    if not isinstance(value, str) and all(isinstance(x, str) for x in value):
+    several = isinstance(value, Sequence) and not isinstance(value, str)
+    if value is None or (several and all(isinstance(x, str) for x in value)):
         return ''
     return wrong_type(entry, value)
 
