@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from reader_cases import make_recording
 from ros2_control_bags import as_ros2_control_records, Maker
+from rosbags.rosbag1 import Writer as Writer1
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import check, read_bag, render, Topics
@@ -65,6 +66,26 @@ def test_noetic_s_controller_state_is_read_too(tmp_path):
     )
     with pytest.raises(IdentError, match='no measured value arrived'):
         read_bag(tmp_path / 'log', Topics('', CONTROLLER, ''))
+
+
+def test_a_controller_of_ros_1_is_read_too(tmp_path):
+    recording = make_recording()
+    maker = Maker(old=True)
+    path = tmp_path / 'log.bag'
+    with Writer1(path) as writer:
+        topics = {}
+        for when, topic, kind, message in as_ros2_control_records(
+            maker, recording, dynamic=False
+        ):
+            if topic not in topics:
+                topics[topic] = writer.add_connection(topic, kind, typestore=maker.store)
+            data = maker.store.cdr_to_ros1(maker.bytes_of(kind, message), kind)
+            writer.write(topics[topic], when, bytes(data))
+    (read,) = read_bag(path)
+    for role in ('state', 'command'):
+        np.testing.assert_array_equal(
+            drives(read.streams[role], 'position'), drives(recording.streams[role], 'position')
+        )
 
 
 def test_one_controller_can_give_everything(tmp_path):

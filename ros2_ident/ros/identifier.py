@@ -16,7 +16,7 @@ from types import FrameType
 PATIENCE = 10.0
 # An overlay that is being written is waited for; its first simulation in a new installation is
 # compiled, s.
-FILES_PATIENCE = 60.0
+FILES_PATIENCE = 120.0
 DESCRIPTION = '''\
 The node `identifier`: identifies drives and diagnoses gaps between simulation and measurement,
 from what it hears on joint_states, effort and joint_command or from bags.
