@@ -111,6 +111,22 @@ def test_the_end_of_the_node_answers_its_goal(tmp_path, number) -> None:
     assert code == 0 and 'Traceback' not in text, text
 
 
+def test_the_end_of_the_node_waits_for_the_overlay_of_a_run_that_is_done(tmp_path) -> None:
+    domain = new_domain()
+    with identifier(domain, tmp_path) as process:
+        listener = Listener(domain)
+        try:
+            listener.send(goal_of(refine=False))
+            listener.until(lambda: listener.results, 'the result')
+            process.send_signal(signal.SIGTERM)
+            found = Path(listener.results[0].result_file).parent
+        finally:
+            listener.close()
+        code, text = ended(process, 80.0)
+    assert code == 0 and 'Traceback' not in text, text
+    assert (found / 'overlay/metadata.yaml').exists()
+
+
 def test_a_second_signal_ends_at_once() -> None:
     code = (
         'import threading\n'

@@ -245,8 +245,6 @@ class Identifier(Node):
         """Publish and write the simulated machine beside the measured one, after the result."""
 
         def work() -> tuple[list[bytes], list[bytes], bytes | None]:
-            if self.stopping:
-                return [], [], None
             found = compare(finished, path)
             return _messages(found.simulated), _messages(found.residual), found.scene
 
@@ -259,7 +257,8 @@ class Identifier(Node):
             if scene is not None:
                 self.outlet.scene(scene)
 
-        self.worker.chore(work, done)
+        if not self.stopping:  # a run that the node's end has cut
+            self.worker.chore(work, done)
         self.pages.start(path)
 
     def occupation(self) -> str:
