@@ -302,8 +302,8 @@ def test_two_nodes_of_one_name_are_told(start, tmp_path) -> None:
     node, listener = start()
     other = Node(listener.context.get_domain_id(), tmp_path / 'others')
     try:
-        node.until(lambda: node.node._twin, 'the first to see it')
-        other.until(lambda: other.node._twin, 'the second to see it')
+        node.until(lambda: node.node.twin, 'the first to see it')
+        other.until(lambda: other.node.twin, 'the second to see it')
     finally:
         other.close()
 

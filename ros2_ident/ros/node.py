@@ -18,10 +18,8 @@ from ros2_ident_msgs.msg import IdentificationResult, Status
 from std_srvs.srv import Trigger
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.models import load_machine
-from ros2_ident.recording import read_bag, RecordingBuilder, Stream, Topics
-from ros2_ident.recording.spool import Spool
-from ros2_ident.ros import parameters
+from ros2_ident.recording import RecordingBuilder, Stream
+from ros2_ident.ros import parameters, start
 from ros2_ident.ros.actions import GoalServer, identify_code, identify_feedback, identify_result
 from ros2_ident.ros.board import Board
 from ros2_ident.ros.capture import Capture
@@ -38,7 +36,6 @@ from ros2_ident.ros.files import attempted, compare, save_diagnosis, save_result
 from ros2_ident.ros.goals import automatic_goal, request_of
 from ros2_ident.ros.outlet import Outlet
 from ros2_ident.ros.page import PageWriter
-from ros2_ident.ros.paths import expanded
 from ros2_ident.ros.run import Finished, run
 from ros2_ident.ros.worker import Worker
 
@@ -91,7 +88,7 @@ class Identifier(Node):
         self.diagnostics = Diagnostics(self.get_name(), now['missing_warning'])
         self.last: Finished | Diagnosed | None = None
         self.stopping = False
-        self._twin = False
+        self.twin = False  # whether another node has its name
         self._due = False  # a stream has ended while a run was going on
         self._ticks = 0
         self._explained = time.monotonic()
@@ -125,13 +122,13 @@ class Identifier(Node):
             limit=now['buffer_messages'],
             keep_streams=now['keep_streams'],
             names=now['joint_names'],
-            spool=self._spool(now),
+            spool=start.spool_of(self, now),
         )
         self.board = Board(self, self.outlet, self.capture)
         self.board.publish()
         self.add_post_set_parameters_callback(lambda _: self._parameters_changed())
-        self._look_at_machine(now['machine_file'])
-        self._find_again()
+        start.look_at_machine(self, now['machine_file'])
+        start.find_again(self)
 
     # ------------------------------------------------------------------ runs
 
@@ -357,62 +354,6 @@ class Identifier(Node):
         self.capture.names = now['joint_names']
         self.diagnostics.missing_warning = now['missing_warning']
 
-    # ------------------------------------------------------------------ the start
-
-    def _look_at_machine(self, path: str) -> None:
-        """Say at once what is wrong with the machine file; a goal may name another one."""
-        if not path:
-            return
-        try:
-            load_machine(expanded(path))
-        except IdentError as error:
-            self.board.refuse(error)
-
-    def _spool(self, now: parameters.Snapshot) -> Spool | None:
-        """Return the file to which what arrives is written as well."""
-        if not (now['output_directory'] and now['spool_size']):
-            return None
-        name = self.get_fully_qualified_name().strip('/').replace('/', '.')
-        try:
-            folder = expanded(now['output_directory']) / 'spool'
-            return Spool(folder / f'{name}.mcap', 1_000_000 * now['spool_size'])
-        except IdentError as error:
-            self.get_logger().warning(f'what arrives is not spooled: {error.message}')
-            return None
-
-    def _find_again(self) -> None:
-        """Read what was heard before a restart, if nothing is heard by then."""
-        capture = self.capture
-        if capture.spool is None or capture.spool.empty:
-            return
-        path, topics = capture.spool.path, capture.topics
-        where = Topics(**topics, names=capture.names)
-
-        def found(recordings: Any, error: BaseException | None) -> None:
-            if error is not None:
-                text = error.message if isinstance(error, IdentError) else str(error)
-                self.get_logger().warning(f'what was heard before the start is lost: {text}')
-            elif capture.empty:
-                capture.restore(recordings)
-                count = sum(meter.received for meter in capture.meters.values())
-                self.board.change(
-                    Status.STATE_READY,
-                    f'{count} messages from before the start are held ({path}); send a goal to '
-                    '~/identify or ~/diagnose, replay anew, or call ~/clear_data',
-                )
-
-        self.worker.chore(lambda: read_bag(path, where), found)
-
-    def _look_for_twins(self) -> None:
-        """Say once that another node has the same name: their topics and services are mixed up."""
-        own = (self.get_name(), self.get_namespace())
-        if not self._twin and self.get_node_names_and_namespaces().count(own) > 1:
-            self._twin = True
-            self.get_logger().warning(
-                f'another node is named {self.get_fully_qualified_name()} too, and both answer; '
-                'end one of them or start it with --ros-args -r __node:=another_name'
-            )
-
     # ------------------------------------------------------------------ the clock's rounds
 
     def _tick(self) -> None:
@@ -435,7 +376,7 @@ class Identifier(Node):
             self._explain()
         capture.adapt()
         if self._ticks % round(1.0 / TICK) == 0:
-            self._look_for_twins()
+            self.twin = self.twin or start.look_for_twins(self)
             capture.flush()
             if (not capture.empty and not capture.ended) or self.worker.busy:
                 self.board.publish()
