@@ -293,6 +293,14 @@ def add_topics(parser: argparse.ArgumentParser) -> None:
             help=f'{what}; {default} by default',
         )
     group.add_argument(
+        '--joint-names',
+        type=names,
+        default=(),
+        metavar='A,B',
+        help='what the numbers of a Float64MultiArray are, in its order: joints, or with an '
+        'interface as A/velocity',
+    )
+    group.add_argument(
         '--columns',
         default='',
         metavar='FILE',
@@ -304,7 +312,9 @@ def topics_of(args: argparse.Namespace) -> Any:
     """Return the topics of parsed arguments."""
     from ros2_ident.recording import Topics
 
-    return Topics(args.state_topic, args.effort_topic, args.command_topic, args.columns)
+    return Topics(
+        args.state_topic, args.effort_topic, args.command_topic, args.columns, args.joint_names
+    )
 
 
 def add_effort(parser: argparse.ArgumentParser) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import read_small
 from ros2_ident.machine.draft import number, Remark
 from ros2_ident.machine.judge import contents, judge, TEMPLATE
 from ros2_ident.machine.keys import Key, Value
@@ -73,15 +74,21 @@ def read(path: str | Path, kinds: Mapping[str, Kind]) -> MachineFile:
         IdentError: BAD_MACHINE_FILE where it cannot be read or is no YAML.
     """
     try:
-        raw = Path(path).read_bytes()
-    except OSError as exc:
+        raw = read_small(path)
+    except (OSError, ValueError) as exc:
         raise IdentError(
             ErrorCode.BAD_MACHINE_FILE,
-            f'{path}: cannot be read ({exc.strerror}); give the path of a machine file',
+            f'{path}: cannot be read ({getattr(exc, "strerror", None) or exc}); give the path of '
+            'a machine file',
         ) from None
     try:
+        _refuse_aliases(raw, path)
         node = yaml.compose(raw, Loader=yaml.SafeLoader)
         data = yaml.safe_load(raw)
+    except RecursionError:
+        raise IdentError(
+            ErrorCode.BAD_MACHINE_FILE, f'{path}: is nested too deeply; {TEMPLATE}'
+        ) from None
     except (yaml.YAMLError, ValueError) as exc:
         mark = getattr(exc, 'problem_mark', None)
         where = f'{path}:{mark.line + 1}' if mark else str(path)
@@ -96,6 +103,22 @@ def read(path: str | Path, kinds: Mapping[str, Kind]) -> MachineFile:
         for path in _walk(node, (), lines)
     ]
     return judged(data, kinds, str(path), lines, twice, hashlib.sha256(raw).hexdigest())
+
+
+def _refuse_aliases(raw: bytes, path: str | Path) -> None:
+    """Refuse `*name`, by which a small file can stand for one without end.
+
+    Raises:
+        IdentError: BAD_MACHINE_FILE with the line.
+    """
+    for event in yaml.parse(raw, Loader=yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            line = event.start_mark.line + 1 if event.start_mark else 1
+            raise IdentError(
+                ErrorCode.BAD_MACHINE_FILE,
+                f'{path}:{line}: has the alias *{event.anchor}; write out '
+                'what it stands for',
+            )
 
 
 def _walk(
