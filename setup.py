@@ -52,6 +52,7 @@ setup(
         'zstandard',
     ],
     extras_require={
+        'arms': ['pin'],
         'cluster': ['distributed'],
         'test': [
             'distributed',

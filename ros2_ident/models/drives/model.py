@@ -100,6 +100,8 @@ class DriveModel(FullModel):
             self._constants(),
             self.rigid,
             self.efforts,
+            self.travels,
+            self._own(),
         )
         self._check_outputs()
         self._command, self._motion, self._mode = self._inputs()
@@ -149,7 +151,7 @@ class DriveModel(FullModel):
         """Return the model of the same recording with these effects and no others."""
         return self._again(effects, self.substeps)
 
-    def finer(self, theta: Array) -> 'DriveModel':
+    def finer(self, theta: Array) -> 'DriveModel | None':
         """Return the model with half the integration step of a candidate (N,)."""
         steps = int(self._steps(self.rows(np.atleast_2d(theta)))[0])
         return self._again(self.effects, 2 * steps)
@@ -189,6 +191,15 @@ class DriveModel(FullModel):
         Where effort is a force, the gear factor is 1 and says nothing of the motor's angle.
         """
         return 2.0 * math.pi / self.machine.numbers('travel_per_turn')
+
+    @property
+    def travels(self) -> tuple[str, ...]:
+        """(D,) unit of the drives' positions, `m` or `rad`."""
+        return (self.machine.travel_unit,) * len(self.machine.drives)
+
+    def _own(self) -> Mapping[str, Sequence[Parameter]]:
+        """Return what parameters fill nothing but the model's own, by the machine file's names."""
+        return {}
 
     @property
     def outputs(self) -> tuple[Output, ...]:
@@ -282,7 +293,7 @@ class DriveModel(FullModel):
         drives = range(len(self.machine.drives))
         return Context(
             drives=len(drives),
-            identified=frozenset(SLOTS[name].row for name in self.machine.bounds),
+            identified=frozenset(SLOTS[n].row for n in self.machine.bounds if n in SLOTS),
             closed_loop=self._closed,
             elastic=not self.rigid,
             lifted=bool(base[rows.row_of('gravity')]),
