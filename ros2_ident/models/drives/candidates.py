@@ -96,6 +96,7 @@ class Candidates:
         flexible: (D,) where an effect hangs a share of a rigid drive's mass on a spring.
         delayed: Whether an effect delays set-points.
         frame: Whether an effect lets the frame move.
+        smoothed: (D,) where an effect smooths the logged effort.
 
     Raises:
         IdentError: INVALID_GOAL or UNKNOWN_PARAMETER with the remedy.
@@ -136,20 +137,32 @@ class Candidates:
         self.flexible = self._flexible(rigid)
         self.delayed = 'set_point_delay' in targets
         self.frame = 'frame_frequency' in targets
+        self.smoothed = self._targeted('log_smoothing')
 
-    def _flexible(self, rigid: bool) -> npt.NDArray[np.bool_]:
+    def _targeted(self, row: str) -> npt.NDArray[np.bool_]:
+        """Return (D,) where an effect acts on a row."""
         out = np.zeros(len(self._machine.drives), dtype=bool)
         for at in self._effects:
-            if 'load_share' not in {p.target for p in get_effect(at.effect).parameters}:
-                continue
-            if not rigid:
-                raise IdentError(
-                    ErrorCode.INVALID_GOAL,
-                    f'{at.effect} has no place in a machine whose gear is elastic already; '
-                    'its parameter is gear_stiffness',
-                )
-            out[self._places(at)] = True
+            if row in {p.target for p in get_effect(at.effect).parameters}:
+                out[self._places(at)] = True
         return out
+
+    def _flexible(self, rigid: bool) -> npt.NDArray[np.bool_]:
+        out = self._targeted('load_share')
+        if out.any() and not rigid:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{self._naming("load_share")} has no place in a machine whose gear is elastic '
+                'already; its parameter is gear_stiffness',
+            )
+        return out
+
+    def _naming(self, row: str) -> str:
+        """Return the effect that acts on a row."""
+        named = {
+            p.target: at.effect for at in self._effects for p in get_effect(at.effect).parameters
+        }
+        return named[row]
 
     # ------------------------------------------------------------------ declaration
 

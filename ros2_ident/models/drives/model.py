@@ -25,11 +25,14 @@ from ros2_ident.models.drives.outputs import chosen_outputs
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
 from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
+from ros2_ident.recording.smooth import low_pass
 
 Array = npt.NDArray[np.float64]
 
 # Middle of the time a commanded torque holds, in cycles.
 _HOLD = 0.5
+# Order of the filter that smooths an effort, and candidates whose logs are kept whole at a time.
+_SMOOTHING, _WHOLE = 2, 64
 # A controller's motion has to be in the log at this share of its cycles to be replayed.
 SEEN = 0.3
 
@@ -469,7 +472,30 @@ class DriveModel(FullModel):
         """Return (S, R) what `simulate` does where `there` (O, K) holds, output by output."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
         out = np.empty((len(theta), int(there.sum())))
-        return self._simulated(theta, self.signals.task(there, out))
+        if not self.candidates.smoothed.any():
+            return self._simulated(theta, self.signals.task(there, out))
+        for first in range(0, len(theta), _WHOLE):
+            part = slice(first, first + _WHOLE)
+            out[part] = self._smoothed(theta[part])[:, there]
+        return out
+
+    def _smoothed(self, theta: Array) -> Array:
+        """Return (S, O, K) outputs of candidates (S, N) whose log is smoothed.
+
+        That takes the log as a whole, which the kernels never have.
+        """
+        every = np.ones((len(self.signals), self._cycles), dtype=bool)
+        task = self.signals.task(every, np.empty((len(theta), every.size)))
+        out: Array = self._simulated(theta, task).reshape(-1, *every.shape)
+        periods = self.rows(theta)[
+            :, [rows.row_of('log_smoothing', d) for d in self.signals.sources]
+        ]
+        efforts = [output.quantity == 'effort' for output in self.outputs]
+        finite = np.isfinite(out).all(axis=2)
+        for s, o in np.argwhere((periods > 0.0) & finite & efforts):
+            cutoff = 1.0 / periods[s, o]
+            out[s, o] = low_pass(out[s, o : o + 1], self.cycle, cutoff, _SMOOTHING)[0]
+        return out
 
     def replay_law(
         self, seen: RecordedMotion, theta: Array, there: npt.NDArray[np.bool_]
@@ -528,6 +554,8 @@ class DriveModel(FullModel):
             it is a lower bound of the cost.
         """
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
+        if self.candidates.smoothed.any():
+            return super().costs(theta, limit, stop)
         limits = np.empty(len(theta))
         limits[:] = limit
         task = self._costing._replace(limits=limits, out=np.empty((len(theta), 1)))
