@@ -56,7 +56,7 @@ TABLE = {
     'dh_theta': [0.1, 0.4, -0.7, 0.2],
     'joint': ['revolute', 'prismatic', 'continuous', 'prismatic'],
 }
-TILT = {'gravity': 9.7, 'base_roll': 0.4, 'base_pitch': -0.7}
+TILT = {'free_fall': 9.7, 'base_roll': 0.4, 'base_pitch': -0.7}
 LINKS = {
     'link_mass': [-5.0, 5.0, 'kg'],
     'link_moment': [-5.0, 5.0, 'kg m'],
@@ -96,7 +96,7 @@ def motion(drives: int, count: int, seed: int = 1) -> np.ndarray:
 
 
 def plainly(bodies: tuple[twin.Body, ...], moved: np.ndarray) -> np.ndarray:
-    down = twin.gravity_in_base(TILT['gravity'], TILT['base_roll'], TILT['base_pitch'])
+    down = twin.gravity_in_base(TILT['free_fall'], TILT['base_roll'], TILT['base_pitch'])
     instants = moved.transpose(2, 0, 1)
     return np.array([twin.inverse_dynamics(bodies, down, *one) for one in instants]).T
 
@@ -227,7 +227,7 @@ FRICTION = {'coulomb_torque': [1.0, 3.0, 'N'], 'viscous_torque': [2.0, 6.0, 'N s
 
 def slide() -> Machine:
     """A mass on a level slide, as an arm."""
-    return tabled(SLIDE, {'gravity': 0.0}, link_mass=[3.0, 5.0, 'kg'], **FRICTION).with_constants(
+    return tabled(SLIDE, {'free_fall': 0.0}, link_mass=[3.0, 5.0, 'kg'], **FRICTION).with_constants(
         coulomb_regularisation=5e-3, travel_per_turn=0.05
     )
 

@@ -67,7 +67,7 @@ _GEOMETRY = (
         choices=('revolute', 'prismatic'),
         aliases=(('continuous', 'revolute'),),
     ),
-    Key('geometry', 'gravity', 'm/s^2', 'downwards', 9.81, absent='9.81 by default', default=9.81,
+    Key('geometry', 'free_fall', 'm/s^2', 'acceleration of free fall', 9.81, absent='9.81 by default', default=9.81,
         low=0.0, high=25.0),
     Key('geometry', 'base_roll', 'rad', 'tilt of the base about x', 0.0, absent='0 by default',
         default=0.0, low=-math.pi, high=math.pi),

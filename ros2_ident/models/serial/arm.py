@@ -123,7 +123,7 @@ def arm_of(machine: Machine) -> Arm:
     model = _described(pin, text, machine.drives) if text else _by_table(pin, machine)
     roll, pitch = machine.number('base_roll'), machine.number('base_pitch')
     down = pin.rpy.rpyToMatrix(roll, pitch, 0.0).T @ np.array([0.0, 0.0, -1.0])
-    model.gravity.linear = machine.number('gravity') * down
+    model.gravity.linear = machine.number('free_fall') * down
     # Rotors are parameters of the drives.
     model.armature[:] = 0.0
     return Arm(model, np.array([model.getJointId(name) for name in machine.drives]))
