@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Arms: terms, recursive Newton-Euler and the slow twin against each other; effects at joints."""
 
+from dataclasses import replace
 from pathlib import Path
 import sys
 
@@ -11,7 +12,9 @@ pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
 from ros2_ident.effects import CATALOGUE  # noqa: E402
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
+from ros2_ident.identify.layout import Conditions  # noqa: E402
 from ros2_ident.identify.run import identify  # noqa: E402
+from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model  # noqa: E402
 from ros2_ident.models.serial.arm import arm_of  # noqa: E402
@@ -174,20 +177,56 @@ def test_the_base_parameters_ask_what_all_inertials_ask(tmp_path: Path) -> None:
     assert units == ['N m', 'N', 'N m', 'N m']
 
 
+HALF = 0.5 * np.pi
+UR10 = {
+    'dh_a': [0.0, 0.0, -0.612, -0.5723, 0.0, 0.0],
+    'dh_alpha': [0.0, HALF, 0.0, 0.0, HALF, -HALF],
+    'dh_d': [0.1273, 0.0, 0.0, 0.163941, 0.1157, 0.0922],
+    'dh_theta': [0.0] * 6,
+    'joint': ['revolute'] * 6,
+}
+
+
 def test_six_joints_of_a_ur10_have_36_base_parameters() -> None:
-    half = 0.5 * np.pi
-    table = {
-        'dh_a': [0.0, 0.0, -0.612, -0.5723, 0.0, 0.0],
-        'dh_alpha': [0.0, half, 0.0, 0.0, half, -half],
-        'dh_d': [0.1273, 0.0, 0.0, 0.163941, 0.1157, 0.0922],
-        'dh_theta': [0.0] * 6,
-        'joint': ['revolute'] * 6,
-    }
-    machine = tabled(table, {})
+    machine = tabled(UR10, {})
     names = [p.name for p in make_model(machine, moving(machine)).parameters]
     assert len(names) == 36
     # Of the first link a vertical joint shows its inertia about itself only.
     assert [n for n in names if n.startswith('joint_0')] == ['joint_0.link_inertia_zz']
+
+
+def test_a_load_shows_in_a_recording_beside_one_without_it() -> None:
+    boxes = {
+        'link_moment': [-6.0, 6.0, 'kg m'],
+        'link_inertia': [-4.0, 4.0, 'kg m^2'],
+        'coulomb_torque': [0.0, 20.0, 'N m'],
+        'viscous_torque': [0.0, 20.0, 'N m s/rad'],
+        'payload_mass': [0.0, 6.0, 'kg'],
+        **{f'payload_{axis}': [-0.3, 0.3, 'm'] for axis in 'xyz'},
+    }
+    machine = tabled(UR10, {}, **boxes)
+    plain = [make_model(machine, moving(machine, 1500, seed)) for seed in (1, 2)]
+    names = [p.name for p in plain[0].parameters]
+    rng = np.random.default_rng(4)
+    low, high = np.array([(p.low, p.high) for p in plain[0].parameters]).T
+    true = low + rng.uniform(0.3, 0.7, len(low)) * (high - low)
+    loaded = dict(payload_mass=2.5, payload_x=0.05, payload_y=-0.03, payload_z=0.12)
+    models = []
+    for model, mass in zip(plain, (0.0, 2.5), strict=True):
+        values = dict(zip(names, true, strict=True)) | loaded | {'payload_mass': mass}
+        effort = model.simulate(np.array(list(values.values())))[0]
+        noisy = effort + rng.normal(0.0, 0.3, effort.shape)
+        models.append(make_model(machine, replace(model.data, effort=noisy)))
+    result = identify(
+        model=models,
+        conditions=Conditions(each=('payload_mass',)),
+        fixed={'payload_mass@1': 0.0},
+        settings=IdentifySettings(starts=1),
+    )
+    found = {p.name: p.value for p in result.parameters}
+    assert found['payload_mass@2'] == pytest.approx(2.5, rel=0.01)
+    for axis in 'xyz':
+        assert found[f'payload_{axis}'] == pytest.approx(loaded[f'payload_{axis}'], abs=5e-3)
 
 
 def test_a_payload_is_a_point_mass_at_the_last_link(tmp_path: Path) -> None:
@@ -227,9 +266,9 @@ FRICTION = {'coulomb_torque': [1.0, 3.0, 'N'], 'viscous_torque': [2.0, 6.0, 'N s
 
 def slide() -> Machine:
     """A mass on a level slide, as an arm."""
-    return tabled(SLIDE, {'free_fall': 0.0}, link_mass=[3.0, 5.0, 'kg'], **FRICTION).with_constants(
-        coulomb_regularisation=5e-3, travel_per_turn=0.05
-    )
+    return tabled(
+        SLIDE, {'free_fall': 0.0}, link_mass=[3.0, 5.0, 'kg'], **FRICTION
+    ).with_constants(coulomb_regularisation=5e-3, travel_per_turn=0.05)
 
 
 def axis() -> Machine:
@@ -332,7 +371,7 @@ def test_an_arm_with_a_hidden_effect_is_found_again(tmp_path: Path) -> None:
     }
     machine = described(tmp_path, **boxes)
     there = [EffectAt('degressive_friction', 'elbow')]
-    data = moving(machine, 1500)
+    data = moving(machine, 900)
     model = make_model(machine, data, effects=there, efforts=np.full(4, 40.0))
     rng = np.random.default_rng(0)
     low, high = np.array([(p.low, p.high) for p in model.parameters]).T
@@ -343,7 +382,7 @@ def test_an_arm_with_a_hidden_effect_is_found_again(tmp_path: Path) -> None:
         data.names, data.cycle, 0, None, None, data.position, None,
         effort + rng.normal(0.0, 0.05, effort.shape),
     )  # fmt: skip
-    result = identify(machine, logged, effects=there)
+    result = identify(machine, logged, effects=there, settings=IdentifySettings(starts=1))
     found = {p.name: p for p in result.parameters}
     inside = [
         found[p.name].low <= t <= found[p.name].high
