@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The effort was smoothed forwards and backwards before it came into the log."""
+"""The efforts were smoothed forwards and backwards before they came into the log."""
 
 from ros2_ident.effects.effect import Context, Effect, EffectParameter, Hook
 
@@ -22,12 +22,12 @@ EFFECT = Effect(
     ),
     hook=Hook.PARAMETER,
     kernel=None,
-    place='drive',
+    place='all',
     family='log timing',
     confusable=(
         'effort_filter',
         'presliding',
     ),
-    separated_by='log the effort of {drive} as the drive reports it',
+    separated_by='log the efforts as the drives report them',
     needs=_recorded_motion,
 )

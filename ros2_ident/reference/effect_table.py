@@ -231,6 +231,7 @@ KINDS = (
         'log of gain 1 / (1 + (f period)^4) without phase',
         'log of gain 1 / 2^((f period)^2) without phase',
         writers.effort_smoothing,
+        place='all',
     ),
     Kind(
         'integral_gain_error',

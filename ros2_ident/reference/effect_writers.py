@@ -334,20 +334,19 @@ def effort_filter(plant: Plant, i: int, values: Values, other: bool, seed: int) 
 
 
 def effort_smoothing(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
-    """Write smoothed effort."""
+    """Write smoothed efforts."""
 
     def smoothed(torque: Array, cycle: float) -> Array:
-        signal, count = torque[i], torque.shape[1]
+        count = torque.shape[1]
         # Continued by point reflection at both ends, long enough to end where it begins.
-        before, behind = 2.0 * signal[0] - signal[:0:-1], 2.0 * signal[-1] - signal[-2::-1]
-        whole = np.concatenate([before, signal, behind])
-        drift = np.linspace(whole[0], whole[-1], whole.size)
-        ratio = np.fft.rfftfreq(whole.size, cycle) * values['period']
+        before = 2.0 * torque[:, :1] - torque[:, :0:-1]
+        behind = 2.0 * torque[:, -1:] - torque[:, -2::-1]
+        whole = np.concatenate([before, torque, behind], axis=1)
+        drift = np.linspace(whole[:, 0], whole[:, -1], whole.shape[1], axis=1)
+        ratio = np.fft.rfftfreq(whole.shape[1], cycle) * values['period']
         gain = 0.5 ** (ratio**2) if other else 1.0 / (1.0 + ratio**4)
-        out = torque.copy()
-        passed = np.fft.irfft(gain * np.fft.rfft(whole - drift), whole.size) + drift
-        out[i] = passed[count - 1 : 2 * count - 1]
-        return out
+        passed = np.fft.irfft(gain * np.fft.rfft(whole - drift), whole.shape[1]) + drift
+        return np.ascontiguousarray(passed[:, count - 1 : 2 * count - 1])
 
     plant.log_filters.append(smoothed)
 
