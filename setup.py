@@ -59,6 +59,7 @@ setup(
             'hypothesis',
             'import-linter',
             'mcap',
+            'pin',
             'pytest',
             'pytest-timeout',
             'selenium',
