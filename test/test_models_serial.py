@@ -130,6 +130,13 @@ def test_a_table_in_three_ways() -> None:
     np.testing.assert_allclose(arm.efforts(*moved), slowly, rtol=0, atol=1e-9)
 
 
+def test_another_description_is_another_machine(tmp_path: Path) -> None:
+    first = described(tmp_path)
+    assert described(tmp_path).digest == first.digest
+    (tmp_path / 'arm.urdf').write_text(URDF.replace('7.5', '8.5'))
+    assert load_machine(tmp_path / 'arm.yaml').digest != first.digest
+
+
 def test_an_mjcf_is_read_and_joints_that_are_not_listed_stand_still(tmp_path: Path) -> None:
     text = '''<mujoco><worldbody><body name="a" pos="0 0 1">
       <inertial mass="2" pos="0.1 0 0" diaginertia="0.1 0.2 0.3"/>

@@ -148,7 +148,9 @@ def _machine(data: Mapping[str, Any], kind: Kind, digest: str, folder: Path) -> 
     present = contents(data)
     for key in kind.constants:
         if key.file and key.path in present:
-            present[key.path] = (folder / str(present[key.path])).read_text(encoding='utf-8')
+            text = (folder / str(present[key.path])).read_text(encoding='utf-8')
+            present[key.path] = text
+            digest = hashlib.sha256(f'{digest}{text}'.encode()).hexdigest()
     drives = tuple(map(str, data['drives']))
     unit = str(data.get('effort_unit', 'N m'))
     bounds, own = _boxes(present, drives)

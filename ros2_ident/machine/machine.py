@@ -33,7 +33,8 @@ class Machine:
         effort_scale: Factor from the logged effort to N m (or N): a torque constant [N m/A], or
             the rated torque over 100 %.
         effort_noise: Standard deviation of the logged effort's noise, in the model's effort unit.
-        digest: SHA-256 of the file, empty where the machine was made in memory.
+        digest: SHA-256 of the file, and of those that it names; empty where the machine was made
+            in memory.
         travel: Unit of the drives' positions where the kind says it, else empty.
 
     Raises:
