@@ -45,12 +45,18 @@ def test_a_new_machine_file_says_unit_and_meaning_of_every_key(kind):
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_what_stands_behind_a_comment_can_be_taken_in(kind):
+def test_what_stands_behind_a_comment_can_be_taken_in(kind, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for key in KINDS[kind].keys:
+        if key.file:
+            Path(str(key.example)).write_text('what the file holds\n')
     template = machine_template(KINDS[kind])
     text = re.sub(r'^( *)# (\w+: [^#]*#)', r'\1\2', template, flags=re.MULTILINE)
     machine = machine_from_mapping(yaml.safe_load(text))
     known = {path[1] for path in KINDS[kind].by_path if path[0] == 'parameters'}
     assert set(machine.bounds) == known
+    held = [machine.text(key.name) for key in KINDS[kind].keys if key.file]
+    assert set(held) <= {'what the file holds\n'}
 
 
 def test_the_table_knows_what_the_models_know():

@@ -62,6 +62,7 @@ DRIVE_ROWS = (
     'load_share',  # 1, of the moved mass, behind a flexible gear where the model is rigid
     'load_frequency',  # Hz, of motor and load against each other
     'load_damping',  # 1
+    'log_smoothing',  # s, no kernel's: whoever has the whole log
 )
 NEUTRAL = {
     'payload_duration': 1e9,

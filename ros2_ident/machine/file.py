@@ -102,7 +102,8 @@ def read(path: str | Path, kinds: Mapping[str, Kind]) -> MachineFile:
         Remark('error', path, f'{path[-1]} stands there twice; keep one of the two lines')
         for path in _walk(node, (), lines)
     ]
-    return judged(data, kinds, str(path), lines, twice, hashlib.sha256(raw).hexdigest())
+    digest = hashlib.sha256(raw).hexdigest()
+    return judged(data, kinds, str(path), lines, twice, digest, Path(path).parent)
 
 
 def _refuse_aliases(raw: bytes, path: str | Path) -> None:
@@ -142,6 +143,7 @@ def judged(
     lines: Mapping[tuple[str, ...], int] | None = None,
     known: list[Remark] | None = None,
     digest: str = '',
+    folder: Path = Path(),
 ) -> MachineFile:
     """Judge a parsed machine file.
 
@@ -152,20 +154,26 @@ def judged(
         lines: Line of each key, by path.
         known: What is known already to need a change.
         digest: SHA-256 of the file.
+        folder: Where the files lie that it names.
     """
-    remarks = [*(known or ()), *judge(data, kinds)]
+    remarks = [*(known or ()), *judge(data, kinds, folder)]
     remarks.sort(key=lambda remark: remark.level)  # `error` before `warn`, stable
     broken = any(remark.level == 'error' for remark in remarks)
-    machine = None if broken else _machine(data, kinds[data['machine']], digest)
+    machine = None if broken else _machine(data, kinds[data['machine']], digest, folder)
     return MachineFile(name, lines or {}, tuple(remarks), machine)
 
 
 # ---------------------------------------------------------------------- the value
 
 
-def _machine(data: Mapping[str, Any], kind: Kind, digest: str) -> Machine:
+def _machine(data: Mapping[str, Any], kind: Kind, digest: str, folder: Path) -> Machine:
     """Return the machine of a mapping in which there is no error."""
     present = contents(data)
+    for key in kind.constants:
+        if key.file and key.path in present:
+            text = (folder / str(present[key.path])).read_text(encoding='utf-8')
+            present[key.path] = text
+            digest = hashlib.sha256(f'{digest}{text}'.encode()).hexdigest()
     drives = tuple(map(str, data['drives']))
     unit = str(data.get('effort_unit', 'N m'))
     bounds, own = _boxes(present, drives)
@@ -181,6 +189,7 @@ def _machine(data: Mapping[str, Any], kind: Kind, digest: str) -> Machine:
         effort_scale=effort_factor(unit, data.get('torque_constant'), data.get('rated_torque')),
         effort_noise=float(data.get('effort_noise', 0.01)),
         digest=digest,
+        travel=kind.travel,
     )
 
 

@@ -52,6 +52,7 @@ class Kind:
             position.
         check_motion: Returns what in a machine file contradicts recorded positions (D, K), NaN
             where there is no sample.
+        travel: Unit of its drives' positions, `m` or `rad`; where empty, `moving_mass` says it.
         scene: Returns what to draw at positions (D, F) of its drives, None where they cannot be.
 
     Raises:
@@ -68,6 +69,7 @@ class Kind:
     from_bag: bool = True
     starts_in_motion: bool = False
     check_motion: Callable[[Machine, Array], Iterable[Remark]] | None = None
+    travel: str = ''
     scene: Callable[[Machine, Array], Figure | None] | None = None
 
     def __post_init__(self) -> None:
