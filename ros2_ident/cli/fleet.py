@@ -20,7 +20,7 @@ EXAMPLES = (
     '\n'
     'writes to DIR: fleet.json, fleet.csv, and rows/ with a file for each bag\n'
 )
-EXIT_CODES = {0: 'every bag is done', 1: 'some failed or are left'}
+EXIT_CODES = {0: 'every bag is done', 1: 'some failed, are left, or contradict their machine file'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -88,7 +88,7 @@ class _Board:
 def run(args: argparse.Namespace) -> int:
     """Run the fleet and print how its machines compare."""
     from ros2_ident.cli.interrupt import interrupts
-    from ros2_ident.fleet import read_fleet, run_fleet, states, summarise
+    from ros2_ident.fleet import read_fleet, run_fleet, sound, summarise
 
     entries = read_fleet(args.list, args.machine)
     with interrupts() as cancel, _Board(entries, args.quiet) as board:
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
         )
     _print(rows, summarise(rows))
     print(f'written: {args.out}/fleet.json, {args.out}/fleet.csv')
-    return 0 if states(rows)['done'] == len(entries) else 1
+    return 0 if len(rows) == len(entries) and all(map(sound, rows)) else 1
 
 
 def _print(rows: 'list[Row]', summary: dict[str, Any]) -> None:

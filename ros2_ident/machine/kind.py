@@ -53,6 +53,8 @@ class Kind:
         check_motion: Returns what in a machine file contradicts recorded positions (D, K), NaN
             where there is no sample.
         scene: Returns what to draw at positions (D, F) of its drives, None where they cannot be.
+        coupled: Whether its model knows how drives load each other; where not, a log in which they
+            do is found to be another machine's.
 
     Raises:
         ValueError: Where two of its constants have one name, or it comes from a bag without
@@ -69,6 +71,7 @@ class Kind:
     starts_in_motion: bool = False
     check_motion: Callable[[Machine, Array], Iterable[Remark]] | None = None
     scene: Callable[[Machine, Array], Figure | None] | None = None
+    coupled: bool = True
 
     def __post_init__(self) -> None:
         names = [key.name for key in self.constants]

@@ -141,6 +141,7 @@ class Diagnoser:
             if unwritten is not None:
                 node.get_logger().error(unwritten.message)
             node.board.change(state, sentence, fault)
+            node.board.warnings(message.warnings)
             self._draw(found, path)
             node.pages.start(path)
         node.diagnostics.gap = message

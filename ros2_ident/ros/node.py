@@ -223,6 +223,7 @@ class Identifier(Node):
             if unwritten is not None:
                 self.get_logger().error(unwritten.message)
             self.board.change(state, message.outcome_sentence, fault or unwritten)
+            self.board.warnings(message.warnings)
         self.diagnostics.result = message
         self.outlet.result(message)
         return message

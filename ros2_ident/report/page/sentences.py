@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ros2_ident.effects import CATALOGUE
+from ros2_ident.gap.verdict import NAMELESS, NONE
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 
 Level = Literal['good', 'doubtful', 'bad', 'plain', 'warning']
@@ -192,14 +193,16 @@ def of_diagnosis(data: Mapping[str, Any]) -> list[Sentence]:
     if rivals:
         out.append(Sentence('warning', f'This log cannot tell it from: {some(rivals)}.'))
     out += [
-        Sentence('warning', gate['sentence']) for gate in data['gates'] if gate['level'] != 'ok'
+        Sentence('warning', gate['sentence'])
+        for gate in data['gates']
+        if gate['level'] != 'ok' and gate['sentence'] not in verdict['sentence']
     ]
     moved = [
         f'{name} by {percent(share)}'
         for name, share in data['moved'].items()
         if share is not None and abs(share) >= MOVED and _left(name, data)
     ]
-    if moved and verdict['effect'] not in ('none', 'unknown'):
+    if moved and verdict['effect'] not in NAMELESS:
         out.append(
             Sentence(
                 'warning',
@@ -208,7 +211,7 @@ def of_diagnosis(data: Mapping[str, Any]) -> list[Sentence]:
             )
         )
     level: Level = 'bad'
-    if data['complete'] and verdict['effect'] != 'unknown':
+    if data['complete'] and verdict['effect'] not in NAMELESS - {NONE}:
         level = 'doubtful' if out else 'good'
     hidden = [effect_name(x) for x in data['not_testable']]
     if hidden:

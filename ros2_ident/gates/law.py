@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from ros2_ident.gap.blocks import correlation_time
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import fill_smoothly
+from ros2_ident.search.noise import correlation_time
 
 Array = NDArray[np.float64]
 
@@ -23,8 +23,15 @@ Array = NDArray[np.float64]
 LATEST_EFFORT, LATEST_COMMAND = 0.12, 0.012
 # A late set-point counts where without it the fit leaves so much more (mean square).
 _COUNTS = 1.02
+# Stamps of topics may lie so far apart, s; that is looked for where a law misses the effort by so
+# many times its noise, and believed where it then leaves so much less of it (mean square).
+APART, _MISSED, _TOGETHER = 0.5, 1.5, 0.6
+# Valleys that are followed down.
+_VALLEYS = 5
 # Beyond this share of the limit the law does not hold.
 _SATURATED = 0.98
+# An effort beyond the limit by this factor is none in its unit.
+_BEYOND = 1.2
 _GAINS = ('position_gain', 'velocity_gain', 'integral_gain')
 
 
@@ -105,7 +112,9 @@ class _Signals:
     speed_steps: float
 
 
-def fit_law(machine: Machine, data: Dataset, drive: str) -> Law | None:
+def fit_law(
+    machine: Machine, data: Dataset, drive: str, tracked: float = 0.0
+) -> Law | None:
     """Compare the law M = k_v e + k_I int e dt + c, e = k_p (z_cmd - z) + f v_cmd - v, with a log.
 
     It is linear in its coefficients: of position error, velocity error, their integrals, and a
@@ -116,6 +125,8 @@ def fit_law(machine: Machine, data: Dataset, drive: str) -> Law | None:
             gains that are to be identified are taken from the log.
         data: The recording on the grid of controller cycles.
         drive: The drive.
+        tracked: How late the position follows its set-point [s]: stamps of the topics that lie far
+            apart are looked for about it.
 
     Returns:
         The law; None where command, position or effort are missing or the drive stands still.
@@ -124,7 +135,10 @@ def fit_law(machine: Machine, data: Dataset, drive: str) -> Law | None:
     if signals is None:
         return None
     delays = _delays(signals)
-    columns, effort = _Fit(signals).system(delays)
+    apart = _delays_apart(signals, delays, machine, drive, tracked)
+    system = _Fit(signals) if apart is None else _Fit(signals, where=_inside(signals))
+    delays = delays if apart is None else apart
+    columns, effort = system.system(delays)
     solution, _, free = _solve(columns, effort)
     sought = [name for name in _GAINS if name in machine.bounds]
     gains = {name: float(np.nan_to_num(machine.number(name, drive))) for name in _GAINS}
@@ -224,6 +238,57 @@ def _delays(signals: _Signals) -> Array:
     return in_time if plain < _COUNTS * best or delays[1] < 0.5 else delays
 
 
+def _inside(signals: _Signals) -> NDArray[np.bool_]:
+    """Return the samples whose motion is in the log however far the stamps lie apart."""
+    edge = APART / signals.cycle
+    out: NDArray[np.bool_] = (signals.index > edge) & (
+        signals.index < signals.position.size - edge
+    )
+    return out
+
+
+def _delays_apart(
+    signals: _Signals, found: Array, machine: Machine, drive: str, tracked: float
+) -> Array | None:
+    """Return delays in cycles as of topics whose stamps lie apart; None where they do not."""
+    edge = APART / signals.cycle
+    rough = _Fit(signals, every=max(1, signals.effort.size // 800), where=_inside(signals))
+    if rough.size < 200:
+        return None
+    noise = _MISSED * math.hypot(machine.effort_noise, signals.speed_steps)
+    plain = rough.left(found)
+    if plain * rough.variance < noise**2:
+        return None
+    # A loop follows late by at most about the time of its gain.
+    gain = machine.number('position_gain', drive)
+    reach = min(1.5 / gain, 0.1) if gain > 0.0 else 0.1
+    coarse = np.arange(tracked - reach - LATEST_COMMAND, tracked + 5e-3, 2e-3)
+    # A loop with feed-forward follows at once, and its law is lost within a fraction of a ms.
+    sharp = tracked + np.arange(-3e-3, 3e-3, 2.5e-4)
+    lates = np.unique(np.concatenate([coarse, sharp])) / signals.cycle
+    wide = max(1.0, round(0.006 / signals.cycle))
+    grid = sorted(_scan(rough, np.arange(-edge, edge + 1.0, wide), lates))
+    # Several valleys may look alike from afar.
+    starts: list[Array] = []
+    for _, lag, late in grid:
+        if len(starts) < _VALLEYS and all(abs(lag - s[0]) > 2.0 * wide for s in starts):
+            starts.append(np.array([lag, late]))
+    step = np.array([[0.0, 0.0], [0.5 * wide, 0.0], [0.0, 5e-4 / signals.cycle]])
+    polished = [
+        minimize(
+            rough.left,
+            start,
+            method='Nelder-Mead',
+            options={
+                'xatol': 1e-2, 'fatol': 1e-9, 'maxfev': 120, 'initial_simplex': start + step,
+            },
+        )
+        for start in starts
+    ]
+    best = min(polished, key=lambda found: float(found.fun))
+    return np.asarray(best.x) if float(best.fun) < _TOGETHER * plain else None
+
+
 def _scan(fit: '_Fit', lags: Array, lates: Array) -> list[tuple[float, float, float]]:
     """Return (what is left, effort delay, set-point delay) for all pairs of delays in cycles."""
     return [
@@ -236,10 +301,15 @@ def _scan(fit: '_Fit', lags: Array, lates: Array) -> list[tuple[float, float, fl
 class _Fit:
     """The free law's equations at given delays in cycles, on every so many samples."""
 
-    def __init__(self, signals: _Signals, every: int = 1) -> None:
+    def __init__(
+        self, signals: _Signals, every: int = 1, where: NDArray[np.bool_] | None = None
+    ) -> None:
+        chosen = slice(None) if where is None else where
         self._signals = signals
-        self._index = signals.index[::every]
-        self._effort = signals.effort[::every]
+        self._index = signals.index[chosen][::every]
+        self._effort = signals.effort[chosen][::every]
+        self.size = self._effort.size
+        self.variance = float(self._effort.var()) if self.size else 0.0
         self._late = -1.0
         self._columns = np.empty(0)
 
@@ -260,7 +330,7 @@ class _Fit:
 
     def left(self, delays: Array) -> float:
         """Return the mean square that is left, as a share of the effort's variance."""
-        columns, effort = self.system(np.maximum(delays, 0.0))
+        columns, effort = self.system(delays)
         normal, right = columns.T @ columns, columns.T @ effort
         size = np.sqrt(np.diag(normal)) + 1e-300
         solution = np.linalg.lstsq(normal / np.outer(size, size), right / size, rcond=1e-12)[0]
@@ -299,6 +369,8 @@ def _signals(machine: Machine, data: Dataset, drive: str) -> _Signals | None:
         logged = None if data.velocity is None else _filled(data.velocity[d])
         velocity = np.gradient(position, data.cycle) if logged is None else logged
     limit = machine.number('torque_limit', drive)
+    if float(np.nanmax(np.abs(effort))) > _BEYOND * limit:
+        limit = math.inf  # that is no effort in the unit of the limit
     index = np.flatnonzero(np.isfinite(effort) & (np.abs(effort) < _SATURATED * limit))
     # The first samples of the log are taken up before the delayed effort begins.
     index = index[index > LATEST_EFFORT / data.cycle]
