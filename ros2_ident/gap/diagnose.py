@@ -295,7 +295,7 @@ class _Passes:
         readings = _readings(begun.case, found.chain[0], begun.candidates)
         verdict = judge(explainer, found, readings)
         if not clock.stopped():
-            found, verdict = of_what_is_left(explainer, found, verdict)
+            found, verdict = of_what_is_left(explainer, found, verdict, begun.report)
         return found, ahead(verdict, begun.report)
 
     def _composed(self, begun: _Pass, found: Explained, verdict: Verdict) -> Diagnosis:

@@ -36,7 +36,7 @@ def of_gates(
 
 
 def of_what_is_left(
-    explainer: Explainer, found: Explained, verdict: Verdict
+    explainer: Explainer, found: Explained, verdict: Verdict, report: GateReport
 ) -> tuple[Explained, Verdict]:
     """Return the answer, or that the model is the wrong one where no effect makes it carry.
 
@@ -44,7 +44,11 @@ def of_what_is_left(
         explainer: Holds the rules and the counts.
         found: What the rounds came to.
         verdict: What would follow.
+        report: What the gates found: where a slow log alone drives the model, it may be the log
+            that is at fault.
     """
+    if report.of('rate') and report.of('command'):
+        return found, verdict
     case = explainer.attribution.case
     gap = np.sqrt(np.maximum(explainer.gap(found.chain[-1]), 0.0))
     left = gap * explainer.attribution.floor

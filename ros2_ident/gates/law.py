@@ -30,6 +30,8 @@ APART, _MISSED, _TOGETHER = 0.5, 1.5, 0.6
 _VALLEYS = 5
 # Beyond this share of the limit the law does not hold.
 _SATURATED = 0.98
+# A feed-forward of this or more is a slip of the pen whose squares would overflow.
+_ABSURD = 1e9
 # An effort beyond the limit by this factor is none in its unit.
 _BEYOND = 1.2
 _GAINS = ('position_gain', 'velocity_gain', 'integral_gain')
@@ -171,8 +173,13 @@ def fit_law(
         file,
         1.0 - free**2 / max(float(effort.var()), 1e-300),
         effort.size,
-        gains['velocity_gain'] * signals.speed_steps,
+        _nearer(gains['velocity_gain'], abs(float(solution[1]))) * signals.speed_steps,
     )
+
+
+def _nearer(stated: float, found: float) -> float:
+    """Return the velocity gain that ran: the stated one unless the log shows quite another."""
+    return stated if 0.5 * found < stated < 2.0 * found else found
 
 
 def _gains_of(solution: Array) -> dict[str, float]:
@@ -255,7 +262,8 @@ def _delays_apart(
     rough = _Fit(signals, every=max(1, signals.effort.size // 800), where=_inside(signals))
     if rough.size < 200:
         return None
-    noise = _MISSED * math.hypot(machine.effort_noise, signals.speed_steps)
+    gain = abs(float(_solve(*rough.system(found))[0][1]))
+    noise = _MISSED * math.hypot(machine.effort_noise, gain * signals.speed_steps)
     plain = rough.left(found)
     if plain * rough.variance < noise**2:
         return None
@@ -374,11 +382,12 @@ def _signals(machine: Machine, data: Dataset, drive: str) -> _Signals | None:
     index = np.flatnonzero(np.isfinite(effort) & (np.abs(effort) < _SATURATED * limit))
     # The first samples of the log are taken up before the delayed effort begins.
     index = index[index > LATEST_EFFORT / data.cycle]
-    if index.size < 200:
+    forward = machine.number('velocity_feedforward', drive)
+    if index.size < 200 or not abs(forward) < _ABSURD:
         return None
     return _Signals(
         data.cycle, data.command_position[d], data.command_velocity[d], position, velocity,
-        index, effort[index], machine.number('velocity_feedforward', drive),
+        index, effort[index], forward,
         machine.number('integral_gain', drive) != 0.0,
         speed_steps,
     )

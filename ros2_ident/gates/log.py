@@ -11,12 +11,14 @@ from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import best_lag, fill_gaps
 from ros2_ident.recording.plausibility import lost_sign, unsigned
-from ros2_ident.recording.smooth import allowed_cutoff
+from ros2_ident.recording.smooth import allowed_cutoff, ROOM
 
 # Shares of samples missing from which on a log is suspect, and of no use.
 MISSING, TOO_MANY_MISSING = 0.02, 0.2
 # A drive's own motion has to explain so much of its effort to tell a sign.
 _TELLS = 0.3
+# Motion up to this frequency is looked at where the log shows it, Hz.
+SEEN = 50.0
 # Motion faster than this is left out of the check of the sign, Hz.
 _SLOW = 15.0
 
@@ -41,10 +43,24 @@ def check_streams(data: Dataset) -> list[Gate]:
         text = f'{stream.role}: stamps scatter by {1e3 * stream.jitter:.2g} ms about the grid'
         if loose:
             text += '; a delay below that cannot be told, stamp where the sample is taken'
+        if stream.role == 'state':
+            found += _slow(stream.rate)
         found.append(
             Gate('jitter', '', 'warn' if loose else 'ok', stream.jitter, 's', text)
         )
     return found
+
+
+def _slow(rate: float) -> list[Gate]:
+    """Return a warning where positions come too seldom to show how a drive moves."""
+    cutoff = ROOM * rate
+    if cutoff >= SEEN:
+        return []
+    text = (
+        f'positions come at {rate:.4g} Hz, so motion is smoothed at {cutoff:.3g} Hz: what is '
+        f'faster does not show and looks like a gap; log at {SEEN / ROOM:g} Hz or more'
+    )
+    return [Gate('rate', '', 'warn', rate, 'Hz', text)]
 
 
 def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:

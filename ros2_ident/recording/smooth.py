@@ -11,8 +11,8 @@ from ros2_ident.recording.streams import FloatArray
 _ORDER = 4
 
 
-# A filter of this order needs so much room below half the rate.
-_ROOM = 0.2
+# The highest cutoff, in shares of the rate: the filter needs room below half of it.
+ROOM = 0.2
 
 
 def allowed_cutoff(position: FloatArray, cycle: float, wanted: float) -> float:
@@ -28,7 +28,7 @@ def allowed_cutoff(position: FloatArray, cycle: float, wanted: float) -> float:
     """
     there = [np.flatnonzero(np.isfinite(row)) for row in np.atleast_2d(position)]
     steps = [float(np.median(np.diff(t))) for t in there if t.size > 1]
-    return min(wanted, _ROOM / (max(steps, default=1.0) * cycle))
+    return min(wanted, ROOM / (max(steps, default=1.0) * cycle))
 
 
 def smooth_motion(
