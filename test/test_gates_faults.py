@@ -162,7 +162,7 @@ def test_a_joint_that_turns_logged_in_degrees():
 @pytest.mark.parametrize(
     ('kind', 'key', 'factor', 'said', 'blocked'),
     [
-        ('axis', 'velocity_gain', 1.2, 'your velocity_gain is 1.027e+04; 855', False),
+        ('axis', 'velocity_gain', 1.2, r'your velocity_gain is 1\.027e\+04; 855', False),
         ('axis', 'velocity_gain', 1.0 / 35.15065, r'your velocity_gain is 243\.\d; 85[56]', True),
         ('axis', 'position_gain', 5.0, 'your position_gain is 800.9; 160.2 fits the log', True),
         ('tripod', 'integral_gain', 0.2, 'your integral_gain is 50; 250.1 fits the log', True),

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ros2_ident.effects import shown_by
+from ros2_ident.gates.delays import LATEST_COMMAND
 from ros2_ident.gates.finding import Gate
-from ros2_ident.gates.law import fit_law, Gain, LATEST_COMMAND, LATEST_EFFORT, Law
+from ros2_ident.gates.law import fit_law, Gain, Law
+from ros2_ident.gates.signals import LATEST_EFFORT
 from ros2_ident.models import Machine
 from ros2_ident.models.drives.candidates import SLOTS
 from ros2_ident.recording import Dataset
@@ -143,7 +145,8 @@ def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
     lag, late = law.effort_delay, law.command_delay
     effect = shown_by('late_set_point')
     if 0.0 < late <= LATEST_COMMAND and lag >= -_EARLY:
-        if effect is None:
+        # Less than a cycle is what noise makes of none.
+        if effect is None or late < machine.number('cycle'):
             return []
         text = (
             f'{law.drive}: the controller takes up its set-point {1e3 * late:.2f} ms '
