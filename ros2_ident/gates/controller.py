@@ -28,6 +28,9 @@ NOISY = 1.2
 _STATED = 2.5
 # A law that explains less of the effort is not the law that ran.
 EXPLAINED = 0.9
+# The stated gains are the ones that ran where they leave so little more than free ones, and these
+# explain anything at all.
+_AS_GOOD, _AT_ALL = 1.05, 0.2
 # A law that explains so much of the effort of another drive is that drive's.
 _ITS_OWN = 0.98
 # An effort that is logged before it acts by more than a cycle and this, s, has other stamps.
@@ -61,7 +64,10 @@ def check_law(
     level = _STATED * machine.effort_noise if noise is None else noise
     unit = machine.model_unit
     clean = law.misfit <= NOISY * math.hypot(level, law.steps)
-    if law.explained < EXPLAINED and not clean:
+    # Where no other gains explain more than the stated ones the law ran, and something else is
+    # between it and the log: an effort that does not belong to it would ask for other gains.
+    ran = law.misfit_file <= _AS_GOOD * law.misfit and law.explained > _AT_ALL
+    if law.explained < EXPLAINED and not clean and not ran:
         text = (
             f'{drive}: the stated control law explains {100.0 * law.explained:.0f} % of the '
             'logged effort, whatever its gains; check that effort, command and position belong '
