@@ -16,6 +16,7 @@ from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.identify.run import identify
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.protocol import Output
+from ros2_ident.report.page.sentences import of_identification
 from ros2_ident.report.schema import from_mapping, to_mapping
 
 
@@ -45,6 +46,13 @@ def test_the_gates_come_back_from_a_file(without_force_constant, tmp_path):
     again = from_mapping(to_mapping(without_force_constant), tmp_path)
     assert again.gates[0] == without_force_constant.gates[0]
     assert again.outcome is Outcome.CONTRADICTED
+
+
+def test_the_page_begins_with_it_and_doubts_no_single_parameter(without_force_constant):
+    first, *others = of_identification(without_force_constant)
+    assert first.level == 'bad'
+    assert first.text.startswith('emps_axis: your velocity_gain is 243.5; 85')
+    assert not [s for s in others if 'does not determine' in s.text or 'bound' in s.text]
 
 
 def test_a_gain_that_is_a_little_off_comes_first_and_leaves_the_result():

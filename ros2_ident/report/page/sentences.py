@@ -94,7 +94,9 @@ def of_identification(result: Identification) -> list[Sentence]:
     headline, _, rest = result.message.partition('. ')
     if rest and not any(p.at_bound for p in result.parameters):
         headline = result.message
-    warnings = [*_doubts(result), *result.quality.warnings]
+    # Where nothing is identified there is nothing to doubt one by one.
+    doubts = () if result.outcome is Outcome.CONTRADICTED else _doubts(result)
+    warnings = [*doubts, *result.quality.warnings]
     level: Level = 'bad'
     if result.outcome is Outcome.IDENTIFIED:
         level = 'doubtful' if warnings else 'good'
