@@ -17,7 +17,7 @@ from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.reading import CoarseReading
-from ros2_ident.gap.verdict import advice, NONE, UNKNOWN, Verdict
+from ros2_ident.gap.verdict import advice, NAMELESS, NONE, REFUSED, UNKNOWN, Verdict
 from ros2_ident.gap.wording import length
 from ros2_ident.models import EffectAt
 from ros2_ident.search import intervals
@@ -52,7 +52,7 @@ def compose(
     fits = explainer.attribution.fits
     attribution = explainer.attribution
     case = attribution.case
-    chain = found.chain if verdict.effect not in (NONE, UNKNOWN) else found.chain[:1]
+    chain = found.chain if verdict.effect not in NAMELESS else found.chain[:1]
     final = chain[-1]
     model = case.fit.with_effects(final.effects).models[0]
     rows = [case.check.rows(e.check_residual / fits.check_weight) for e in found.chain]
@@ -233,7 +233,17 @@ def _per_drive(
 def _sentence(
     verdict: Verdict, explainer: Explainer, found: Explained, floor: Floor, unit: str
 ) -> str:
+    """Return the answer in words, behind what has to be said first."""
+    said = _answer(verdict, explainer, found, floor, unit)
+    return f'{verdict.first} {said}' if verdict.first else said
+
+
+def _answer(
+    verdict: Verdict, explainer: Explainer, found: Explained, floor: Floor, unit: str
+) -> str:
     size = explainer.size(found.chain[0])
+    if verdict.effect in REFUSED:
+        return 'No effect is named.'
     level = f'{float(np.mean(floor.per_drive)):.4g} {unit}'
     if verdict.effect == NONE and size < explainer.rules.material:
         return (

@@ -22,7 +22,9 @@ from ros2_ident.gap.floor import Floor, pooled_floor
 from ros2_ident.gap.gates import run_gates
 from ros2_ident.gap.localise import Finding, localise
 from ros2_ident.gap.reading import coarse_readings, CoarseReading
-from ros2_ident.gap.verdict import judge, NONE, UNKNOWN, Verdict
+from ros2_ident.gap.refusal import ahead, of_gates, of_what_is_left
+from ros2_ident.gap.verdict import judge, NAMELESS, NONE, REFUSED, UNKNOWN, Verdict
+from ros2_ident.gates import GateReport
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt, Model
@@ -181,7 +183,7 @@ class _Pass:
     explainer: Explainer
     base: Explanation
     floor: Floor
-    gates: tuple[tuple[str, str, str], ...]
+    report: GateReport
     candidates: tuple[EffectAt, ...]
 
     @property
@@ -216,6 +218,8 @@ class _Passes:
     def run(self, fit: Recordings, check: Recordings) -> Diagnosis:
         """Diagnose; where both recordings have to take turns, block by block, once more so."""
         begun = self._begin(Case(fit, check, self.conditions))
+        if begun.report.blocked:
+            return self._composed(begun, *of_gates(begun.explainer, begun.base, begun.report))
         both = fit + check
         if check.models and begun.material and not self.clock.stopped():
             # Where the recording fitted on does not show a parameter, its value is chance, and
@@ -229,7 +233,7 @@ class _Passes:
         misled = verdict.effect == UNKNOWN and _shows_later(begun.explainer, found)
         if misled and not self.clock.stopped():
             second = self._ended(self._begin(Case(both, conditions=self.conditions)))
-            if second.effect not in (NONE, UNKNOWN) and second.complete:
+            if second.effect not in NAMELESS and second.complete:
                 return second
         return self._composed(begun, found, verdict)
 
@@ -253,13 +257,12 @@ class _Passes:
         floor = _capped(_floor(case, base), case.noise)
         attribution = self._attribution(case, floor.per_drive)
         base = attribution.watch_law(attribution.refit((), base.theta))
-        gates: tuple[tuple[str, str, str], ...] = ()
+        report = GateReport()
         if not clock.stopped():
             joint = case.fit.with_effects(())
-            report = run_gates(joint.models[0], joint.own(0, base.theta)[0], floor)
-            gates = tuple((g.gate, g.level, g.sentence) for g in report.gates)
+            report = run_gates(joint.models, joint.own(0, base.theta)[0], floor)
         candidates = tuple(case.candidates(self.without))
-        return _Pass(Explainer(attribution, self.rules), base, floor, gates, candidates)
+        return _Pass(Explainer(attribution, self.rules), base, floor, report, candidates)
 
     def _attribution(self, case: Case, floor: Array) -> Attribution:
         return Attribution(
@@ -290,18 +293,21 @@ class _Passes:
 
         found = explainer.explain(begun.base, begun.candidates, note)
         readings = _readings(begun.case, found.chain[0], begun.candidates)
-        return found, judge(explainer, found, readings)
+        verdict = judge(explainer, found, readings)
+        if not clock.stopped():
+            found, verdict = of_what_is_left(explainer, found, verdict, begun.report)
+        return found, ahead(verdict, begun.report)
 
     def _composed(self, begun: _Pass, found: Explained, verdict: Verdict) -> Diagnosis:
         """Say where the gap lies, and put everything together."""
         clock, base = self.clock, found.chain[0]
         # Where nothing is missing nothing was tried; what the motion could not have shown is said
         # all the same.
-        visible = (
-            found.rounds[0].visible
-            if found.rounds
-            else visibility(begun.explainer.attribution.look(base, begun.candidates))
-        )
+        visible = {}
+        if found.rounds:
+            visible = found.rounds[0].visible
+        elif verdict.effect not in REFUSED:
+            visible = visibility(begun.explainer.attribution.look(base, begun.candidates))
         clock.enter(0.95, 1.0)
         clock.step(0.0, 'saying where')
         where: tuple[Finding, ...] = ()
@@ -313,7 +319,7 @@ class _Passes:
             found,
             verdict,
             begun.floor,
-            begun.gates,
+            tuple((g.gate, g.level, g.sentence) for g in begun.report.gates),
             where,
             testable,
             clock.elapsed,

@@ -10,6 +10,7 @@ import platform
 import numpy as np
 
 from ros2_ident.identify.data import Data
+from ros2_ident.identify.judgement import rounded
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import (
     Cost,
@@ -76,8 +77,8 @@ def _gap(problem: Problem, left: tuple[DriveResidual, ...]) -> tuple[str, ...]:
     """Return a sentence for each drive whose residual is well above the noise of its effort."""
     noise = problem.noise
     return tuple(
-        f'{x.drive}: the residual is {x.rms / noise:.2g} times the effort noise of the machine '
-        'file; `ident diagnose` looks for what the model leaves out'
+        f'{x.drive}: the residual is {rounded(x.rms / noise)} times the effort noise of the '
+        'machine file; `ident diagnose` looks for what the model leaves out'
         for x in left
         if noise > 0.0 and not x.unit and x.rms > WELL_ABOVE * noise
     )

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode
+from ros2_ident.gates import Gate
 from ros2_ident.machine.parameter import Kind
 
 Array = npt.NDArray[np.float64]
@@ -22,6 +23,7 @@ class Outcome(enum.Enum):
     BUDGET_SPENT = 'budget spent'
     CANCELLED = 'cancelled'
     DIVERGED = 'diverged'
+    CONTRADICTED = 'contradicted'
 
     @property
     def error_code(self) -> ErrorCode:
@@ -30,6 +32,7 @@ class Outcome(enum.Enum):
             Outcome.NOT_IDENTIFIABLE: ErrorCode.NOT_IDENTIFIABLE,
             Outcome.CANCELLED: ErrorCode.CANCELLED,
             Outcome.DIVERGED: ErrorCode.DIVERGED,
+            Outcome.CONTRADICTED: ErrorCode.CONTRADICTED,
         }.get(self, ErrorCode.OK)
 
 
@@ -184,6 +187,7 @@ class Identification:
         provenance: Where the numbers came from.
         settings: Settings in force, as plain data.
         validation: What is left in parts of a long log that were not fitted on, for each drive.
+        gates: What log and machine file say of each other before any fit, the worst first.
     """
 
     outcome: Outcome
@@ -206,6 +210,7 @@ class Identification:
     provenance: Provenance
     settings: Mapping[str, object] = field(default_factory=dict)
     validation: tuple[DriveResidual, ...] = ()
+    gates: tuple[Gate, ...] = ()
 
     @property
     def theta(self) -> Array:

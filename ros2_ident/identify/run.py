@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gates import examine, GateReport
 from ros2_ident.identify.data import chosen_drives, Data, gather
 from ros2_ident.identify.data import read_data as read_data
+from ros2_ident.identify.judgement import judged, poorly_carried
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outcome import assemble
 from ros2_ident.identify.outputs import checked, Outputs
@@ -129,6 +131,7 @@ def solve(
     checkpoint: Path | None = None,
 ) -> Identification:
     """Solve a problem; arguments and result as for `identify`."""
+    report = _examined(problem)
     if settings.method == 'algebraic':
         found = algebraic.solve(problem, settings.decimation, settings.level)
     else:
@@ -141,10 +144,21 @@ def solve(
             workers=workers or Threads(settings.threads),
             checkpoint=checkpoint,
         )
-    result = assemble(problem, found, seed, _plain(settings))
+    result = judged(
+        assemble(problem, found, seed, _plain(settings)),
+        report,
+        poorly_carried(problem, found.residual),
+    )
     if found.cancelled or not np.isfinite(result.theta).all():
         return result
     return replace(result, validation=problem.validate(result.theta))
+
+
+def _examined(problem: Problem) -> GateReport:
+    """Return what the gates find; nothing where the models are a user's own."""
+    if problem.setup is None:
+        return GateReport()
+    return examine(problem.machine, problem.data.datasets, problem.drives)
 
 
 def _as_data(

@@ -54,6 +54,8 @@ class Kind:
             where there is no sample.
         travel: Unit of its drives' positions, `m` or `rad`; where empty, `moving_mass` says it.
         scene: Returns what to draw at positions (D, F) of its drives, None where they cannot be.
+        coupled: Whether its model knows how drives load each other; where not, a log in which they
+            do is found to be another machine's.
 
     Raises:
         ValueError: Where two of its constants have one name, or it comes from a bag without
@@ -71,6 +73,7 @@ class Kind:
     check_motion: Callable[[Machine, Array], Iterable[Remark]] | None = None
     travel: str = ''
     scene: Callable[[Machine, Array], Figure | None] | None = None
+    coupled: bool = True
 
     def __post_init__(self) -> None:
         names = [key.name for key in self.constants]

@@ -71,6 +71,7 @@ class Dataset:
         velocity: Likewise.
         effort: Likewise, in the unit of the recording given (N m or N after conversion).
         quality: How the streams arrived.
+        beside: Positions (K,) of the recording's other joints, by name, at every cycle.
     """
 
     names: tuple[str, ...]
@@ -82,6 +83,7 @@ class Dataset:
     velocity: FloatArray | None
     effort: FloatArray | None
     quality: AlignQuality = field(default_factory=AlignQuality)
+    beside: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gates import Gate
 from ros2_ident.identify.result import (
     Array,
     Cost,
@@ -60,6 +61,7 @@ def to_mapping(result: Identification) -> dict[str, Any]:
         'cost': asdict(result.cost),
         'residual': _residuals(result.residuals),
         'validation': _residuals(result.validation),
+        'gates': [asdict(gate) for gate in result.gates],
         'evaluations': result.evaluations,
         'seconds': result.seconds,
         'seed': result.seed,
@@ -193,4 +195,7 @@ def _result(data: Mapping[str, Any]) -> Identification:
         provenance=Provenance(**data['provenance']),
         settings=dict(data['settings']),
         validation=_read_residuals(data.get('validation', {})),
+        gates=tuple(
+            Gate(**{**gate, 'number': _number(gate['number'])}) for gate in data.get('gates', ())
+        ),
     )

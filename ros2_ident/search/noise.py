@@ -99,3 +99,21 @@ def weighted_normal_matrix(jacobian: Array, model: NoiseModel) -> Array:
     density[1:-1] *= 2.0
     product: Array = np.real((columns.conj() * density[:, None]).T @ columns) / length
     return product
+
+
+def correlation_time(values: Array) -> float:
+    """Return how many samples of a series tell as much as one independent one (at least 1).
+
+    Args:
+        values: (T,) a series without NaN.
+    """
+    size = values.size
+    centred = values - values.mean() if size else values
+    if size < 8 or not centred.any():
+        return 1.0
+    spectrum = np.abs(np.fft.rfft(centred, 2 * size)) ** 2
+    correlation = np.fft.irfft(spectrum)[: size // 2]
+    total = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
+    enough = np.arange(total.size) >= 5.0 * total
+    window = int(np.argmax(enough)) if enough.any() else total.size - 1
+    return max(1.0, float(total[window]))
