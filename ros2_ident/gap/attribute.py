@@ -7,7 +7,7 @@ left or nothing gains.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from ros2_ident.models import EffectAt
 from ros2_ident.search import Threads, Workers
 from ros2_ident.search.evaluators import RunTasks
 from ros2_ident.search.fit import fit
+from ros2_ident.search.noise import NoiseModel
 from ros2_ident.search.settings import FitProgress, FitSettings
 
 Array = npt.NDArray[np.float64]
@@ -61,7 +62,7 @@ class Attribution:
 
     Args:
         case: The recordings.
-        floor: (D,) noise floor of each drive, output unit.
+        noise: The noise of each drive, output unit.
         stopped: Asked often; True ends everything with the best so far.
         on_step: Told the share of the present round that is done and a sentence.
         workers: Who fits; threads of this process, one for each processor, where None.
@@ -70,20 +71,41 @@ class Attribution:
     def __init__(
         self,
         case: Case,
-        floor: Array,
+        noise: Sequence[NoiseModel],
         *,
         stopped: Callable[[], bool] = lambda: False,
         on_step: Callable[[float, str], None] = lambda share, text: None,
         workers: Workers | None = None,
     ) -> None:
         self.case = case
-        self.floor = floor
         self.stopped = stopped
         self.on_step = on_step
         self.workers = workers or Threads()
-        self.fits = Fits(case, floor, stopped)
-        self.refit = self.fits.refit
-        self.watch_law = self.fits.watch_law
+        self.fits = Fits(case, noise, stopped)
+
+    @property
+    def floor(self) -> Array:
+        """(D,) standard deviation of each drive's noise."""
+        return self.fits.floor
+
+    def refit(
+        self, effects: Sequence[EffectAt], theta: Array, iterations: int = 12
+    ) -> Explanation:
+        """Fit a set of effects jointly from a start (N,)."""
+        return self.fits.refit(effects, theta, iterations)
+
+    def renew(self, noise: Sequence[NoiseModel]) -> None:
+        """Go on with other noise; what was fitted before has to be `restated`."""
+        self.fits = self.fits.renewed(noise)
+
+    def restated(self, round_: Round) -> Round:
+        """Return a round in terms of the present noise."""
+        fitted = [self.fits.restated(e) for e in round_.fitted]
+        return replace(
+            round_,
+            base=self.fits.restated(round_.base),
+            fitted=tuple(sorted(fitted, key=lambda e: e.loss)),
+        )
 
     def nominal(self, settings: FitSettings, seed: int) -> Explanation:
         """Identify the nominal parameters on the fit part, as an identification does."""

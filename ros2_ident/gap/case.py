@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.identify.hidden import runs_of, SETTLE
 from ros2_ident.identify.layout import Conditions, Layout
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
@@ -16,13 +17,11 @@ from ros2_ident.models import complete, EffectAt, FullModel, make_model, Model
 from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.models.recorded import RecordedMotion
 from ros2_ident.recording import Dataset
+from ros2_ident.search.noise import Run
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# Seconds at a log's start that are not compared: a machine that has stood still holds forces no
-# model knows.
-SETTLE = 0.1
 # Seconds at a log's start at which a delayed effort does not yet belong to the motion beside it.
 LAW_SETTLE = 0.15
 # Extended models of a part that are kept: those of the rounds go on being asked for.
@@ -118,6 +117,11 @@ class Joint:
         self.low: Array = np.array([p.low for p in self.parameters])
         self.high: Array = np.array([p.high for p in self.parameters])
 
+    @property
+    def drive(self) -> npt.NDArray[np.int64]:
+        """(R,) the drive of each value that `residual` returns."""
+        return self._part.drive
+
     def own(self, number: int, theta: Array) -> Array:
         """Return (S, N') the parameters of one model among candidates (S, N)."""
         return self.layout.of(number, np.atleast_2d(theta))
@@ -199,6 +203,16 @@ class Part:
     def law_drive(self) -> npt.NDArray[np.int64]:
         """(L,) the drive of each value that `Joint.law_residual` returns."""
         return _drives_of(self.law_masks)
+
+    @cached_property
+    def runs(self) -> tuple[Run, ...]:
+        """Stretches of what `Joint.residual` returns that hold no gap."""
+        return runs_of(self.masks)
+
+    @cached_property
+    def law_runs(self) -> tuple[Run, ...]:
+        """Stretches of what `Joint.law_residual` returns that hold no gap."""
+        return runs_of(self.law_masks)
 
     def rows(self, values: Array) -> Array:
         """Return a residual as (D, K), recordings side by side, NaN where nothing is compared."""
@@ -291,6 +305,7 @@ class Case:
         noise: Standard deviation of the outputs' noise as stated.
         fit: What is fitted on.
         check: What is held out.
+        whole: All recordings with all samples.
         held_out: `check bag` or `blocks`.
     """
 
@@ -303,6 +318,9 @@ class Case:
         self.drives = fit.models[0].places
         self.noise = fit.models[0].noise
         self.fit, self.check, self.held_out = split(fit, check or Recordings(()), conditions)
+        both = fit + check if check and check.models else fit
+        masks = tuple(_settled(m) for m in both.models)
+        self.whole = Part(both.models, masks, (), both.labels, conditions or Conditions())
 
     def candidates(self, without: Sequence[str] = (), known: Sequence[str] = ()) -> list[EffectAt]:
         """Return every effect at every place it can sit in this machine.

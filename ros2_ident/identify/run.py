@@ -10,6 +10,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import chosen_drives, Data, gather
 from ros2_ident.identify.data import read_data as read_data
+from ros2_ident.identify.hidden import Estimate, weigh_estimate
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outcome import assemble
 from ros2_ident.identify.outputs import checked, Outputs
@@ -136,7 +137,11 @@ def solve(
         workers=workers or Threads(settings.threads),
         checkpoint=checkpoint,
     )
-    result = assemble(problem, found, seed, _plain(settings))
+    evidence = None
+    if found.intervals is not None and not found.cancelled:
+        estimate = Estimate(problem.models, problem.own, found.theta, problem.low, problem.high)
+        evidence, _ = weigh_estimate(estimate, cancel.is_set if cancel else lambda: False)
+    result = assemble(problem, found, seed, _plain(settings), evidence)
     if found.cancelled or not np.isfinite(result.theta).all():
         return result
     return replace(result, validation=problem.validate(result.theta))
