@@ -258,12 +258,12 @@ def test_rules_say_when_something_counts() -> None:
 
 def test_a_trifle_on_one_drive_contradicts_nothing() -> None:
     case = Case(recordings_of(MACHINE, [recording(1)]))
-    explainer = Explainer(Attribution(case, [white(NOISE)]), FLOOR, Rules())
+    explainer = Explainer(Attribution(case, LEVEL), FLOOR, Rules())
     law = {name: np.array(values) for name, values in {
         'right': [4.9, 1.10, 1.07], 'wrong': [16.4, 1.0, 1.0], 'clean': [1.0, 1.0, 1.0],
     }.items()}  # fmt: skip
     empty = np.empty(0)
-    e = {name: Explanation((), empty, empty, empty, 0.0, 0.0, x, empty, empty, empty, empty)
+    e = {name: Explanation((), empty, empty, empty, x, empty, empty, empty)
          for name, x in law.items()}  # fmt: skip
     assert not explainer.contradicted(e['right'], e['wrong'])
     assert explainer.contradicted(e['wrong'], e['right'])
@@ -272,7 +272,7 @@ def test_a_trifle_on_one_drive_contradicts_nothing() -> None:
 
 def test_a_nominal_fit_that_had_ended_too_early_goes_on() -> None:
     case = Case(recordings_of(MACHINE, [recording(1)]), recordings_of(MACHINE, [recording(2)]))
-    attribution = Attribution(case, [white(NOISE)])
+    attribution = Attribution(case, LEVEL)
     explainer = Explainer(attribution, FLOOR, Rules())
     names = [p.name for p in case.fit.with_effects(()).parameters]
     truth = np.array([TRUTH[name.removeprefix('lift.')] for name in names])

@@ -21,7 +21,6 @@ from ros2_ident.models import EffectAt
 from ros2_ident.search import Threads, Workers
 from ros2_ident.search.evaluators import RunTasks
 from ros2_ident.search.fit import fit
-from ros2_ident.search.noise import NoiseModel
 from ros2_ident.search.settings import FitProgress, FitSettings
 
 Array = npt.NDArray[np.float64]
@@ -62,7 +61,7 @@ class Attribution:
 
     Args:
         case: The recordings.
-        noise: The noise of each drive, output unit.
+        floor: (D,) noise floor of each drive, output unit.
         stopped: Asked often; True ends everything with the best so far.
         on_step: Told the share of the present round that is done and a sentence.
         workers: Who fits; threads of this process, one for each processor, where None.
@@ -71,7 +70,7 @@ class Attribution:
     def __init__(
         self,
         case: Case,
-        noise: Sequence[NoiseModel],
+        floor: Array,
         *,
         stopped: Callable[[], bool] = lambda: False,
         on_step: Callable[[float, str], None] = lambda share, text: None,
@@ -81,11 +80,11 @@ class Attribution:
         self.stopped = stopped
         self.on_step = on_step
         self.workers = workers or Threads()
-        self.fits = Fits(case, noise, stopped)
+        self.fits = Fits(case, floor, stopped)
 
     @property
     def floor(self) -> Array:
-        """(D,) standard deviation of each drive's noise."""
+        """(D,) noise floor of each drive, output unit."""
         return self.fits.floor
 
     def refit(
@@ -94,18 +93,23 @@ class Attribution:
         """Fit a set of effects jointly from a start (N,)."""
         return self.fits.refit(effects, theta, iterations)
 
-    def renew(self, noise: Sequence[NoiseModel]) -> None:
-        """Go on with other noise; what was fitted before has to be `restated`."""
-        self.fits = self.fits.renewed(noise)
+    def renew(
+        self, floor: Array, chain: Sequence[Explanation], rounds: Sequence[Round]
+    ) -> tuple[list[Explanation], list[Round]]:
+        """Go on at another noise floor; return what was fitted before in units of it."""
+        old, self.fits = self.fits, self.fits.renewed(floor)
 
-    def restated(self, round_: Round) -> Round:
-        """Return a round in terms of the present noise."""
-        fitted = [self.fits.restated(e) for e in round_.fitted]
-        return replace(
-            round_,
-            base=self.fits.restated(round_.base),
-            fitted=tuple(sorted(fitted, key=lambda e: e.loss)),
-        )
+        def again(e: Explanation) -> Explanation:
+            return self.fits.restated(e, old)
+
+        return [again(e) for e in chain], [
+            replace(
+                r,
+                base=again(r.base),
+                fitted=tuple(sorted(map(again, r.fitted), key=lambda e: e.loss)),
+            )
+            for r in rounds
+        ]
 
     def nominal(self, settings: FitSettings, seed: int) -> Explanation:
         """Identify the nominal parameters on the fit part, as an identification does."""

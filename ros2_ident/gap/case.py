@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.identify.hidden import runs_of, SETTLE
+from ros2_ident.identify.hidden import SETTLE
 from ros2_ident.identify.layout import Conditions, Layout
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
@@ -17,7 +17,6 @@ from ros2_ident.models import complete, EffectAt, FullModel, make_model, Model
 from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.models.recorded import RecordedMotion
 from ros2_ident.recording import Dataset
-from ros2_ident.search.noise import Run
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -203,16 +202,6 @@ class Part:
     def law_drive(self) -> npt.NDArray[np.int64]:
         """(L,) the drive of each value that `Joint.law_residual` returns."""
         return _drives_of(self.law_masks)
-
-    @cached_property
-    def runs(self) -> tuple[Run, ...]:
-        """Stretches of what `Joint.residual` returns that hold no gap."""
-        return runs_of(self.masks)
-
-    @cached_property
-    def law_runs(self) -> tuple[Run, ...]:
-        """Stretches of what `Joint.law_residual` returns that hold no gap."""
-        return runs_of(self.law_masks)
 
     def rows(self, values: Array) -> Array:
         """Return a residual as (D, K), recordings side by side, NaN where nothing is compared."""

@@ -49,11 +49,12 @@ def compose(
         seed: Of the resampling.
     """
     floor = explainer.floor
+    fits = explainer.attribution.fits
     case = explainer.attribution.case
     chain = found.chain if verdict.effect not in (NONE, UNKNOWN) else found.chain[:1]
     final = chain[-1]
     model = case.fit.with_effects(final.effects).models[0]
-    rows = [case.check.rows(e.check_left) for e in found.chain]
+    rows = [case.check.rows(e.check_residual / fits.check_weight) for e in found.chain]
     blocks = Blocks(rows, model.cycle, seed=seed, starts=case.check.starts)
     labels = ['nominal'] + [
         f'{get_effect(a.effect).title} on {a.where}' for a in found.chain[-1].effects
@@ -141,7 +142,7 @@ def _values(
     joint = case.fit.with_effects(e.effects)
     span = joint.high - joint.low
     series = np.concatenate([mask.sum(axis=1) for mask in case.fit.masks])
-    rows = explainer.attribution.fits.rows
+    rows = len(explainer.attribution.fits.weight)
     found = intervals(
         e.jacobian[:rows] / span,
         e.residual[:rows],

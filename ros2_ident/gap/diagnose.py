@@ -28,7 +28,6 @@ from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt, Model
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings, Workers
-from ros2_ident.search.noise import NoiseModel, white
 from ros2_ident.search.settings import FitSettings
 
 Array = npt.NDArray[np.float64]
@@ -242,7 +241,7 @@ class _Passes:
         clock = self.clock
         clock.enter(0.0, 0.15)
         clock.step(0.0, 'identifying the nominal parameters')
-        guess = [white(case.noise or 1.0)] * len(case.drives)
+        guess = np.full(len(case.drives), case.noise or 1.0)
         base = self._attribution(case, guess).nominal(SEARCH, self.seed)
         if not np.isfinite(base.residual).all():
             raise IdentError(
@@ -252,7 +251,7 @@ class _Passes:
             )
         clock.step(0.9, 'telling noise from what the motion predicts')
         floor = predictability(case.whole.with_effects(()), base.theta, clock.stopped).floor
-        attribution = self._attribution(case, floor.noise)
+        attribution = self._attribution(case, floor.per_drive)
         base = attribution.fits.watch_law(attribution.refit((), base.theta))
         gates: tuple[tuple[str, str, str], ...] = ()
         if not clock.stopped():
@@ -262,10 +261,10 @@ class _Passes:
         candidates = tuple(case.candidates(self.without))
         return _Pass(Explainer(attribution, floor, self.rules), base, gates, candidates)
 
-    def _attribution(self, case: Case, noise: Sequence[NoiseModel]) -> Attribution:
+    def _attribution(self, case: Case, floor: Array) -> Attribution:
         return Attribution(
             case,
-            noise,
+            floor,
             stopped=self.clock.stopped,
             on_step=self.clock.step,
             workers=self.workers,
@@ -274,7 +273,7 @@ class _Passes:
     def _nominal_is_enough(self, both: Case, begun: _Pass) -> bool:
         """Whether the nominal parameters leave nothing once they are fitted to all recordings."""
         floor = begun.explainer.floor
-        fits = self._attribution(both, floor.noise)
+        fits = self._attribution(both, floor.per_drive)
         judge_of_both = Explainer(fits, floor, self.rules)
         return judge_of_both.size(fits.refit((), begun.base.theta)) < self.rules.material
 
@@ -324,12 +323,13 @@ class _Passes:
 
 def _located(begun: _Pass, base: Explanation, seed: int) -> tuple[Finding, ...]:
     """Return where the gap of the first recording lies; nothing where its motion is unknown."""
-    case = begun.case
+    case, fits = begun.case, begun.explainer.attribution.fits
     joint = case.fit.with_effects(())
     model = joint.models[0]
     if model.data.position is None and model.data.command_position is None:
         return ()
-    rows = case.fit.rows(base.left)[:, : model.measured.shape[1]]
+    outputs = base.residual[: len(fits.weight)]
+    rows = case.fit.rows(outputs / fits.weight)[:, : model.measured.shape[1]]
     motion = motion_of(model, joint.own(0, base.theta)[0])
     findings = localise(motion, rows, begun.explainer.floor, seed=seed)
     return tuple(f for f in findings if f.significant)

@@ -286,10 +286,8 @@ class Explainer:
         if not (seen.floor.per_drive < _LOWER * attribution.floor).any():
             return chain, rounds
         self.floor = seen.floor
-        attribution.renew(seen.floor.noise)
-        fits = attribution.fits
-        chain = [fits.restated(chain[0]), *(fits.refit(e.effects, e.theta) for e in chain[1:])]
-        return chain, [attribution.restated(r) for r in rounds]
+        chain, rounds = attribution.renew(seen.floor.per_drive, chain, rounds)
+        return [*chain[:-1], attribution.refit(chain[-1].effects, chain[-1].theta)], rounds
 
     def noise_of(self, e: Explanation) -> Predictability:
         """Return what can be predicted of what a fit leaves on all recordings, and what cannot."""

@@ -14,7 +14,6 @@ from ros2_ident.gap.case import Case, Joint
 from ros2_ident.gap.screen import screen, Start
 from ros2_ident.models import EffectAt
 from ros2_ident.search.levenberg import difference_jacobian, local_fit, LocalFit
-from ros2_ident.search.noise import NoiseModel, Whitening
 
 Array = npt.NDArray[np.float64]
 # Mean square, beyond the noise's, from which a controller misses the log.
@@ -30,27 +29,31 @@ class Explanation:
         theta: (N,) parameters, those of the effects last.
         fit: (D,) sum of squared residuals on the fit part, in units of the floor.
         check: (D,) the same on the part held out.
-        cost: Sum of squared whitened residuals of the outputs on the fit part.
-        loss: The same on both parts.
         law: (D,) mean square, in units of the floor, by which the recorded effort misses what the
             controllers make of the recorded motion, on both parts; zeros where it is not known.
-        jacobian: (R, N) of the whitened residual by the parameters' shares of their box.
-        residual: (R,) whitened residual of the fit part: the outputs', then the controllers'.
-        left: (R',) residual of the outputs on the fit part [output unit].
-        check_left: (R'',) the same on the part held out.
+        jacobian: (R, N) of the weighted residual by the parameters' shares of their box.
+        residual: (R,) weighted residual of the fit part: the outputs', then the controllers'.
+        check_residual: (R',) weighted residual of the outputs on the part held out.
     """
 
     effects: tuple[EffectAt, ...]
     theta: Array
     fit: Array
     check: Array
-    cost: float
-    loss: float
     law: Array
     jacobian: Array = field(repr=False)
     residual: Array = field(repr=False)
-    left: Array = field(repr=False)
-    check_left: Array = field(repr=False)
+    check_residual: Array = field(repr=False)
+
+    @property
+    def loss(self) -> float:
+        """Sum of squared weighted residuals of the outputs on both parts."""
+        return float(self.fit.sum() + self.check.sum())
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared weighted residuals of the outputs on the fit part."""
+        return float(self.fit.sum())
 
 
 @dataclass(frozen=True)
@@ -97,31 +100,24 @@ class Fits:
 
     Args:
         case: The recordings.
-        noise: The noise of each drive, output unit: what residuals are whitened by.
+        floor: (D,) noise floor of each drive, output unit.
         stopped: Asked often; True ends a fit with the best so far.
 
     Attributes:
-        floor: (D,) standard deviation of the noise.
-        rows: Rows of the fit part's outputs; those of the controllers follow them.
+        weight: (R,) weights of the fit part's outputs.
+        check_weight: (R',) weights of the held-out part's.
+        law_weight: (L,) weights of the controllers' rows; none until `watch_law`.
     """
 
     def __init__(
-        self,
-        case: Case,
-        noise: Sequence[NoiseModel],
-        stopped: Callable[[], bool] = lambda: False,
+        self, case: Case, floor: Array, stopped: Callable[[], bool] = lambda: False
     ) -> None:
         self.case = case
+        self.floor = floor
         self.stopped = stopped
-        self.floor: Array = np.sqrt([m.variance for m in noise])
-        self.rows = len(case.fit.drive)
-        self._noise = tuple(noise)
-        self._whiten = Whitening(case.fit.runs, noise)
-        self._whiten_check = Whitening(case.check.runs, noise)
-        # What controllers miss of the log without effects, output unit squared; None until
-        # `watch_law`.
-        self._unlawful: Array | None = None
-        self._whiten_law: Whitening | None = None
+        self.weight = 1.0 / floor[case.fit.drive]
+        self.check_weight = 1.0 / floor[case.check.drive]
+        self.law_weight = np.empty(0)
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out what cannot travel: only the process that asks knows when to stop."""
@@ -152,36 +148,11 @@ class Fits:
         joint = self.case.fit.with_effects(base.effects)
         span = joint.high - joint.low
         law = self._least_law(joint, base)
-        self._weigh_law(law * self.floor**2)
+        scale = self.floor * np.sqrt(1.0 + law)
+        self.law_weight = 1.0 / scale[self.case.fit.law_drive]
         unit = (base.theta - joint.low) / span
         residual, jacobian = difference_jacobian(self.evaluate(joint), unit, joint.low, span)
         return replace(base, law=law, residual=residual, jacobian=jacobian)
-
-    def _weigh_law(self, unlawful: Array) -> None:
-        self._unlawful = unlawful
-        factor = np.sqrt(1.0 + unlawful / self.floor**2)
-        noise = [m.scaled(float(f)) for m, f in zip(self._noise, factor, strict=True)]
-        self._whiten_law = Whitening(self.case.fit.law_runs, noise)
-
-    def renewed(self, noise: Sequence[NoiseModel]) -> 'Fits':
-        """Return the same fits under other noise."""
-        new = Fits(self.case, noise, self.stopped)
-        if self._unlawful is not None:
-            new._weigh_law(self._unlawful)
-        return new
-
-    def restated(self, e: Explanation) -> Explanation:
-        """Return a fit of other noise in terms of this one, without fitting it again."""
-        joint = self.case.fit.with_effects(e.effects)
-        span = joint.high - joint.low
-        unit = (e.theta - joint.low) / span
-        residual, jacobian = difference_jacobian(self.evaluate(joint), unit, joint.low, span)
-        found = LocalFit(e.theta, residual, jacobian, float(np.mean(residual**2)), 0)
-        stated = self.explanation(joint, found)
-        if e.effects or self._unlawful is None:
-            return stated
-        # What controllers miss at best without effects.
-        return replace(stated, law=np.minimum(stated.law, self._unlawful / self.floor**2))
 
     def _least_law(self, joint: Joint, base: Explanation) -> Array:
         """Return (D,) what each drive's controller misses at least, whatever the parameters."""
@@ -207,24 +178,43 @@ class Fits:
         out: Array = np.bincount(drive, (missed / self.floor[drive]) ** 2, count) / samples
         return out
 
+    def renewed(self, floor: Array) -> 'Fits':
+        """Return the same fits at another noise floor."""
+        new = Fits(self.case, floor, self.stopped)
+        if self.law_weight.size:
+            drive = self.case.fit.law_drive
+            missed = self.law_weight**-2.0 - self.floor[drive] ** 2
+            new.law_weight = 1.0 / np.sqrt(floor[drive] ** 2 + missed)
+        return new
+
+    def restated(self, e: Explanation, old: 'Fits') -> Explanation:
+        """Return a fit made at another noise floor in units of this one."""
+        square = (old.floor / self.floor) ** 2
+        weight = np.concatenate([self.weight, self.law_weight])
+        factor = (weight / np.concatenate([old.weight, old.law_weight]))[: len(e.residual)]
+        return replace(
+            e,
+            fit=e.fit * square,
+            check=e.check * square,
+            law=e.law * square,
+            jacobian=e.jacobian * factor[:, None],
+            residual=e.residual * factor,
+            check_residual=e.check_residual * (self.check_weight / old.check_weight),
+        )
+
     # ------------------------------------------------------------------ fits
 
     def evaluate(self, joint: Joint) -> Callable[[Array], Array]:
         """Return what a fit minimises: (S, N) candidates to (S, R) weighted residuals."""
-        whiten_law = self._whiten_law
 
         def outputs(theta: Array) -> Array:
-            return self._whiten(joint.residual(np.atleast_2d(theta)))
-
-        if whiten_law is None:
-            return outputs
+            return joint.residual(np.atleast_2d(theta)) * self.weight[None]
 
         def both(theta: Array) -> Array:
-            return np.concatenate(
-                [outputs(theta), whiten_law(joint.law_residual(theta))], axis=1
-            )
+            law = joint.law_residual(theta) * self.law_weight[None]
+            return np.concatenate([outputs(theta), law], axis=1)
 
-        return both
+        return both if self.law_weight.size else outputs
 
     def refit(
         self, effects: Sequence[EffectAt], theta: Array, iterations: int = 12
@@ -245,27 +235,20 @@ class Fits:
         """Return a fit of the models of the fit part, scored on the part held out as well."""
         case = self.case
         held_out = case.check.with_effects(joint.effects)
-        left = joint.residual(found.theta[None])[0]
-        check = held_out.residual(found.theta[None])[0]
-        check = np.where(np.isfinite(check), check, 1e6 * self.floor[case.check.drive])
-        cost = float(np.sum(found.residual[: self.rows] ** 2))
+        check = held_out.residual(found.theta[None])[0] * self.check_weight
+        check = np.where(np.isfinite(check), check, 1e6)
+        count = len(case.drives)
+        outputs = found.residual[: len(self.weight)]
         return Explanation(
             joint.effects,
             found.theta,
-            self._squares(case.fit.drive, left),
-            self._squares(case.check.drive, check),
-            cost,
-            cost + float(np.sum(self._whiten_check(check) ** 2)),
+            np.bincount(case.fit.drive, outputs**2, count).astype(float),
+            np.bincount(case.check.drive, check**2, count).astype(float),
             self._law(joint, held_out, found.theta),
             found.jacobian,
             found.residual,
-            left,
             check,
         )
-
-    def _squares(self, drive: npt.NDArray[np.int64], left: Array) -> Array:
-        """Return (D,) sums of squares of a residual in units of the floor."""
-        return np.bincount(drive, (left / self.floor[drive]) ** 2, len(self.floor)).astype(float)
 
 
 class Trials:
@@ -278,7 +261,7 @@ class Trials:
 
     def __init__(self, fits: Fits, base: Explanation) -> None:
         self.fits = fits
-        self.base = Base.of(base, fits.rows)
+        self.base = Base.of(base, len(fits.weight))
 
     def prepare(self) -> None:
         """Compile, or read from the cache, what every fit needs."""

@@ -21,7 +21,6 @@ from ros2_ident.recording import Dataset
 from ros2_ident.reference.motions import Motion
 from ros2_ident.reference.plant import Unmodelled
 from ros2_ident.reference.twin import twin_of
-from ros2_ident.search.noise import white
 
 Array = npt.NDArray[np.float64]
 
@@ -150,7 +149,7 @@ class Probe:
     def _refit(self, efforts: Sequence[Array], start: Array | None) -> tuple[Case, Explanation]:
         data = [self.dataset(i, effort) for i, effort in enumerate(efforts)]
         case = Case(recordings_of(self.machine, data[:1]), recordings_of(self.machine, data[1:]))
-        attribution = Attribution(case, [white(float(f)) for f in self.floor])
+        attribution = Attribution(case, self.floor)
         starts = [self.theta] if start is None else [self.theta, start]
         found = [attribution.refit((), x, 20) for x in starts]
         return case, min(found, key=lambda e: float(e.fit.sum()))
