@@ -101,7 +101,7 @@ def test_rows_left_out_tell_as_much_as_those_weighed():
     whole = weigh(residual, jacobian, missing, RUNS, BLOCKS)
     half = weigh(
         residual[: ROWS // 2], jacobian[: ROWS // 2], missing[: ROWS // 2], RUNS[:1],
-        BLOCKS[: ROWS // 2], 0.5,
+        BLOCKS[: ROWS // 2], share=0.5,
     )  # fmt: skip
     assert np.diag(half.covariance) == pytest.approx(np.diag(whole.covariance), rel=0.2)
 

@@ -106,7 +106,7 @@ def _by_motion(joint: Joint, theta: Array, rows: Rows, left: Array) -> list[Evid
                 np.hstack(columns),
                 runs_of(masks),
                 rows.blocks[here],
-                rows.share,
+                share=rows.share,
             )
         )
     return found

@@ -14,12 +14,10 @@ import numpy.typing as npt
 
 from ros2_ident.effects import get_effect
 from ros2_ident.models import EffectAt, FullModel
-from ros2_ident.models.trials import TRIAL, trials
+from ros2_ident.models.trials import LARGE, TRIAL, trials
 
 Array = npt.NDArray[np.float64]
 
-# Share of a size's range that counts as a large effect.
-_LARGE = 0.17
 
 
 @dataclass(frozen=True)
@@ -160,7 +158,7 @@ def screen(
         gain = float(free @ free - ((free - rest @ factor) ** 2).sum())
         shift = inverse @ (residual - columns @ factor)
         moved_theta = np.clip(theta - shift * (high - low), low, high)
-        enlarge = 1.0 if nonlinear else _LARGE / TRIAL
+        enlarge = 1.0 if nonlinear else LARGE / TRIAL
         left = columns[: len(outputs)]
         left = left - outputs @ (outputs.T @ left)
         visible = enlarge * float(np.sqrt((left**2).sum(axis=0).max() / samples))

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.models import EffectAt, FullModel
-from ros2_ident.models.trials import trials
+from ros2_ident.models.trials import LARGE, TRIAL, trials
 from ros2_ident.search.evidence import Evidence, weigh
 from ros2_ident.search.levenberg import difference_jacobian
 from ros2_ident.search.noise import Run
@@ -126,9 +126,8 @@ def weigh_estimate(
         weighted residual.
     """
     candidates = [a for a in estimate.models[0].extensions() if a not in _there(estimate)]
-    points = [_points(estimate.models[0], at) for at in candidates]
-    most = _MOST // max(200, sum(len(p) for p in points))
-    rows = rows_of(estimate.models, most)
+    tried = [_tried(estimate.models[0], at) for at in candidates]
+    rows = rows_of(estimate.models, _MOST // max(200, sum(len(p) for p, _ in tried)))
     span = estimate.high - estimate.low
     unit = (estimate.theta - estimate.low) / span
 
@@ -137,32 +136,41 @@ def weigh_estimate(
 
     residual, jacobian = difference_jacobian(residuals, unit, estimate.low, span)
 
-    def changes(at: EffectAt, tried: Array) -> Array:
+    def changes(at: EffectAt, tried: tuple[Array, float]) -> tuple[Array, Array]:
+        points, most = tried
         if stopped():
-            return np.empty((0, residual.size))
+            return np.empty((0, residual.size)), np.empty(0)
         models = tuple(m.extended((*m.effects, at)) for m in estimate.models)
 
         def own(number: int, theta: Array) -> Array:
             count = len(estimate.theta)
             return np.hstack([estimate.own(number, theta[:, :count]), theta[:, count:]])
 
-        theta = np.hstack([np.repeat(estimate.theta[None], len(tried), axis=0), tried])
+        theta = np.hstack([np.repeat(estimate.theta[None], len(points), axis=0), points])
         out = _residuals(models, own, theta, rows.masks) - residual
-        return out[np.isfinite(out).all(axis=1)]
+        out = out[np.isfinite(out).all(axis=1)]
+        return out, np.full(len(out), most)
 
     with ThreadPoolExecutor(processors()) as pool:
-        parts = list(pool.map(changes, candidates, points))
-    hidden = np.concatenate([np.empty((0, residual.size)), *parts]).T
-    return weigh(residual, jacobian, hidden, rows.runs, rows.blocks, rows.share), rows
+        parts = list(pool.map(changes, candidates, tried))
+    missing = np.concatenate([np.empty((0, residual.size)), *(change for change, _ in parts)]).T
+    most = np.concatenate([np.empty(0), *(limit for _, limit in parts)])
+    evidence = weigh(
+        residual, jacobian, missing, rows.runs, rows.blocks, most=most, share=rows.share
+    )
+    return evidence, rows
 
 
 def _there(estimate: Estimate) -> tuple[EffectAt, ...]:
     return estimate.models[0].effects
 
 
-def _points(model: FullModel, at: EffectAt) -> Array:
+def _tried(model: FullModel, at: EffectAt) -> tuple[Array, float]:
+    """Return (S, P) values of an effect to try, and how many times that its change may be."""
     extended = model.extended((*model.effects, at))
-    return np.array([point for group in trials(at, extended) for point in group])
+    points = np.array([point for group in trials(at, extended) for point in group])
+    itself = any(p.role == 'size' and p.starts for p in extended.scaled(at))
+    return points, 1.0 if itself else LARGE / TRIAL
 
 
 def _residuals(

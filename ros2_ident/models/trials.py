@@ -13,6 +13,8 @@ Array = npt.NDArray[np.float64]
 
 # Share of a size's range that is tried where the output is linear in it.
 TRIAL = 0.03
+# Share that counts as a large effect.
+LARGE = 0.17
 
 
 def shape_values(parameter: EffectParameter, model: FullModel, where: str) -> tuple[float, ...]:

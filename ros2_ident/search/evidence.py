@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import eigh, inv, solve
+from scipy.linalg import cholesky, inv, solve, solve_triangular
 
 from ros2_ident.search.noise import fit_noise, NoiseModel, Run, Whitening
 from ros2_ident.search.operators import Array
@@ -31,7 +31,7 @@ _OWN = 1e-3
 # Logarithm of the evidence that chance alone may gain.
 _CHANCE = 3.0
 # Sizes tried, as shares of the residual.
-_SIZES = np.logspace(-5.0, 1.5, 131)
+_SIZES = np.logspace(-5.0, 1.5, 66)
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,8 @@ def weigh(
     missing: Array,
     runs: Sequence[Run],
     blocks: npt.NDArray[np.int64],
+    *,
+    most: Array | None = None,
     share: float = 1.0,
 ) -> Evidence:
     """Weigh what a residual shows.
@@ -98,6 +100,8 @@ def weigh(
         missing: (R, C) what may be missing in the model; scaled here to columns of one size.
         runs: The rows in order; the P places of their noise are 0 to P - 1.
         blocks: (R,) number of the block a row is left out with.
+        most: (C,) how many times a column of `missing` may be there, one standard deviation; no
+            limit where None.
         share: Share of all rows that these are: the others tell as much.
 
     Returns:
@@ -107,7 +111,8 @@ def weigh(
         Kennedy and O'Hagan (2001), J. R. Statist. Soc. B 63; Brynjarsdottir and O'Hagan (2014),
         Inverse Problems 30; size by MacKay (1992), Neural Computation 4.
     """
-    columns = np.hstack([jacobian, _of_one_size(jacobian, missing)])
+    scaled, limit = _of_one_size(jacobian, missing, most)
+    columns = np.hstack([jacobian, scaled])
     scale = float(np.sqrt(np.mean(residual**2))) or 1.0
     # A weak ridge for a first look: what it leaves is hardly more than the noise.
     ridge = 1e-6 * len(residual) * np.eye(columns.shape[1])
@@ -118,7 +123,7 @@ def weigh(
         noise = _noise(left, runs, scale)
         whiten = Whitening(runs, noise)
         white, right = whiten(columns.T).T, whiten(residual)
-        sums = _Sums(white.T @ white, white.T @ right, jacobian.shape[1])
+        sums = _Sums(white.T @ white, white.T @ right, limit)
         size, gain = sums.size(scale)
         left = residual - columns @ sums.solve(size)
     unseen = np.empty_like(residual)
@@ -127,11 +132,11 @@ def weigh(
         rest = _Sums(
             sums.normal - white[out].T @ white[out],
             sums.gradient - white[out].T @ right[out],
-            sums.count,
+            limit,
         )
         unseen[out] = residual[out] - columns[out] @ rest.solve(size)
     # Rows that were left out of the sums tell as much as those in them.
-    whole = _Sums(sums.normal / share, sums.gradient / share, sums.count)
+    whole = _Sums(sums.normal / share, sums.gradient / share, limit)
     shift, covariance = whole.parameters(size)
     place = np.concatenate([np.full(run.stop - run.start, run.place) for run in runs])
     rms = _rms(residual, place)
@@ -146,30 +151,30 @@ class _Sums:
     Args:
         normal: (N + C, N + C) products of the columns.
         gradient: (N + C,) products of columns and residual.
-        count: N.
+        limit: (C,) largest size of each column of what is missing.
     """
 
-    def __init__(self, normal: Array, gradient: Array, count: int) -> None:
-        self.normal, self.gradient, self.count = normal, gradient, count
+    def __init__(self, normal: Array, gradient: Array, limit: Array) -> None:
+        self.normal, self.gradient, self.limit = normal, gradient, limit
+        self.count = len(normal) - len(limit)
 
     def size(self, scale: float) -> tuple[float, float]:
         """Return the size of what is missing that has most evidence, and the gain over none."""
-        n = self.count
-        if len(self.normal) == n:
-            return scale, 0.0
-        own = np.linalg.inv(self.normal[:n, :n] + np.eye(n))
-        mixed = own @ self.normal[:n, n:]
-        values, vectors = eigh(self.normal[n:, n:] - self.normal[:n, n:].T @ mixed)
-        values = np.maximum(values, 0.0)
-        squares = (vectors.T @ (self.gradient[n:] - mixed.T @ self.gradient[:n])) ** 2
         sizes = scale * _SIZES
-        grown = sizes[:, None] ** 2 * values
-        gains = 0.5 * np.sum(
-            sizes[:, None] ** 2 * squares / (1.0 + grown) - np.log1p(grown), axis=1
-        )
-        best = int(gains.argmax())
+        none, *gains = (self._evidence(size) for size in (sizes[0], *sizes))
+        best = int(np.argmax(gains))
+        gain = gains[best] - none
         # What chance gains is no evidence that anything is missing.
-        return float(sizes[best if gains[best] > _CHANCE else 0]), float(gains[best])
+        return float(sizes[best if gain > _CHANCE else 0]), gain
+
+    def _evidence(self, size: float) -> float:
+        """Return the logarithm of the evidence for a size, but for a constant."""
+        factor = cholesky(self._precision(size), lower=True)
+        half = solve_triangular(factor, self.gradient, lower=True)
+        deviation = np.minimum(size, self.limit)
+        return float(
+            0.5 * half @ half - np.sum(np.log(np.diag(factor))) - np.sum(np.log(deviation))
+        )
 
     def solve(self, size: float) -> Array:
         """Return (N + C,) the most probable coefficients."""
@@ -182,20 +187,23 @@ class _Sums:
         return -inverse @ self.gradient, inverse[:, : self.count]
 
     def _precision(self, size: float) -> Array:
-        missing = len(self.normal) - self.count
-        prior = np.concatenate([np.ones(self.count), np.full(missing, size**-2.0)])
-        out: Array = self.normal + np.diag(prior)
+        deviation = np.minimum(size, self.limit)
+        out: Array = self.normal + np.diag(np.concatenate([np.ones(self.count), deviation**-2.0]))
         return out
 
 
-def _of_one_size(jacobian: Array, missing: Array) -> Array:
-    """Return (R, C) columns of RMS 1 once the parameters have imitated what they can."""
+def _of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[Array, Array]:
+    """Return (R, C') columns of RMS 1 once the parameters have imitated what they can.
+
+    And (C',) how many times each may be there.
+    """
     basis = np.linalg.qr(jacobian)[0]
     whole = np.einsum('rc,rc->c', missing, missing)
     own = whole - np.sum((basis.T @ missing) ** 2, axis=0)
     keep = own > np.maximum(_OWN**2 * whole, 1e-300)
-    out: Array = missing[:, keep] / np.sqrt(own[keep] / len(missing))
-    return out
+    rms = np.sqrt(own[keep] / len(missing))
+    limit = np.full(rms.size, np.inf) if most is None else most[keep] * rms
+    return missing[:, keep] / rms, limit
 
 
 def _noise(left: Array, runs: Sequence[Run], scale: float) -> tuple[NoiseModel, ...]:
