@@ -2,7 +2,7 @@
 """The diagnosis of one machine's recordings, from the nominal fit to the advice."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 import time
 
@@ -12,15 +12,15 @@ import numpy.typing as npt
 from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution, visibility
-from ros2_ident.gap.case import Case, Recordings, recordings_from, recordings_of, SETTLE
+from ros2_ident.gap.case import Case, Recordings, recordings_from, recordings_of
 from ros2_ident.gap.compose import compose
 from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.gap.explain import Explained, Explainer, Rules
 from ros2_ident.gap.fits import Explanation
-from ros2_ident.gap.floor import Floor, pooled_floor
 from ros2_ident.gap.gates import run_gates
 from ros2_ident.gap.localise import Finding, localise
+from ros2_ident.gap.predictability import predictability
 from ros2_ident.gap.reading import coarse_readings, CoarseReading
 from ros2_ident.gap.refusal import ahead, of_gates, of_what_is_left
 from ros2_ident.gap.verdict import judge, NAMELESS, NONE, REFUSED, UNKNOWN, Verdict
@@ -182,7 +182,6 @@ class _Pass:
 
     explainer: Explainer
     base: Explanation
-    floor: Floor
     report: GateReport
     candidates: tuple[EffectAt, ...]
 
@@ -254,15 +253,16 @@ class _Passes:
                 'every candidate diverges on this log; '
                 'check units, gains and geometry in the machine file',
             )
-        floor = _capped(_floor(case, base), case.noise)
+        clock.step(0.9, 'telling noise from what the motion predicts')
+        floor = predictability(case.whole.with_effects(()), base.theta, clock.stopped).floor
         attribution = self._attribution(case, floor.per_drive)
-        base = attribution.watch_law(attribution.refit((), base.theta))
+        base = attribution.fits.watch_law(attribution.refit((), base.theta))
         report = GateReport()
         if not clock.stopped():
             joint = case.fit.with_effects(())
             report = run_gates(joint.models, joint.own(0, base.theta)[0], floor)
         candidates = tuple(case.candidates(self.without))
-        return _Pass(Explainer(attribution, self.rules), base, floor, report, candidates)
+        return _Pass(Explainer(attribution, floor, self.rules), base, report, candidates)
 
     def _attribution(self, case: Case, floor: Array) -> Attribution:
         return Attribution(
@@ -275,8 +275,9 @@ class _Passes:
 
     def _nominal_is_enough(self, both: Case, begun: _Pass) -> bool:
         """Whether the nominal parameters leave nothing once they are fitted to all recordings."""
-        fits = self._attribution(both, begun.floor.per_drive)
-        judge_of_both = Explainer(fits, self.rules)
+        floor = begun.explainer.floor
+        fits = self._attribution(both, floor.per_drive)
+        judge_of_both = Explainer(fits, floor, self.rules)
         return judge_of_both.size(fits.refit((), begun.base.theta)) < self.rules.material
 
     def _explained(self, begun: _Pass) -> tuple[Explained, Verdict]:
@@ -318,7 +319,6 @@ class _Passes:
             begun.explainer,
             found,
             verdict,
-            begun.floor,
             tuple((g.gate, g.level, g.sentence) for g in begun.report.gates),
             where,
             testable,
@@ -337,7 +337,7 @@ def _located(begun: _Pass, base: Explanation, seed: int) -> tuple[Finding, ...]:
     outputs = base.residual[: len(fits.weight)]
     rows = case.fit.rows(outputs / fits.weight)[:, : model.measured.shape[1]]
     motion = motion_of(model, joint.own(0, base.theta)[0])
-    findings = localise(motion, rows, begun.floor, seed=seed)
+    findings = localise(motion, rows, begun.explainer.floor, seed=seed)
     return tuple(f for f in findings if f.significant)
 
 
@@ -364,30 +364,3 @@ def _shows_later(explainer: Explainer, found: Explained) -> bool:
     return apart and bool(
         held[worst] > explainer.rules.material**2 and held[worst] > 4.0 * max(fitted[worst], 0.0)
     )
-
-
-def _floor(case: Case, base: Explanation) -> Floor:
-    """Estimate the floor on all recordings together."""
-    residuals: dict[int, Array] = {}
-    datasets: dict[int, Dataset] = {}
-    for part in (case.fit, case.check):
-        joint = part.with_effects(())
-        for number, model in enumerate(joint.models):
-            residual = model.measured - model.simulate(joint.own(number, base.theta))[0]
-            residual[:, : int(round(SETTLE / model.cycle))] = np.nan
-            # Without a check bag both parts are blocks of the same recordings.
-            residuals[id(part.models[number])] = residual
-            datasets[id(part.models[number])] = model.data
-    unit = case.fit.models[0].unit
-    return pooled_floor(list(residuals.values()), list(datasets.values()), case.drives, unit)
-
-
-def _capped(floor: Floor, noise: float) -> Floor:
-    """Keep a floor taken from the fast part of the residual near the noise that is stated.
-
-    What is fast and more than that is no noise of the log: steps of an encoder in the loop, a
-    ripple at speed. It belongs to the gap. And a log that was smoothed before has no fast part.
-    """
-    if floor.method == 'repeats' or noise <= 0.0:
-        return floor
-    return replace(floor, per_drive=np.clip(floor.per_drive, 0.5 * noise, 1.3 * noise))

@@ -45,7 +45,8 @@ class ParameterEstimate:
         unit: SI unit; `1` for a ratio.
         value: The estimate.
         low: Lower end of its 95 % interval, not clipped to the box; -inf where the data set no
-            limit.
+            limit. It allows for what the model may lack: what effects of the catalogue can hide
+            in the residual.
         high: Upper end likewise.
         lower_bound: Lower end of the box that was searched.
         upper_bound: Upper end of it.
@@ -54,6 +55,8 @@ class ParameterEstimate:
         identifiable: Whether the interval says more than the box.
         kind: `physical` or `measurement`.
         note: The same in words, empty where there is nothing to say.
+        noise_low: Lower end if the model lacked nothing: noise alone.
+        noise_high: Upper end likewise.
     """
 
     name: str
@@ -68,6 +71,8 @@ class ParameterEstimate:
     identifiable: bool
     kind: Kind
     note: str
+    noise_low: float = float('nan')
+    noise_high: float = float('nan')
 
 
 @dataclass(frozen=True)

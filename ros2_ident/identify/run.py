@@ -11,9 +11,10 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import examine, GateReport
 from ros2_ident.identify.data import chosen_drives, Data, gather
 from ros2_ident.identify.data import read_data as read_data
+from ros2_ident.identify.hidden import Estimate, weigh_estimate
 from ros2_ident.identify.judgement import judged, poorly_carried
 from ros2_ident.identify.layout import Conditions
-from ros2_ident.identify.outcome import assemble
+from ros2_ident.identify.outcome import assemble, cut_short
 from ros2_ident.identify.outputs import checked, Outputs
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification
@@ -144,8 +145,12 @@ def solve(
             workers=workers or Threads(settings.threads),
             checkpoint=checkpoint,
         )
+    evidence = None
+    if found.intervals is not None and not cut_short(found):
+        estimate = Estimate(problem.models, problem.own, found.theta, problem.low, problem.high)
+        evidence, _ = weigh_estimate(estimate, cancel.is_set if cancel else lambda: False)
     result = judged(
-        assemble(problem, found, seed, _plain(settings)),
+        assemble(problem, found, seed, _plain(settings), evidence),
         report,
         poorly_carried(problem, found.residual),
     )

@@ -144,7 +144,9 @@ def from_mapping(data: Any, path: Path) -> Identification:
 
 
 def _estimate(name: str, entry: Mapping[str, Any]) -> ParameterEstimate:
-    numbers = ('value', 'low', 'high', 'lower_bound', 'upper_bound', 'ga_value')
+    numbers = (
+        'value', 'low', 'high', 'noise_low', 'noise_high', 'lower_bound', 'upper_bound', 'ga_value'
+    )  # fmt: skip
     return ParameterEstimate(
         name=name,
         unit=str(entry['unit']),
@@ -152,7 +154,7 @@ def _estimate(name: str, entry: Mapping[str, Any]) -> ParameterEstimate:
         identifiable=bool(entry['identifiable']),
         kind=entry['kind'],
         note=str(entry['note']),
-        **{key: _number(entry[key]) for key in numbers},
+        **{key: _number(entry.get(key)) for key in numbers},
     )
 
 
