@@ -16,7 +16,7 @@ from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.identify.run import identify
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.protocol import Output
-from ros2_ident.report.page.sentences import of_identification
+from ros2_ident.report.page.answer import of_identification
 from ros2_ident.report.schema import from_mapping, to_mapping
 
 
@@ -49,10 +49,10 @@ def test_the_gates_come_back_from_a_file(without_force_constant, tmp_path):
 
 
 def test_the_page_begins_with_it_and_doubts_no_single_parameter(without_force_constant):
-    first, *others = of_identification(without_force_constant)
-    assert first.level == 'bad'
-    assert first.text.startswith('emps_axis: your velocity_gain is 243.5; 85')
-    assert not [s for s in others if 'does not determine' in s.text or 'bound' in s.text]
+    screen = of_identification(without_force_constant, 'out')
+    assert screen.level == 'bad'
+    assert screen.headline.startswith('emps_axis: your velocity_gain is 243.5; 85')
+    assert not [s for s in screen.careful if 'does not determine' in s or 'bound' in s]
 
 
 def test_a_gain_that_is_a_little_off_comes_first_and_leaves_the_result():

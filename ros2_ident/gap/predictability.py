@@ -15,10 +15,11 @@ from ros2_ident.errors import IdentError
 from ros2_ident.gap.case import Joint
 from ros2_ident.gap.coordinates import coordinates, Motion, motion_of
 from ros2_ident.gap.floor import find_repeats, Floor, pooled_floor
-from ros2_ident.identify.hidden import Estimate, Rows, runs_of, weigh_estimate
+from ros2_ident.gap.spectrum import lines
+from ros2_ident.identify.hidden import Estimate, runs_of, weigh_estimate, Weighed
 from ros2_ident.models import FullModel
 from ros2_ident.search.evidence import Evidence, weigh
-from ros2_ident.search.noise import NoiseModel
+from ros2_ident.search.noise import NoiseModel, Whitening
 
 Array = npt.NDArray[np.float64]
 
@@ -53,15 +54,14 @@ def predictability(
     """
     first = joint.models[0]
     estimate = Estimate(joint.models, joint.own, theta, joint.low, joint.high)
-    evidence, rows = weigh_estimate(estimate, stopped)
-    noise = evidence.noise
-    predicted = evidence.predicted**2
-    if first.data.position is not None or first.data.command_position is not None:
-        found = _by_motion(joint, theta, rows, evidence.left)
-        noise = tuple(e.noise[0] for e in found)
-        predicted = predicted + np.array([float(e.predicted[0]) ** 2 for e in found])
+    weighed = weigh_estimate(estimate, stopped)
+    evidence = weighed.evidence
+    found = _by_motion(joint, theta, weighed)
+    noise = tuple(e.noise[0] for e in found)
     floor = _repeated(joint, theta)
-    value = np.sqrt(np.maximum(evidence.rms**2 - predicted, 0.25 * evidence.floor**2))
+    predicted = evidence.predicted**2 + np.array([float(e.predicted[0]) ** 2 for e in found])
+    least = np.array([float(e.floor[0]) for e in found])
+    value = np.maximum(np.sqrt(np.maximum(evidence.rms**2 - predicted, 0.0)), least)
     if floor is not None:
         value = np.minimum(value, floor.per_drive)
     spread = np.exp(1.96 * _uncertainty(noise))
@@ -82,8 +82,11 @@ def predictability(
     )
 
 
-def _by_motion(joint: Joint, theta: Array, rows: Rows, left: Array) -> list[Evidence]:
-    """Return for each drive what functions of the motion predict of what is left (R,)."""
+def _by_motion(joint: Joint, theta: Array, weighed: Weighed) -> list[Evidence]:
+    """Return for each drive what functions of motion and time predict of what effects leave."""
+    evidence, rows = weighed.evidence, weighed.rows
+    data = joint.models[0].data
+    unknown = data.position is None and data.command_position is None
     motions = [
         motion_of(model, joint.own(number, theta)[0]) for number, model in enumerate(joint.models)
     ]
@@ -98,18 +101,32 @@ def _by_motion(joint: Joint, theta: Array, rows: Rows, left: Array) -> list[Evid
         here = np.concatenate(
             [np.arange(e - c, e) for e, c in zip(ends[:, drive], counts[:, drive], strict=True)]
         )
-        columns = [c.columns for c in coordinates(whole, drive, np.concatenate(at))]
+        when, runs, left = np.concatenate(at), runs_of(masks), evidence.left[here]
+        columns = [c.columns for c in coordinates(whole, drive, when)]
+        whiten = Whitening(runs, [evidence.noise[drive]])
+        for place in (when.astype(np.float64), whole.position[drive, when]):
+            # The strongest in the residual, and the strongest beside noise of its colour.
+            columns += [lines(left, place), lines(whiten(left), place, 2)]
+        if unknown:
+            columns.append(_functions_of(weighed.slopes[here]))
         found.append(
             weigh(
-                left[here],
+                left,
                 np.empty((here.size, 0)),
                 np.hstack(columns),
-                runs_of(masks),
+                runs,
                 rows.blocks[here],
                 share=rows.share,
             )
         )
     return found
+
+
+def _functions_of(slopes: Array) -> Array:
+    """Return (R, C) functions of what parameters act by (R, N), where no motion is known."""
+    size = np.sqrt(np.mean(slopes**2, axis=0))
+    unit = slopes[:, size > 0.0] / size[size > 0.0]
+    return np.hstack([unit, unit**2, unit**3, unit * np.abs(unit), np.sign(unit)])
 
 
 def _side_by_side(motions: Sequence[Motion]) -> Motion:

@@ -16,6 +16,9 @@ _SEGMENTS = 6
 _TOP = 0.4
 # Below this frequency everything is motion, Hz.
 _SLOW = 3.0
+# A coordinate is cut into so many bins; a line goes round so often over it at least; its frequency
+# is found to such a part of one round.
+_BINS, _FEWEST, _FINER = 8192, 4, 16
 # Of the motion's acceleration this share of the power lies below its band's end.
 _POWER = 0.95
 
@@ -104,6 +107,33 @@ def find_peak(row: Array, cycle: float, noise: float, low: float) -> Peak | None
     size = noise * math.sqrt(max(0.0, excess / (frequency.size - 1)))
     peak = float(frequency[band[int(np.argmax(power[band]))]])
     return Peak(peak, float(frequency[band[0]]), float(frequency[band[-1]]), size, p_value)
+
+
+def lines(values: Array, place: Array, count: int = 4) -> Array:
+    """Return the strongest periodic functions of a coordinate in a residual.
+
+    Args:
+        values: (T,) residual.
+        place: (T,) the coordinate: time, or a position.
+        count: How many.
+
+    Returns:
+        (T, 2 L) a cosine and a sine of each; none where the coordinate does not change.
+    """
+    span = float(np.ptp(place)) if place.size else 0.0
+    if span <= 0.0:
+        return np.empty((place.size, 0))
+    turn = (place - place.min()) / span
+    number = np.minimum((turn * _BINS).astype(np.int64), _BINS - 1)
+    columns = np.ones((place.size, 1))
+    for _ in range(count):
+        left = values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+        power = np.abs(np.fft.rfft(np.bincount(number, left, _BINS), _FINER * _BINS))
+        power[: _FINER * _FEWEST] = 0.0
+        wave = 2.0 * np.pi * int(power.argmax()) / _FINER * turn
+        columns = np.column_stack([columns, np.cos(wave), np.sin(wave)])
+    out: Array = columns[:, 1:]
+    return out
 
 
 def motion_band(acceleration: Array, cycle: float) -> float:

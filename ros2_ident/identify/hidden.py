@@ -112,18 +112,28 @@ def _uninterrupted(there: npt.NDArray[np.intp]) -> list[npt.NDArray[np.intp]]:
     return np.split(there, np.flatnonzero(steps > _GAP * usual) + 1)
 
 
-def weigh_estimate(
-    estimate: Estimate, stopped: Callable[[], bool] = lambda: False
-) -> tuple[Evidence, Rows]:
+@dataclass(frozen=True)
+class Weighed:
+    """What the residual of an estimate shows.
+
+    Attributes:
+        evidence: Noise, what effects of the catalogue predict, the parameters' certainty; places
+            are the outputs, in the unit of the weighted residual.
+        rows: The R samples that were weighed.
+        slopes: (R, N) derivative of the residual by the parameters' shares of their box.
+    """
+
+    evidence: Evidence
+    rows: Rows
+    slopes: Array
+
+
+def weigh_estimate(estimate: Estimate, stopped: Callable[[], bool] = lambda: False) -> Weighed:
     """Weigh what the residual of an estimate shows against what the catalogue's effects can do.
 
     Args:
         estimate: The fitted models.
         stopped: Asked often; True leaves the rest of the catalogue out.
-
-    Returns:
-        The evidence, and the rows that were weighed; places are the outputs, in the unit of the
-        weighted residual.
     """
     candidates = [a for a in estimate.models[0].extensions() if a not in _there(estimate)]
     tried = [_tried(estimate.models[0], at) for at in candidates]
@@ -158,7 +168,7 @@ def weigh_estimate(
     evidence = weigh(
         residual, jacobian, missing, rows.runs, rows.blocks, most=most, share=rows.share
     )
-    return evidence, rows
+    return Weighed(evidence, rows, jacobian)
 
 
 def _there(estimate: Estimate) -> tuple[EffectAt, ...]:

@@ -33,8 +33,10 @@ Array = npt.NDArray[np.float64]
 PACKAGE = 'ros2_ident'
 # Of a parameter that noise alone would leave determined.
 HIDDEN = 'not determined beside what the model may lack'
-# A residual of so many times the effort's noise has another cause beside it.
-WELL_ABOVE = 1.5
+# Noise that is stated and noise that is found may differ by this factor.
+OTHER = 1.5
+# What is predicted of a residual counts from this share of the noise on.
+MATERIAL = 0.4
 
 
 def assemble(
@@ -88,21 +90,43 @@ def assemble(
         history=History(
             np.array(found.ga.best_costs), found.candidates, found.costs, found.generations
         ),
-        quality=replace(quality, warnings=quality.warnings + _gap(problem, left)),
+        quality=replace(quality, warnings=quality.warnings + _gap(problem, left, evidence)),
         provenance=_provenance(problem),
         settings=settings,
     )
 
 
-def _gap(problem: Problem, left: tuple[DriveResidual, ...]) -> tuple[str, ...]:
-    """Return a sentence for each drive whose residual is well above the noise of its effort."""
+def _gap(
+    problem: Problem, left: tuple[DriveResidual, ...], evidence: Evidence | None
+) -> tuple[str, ...]:
+    """Return what the residual says of the model and of the noise that is stated."""
     noise = problem.noise
-    return tuple(
-        f'{x.drive}: the residual is {rounded(x.rms / noise)} times the effort noise of the '
-        'machine file; `ident diagnose` looks for what the model leaves out'
-        for x in left
-        if noise > 0.0 and not x.unit and x.rms > WELL_ABOVE * noise
-    )
+    if evidence is None:
+        return tuple(
+            f'{x.drive}: the residual is {rounded(x.rms / noise)} times the effort noise of the '
+            'machine file; `ident diagnose` looks for what the model leaves out'
+            for x in left
+            if noise > 0.0 and not x.unit and x.rms > OTHER * noise
+        )
+    out = []
+    outputs = problem.models[0].outputs
+    rows = zip(outputs, evidence.predicted, evidence.floor, strict=True)
+    for output, predicted, floor in rows:
+        unit = '' if output.unit == '1' else f' {output.unit}'
+        if predicted >= MATERIAL * floor:
+            out.append(
+                f'{output.name}: effects of the catalogue predict {predicted / output.weight:.2g}'
+                f'{unit} of the residual, {rounded(predicted / floor)} times the noise; '
+                '`ident diagnose` looks for what the model leaves out'
+            )
+        found = floor / output.weight
+        stated = output.quantity == 'effort' and noise > 0.0 and predicted < MATERIAL * floor
+        if stated and not noise / OTHER < found < noise * OTHER:
+            out.append(
+                f'{output.name}: the noise of the log is {found:.2g}{unit}, and the machine file '
+                f'states {noise:.2g}{unit} (effort_noise); the log decides'
+            )
+    return tuple(out)
 
 
 @dataclass(frozen=True)
@@ -193,10 +217,15 @@ def _judge(found: Fitted, estimates: tuple[ParameterEstimate, ...]) -> tuple[Out
     )
     loose = [e.name for e in estimates if not e.identifiable]
     if loose:
+        hidden = [e.name for e in estimates if HIDDEN in e.note]
+        remedy = (
+            'the model lacks something that trades with them: find it with `ident diagnose`'
+            if hidden == loose
+            else 'record a motion that excites them, or fix them at known values'
+        )
         return Outcome.NOT_IDENTIFIABLE, (
             f'This data does not determine {len(loose)} of {len(estimates)} parameters: '
-            f'{", ".join(loose)}; record a motion that excites them, or fix them at known values.'
-            f'{leaning}'
+            f'{", ".join(loose)}; {remedy}.{leaning}'
         )
     return Outcome.IDENTIFIED, f'All {len(estimates)} parameters are identified.{leaning}'
 

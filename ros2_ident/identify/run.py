@@ -148,7 +148,7 @@ def solve(
     evidence = None
     if found.intervals is not None and not cut_short(found):
         estimate = Estimate(problem.models, problem.own, found.theta, problem.low, problem.high)
-        evidence, _ = weigh_estimate(estimate, cancel.is_set if cancel else lambda: False)
+        evidence = weigh_estimate(estimate, cancel.is_set if cancel else lambda: False).evidence
     result = judged(
         assemble(problem, found, seed, _plain(settings), evidence),
         report,

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cholesky, inv, solve, solve_triangular
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from ros2_ident.search.noise import fit_noise, NoiseModel, Run, Whitening
 from ros2_ident.search.operators import Array
@@ -79,7 +79,11 @@ class Evidence:
         width = high - low
         middle = theta + self.shift * width
         half = _NORMAL * np.sqrt(np.maximum(np.diag(self.covariance), 0.0)) * width
-        return np.fmin(least, middle - half), np.fmax(most, middle + half)
+        # The box is what is known beforehand.
+        return (
+            np.fmin(least, np.maximum(middle - half, low)),
+            np.fmax(most, np.minimum(middle + half, high)),
+        )
 
 
 def weigh(
@@ -169,27 +173,32 @@ class _Sums:
 
     def _evidence(self, size: float) -> float:
         """Return the logarithm of the evidence for a size, but for a constant."""
-        factor = cholesky(self._precision(size), lower=True)
-        half = solve_triangular(factor, self.gradient, lower=True)
+        factor, scale = self._factor(size)
+        half = solve_triangular(factor, self.gradient * scale, lower=True)
         deviation = np.minimum(size, self.limit)
-        return float(
-            0.5 * half @ half - np.sum(np.log(np.diag(factor))) - np.sum(np.log(deviation))
-        )
+        volume = np.sum(np.log(np.diag(factor) / scale)) + np.sum(np.log(deviation))
+        return float(0.5 * half @ half - volume)
 
     def solve(self, size: float) -> Array:
         """Return (N + C,) the most probable coefficients."""
-        out: Array = solve(self._precision(size), self.gradient, assume_a='pos')
+        factor, scale = self._factor(size)
+        out: Array = scale * cho_solve((factor, True), scale * self.gradient)
         return out
 
     def parameters(self, size: float) -> tuple[Array, Array]:
         """Return (N,) how far the parameters move, and (N, N) their covariance."""
-        inverse: Array = inv(self._precision(size))[: self.count]
-        return -inverse @ self.gradient, inverse[:, : self.count]
+        factor, scale = self._factor(size)
+        inverse = cho_solve((factor, True), np.diag(scale)[:, : self.count])
+        covariance: Array = (scale[:, None] * inverse)[: self.count]
+        return -self.solve(size)[: self.count], covariance
 
-    def _precision(self, size: float) -> Array:
+    def _factor(self, size: float) -> tuple[Array, Array]:
+        """Return the lower Cholesky factor of the precision, scaled to ones on its diagonal."""
         deviation = np.minimum(size, self.limit)
-        out: Array = self.normal + np.diag(np.concatenate([np.ones(self.count), deviation**-2.0]))
-        return out
+        prior = np.concatenate([np.ones(self.count), deviation**-2.0])
+        precision = self.normal + np.diag(prior)
+        scale: Array = np.diag(precision) ** -0.5
+        return cholesky(precision * np.outer(scale, scale), lower=True), scale
 
 
 def _of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[Array, Array]:
