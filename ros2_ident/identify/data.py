@@ -10,7 +10,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.result import Quality
 from ros2_ident.models import Machine
-from ros2_ident.models.registry import kind_from_bag, kind_of
+from ros2_ident.models.registry import compared_of, kind_from_bag, kind_of
 from ros2_ident.recording import (
     align,
     choose_windows,
@@ -110,7 +110,7 @@ def read_data(
     *,
     topics: Topics | None = None,
     samples: int = SAMPLES,
-    quantities: Sequence[str] = ('effort',),
+    quantities: Sequence[str] | None = None,
 ) -> Data:
     """Read bags into what `identify` takes.
 
@@ -139,7 +139,7 @@ def gather(
     drives: Sequence[str] | None = None,
     *,
     samples: int = SAMPLES,
-    quantities: Sequence[str] = ('effort',),
+    quantities: Sequence[str] | None = None,
 ) -> Data:
     """Bring recordings onto the controller's grid; unusable ones are left out with a warning.
 
@@ -150,7 +150,7 @@ def gather(
         samples: Effort samples to fit on, all drives together; of a longer log the windows are
             taken that tell most (see `recording.windows`), and others are held out.
         quantities: What will be compared, so has to be in the log: of `effort`, `position` and
-            `velocity`.
+            `velocity`; what the kind of machine compares where None.
 
     Returns:
         The segments that can be used.
@@ -160,6 +160,7 @@ def gather(
     """
     kind_from_bag(machine)
     chosen = chosen_drives(machine, drives)
+    quantities = quantities or compared_of(machine)
     cycle = machine.number('cycle')
     if not recordings:
         raise IdentError(
@@ -271,7 +272,14 @@ def _aligned(
     """Align all drives of the machine; only the chosen ones need what is compared."""
     everyone = chosen == machine.drives
     need = tuple(quantities) if everyone else ()
-    dataset = align(recording, machine.drives, cycle, need=need, effort_scale=machine.effort_scale)
+    dataset = align(
+        recording,
+        machine.drives,
+        cycle,
+        need=need,
+        effort_scale=machine.effort_scale,
+        released=kind_of(machine).released,
+    )
     if not everyone and 'effort' in quantities:
         _check_efforts(recording, dataset, chosen)
     _check_motion(recording, dataset, chosen)

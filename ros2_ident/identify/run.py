@@ -19,6 +19,7 @@ from ros2_ident.identify.settings import IdentifyProgress as IdentifyProgress
 from ros2_ident.identify.settings import IdentifySettings, OnProgress
 from ros2_ident.identify.setup import problem_of, problem_of_models
 from ros2_ident.models import EffectAt, Machine, Model
+from ros2_ident.models.registry import compared_of
 from ros2_ident.recording import Dataset, Recording
 from ros2_ident.search.evaluators import Cancel, Threads, Workers
 from ros2_ident.search.fit import fit
@@ -96,7 +97,7 @@ def identify(
     else:
         problem = problem_of(
             machine,
-            _as_data(machine, data, drives, tuple(checked(outputs))),
+            _as_data(machine, data, drives, tuple(checked(outputs, compared_of(machine)))),
             drives=drives,
             fixed=fixed,
             bounds=bounds,

@@ -155,9 +155,12 @@ def _machine(data: Mapping[str, Any], kind: Kind, digest: str) -> Machine:
         own_bounds=own,
         given=frozenset(key.name for key in stated),
         effort_unit=unit,
-        effort_scale=effort_factor(unit, data.get('torque_constant'), data.get('rated_torque')),
+        effort_scale=1.0
+        if unit in kind.logs
+        else effort_factor(unit, data.get('torque_constant'), data.get('rated_torque')),
         effort_noise=float(data.get('effort_noise', 0.01)),
         digest=digest,
+        turns=kind.turns,
     )
 
 

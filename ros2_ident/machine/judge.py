@@ -57,7 +57,7 @@ def judge(data: Any, kinds: Mapping[str, Kind]) -> Iterator[Remark]:
         if path in draft.keys and path not in (('machine',), ('drives',)):
             yield from _value(draft, draft.keys[path], value)
     yield from _missing(draft)
-    yield from _effort(draft)
+    yield from _effort(draft, kind)
     yield from kind.judge(draft)
 
 
@@ -117,7 +117,9 @@ def _missing(draft: Draft) -> Iterator[Remark]:
         )
 
 
-def _effort(draft: Draft) -> Iterator[Remark]:
+def _effort(draft: Draft, kind: Kind) -> Iterator[Remark]:
+    if draft.effort_unit in kind.logs:
+        return
     try:
         effort_factor(
             draft.effort_unit,

@@ -52,6 +52,13 @@ class Kind:
             position.
         check_motion: Returns what in a machine file contradicts recorded positions (D, K), NaN
             where there is no sample.
+        turns: Whether its drives are joints that turn, whatever a machine file says.
+        compares: Quantities that are compared where nobody says which.
+        logs: Units of a logged effort that its model simulates as they are, beside those of
+            `units.effort_factor`.
+        released: Whether its motors are switched off where no set-point comes any more.
+        efforts: Returns the (D,) size of the drives' efforts, of which bounds of effects are
+            shares; None where the log says it.
         scene: Returns what to draw at positions (D, F) of its drives, None where they cannot be.
 
     Raises:
@@ -68,6 +75,11 @@ class Kind:
     from_bag: bool = True
     starts_in_motion: bool = False
     check_motion: Callable[[Machine, Array], Iterable[Remark]] | None = None
+    turns: bool = False
+    compares: tuple[str, ...] = ('effort',)
+    logs: tuple[str, ...] = ()
+    released: bool = False
+    efforts: Callable[[Machine], Array] | None = None
     scene: Callable[[Machine, Array], Figure | None] | None = None
 
     def __post_init__(self) -> None:

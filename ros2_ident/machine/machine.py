@@ -34,6 +34,7 @@ class Machine:
             the rated torque over 100 %.
         effort_noise: Standard deviation of the logged effort's noise, in the model's effort unit.
         digest: SHA-256 of the file, empty where the machine was made in memory.
+        turns: Whether its drives are joints that turn, whatever its parameters say.
 
     Raises:
         IdentError: BAD_MACHINE_FILE where a constant has neither one value nor one of each drive.
@@ -49,6 +50,7 @@ class Machine:
     effort_scale: float = 1.0
     effort_noise: float = 0.01
     digest: str = ''
+    turns: bool = False
 
     def __post_init__(self) -> None:
         for name, values in self.constants.items():
@@ -136,7 +138,9 @@ class Machine:
 
     @property
     def travel_unit(self) -> str:
-        """Unit of a drive's position: `rad` where the moving mass is stated as an inertia."""
+        """Unit of a drive's position: `rad` of joints, and where a moving mass is an inertia."""
+        if self.turns:
+            return 'rad'
         of = self.bounds.get('moving_mass', (0.0, 0.0, ''))[2]
         return 'rad' if plain_unit(of) == plain_unit(angular('kg')) else 'm'
 

@@ -71,6 +71,7 @@ class Dataset:
         velocity: Likewise.
         effort: Likewise, in the unit of the recording given (N m or N after conversion).
         quality: How the streams arrived.
+        released: Cycle from which on the motors are switched off; None where they never are.
     """
 
     names: tuple[str, ...]
@@ -82,6 +83,7 @@ class Dataset:
     velocity: FloatArray | None
     effort: FloatArray | None
     quality: AlignQuality = field(default_factory=AlignQuality)
+    released: int | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""

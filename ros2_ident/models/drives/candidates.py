@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From named parameters to the rows that the kernels read."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -57,6 +57,17 @@ CONSTANT_ROWS = {
     'torque_limit': 'torque_limit',
 }
 _OF_MACHINE = ('gravity', 'rail_radius', 'rod_length')
+# Of a servo: constants that have a row of their own name.
+SERVO_ROWS = (
+    'torque_constant',
+    'resistance',
+    'supply_voltage',
+    'load_mass',
+    'load_length',
+    'arm_mass',
+    'load_inertia',
+    'load_angle',
+)
 SLOTS: Mapping[str, Slot] = dict(
     measurement_delay=Slot('log_delay', True, 'measurement', _PAPER),
     gear_stiffness=Slot('gear_stiffness', False, 'physical', _PAPER),
@@ -72,7 +83,17 @@ SLOTS: Mapping[str, Slot] = dict(
     **{name: Slot(row, False, 'physical', _FILE) for name, row in CONSTANT_ROWS.items()},
     rail_azimuth=Slot('rail_azimuth', False, 'physical', _FILE),
     **{name: Slot(name, True, 'physical', _FILE) for name in _OF_MACHINE},
+    **{name: Slot(name, False, 'physical', _FILE) for name in SERVO_ROWS},
+    armature=Slot('drive_inertia', False, 'physical', _FILE),
+    duty_limit=Slot('torque_limit', False, 'physical', _FILE),
 )
+# Fills rows of one drive, of all candidates, from other rows of it.
+Derive = Callable[[Array, int], None]
+
+
+def _nothing(block: Array, d: int) -> None:
+    pass
+
 
 
 class Candidates:
@@ -86,6 +107,7 @@ class Candidates:
         base: (R,) rows of what the machine file knows, the rest neutral.
         rigid: Whether nominally motor and carriage move as one mass.
         efforts: (D,) size of the drives' logged efforts, see `effort_range`.
+        derive: Fills what follows from other rows of a drive, before its gear's damping.
 
     Attributes:
         free: The parameters, in the order of theta's columns.
@@ -107,8 +129,10 @@ class Candidates:
         base: Array,
         rigid: bool,
         efforts: Array,
+        derive: Derive = _nothing,
     ) -> None:
         self._machine = machine
+        self._derive = derive
         self._efforts = efforts
         self._drives = tuple(drives)
         self._effects = tuple(effects)
@@ -229,6 +253,8 @@ class Candidates:
 
     def _factor(self, unit: str, effort: float, force: float, turns: bool) -> float:
         """Return the factor on the numbers of an effect's parameter, see `EffectParameter`."""
+        if unit == '1/(effort)':
+            return 1.0 / effort
         if unit == '1/W':
             return 1.0 / (force * per_metre(self._machine.travel_unit))
         factor = angular_factor(unit) if turns else 1.0
@@ -259,6 +285,7 @@ class Candidates:
                 self._fill(block, name, drives if index is None else [index], value)
         self._convert(block, values)
         for d in drives:
+            self._derive(block, d)
             self._finish_drive(block, d)
         for at in self._effects:
             self._add_effect(block, at, values)
