@@ -372,8 +372,14 @@ def _floor(case: Case, base: Explanation) -> Floor:
             # Without a check bag both parts are blocks of the same recordings.
             residuals[id(part.models[number])] = residual
             datasets[id(part.models[number])] = model.data
-    unit = case.fit.models[0].unit
-    return pooled_floor(list(residuals.values()), list(datasets.values()), case.drives, unit)
+    first = case.fit.models[0]
+    return pooled_floor(
+        list(residuals.values()),
+        list(datasets.values()),
+        case.drives,
+        first.unit,
+        first.outputs[0].quantity,
+    )
 
 
 def _capped(floor: Floor, noise: float) -> Floor:

@@ -91,15 +91,20 @@ class Floor:
 
 
 def noise_floor(
-    residual: Array, dataset: Dataset, drives: Sequence[str] | None = None, unit: str = ''
+    residual: Array,
+    dataset: Dataset,
+    drives: Sequence[str] | None = None,
+    unit: str = '',
+    quantity: str = 'effort',
 ) -> Floor:
     """Estimate the noise floor of each drive.
 
     Args:
         residual: (D, K) measured less simulated output; NaN at cycles without a sample.
-        dataset: The recording; its command shows what repeats, its effort the step of the log.
+        dataset: The recording; its command shows what repeats, its samples the step of the log.
         drives: The D drives of the residual; all of the data set's where None.
         unit: Unit of the residual, for the sentence.
+        quantity: What of the recording it is a residual of.
 
     Returns:
         The floor with a 95 % interval.
@@ -114,8 +119,9 @@ def noise_floor(
     names = dataset.names if drives is None else tuple(drives)
     count = len(residual)
     step = np.zeros(count)
-    if dataset.effort is not None:
-        step = np.array([_step(dataset.effort[dataset.names.index(n)]) for n in names])
+    logged = getattr(dataset, quantity, None)
+    if logged is not None:
+        step = np.array([_step(logged[dataset.names.index(n)]) for n in names])
     repeats = find_repeats(dataset)
     value, low, high, white = (np.full(count, math.nan) for _ in range(4))
     for d, row in enumerate(residual):
@@ -139,6 +145,7 @@ def pooled_floor(
     datasets: Sequence[Dataset],
     drives: Sequence[str] | None = None,
     unit: str = '',
+    quantity: str = 'effort',
 ) -> Floor:
     """Estimate the floor on several recordings of a machine; on those that repeat where some do.
 
@@ -147,6 +154,7 @@ def pooled_floor(
         datasets: The recordings.
         drives: As for `noise_floor`.
         unit: As for `noise_floor`.
+        quantity: As for `noise_floor`.
 
     Returns:
         The mean of the logarithms, weighted by their certainty.
@@ -158,7 +166,7 @@ def pooled_floor(
     short: IdentError | None = None
     for residual, dataset in zip(residuals, datasets, strict=True):
         try:
-            found.append((noise_floor(residual, dataset, drives, unit), dataset))
+            found.append((noise_floor(residual, dataset, drives, unit, quantity), dataset))
         except IdentError as exc:
             short = exc
     if not found:
@@ -254,7 +262,7 @@ def _high_frequency(row: Array, name: str) -> tuple[float, float, float, float]:
     if fourth.size < 2 * _STRETCH:
         raise IdentError(
             ErrorCode.NO_DATA,
-            f'{name}: {there.size} effort samples are too few or too irregular to tell noise from '
+            f'{name}: {there.size} samples are too few or too irregular to tell noise from '
             'motion; record a longer motion at an even rate',
         )
     gain = float(math.comb(2 * _ORDER, _ORDER))

@@ -105,7 +105,9 @@ def run_gates(
     """
     found = check_streams(model.data)
     laws = []
-    for number, drive in enumerate(model.places if model.machine is not None else ()):
+    # Sign, limit and law are those of an effort; a log need not hold one where it is not compared.
+    compared = model.machine is not None and model.outputs[0].quantity == 'effort'
+    for number, drive in enumerate(model.places if compared else ()):
         assert model.machine is not None
         found += check_effort(model.machine, model.data, drive)
         law = fit_law(model.machine, model.data, drive)
@@ -280,10 +282,11 @@ def check_step(model: FullModel, theta: Array, floor: Floor | None = None) -> li
         [model.noise] * len(error) if floor is None else floor.per_drive
     )
     found = []
+    what = model.outputs[0].quantity
     for drive, off, under in zip(model.places, error, noise, strict=True):
         share = float(off / under) if under > 0.0 else math.inf
         level: Level = 'ok' if share <= STEP_ERROR else 'warn' if share <= 0.5 else 'fail'
-        text = f'{drive}: half the integration step changes the effort by {share:.2g} of the noise'
+        text = f'{drive}: half the integration step changes the {what} by {share:.2g} of the noise'
         if level != 'ok':
             text += '; the step is too long to tell physics from numerics, raise substeps'
         found.append(Gate('step', drive, level, share, '1', text))
