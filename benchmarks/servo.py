@@ -20,9 +20,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.identify.run import identify, read_data
+from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import EffectAt, machine_from_mapping, make_model
 from ros2_ident.models.protocol import FullModel
 from ros2_ident.recording import Dataset
+from ros2_ident.search import GeneticSettings
 
 Array = npt.NDArray[np.float64]
 
@@ -55,6 +57,7 @@ PUBLISHED: Mapping[str, Mapping[str, float]] = {
            'speed': 2.890372, 'alpha': 8.68326, 'viscous': 0.00535967},
 }  # fmt: skip
 
+SEARCH = IdentifySettings(GeneticSettings(initial_population=4096, generations=16))
 # Rungs of the ladder: what each has beside Coulomb and viscous friction.
 RUNGS: Mapping[str, tuple[str, ...]] = {
     'Coulomb, viscous': (),
@@ -62,6 +65,7 @@ RUNGS: Mapping[str, tuple[str, ...]] = {
     '+ load': ('directional_load_friction',),
     '+ load, Stribeck': ('directional_load_friction', 'stribeck'),
     '+ load, Stribeck of both': ('directional_load_friction', 'stribeck_load_friction'),
+    '+ Stribeck of load': ('stribeck_load_friction',),
     '+ quadratic': (
         'directional_load_friction',
         'stribeck_load_friction',
@@ -143,7 +147,7 @@ def machine_of(bench: Bench, kp: int):  # type: ignore[no-untyped-def]
                 'supply_voltage': bench.supply,
                 'load_mass': bench.mass,
                 'load_length': bench.length,
-                'coulomb_regularisation': 5e-3,
+                'coulomb_regularisation': 3e-3,
             },
             'controller': {
                 'cycle': 1e-3,
@@ -208,7 +212,8 @@ def main() -> None:
     for rung in args.rungs:
         begin = time.monotonic()
         models = {n: model_of(XL330, *bags[n], RUNGS[rung]) for n in names}
-        found = identify(model=[models[n] for n in names if n not in away], seed=1)
+        fitted = [models[n] for n in names if n not in away]
+        found = identify(model=fitted, settings=SEARCH, seed=1)
         theta = found.theta[None]
         errors = [error(models[n].simulate(theta)[0, 0], bags[n][1]) for n in names]
         left = np.mean([e for e, bag in zip(errors, names, strict=True) if bag in away])

@@ -80,7 +80,7 @@ def beside(one, effects=(), values=(), unmodelled=(), quantity='position', relea
     )
     seen = np.full_like(position, np.nan)
     # Where the encoder stands at first; that many samples tell that it rests.
-    seen[:, :10] = 0.1
+    seen[:, :12] = 0.1
     data = Dataset(
         one.drives, 1e-3, 0, position, velocity, seen, None, log.effort, released=release
     )
@@ -232,3 +232,16 @@ def test_what_a_servo_lacks_is_said(drop, change, said) -> None:
     }
     remarks = judged(data, KINDS, 'file').remarks
     assert any(said in remark.text for remark in remarks), remarks
+
+
+def test_friction_by_load_that_is_steep_at_standstill_takes_shorter_steps() -> None:
+    one = machine({**FRICTION}, CONTROLLER | {'position_gain': 2.0})
+    one = one.with_constants(coulomb_regularisation=2e-3)
+    at = [EffectAt('directional_load_friction', 'joint')]
+    position, velocity = set_points()
+    model = make_model(one, _data(one, effort=None, position=0.0 * position), effects=at)
+    theta = np.array([[0.011, 0.004, 0.6, 0.3]])
+    assert model.work(theta)[0] > 3 * make_model(one, model.data).work(theta[:, :2])[0]
+    rough = model.simulate(theta)
+    fine = model.finer(theta[0]).simulate(theta)
+    assert np.abs(rough - fine).max() < 1e-4

@@ -20,8 +20,8 @@ EFFECT = Effect(
     equation='|mu_M M + mu_F F / gear| sgn v added to the friction torque',
     source='Duclusaud, Passault, Padois, Ly, ICRA 2025, models M3 (mu_M = mu_F) and M5',
     parameters=(
-        EffectParameter('motor', '1', 0.0, 0.5, 0.0, starts=(0.1,)),
-        EffectParameter('load', '1', 0.0, 0.5, 0.0, starts=(0.1,)),
+        EffectParameter('motor', '1', 0.0, 0.95, 0.0, starts=(0.1,)),
+        EffectParameter('load', '1', 0.0, 0.95, 0.0, starts=(0.1,)),
     ),
     hook=Hook.FRICTION,
     kernel=_kernel,

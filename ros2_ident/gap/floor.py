@@ -27,6 +27,8 @@ Method = Literal['repeats', 'high frequency']
 _ORDER = 4
 # Squares beyond this many standard deviations are clipped: spikes and impacts do not count.
 _CLIP = 3.0
+# Samples apart by the usual step and at most this share of it count as evenly spaced.
+_UNEVEN = 0.34
 # Squares are averaged over stretches of this many samples, to judge their scatter.
 _STRETCH = 50
 # Stretches noisier than the quiet ones by this many standard errors hold an effect, not noise.
@@ -274,10 +276,22 @@ def _high_frequency(row: Array, name: str) -> tuple[float, float, float, float]:
 
 
 def _differences(row: Array, stride: int, order: int) -> Array:
-    """Return the differences of samples `stride` cycles apart, only where none is missing."""
-    phase = int(np.flatnonzero(np.isfinite(row))[0]) % stride
-    out: Array = np.diff(row[phase::stride], order)
-    return out[np.isfinite(out)]
+    """Return the differences of samples `stride` cycles apart, only where none is missing.
+
+    Where hardly any keep to that, as in a log by a clock of its own, those of neighbours that are
+    apart by about as much.
+    """
+    there = np.flatnonzero(np.isfinite(row))
+    out: Array = np.diff(row[int(there[0]) % stride :: stride], order)
+    out = out[np.isfinite(out)]
+    if out.size >= 2 * _STRETCH:
+        return out
+    if there.size <= order:
+        return out
+    near = np.abs(np.diff(there) - stride) <= _UNEVEN * stride
+    whole = np.lib.stride_tricks.sliding_window_view(near, order).all(axis=1)
+    uneven: Array = np.diff(row[there], order)[whole]
+    return uneven if uneven.size > out.size else out
 
 
 def _robust(squares: Array) -> tuple[float, float, float]:

@@ -206,7 +206,8 @@ def gather(
             _settled(dataset, machine, place, warnings) if windows is None else _forgotten(dataset)
         )
         kept.append((settled, recording, label))
-        warnings += _unsigned(settled, chosen)
+        if 'effort' in quantities:
+            warnings += _unsigned(settled, chosen)
     if not kept:
         assert first is not None
         raise first
@@ -282,7 +283,7 @@ def _aligned(
     )
     if not everyone and 'effort' in quantities:
         _check_efforts(recording, dataset, chosen)
-    _check_motion(recording, dataset, chosen)
+    _check_motion(recording, dataset, chosen if 'effort' in quantities else ())
     return dataset
 
 
@@ -303,7 +304,7 @@ def _check_efforts(recording: Recording, dataset: Dataset, chosen: tuple[str, ..
 
 
 def _check_motion(recording: Recording, dataset: Dataset, chosen: tuple[str, ...]) -> None:
-    """Refuse what would cost minutes and tell nothing."""
+    """Refuse what would cost minutes and tell nothing; the effort of `chosen` drives counts."""
     where = recording.source or 'recording'
     for name in chosen if dataset.effort is not None else ():
         assert dataset.effort is not None

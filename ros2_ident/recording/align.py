@@ -173,7 +173,8 @@ def _released(
         f'command: stops {(end - last) * cycle:.3g} s before the state; the motors are taken as '
         'switched off from there on'
     )
-    return last + max(1, round(typical)), end
+    # Who commands and reads in one loop has stopped commanding by the next reading.
+    return int(state[state > command[-1]][0]) - start, end
 
 
 def _longest_stretch(command: Placed, cycle: float, warnings: list[str]) -> tuple[int, int]:

@@ -297,6 +297,23 @@ class Candidates:
                 block[:, rows.row_of(derived, d)] = 1.0 / block[:, rows.row_of(of, d)]
         return block
 
+    def dry_friction(self, block: Array, d: int, torque: Array) -> Array:
+        """Return (S,) the largest friction of a drive whose gear a torque (S,) [N m] presses.
+
+        What does not depend on the speed alone; viscous friction is not stiff.
+        """
+        total: Array = block[:, rows.row_of('coulomb', d)]
+        per_unit = {'effort': np.ones_like(torque), '1': torque, '1/(effort)': torque**2}
+        for at in self._effects:
+            effect = get_effect(at.effect)
+            if effect.hook is not Hook.FRICTION or d not in self._places(at):
+                continue
+            first = rows.MACHINE_COUNT + d * rows.DRIVE_COUNT + rows.effect_row(effect.id)
+            for number, p in enumerate(effect.parameters):
+                if p.role == 'size' and p.unit in per_unit:
+                    total = total + np.abs(block[:, first + number]) * per_unit[p.unit]
+        return total
+
     def _values(self, theta: Array) -> dict[Target, Array]:
         """Return every parameter's (S,) values: held, free, and of drives that only follow."""
         values: dict[Target, Array] = {}

@@ -365,7 +365,7 @@ class DriveModel(FullModel):
                 eps = block[:, rows.row_of('regularisation', d)]
                 slope = (
                     block[:, rows.row_of('gear', d)]
-                    * block[:, rows.row_of('coulomb', d)]
+                    * self._dry(block, d)
                     / (eps * (motor + (rail if self.stiff[d] else 0.0)))
                 )
                 need = np.maximum(need, self.cycle * slope / 1.5)
@@ -376,6 +376,10 @@ class DriveModel(FullModel):
                 need = np.maximum(need, self.cycle * np.maximum(omega / 0.45, rate / 0.9))
         steps: npt.NDArray[np.int64] = np.clip(np.ceil(need), 1, 64).astype(np.int64)
         return steps
+
+    def _dry(self, block: Array, d: int) -> Array:
+        """Return (S,) the friction of drive `d` that turns over with its direction."""
+        return block[:, rows.row_of('coulomb', d)]
 
     @property
     def rigid(self) -> bool:

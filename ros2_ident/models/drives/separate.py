@@ -43,20 +43,15 @@ class SeparateDrives(DriveModel):
             return begin
         for d, name in enumerate(self.machine.drives):
             row = self.data.names.index(name)
-            seen = self._first_seen(d)
-            if seen is not None and abs(speed[row, 0]) > _REST * np.abs(speed[row]).max():
-                begin[d], begin[drives + d] = seen
+            if abs(speed[row, 0]) <= _REST * np.abs(speed[row]).max():
+                continue
+            there = np.flatnonzero(np.isfinite(self.data.position[row]))[:_FIRST]
+            if len(there) < _FIRST:
+                continue
+            seen = self.data.position[row, there]
+            _, slope, place = np.polyfit(there * self.cycle, seen, 2)
+            begin[d], begin[drives + d] = place, slope
         return begin
-
-    def _first_seen(self, d: int) -> tuple[float, float] | None:
-        """Return where drive `d` is at first and how fast; None where too few samples tell."""
-        assert self.data.position is not None
-        row = self.data.position[self.data.names.index(self.machine.drives[d])]
-        there = np.flatnonzero(np.isfinite(row))[:_FIRST]
-        if len(there) < _FIRST:
-            return None
-        _, slope, place = np.polyfit(there * self.cycle, row[there], 2)
-        return float(place), float(slope)
 
     @property
     def _supply(self) -> Array | None:

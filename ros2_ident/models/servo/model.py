@@ -9,8 +9,10 @@ Models for the Physics Simulation of Servo Actuators, ICRA 2025.
 
 import copy
 from dataclasses import replace
+import math
 
 import numpy as np
+import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
@@ -20,6 +22,13 @@ from ros2_ident.models.drives.model import Array
 from ros2_ident.models.drives.separate import SeparateDrives
 from ros2_ident.models.protocol import Output
 from ros2_ident.models.servo import CURRENT, DUTY, VOLTAGE
+
+# Samples of the position that show how a servo starts, and the first of them, that show where.
+_FIRST, _STILL = 12, 3
+# Steps while fast, as a share of those near standstill.
+_LONGER = 0.4
+# A speed counts where it is so many standard errors.
+_SURE = 4.0
 
 
 def stall_torque(machine: Machine) -> Array:
@@ -104,6 +113,22 @@ class Servo(SeparateDrives):
         for name, value in derived.items():
             block[:, rows.row_of(name, d)] = value
 
+    def _dry(self, block: Array, d: int) -> Array:
+        limit = block[:, rows.row_of('drive_gain', d)] * block[:, rows.row_of('torque_limit', d)]
+        return self.candidates.dry_friction(block, d, limit)
+
+    def _steps(self, block: Array, *, fast: bool = False) -> npt.NDArray[np.int64]:
+        """Return (S,) integration steps in a cycle; see `DriveModel`.
+
+        Friction under load may be so large that a servo which is fast at a step's start has turned
+        round at its end, so that these steps may not be much longer.
+        """
+        steps = super()._steps(block, fast=fast)
+        if not fast:
+            return steps
+        whole: npt.NDArray[np.int64] = np.ceil(_LONGER * super()._steps(block)).astype(np.int64)
+        return np.maximum(steps, whole)
+
     # ------------------------------------------------------------------ inputs and simulation
 
     @property
@@ -120,8 +145,23 @@ class Servo(SeparateDrives):
         """
         begin = super()._start(command, motion)
         drives = len(self.machine.drives)
-        for d in range(drives if self.data.position is not None else 0):
-            seen = self._first_seen(d)
-            if seen is not None:
-                begin[d], begin[drives + d] = seen
+        for d, name in enumerate(self.machine.drives if self.data.position is not None else ()):
+            assert self.data.position is not None
+            row = self.data.position[self.data.names.index(name)]
+            there = np.flatnonzero(np.isfinite(row))[:_FIRST]
+            if len(there) == _FIRST:
+                begin[d], begin[drives + d] = _beginning(there * self.cycle, row[there])
         return begin
+
+
+def _beginning(time: Array, seen: Array) -> tuple[float, float]:
+    """Return place and speed at time zero, by samples (T,); at rest unless they say otherwise."""
+    terms = np.vander(time, 3)
+    found = np.linalg.lstsq(terms, seen, rcond=None)[0]
+    apart = np.diff(np.unique(seen))
+    noise = np.std(seen - terms @ found)
+    noise = max(float(noise), float(apart.min()) / math.sqrt(12.0) if apart.size else 0.0)
+    error = noise * math.sqrt(np.linalg.inv(terms.T @ terms)[1, 1])
+    if abs(found[1]) > _SURE * error:
+        return float(found[2]), float(found[1])
+    return float(np.mean(seen[:_STILL])), 0.0
