@@ -8,6 +8,7 @@ steps of 5 ms, set-points in between linear. Ours is fitted on some of the bags 
 others. What is compared is the mean absolute error of the position at the samples of the log.
 
     python benchmarks/servo.py ../shared/data --held-out kp400
+    python benchmarks/servo.py ../shared/data --each    # the friction that each bag supports
 """
 
 import argparse
@@ -19,9 +20,11 @@ import time
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.effects import CATALOGUE
+from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.identify.run import identify, read_data
 from ros2_ident.identify.settings import IdentifySettings
-from ros2_ident.models import EffectAt, machine_from_mapping, make_model
+from ros2_ident.models import EffectAt, Machine, machine_from_mapping, make_model
 from ros2_ident.models.protocol import FullModel
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings
@@ -57,7 +60,11 @@ PUBLISHED: Mapping[str, Mapping[str, float]] = {
            'speed': 2.890372, 'alpha': 8.68326, 'viscous': 0.00535967},
 }  # fmt: skip
 
-SEARCH = IdentifySettings(GeneticSettings(initial_population=4096, generations=16))
+# Who sticks and slips makes a rough landscape.
+SEARCH = IdentifySettings(
+    GeneticSettings(initial_population=4096, survivors=16, children=16), starts=6
+)
+
 # Rungs of the ladder: what each has beside Coulomb and viscous friction.
 RUNGS: Mapping[str, tuple[str, ...]] = {
     'Coulomb, viscous': (),
@@ -86,6 +93,8 @@ class Bench:
 
 
 XL330 = Bench(0.49, 0.1, 7.4, XL330_GAIN)
+# Of the drive constant with which the parameters of the STS3250 were published.
+STS3250 = Bench(1.13, 0.12, 12.0, 0.158)
 
 
 def load(model: Mapping[str, float], suffix: str, external: float, motor: float) -> float:
@@ -136,7 +145,7 @@ def theirs(model: Mapping[str, float], bench: Bench, kp: int, data: Dataset) -> 
     return np.interp(every, instants, out)
 
 
-def machine_of(bench: Bench, kp: int):  # type: ignore[no-untyped-def]
+def machine_of(bench: Bench, kp: int) -> Machine:
     """Return the machine file's content for a firmware gain."""
     return machine_from_mapping(
         {
@@ -147,10 +156,10 @@ def machine_of(bench: Bench, kp: int):  # type: ignore[no-untyped-def]
                 'supply_voltage': bench.supply,
                 'load_mass': bench.mass,
                 'load_length': bench.length,
-                'coulomb_regularisation': 3e-3,
+                'coulomb_regularisation': 5e-3,
             },
             'controller': {
-                'cycle': 1e-3,
+                'cycle': 2e-3,
                 'position_gain': bench.gain * kp,
                 'duty_limit': bench.limit,
             },
@@ -178,19 +187,34 @@ def error(position: Array, data: Dataset) -> float:
     return float(np.nanmean(np.abs(position - data.position[0])))
 
 
-def read_bags(where: Path) -> dict[str, tuple[int, Dataset]]:
-    """Return gain and data of every bag of the XL330, by name."""
+def read_bags(where: Path, bench: Bench = XL330) -> dict[str, tuple[int, Dataset]]:
+    """Return gain and data of every bag of a servo, by name."""
+    servo = 'xl330' if bench is XL330 else 'sts3250'
     out = {}
-    for path in sorted(where.glob('bam_xl330_*')):
-        kp = int(path.name.split('_')[2].removeprefix('kp'))
-        (data,) = read_data(path, machine_of(XL330, kp)).datasets
-        out[path.name.removeprefix('bam_xl330_')] = (kp, data)
+    for path in sorted(where.glob(f'bam_{servo}_*')):
+        name = path.name.removeprefix(f'bam_{servo}_')
+        kp = int(name.split('_')[0].removeprefix('kp')) if bench is XL330 else 32
+        (data,) = read_data(path, machine_of(bench, kp)).datasets
+        out[name] = (kp, data)
     return out
+
+
+def supported(bench: Bench, kp: int, data: Dataset) -> str:
+    """Return what of the catalogue's friction a diagnosis of one bag names, and what it closes."""
+    friction_of_gears = {name for effects in RUNGS.values() for name in effects}
+    others = [name for name in CATALOGUE if name not in friction_of_gears]
+    found = diagnose(model=model_of(bench, kp, data, ()), without=others, seed=1)
+    named = [found.effect, *(at.effect for at in found.also)]
+    best = found.ranking[0].at.effect if found.ranking else ''
+    before, after = found.steps[0].gap.value, found.steps[-1].gap.value
+    gaps = f'{1e3 * before:.1f} | {1e3 * after:.1f} | {found.share_closed.value:.2f}'
+    return f'{", ".join(named)} | {best} | {gaps}'
 
 
 def row(name: str, errors: Sequence[float], more: str = '') -> None:
     """Print errors in mrad."""
-    print(f'| {name} | ' + ' | '.join(f'{1e3 * e:.1f}' for e in errors) + f' | {more} |')
+    cells = ' | '.join(f'{1e3 * e:.1f}' for e in errors)
+    print(f'| {name} | {cells} | {more} |', flush=True)
 
 
 def main() -> None:
@@ -199,7 +223,15 @@ def main() -> None:
     parser.add_argument('data', type=Path)
     parser.add_argument('--held-out', default='kp400', help='bags whose name holds this')
     parser.add_argument('--rungs', nargs='*', default=list(RUNGS))
+    parser.add_argument('--each', action='store_true', help='which friction each bag supports')
     args = parser.parse_args()
+    if args.each:
+        print('| bag | named | best | nominal / mrad | with it / mrad | share closed |')
+        print('| --- | --- | --- | --- | --- | --- |')
+        for bench in (XL330, STS3250):
+            for name, (kp, data) in read_bags(args.data, bench).items():
+                print(f'| {name} | {supported(bench, kp, data)} |', flush=True)
+        return
     bags = read_bags(args.data)
     names = list(bags)
     away = [name for name in names if args.held_out in name]

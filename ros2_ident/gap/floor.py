@@ -27,7 +27,7 @@ Method = Literal['repeats', 'high frequency']
 _ORDER = 4
 # Squares beyond this many standard deviations are clipped: spikes and impacts do not count.
 _CLIP = 3.0
-# Samples apart by the usual step and at most this share of it count as evenly spaced.
+# Samples apart by the usual step, give or take a cycle or this share of it, are as good as even.
 _UNEVEN = 0.34
 # Squares are averaged over stretches of this many samples, to judge their scatter.
 _STRETCH = 50
@@ -288,7 +288,7 @@ def _differences(row: Array, stride: int, order: int) -> Array:
         return out
     if there.size <= order:
         return out
-    near = np.abs(np.diff(there) - stride) <= _UNEVEN * stride
+    near = np.abs(np.diff(there) - stride) <= max(1.0, _UNEVEN * stride)
     whole = np.lib.stride_tricks.sliding_window_view(near, order).all(axis=1)
     uneven: Array = np.diff(row[there], order)[whole]
     return uneven if uneven.size > out.size else out

@@ -150,7 +150,7 @@ class Servo(SeparateDrives):
             row = self.data.position[self.data.names.index(name)]
             there = np.flatnonzero(np.isfinite(row))[:_FIRST]
             if len(there) == _FIRST:
-                begin[d], begin[drives + d] = _beginning(there * self.cycle, row[there])
+                begin[d], begin[drives + d] = _beginning(self.data.time[there], row[there])
         return begin
 
 
@@ -159,9 +159,9 @@ def _beginning(time: Array, seen: Array) -> tuple[float, float]:
     terms = np.vander(time, 3)
     found = np.linalg.lstsq(terms, seen, rcond=None)[0]
     apart = np.diff(np.unique(seen))
-    noise = np.std(seen - terms @ found)
-    noise = max(float(noise), float(apart.min()) / math.sqrt(12.0) if apart.size else 0.0)
-    error = noise * math.sqrt(np.linalg.inv(terms.T @ terms)[1, 1])
+    step = float(apart.min()) if apart.size else 0.0
+    noise = math.hypot(float(np.std(seen - terms @ found)), step / math.sqrt(12.0))
+    error = noise * math.sqrt(float(np.linalg.inv(terms.T @ terms)[1, 1]))
     if abs(found[1]) > _SURE * error:
         return float(found[2]), float(found[1])
     return float(np.mean(seen[:_STILL])), 0.0
