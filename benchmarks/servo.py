@@ -7,8 +7,8 @@ with their published parameters by their scheme: friction that stops the motion 
 steps of 5 ms, set-points in between linear. Ours is fitted on some of the bags and judged on the
 others. What is compared is the mean absolute error of the position at the samples of the log.
 
-    python benchmarks/servo.py ../shared/data --held-out kp400
-    python benchmarks/servo.py ../shared/data --each    # the friction that each bag supports
+    python benchmarks/servo.py DIRECTORY_OF_BAGS --held-out kp400
+    python benchmarks/servo.py DIRECTORY_OF_BAGS --each    # the friction that each bag supports
 """
 
 import argparse
@@ -23,11 +23,9 @@ import numpy.typing as npt
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.identify.run import identify, read_data
-from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import EffectAt, Machine, machine_from_mapping, make_model
 from ros2_ident.models.protocol import FullModel
 from ros2_ident.recording import Dataset
-from ros2_ident.search import GeneticSettings
 
 Array = npt.NDArray[np.float64]
 
@@ -59,11 +57,6 @@ PUBLISHED: Mapping[str, Mapping[str, float]] = {
            'motor_square': 0.00997247, 'load_square': 0.00490257,
            'speed': 2.890372, 'alpha': 8.68326, 'viscous': 0.00535967},
 }  # fmt: skip
-
-# Who sticks and slips makes a rough landscape.
-SEARCH = IdentifySettings(
-    GeneticSettings(initial_population=4096, survivors=16, children=16), starts=6
-)
 
 # Rungs of the ladder: what each has beside Coulomb and viscous friction.
 RUNGS: Mapping[str, tuple[str, ...]] = {
@@ -245,7 +238,7 @@ def main() -> None:
         begin = time.monotonic()
         models = {n: model_of(XL330, *bags[n], RUNGS[rung]) for n in names}
         fitted = [models[n] for n in names if n not in away]
-        found = identify(model=fitted, settings=SEARCH, seed=1)
+        found = identify(model=fitted, seed=1)
         theta = found.theta[None]
         errors = [error(models[n].simulate(theta)[0, 0], bags[n][1]) for n in names]
         left = np.mean([e for e, bag in zip(errors, names, strict=True) if bag in away])
