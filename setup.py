@@ -52,12 +52,14 @@ setup(
         'zstandard',
     ],
     extras_require={
+        'arms': ['pin'],
         'cluster': ['distributed'],
         'test': [
             'distributed',
             'hypothesis',
             'import-linter',
             'mcap',
+            'pin',
             'pytest',
             'pytest-timeout',
             'selenium',

@@ -25,7 +25,7 @@ from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.models import load_machine
 from ros2_ident.recording import cdr
-from ros2_ident.recording.bag import JOINT_STATE
+from ros2_ident.recording.ros2_control import JOINT_STATE
 from ros2_ident.reference.motions import draw_motion
 from ros2_ident.reference.tripod import simulate_tripod
 

@@ -47,6 +47,7 @@ def lengthen(folder: Path) -> None:
         time=time_of_all,
         measured=np.tile(log.measured, count)[:, :LONG],
         simulated=np.tile(log.simulated, count)[..., :LONG],
+        tracking=np.tile(log.tracking, count)[:, :LONG],
     )
     write_signals(folder / SIGNALS, replace(signals, recordings=(long,)))
 
@@ -77,11 +78,9 @@ def open_page(page: Path) -> tuple[dict[str, float], float, int, int]:
 
 # Ten steps of zoom, each with all samples in view thinned anew and drawn.
 ZOOM = '''
-const find = () => {
-  for (const doc of Bokeh.documents)
-    for (const model of doc._all_models.values()) if (model.type === 'Figure') return model
-}
-const range = find().x_range, start = performance.now(), width = range.end - range.start
+const [name] = Object.keys(identPage.documents).filter((name) => name.endsWith('effort-plot'))
+const [range] = identPage.models(name, 'Range1d').filter((range) => range.name === 'whole')
+const start = performance.now(), width = range.end - range.start
 for (let n = 1; n <= 10; n++) {
   range.setv({start: 0.01 * n * width, end: range.end})
   await new Promise((done) => requestAnimationFrame(() => setTimeout(done, 0)))

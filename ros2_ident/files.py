@@ -9,10 +9,12 @@ nothing reads it, the next run does not mind it, and it may be deleted.
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 import errno
+import fcntl
 import os
 from pathlib import Path
 import secrets
 import shutil
+import stat
 from typing import Any, IO
 
 import numpy as np
@@ -149,6 +151,82 @@ def write_arrays(path: str | Path, arrays: Mapping[str, Any], *, packed: bool = 
     with replacing(path) as file:
         save(file, allow_pickle=False, **arrays)
     return Path(path)
+
+
+def read_small(path: str | Path, most: int = 1 << 18) -> bytes:
+    """Return the content of a file that people write, as a configuration.
+
+    Args:
+        path: The file.
+        most: Most bytes of it.
+
+    Raises:
+        OSError: It cannot be read, is no regular file (which might never end), or is larger.
+    """
+    number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    with open(number, 'rb') as file:
+        about = os.fstat(number)
+        if not stat.S_ISREG(about.st_mode):
+            raise OSError(errno.EINVAL, 'it is no regular file')
+        if about.st_size > most:
+            raise OSError(errno.EFBIG, f'it has {about.st_size} bytes and may have {most}')
+        return file.read(most)
+
+
+class Growing:
+    """A file that grows as data arrive, and that only one process writes.
+
+    It is the one kind that may be found half written: for formats whose readers take what is
+    whole.
+
+    Args:
+        path: The file; its directory is made. What it holds is kept.
+
+    Attributes:
+        size: Bytes in it.
+
+    Raises:
+        IdentError: INVALID_GOAL where it cannot be written, here and in every step, or another
+            process writes it.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self._path = Path(path)
+        make_directory(self._path.parent)
+        with _explained(self._path):
+            self._number = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            try:
+                fcntl.flock(self._number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                os.close(self._number)
+                raise OSError(errno.EBUSY, 'another process writes it') from None
+            self.size = os.lseek(self._number, 0, os.SEEK_END)
+
+    def tail(self, count: int) -> bytes:
+        """Return the last bytes of it."""
+        return os.pread(self._number, count, max(0, self.size - count))
+
+    def write(self, data: bytes) -> None:
+        """Append bytes; where that fails, what was there before stays whole."""
+        with _explained(self._path):
+            done = 0
+            try:
+                while done < len(data):
+                    done += os.pwrite(self._number, data[done:], self.size + done)
+            except OSError:
+                os.ftruncate(self._number, self.size)
+                raise
+            self.size += done
+
+    def cut(self, size: int) -> None:
+        """Keep only the first bytes."""
+        with _explained(self._path):
+            os.ftruncate(self._number, size)
+            self.size = size
+
+    def close(self) -> None:
+        """Let others write it."""
+        os.close(self._number)
 
 
 def _beside(path: Path) -> Path:

@@ -107,5 +107,13 @@ def long_signals(samples: int = 100_000, drives: int = 3) -> Signals:
         'N m',
         tuple(f'drive_{d + 1}' for d in range(drives)),
         ('identified',),
-        (Curves('', time, measured.astype(np.float32), clean[None].astype(np.float32)),),
+        (
+            Curves(
+                '',
+                time,
+                measured.astype(np.float32),
+                clean[None].astype(np.float32),
+                (1e-4 * clean).astype(np.float32),
+            ),
+        ),
     )

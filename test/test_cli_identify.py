@@ -9,9 +9,11 @@ import time
 from identify_cases import axis_bag, AXIS_FILE, recording_of, ROOT, tripod_bag, TRIPOD_FILE
 import numpy as np
 import pytest
+from ros2_control_bags import as_ros2_control_records, Maker
 
 from ros2_ident.cli.main import main
-from ros2_ident.recording import Stream, write_bag
+from ros2_ident.recording import read_bag, Recording, Stream, write_bag
+from ros2_ident.recording.streams import FIELDS
 from ros2_ident.reference.bag_making import write_simulated
 
 SMALL = ['--population', '64', '--survivors', '4', '--generations', '4']
@@ -47,6 +49,38 @@ def refused(words, capsys):
     assert len(lines) == 1, said.err
     assert 'Traceback' not in said.err
     return lines[0]
+
+
+def resampled(stream, field, stamp):
+    """Return a field at other stamps, None where it is not there."""
+    values = stream.values(field)
+    if values is None:
+        return None
+    return np.stack([np.interp(stamp, stream.stamp, column) for column in values.T], axis=1)
+
+
+def test_a_bag_of_ros2_control_is_identified_without_options(command, bag, tmp_path, capsys):
+    (recording,) = read_bag(bag)
+    # controllers and broadcasters run in one cycle and stamp by its time
+    stamp = recording.state.stamp
+    recording = Recording(
+        **{
+            role: Stream(x.names, stamp, *(resampled(x, y, stamp) for y in FIELDS))
+            for role, x in recording.streams.items()
+        }
+    )
+    maker = Maker()
+    twin = maker.write(tmp_path / 'ros2_control', as_ros2_control_records(maker, recording))
+    found = []
+    for path in (write_bag(tmp_path / 'plain', recording), twin):
+        assert main([command[0], str(path), *command[2:], *SMALL, '--quiet']) == 0
+        result = json.loads((tmp_path / 'out/result.json').read_text())
+        found.append({name: x['value'] for name, x in result['parameters'].items()})
+    assert found[0] == found[1]
+    capsys.readouterr()
+    assert main(['check', str(twin), '--machine', str(AXIS_FILE)]) == 0
+    said = capsys.readouterr().out
+    assert 'no /joint_command, /joint_trajectory_controller/controller_state is taken' in said
 
 
 def test_identify_writes_its_files_and_ends_well(command, tmp_path, capsys):

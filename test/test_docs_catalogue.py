@@ -2,6 +2,7 @@
 """The page on the effects says what the catalogue says."""
 
 from pathlib import Path
+import re
 
 import effects_page
 import pytest
@@ -40,3 +41,12 @@ def test_an_entry_holds_what_a_reader_needs(effect) -> None:
 @pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda effect: effect.id)
 def test_what_an_effect_is_taken_for_is_in_the_catalogue_too(effect) -> None:
     assert set(effect.confusable) <= set(CATALOGUE) - {effect.id}
+
+
+@pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda e: e.id)
+def test_the_symbols_of_an_effect_stand_in_its_equation(effect) -> None:
+    for parameter in effect.parameters:
+        if parameter.symbol:
+            assert re.search(rf'(?<![A-Za-z]){parameter.symbol}(?![A-Za-z])', effect.equation)
+    symbols = [p.symbol for p in effect.parameters if p.symbol]
+    assert len(set(symbols)) == len(symbols)

@@ -225,7 +225,7 @@ def check_ros2(words: list[str]) -> None:
         if before == '-p' and not word.startswith('qos_overrides'):
             assert word.split(':=')[0] in {entry.name for entry in TABLE}, word
         if word.startswith('/identifier/'):
-            text = (ROOT / 'README.md').read_text()
+            text = (ROOT / 'docs/node.md').read_text()
             assert f'`~/{word.removeprefix("/identifier/")}`' in text, word
         if word.startswith('ros2_ident_msgs/'):
             folder, kind, name = word.split('/')

@@ -49,8 +49,8 @@ def test_sentences_say_where():
     found = localise(OF, residual(OF, PLANTED['velocity, odd'], 0), floor_of())
     text = next(f.sentence for f in found if f.coordinate == 'velocity, odd')
     assert text.startswith('drive_1: ')
-    assert 'odd in velocity' in text
-    assert '% of what can be explained' in text
+    assert 'changing sign with the direction of motion' in text
+    assert '% of the gap above the noise' in text
     found = localise(OF, residual(OF, PLANTED['motor angle'], 1), floor_of())
     ripple = residual(OF, 0.03 * np.sin(3.0 * 78.54 * OF.position[1]), 1)
     found = localise(OF, ripple, floor_of())

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Machine files: a new one works as it is, and what is wrong with one is said with its line."""
 
+import os
 from pathlib import Path
 import re
 
@@ -44,12 +45,18 @@ def test_a_new_machine_file_says_unit_and_meaning_of_every_key(kind):
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_what_stands_behind_a_comment_can_be_taken_in(kind):
+def test_what_stands_behind_a_comment_can_be_taken_in(kind, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for key in KINDS[kind].keys:
+        if key.file:
+            Path(str(key.example)).write_text('what the file holds\n')
     template = machine_template(KINDS[kind])
     text = re.sub(r'^( *)# (\w+: [^#]*#)', r'\1\2', template, flags=re.MULTILINE)
     machine = machine_from_mapping(yaml.safe_load(text))
     known = {path[1] for path in KINDS[kind].by_path if path[0] == 'parameters'}
     assert set(machine.bounds) == known
+    held = [machine.text(key.name) for key in KINDS[kind].keys if key.file]
+    assert set(held) <= {'what the file holds\n'}
 
 
 def test_the_table_knows_what_the_models_know():
@@ -233,6 +240,35 @@ def test_what_is_implausible_is_a_warning_and_loads(kind, old, new, said, tmp_pa
     (warning,) = [x for x in capsys.readouterr().out.splitlines() if x.startswith('warn')]
     assert said in warning
     assert f'{path}:' in warning
+
+
+def test_a_file_that_may_never_end_is_not_read(tmp_path):
+    fifo = tmp_path / 'fifo.yaml'
+    os.mkfifo(fifo)
+    large = tmp_path / 'large.yaml'
+    large.write_text('# nothing\n' * 30_000)
+    for path, said in (
+        (fifo, 'it is no regular file'),
+        ('/dev/zero', 'it is no regular file'),
+        (large, 'it has 300000 bytes and may have 262144'),
+    ):
+        with pytest.raises(IdentError, match=f'cannot be read .{said}'):
+            read_machine_file(path)
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('a: &x [1, 2]\nb: [*x, *x]\n', r'my.yaml:2: has the alias \*x; write out'),
+        ('a: &x [*x]\n', r'my.yaml:1: has the alias \*x'),
+        ('[' * 2000 + ']' * 2000, 'is nested too deeply'),
+    ],
+)
+def test_a_small_file_that_stands_for_a_large_one_is_refused(tmp_path, text, said):
+    path = tmp_path / 'my.yaml'
+    path.write_text(text)
+    with pytest.raises(IdentError, match=said):
+        read_machine_file(path)
 
 
 def test_a_file_that_is_no_yaml_names_the_line(tmp_path):

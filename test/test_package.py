@@ -94,8 +94,8 @@ KEYS = {
     'rosbags': 'python3-rosbags-pip',
     'zstandard': 'python3-rosbags-pip',
 }
-# What `search/cluster.py` says to install where a scheduler is named: the extra `cluster`.
-OPTIONAL = {'distributed'}
+# What is said to be installed where it is asked for: the extras `cluster` and `arms`.
+OPTIONAL = {'distributed', 'pinocchio'}
 
 
 def imported(*folders: str) -> set[str]:

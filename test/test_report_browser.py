@@ -3,16 +3,18 @@
 
 from collections.abc import Iterator
 import json
-import shutil
+from pathlib import Path
 from typing import Any
 
+from browser_cases import chromium
 import pytest
 from report_cases import long_signals, write_diagnosed, write_identified
 
-from ros2_ident.report.page import write_report
+from ros2_ident.fleet.summary import write_summary
+from ros2_ident.report.page import write_comparison, write_report
 from ros2_ident.report.signals import write_signals
 
-PICTURES = 8
+PICTURES = 5
 # A picture's figures lie in shadow roots, one within another.
 FIND = '''
 function everything(root, wanted) {
@@ -23,30 +25,23 @@ function everything(root, wanted) {
 }
 '''
 RANGE = '''
-const plots = []
-for (const doc of Bokeh.documents)
-  for (const model of doc._all_models.values()) if (model.type === 'Figure') plots.push(model)
-const figure = plots[0], curve = figure.renderers[0].data_source.data
+const figure = identPage.models('effort-plot', 'Figure')[0]
+const curve = figure.renderers[0].data_source.data
 return {start: figure.x_range.start, end: figure.x_range.end, points: curve.x.length,
   first: Math.min(...curve.x), last: Math.max(...curve.x), most: Math.max(...curve.y)}
+'''
+AXE = Path(__file__).parents[1] / 'build/axe/node_modules/axe-core/axe.min.js'
+JUDGE = '''
+const done = arguments[arguments.length - 1]
+axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'best-practice']}).then(
+  (found) => done(found.violations.flatMap((v) => v.nodes.map((n) => `${v.id}: ${n.html}`))))
 '''
 
 
 @pytest.fixture(scope='module')
 def browser() -> Iterator[Any]:
-    programs = [shutil.which('chromium') or shutil.which('google-chrome'),
-                shutil.which('chromedriver')]
-    if None in programs:
-        pytest.skip('Chromium is not installed; `apt install chromium chromium-driver` brings it')
-    webdriver = pytest.importorskip('selenium.webdriver', reason='`make setup` installs selenium')
-    options = webdriver.ChromeOptions()
-    options.binary_location = programs[0]
-    for word in ('--headless=new', '--no-sandbox', '--window-size=1120,900'):
-        options.add_argument(word)
-    options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
-    driver = webdriver.Chrome(options, webdriver.ChromeService(programs[1]))
-    yield driver
-    driver.quit()
+    with chromium() as driver:
+        yield driver
 
 
 @pytest.fixture(scope='module')
@@ -64,14 +59,14 @@ def page(browser, tmp_path_factory) -> Any:
 def until(browser: Any, script: str) -> Any:
     from selenium.webdriver.support.ui import WebDriverWait
 
-    return WebDriverWait(browser, 120.0).until(lambda b: b.execute_script(script))
+    return WebDriverWait(browser, 30.0).until(lambda b: b.execute_script(script))
 
 
 def effort(page: Any) -> Any:
     """Return the surface of the first plot, in the middle of the window."""
     return page.execute_script(
         FIND + "const f = everything(document.getElementById('effort-plot'), '.bk-events')[0]\n"
-        "f.scrollIntoView({block: 'center'}); return f"
+        "f.scrollIntoView({block: 'center', behavior: 'instant'}); return f"
     )
 
 
@@ -96,15 +91,32 @@ def test_it_draws_every_picture_and_asks_nobody(page: Any) -> None:
     assert [url for url in asked if not url.startswith('data:')] == [page.current_url]
 
 
-def test_the_wheel_shows_more_of_less(page: Any) -> None:
+def turn_wheel(page: Any, *keys: str) -> None:
     from selenium.webdriver import ActionChains
     from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
+
+    origin = ScrollOrigin.from_element(effort(page))
+    chain = ActionChains(page)
+    for key in keys:
+        chain.key_down(key)
+    chain.scroll_from_origin(origin, 0, -600)
+    for key in keys:
+        chain.key_up(key)
+    chain.perform()
+
+
+def test_the_wheel_scrolls_the_page_and_zooms_with_control(page: Any) -> None:
+    from selenium.webdriver import Keys
 
     before = page.execute_script(RANGE)
     assert before['start'] == 0.0 and before['end'] > 99.0
     assert before['points'] <= 2000 and before['most'] == pytest.approx(4.0, abs=0.01)
-    origin = ScrollOrigin.from_element(effort(page))
-    ActionChains(page).scroll_from_origin(origin, 0, -600).perform()
+    effort(page)
+    place = page.execute_script('return scrollY')
+    turn_wheel(page)
+    until(page, f'return scrollY < {place} - 100')
+    assert page.execute_script(RANGE) == before
+    turn_wheel(page, Keys.CONTROL)
     until(page, ranges(f'seen.end - seen.start < {before["end"]} - 1'))
     after = page.execute_script(RANGE)
     # What is drawn is what is in view, and as finely as it can be.
@@ -123,11 +135,108 @@ def test_a_frame_drawn_with_the_mouse_zooms_into_it(page: Any) -> None:
     assert before['start'] < after['start'] < after['end'] < before['end']
 
 
-def test_close_up_every_sample_is_drawn(page: Any) -> None:
-    page.execute_script(
-        'for (const doc of Bokeh.documents) for (const m of doc._all_models.values())'
-        " if (m.type === 'Figure') { m.x_range.setv({start: 61.75, end: 61.85}); return }"
+def press(page: Any, plot: str, text: str) -> Any:
+    return page.execute_script(
+        'const b = [...document.querySelectorAll(`button[data-plot=${arguments[0]}]`)]'
+        '.find((b) => b.textContent.includes(arguments[1])); b.click(); return b.ariaPressed',
+        plot, text,
     )
+
+
+def test_a_button_shows_the_worst_moment_and_all_again(page: Any) -> None:
+    press(page, 'effort-plot', '61.8 s')
+    seen = page.execute_script(RANGE)
+    assert seen['start'] < 61.8 < seen['end'] < seen['start'] + 5.0
+    assert seen['most'] == pytest.approx(4.0, abs=0.01)
+    press(page, 'effort-plot', 'all')
+    assert page.execute_script(RANGE)['end'] > 99.0
+
+
+def test_a_switch_shows_one_simulation_or_both(page: Any) -> None:
+    visible = (
+        "return identPage.models('gap-effort-plot', 'GlyphRenderer')"
+        ".filter((r) => r.name?.startsWith('model-') && r.visible).map((r) => r.name)"
+    )
+    both = page.execute_script(visible)
+    assert set(both) == {'model-0', 'model-1'}
+    assert press(page, 'gap-effort-plot', 'nominal') == 'true'
+    assert set(page.execute_script(visible)) == {'model-0'}
+    press(page, 'gap-effort-plot', 'both')
+    assert page.execute_script(visible) == both
+
+
+def phone_width(page: Any) -> int:
+    """Return how wide the page is in a window of 400 pixels."""
+    phone = {'width': 400, 'height': 800, 'deviceScaleFactor': 1, 'mobile': True}
+    page.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', phone)
+    try:
+        return int(page.execute_script('return document.documentElement.scrollWidth'))
+    finally:
+        page.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+
+
+def test_a_phone_shows_all_of_it(page: Any) -> None:
+    """Nothing but tables and plots in their own frames is wider than the window."""
+    assert phone_width(page) <= 400
+
+
+@pytest.mark.parametrize('scheme', ['light', 'dark'])
+def test_it_is_accessible(page: Any, scheme: str) -> None:
+    if not AXE.exists():
+        pytest.skip('axe-core is missing; `npm install --prefix build/axe axe-core` brings it')
+    wanted = {'features': [{'name': 'prefers-color-scheme', 'value': scheme}]}
+    page.execute_cdp_cmd('Emulation.setEmulatedMedia', wanted)
+    page.execute_script(AXE.read_text(encoding='utf-8'))
+    assert page.execute_async_script(JUDGE) == []
+
+
+def test_of_six_joints_one_is_shown_and_each_has_a_tab(page: Any, tmp_path: Path) -> None:
+    here = page.current_url
+    write_identified(tmp_path)
+    write_signals(tmp_path / 'signals.npz', long_signals(5000, drives=6))
+    page.get(write_report(tmp_path).as_uri())
+    until(page, 'return document.documentElement.dataset.ready')
+    seen = (
+        "return [...new Set(identPage.models('effort-plot', 'Figure')"
+        '.filter((f) => f.visible).map((f) => f.name))]'
+    )
+    # The first has a spike that no simulation repeats.
+    assert page.execute_script(seen) == ['drive-0']
+    height = page.execute_script("return document.getElementById('effort-plot').clientHeight")
+    assert press(page, 'effort-plot', 'drive_5') == 'true'
+    assert page.execute_script(seen) == ['drive-4']
+    until(page, f"return document.getElementById('effort-plot').clientHeight === {height}")
+    axis = "return identPage.models('effort-plot', 'Figure').find((f) => f.visible).y_range"
+    assert page.execute_script(f'{axis}.start') == pytest.approx(-1.2, abs=0.2)
+    assert page.execute_script(f'{axis}.end') == pytest.approx(1.2, abs=0.2)
+    assert [x for x in page.get_log('browser') if x['level'] != 'INFO'] == []
+    assert phone_width(page) <= 400
+    page.get(here)
+    until(page, 'return document.documentElement.dataset.ready')
+
+
+def test_pages_on_several_runs_are_accessible(page: Any, tmp_path: Path) -> None:
+    if not AXE.exists():
+        pytest.skip('axe-core is missing; `npm install --prefix build/axe axe-core` brings it')
+    here = page.current_url
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    write_identified(folder)
+    value = {'value': 2.0, 'low': 1.9, 'high': 2.1, 'unit': 'kg'}
+    done = {'state': 'done', 'code': 'OK', 'message': 'ok', 'date': '', 'machine': 'a'}
+    write_summary(tmp_path, [{**done, 'name': 'a', 'parameters': {'mass': value}}])
+    pages = (write_report(tmp_path), write_comparison([folder, folder], tmp_path / 'both.html'))
+    for written in pages:
+        page.get(written.as_uri())
+        until(page, 'return document.documentElement.dataset.ready')
+        page.execute_script(AXE.read_text(encoding='utf-8'))
+        assert page.execute_async_script(JUDGE) == []
+    page.get(here)
+    until(page, 'return document.documentElement.dataset.ready')
+
+
+def test_close_up_every_sample_is_drawn(page: Any) -> None:
+    page.execute_script("identPage.actions.view('effort-plot', '61.75,61.85')")
     close = page.execute_script(RANGE)
     assert close['points'] == pytest.approx(101, abs=3)
     assert close['most'] == pytest.approx(4.0, abs=0.01)

@@ -20,16 +20,31 @@ from report_cases import (
 
 from ros2_ident.cli.main import main
 from ros2_ident.cli.report import print_page
+from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.diagnosis import DriveGap, to_mapping
+from ros2_ident.gap.maps import chosen
 from ros2_ident.identify.result import Outcome
 from ros2_ident.report.files import write_result
-from ros2_ident.report.page import write_report
-from ros2_ident.report.page.effort import effort_plot, extremes
+from ros2_ident.report.page import charts, write_report
+from ros2_ident.report.page.answer import of_diagnosis, of_identification
+from ros2_ident.report.page.effort import effort_plot
+from ros2_ident.report.page.numbers import (
+    change,
+    equation,
+    from_to,
+    number,
+    percent,
+    precision,
+    shares,
+)
 from ros2_ident.report.page.plots import one_a_cell
-from ros2_ident.report.page.sentences import number, of_diagnosis, of_identification
+from ros2_ident.report.page.sentences import hidden, joined, leading, moved
+from ros2_ident.report.page.thin import breaks, extremes, worst_moments
 from ros2_ident.report.signals import load_signals, write_signals
 
-SECTIONS = ['answer', 'effort', 'parameters', 'search', 'correlations', 'gap', 'provenance']
+DIAGNOSED = ['where', 'gap', 'time', 'values']
+IDENTIFIED = ['effort', 'parameters', 'search', 'correlations']
 LIMIT = 5_000_000
 
 
@@ -73,16 +88,13 @@ def both(tmp_path_factory):
 
 def test_every_section_is_there_and_every_picture(both):
     page = Page(both)
-    assert page.sections == SECTIONS
+    assert page.sections == ['answer', *DIAGNOSED, *IDENTIFIED, 'about', 'provenance']
     assert page.pictures == [
+        'gap-effort-plot',
         'effort-plot',
         'generations-plot',
         'costs-plot',
         'correlations-plot',
-        'waterfall-plot',
-        'ranking-plot',
-        'maps-plot',
-        'gap-effort-plot',
     ]
     assert both.stat().st_size < LIMIT
 
@@ -117,17 +129,16 @@ def test_what_a_file_holds_cannot_be_read_as_html(both):
 def test_a_directory_with_an_identification_only(tmp_path):
     write_identified(tmp_path)
     page = Page(write_report(tmp_path))
-    assert page.sections == SECTIONS
-    assert 'This directory holds no diagnosis; ident diagnose' in page.text
-    assert 'waterfall-plot' not in page.pictures
+    assert page.sections == ['answer', *IDENTIFIED, 'provenance']
+    assert f'ident diagnose test --machine MACHINE.yaml --out {tmp_path}' in page.text
+    assert 'gap-effort-plot' not in page.pictures
 
 
 def test_a_directory_with_a_diagnosis_only(tmp_path):
     write_diagnosed(tmp_path)
     page = Page(write_report(tmp_path))
-    assert page.sections == ['answer', 'gap', 'provenance']
-    assert 'holds a diagnosis and no identification; ident identify' in page.text
-    assert page.pictures == ['waterfall-plot', 'ranking-plot', 'maps-plot', 'gap-effort-plot']
+    assert page.sections == ['answer', *DIAGNOSED, 'about', 'provenance']
+    assert page.pictures == ['gap-effort-plot']
 
 
 def test_a_result_of_an_older_version(tmp_path):
@@ -142,12 +153,9 @@ def test_a_result_of_an_older_version(tmp_path):
 def test_a_diagnosis_without_its_effort(tmp_path):
     write_diagnosed(tmp_path)
     (tmp_path / 'diagnosis.npz').unlink()
-    data = json.loads((tmp_path / 'diagnosis.json').read_text())
-    for name in ('maps', 'provenance', 'settings'):
-        del data[name]
-    (tmp_path / 'diagnosis.json').write_text(json.dumps(data))
     page = Page(write_report(tmp_path))
-    assert page.pictures == ['waterfall-plot', 'ranking-plot']
+    assert page.pictures == []
+    assert 'No simulated effort was kept' in page.text
 
 
 def test_a_run_in_which_every_candidate_diverged(tmp_path):
@@ -202,11 +210,9 @@ def test_a_cancelled_run_and_a_diagnosis_cut_short(tmp_path):
     )
     page = Page(write_report(tmp_path))
     assert message in page.text
-    assert 'The diagnosis was cut short' in page.text
+    assert 'The run was cut short' in page.text
     assert 'The correlations are not known' in page.text
-    assert page.pictures == [
-        'effort-plot', 'generations-plot', 'costs-plot', 'waterfall-plot', 'gap-effort-plot',
-    ]
+    assert page.pictures == ['gap-effort-plot', 'effort-plot', 'generations-plot', 'costs-plot']
 
 
 def test_parameters_at_a_bound_or_not_told_apart_are_said():
@@ -219,47 +225,164 @@ def test_parameters_at_a_bound_or_not_told_apart_are_said():
         parameters=(replace(first, value=first.upper_bound, at_bound=True), *rest),
         correlation=close,
     )
-    said = of_identification(doubtful)
-    assert said[0].level == 'doubtful'
-    warnings = [s.text for s in said if s.level == 'warning']
-    assert any(f'{first.name} is at its upper bound' in text for text in warnings)
-    assert any(f'{first.name} with {rest[0].name} (−0.99)' in text for text in warnings)
-    clear = [s.text for s in of_identification(replace(good, correlation=np.eye(4)))]
-    assert not any('hardly tells apart' in text for text in clear)
-    assert any('No parameter is known better than' in text for text in clear)
+    said = of_identification(doubtful, 'out')
+    assert said.level == 'doubtful'
+    assert any(f'{first.name} is at its upper bound' in text for text in said.careful)
+    assert any(f'{first.name} and {rest[0].name} (−0.99)' in text for text in said.careful)
+    clear = of_identification(replace(good, correlation=np.eye(4)), 'out')
+    assert not any('hardly separates' in text for text in clear.careful)
+    assert any('is known best, to ±' in text for text in clear.sure)
+    assert clear.values[0][0] == first.name and clear.values[0][2].startswith('± ')
+
+
+def content(page):
+    return json.loads((page.parent / 'diagnosis.json').read_text())
+
+
+def test_the_first_screen_answers_four_questions(both):
+    """What is wrong, how sure, how far it closes in the machine's unit, what to do now."""
+    said = of_diagnosis(content(both), 'runs/one')
+    assert said.headline == 'Stribeck friction on drive_1 is missing in the simulation.'
+    assert said.sure[0] == '93 % that this is the cause, and at this place.'
+    first, second = said.gaps
+    assert (first.drive, first.size, first.share) == (
+        'drive_1', '0.0310 → 0.0101 N m', '10.3 → 3.4 %',
+    )
+    # drive_2 is at its noise floor: nothing there could close.
+    assert (second.drive, second.after, second.note) == ('drive_2', None, 'noise only')
+    (closes,) = said.closes
+    assert closes == '97 % of the gap above the noise closes (95 % interval: 95 % to 98 %).'
+    law, values, motion = said.steps
+    (stribeck,) = law.laws
+    assert stribeck.numbers == (('M_S', 'torque', '0.08 ± 0.01 N m'),)
+    assert values.code == 'drive_1.coulomb_torque: 0.05  # N m; 0.08 before'
+    assert motion.code == (
+        'ident diagnose bags/fit --check NEW_BAG --machine MACHINE.yaml --out runs/one_next'
+    )
+    # The noise floor's multiples are detail, not the answer.
+    everything = ' '.join([said.headline, *said.sure, *said.closes])
+    assert 'times' not in everything
+
+
+def test_a_rival_brings_the_motion_that_tells_it_apart(both):
+    data = content(both)
+    rival = {'effect': 'backlash', 'where': ['drive_1'], 'probability': 0.4}
+    said = of_diagnosis({**data, 'confusable': [data['ranking'][0], rival]}, 'out')
+    assert any('cannot tell it from backlash on drive_1' in text for text in said.sure)
+    assert f'backlash: {CATALOGUE["backlash"].separated_by.format(drive="drive_1")}' in (
+        said.steps[-1].text
+    )
 
 
 def test_a_diagnosis_says_what_moves_and_what_cannot_be_seen(both):
-    data = json.loads((both.parent / 'diagnosis.json').read_text())
-    said = of_diagnosis(data)
-    assert said[0].text.endswith('Probability 93 %.')
-    assert any('drive_1.coulomb_torque by −38 %' in s.text for s in said)
-    assert any(s.text.startswith('This motion cannot show: ') for s in said)
+    data = content(both)
+    assert 'drive_1.coulomb_torque (−37.5 %)' in moved(data)
+    assert hidden(data) == 'This motion cannot show: rod-length error.'
 
 
-def test_the_bar_beside_a_diagnosis_is_green_only_where_nothing_is_to_be_careful_about(both):
-    data = json.loads((both.parent / 'diagnosis.json').read_text())
-    assert of_diagnosis(data)[0].level == 'doubtful'
-    assert of_diagnosis({**data, 'complete': False})[0].level == 'bad'
-    nothing = {
-        **data,
-        'complete': True,
-        'verdict': {**data['verdict'], 'effect': 'none'},
-        'gates': [],
-        'confusable': [],
+def test_warnings_that_differ_in_drive_and_figures_are_one():
+    texts = [f'axis_{n}: the effort lags by {n}.5 ms; shift it.' for n in (1, 2, 3)]
+    assert joined([*texts, 'state: 4 samples missing.', 'no set-point was recorded.']) == [
+        f'{texts[0]} (likewise axis_2, axis_3)',
+        'state: 4 samples missing.',
+        'no set-point was recorded.',
+    ]
+
+
+def finding(drive, coordinate, size, beyond):
+    return {
+        'drive': drive, 'coordinate': coordinate, 'size_over_floor': size, 'beyond': beyond,
+        'sentence': f'{drive} {coordinate}',
     }
-    assert of_diagnosis(nothing)[0].level == 'good'
+
+
+def test_where_lists_three_that_do_not_overlap_and_the_worst_drive(both):
+    data = content(both)
+    found = [
+        finding('drive_1', 'velocity, odd', 3.0, 0.9),
+        finding('drive_1', 'position', 2.0, 0.02),
+        finding('drive_1', 'load', 1.5, 0.3),
+        finding('drive_1', 'size by phase', 1.4, 0.9),
+        finding('drive_2', 'time', 0.4, 0.4),
+        finding('drive_3', 'time', 0.3, 0.3),
+    ]
+    first, rest = leading({**data, 'localisation': found})
+    assert first == ['drive_1 velocity, odd', 'drive_1 load', 'drive_2 time']
+    assert rest == ['drive_1 position', 'drive_1 size by phase', 'drive_3 time']
+    first, _ = leading({**data, 'localisation': found[4:]})
+    assert first[0].startswith('drive_1: the largest gap')
+
+
+def test_the_worst_drive_and_the_named_one_have_a_map_whatever_was_found_there():
+    found = diagnosed()
+    assert {m['drive'] for m in to_mapping(found)['maps']} == {'drive_1'}
+    worst = dict(found.per_drive, drive_2=DriveGap(0.09, 0.09, 0.01, 0.0, 0.3))
+    maps = to_mapping(replace(found, per_drive=worst))['maps']
+    # Nothing was found on the worst: it stands first, over its speed.
+    assert (maps[0]['drive'], maps[0]['coordinate']) == ('drive_2', 'velocity')
+    assert {m['drive'] for m in maps} == {'drive_1', 'drive_2'}
+    noise = {**found.evidence, 'size': 0.1}
+    quiet = replace(found, per_drive=worst, localisation=(), evidence=noise)
+    assert to_mapping(quiet)['maps'] == []
+
+
+def test_many_findings_of_one_drive_leave_room_for_another():
+    (one, *_) = diagnosed().localisation
+    names = ('velocity', 'position', 'load', 'time', 'jerk')
+    findings = [replace(one, drive='a', coordinate=n, significant=True) for n in names]
+    findings.append(replace(one, drive='b', coordinate='time', significant=True))
+    assert chosen(findings) == (
+        ('a', 'velocity'), ('a', 'position'), ('a', 'load'), ('b', 'time'),
+    )
+
+
+def test_the_picture_of_the_first_screen_draws_the_law_through_the_residual(both):
+    data = content(both)
+    hero, others = charts.all_of(data, 'Stribeck friction on drive_1')
+    assert hero.title == 'drive_1: measured minus simulated effort over the speed'
+    assert hero.svg.count('class="law ') == 1 and hero.svg.count('class="dot ') > 10
+    assert hero.law == 'what Stribeck friction on drive_1 adds to the simulation'
+    # The law is what the effect takes away: the two residuals' difference.
+    velocity = next(m for m in data['maps'] if m['coordinate'] == 'velocity')
+    ((_, places, law),) = charts._laws(velocity)
+    gone = np.subtract(velocity['before'][0]['mean'], velocity['after'][0]['mean'])
+    assert law == pytest.approx(gone) and np.abs(law).max() > 0.02
+    assert len(others) == len(data['maps']) - 1
+    nothing, _ = charts.all_of(data, '')
+    assert nothing.law == '' and 'class="law' not in nothing.svg
+
+
+def test_the_edge_of_the_answer_is_green_only_where_nothing_is_to_be_careful_about(both):
+    data = content(both)
+    assert of_diagnosis(data, '').level == 'good'
+    odd = [{'gate': 'sign', 'level': 'warn', 'sentence': 'drive_1: the sign is odd.'}]
+    assert of_diagnosis({**data, 'gates': odd}, '').level == 'doubtful'
+    assert of_diagnosis({**data, 'complete': False}, '').level == 'bad'
+
+
+def test_a_contradiction_comes_before_the_answer(both):
+    data = content(both)
+    grave = [{'gate': 'law', 'level': 'error', 'sentence': 'drive_1: the gain is twice that.'}]
+    said = of_diagnosis({**data, 'gates': grave}, '')
+    assert said.first == ('drive_1: the gain is twice that.',) and said.level == 'bad'
+    verdict = {'effect': 'bookkeeping', 'where': ['drive_1'], 'probability': 0.95,
+               'sentence': 'drive_1: the gain is twice that. No effect is named.'}
+    refused = of_diagnosis({**data, 'gates': grave, 'verdict': verdict, 'confusable': []}, '')
+    assert refused.headline.startswith('Log and machine file contradict each other')
+    assert [step.code for step in refused.steps] == [
+        'ident check bags/fit --machine MACHINE.yaml'
+    ]
 
 
 def test_the_page_keeps_room_for_a_picture_until_it_is_drawn(both):
     text = both.read_text()
     for name in Page(both).pictures:
-        (height,) = re.findall(f'<div id="{name}" style="min-height: ([0-9]+)px">', text)
+        (height,) = re.findall(f'<div id="{name}" [^>]*min-height: ([0-9]+)px', text)
         assert int(height) > 80, name
 
 
 def test_no_line_ends_before_a_percent_sign(both):
-    said = re.findall('<p class="(?:headline|plain|warning)">(.*?)</p>', both.read_text())
+    said = re.findall('<(?:p|li)>(.*?)</(?:p|li)>', both.read_text())
     assert said and not any(' %' in text for text in said)
 
 
@@ -322,14 +445,31 @@ def test_one_dot_stands_for_many():
     assert one_a_cell(np.ones(3), np.ones(3)).tolist() == [2]
 
 
+def test_an_identification_keeps_where_it_began(tmp_path):
+    write_identified(tmp_path)
+    signals = load_signals(tmp_path / 'signals.npz')
+    assert signals.models == ('middle of the bounds', 'identified') and signals.judged == 1
+    (log,) = signals.recordings
+    began, ended = (np.nanstd(log.measured - simulated) for simulated in log.simulated)
+    assert began > 5.0 * ended
+    # The axis' set-point is recorded: so is how far it lags behind.
+    assert np.isfinite(log.tracking).mean() > 0.9 and 0.0 < np.nanstd(log.tracking) < 0.01
+    drawn = effort_plot(signals)
+    hidden = {r.name for r in drawn.plot.select({'type': GlyphRenderer}) if not r.visible}
+    assert hidden == {'model-0'}
+    assert [b.pressed for b in drawn.choices[0].buttons] == [False, False, True]
+
+
 def test_signals_come_back_as_they_were(tmp_path):
     signals = long_signals(1000)
     back = load_signals(write_signals(tmp_path / 'signals.npz', signals))
+    assert (back.travel, back.judged) == (signals.travel, signals.judged)
     assert (back.unit, back.drives, back.models) == (signals.unit, signals.drives, signals.models)
     for one, two in zip(back.recordings, signals.recordings, strict=True):
         assert one.title == two.title
         assert (one.time == two.time).all()
         assert (one.measured == two.measured).all() and (one.simulated == two.simulated).all()
+        assert (one.tracking == two.tracking).all()
 
 
 def test_other_files_are_refused(tmp_path):
@@ -338,14 +478,14 @@ def test_other_files_are_refused(tmp_path):
     with pytest.raises(IdentError, match='is damaged') as caught:
         load_signals(path)
     assert caught.value.code is ErrorCode.BAD_VALUES
-    np.savez(path, schema='ros2_ident.signals', version=2)
-    with pytest.raises(IdentError, match='of version 2 and this package reads'):
+    np.savez(path, schema='ros2_ident.signals', version=1)
+    with pytest.raises(IdentError, match='of version 1 and this package reads'):
         load_signals(path)
     with pytest.raises(IdentError, match='holds neither result.json nor diagnosis.json') as caught:
         write_report(tmp_path)
     assert caught.value.code is ErrorCode.NO_DATA
     (tmp_path / 'diagnosis.json').write_text('{"schema": 7, "verdict": {}}')
-    with pytest.raises(IdentError, match='is no diagnosis of version 1'):
+    with pytest.raises(IdentError, match='is no diagnosis of version 2'):
         write_report(tmp_path)
 
 
@@ -359,3 +499,44 @@ def test_the_command(tmp_path, capsys):
     assert not (tmp_path / 'run' / 'report.html').exists()
     assert main(['report', str(tmp_path / 'nowhere')]) == 2
     assert 'give a directory that `ident identify`' in capsys.readouterr().err
+
+
+def test_shares_that_say_nothing_are_words():
+    assert percent(2.7e-11) == 'below 0.01 %'
+    assert percent(280.0) == 'over 1000 %'
+    assert precision(280.0) == 'not determined' and precision(0.034) == '± 3.4 %'
+    assert change(280.0) == '× 280' and change(-0.375) == '−37.5 %'
+    assert change(-2.98) == 'changes its sign'
+
+
+def test_pairs_of_numbers_have_the_same_decimals():
+    assert from_to(2.481, 1.192) == '2.48 → 1.19'
+    assert from_to(0.0339, 0.00997) == '0.0339 → 0.0100'
+    assert from_to(231.6, 9.8) == '232 → 10'
+    assert shares(0.0451, 0.0213) == '4.5 → 2.1 %'
+    assert shares(0.14, 0.0012) == '14.00 → 0.12 %'
+
+
+def test_equations_have_indices_powers_and_greek_letters():
+    assert equation('M_S exp(-(v/v_S)^2) sgn v') == (
+        'M<sub>S</sub> exp(-(v/v<sub>S</sub>)<sup>2</sup>) sgn v'
+    )
+    assert equation("tau M_log' = mu <x>") == 'τ M<sub>log</sub>&#39; = μ &lt;x&gt;'
+
+
+def test_a_curve_breaks_where_samples_are_missing_and_a_recording_ends():
+    time = np.concatenate([np.arange(100) * 1e-3, 1.0 + np.arange(100) * 1e-3])
+    there = np.ones(200, dtype=bool)
+    there[[10, 11]] = False  # two lost samples are no gap
+    assert breaks(time, there, [200]) == [100, 200]
+    there[20:60] = False
+    assert breaks(time, there, [150, 200]) == [60, 100, 150, 200]
+
+
+def test_the_worst_moments_are_the_largest_and_apart():
+    time = np.arange(10_000) * 1e-3
+    residual = np.zeros((2, 10_000))
+    residual[0, 2000:2050], residual[1, 7000:7020], residual[0, 2100] = 3.0, 2.0, 9.9
+    moments = worst_moments(time, residual)
+    assert [drive for _, _, drive in moments] == [0, 1]
+    assert moments[0][0] < 2.0 < 2.1 < moments[0][1] and moments[1][0] < 7.0 < moments[1][1]

@@ -228,3 +228,88 @@ def test_incompatible_qos_is_named(ear) -> None:
         lambda: '/effort has a publisher of incompatible QoS' in listening.capture.silence(),
         'the sentence',
     )
+
+
+# ---------------------------------------------------------------------- other types, pauses
+
+
+@pytest.fixture
+def speaker(ear):
+    """Return a function that makes an Ear and, in a context of its own, a publisher for it."""
+    made = []
+
+    def make(kind, **options):
+        from rclpy.node import Node
+
+        domain = new_domain()
+        made.append(Ear(domain, **options))
+        made.append(Station(lambda context: Node('speaker', context=context), domain))
+        one, other = made[-2:]
+        publisher = other.node.create_publisher(kind, 'joint_command', 10)
+        one.until(lambda: one.node.get_publishers_info_by_topic('/joint_command'), 'it')
+        one.request(lambda: one.executor.create_task(one.capture.adapt), 'the executor')
+        return one, publisher
+
+    yield make
+    for one in made[::-1]:
+        one.close()
+
+
+def test_an_array_is_heard_by_the_names_given(speaker) -> None:
+    from std_msgs.msg import Float64MultiArray
+
+    one, publisher = speaker(Float64MultiArray, names=('a', 'b/velocity'))
+    one.until(publisher.get_subscription_count, 'a match')
+    for k in range(3):
+        publisher.publish(Float64MultiArray(data=[1.0 + k, 2.0]))
+        one.until(lambda k=k: one.received() > k, 'the message')
+    (recording,) = one.capture.snapshot().build()
+    assert recording.command.names == ('a', 'b')
+    np.testing.assert_array_equal(recording.command.column('position', 'a'), [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(recording.command.column('velocity', 'b'), [2.0] * 3)
+    assert any('arrays have no stamps' in x for x in recording.warnings)
+
+
+def test_what_cannot_be_heard_says_what_to_do(speaker) -> None:
+    from std_msgs.msg import Float64MultiArray
+
+    one, _ = speaker(Float64MultiArray)
+    assert 'set joint_names to the joints in its order' in one.capture.silence()
+    one.capture._adapt('state', '/joint_states', 'no_such_msgs/msg/Thing')
+    assert 'no_such_msgs is not installed (Ubuntu: apt install ros-jazzy-no-such-msgs)' in (
+        one.capture.silence()
+    )
+
+
+def test_trajectories_are_the_set_point_that_follows_them(speaker) -> None:
+    message = pytest.importorskip('trajectory_msgs.msg', reason='no trajectory_msgs here')
+    from builtin_interfaces.msg import Duration
+
+    one, publisher = speaker(message.JointTrajectory)
+    one.until(publisher.get_subscription_count, 'a match')
+    points = [
+        message.JointTrajectoryPoint(
+            positions=[float(k)], time_from_start=Duration(nanosec=100_000_000 * k)
+        )
+        for k in range(2)
+    ]
+    publisher.publish(message.JointTrajectory(joint_names=['a'], points=points))
+    one.until(lambda: one.received() > 0, 'the trajectory')
+    (recording,) = one.capture.snapshot().build()
+    assert recording.command.stamp.size == 101
+    np.testing.assert_allclose(recording.command.position[::50, 0], [0.0, 0.5, 1.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(('next_stamp', 'kept'), [(100.021, 22), (105.0, 1), (3.0, 1)])
+def test_a_pause_of_a_bag_does_not_cut_a_stream(ear, next_stamp, kept) -> None:
+    one = ear()
+    mouth = Mouth(one)
+    for k in range(21):
+        mouth.say(100.0 + 1e-3 * k, ['a'], position=[0.0])
+    one.capture.end()
+    one.now += 5.0
+    mouth.sent = -1  # how many there will be is what is asked
+    mouth.say(next_stamp, ['a'], position=[0.0])
+    one.until(lambda: not one.capture.ended, 'the stream to go on')
+    one.capture.flush()
+    assert one.capture.meters['state'].received == kept

@@ -212,6 +212,15 @@ def test_a_second_goal_is_refused_with_a_reason(shared) -> None:
             'UNKNOWN_PARAMETER', 'choose from measurement_delay',
         ),
         ({'range_reduction': 3.0}, 'INVALID_GOAL', 'range_reduction is 3.0'),
+        ({'bag_path': '~nobody_at_all/log'}, 'INVALID_GOAL', 'is no path'),
+        ({'bag_path': '/' + 'a' * 5000}, 'INVALID_GOAL', 'is no path (File name too long)'),
+        ({'machine_file': '~nobody_at_all/m.yaml'}, 'INVALID_GOAL', 'is no path'),
+        ({'differences_file': '~nobody_at_all/d.yaml'}, 'INVALID_GOAL', 'is no path'),
+        ({'initial_population': 10**8}, 'INVALID_GOAL', 'its range is 1 to 1e+07'),
+        ({'children': 10**6}, 'INVALID_GOAL', 'children is 1000000, its range is'),
+        ({'time_budget': -1.0}, 'INVALID_GOAL', 'time_budget is -1.0, its range is'),
+        ({'time_budget': float('nan')}, 'INVALID_GOAL', 'time_budget is nan'),
+        ({'seed': 2**64 - 1}, 'INVALID_GOAL', 'seed is 18446744073709551615'),
     ],
 )
 def test_an_unusable_goal_is_answered_with_code_and_sentence(

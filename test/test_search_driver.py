@@ -19,6 +19,7 @@ from ros2_ident.search import (
     ThreadedEvaluator,
     write_state,
 )
+from ros2_ident.search.packing import Packing
 
 LOW, HIGH = [10.0, -2.0], [20.0, 2.0]
 SETTINGS = GeneticSettings(initial_population=100, survivors=5, children=4, generations=10)
@@ -238,3 +239,20 @@ def test_an_error_in_a_thread_reaches_the_caller():
 
     with ThreadedEvaluator(broken, 2) as evaluate, pytest.raises(ValueError, match='broken'):
         evaluate(np.zeros((40, 2)))
+
+
+def test_candidates_are_ordered_in_pieces_and_no_more_of_them_after_a_cancel():
+    points = np.random.default_rng(0).random((30_000, 2))
+    sizes = []
+
+    def work(part):
+        sizes.append(len(part))
+        return (part[:, 0] * 5).astype(int)
+
+    packing = Packing(points, work)
+    assert max(sizes) <= 8192 and sum(sizes) == len(points)
+    whole = packing.packed(work(points))
+    assert all((np.diff(whole[k : k + 128]) >= 0).all() for k in range(0, 30_000, 128))
+    sizes.clear()
+    assert Packing(points, work, lambda: len(sizes) == 2).packed(points) is points
+    assert len(sizes) == 2

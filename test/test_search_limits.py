@@ -16,6 +16,7 @@ from identify_cases import (
 import numpy as np
 import pytest
 
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
@@ -253,3 +254,10 @@ def test_the_parameters_are_the_same_to_the_bit(case):
         kept = np.isfinite(given_up.history.costs)
         assert np.array_equal(given_up.history.costs[kept], whole.history.costs[kept])
         assert kept.sum() < np.isfinite(whole.history.costs).sum()
+
+
+def test_more_candidates_than_fit_into_the_memory_are_refused_before_any_is_drawn():
+    genetic = GeneticSettings(initial_population=10**10)
+    with pytest.raises(IdentError, match='of memory, and .* GiB are free .* lower') as caught:
+        identify(axis(), axis_data(), settings=replace(QUICK, genetic=genetic))
+    assert caught.value.code == ErrorCode.INVALID_GOAL

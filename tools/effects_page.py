@@ -61,6 +61,7 @@ def _row(parameter: EffectParameter, hook: Hook) -> str:
     cells = [
         f'`{parameter.name}`',
         parameter.unit,
+        parameter.symbol or '-',
         f'{_number(parameter.low)} to {_number(parameter.high)}',
         _number(parameter.neutral),
         ROLES[parameter.role],
@@ -73,7 +74,7 @@ def _row(parameter: EffectParameter, hook: Hook) -> str:
 
 
 def _table(effect: Effect) -> list[str]:
-    head = ['parameter', 'unit', 'bounds', 'neutral', 'role', 'starts']
+    head = ['parameter', 'unit', 'symbol', 'bounds', 'neutral', 'role', 'starts']
     if effect.hook is Hook.PARAMETER:
         head.append('acts on')
     return [

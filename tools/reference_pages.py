@@ -166,7 +166,7 @@ def messages(root: Path) -> str:
         _MADE,
         '',
         'The definitions of the package `ros2_ident_msgs`, from `msg_defs/`. Which topic, service',
-        'or action has which, the [README](../README.md#topics-services-and-the-action) says. In',
+        'or action has which, [node.md](node.md#topics-services-and-the-action) says. In',
         'an action, goal, result and feedback stand between the lines `---`.',
     ]
     for folder in ('action', 'msg'):

@@ -293,6 +293,14 @@ def add_topics(parser: argparse.ArgumentParser) -> None:
             help=f'{what}; {default} by default',
         )
     group.add_argument(
+        '--joint-names',
+        type=names,
+        default=(),
+        metavar='A,B',
+        help='what the numbers of a Float64MultiArray are, in its order: joints, or with an '
+        'interface as A/velocity',
+    )
+    group.add_argument(
         '--columns',
         default='',
         metavar='FILE',
@@ -304,7 +312,9 @@ def topics_of(args: argparse.Namespace) -> Any:
     """Return the topics of parsed arguments."""
     from ros2_ident.recording import Topics
 
-    return Topics(args.state_topic, args.effort_topic, args.command_topic, args.columns)
+    return Topics(
+        args.state_topic, args.effort_topic, args.command_topic, args.columns, args.joint_names
+    )
 
 
 def add_effort(parser: argparse.ArgumentParser) -> None:
@@ -365,3 +375,8 @@ def workers_of(args: argparse.Namespace) -> Any:
     from ros2_ident.search import Threads
 
     return Threads(args.threads)
+
+
+def asked(args: argparse.Namespace) -> dict[str, object]:
+    """Return which files a run was asked to read, for the commands that a page proposes next."""
+    return {'bags': [str(bag) for bag in args.bag], 'machine_file': str(args.machine)}

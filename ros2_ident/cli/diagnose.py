@@ -13,6 +13,7 @@ from ros2_ident.cli.arguments import (
     add_machine,
     add_scheduler,
     add_topics,
+    asked,
     assignment,
     bags,
     complete,
@@ -154,6 +155,8 @@ def run(args: argparse.Namespace) -> int:
     print_diagnosis(found)
     if out is not None:
         settings = {
+            **asked(args),
+            'check_bags': args.check,
             'drives': args.drives or machine.drives,
             'without_effects': args.without,
             'fixed': fixed,

@@ -2,6 +2,7 @@
 """`ident fleet`: many bags of many machines, identified, diagnosed and compared."""
 
 import argparse
+from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
 
@@ -18,7 +19,8 @@ EXAMPLES = (
     '  ident fleet bags --machine config/tripod.yaml --out fleet\n'
     '  ident fleet fleet.yaml --out fleet --scheduler tcp://head:8786\n'
     '\n'
-    'writes to DIR: fleet.json, fleet.csv, and rows/ with a file for each bag\n'
+    'writes to DIR: fleet.json, fleet.csv, report.html (the machines on a page), and rows/ with\n'
+    'a file for each bag\n'
 )
 EXIT_CODES = {0: 'every bag is done', 1: 'some failed or are left'}
 
@@ -88,6 +90,7 @@ class _Board:
 def run(args: argparse.Namespace) -> int:
     """Run the fleet and print how its machines compare."""
     from ros2_ident.cli.interrupt import interrupts
+    from ros2_ident.cli.report import print_page
     from ros2_ident.fleet import read_fleet, run_fleet, states, summarise
 
     entries = read_fleet(args.list, args.machine)
@@ -103,12 +106,14 @@ def run(args: argparse.Namespace) -> int:
             on_row=board.done,
         )
     _print(rows, summarise(rows))
-    print(f'written: {args.out}/fleet.json, {args.out}/fleet.csv')
+    print(f'written: {args.out}/fleet.json, {args.out}/fleet.csv', flush=True)
+    print_page(Path(args.out), wanted=True)
     return 0 if states(rows)['done'] == len(entries) else 1
 
 
 def _print(rows: 'list[Row]', summary: dict[str, Any]) -> None:
     from ros2_ident.cli.table import columns
+    from ros2_ident.report.page.several import differences
 
     lines = [('bag', 'machine', 'date', 'state', 'verdict')]
     for row in rows:
@@ -117,13 +122,5 @@ def _print(rows: 'list[Row]', summary: dict[str, Any]) -> None:
         lines.append((row['name'], row['machine'], row['date'], state, said))
     for line in columns(lines, (False,) * 5):
         print(line)
-    for kind, words in (('drifts', 'drifted'), ('machines', 'differs')):
-        for x in summary[kind]:
-            change = '' if x['change'] is None else f' ({100.0 * x["change"]:+.2g} %)'
-            print(
-                f'{x["machine"]}: {x["parameter"]} {words} from {x["reference"]:.5g} of '
-                f'{x["against"]} to {x["value"]:.5g} {x["unit"]}{change}'
-            )
-    for effect, places in summary['effects'].items():
-        count = 'once' if len(places) == 1 else f'{len(places)} times'
-        print(f'{effect}: found {count} ({"; ".join(places)})')
+    for text in differences(summary):
+        print(text)

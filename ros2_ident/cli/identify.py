@@ -2,6 +2,7 @@
 """`ident identify`: a machine's parameters from a bag."""
 
 import argparse
+from dataclasses import replace
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
@@ -12,6 +13,7 @@ from ros2_ident.cli.arguments import (
     add_outputs,
     add_scheduler,
     add_topics,
+    asked,
     assignment,
     complete,
     conditions_of,
@@ -96,6 +98,16 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         help='go on where an earlier run of the same command ended, by DIR/checkpoint.npz; same '
         'result',
     )
+    group.add_argument(
+        '--method',
+        choices=('genetic', 'algebraic'),
+        default='genetic',
+        help='search, or solve by weighted least squares what is linear in the parameters along '
+        'the recorded motion',
+    )
+    group.add_argument(
+        '--decimation', type=count, metavar='N', help='samples of which least squares keep one; 10'
+    )
     for name, kind, what in (
         ('evaluations', count, 'simulate at most so many candidates'),
         ('seconds', positive, 'stop after this time'),
@@ -126,13 +138,14 @@ def settings_of(args: argparse.Namespace) -> 'IdentifySettings':
         'range_reduction': args.range_reduction,
         'min_distance': args.min_distance,
     }
-    starts = {} if args.starts is None else {'starts': args.starts}
+    more = {name: getattr(args, name) for name in ('starts', 'decimation')}
     return IdentifySettings(
         genetic=GeneticSettings(**{k: v for k, v in given.items() if v is not None}),
         budget=Budget(evaluations=args.evaluations, seconds=args.seconds),
         refine=not args.no_refine,
         threads=args.threads,
-        **starts,
+        method=args.method,
+        **{name: value for name, value in more.items() if value is not None},
     )
 
 
@@ -157,6 +170,8 @@ def run(args: argparse.Namespace) -> int:
     read: dict[str, Any] = {} if args.samples is None else {'samples': args.samples}
     read['quantities'] = tuple(checked(outputs, compared_of(machine)))
     data = read_data(args.bag, machine, args.drives, topics=topics_of(args), **read)
+    if settings.method == 'algebraic':
+        data = data.without_command()
     out = make_directory(args.out)
     if not args.no_overlay:
         require_place(out / OVERLAY, data, args.bag)
@@ -187,6 +202,7 @@ def run(args: argparse.Namespace) -> int:
             conditions=conditions,
             outputs=outputs,
         )
+        result = replace(result, settings={**result.settings, **asked(args)})
         files = list(write_result(out, result, problem))
         if not args.no_overlay:
             files += write_overlay(

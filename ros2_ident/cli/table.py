@@ -53,7 +53,8 @@ def print_result(result: Identification) -> None:
         print(line)
     cost = result.cost
     refined = '' if math.isnan(cost.refined) else f', refined {cost.refined:.5g} {cost.unit}'
-    print(f'cost: genetic algorithm {cost.ga:.5g} {cost.unit}{refined}')
+    by = 'genetic algorithm' if result.generations else 'least squares'
+    print(f'cost: {by} {cost.ga:.5g} {cost.unit}{refined}')
     for left in result.residuals:
         print(
             f'{left.drive}: residual {left.rms:.5g} {left.unit or cost.unit} RMS, '

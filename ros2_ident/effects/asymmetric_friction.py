@@ -19,8 +19,8 @@ EFFECT = Effect(
     equation='(M_a + V_a |v|) |sgn v| added to the friction torque',
     source='Janot, Gautier, Brunot 2019; Elhami and Brookfield, Proc. IMechE C 210, 1996',
     parameters=(
-        EffectParameter('coulomb', 'effort', -0.5, 0.5, 0.0),
-        EffectParameter('viscous', 'effort s/m', -5.0, 5.0, 0.0),
+        EffectParameter('coulomb', 'effort', -0.5, 0.5, 0.0, symbol='M_a'),
+        EffectParameter('viscous', 'effort s/m', -5.0, 5.0, 0.0, symbol='V_a'),
     ),
     hook=Hook.FRICTION,
     kernel=_kernel,

@@ -19,8 +19,8 @@ EFFECT = Effect(
     equation='-k (s - s_0) on the carriage',
     source='Khatib/FloBaRoID catalogue of disturbance forces; Hooke',
     parameters=(
-        EffectParameter('stiffness', 'N/m', -300.0, 300.0, 0.0),
-        EffectParameter('rest', 'm', -1.0, 2.0, 0.5, role='position'),
+        EffectParameter('stiffness', 'N/m', -300.0, 300.0, 0.0, symbol='k'),
+        EffectParameter('rest', 'm', -1.0, 2.0, 0.5, role='position', symbol='s_0'),
     ),
     hook=Hook.CARRIAGE_FORCE,
     kernel=_kernel,

@@ -10,7 +10,9 @@ EFFECT = Effect(
     equation='z_cmd(t - T)',
     source='Ludwig and Gerstmayr 2011; PACE delay model',
     parameters=(
-        EffectParameter('delay', 's', 0.0, 0.03, 0.0, target='set_point_delay', starts=(3e-3,)),
+        EffectParameter(
+            'delay', 's', 0.0, 0.03, 0.0, target='set_point_delay', starts=(3e-3,), symbol='T'
+        ),
     ),
     hook=Hook.PARAMETER,
     kernel=None,

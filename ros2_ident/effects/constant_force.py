@@ -18,7 +18,7 @@ EFFECT = Effect(
     title='constant force',
     equation='F on the carriage, against the positive direction',
     source='Janot, Gautier, Brunot 2019, offset',
-    parameters=(EffectParameter('force', 'N', -30.0, 30.0, 0.0),),
+    parameters=(EffectParameter('force', 'N', -30.0, 30.0, 0.0, symbol='F'),),
     hook=Hook.CARRIAGE_FORCE,
     kernel=_kernel,
     place='drive',

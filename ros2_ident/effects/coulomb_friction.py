@@ -9,7 +9,9 @@ EFFECT = Effect(
     title='Coulomb friction',
     equation='M_C sgn v',
     source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
-    parameters=(EffectParameter('torque', 'effort', 0.0, 1.0, 0.0, target='coulomb'),),
+    parameters=(
+        EffectParameter('torque', 'effort', 0.0, 1.0, 0.0, target='coulomb', symbol='M_C'),
+    ),
     hook=Hook.PARAMETER,
     kernel=None,
     place='drive',

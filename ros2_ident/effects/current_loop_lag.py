@@ -27,7 +27,9 @@ EFFECT = Effect(
     title='current-loop lag',
     equation="M' = (M_commanded - M) / tau",
     source='Leonhard, Control of Electrical Drives',
-    parameters=(EffectParameter('time_constant', 's', 0.0, 0.02, 0.0, starts=(1e-3,)),),
+    parameters=(
+        EffectParameter('time_constant', 's', 0.0, 0.02, 0.0, starts=(1e-3,), symbol='tau'),
+    ),
     hook=Hook.COMMAND,
     kernel=_kernel,
     keeps=_keeps,

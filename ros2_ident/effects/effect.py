@@ -145,6 +145,7 @@ class EffectParameter:
         target: The kernel's row (see `kernel.rows`) it acts on; empty where the effect's kernel
             does.
         how: With a target: whether it is added to the row, multiplied with it, or replaces it.
+        symbol: Its sign in the effect's equation; empty where it has none there.
     """
 
     name: str
@@ -156,6 +157,7 @@ class EffectParameter:
     role: Literal['size', 'shape', 'position', 'time'] = 'size'
     target: str = ''
     how: Literal['add', 'scale', 'set'] = 'add'
+    symbol: str = ''
 
 
 @dataclass(frozen=True)

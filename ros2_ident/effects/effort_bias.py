@@ -9,7 +9,7 @@ EFFECT = Effect(
     title='effort bias',
     equation='logged effort plus b',
     source='offset of a current sensor',
-    parameters=(EffectParameter('bias', 'effort', -0.5, 0.5, 0.0, target='log_bias'),),
+    parameters=(EffectParameter('bias', 'effort', -0.5, 0.5, 0.0, target='log_bias', symbol='b'),),
     hook=Hook.PARAMETER,
     kernel=None,
     place='drive',

@@ -9,7 +9,9 @@ EFFECT = Effect(
     title='effort cross-talk',
     equation='logged effort plus c times the sum of the others',
     source='shared supply or shunt',
-    parameters=(EffectParameter('coefficient', '1', -0.3, 0.3, 0.0, target='log_crosstalk'),),
+    parameters=(
+        EffectParameter('coefficient', '1', -0.3, 0.3, 0.0, target='log_crosstalk', symbol='c'),
+    ),
     hook=Hook.PARAMETER,
     kernel=None,
     place='drive',

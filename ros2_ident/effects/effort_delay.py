@@ -10,7 +10,9 @@ EFFECT = Effect(
     equation='M_log(t) = M(t - T)',
     source='Ludwig and Gerstmayr 2011, section 4',
     parameters=(
-        EffectParameter('delay', 's', 0.0, 0.05, 0.0, target='log_delay', starts=(2e-3,)),
+        EffectParameter(
+            'delay', 's', 0.0, 0.05, 0.0, target='log_delay', starts=(2e-3,), symbol='T'
+        ),
     ),
     hook=Hook.PARAMETER,
     kernel=None,

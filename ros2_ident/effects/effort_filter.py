@@ -10,7 +10,9 @@ EFFECT = Effect(
     equation="tau M_log' = M - M_log",
     source='first-order low-pass',
     parameters=(
-        EffectParameter('time_constant', 's', 0.0, 0.02, 0.0, target='log_lag', starts=(2e-3,)),
+        EffectParameter(
+            'time_constant', 's', 0.0, 0.02, 0.0, target='log_lag', starts=(2e-3,), symbol='tau'
+        ),
     ),
     hook=Hook.PARAMETER,
     kernel=None,

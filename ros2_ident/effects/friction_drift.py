@@ -31,10 +31,17 @@ EFFECT = Effect(
     equation='friction times (1 + a (1 - exp(-t/T))) exp(b w); T dw/dt = friction power - w',
     source='Bittencourt and Gunnarsson, J. Dyn. Syst. Meas. Control 134(5), 2012',
     parameters=(
-        EffectParameter('share', '1', -0.9, 1.0, 0.0),
-        EffectParameter('heating', '1/W', -300.0, 100.0, 0.0),
+        EffectParameter('share', '1', -0.9, 1.0, 0.0, symbol='a'),
+        EffectParameter('heating', '1/W', -300.0, 100.0, 0.0, symbol='b'),
         EffectParameter(
-            'time_constant', 's', 2.0, 1000.0, 10.0, starts=(3.0, 8.0, 100.0), role='shape'
+            'time_constant',
+            's',
+            2.0,
+            1000.0,
+            10.0,
+            starts=(3.0, 8.0, 100.0),
+            role='shape',
+            symbol='T',
         ),
     ),
     hook=Hook.FRICTION,

@@ -10,7 +10,9 @@ EFFECT = Effect(
     equation='k_I times g',
     source='controller law against log',
     parameters=(
-        EffectParameter('factor', '1', 0.1, 5.0, 1.0, target='integral_gain', how='scale'),
+        EffectParameter(
+            'factor', '1', 0.1, 5.0, 1.0, target='integral_gain', how='scale', symbol='g'
+        ),
     ),
     hook=Hook.PARAMETER,
     kernel=None,

@@ -18,7 +18,7 @@ EFFECT = Effect(
     title='load-dependent friction',
     equation='mu |F| / gear sgn v added to the friction torque',
     source='Hamon, Gautier, Garrec, Janot, IROS 2010; Duclusaud et al., ICRA 2025, model M3',
-    parameters=(EffectParameter('coefficient', '1', 0.0, 0.4, 0.0),),
+    parameters=(EffectParameter('coefficient', '1', 0.0, 0.4, 0.0, symbol='mu'),),
     hook=Hook.FRICTION,
     kernel=_kernel,
     place='drive',

@@ -10,8 +10,10 @@ EFFECT = Effect(
     equation='m_t plus dm from t_0 to t_0 + T',
     source='gripping and dropping',
     parameters=(
-        EffectParameter('mass', 'kg', -1.0, 1.0, 0.0, target='payload_step'),
-        EffectParameter('time', 's', 0.0, 3600.0, 0.0, role='time', target='payload_time'),
+        EffectParameter('mass', 'kg', -1.0, 1.0, 0.0, target='payload_step', symbol='dm'),
+        EffectParameter(
+            'time', 's', 0.0, 3600.0, 0.0, role='time', target='payload_time', symbol='t_0'
+        ),
         EffectParameter(
             'duration',
             's',
@@ -22,6 +24,7 @@ EFFECT = Effect(
             role='shape',
             target='payload_duration',
             how='set',
+            symbol='T',
         ),
     ),
     hook=Hook.PARAMETER,

@@ -19,8 +19,8 @@ EFFECT = Effect(
     equation='Coulomb torque times 1 + a (z - z_0) added',
     source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
     parameters=(
-        EffectParameter('slope', '1/m', -10.0, 10.0, 0.0),
-        EffectParameter('middle', 'm', -1.0, 2.0, 0.5, role='position'),
+        EffectParameter('slope', '1/m', -10.0, 10.0, 0.0, symbol='a'),
+        EffectParameter('middle', 'm', -1.0, 2.0, 0.5, role='position', symbol='z_0'),
     ),
     hook=Hook.FRICTION,
     kernel=_kernel,

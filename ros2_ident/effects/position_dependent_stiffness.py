@@ -19,8 +19,8 @@ EFFECT = Effect(
     equation='c_G (1 + a (s - s_0))',
     source='Ludwig and Gerstmayr 2011, eq. 11; belt length changes with position',
     parameters=(
-        EffectParameter('slope', '1/m', -3.0, 3.0, 0.0),
-        EffectParameter('middle', 'm', -1.0, 2.0, 0.5, role='position'),
+        EffectParameter('slope', '1/m', -3.0, 3.0, 0.0, symbol='a'),
+        EffectParameter('middle', 'm', -1.0, 2.0, 0.5, role='position', symbol='s_0'),
     ),
     hook=Hook.STIFFNESS,
     kernel=_kernel,

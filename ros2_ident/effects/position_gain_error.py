@@ -10,7 +10,9 @@ EFFECT = Effect(
     equation='k_p times g',
     source='controller law against log',
     parameters=(
-        EffectParameter('factor', '1', 0.3, 3.0, 1.0, target='position_gain', how='scale'),
+        EffectParameter(
+            'factor', '1', 0.3, 3.0, 1.0, target='position_gain', how='scale', symbol='g'
+        ),
     ),
     hook=Hook.PARAMETER,
     kernel=None,

@@ -20,7 +20,9 @@ EFFECT = Effect(
     title='presliding hysteresis',
     equation='friction direction h instead of sgn v: dh/dx = (1 - h sgn v)/delta',
     source='Dahl, A solid friction model, 1968',
-    parameters=(EffectParameter('way', 'm', 2e-6, 2e-3, 2e-6, starts=(5e-5, 3e-4)),),
+    parameters=(
+        EffectParameter('way', 'm', 2e-6, 2e-3, 2e-6, starts=(5e-5, 3e-4), symbol='delta'),
+    ),
     hook=Hook.SIGN,
     kernel=_kernel,
     keeps=_kernel,

@@ -9,7 +9,9 @@ EFFECT = Effect(
     title='rail-radius error',
     equation='rail radius plus d',
     source='kinematic calibration',
-    parameters=(EffectParameter('error', 'm', -0.05, 0.05, 0.0, target='rail_radius'),),
+    parameters=(
+        EffectParameter('error', 'm', -0.05, 0.05, 0.0, target='rail_radius', symbol='d'),
+    ),
     hook=Hook.PARAMETER,
     kernel=None,
     place='all',

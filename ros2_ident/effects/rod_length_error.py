@@ -9,7 +9,7 @@ EFFECT = Effect(
     title='rod-length error',
     equation='rod length plus d',
     source='kinematic calibration',
-    parameters=(EffectParameter('error', 'm', -0.05, 0.05, 0.0, target='rod_length'),),
+    parameters=(EffectParameter('error', 'm', -0.05, 0.05, 0.0, target='rod_length', symbol='d'),),
     hook=Hook.PARAMETER,
     kernel=None,
     place='all',

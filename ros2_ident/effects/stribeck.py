@@ -20,9 +20,16 @@ EFFECT = Effect(
     equation='M_S exp(-(v/v_S)^2) sgn v added to the friction torque',
     source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
     parameters=(
-        EffectParameter('torque', 'effort', 0.0, 0.25, 0.0),
+        EffectParameter('torque', 'effort', 0.0, 0.25, 0.0, symbol='M_S'),
         EffectParameter(
-            'velocity', 'm/s', 0.005, 0.2, 0.03, starts=(0.01, 0.03, 0.08), role='shape'
+            'velocity',
+            'm/s',
+            0.005,
+            0.2,
+            0.03,
+            starts=(0.01, 0.03, 0.08),
+            role='shape',
+            symbol='v_S',
         ),
     ),
     hook=Hook.FRICTION,

@@ -19,8 +19,8 @@ EFFECT = Effect(
     equation='logged effort times g; motor torque a times the commanded one',
     source='MuJoCo dcmotor note; gap between current and torque',
     parameters=(
-        EffectParameter('factor', '1', 0.7, 1.4, 1.0, target='log_gain', how='scale'),
-        EffectParameter('actuator', '1', 0.7, 1.4, 1.0),
+        EffectParameter('factor', '1', 0.7, 1.4, 1.0, target='log_gain', how='scale', symbol='g'),
+        EffectParameter('actuator', '1', 0.7, 1.4, 1.0, symbol='a'),
     ),
     hook=Hook.COMMAND,
     kernel=_kernel,

@@ -20,8 +20,8 @@ EFFECT = Effect(
     equation='A sin(n gear z) + B cos(n gear z) added to the motor torque',
     source='Holtz and Springob, IEEE TIE 43(2), 1996',
     parameters=(
-        EffectParameter('sine', 'effort', -0.25, 0.25, 0.0),
-        EffectParameter('cosine', 'effort', -0.25, 0.25, 0.0),
+        EffectParameter('sine', 'effort', -0.25, 0.25, 0.0, symbol='A'),
+        EffectParameter('cosine', 'effort', -0.25, 0.25, 0.0, symbol='B'),
         EffectParameter(
             'order',
             '1',
@@ -46,6 +46,7 @@ EFFECT = Effect(
                 24.0,
             ),
             role='shape',
+            symbol='n',
         ),
     ),
     hook=Hook.TORQUE,

@@ -9,7 +9,9 @@ EFFECT = Effect(
     title='viscous friction',
     equation='M_V v',
     source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
-    parameters=(EffectParameter('torque', 'effort s/m', 0.0, 10.0, 0.0, target='viscous'),),
+    parameters=(
+        EffectParameter('torque', 'effort s/m', 0.0, 10.0, 0.0, target='viscous', symbol='M_V'),
+    ),
     hook=Hook.PARAMETER,
     kernel=None,
     place='drive',

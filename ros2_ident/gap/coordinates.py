@@ -45,6 +45,8 @@ class Motion:
         travel: Unit of the position.
         effort_unit: Unit of `torque` and `load`.
         output: (D, K) simulated output; the effort, unless something else is compared.
+        tracking: (D, K) set-point less measured position, NaN at cycles without a sample; None
+            where one of them was not recorded.
     """
 
     drives: tuple[str, ...]
@@ -60,6 +62,7 @@ class Motion:
     travel: str
     effort_unit: str
     output: Array
+    tracking: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -128,8 +131,17 @@ def motion_of(model: FullModel, theta: Array) -> Motion:
     return Motion(
         model.places, data.cycle, turn, position,
         velocity, acceleration, np.gradient(acceleration, data.cycle, axis=1), torque, load,
-        model.unit, travel, model.effort_unit, output,
+        model.unit, travel, model.effort_unit, output, following_error(model),
     )  # fmt: skip
+
+
+def following_error(model: FullModel) -> Array | None:
+    """Return (D, K) set-point less measured position, None where one was not recorded."""
+    data = model.data
+    if data.position is None or data.command_position is None:
+        return None
+    rows = [data.names.index(name) for name in model.places]
+    return np.asarray(data.command_position[rows] - data.position[rows], dtype=np.float64)
 
 
 def direction(velocity: Array) -> Array:

@@ -16,7 +16,7 @@ from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.maps import chosen, map_of, ResidualMap
 from ros2_ident.models import EffectAt
 
-SCHEMA = 1
+SCHEMA = 2
 
 Array = npt.NDArray[np.float64]
 
@@ -81,6 +81,12 @@ class DriveGap:
     noise_floor: float
     share_closed: float
     torque_rms: float
+
+    @property
+    def over_floor(self) -> float:
+        """The gap before over the noise floor; 0 where it is not known."""
+        ratio = self.before / self.noise_floor if self.noise_floor else 0.0
+        return ratio if math.isfinite(ratio) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,10 +218,21 @@ def _lines(found: ResidualMap) -> list[dict[str, Any]]:
     ]
 
 
+def _shown(d: Diagnosis) -> tuple[str, ...]:
+    """Return the drives that a map is drawn of whatever was found there: the worst, and the named.
+
+    None where the gap is no more than noise.
+    """
+    if not d.evidence['size'] >= d.evidence['material']:
+        return ()
+    worst = max(d.per_drive, key=lambda name: d.per_drive[name].over_floor)
+    return tuple(dict.fromkeys((worst, *(w for w in d.where if w in d.per_drive))))
+
+
 def _maps(d: Diagnosis) -> list[dict[str, Any]]:
     """Return maps of the residual along the coordinates that matter, as `localise` saw it."""
     trace, out = d.traces[0], []
-    for drive, name in chosen(d.localisation):
+    for drive, name in chosen(d.localisation, _shown(d)):
         at = trace.motion.drives.index(drive)
         before = map_of(trace.motion, trace.before[at], at, name)
         after = map_of(trace.motion, trace.after[at], at, name)
@@ -293,6 +310,9 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
                 'region': f.region,
                 'statistic': _number(f.statistic),
                 'p_value': _number(f.p_value),
+                'size': _number(f.size),
+                'size_over_floor': _number(f.over_floor),
+                'beyond': _number(f.beyond),
                 'sentence': f.sentence,
             }
             for f in d.localisation

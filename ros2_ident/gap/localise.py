@@ -240,7 +240,7 @@ def _swing(motion: Motion, d: int, row: Array, noise: float, coarse: Coarse) -> 
     region = f'{peak.low:.3g} to {peak.high:.3g} Hz'
     text = (
         f'{motion.drives[d]}: a swing at {peak.frequency:.3g} Hz (band {region}); '
-        f'{percent(share)} of what can be explained, {figure(peak.size)} {motion.unit} RMS'
+        f'{percent(share)} of the gap above the noise, {figure(peak.size)} {motion.unit} RMS'
     )
     return [
         Finding(

@@ -68,10 +68,29 @@ def coordinate_of(finding: str) -> str:
     return 'time' if name in _OVER_TIME else name
 
 
-def chosen(findings: Sequence[Finding], most: int = 6) -> tuple[tuple[str, str], ...]:
-    """Return drive and coordinate of the leading significant findings, each pair once."""
-    pairs = [(f.drive, coordinate_of(f.coordinate)) for f in findings if f.significant]
-    return tuple(dict.fromkeys(pairs))[:most]
+def chosen(
+    findings: Sequence[Finding], always: Sequence[str] = (), each: int = 3, most: int = 12
+) -> tuple[tuple[str, str], ...]:
+    """Return drive and coordinate of what to draw: the leading significant findings.
+
+    Args:
+        findings: What was found, the drive with the largest gap first.
+        always: Drives that are drawn over their velocity where nothing was found.
+        each: Most coordinates of a drive.
+        most: Most pairs.
+
+    Returns:
+        Each pair once, drive by drive in the order of the findings.
+    """
+    pairs = dict.fromkeys(
+        (f.drive, coordinate_of(f.coordinate)) for f in findings if f.significant
+    )
+    by_drive: dict[str, list[str]] = {}
+    for drive, name in pairs:
+        by_drive.setdefault(drive, []).append(name)
+    missing = {drive: ['velocity'] for drive in always if drive not in by_drive}
+    told = {**missing, **by_drive}
+    return tuple((d, name) for d, names in told.items() for name in names[:each])[:most]
 
 
 def map_of(motion: Motion, row: Array, drive: int, name: str) -> ResidualMap:

@@ -216,7 +216,7 @@ def sentence_of(
         coordinate: What the residual follows.
         region: Where along it.
         shape: Rising, falling, or the offset's value.
-        share: Share of the explainable gap.
+        share: Share of the gap above the noise floor.
         size: RMS that it explains.
         unit: Unit of the effort.
         power: (P,) what is explained in each phase.
@@ -232,9 +232,9 @@ def sentence_of(
     elif name == 'other drives':
         what = f'follows the {region}'
     elif name == 'torque rate':
-        what = 'follows the rate of the torque, as a wrong delay does'
+        what = 'follows the rate of the effort, as with a wrong delay'
     elif name == 'recent acceleration':
-        what = 'follows the acceleration of the last moments'
+        what = 'follows the acceleration of the last 40 ms'
     else:
         what = {'velocity': 'speed', 'load': 'transmitted load'}.get(name, name)
         what = f'{what} {region}' if region != 'everywhere' else f'along the {what}'
@@ -246,11 +246,11 @@ def sentence_of(
         if where:
             parts.insert(0, where)
     if coordinate.parity == 'odd':
-        parts.append('odd in velocity')
-    elif coordinate.parity == 'even':
-        parts.append('even in velocity')
+        parts.append('changing sign with the direction of motion')
+    elif coordinate.parity == 'even' and name != 'offset':
+        parts.append('the same in both directions')
     return (
-        f'{drive}: {", ".join(parts)}; {percent(share)} of what can be explained, '
+        f'{drive}: {", ".join(parts)}; {percent(share)} of the gap above the noise, '
         f'{figure(size)} {unit} RMS'
     )
 

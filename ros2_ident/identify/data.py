@@ -42,6 +42,7 @@ class HeldOut:
         drives: Drives that are identified.
         labels: The bag each recording came from.
         quantities: What is compared.
+        commands: Whether set-points count.
     """
 
     recordings: tuple[Recording, ...]
@@ -50,6 +51,7 @@ class HeldOut:
     drives: tuple[str, ...]
     labels: tuple[str, ...]
     quantities: tuple[str, ...] = ('effort',)
+    commands: bool = True
 
     def __iter__(self) -> Iterator[tuple[Dataset, str]]:
         """Align one part after the other, each with its label; unusable ones are left out."""
@@ -60,6 +62,7 @@ class HeldOut:
                 dataset = _aligned(part, self.machine, self.drives, cycle, self.quantities)
             except IdentError:
                 continue
+            dataset = dataset if self.commands else _without_command(dataset)
             yield _forgotten(dataset), self.labels[number]
 
 
@@ -84,6 +87,12 @@ class Data:
     warnings: tuple[str, ...] = ()
     held_out: HeldOut | None = None
     labels: tuple[str, ...] = ()
+
+    def without_command(self) -> 'Data':
+        """Return the same data as if no set-point had been logged."""
+        held_out = self.held_out and replace(self.held_out, commands=False)
+        datasets = tuple(_without_command(dataset) for dataset in self.datasets)
+        return replace(self, datasets=datasets, held_out=held_out)
 
     def quality(self, samples: int) -> Quality:
         """Return a summary; `samples` is the number of efforts compared."""
@@ -221,6 +230,10 @@ def gather(
         held_out,
         origin,
     )
+
+
+def _without_command(dataset: Dataset) -> Dataset:
+    return replace(dataset, command_position=None, command_velocity=None)
 
 
 def _labels(recordings: Sequence[Recording]) -> tuple[str, ...]:

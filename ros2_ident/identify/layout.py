@@ -10,6 +10,7 @@ import numpy.typing as npt
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import read_small
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.protocol import FullModel
 
@@ -78,8 +79,8 @@ def read_conditions(each: Sequence[str], path: str | Path | None) -> Conditions:
     if path is None:
         return Conditions(tuple(each))
     try:
-        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        content = yaml.safe_load(read_small(path).decode())
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise IdentError(
             ErrorCode.INVALID_GOAL,
             f'{path}: cannot be read ({" ".join(str(error).split())}); {_FORMAT}',

@@ -21,6 +21,7 @@ from ros2_ident.identify.setup import problem_of, problem_of_models
 from ros2_ident.models import EffectAt, Machine, Model
 from ros2_ident.models.registry import compared_of
 from ros2_ident.recording import Dataset, Recording
+from ros2_ident.search import algebraic
 from ros2_ident.search.evaluators import Cancel, Threads, Workers
 from ros2_ident.search.fit import fit
 
@@ -95,9 +96,11 @@ def identify(
             ErrorCode.INVALID_GOAL, 'there is nothing to identify; give machine and data, or model'
         )
     else:
+        compared = tuple(checked(outputs, compared_of(machine)))
+        given = _as_data(machine, data, drives, compared)
         problem = problem_of(
             machine,
-            _as_data(machine, data, drives, tuple(checked(outputs, compared_of(machine)))),
+            given.without_command() if settings.method == 'algebraic' else given,
             drives=drives,
             fixed=fixed,
             bounds=bounds,
@@ -128,15 +131,18 @@ def solve(
     checkpoint: Path | None = None,
 ) -> Identification:
     """Solve a problem; arguments and result as for `identify`."""
-    found = fit(
-        problem,
-        settings,
-        seed,
-        cancel=cancel,
-        on_progress=on_progress,
-        workers=workers or Threads(settings.threads),
-        checkpoint=checkpoint,
-    )
+    if settings.method == 'algebraic':
+        found = algebraic.solve(problem, settings.decimation, settings.level)
+    else:
+        found = fit(
+            problem,
+            settings,
+            seed,
+            cancel=cancel,
+            on_progress=on_progress,
+            workers=workers or Threads(settings.threads),
+            checkpoint=checkpoint,
+        )
     result = assemble(problem, found, seed, _plain(settings))
     if found.cancelled or not np.isfinite(result.theta).all():
         return result

@@ -2,6 +2,7 @@
 """How to identify, and how far it has come."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.settings import FitProgress as IdentifyProgress
@@ -9,6 +10,8 @@ from ros2_ident.search.settings import FitSettings
 from ros2_ident.search.settings import OnProgress as OnProgress
 
 __all__ = ['IdentifyProgress', 'IdentifySettings', 'OnProgress']
+
+METHODS = 'genetic', 'algebraic'
 
 
 @dataclass(frozen=True)
@@ -19,10 +22,15 @@ class IdentifySettings(FitSettings):
         cutoff: Low-pass of recorded motion where it drives the model [Hz].
         threads: Threads that simulate; one for each processor by default. The result does not
             depend on it.
+        method: `genetic` searches; `algebraic` solves by weighted least squares what is linear in
+            the parameters along the recorded motion, whether or not a set-point is logged.
+        decimation: Samples of which `algebraic` keeps one.
     """
 
     cutoff: float = 100.0
     threads: int | None = None
+    method: Literal['genetic', 'algebraic'] = 'genetic'
+    decimation: int = 10
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -30,4 +38,14 @@ class IdentifySettings(FitSettings):
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
                 f'threads is {self.threads!r}; give a whole number of at least 1',
+            )
+        if self.method not in METHODS:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'method is {self.method!r}; choose from {", ".join(METHODS)}',
+            )
+        if not (isinstance(self.decimation, int) and self.decimation >= 1):
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'decimation is {self.decimation!r}; give a whole number of at least 1',
             )

@@ -13,6 +13,7 @@ from typing import Any
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import read_small
 from ros2_ident.machine.draft import number, Remark
 from ros2_ident.machine.judge import contents, judge, TEMPLATE
 from ros2_ident.machine.keys import Key, Value
@@ -73,15 +74,21 @@ def read(path: str | Path, kinds: Mapping[str, Kind]) -> MachineFile:
         IdentError: BAD_MACHINE_FILE where it cannot be read or is no YAML.
     """
     try:
-        raw = Path(path).read_bytes()
-    except OSError as exc:
+        raw = read_small(path)
+    except (OSError, ValueError) as exc:
         raise IdentError(
             ErrorCode.BAD_MACHINE_FILE,
-            f'{path}: cannot be read ({exc.strerror}); give the path of a machine file',
+            f'{path}: cannot be read ({getattr(exc, "strerror", None) or exc}); give the path of '
+            'a machine file',
         ) from None
     try:
+        _refuse_aliases(raw, path)
         node = yaml.compose(raw, Loader=yaml.SafeLoader)
         data = yaml.safe_load(raw)
+    except RecursionError:
+        raise IdentError(
+            ErrorCode.BAD_MACHINE_FILE, f'{path}: is nested too deeply; {TEMPLATE}'
+        ) from None
     except (yaml.YAMLError, ValueError) as exc:
         mark = getattr(exc, 'problem_mark', None)
         where = f'{path}:{mark.line + 1}' if mark else str(path)
@@ -95,7 +102,24 @@ def read(path: str | Path, kinds: Mapping[str, Kind]) -> MachineFile:
         Remark('error', path, f'{path[-1]} stands there twice; keep one of the two lines')
         for path in _walk(node, (), lines)
     ]
-    return judged(data, kinds, str(path), lines, twice, hashlib.sha256(raw).hexdigest())
+    digest = hashlib.sha256(raw).hexdigest()
+    return judged(data, kinds, str(path), lines, twice, digest, Path(path).parent)
+
+
+def _refuse_aliases(raw: bytes, path: str | Path) -> None:
+    """Refuse `*name`, by which a small file can stand for one without end.
+
+    Raises:
+        IdentError: BAD_MACHINE_FILE with the line.
+    """
+    for event in yaml.parse(raw, Loader=yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            line = event.start_mark.line + 1 if event.start_mark else 1
+            raise IdentError(
+                ErrorCode.BAD_MACHINE_FILE,
+                f'{path}:{line}: has the alias *{event.anchor}; write out '
+                'what it stands for',
+            )
 
 
 def _walk(
@@ -119,6 +143,7 @@ def judged(
     lines: Mapping[tuple[str, ...], int] | None = None,
     known: list[Remark] | None = None,
     digest: str = '',
+    folder: Path = Path(),
 ) -> MachineFile:
     """Judge a parsed machine file.
 
@@ -129,20 +154,26 @@ def judged(
         lines: Line of each key, by path.
         known: What is known already to need a change.
         digest: SHA-256 of the file.
+        folder: Where the files lie that it names.
     """
-    remarks = [*(known or ()), *judge(data, kinds)]
+    remarks = [*(known or ()), *judge(data, kinds, folder)]
     remarks.sort(key=lambda remark: remark.level)  # `error` before `warn`, stable
     broken = any(remark.level == 'error' for remark in remarks)
-    machine = None if broken else _machine(data, kinds[data['machine']], digest)
+    machine = None if broken else _machine(data, kinds[data['machine']], digest, folder)
     return MachineFile(name, lines or {}, tuple(remarks), machine)
 
 
 # ---------------------------------------------------------------------- the value
 
 
-def _machine(data: Mapping[str, Any], kind: Kind, digest: str) -> Machine:
+def _machine(data: Mapping[str, Any], kind: Kind, digest: str, folder: Path) -> Machine:
     """Return the machine of a mapping in which there is no error."""
     present = contents(data)
+    for key in kind.constants:
+        if key.file and key.path in present:
+            text = (folder / str(present[key.path])).read_text(encoding='utf-8')
+            present[key.path] = text
+            digest = hashlib.sha256(f'{digest}{text}'.encode()).hexdigest()
     drives = tuple(map(str, data['drives']))
     unit = str(data.get('effort_unit', 'N m'))
     bounds, own = _boxes(present, drives)
@@ -160,7 +191,7 @@ def _machine(data: Mapping[str, Any], kind: Kind, digest: str) -> Machine:
         else effort_factor(unit, data.get('torque_constant'), data.get('rated_torque')),
         effort_noise=float(data.get('effort_noise', 0.01)),
         digest=digest,
-        turns=kind.turns,
+        travel=kind.travel,
     )
 
 

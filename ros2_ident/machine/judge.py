@@ -3,10 +3,12 @@
 
 from collections.abc import Iterator, Mapping
 import difflib
+from pathlib import Path
 from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.draft import Draft, number, Path, Remark
+from ros2_ident.machine.draft import Draft, number, Remark
+from ros2_ident.machine.draft import Path as Keys
 from ros2_ident.machine.keys import Key
 from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.units import effort_factor, plain_unit
@@ -16,9 +18,9 @@ TEMPLATE = 'start from one that `ident new-machine` writes'
 _WORDS = ('no', 'one', 'two', 'three', 'four', 'five', 'six')
 
 
-def contents(data: Mapping[str, Any]) -> dict[Path, Any]:
+def contents(data: Mapping[str, Any]) -> dict[Keys, Any]:
     """Return what a machine file holds by path; a section that is no mapping as a whole."""
-    present: dict[Path, Any] = {}
+    present: dict[Keys, Any] = {}
     for name, value in data.items():
         if name in SECTIONS and isinstance(value, Mapping):
             present |= {(name, str(key)): entry for key, entry in value.items()}
@@ -27,12 +29,13 @@ def contents(data: Mapping[str, Any]) -> dict[Path, Any]:
     return present
 
 
-def judge(data: Any, kinds: Mapping[str, Kind]) -> Iterator[Remark]:
+def judge(data: Any, kinds: Mapping[str, Kind], folder: Path) -> Iterator[Remark]:
     """Yield everything there is to change in a machine file's content.
 
     Args:
         data: What the file holds.
         kinds: Kinds of machines by name.
+        folder: Where the files lie that it names.
     """
     if not isinstance(data, Mapping):
         yield Remark('error', (), f'holds no mapping; {TEMPLATE}')
@@ -56,6 +59,7 @@ def judge(data: Any, kinds: Mapping[str, Kind]) -> Iterator[Remark]:
     for path, value in draft.present.items():
         if path in draft.keys and path not in (('machine',), ('drives',)):
             yield from _value(draft, draft.keys[path], value)
+            yield from _file(draft.keys[path], value, folder)
     yield from _missing(draft)
     yield from _effort(draft, kind)
     yield from kind.judge(draft)
@@ -160,6 +164,16 @@ def _value(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
                 key.path,
                 f'{key.name} is {entry!r}; write one of {", ".join(key.choices)}',
             )
+
+
+def _file(key: Key, value: Any, folder: Path) -> Iterator[Remark]:
+    if key.file and not (folder / str(value)).is_file():
+        yield Remark(
+            'error',
+            key.path,
+            f'{key.name} names {value}, and there is no such file; give its way from the folder '
+            'of the machine file',
+        )
 
 
 def _quantity(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:

@@ -52,6 +52,8 @@ class Key:
         choices: What may stand there where it is no number; empty for anything.
         aliases: Other words for a choice.
         remedy: What to do where a value is implausible.
+        file: Whether it names a file, by its way from the machine file's folder. What the file
+            holds is then the constant: a machine needs no path.
     """
 
     section: Section
@@ -69,6 +71,7 @@ class Key:
     choices: tuple[str, ...] = ()
     aliases: tuple[tuple[str, str], ...] = ()
     remedy: str = 'check value and unit'
+    file: bool = False
 
     @property
     def path(self) -> tuple[str, ...]:

@@ -52,7 +52,7 @@ class Kind:
             position.
         check_motion: Returns what in a machine file contradicts recorded positions (D, K), NaN
             where there is no sample.
-        turns: Whether its drives are joints that turn, whatever a machine file says.
+        travel: Unit of its drives' positions, `m` or `rad`; where empty, `moving_mass` says it.
         compares: Quantities that are compared where nobody says which.
         logs: Units of a logged effort that its model simulates as they are, beside those of
             `units.effort_factor`.
@@ -75,7 +75,7 @@ class Kind:
     from_bag: bool = True
     starts_in_motion: bool = False
     check_motion: Callable[[Machine, Array], Iterable[Remark]] | None = None
-    turns: bool = False
+    travel: str = ''
     compares: tuple[str, ...] = ('effort',)
     logs: tuple[str, ...] = ()
     released: bool = False

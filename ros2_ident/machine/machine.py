@@ -33,8 +33,9 @@ class Machine:
         effort_scale: Factor from the logged effort to N m (or N): a torque constant [N m/A], or
             the rated torque over 100 %.
         effort_noise: Standard deviation of the logged effort's noise, in the model's effort unit.
-        digest: SHA-256 of the file, empty where the machine was made in memory.
-        turns: Whether its drives are joints that turn, whatever its parameters say.
+        digest: SHA-256 of the file, and of those that it names; empty where the machine was made
+            in memory.
+        travel: Unit of the drives' positions where the kind says it, else empty.
 
     Raises:
         IdentError: BAD_MACHINE_FILE where a constant has neither one value nor one of each drive.
@@ -50,7 +51,7 @@ class Machine:
     effort_scale: float = 1.0
     effort_noise: float = 0.01
     digest: str = ''
-    turns: bool = False
+    travel: str = ''
 
     def __post_init__(self) -> None:
         for name, values in self.constants.items():
@@ -138,9 +139,9 @@ class Machine:
 
     @property
     def travel_unit(self) -> str:
-        """Unit of a drive's position: `rad` of joints, and where a moving mass is an inertia."""
-        if self.turns:
-            return 'rad'
+        """Unit of a drive's position: `rad` where the moving mass is stated as an inertia."""
+        if self.travel:
+            return self.travel
         of = self.bounds.get('moving_mass', (0.0, 0.0, ''))[2]
         return 'rad' if plain_unit(of) == plain_unit(angular('kg')) else 'm'
 

@@ -2,16 +2,19 @@
 """Read logs into recordings: MCAP, db3 and ROS 1 bags, whole or damaged, and tables."""
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import db3_scan, mcap_scan, rosbag1_scan
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.content import Content, JOINT_STATE, Messages
+from ros2_ident.recording.content import Content, Messages
 from ros2_ident.recording.damage import Damage, Losses
 from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.metadata import Metadata, NAME, read_metadata
+from ros2_ident.recording.ros2_control import ARRAY, CONTROLLER_STATE, JOINT_STATE, ROLES_OF
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.storage import damaged, digest, storage_files, SUFFIXES, unpacked
 from ros2_ident.recording.streams import Recording, ROLES
@@ -23,38 +26,35 @@ from ros2_ident.recording.table import SUFFIXES as TABLES
 class Topics:
     """Where in a log is what: the topic of each role; an empty name leaves the role out.
 
+    Where a log has no topic of a default name, what ros2_control publishes is taken instead.
+
     Attributes:
         state: Measured positions and velocities, and efforts where the drive reports them here.
         effort: Measured efforts on a topic of their own.
         command: The controller's set-point.
         columns: Column map of a table (CSV), which has no topics; where empty, the file
             `NAME.columns.yaml` beside `NAME.csv`.
+        names: What the numbers of a Float64MultiArray are: joints, or `joint/velocity`.
     """
 
     state: str = '/joint_states'
     effort: str = '/effort'
     command: str = '/joint_command'
     columns: str = ''
+    names: tuple[str, ...] = ()
 
-    def roles(self) -> dict[str, str]:
-        """Return the role of each topic, with absolute names.
+    def roles(self) -> dict[str, tuple[str, ...]]:
+        """Return the roles of each topic, with absolute names.
 
         Raises:
-            IdentError: INVALID_GOAL where one topic has two roles or none has any.
+            IdentError: INVALID_GOAL where none has any.
         """
-        found: dict[str, str] = {}
+        found: dict[str, tuple[str, ...]] = {}
         for role in ROLES:
             name = getattr(self, role)
-            if not name:
-                continue
-            topic = '/' + str(name).lstrip('/')
-            if topic in found:
-                raise IdentError(
-                    ErrorCode.INVALID_GOAL,
-                    f'{topic} is given as {found[topic]} and as {role}; name one topic per role, '
-                    f'efforts inside joint states need no {role} topic',
-                )
-            found[topic] = role
+            if name:
+                topic = '/' + str(name).lstrip('/')
+                found[topic] = (*found.get(topic, ()), role)
         if not found:
             raise IdentError(
                 ErrorCode.INVALID_GOAL, 'no topic is given; name at least the state topic'
@@ -65,7 +65,7 @@ class Topics:
 def read_bag(
     path: str | Path, topics: Topics | None = None, limits: Limits | None = None
 ) -> list[Recording]:
-    """Read a bag's JointState topics, or a table's columns.
+    """Read what joints do from a bag's topics, or a table's columns.
 
     Args:
         path: A bag directory with or without metadata.yaml, a bare `.mcap`, `.db3` or `.bag`
@@ -96,18 +96,82 @@ def read_bag(
         else:
             metadata = None
             warnings.append(_unfit(path))
-    content = Content(frozenset(roles), limits)
-    _scan_all(path, files, content, metadata)
+    def scanned(topics: Topics) -> Content:
+        content = Content(topics.roles(), limits, topics.names)
+        _scan_all(path, files, content, metadata)
+        return content
+
+    content = scanned(topics)
+    chosen, notes = supplemented(topics, content)
+    if chosen != topics:
+        roles, content = chosen.roles(), scanned(chosen)
     if not content.warnings:  # damage says it all: metadata.yaml cannot fit a broken file
         content.warnings[:0] = warnings
     _check_topics(path, content, roles)
-    builder = RecordingBuilder(str(path), digest(files), limits)
+    builder = RecordingBuilder(str(path), digest(files), limits, notes=notes)
     for sentence in content.warnings:
         builder.warn(sentence)
-    for topic, role in roles.items():
-        if topic in content.messages:
-            _feed(builder, role, topic, content.messages[topic])
+    for (topic, role), messages in content.messages.items():
+        _feed(builder, role, topic, content.types[topic], messages)
     return builder.build()
+
+
+def supplemented(topics: Topics, content: Content) -> tuple[Topics, tuple[str, ...]]:
+    """Give the roles whose default topics a log does not have to what ros2_control publishes.
+
+    Args:
+        topics: Those asked for.
+        content: What is in the log.
+
+    Returns:
+        The topics to read, and a sentence on each that was chosen or could be.
+    """
+    offered = list(content.offered())
+    chosen: dict[str, str] = {}
+    notes = []
+    for role in ROLES:
+        if not _is_open(topics, role, content):
+            continue
+        for kind in ROLES_OF:
+            able = [x for x, its, roles in offered if its == kind and role in roles]
+            if kind == JOINT_STATE or not able:
+                continue
+            if len(able) == 1:
+                chosen[role] = able[0]
+                notes.append(f'{role}: no {getattr(topics, role)}, {able[0]} is taken ({kind})')
+            else:
+                notes.append(
+                    f'{role}: {listed(able)} hold one; name one of them by --{role}-topic'
+                )
+            break
+    for topic, kind, roles in offered:
+        if topic not in chosen.values() and kind != JOINT_STATE:
+            notes.append(_unread(topic, kind, roles))
+    found = replace(topics, **chosen)  # type: ignore[arg-type]
+    return found, tuple(notes)
+
+
+def _is_open(topics: Topics, role: str, content: Content) -> bool:
+    """Say whether a role has its default topic and the log holds nothing for it."""
+    name = getattr(topics, role)
+    if name != getattr(Topics, role) or name in content.types:
+        return False
+    state = content.messages.get(('/' + topics.state.lstrip('/'), 'state'))
+    if role != 'effort' or state is None:
+        return True
+    efforts = (block.fields[2] for _, block in state.blocks)
+    return not any(x is not None and np.isfinite(x).any() for x in efforts)
+
+
+def _unread(topic: str, kind: str, roles: tuple[str, ...]) -> str:
+    """Return what to say of a topic that holds joints' values and is not read."""
+    names = ''
+    if kind == ARRAY:
+        roles, names = ('command',), ' --joint-names A,B (the joints in its order)'
+    if not roles:
+        return f'{topic} ({kind}) is not read: it holds no values'
+    ways = ' or '.join(f'--{role}-topic {topic}{names}' for role in roles)
+    return f'{topic} ({kind}) is not read; to read it: {ways}'
 
 
 def _unfit(path: Path) -> str:
@@ -199,21 +263,34 @@ def _unreadable(path: Path, kind: str, reason: str) -> IdentError:
     return damaged(path, f'cannot be read ({reason}); {remedy}')
 
 
-def _check_topics(path: Path, raw: Content, roles: dict[str, str]) -> None:
+def _check_topics(path: Path, raw: Content, roles: dict[str, tuple[str, ...]]) -> None:
     """Say what is wrong where no wanted topic can be read."""
-    wrong = {
-        topic: raw.types[topic]
-        for topic in roles
-        if raw.types.get(topic, JOINT_STATE) != JOINT_STATE
-    }
-    if wrong:
-        topic, kind = next(iter(wrong.items()))
-        raise IdentError(
-            ErrorCode.MISSING_STREAM,
-            f'{path}: {topic} is of type {printable(kind)}, expected {JOINT_STATE}; give '
-            f'another topic as {roles[topic]}',
-        )
-    if any(raw.messages.get(topic) for topic in roles):
+    for topic, several in roles.items():
+        kind = raw.types.get(topic, JOINT_STATE)
+        unfit = [role for role in several if role not in ROLES_OF.get(kind, ())]
+        if unfit:
+            allowed = 'expected ' + JOINT_STATE
+            if kind in ROLES_OF:
+                allowed = f'which holds no {unfit[0]}'
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                f'{path}: {topic} is of type {printable(kind)}, {allowed}; give another topic as '
+                f'{unfit[0]}',
+            )
+        if len(several) > 1 and kind != CONTROLLER_STATE:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{topic} is given as {several[0]} and as {several[1]}; name one topic per role, '
+                f'efforts inside joint states need no {several[1]} topic',
+            )
+        if kind == ARRAY and not raw.names:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{topic} is an array without names; say what its numbers are: --joint-names '
+                'with the joints in its order, as a,b or a/velocity,b/velocity (the node: '
+                'joint_names)',
+            )
+    if any(raw.messages.get((topic, role)) for topic in roles for role in roles[topic]):
         return
     if not sum(raw.counts.values()):
         raise IdentError(
@@ -241,24 +318,35 @@ def _check_topics(path: Path, raw: Content, roles: dict[str, str]) -> None:
     )
 
 
-def _feed(builder: RecordingBuilder, role: str, topic: str, messages: Messages) -> None:
+def _feed(
+    builder: RecordingBuilder, role: str, topic: str, kind: str, messages: Messages
+) -> None:
     """Bring the messages of a topic into the builder; they are gone afterwards."""
+    messages.finish()
     if messages.lost and not messages.blocks:
+        why = {
+            JOINT_STATE: 'arrays have to be empty or as long as the names',
+            ARRAY: 'it has to hold a number for each of the joint names given',
+        }.get(kind, 'a value for each joint, and times that increase')
         raise IdentError(
             ErrorCode.BAD_VALUES,
-            f'{builder.source}: no message of {topic} is a valid {JOINT_STATE} (arrays have '
-            'to be empty or as long as the names); repair the publisher',
+            f'{builder.source}: no message of {topic} is a valid {kind} ({why}); repair the '
+            'publisher',
         )
     if messages.lost:
         builder.warn(
-            f'{topic}: {messages.lost} of {len(messages)} messages are no valid JointState and '
-            'are left out'
+            f'{topic}: {messages.lost} of {len(messages)} messages are no valid '
+            f'{kind.rpartition("/")[2]} and are left out'
         )
     unstamped = all(not block.stamp.any() for _, block in messages.blocks)
     if unstamped and messages.blocks:
-        builder.warn(
-            f'{topic}: all header stamps are 0, the time of recording is used; stamp the messages'
-        )
+        said = 'all header stamps are 0, the time of recording is used; stamp the messages'
+        if kind == ARRAY:
+            said = (
+                'arrays have no stamps, the time of recording is used, which is late by up to '
+                'some milliseconds; a stamped topic of the same is better'
+            )
+        builder.warn(f'{topic}: {said}')
     while messages.blocks:
         clock, block = messages.blocks.popleft()
         stamp = clock if unstamped else block.stamp

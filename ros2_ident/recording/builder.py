@@ -86,12 +86,18 @@ class RecordingBuilder:
         source: Where the messages come from, for the recordings and the errors.
         sha256: Hash of the bag, empty for live data.
         limits: How many joints, and how much memory they may take.
+        notes: What is worth knowing of where the values come from, one sentence each.
     """
 
     def __init__(
-        self, source: str = 'live', sha256: str = '', limits: Limits | None = None
+        self,
+        source: str = 'live',
+        sha256: str = '',
+        limits: Limits | None = None,
+        notes: Sequence[str] = (),
     ) -> None:
         self.source = source
+        self.notes = tuple(notes)
         self.sha256 = sha256
         self.limits = limits or Limits()
         self._tracks = {role: _Track() for role in ROLES}
@@ -239,7 +245,13 @@ class RecordingBuilder:
             if len(parts) > 1:
                 warnings.append(_paused(parts))
         return [
-            Recording(**group, source=self.source, sha256=self.sha256, warnings=tuple(warnings))
+            Recording(
+                **group,
+                source=self.source,
+                sha256=self.sha256,
+                warnings=tuple(warnings),
+                notes=self.notes,
+            )
             for group in groups
         ]
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""sensor_msgs/JointState from raw CDR, many messages at a time.
+"""Joints' values from raw CDR, many messages at a time.
 
 Messages of one topic nearly always have the same joints and the same length, so their numbers lie
 at the same bytes: the layout is parsed once and the numbers of all messages are picked with two
 array operations.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import struct
 
@@ -29,19 +29,22 @@ class TooManyNamesError(ValueError):
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the parts of a JointState lie in its bytes.
+    """Where the parts of a message lie in its bytes.
 
     Attributes:
         names: Joint names.
-        spans: Byte ranges of position, velocity and effort; None where empty.
+        places: Byte offsets (D,) of position, velocity and effort, -1 for a joint that has no
+            value; None where a whole field is empty.
         fixed: Mask (L,) of the bytes that have to be equal for the layout to hold.
         big: Whether numbers are big-endian.
+        stamp: Byte offset of the stamp; None where the message has none.
     """
 
     names: tuple[str, ...]
-    spans: tuple[tuple[int, int] | None, tuple[int, int] | None, tuple[int, int] | None]
+    places: tuple[IntArray | None, IntArray | None, IntArray | None]
     fixed: NDArray[np.bool_]
     big: bool
+    stamp: int | None = _HEADER
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,100 @@ class Block:
         )
 
 
+class Cursor:
+    """Walks over one serialised message and notes which of its bytes make its layout.
+
+    Args:
+        data: The message with its four bytes of encapsulation.
+        limits: How many names, and of what length.
+
+    Attributes:
+        at: Place of the next byte.
+        big: Whether numbers are big-endian.
+        fixed: Mask (L,) of the bytes that lengths and names are made of.
+
+    Raises:
+        ValueError: The bytes are no message, here and in every step.
+    """
+
+    def __init__(self, data: bytes, limits: Limits) -> None:
+        if len(data) < _HEADER or data[0] != 0 or data[1] not in (0, 1):
+            raise ValueError('no CDR message')
+        self.big = data[1] == 0
+        self.fixed = np.zeros(len(data), dtype=np.bool_)
+        self.fixed[:2] = True
+        self.at = _HEADER
+        self._data = data
+        self._limits = limits
+        self._unpack = struct.Struct(f'{">" if self.big else "<"}I').unpack_from
+
+    def skip(self, size: int, align: int) -> int:
+        """Pass over a value of some bytes; return its place."""
+        begin = self.at + -(self.at - _HEADER) % align
+        if begin + size > len(self._data):
+            raise ValueError('message ends early')
+        self.at = begin + size
+        return begin
+
+    def count(self) -> int:
+        """Return a length."""
+        begin = self.skip(4, 4)
+        self.fixed[begin : self.at] = True
+        return int(self._unpack(self._data, begin)[0])
+
+    def word(self) -> int:
+        """Return a number of 4 bytes that is no length."""
+        return int(self._unpack(self._data, self.skip(4, 4))[0])
+
+    def text(self, *, free: bool = False) -> str:
+        """Return a string; a free one may differ from message to message."""
+        size = self.count()
+        if self.at + size > len(self._data):
+            raise ValueError('message ends early')
+        if not free and size > self._limits.name + 1:
+            raise TooManyNamesError(
+                f'a joint has a name of {size - 1} bytes, more than the {self._limits.name} '
+                f'allowed; shorten it, or raise {variable_of("name")}'
+            )
+        begin = self.skip(size, 1)
+        self.fixed[begin : self.at] = not free
+        return '' if free else self._data[begin : self.at].rstrip(b'\0').decode()
+
+    def header(self) -> int:
+        """Pass over a header; return the place of its stamp."""
+        begin = self.skip(8, 4)
+        self.text(free=True)
+        return begin
+
+    def names(self) -> tuple[str, ...]:
+        """Return a sequence of names."""
+        number = self.count()
+        if number > len(self._data):
+            raise ValueError('more names than bytes')
+        if number > self._limits.joints:
+            raise TooManyNamesError(
+                f'a message names {number} joints, more than the {self._limits.joints} allowed; '
+                f'record the drives only, or raise {variable_of("joints")}'
+            )
+        return tuple(self.text() for _ in range(number))
+
+    def doubles(self) -> IntArray | None:
+        """Return the places of a sequence of doubles; None where it is empty."""
+        number = self.count()
+        if not number:
+            return None
+        begin = self.skip(8 * number, 8)
+        return begin + 8 * np.arange(number)
+
+    def end(self) -> None:
+        """Refuse what goes on after its end."""
+        if len(self._data) - self.at > _PADDING:
+            raise ValueError('message goes on after its end')
+
+
+Parse = Callable[[bytes, Limits], Layout]
+
+
 def parse_layout(data: bytes, limits: Limits | None = None) -> Layout:
     """Find the parts of one serialised JointState.
 
@@ -81,77 +178,33 @@ def parse_layout(data: bytes, limits: Limits | None = None) -> Layout:
     Raises:
         ValueError: The bytes are no JointState; TooManyNamesError where they exceed the limits.
     """
-    limits = limits or Limits()
-    if len(data) < _HEADER + 28 or data[0] != 0 or data[1] not in (0, 1):
-        raise ValueError('no CDR message')
-    big = data[1] == 0
-    fixed = np.zeros(len(data), dtype=np.bool_)
-    fixed[:2] = True
-    order = '>' if big else '<'
-    unpack = struct.Struct(f'{order}I').unpack_from
-
-    def count(at: int) -> tuple[int, int]:
-        """Return the number in the next aligned 4 bytes and the place after it."""
-        at += -(at - _HEADER) % 4
-        if at + 4 > len(data):
-            raise ValueError('message ends early')
-        fixed[at : at + 4] = True
-        return unpack(data, at)[0], at + 4
-
-    size, at = count(12)
-    at += size
-    number, at = count(at)
-    if number > len(data):
-        raise ValueError('more names than bytes')
-    if number > limits.joints:
-        raise TooManyNamesError(
-            f'a message names {number} joints, more than the {limits.joints} allowed; record the '
-            f'drives only, or raise {variable_of("joints")}'
-        )
-    names = []
-    for _ in range(number):
-        size, at = count(at)
-        if at + size > len(data):
-            raise ValueError('message ends early')
-        if size > limits.name + 1:
-            raise TooManyNamesError(
-                f'a joint has a name of {size - 1} bytes, more than the {limits.name} allowed; '
-                f'shorten it, or raise {variable_of("name")}'
-            )
-        fixed[at : at + size] = True
-        names.append(data[at : at + size].rstrip(b'\0').decode())
-        at += size
-    spans: list[tuple[int, int] | None] = []
-    for _ in range(3):
-        number, at = count(at)
-        if not number:
-            spans.append(None)
-            continue
-        at += -(at - _HEADER) % 8
-        if at + 8 * number > len(data):
-            raise ValueError('message ends early')
-        spans.append((at, at + 8 * number))
-        at += 8 * number
-    if len(data) - at > _PADDING:
-        raise ValueError('message goes on after its end')
-    return Layout(tuple(names), (spans[0], spans[1], spans[2]), fixed, big)
+    cursor = Cursor(data, limits or Limits())
+    cursor.header()
+    names = cursor.names()
+    position, velocity, effort = cursor.doubles(), cursor.doubles(), cursor.doubles()
+    cursor.end()
+    return Layout(names, (position, velocity, effort), cursor.fixed, cursor.big)
 
 
-def decode(messages: Sequence[bytes], limits: Limits | None = None) -> list[Block]:
-    """Decode serialised JointState messages.
+def decode(
+    messages: Sequence[bytes], limits: Limits | None = None, parse: Parse = parse_layout
+) -> list[Block]:
+    """Decode serialised messages.
 
     Args:
         messages: T messages of one topic, in order.
         limits: How many names each may have, and of what length.
+        parse: Finds the parts of a message; those of a JointState by default.
 
     Returns:
         Blocks in the order of the messages: concatenated, their `rows` are 0..T-1.
 
     Raises:
-        ValueError: A message is no JointState, or its arrays do not fit its names.
+        ValueError: A message is of another type, or its arrays do not fit its names.
     """
     if not messages:
         return []
+    limits = limits or Limits()
     sizes = np.fromiter((len(m) for m in messages), dtype=np.int64, count=len(messages))
     layout_of = np.empty(len(messages), dtype=np.int64)
     layouts: list[Layout] = []
@@ -161,7 +214,7 @@ def decode(messages: Sequence[bytes], limits: Limits | None = None) -> list[Bloc
         rows = np.flatnonzero(sizes == size)
         joined = b''.join([messages[i] for i in rows.tolist()])
         table = np.frombuffer(joined, dtype=np.uint8).reshape(rows.size, size)
-        for layout, chosen in _by_layout(messages, rows, table, limits):
+        for layout, chosen in _by_layout(messages, rows, table, lambda data: parse(data, limits)):
             layout_of[rows[chosen]] = len(layouts)
             place[rows[chosen]] = np.arange(chosen.size)
             layouts.append(layout)
@@ -180,22 +233,23 @@ def _by_layout(
     messages: Sequence[bytes],
     rows: IntArray,
     table: NDArray[np.uint8],
-    limits: Limits | None,
+    parse: Callable[[bytes], Layout],
 ) -> Iterator[tuple[Layout, IntArray]]:
     """Yield the layouts of messages of one size, each with the rows of the table that have it."""
     left = np.arange(rows.size)
     for _ in range(_ROUNDS):
         if not left.size:
             return
-        layout = parse_layout(messages[int(rows[left[0]])], limits)
+        layout = parse(messages[int(rows[left[0]])])
         same = (table[left][:, layout.fixed] == table[left[0], layout.fixed]).all(axis=1)
         yield layout, left[same]
         left = left[~same]
     # hardly two are alike: comparing each with all others would take for ever
     groups: dict[object, tuple[Layout, list[int]]] = {}
     for row in left.tolist():
-        layout = parse_layout(messages[int(rows[row])], limits)
-        key = layout.names, layout.spans, layout.big
+        layout = parse(messages[int(rows[row])])
+        places = [None if x is None else x.tobytes() for x in layout.places]
+        key = layout.names, tuple(places), layout.big
         groups.setdefault(key, (layout, []))[1].append(row)
     for layout, chosen in groups.values():
         yield layout, np.array(chosen, dtype=np.int64)
@@ -204,21 +258,32 @@ def _by_layout(
 def _block(layout: Layout, table: NDArray[np.uint8], rows: IntArray) -> Block:
     """Pick the numbers of messages that share a layout."""
     order = '>' if layout.big else '<'
-    seconds = table[:, 4:8].copy().view(f'{order}i4')[:, 0].astype(np.int64)
-    nanoseconds = table[:, 8:12].copy().view(f'{order}u4')[:, 0].astype(np.int64)
+    stamp = np.zeros(rows.size, dtype=np.int64)
+    if layout.stamp is not None:
+        half = layout.stamp + 4
+        seconds = table[:, half - 4 : half].copy().view(f'{order}i4')[:, 0].astype(np.int64)
+        nanoseconds = table[:, half : half + 4].copy().view(f'{order}u4')[:, 0].astype(np.int64)
+        if (nanoseconds >= 1_000_000_000).any():
+            raise ValueError('a stamp of more nanoseconds than a second has')
+        stamp = seconds * 1_000_000_000 + nanoseconds
     fields: list[FloatArray | None] = []
-    for span in layout.spans:
-        if span is None:
-            fields.append(None)
-            continue
-        values = table[:, span[0] : span[1]].copy().view(f'{order}f8').astype(np.float64)
-        if values.shape[1] != len(layout.names):
-            raise ValueError(f'{len(layout.names)} names but an array of {values.shape[1]} values')
-        fields.append(values)
-    if (nanoseconds >= 1_000_000_000).any():
-        raise ValueError('a stamp of more nanoseconds than a second has')
-    stamp = seconds * 1_000_000_000 + nanoseconds
+    for places in layout.places:
+        if places is not None and places.size != len(layout.names):
+            raise ValueError(f'{len(layout.names)} names but an array of {places.size} values')
+        fields.append(None if places is None else _picked(table, places, order))
     return Block(rows, stamp, layout.names, (fields[0], fields[1], fields[2]))
+
+
+def _picked(table: NDArray[np.uint8], places: IntArray, order: str) -> FloatArray:
+    """Return the doubles (T, D) at places (D,) of messages (T, L); NaN where there is none."""
+    begin = int(places[0])
+    if begin >= 0 and (np.diff(places) == 8).all():
+        raw = table[:, begin : begin + 8 * places.size].copy()
+        return raw.view(f'{order}f8').astype(np.float64)
+    raw = table[:, (places[:, None] + np.arange(8)).ravel()]
+    values = np.ascontiguousarray(raw).view(f'{order}f8').astype(np.float64)
+    values[:, places < 0] = np.nan
+    return values
 
 
 def encode(

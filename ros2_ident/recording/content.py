@@ -2,8 +2,9 @@
 """What the readers of the file formats fill: messages by topic, decoded piece by piece."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -12,15 +13,27 @@ from ros2_ident.recording import cdr
 from ros2_ident.recording.damage import Damage
 from ros2_ident.recording.inflate import Budget, unpack_zstd, ZSTD
 from ros2_ident.recording.limits import Limits, too_large
+from ros2_ident.recording.ros2_control import offers, parser, ROLES_OF, TRAJECTORY
 from ros2_ident.recording.streams import IntArray, LATEST_STAMP
+from ros2_ident.recording.trajectory import parse_trajectory, set_points, Trajectory
 
-JOINT_STATE = 'sensor_msgs/msg/JointState'
 # Messages that are decoded at once; fewer would take longer.
 _PIECE = 1 << 14
 # Bytes of messages after which they are decoded, however few they are.
 _HELD = 1 << 24
+# Messages of a topic that is not read, which show what could be read there.
+_SHOWN = 10
 
 Decoded = tuple[IntArray, cdr.Block]
+Convert = Callable[[bytes], bytes]
+
+
+class Sink(Protocol):
+    """Where the messages of a topic go."""
+
+    def append(self, log_time: int, data: bytes) -> None:
+        """Take a message: log time [ns] and serialised bytes."""
+        ...
 
 
 class Messages:
@@ -28,18 +41,28 @@ class Messages:
 
     A message as an object takes some hundred bytes; hours of them at 1 kHz would fill the memory.
 
+    Args:
+        limits: How much of them.
+        parse: Finds the values in a message; those of a JointState by default.
+        convert: Makes CDR bytes of a message; None where it is CDR.
+
     Attributes:
         count: Messages that came.
-        lost: Those that are no valid JointState.
+        lost: Those that are no valid ones of their type.
         blocks: What is decoded: log times, ns, and values.
-        convert: Makes CDR bytes of a message; None where it is CDR.
     """
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(
+        self,
+        limits: Limits,
+        parse: cdr.Parse = cdr.parse_layout,
+        convert: Convert | None = None,
+    ) -> None:
         self.count = 0
         self.lost = 0
         self.blocks: deque[Decoded] = deque()
-        self.convert: Callable[[bytes], bytes] | None = None
+        self.convert = convert
+        self._parse = parse
         self._limits = limits
         self._fresh: list[tuple[int, bytes]] = []
         self._held = 0
@@ -55,7 +78,7 @@ class Messages:
             self.decode()
 
     def decode(self) -> None:
-        """Decode what has come since the last time; what is no JointState is counted.
+        """Decode what has come since the last time; what is no such message is counted.
 
         Raises:
             IdentError: BAD_VALUES where the values take more memory than allowed.
@@ -68,13 +91,13 @@ class Messages:
         try:
             if max(times) >= LATEST_STAMP or min(times) <= -LATEST_STAMP:
                 raise ValueError
-            found = cdr.decode(data, self._limits)
+            found = cdr.decode(data, self._limits, self._parse)
         except cdr.TooManyNamesError as exc:
             raise IdentError(ErrorCode.BAD_VALUES, str(exc)) from None
         except (ValueError, IndexError):
-            data, times = whole_messages(data, times, self._limits)
+            data, times = whole_messages(data, times, self._limits, self._parse)
             self.lost += len(fresh) - len(data)
-            found = cdr.decode(data, self._limits)
+            found = cdr.decode(data, self._limits, self._parse)
         clock = np.array(times, dtype=np.int64)
         for block in found:
             self._bytes += sum(x.nbytes for x in block.fields if x is not None)
@@ -95,6 +118,9 @@ class Messages:
         self.blocks.extend(new)
         self._since = len(self.blocks)
 
+    def finish(self) -> None:
+        """Bring what is only known with the last message into the blocks."""
+
     def __len__(self) -> int:
         return self.count
 
@@ -106,6 +132,59 @@ class Messages:
         if self.convert is not None:
             data = [_converted(x, self.convert) for x in data]
         return data
+
+
+class Trajectories(Messages):
+    """The trajectories sent on a topic; their blocks are the set-point that follows them."""
+
+    def __init__(self, limits: Limits, convert: Convert | None = None) -> None:
+        super().__init__(limits, convert=convert)
+        self._sent: list[tuple[int, Trajectory]] = []
+
+    def decode(self) -> None:
+        """Decode what has come since the last time."""
+        fresh, self._fresh, self._held = self._fresh, [], 0
+        for (when, _), data in zip(fresh, self._plain([x[1] for x in fresh]), strict=True):
+            try:
+                self._sent.append((when, parse_trajectory(data, when, self._limits)))
+            except ValueError:
+                self.lost += 1
+
+    def sort(self) -> None:
+        """Bring all trajectories into the order of log time."""
+        self.decode()
+        self._sent.sort(key=lambda pair: pair[0])
+
+    def finish(self) -> None:
+        """Follow the trajectories."""
+        for block in set_points([x for _, x in self._sent], self._limits):
+            self.blocks.append((block.stamp, block))
+        self._sent = []
+
+
+class _First:
+    """Keeps the first messages of a topic, as many as show what it holds."""
+
+    def __init__(self, convert: Convert | None) -> None:
+        self.data: list[bytes] = []
+        self._convert = convert
+
+    def append(self, log_time: int, data: bytes) -> None:
+        """Take a message."""
+        if len(self.data) < _SHOWN and not data.startswith(ZSTD):
+            self.data.append(_converted(data, self._convert) if self._convert else data)
+
+
+class _Fan:
+    """Passes messages on to several."""
+
+    def __init__(self, sinks: list[Sink]) -> None:
+        self._sinks = sinks
+
+    def append(self, log_time: int, data: bytes) -> None:
+        """Take a message."""
+        for sink in self._sinks:
+            sink.append(log_time, data)
 
 
 def _unpacked(packed: bytes, budget: Budget) -> bytes:
@@ -142,7 +221,10 @@ def _sorted(blocks: list[Decoded], order: IntArray) -> list[Decoded]:
 
 
 def whole_messages(
-    data: list[bytes], log_times: list[int], limits: Limits
+    data: list[bytes],
+    log_times: list[int],
+    limits: Limits,
+    parse: cdr.Parse = cdr.parse_layout,
 ) -> tuple[list[bytes], list[int]]:
     """Return the messages that decode, one by one, and their log times.
 
@@ -150,12 +232,13 @@ def whole_messages(
         data: CDR bytes.
         log_times: ns.
         limits: How many names each may have, and of what length.
+        parse: Finds the values in a message.
     """
     kept: list[bytes] = []
     times: list[int] = []
     for message, log_time in zip(data, log_times, strict=True):
         try:
-            (block,) = cdr.decode([message], limits)
+            (block,) = cdr.decode([message], limits, parse)
         except (ValueError, IndexError):
             continue
         names = block.names
@@ -170,23 +253,31 @@ class Content:
     """What a bag holds.
 
     Attributes:
-        wanted: Topics to read.
+        wanted: Roles of each topic to read.
         limits: How much of it.
-        messages: By topic, of those wanted that hold JointState.
+        names: What the numbers of arrays are; see `ros2_control.parser`.
+        messages: By topic and role, of those wanted that can be read.
         types: Message type of every topic of the bag.
         counts: Messages of every topic of the bag.
         warnings: What could not be read.
     """
 
-    wanted: frozenset[str]
+    wanted: Mapping[str, tuple[str, ...]]
     limits: Limits = field(default_factory=Limits)
-    messages: dict[str, Messages] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
+    messages: dict[tuple[str, str], Messages] = field(default_factory=dict)
     types: dict[str, str] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    _first: dict[str, _First] = field(default_factory=dict)
 
-    def open(self, topic: str, kind: str) -> Messages | None:
+    def open(self, topic: str, kind: str, convert: Convert | None = None) -> Sink | None:
         """Note a topic and its type; return where its messages go, None where they are unwanted.
+
+        Args:
+            topic: The topic.
+            kind: Its message type.
+            convert: Makes CDR bytes of a message; None where it is CDR.
 
         Raises:
             Damage: There are more topics than any machine has.
@@ -196,12 +287,32 @@ class Content:
                 raise Damage('it names more topics than are allowed')
             self.types[topic] = kind
         self.counts.setdefault(topic, 0)
-        if topic not in self.wanted or kind != JOINT_STATE:
+        if kind not in ROLES_OF:
             return None
+        roles = [role for role in self.wanted.get(topic, ()) if role in ROLES_OF[kind]]
+        if not roles:
+            return self._first.setdefault(topic, _First(convert))
         self.types[topic] = kind
-        return self.messages.setdefault(topic, Messages(self.limits))
+        found = [self._messages(topic, role, kind, convert) for role in roles]
+        return found[0] if len(found) == 1 else _Fan([*found])
+
+    def offered(self) -> Iterator[tuple[str, str, tuple[str, ...]]]:
+        """Yield topic, type and possible roles of what could be read and is not wanted."""
+        for topic, first in sorted(self._first.items()):
+            kind = self.types[topic]
+            found = {x for data in first.data for x in offers(kind, data, self.limits)}
+            yield topic, kind, tuple(x for x in ROLES_OF[kind] if x in found)
 
     def sort(self) -> None:
         """Bring all messages since the last call into the order of log time."""
         for messages in self.messages.values():
             messages.sort()
+
+    def _messages(self, topic: str, role: str, kind: str, convert: Convert | None) -> Messages:
+        if (topic, role) not in self.messages:
+            self.messages[topic, role] = (
+                Trajectories(self.limits, convert)
+                if kind == TRAJECTORY
+                else Messages(self.limits, parser(kind, role, self.names), convert)
+            )
+        return self.messages[topic, role]

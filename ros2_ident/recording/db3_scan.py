@@ -14,7 +14,7 @@ from typing import Any
 from urllib.parse import quote
 import zlib
 
-from ros2_ident.recording.content import Content, Messages
+from ros2_ident.recording.content import Content, Sink
 from ros2_ident.recording.damage import Damage, Losses
 from ros2_ident.recording.sqlite_pages import MAGIC, Pages, Row
 
@@ -64,7 +64,7 @@ class _Reader:
         self.path, self.size, self.content = path, size, content
         self.checksums = checksums
         self.losses = Losses(size=size)
-        self.ways: dict[int, tuple[str, Messages | None]] = {}
+        self.ways: dict[int, tuple[str, Sink | None]] = {}
         self.found: Counter[int] = Counter()
         self.sums: Counter[int] = Counter()
         if (wal := path.with_name(path.name + '-wal')).is_file() and wal.stat().st_size:
@@ -174,7 +174,7 @@ class _Reader:
             if stated and target is not None and stated != f'{self.sums[number]:08x}':
                 self.losses.say(f'the checksum of {topic} does not fit')
         named = {topic for topic, _ in self.ways.values()}
-        for topic in sorted(self.content.wanted & set(self.checksums) - named):
+        for topic in sorted(self.content.wanted.keys() & set(self.checksums) - named):
             self.losses.say(f'{topic} is missing')
         self.losses.whole = sum(self.found.values())
         return self.losses

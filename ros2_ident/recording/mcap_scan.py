@@ -15,7 +15,7 @@ import re
 from typing import BinaryIO
 import zlib
 
-from ros2_ident.recording.content import Content, Messages
+from ros2_ident.recording.content import Content, Sink
 from ros2_ident.recording.damage import Damage, Losses
 from ros2_ident.recording.inflate import Budget, inflate, unpack_head
 from ros2_ident.recording.mcap_records import (
@@ -53,7 +53,7 @@ class _Way:
     """Where the messages of a channel go, and how many came."""
 
     topic: str
-    target: Messages | None
+    target: Sink | None
     count: int = 0
 
 

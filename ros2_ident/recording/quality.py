@@ -86,6 +86,8 @@ def check(
         )
     for number, recording in enumerate(recordings):
         findings += [Finding('warn', 'reading', '', text) for text in recording.warnings]
+        if not number:
+            findings += [Finding('ok', 'topics', '', text) for text in recording.notes]
         summaries = [summarise(number, role, stream) for role, stream in recording.streams.items()]
         streams += summaries
         for summary in summaries:

@@ -8,19 +8,20 @@ topics and numbers of messages. The format has no checksums.
 
 from collections import Counter
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 import mmap
 from pathlib import Path
 import struct
 from typing import BinaryIO
 
-from rosbags.typesys import get_typestore, Stores
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from rosbags.typesys.msg import normalize_msgtype
 from rosbags.typesys.store import Typestore
 
-from ros2_ident.recording.content import Content, JOINT_STATE, Messages
+from ros2_ident.recording.content import Content, Sink
 from ros2_ident.recording.damage import Damage, Losses
 from ros2_ident.recording.inflate import Budget, inflate, unpack_head
+from ros2_ident.recording.ros2_control import CONTROLLER_STATE
 
 MAGIC = b'#ROSBAG V2.0\n'
 _MESSAGE, _BAG, _INDEX, _CHUNK, _INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
@@ -28,6 +29,14 @@ _METHODS = {b'none': '', b'bz2': 'bz2', b'lz4': 'lz4'}
 _U32, _U64, _TIME = struct.Struct('<I'), struct.Struct('<Q'), struct.Struct('<II')
 # No header is longer but a connection's, which holds the text of the message definition.
 _LONGEST = 1 << 16
+# The fields of ROS 1's joint_trajectory_controller, which rosbags does not know.
+_CONTROLLER_STATE = '''
+std_msgs/Header header
+string[] joint_names
+trajectory_msgs/JointTrajectoryPoint desired
+trajectory_msgs/JointTrajectoryPoint actual
+trajectory_msgs/JointTrajectoryPoint error
+'''
 _CHUNK_FIELD = b'\x04\x00\x00\x00op=\x05'
 
 Fields = dict[bytes, bytes]
@@ -36,7 +45,7 @@ Fields = dict[bytes, bytes]
 @dataclass
 class _Way:
     topic: str
-    target: Messages | None
+    target: Sink | None
     count: int = 0
 
 
@@ -244,10 +253,8 @@ class _Walk:
         if described is None:
             return None
         topic, kind = described
-        target = self.content.open(topic, kind)
+        target = self.content.open(topic, kind, partial(_cdr_of_ros1, kind))
         way = self.ways[number] = _Way(topic, target)
-        if target is not None and target.convert is None:
-            target.convert = _cdr_of_ros1
         return way
 
     def _message(self, fields: Fields, data: bytes) -> None:
@@ -346,11 +353,13 @@ def _described(fields: Fields, data: bytes) -> tuple[str, str]:
     return f'/{parts}' if name.startswith('/') else parts, kind
 
 
-def _cdr_of_ros1(data: bytes) -> bytes:
-    """Return the CDR of a serialised JointState of ROS 1, whose header has a number more."""
-    return bytes(_store().ros1_to_cdr(data, JOINT_STATE))
+def _cdr_of_ros1(kind: str, data: bytes) -> bytes:
+    """Return the CDR of a serialised message of ROS 1, whose header has a number more."""
+    return bytes(_store().ros1_to_cdr(data, kind))
 
 
 @cache
 def _store() -> Typestore:
-    return get_typestore(Stores.ROS2_JAZZY)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    store.register(get_types_from_msg(_CONTROLLER_STATE, CONTROLLER_STATE))
+    return store

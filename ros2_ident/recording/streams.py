@@ -190,6 +190,7 @@ class Recording:
         source: Where it came from: a path, or the name of the live buffer.
         sha256: Hash of the bag's storage file(s), empty for live data.
         warnings: What the reader has to say about it, one sentence each.
+        notes: Where its values come from, and what else the log holds.
     """
 
     state: Stream | None = None
@@ -198,6 +199,7 @@ class Recording:
     source: str = ''
     sha256: str = ''
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse a recording of nothing."""

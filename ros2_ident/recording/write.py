@@ -24,9 +24,9 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import replacing_directory
 from ros2_ident.recording import cdr
 from ros2_ident.recording.bag import Topics
-from ros2_ident.recording.content import JOINT_STATE
 from ros2_ident.recording.db3_scan import CHECKSUM, topic_checksum
 from ros2_ident.recording.mcap_write import BagWriter
+from ros2_ident.recording.ros2_control import JOINT_STATE
 from ros2_ident.recording.streams import FIELDS, Recording, Stream
 
 # Latched, as the messages that are still of use to those who come later.

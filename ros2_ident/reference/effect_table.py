@@ -254,6 +254,16 @@ KINDS = (
         writers.effort_filter,
     ),
     Kind(
+        'effort_smoothing',
+        'measurement',
+        Quantity('period', 's', 5e-3, 0.5),
+        (),
+        'log of gain 1 / (1 + (f period)^4) without phase',
+        'log of gain 1 / 2^((f period)^2) without phase',
+        writers.effort_smoothing,
+        place='all',
+    ),
+    Kind(
         'integral_gain_error',
         'controller',
         _share(0.05, 0.7),

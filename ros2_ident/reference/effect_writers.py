@@ -355,6 +355,24 @@ def effort_filter(plant: Plant, i: int, values: Values, other: bool, seed: int) 
     plant.effort_filters.append(filtered)
 
 
+def effort_smoothing(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
+    """Write smoothed efforts."""
+
+    def smoothed(torque: Array, cycle: float) -> Array:
+        count = torque.shape[1]
+        # Continued by point reflection at both ends, long enough to end where it begins.
+        before = 2.0 * torque[:, :1] - torque[:, :0:-1]
+        behind = 2.0 * torque[:, -1:] - torque[:, -2::-1]
+        whole = np.concatenate([before, torque, behind], axis=1)
+        drift = np.linspace(whole[:, 0], whole[:, -1], whole.shape[1], axis=1)
+        ratio = np.fft.rfftfreq(whole.shape[1], cycle) * values['period']
+        gain = 0.5 ** (ratio**2) if other else 1.0 / (1.0 + ratio**4)
+        passed = np.fft.irfft(gain * np.fft.rfft(whole - drift), whole.shape[1]) + drift
+        return np.ascontiguousarray(passed[:, count - 1 : 2 * count - 1])
+
+    plant.log_filters.append(smoothed)
+
+
 def integral_gain(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
     """Write integral gain."""
     plant.drive[i, at.INTEGRAL_GAIN] *= 1.0 + values['share']

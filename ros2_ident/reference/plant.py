@@ -87,6 +87,7 @@ class Plant:
         delay: (D,) delay of the effort log [s].
         command_filters: What the set-point passes on its way to the controllers.
         effort_filters: What the torque passes on its way into the log.
+        log_filters: What the log passes afterwards.
         internals: Whether any effect has a state of its own.
         settled: False: the run starts as the nominal machine would rest, so that unmodelled loads
             make the controllers catch up in the first tenths of a second. True: the machine has
@@ -99,6 +100,7 @@ class Plant:
     delay: Array
     command_filters: list[CommandFilter] = field(default_factory=list)
     effort_filters: list[EffortFilter] = field(default_factory=list)
+    log_filters: list[EffortFilter] = field(default_factory=list)
     internals: bool = False
     settled: bool = False
 

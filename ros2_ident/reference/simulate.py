@@ -47,6 +47,7 @@ def with_effects(nominal: Plant, effects: Sequence[Unmodelled]) -> Plant:
         delay=nominal.delay.copy(),
         command_filters=list(nominal.command_filters),
         effort_filters=list(nominal.effort_filters),
+        log_filters=list(nominal.log_filters),
     )
     for effect in effects:
         effect.apply(plant)
@@ -135,11 +136,14 @@ def simulate(
     effort: Array = torque
     for effort_filter in plant.effort_filters:
         effort = effort_filter(effort, cycle)
+    effort = late(effort, plant.delay, cycle)
+    for log_filter in plant.log_filters:
+        effort = log_filter(effort, cycle)
     motion: Array = np.ascontiguousarray(states.T)
     return Log(
         names=plant.names,
         cycle=cycle,
-        effort=late(effort, plant.delay, cycle),
+        effort=effort,
         position=motion[:count],
         velocity=motion[m : m + count],
         torque=torque,

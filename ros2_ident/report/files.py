@@ -23,11 +23,14 @@ from ros2_ident.identify.outcome import provenance_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import History, Identification
 from ros2_ident.models import Machine
+from ros2_ident.report.remedy import machine_lines
 from ros2_ident.report.schema import from_mapping, plain, to_mapping
 from ros2_ident.report.signals import signals_of_diagnosis, signals_of_problem, write_signals
 
 JSON, YAML, HISTORY, SIGNALS = 'result.json', 'result.yaml', 'history.npz', 'signals.npz'
 DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'
+# What `ident fleet` found, of all its recordings.
+FLEET = 'fleet.json'
 # Made from the others by `report.page`.
 PAGE = 'report.html'
 # What a run that was cut short goes on from.
@@ -58,6 +61,7 @@ def write_diagnosis(
     folder = Path(directory)
     content = {
         **diagnosis_mapping(found),
+        'machine_lines': list(machine_lines(found, machine)),
         'settings': dict(settings or {}),
         'provenance': {
             **asdict(provenance_of(machine, fit)),

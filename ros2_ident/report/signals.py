@@ -11,11 +11,12 @@ import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import write_arrays
+from ros2_ident.gap.coordinates import following_error
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Array
 
-SCHEMA, VERSION = 'ros2_ident.signals', 1
+SCHEMA, VERSION = 'ros2_ident.signals', 2
 
 Short = npt.NDArray[np.float32]
 
@@ -29,12 +30,14 @@ class Curves:
         time: (T,) s since its first cycle; those at which a drive has a sample.
         measured: (D, T) measured effort, NaN where a drive has no sample.
         simulated: (M, D, T) what each model says there.
+        tracking: (D, T) set-point less measured position, NaN where one of them is not known.
     """
 
     title: str
     time: Array
     measured: Short
     simulated: Short
+    tracking: Short
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,15 +49,21 @@ class Signals:
         drives: The D drives.
         models: Names of the M models.
         recordings: The recordings in order.
+        travel: Unit of the drives' positions.
+        judged: The model whose residual matters, and which a page shows at first; -1 for all.
     """
 
     unit: str
     drives: tuple[str, ...]
     models: tuple[str, ...]
     recordings: tuple[Curves, ...]
+    travel: str = 'm'
+    judged: int = -1
 
 
-def _curves(title: str, cycle: float, measured: Array, simulated: Array) -> Curves:
+def _curves(
+    title: str, cycle: float, measured: Array, simulated: Array, tracking: Array | None
+) -> Curves:
     """Return a recording without the cycles (K,) at which no drive has a sample."""
     at = np.flatnonzero(np.isfinite(measured).any(axis=0))
     return Curves(
@@ -62,31 +71,38 @@ def _curves(title: str, cycle: float, measured: Array, simulated: Array) -> Curv
         np.asarray(at * cycle, dtype=np.float64),
         measured[:, at].astype(np.float32),
         simulated[..., at].astype(np.float32),
+        (np.full_like(measured, np.nan) if tracking is None else tracking)[:, at].astype(
+            np.float32
+        ),
     )
 
 
 def signals_of_problem(problem: Problem, theta: Array) -> Signals:
-    """Simulate every segment with an estimate; the first quantity compared of every drive.
+    """Simulate every segment with an estimate, and in the middle of the bounds, where it began.
+
+    Only the first quantity compared of every drive is kept.
 
     Args:
         problem: The problem.
         theta: (N,) parameters, physical units, finite.
     """
-    count = len(problem.models)
-    return Signals(
-        problem.unit,
-        problem.drives,
-        ('identified',),
-        tuple(
-            _curves(
-                f'segment {number} of {count}' if count > 1 else '',
-                model.cycle,
-                model.measured[: len(problem.drives)],
-                model.simulate(problem.own(number - 1, theta))[:, : len(problem.drives)],
-            )
-            for number, model in enumerate(problem.models, 1)
-        ),
-    )
+    count, drives = len(problem.models), len(problem.drives)
+    middle = np.array([0.5 * (p.low + p.high) for p in problem.parameters])
+    recordings = []
+    for number, model in enumerate(problem.models, 1):
+        both = np.concatenate([problem.own(number - 1, values) for values in (middle, theta)])
+        title = f'segment {number} of {count}' if count > 1 else ''
+        measured, simulated = model.measured[:drives], model.simulate(both)[:, :drives]
+        recordings.append(
+            _curves(title, model.cycle, measured, simulated, following_error(model))
+        )
+    models = ('middle of the bounds', 'identified')
+    return Signals(problem.unit, problem.drives, models, tuple(recordings), _travel(problem), 1)
+
+
+def _travel(problem: Problem) -> str:
+    machine = problem.models[0].machine
+    return 'm' if machine is None else machine.travel_unit
 
 
 def signals_of_diagnosis(found: Diagnosis) -> Signals:
@@ -97,8 +113,11 @@ def signals_of_diagnosis(found: Diagnosis) -> Signals:
     for trace in found.traces:
         rows = np.stack([trace.motion.output, trace.extended])[: len(models)]
         title = 'held out' if trace.held_out else 'fitted to' if held else ''
-        recordings.append(_curves(title, trace.motion.cycle, trace.measured, rows))
-    return Signals(found.unit, found.traces[0].motion.drives, models, tuple(recordings))
+        recordings.append(
+            _curves(title, trace.motion.cycle, trace.measured, rows, trace.motion.tracking)
+        )
+    motion = found.traces[0].motion
+    return Signals(found.unit, motion.drives, models, tuple(recordings), motion.travel or 'm')
 
 
 def write_signals(path: Path, signals: Signals) -> Path:
@@ -113,12 +132,15 @@ def write_signals(path: Path, signals: Signals) -> Path:
         'unit': np.array(signals.unit),
         'drives': np.array(signals.drives),
         'models': np.array(signals.models),
+        'travel': np.array(signals.travel),
+        'judged': np.array(signals.judged),
         'titles': np.array([r.title for r in signals.recordings]),
     }
     for number, recording in enumerate(signals.recordings):
         arrays[f'time_{number}'] = recording.time
         arrays[f'measured_{number}'] = recording.measured
         arrays[f'simulated_{number}'] = recording.simulated
+        arrays[f'tracking_{number}'] = recording.tracking
     return write_arrays(path, arrays)
 
 
@@ -160,7 +182,10 @@ def _signals(arrays: Mapping[str, Any]) -> Signals:
                 arrays[f'time_{number}'],
                 arrays[f'measured_{number}'],
                 arrays[f'simulated_{number}'],
+                arrays[f'tracking_{number}'],
             )
             for number, title in enumerate(arrays['titles'])
         ),
+        str(arrays['travel']),
+        int(arrays['judged']),
     )

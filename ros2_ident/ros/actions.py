@@ -31,12 +31,13 @@ class GoalServer:
             the result message at the end. Raises IdentError where the goal is unusable.
         cancel: Asks the run to end with the best so far.
         refuse: Is told why a goal was refused.
-        failed: Makes a result message of an error.
+        failed: Makes a result message of what was raised.
         code: Returns the error code in a result message.
         result_timeout: How long a result can be asked for after the end, s.
 
     Attributes:
         pending: Whether a goal has been accepted that has not begun yet.
+        open: How many accepted goals have no result yet.
     """
 
     def __init__(
@@ -49,7 +50,7 @@ class GoalServer:
         begin: Callable[[Any, Done, Done], None],
         cancel: Callable[[], None],
         refuse: Callable[[IdentError], None],
-        failed: Callable[[IdentError], Any],
+        failed: Callable[[BaseException], Any],
         code: Callable[[Any], int],
         result_timeout: float,
     ) -> None:
@@ -62,6 +63,9 @@ class GoalServer:
         self._failed = failed
         self._code = code
         self.pending = False
+        self.open = 0
+        self._finish: Done | None = None
+        self._given_up = False
         self._server = ActionServer(
             node,
             kind,
@@ -79,6 +83,7 @@ class GoalServer:
             self._refuse(error)
             return GoalResponse.REJECT
         self.pending = True
+        self.open += 1
         return GoalResponse.ACCEPT
 
     def _occupied(self) -> IdentError | None:
@@ -95,10 +100,27 @@ class GoalServer:
         return CancelResponse.ACCEPT
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
+        try:
+            result = await self._result_of(handle)
+            if handle.is_cancel_requested:
+                handle.canceled()
+            elif self._code(result) in (ErrorCode.OK, ErrorCode.CANCELLED) and not self._given_up:
+                handle.succeed()
+            else:
+                handle.abort()
+            return result
+        finally:
+            self.open -= 1
+            self._finish = None
+
+    async def _result_of(self, handle: ServerGoalHandle) -> Any:
+        """Run a goal; return its result, whatever happens."""
         self.pending = False
         done = Future(executor=self._node.executor)
 
         def finish(result: Any) -> None:
+            if done.done():  # given up
+                return
             done.set_result(result)
             # a future that is set outside of the executor's round would wait for the next event
             executor = self._node.executor
@@ -116,16 +138,17 @@ class GoalServer:
             self._begin(handle.request, tell, finish)
         except IdentError as error:
             self._refuse(error)
-            handle.abort()
             return self._failed(error)
-        result = await done
-        if handle.is_cancel_requested:
-            handle.canceled()
-        elif self._code(result) in (ErrorCode.OK, ErrorCode.CANCELLED):
-            handle.succeed()
-        else:
-            handle.abort()
-        return result
+        except Exception as error:  # whatever it is, the client hears of it
+            return self._failed(error)
+        self._finish = finish
+        return await done
+
+    def give_up(self, error: IdentError) -> None:
+        """Answer the goal that runs, without waiting for the end of its run any longer."""
+        if self._finish is not None:
+            self._given_up = True
+            self._finish(self._failed(error))
 
     def destroy(self) -> None:
         """Take the action off the air."""

@@ -28,6 +28,7 @@ class Board:
         self.state: int = Status.STATE_WAITING
         self.sentence = 'no data yet'
         self._error: IdentError | None = None
+        self._stumbled: set[str] = set()
         self._node = node
         self._outlet = outlet
         self._capture = capture
@@ -62,12 +63,29 @@ class Board:
         if isinstance(error, IdentError):
             return error
         text = ''.join(traceback.format_exception(error))
-        self._node.get_logger().error(f'a run failed by a defect of this package:\n{text}')
+        self._node.get_logger().error(f'a defect of this package:\n{text}')
         return IdentError(
             ErrorCode.INTERNAL,
             f'a defect of this package ended the run ({type(error).__name__}: {error}); '
             'please report it with the log',
         )
+
+    def stumbled(self, error: BaseException) -> None:
+        """Log what a callback raised, once for each place and kind."""
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        what = f'{type(error).__name__} in {frame.filename}:{frame.lineno}'
+        if what not in self._stumbled:
+            self._stumbled.add(what)
+            self.fault(error)
+
+    def unwritten(self, error: BaseException) -> IdentError:
+        """Say that the files of a run could not be written; return what the user is told."""
+        fault = self.fault(error)
+        self._node.get_logger().error(
+            f'{fault.message}; the result is published, and ~/save_result writes it when that '
+            'is mended'
+        )
+        return fault
 
     def publish(self) -> None:
         """Publish the state as it is."""

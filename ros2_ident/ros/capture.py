@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the node hears: three topics into one RecordingBuilder, as a bag would be read.
 
+A topic is first subscribed as JointState. Where another type is published that holds the same, as
+those of ros2_control, the subscription is made anew for that type.
+
 Messages are taken as bytes and decoded some hundred at a time, with the decoder that reads bags:
 a callback then costs a few microseconds, whatever the number of joints, and holds the interpreter
 for as long. All methods belong to the executor's thread; `snapshot` hands a copy to another one.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import copy
+from importlib import import_module
 import time
 from typing import Any
 
@@ -25,27 +29,44 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
 from ros2_ident.errors import IdentError
-from ros2_ident.recording import cdr, RecordingBuilder
+from ros2_ident.recording import cdr, Recording, RecordingBuilder
+from ros2_ident.recording.limits import Limits
+from ros2_ident.recording.ros2_control import ARRAY, JOINT_STATE, parser, ROLES_OF, TRAJECTORY
+from ros2_ident.recording.spool import Spool
+from ros2_ident.recording.trajectory import parse_trajectory, set_points, Trajectory
 from ros2_ident.ros.meter import StreamMeter
 
 TOPICS = {'state': 'joint_states', 'effort': 'effort', 'command': 'joint_command'}
-TYPE = 'sensor_msgs/msg/JointState'
 
 # Best effort matches every publisher; a shallow queue loses messages while the search runs.
 QOS = QoSProfile(
     depth=1000, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.BEST_EFFORT
 )
 _BATCH = 128
+_LIMITS = Limits()
 
 
 class _Inbox:
-    """Messages of one role that are not decoded yet."""
+    """Messages of one role that are not decoded yet, and trajectories, which never are."""
 
     def __init__(self) -> None:
+        self.kind = JOINT_STATE
+        self.problem = ''  # why what is published cannot be subscribed
+        self.trajectories: list[Trajectory] = []
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all messages."""
+        self.trajectories.clear()
         self.data: list[bytes] = []
         self.sent: list[int] = []
         self.latency: list[int] = []
         self.meter = StreamMeter()
+
+    @property
+    def heard(self) -> bool:
+        """Whether a message has come."""
+        return bool(self.data or self.trajectories or self.meter.received)
 
 
 class Capture:
@@ -55,6 +76,8 @@ class Capture:
         node: Whose topics.
         limit: Messages kept of each stream.
         keep_streams: Whether a new stream is added to the ended one instead of replacing it.
+        names: What the numbers of a Float64MultiArray are: joints, or `joint/velocity`.
+        spool: Where what arrives is written as well.
         clock: Seconds that never step back.
     """
 
@@ -64,29 +87,70 @@ class Capture:
         *,
         limit: int,
         keep_streams: bool = False,
+        names: Sequence[str] = (),
+        spool: Spool | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.limit = limit
         self.on_latency: Callable[[int], None] | None = None  # for measurements, ns
         self.keep_streams = keep_streams
+        self.names = tuple(names)
+        self.spool = spool
+        self._spool_problem = ''
         self._node = node
         self._clock = clock
         self._builder = RecordingBuilder('live')
         self._inbox = {role: _Inbox() for role in TOPICS}
         self._arrived: float | None = None
         self._ended = False
-        self._subscriptions = {role: self._subscribe(role, name) for role, name in TOPICS.items()}
+        self._subscriptions = {role: self._subscribe(role, JointState) for role in TOPICS}
 
-    def _subscribe(self, role: str, topic: str) -> Subscription:
+    def adapt(self) -> None:
+        """Subscribe silent topics by the type that is published there, where it can be read."""
+        for role, inbox in self._inbox.items():
+            if inbox.heard:
+                continue
+            topic = self._subscriptions[role].topic_name
+            kinds = {x.topic_type for x in self._node.get_publishers_info_by_topic(topic)}
+            fit = [x for x in ROLES_OF if x in kinds and role in ROLES_OF[x]]
+            if fit and fit[0] != inbox.kind:
+                self._adapt(role, topic, fit[0])
+
+    def _adapt(self, role: str, topic: str, kind: str) -> None:
         inbox = self._inbox[role]
+        package, _, name = kind.partition('/msg/')
+        if kind == ARRAY and not self.names:
+            inbox.problem = (
+                f'{topic} is an array without names, set joint_names to the joints in its order'
+            )
+            return
+        try:
+            message = getattr(import_module(f'{package}.msg'), name)
+        except (ModuleNotFoundError, AttributeError):
+            inbox.problem = (
+                f'{topic} is of type {kind}, and {package} is not installed (Ubuntu: apt install '
+                f'ros-jazzy-{package.replace("_", "-")})'
+            )
+            return
+        inbox.kind, inbox.problem = kind, ''
+        self._node.destroy_subscription(self._subscriptions[role])
+        self._subscriptions[role] = self._subscribe(role, message)
+        self._node.get_logger().info(f'{topic} is read as {kind}')
+
+    def _subscribe(self, role: str, kind: Any) -> Subscription:
+        inbox = self._inbox[role]
+        clock = self._node.get_clock()
 
         def take(data: bytes, info: dict[str, int]) -> None:
             if self._ended:
-                self._begin_again()
+                self._begin_again(role, data)
+            elif self._arrived is None and self.spool is not None:
+                self.spool.clear()  # it holds what a node before this one has heard
             now = time.time_ns()
             sent = info['source_timestamp'] or now
             inbox.data.append(data)
-            inbox.sent.append(sent)
+            # what has no stamp has come at the time that the others are stamped by
+            inbox.sent.append(clock.now().nanoseconds if clock.ros_time_is_active else sent)
             inbox.latency.append(now - sent)
             if self.on_latency is not None:
                 self.on_latency(now - sent)
@@ -95,8 +159,8 @@ class Capture:
                 self._decode(role)
 
         return self._node.create_subscription(
-            JointState,
-            topic,
+            kind,
+            TOPICS[role],
             take,
             QOS,
             raw=True,
@@ -130,6 +194,13 @@ class Capture:
         """Seconds since the last message; infinite before the first."""
         return float('inf') if self._arrived is None else self._clock() - self._arrived
 
+    def close(self) -> None:
+        """Bring what has come to the spool, and end it."""
+        self.flush()
+        if self.spool is not None:
+            self.spool.close()
+            self.spool = None
+
     def end(self) -> None:
         """Take the stream as ended."""
         self.flush()
@@ -139,16 +210,48 @@ class Capture:
         """Forget everything received."""
         self._builder.clear()
         for inbox in self._inbox.values():
-            inbox.data.clear()
-            inbox.sent.clear()
-            inbox.latency.clear()
-            inbox.meter = StreamMeter()
+            inbox.clear()
+        if self.spool is not None:
+            self.spool.clear()
         self._arrived = None
         self._ended = False
 
-    def _begin_again(self) -> None:
+    def restore(self, recordings: Sequence[Recording]) -> None:
+        """Hold what was heard before a restart, as a stream that has ended."""
+        for recording in recordings:
+            for role, stream in recording.streams.items():
+                self._builder.add_block(
+                    role,
+                    stream.stamp,
+                    stream.names,
+                    stream.position,
+                    stream.velocity,
+                    stream.effort,
+                )
+                self._inbox[role].meter.add(stream.stamp)
+        self._arrived = self._clock()
+        self._ended = True
+
+    def _goes_on(self, role: str, data: bytes) -> bool:
+        """Say whether a message after a silence goes on where the stream was: it had paused.
+
+        Its stamp is then hardly later than the last one, however long the silence was.
+        """
+        inbox = self._inbox[role]
+        if inbox.meter.last is None or inbox.kind in (ARRAY, TRAJECTORY):
+            return False
+        try:
+            (block,) = cdr.decode([data], _LIMITS, parser(inbox.kind, role, self.names))
+        except (ValueError, IndexError):
+            return False
+        return 0 < int(block.stamp[0]) - inbox.meter.last < 0.5e9 * self.idle
+
+    def _begin_again(self, role: str, data: bytes) -> None:
         if self.keep_streams:
             self._ended = False
+        elif self._goes_on(role, data):
+            self._ended = False
+            self._node.get_logger().info('the stream goes on where it paused; it is one')
         else:
             self.clear()
             self._node.get_logger().info(
@@ -158,7 +261,11 @@ class Capture:
     def snapshot(self) -> RecordingBuilder:
         """Return a copy of all that was received; another thread may build it."""
         self.flush()
-        return copy.deepcopy(self._builder)
+        builder = copy.deepcopy(self._builder)
+        for role, inbox in self._inbox.items():
+            for block in set_points(inbox.trajectories, _LIMITS):
+                builder.add_block(role, block.stamp, block.names, *block.fields)
+        return builder
 
     # ------------------------------------------------------------------ decoding
 
@@ -174,11 +281,12 @@ class Capture:
         data, sent = inbox.data, inbox.sent
         inbox.meter.add_latency(inbox.latency)
         inbox.data, inbox.sent, inbox.latency = [], [], []
-        room = self.limit - self._builder.counts[role]
+        room = self.limit - self._builder.counts[role] - len(inbox.trajectories)
         if len(data) > room:
             self._say_full(role, inbox.meter)
             inbox.meter.dropped += len(data) - room
             data, sent = data[:room], sent[:room]
+        self._write(role, data, sent)
         try:
             self._feed(role, data, sent)
         except (ValueError, IndexError, IdentError):
@@ -189,16 +297,35 @@ class Capture:
                 except (ValueError, IndexError, IdentError) as error:
                     self._say_malformed(role, inbox.meter, error)
 
+    def _write(self, role: str, data: list[bytes], sent: list[int]) -> None:
+        """Write messages to the spool, unless another role's subscription of the topic does."""
+        topics = list(self.topics.values())
+        if self.spool is None or topics.index(self.topics[role]) != list(TOPICS).index(role):
+            return
+        self.spool.add(self.topics[role], self._inbox[role].kind, sent, data)
+        if self.spool.problem != self._spool_problem:
+            self._spool_problem = self.spool.problem
+            if self._spool_problem:
+                self._node.get_logger().warning(self._spool_problem)
+
     def _feed(self, role: str, data: list[bytes], sent: list[int]) -> None:
-        meter = self._inbox[role].meter
-        for block in cdr.decode(data):
+        inbox = self._inbox[role]
+        meter = inbox.meter
+        if inbox.kind == TRAJECTORY:
+            found = [
+                parse_trajectory(x, at, _LIMITS) for x, at in zip(data, sent, strict=True)
+            ]
+            inbox.trajectories += found
+            meter.received += len(found)
+            return
+        for block in cdr.decode(data, _LIMITS, parser(inbox.kind, role, self.names)):
             stamp = block.stamp
             if not stamp.any():
                 stamp = np.array([sent[i] for i in block.rows.tolist()], dtype=np.int64)
-                self._builder.warn(
-                    f'{self.topics[role]}: header stamps are 0, the time of publishing is used; '
-                    'stamp the messages'
-                )
+                said = 'header stamps are 0, the time of publishing is used; stamp the messages'
+                if inbox.kind == ARRAY:
+                    said = 'arrays have no stamps, the time of publishing is used'
+                self._builder.warn(f'{self.topics[role]}: {said}')
             before = meter.backward
             self._builder.add_block(role, stamp, block.names, *block.fields)
             meter.add(stamp)
@@ -221,7 +348,8 @@ class Capture:
         meter.malformed += 1
         if meter.malformed == 1:
             text = (
-                f'{self.topics[role]}: messages are left out because they are no proper {TYPE} '
+                f'{self.topics[role]}: messages are left out because they are no proper '
+                f'{self._inbox[role].kind} '
                 f'({error}); repair the publisher'
             )
             self._builder.warn(text)
@@ -231,17 +359,20 @@ class Capture:
 
     def silence(self) -> str:
         """Return why nothing may have arrived, topic by topic."""
-        parts = [self._silence(sub) for sub in self._subscriptions.values()]
+        parts = [
+            self._inbox[role].problem or self._silence(self._inbox[role].kind, subscription)
+            for role, subscription in self._subscriptions.items()
+        ]
         return f'no data yet: {"; ".join(parts)}'
 
-    def _silence(self, subscription: Subscription) -> str:
+    def _silence(self, kind: str, subscription: Subscription) -> str:
         topic = subscription.topic_name
         publishers: list[Any] = self._node.get_publishers_info_by_topic(topic)
         if not publishers:
             return f'{topic} has 0 publishers'
-        wrong = sorted({x.topic_type for x in publishers if x.topic_type != TYPE})
+        wrong = sorted({x.topic_type for x in publishers if x.topic_type != kind})
         if wrong:
-            return f'{topic} has a publisher of the wrong type {", ".join(wrong)}, expected {TYPE}'
+            return f'{topic} has a publisher of the wrong type {", ".join(wrong)}, expected {kind}'
         for publisher in publishers:
             fits, reason = qos_check_compatible(publisher.qos_profile, subscription.qos_profile)
             if fits == QoSCompatibility.ERROR:

@@ -14,7 +14,7 @@ from ros2_ident.ros.actions import GoalServer
 from ros2_ident.ros.board import Board
 from ros2_ident.ros.diagnose_run import Diagnosed, run_diagnosis
 from ros2_ident.ros.diagnostics import Diagnostics
-from ros2_ident.ros.files import draw_diagnosis, save_diagnosis
+from ros2_ident.ros.files import attempted, draw_diagnosis, save_diagnosis
 from ros2_ident.ros.gap_conversion import (
     diagnose_code,
     diagnose_result,
@@ -36,6 +36,7 @@ class Host(Protocol):
     Attributes:
         board: What the node is doing, in a sentence.
         diagnostics: Its entry in `/diagnostics`.
+        last: The last result, which can be saved again.
         outlet: Its publishers.
         pages: The process that writes pages.
         stopping: Whether it is being ended.
@@ -44,6 +45,7 @@ class Host(Protocol):
 
     board: Board
     diagnostics: Diagnostics
+    last: Any
     outlet: Outlet
     pages: PageWriter
     stopping: bool
@@ -86,7 +88,9 @@ class Diagnoser:
             begin=self._begin,
             cancel=node.worker.cancel,
             refuse=lambda error: node.board.refuse(error),
-            failed=lambda error: diagnose_result(self._message(None, error)),
+            failed=lambda error: diagnose_result(
+                self._message(None, node.board.fault(error))
+            ),
             code=diagnose_code,
             result_timeout=parameters.snapshot(node)['result_timeout'],
         )
@@ -97,12 +101,9 @@ class Diagnoser:
         request = diagnose_request_of(goal, now, receiving=node.receiving)
         buffer = None if request.fit_paths else node.received()
 
-        def job(cancel: Any, say: Says) -> tuple[Diagnosed, str, IdentError | None]:
+        def job(cancel: Any, say: Says) -> tuple[Diagnosed, str, Exception | None]:
             found = run_diagnosis(request, buffer, cancel, say)
-            try:
-                return found, save_diagnosis(found), None
-            except IdentError as error:  # the diagnosis is not lost with its file
-                return found, '', error
+            return found, *attempted(lambda: save_diagnosis(found))
 
         def said(progress: Any) -> None:
             feedback = feedback_message(progress)
@@ -110,7 +111,11 @@ class Diagnoser:
             tell(feedback)
 
         def ended(value: Any, error: BaseException | None) -> None:
-            done(diagnose_result(self._ended(value, error)))
+            try:
+                message = self._ended(value, error)
+            except Exception as failure:  # the result may be lost, but not the answer
+                message = self._ended(None, failure)
+            done(diagnose_result(message))
 
         node.diagnostics.progress = None  # an earlier run's would pass for this one's
         source = ' + '.join(request.fit_paths) or 'the data received'
@@ -131,15 +136,15 @@ class Diagnoser:
             node.board.change(Status.STATE_FAILED, fault.message, fault)
         else:
             found, path, unwritten = value
+            node.last = found
             node.diagnostics.data = found.data
             message = self._message(found, None, path)
-            state, fault, sentence = Status.STATE_DONE, unwritten, found.diagnosis.sentence
+            fault = None if unwritten is None else node.board.unwritten(unwritten)
+            state, sentence = Status.STATE_DONE, found.diagnosis.sentence
             if found.cancelled:
                 state = Status.STATE_CANCELLED
                 sentence = f'The diagnosis was {message.error_message}. By then: {sentence}'
                 fault = IdentError(ErrorCode.CANCELLED, message.error_message)
-            if unwritten is not None:
-                node.get_logger().error(unwritten.message)
             node.board.change(state, sentence, fault)
             self._draw(found, path)
             node.pages.start(path)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files of a run, in a folder of its own inside the output directory."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 import math
@@ -17,6 +18,7 @@ from ros2_ident.report.files import write_diagnosis, write_result
 from ros2_ident.report.overlay import OVERLAY, overlay_streams, verdict_of, write_overlay
 from ros2_ident.report.scene import largest_gap, scene_of
 from ros2_ident.ros.diagnose_run import Diagnosed
+from ros2_ident.ros.paths import expanded
 from ros2_ident.ros.run import Finished
 
 CONFIGURATION = 'configuration.yaml'
@@ -38,27 +40,37 @@ def save_result(finished: Finished, directory: str | None = None) -> str:
     base = finished.request.output_directory if directory is None else directory
     if not base:
         return ''
-    folder = _folder(Path(base).expanduser())
+    folder = _folder(base)
     path = write_result(folder, finished.identification, finished.problem())[0]
     write_text(folder / CONFIGURATION, finished.request.configuration)
     return str(path)
 
 
-def save_diagnosis(done: Diagnosed) -> str:
+def attempted(save: Callable[[], str]) -> tuple[str, Exception | None]:
+    """Return the path of what was saved, or why it was not: a result is not lost with its file."""
+    try:
+        return save(), None
+    except Exception as error:
+        return '', error
+
+
+def save_diagnosis(done: Diagnosed, directory: str | None = None) -> str:
     """Write a diagnosis and the configuration it was made with.
 
     Args:
         done: The run.
+        directory: Where to make its folder; the request's output directory where None.
 
     Returns:
-        Path of the diagnosis file; empty where the request has no output directory.
+        Path of the diagnosis file; empty where the directory is.
 
     Raises:
         IdentError: INVALID_GOAL where nothing can be written there.
     """
-    if not done.request.output_directory:
+    base = done.request.output_directory if directory is None else directory
+    if not base:
         return ''
-    folder = _folder(Path(done.request.output_directory).expanduser())
+    folder = _folder(base)
     write_text(folder / CONFIGURATION, done.request.configuration)
     request = done.request
     settings = yaml.safe_load(request.configuration)['settings']
@@ -140,8 +152,9 @@ def compare(finished: Finished, result_file: str) -> Compared:
     )
 
 
-def _folder(base: Path) -> Path:
+def _folder(directory: str) -> Path:
     """Make a folder named by the time; never one that is there already."""
+    base = expanded(directory)
     stamp = f'{datetime.now().astimezone():%Y%m%d_%H%M%S}'
     for number in range(1, 1000):
         path = base / (stamp if number == 1 else f'{stamp}_{number}')

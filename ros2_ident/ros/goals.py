@@ -3,13 +3,13 @@
 
 from collections.abc import Sequence
 import math
-from pathlib import Path
 from typing import Any
 
 from ros2_ident_msgs.action import Identify
 
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import read_small
 from ros2_ident.identify.data import chosen_drives
 from ros2_ident.identify.layout import Conditions, read_conditions
 from ros2_ident.identify.outputs import read_outputs
@@ -17,7 +17,9 @@ from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.recording import Topics
 from ros2_ident.ros.diagnose_run import DiagnoseRequest
+from ros2_ident.ros.parameter_table import BY_NAME
 from ros2_ident.ros.parameters import Snapshot
+from ros2_ident.ros.paths import allowed, expanded
 from ros2_ident.ros.run import Request
 from ros2_ident.search import Budget
 from ros2_ident.threads import processors
@@ -45,7 +47,8 @@ def request_of(goal: Any, parameters: Snapshot, *, receiving: bool = False) -> R
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, or what is wrong with the machine file.
     """
-    machine_file = _machine_file(goal, parameters)
+    _check_ranges(goal)
+    machine_file, text = _machine_file(goal, parameters)
     machine = load_machine(machine_file)
     if goal.model and goal.model != machine.kind:
         raise _refuse(
@@ -56,10 +59,10 @@ def request_of(goal: Any, parameters: Snapshot, *, receiving: bool = False) -> R
     fixed, bounds = _overrides(goal, machine)
     return Request(
         machine=machine,
-        machine_text=Path(machine_file).read_text(encoding='utf-8'),
+        machine_text=text,
         drives=chosen_drives(machine, drives),
-        bag_paths=_bag_paths(goal, 'bag_path'),
-        conditions=_conditions(goal),
+        bag_paths=_bag_paths(goal, 'bag_path', parameters),
+        conditions=_conditions(goal, parameters),
         outputs=read_outputs(tuple(goal.outputs)),
         topics=_topics(parameters),
         fixed=fixed,
@@ -84,22 +87,21 @@ def diagnose_request_of(
         IdentError: INVALID_GOAL, NO_DATA, UNKNOWN_PARAMETER for a strange effect, or what is wrong
             with the machine file.
     """
-    machine_file = _machine_file(goal, parameters)
+    _check_ranges(goal)
+    machine_file, text = _machine_file(goal, parameters)
     machine = load_machine(machine_file)
-    if not (math.isfinite(goal.time_budget) and goal.time_budget >= 0.0):
-        raise _refuse(
-            f'time_budget is {goal.time_budget:g}; give seconds of at least 0, 0 for no limit'
-        )
     for name in goal.without_effects:
         get_effect(name)
     drives = tuple(goal.drives) or tuple(parameters['drives']) or None
     return DiagnoseRequest(
         machine=machine,
-        machine_text=Path(machine_file).read_text(encoding='utf-8'),
+        machine_text=text,
         drives=chosen_drives(machine, drives),
-        fit_paths=_bag_paths(goal, 'fit_bag_path'),
-        check_paths=_paths(goal.check_bag_path, goal.more_check_bag_paths, 'check_bag_path'),
-        conditions=_conditions(goal),
+        fit_paths=_bag_paths(goal, 'fit_bag_path', parameters),
+        check_paths=_paths(
+            goal.check_bag_path, goal.more_check_bag_paths, 'check_bag_path', parameters
+        ),
+        conditions=_conditions(goal, parameters),
         topics=_topics(parameters),
         without=tuple(goal.without_effects),
         threads=_threads(parameters, receiving),
@@ -109,13 +111,34 @@ def diagnose_request_of(
     )
 
 
-def _machine_file(goal: Any, parameters: Snapshot) -> str:
-    machine_file: str = goal.machine_file or parameters['machine_file']
-    if not machine_file:
+def _check_ranges(goal: Any) -> None:
+    """Refuse numbers of a goal that the parameter of the same name could not have."""
+    for name in goal.get_fields_and_field_types():
+        entry = BY_NAME.get(name)
+        value = getattr(goal, name)
+        if entry is None or entry.low is None or entry.high is None or not value:
+            continue  # 0 stands for the parameter's value
+        low = -math.inf if name == 'min_distance' else entry.low  # negative: none
+        if not low <= value <= entry.high:
+            raise _refuse(f'{name} is {value}, its range is {entry.range}; give one inside it')
+
+
+def _machine_file(goal: Any, parameters: Snapshot) -> tuple[str, str]:
+    """Return path and content of the machine file."""
+    given: str = goal.machine_file
+    path = given or parameters['machine_file']
+    if not path:
         raise _refuse(
             'no machine file is given; set the parameter machine_file or name one in the goal'
         )
-    return machine_file
+    try:
+        found = allowed(path, parameters['allowed_directory'] if given else '')
+        return str(found), read_small(found).decode(errors='replace')
+    except (IdentError, OSError) as exc:
+        if isinstance(exc, IdentError) and exc.code == ErrorCode.INVALID_GOAL:
+            raise
+        # the reader says what is wrong
+        return str(expanded(path)), ''
 
 
 def _topics(parameters: Snapshot) -> Topics:
@@ -123,10 +146,11 @@ def _topics(parameters: Snapshot) -> Topics:
         state=parameters['bag_topics.state'],
         effort=parameters['bag_topics.effort'],
         command=parameters['bag_topics.command'],
+        names=parameters['joint_names'],
     )
 
 
-def _bag_paths(goal: Any, field: str) -> tuple[str, ...]:
+def _bag_paths(goal: Any, field: str, parameters: Snapshot) -> tuple[str, ...]:
     """Return the paths of the bags in a field of the goal and its further ones; none if live."""
     path = getattr(goal, field)
     if goal.data_source not in (goal.DATA_SOURCE_LIVE, goal.DATA_SOURCE_BAG):
@@ -136,30 +160,24 @@ def _bag_paths(goal: Any, field: str) -> tuple[str, ...]:
         raise _refuse(f'data_source is 1 (bag) and {field} is empty; give the path of a bag')
     if path and not from_bag:
         raise _refuse(f'{field} is given and data_source is 0 (live); set it to 1 to read the bag')
-    return _paths(path, getattr(goal, f'more_{field}s'), field)
+    return _paths(path, getattr(goal, f'more_{field}s'), field, parameters)
 
 
-def _paths(first: str, more: Sequence[str], field: str) -> tuple[str, ...]:
+def _paths(
+    first: str, more: Sequence[str], field: str, parameters: Snapshot
+) -> tuple[str, ...]:
     """Return the paths of bags, which have to exist; the first may be empty where it is alone."""
     if more and not first:
         raise _refuse(f'more_{field}s has paths and {field} is empty; put the first one there')
-    return tuple(_existing(path) for path in (first, *more) if path)
+    directory = parameters['allowed_directory']
+    return tuple(str(allowed(path, directory)) for path in (first, *more) if path)
 
 
-def _existing(path: str) -> str:
-    """Return a bag's path."""
-    if not Path(path).expanduser().exists():
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f"{path}: does not exist on the node's machine; give the path of a bag there",
-        )
-    return str(Path(path).expanduser())
-
-
-def _conditions(goal: Any) -> Conditions:
+def _conditions(goal: Any, parameters: Snapshot) -> Conditions:
     """Return what differs between the recordings of a goal."""
     path = goal.differences_file
-    return read_conditions(tuple(goal.each), Path(path).expanduser() if path else None)
+    where = allowed(path, parameters['allowed_directory']) if path else None
+    return read_conditions(tuple(goal.each), where)
 
 
 def _threads(parameters: Snapshot, receiving: bool) -> int:

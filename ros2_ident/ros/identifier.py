@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The program `identifier`: runs the node and ends it on SIGINT or SIGTERM, no run is lost."""
 
+import argparse
 from collections.abc import Sequence
 import gc
+import itertools
+import os
+import re
 import signal
 import sys
 import time
@@ -10,6 +14,27 @@ from types import FrameType
 
 # A run heeds its cancel event within a slice of the search; its files take the rest of this, s.
 PATIENCE = 10.0
+# An overlay that is being written is waited for; its first simulation in a new installation is
+# compiled, s.
+FILES_PATIENCE = 120.0
+DESCRIPTION = '''\
+The node `identifier`: identifies drives and diagnoses gaps between simulation and measurement,
+from what it hears on joint_states, effort and joint_command or from bags.
+'''
+EPILOG = '''\
+parameters (docs/parameters.md lists all; `ros2 param describe` shows them as well):
+  identifier --ros-args -p machine_file:=my_machine.yaml
+  identifier --ros-args --params-file my_parameters.yaml
+
+other names of topics, of the node, and its namespace:
+  identifier --ros-args -r joint_command:=/joint_trajectory_controller/controller_state
+  identifier --ros-args -r __node:=left_arm -r __ns:=/cell
+
+exit codes:
+  0  ended by a signal, with every result out
+  1  something is missing that it needs
+  2  the command line or a parameter cannot be used
+'''
 # The worker's Python parts hand the interpreter on this often; the default of 5 ms would be the
 # latency of every message, s.
 SWITCH_INTERVAL = 0.0001
@@ -32,7 +57,7 @@ def missing(error: ModuleNotFoundError) -> str:
 
 
 class Stop:
-    """What SIGINT and SIGTERM set; the second one ends the program at once."""
+    """What SIGINT and SIGTERM set; the second one ends the program at once, whatever it does."""
 
     def __init__(self) -> None:
         self.signal = 0
@@ -40,7 +65,7 @@ class Stop:
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Take a signal."""
         if self.signal:
-            raise KeyboardInterrupt
+            os._exit(128 + number)  # files are written whole or not at all
         self.signal = number
 
     def install(self) -> 'Stop':
@@ -61,12 +86,72 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     stop = Stop().install()
     try:
+        _own_arguments(sys.argv[1:] if args is None else args)
         return _run(args, stop)
     except ModuleNotFoundError as error:
         print(f'identifier: {missing(error)}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 128 + signal.SIGINT
+
+
+def _own_arguments(args: Sequence[str]) -> None:
+    """Answer --help, and refuse what is neither that nor between --ros-args and --."""
+    parser = argparse.ArgumentParser(
+        prog='identifier',
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        usage='identifier [--help] [--ros-args ...]',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    own, ours = [], True
+    for argument in args:  # rclpy's own function ends with an error where ROS's are wrong
+        if argument == '--ros-args':
+            ours = False
+        elif not ours and argument == '--':
+            ours = True
+        elif ours:
+            own.append(argument)
+    parser.parse_args(own)
+
+
+def _refused(args: Sequence[str], error: Exception) -> str:
+    """Return what is wrong with the arguments that ROS does not take, in a sentence."""
+    text = _first_line(error)
+    if isinstance(error, FileNotFoundError):
+        return text
+    for value in _parameter_files(args):
+        if f"--params-file {value}'" in text:
+            reason = text.partition('Error: ')[2] or text
+            return (
+                f'{value}: cannot be used as a parameter file ({reason}); compare it with '
+                'config/identifier.yaml'
+            )
+    return f'{text}; see identifier --help'
+
+
+def _parameter_files(args: Sequence[str]) -> list[str]:
+    """Return the parameter files that are named."""
+    return [x for flag, x in itertools.pairwise(args) if flag == '--params-file']
+
+
+def _look_for_files(args: Sequence[str]) -> None:
+    """Say which parameter file is missing before rcl does, in its words.
+
+    Raises:
+        FileNotFoundError: With the sentence.
+    """
+    for value in _parameter_files(args):
+        if not os.path.isfile(value):
+            raise FileNotFoundError(
+                f'{value}: there is no such parameter file; give the path of one'
+            )
+
+
+def _first_line(error: Exception) -> str:
+    """Return what rcl says without the places in its sources."""
+    text = re.sub(r', at \S+:\d+', '', str(error).strip()).splitlines()[0]
+    return text.removeprefix('failed to initialize rcl: ').rstrip('. ')
 
 
 def _run(args: Sequence[str] | None, stop: Stop) -> int:
@@ -80,7 +165,13 @@ def _run(args: Sequence[str] | None, stop: Stop) -> int:
 
     sys.setswitchinterval(SWITCH_INTERVAL)
     # Signals are ours: rclpy's would take the context away before the result is published.
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    given = sys.argv if args is None else args
+    try:
+        _look_for_files(given)
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except (RuntimeError, ValueError, FileNotFoundError) as error:
+        print(f'identifier: {_refused(given, error)}', file=sys.stderr)
+        return 2
     try:
         try:
             node = Identifier()
@@ -94,13 +185,18 @@ def _run(args: Sequence[str] | None, stop: Stop) -> int:
         gc.freeze()
         try:
             while rclpy.ok() and not stop.signal:
-                executor.spin_once()  # the node's timer ends each wait
+                node.spin(executor)  # the node's timer ends each wait
             _finish(node, executor)
         except ExternalShutdownException:
             node.stop()
         finally:
-            if not node.worker.join(PATIENCE):
-                print('identifier: the run did not end in time and is given up', file=sys.stderr)
+            if not node.worker.join(1.0) and not node.worker.busy:
+                print(
+                    'identifier: files of the last run are being written; a second signal ends '
+                    'at once',
+                    file=sys.stderr,
+                )
+                node.worker.join(FILES_PATIENCE)
             node.destroy_node()
         return 0
     finally:
@@ -108,11 +204,25 @@ def _run(args: Sequence[str] | None, stop: Stop) -> int:
 
 
 def _finish(node: 'Identifier', executor: 'SingleThreadedExecutor') -> None:  # noqa: F821
-    """End a run with the best so far and let its result out."""
+    """End a run with the best so far and let its result out, to its client too."""
     node.stop()
-    deadline = time.monotonic() + PATIENCE
-    while node.worker.busy and time.monotonic() < deadline:
-        executor.spin_once()
+    _spin_until_answered(node, executor, PATIENCE)
+    if not node.answered:
+        print('identifier: the run did not end in time and is given up', file=sys.stderr)
+        node.give_up()
+        _spin_until_answered(node, executor, 1.0)
+
+
+def _spin_until_answered(
+    node: 'Identifier',  # noqa: F821
+    executor: 'SingleThreadedExecutor',  # noqa: F821
+    seconds: float,
+) -> None:
+    deadline = time.monotonic() + seconds
+    while not node.answered and time.monotonic() < deadline:
+        node.spin(executor)
+    for _ in range(20):  # rclpy sends a result in a task of its own, when the client has asked
+        node.spin(executor, 0.01)
 
 
 if __name__ == '__main__':

@@ -9,6 +9,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
+from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
@@ -18,7 +19,7 @@ from std_srvs.srv import Trigger
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import RecordingBuilder, Stream
-from ros2_ident.ros import parameters
+from ros2_ident.ros import parameters, start
 from ros2_ident.ros.actions import GoalServer, identify_code, identify_feedback, identify_result
 from ros2_ident.ros.board import Board
 from ros2_ident.ros.capture import Capture
@@ -28,9 +29,10 @@ from ros2_ident.ros.conversion import (
     progress_sentence,
     result_message,
 )
+from ros2_ident.ros.diagnose_run import Diagnosed
 from ros2_ident.ros.diagnoser import Diagnoser
 from ros2_ident.ros.diagnostics import Diagnostics
-from ros2_ident.ros.files import compare, save_result
+from ros2_ident.ros.files import attempted, compare, save_diagnosis, save_result
 from ros2_ident.ros.goals import automatic_goal, request_of
 from ros2_ident.ros.outlet import Outlet
 from ros2_ident.ros.page import PageWriter
@@ -84,8 +86,10 @@ class Identifier(Node):
         self.pages = PageWriter()
         self.outlet = Outlet(self)
         self.diagnostics = Diagnostics(self.get_name(), now['missing_warning'])
-        self._last: Finished | None = None
+        self.last: Finished | Diagnosed | None = None
         self.stopping = False
+        self.twin = False  # whether another node has its name
+        self._due = False  # a stream has ended while a run was going on
         self._ticks = 0
         self._explained = time.monotonic()
         identifying = GoalServer(
@@ -96,7 +100,7 @@ class Identifier(Node):
             begin=self._begin_goal,
             cancel=self.worker.cancel,
             refuse=lambda error: self.board.refuse(error),
-            failed=lambda error: identify_result(self._failed(error)),
+            failed=lambda error: identify_result(self._failed(self.board.fault(error))),
             code=identify_code,
             result_timeout=now['result_timeout'],
         )
@@ -114,10 +118,17 @@ class Identifier(Node):
         self.add_on_set_parameters_callback(self._parameters_change)
         # last: what arrives before the executor spins has to fit into the queues
         self.capture = Capture(
-            self, limit=now['buffer_messages'], keep_streams=now['keep_streams']
+            self,
+            limit=now['buffer_messages'],
+            keep_streams=now['keep_streams'],
+            names=now['joint_names'],
+            spool=start.spool_of(self, now),
         )
         self.board = Board(self, self.outlet, self.capture)
         self.board.publish()
+        self.add_post_set_parameters_callback(lambda _: self._parameters_changed())
+        start.look_at_machine(self, now['machine_file'])
+        start.find_again(self)
 
     # ------------------------------------------------------------------ runs
 
@@ -145,15 +156,12 @@ class Identifier(Node):
             series = _messages(simulated), _messages(residual)
             self.worker.post(lambda: self._begin_series(*series))
 
-        def job(cancel: Any, say: Says) -> tuple[Finished, str, IdentError | None]:
+        def job(cancel: Any, say: Says) -> tuple[Finished, str, Exception | None]:
             rate = now['preview_rate']
             finished = run(
                 request, buffer, cancel, say, preview if rate else None, 1.0 / (rate or 1.0)
             )
-            try:
-                return finished, save_result(finished), None
-            except IdentError as error:  # the result is not lost with its file
-                return finished, '', error
+            return finished, *attempted(lambda: save_result(finished))
 
         def said(progress: Any) -> None:
             message = progress_message(progress, request.machine, self.get_clock().now().to_msg())
@@ -164,7 +172,10 @@ class Identifier(Node):
                 tell(message)
 
         def ended(value: Any, error: BaseException | None) -> None:
-            message = self._ended(value, error)
+            try:
+                message = self._ended(value, error)
+            except Exception as failure:  # the result may be lost, but not the answer
+                message = self._ended(None, failure)
             if done is not None:
                 done(message)
 
@@ -208,7 +219,7 @@ class Identifier(Node):
             self.board.change(Status.STATE_FAILED, fault.message, fault)
         else:
             finished, path, unwritten = value
-            self._last = finished
+            self.last = finished
             self.diagnostics.data = finished.data
             message = result_message(finished, None, self.get_clock().now().to_msg(), path)
             self._compare(finished, path)
@@ -221,7 +232,7 @@ class Identifier(Node):
             if message.error_code:
                 fault = IdentError(ErrorCode(message.error_code), message.error_message)
             if unwritten is not None:
-                self.get_logger().error(unwritten.message)
+                unwritten = self.board.unwritten(unwritten)
             self.board.change(state, message.outcome_sentence, fault or unwritten)
         self.diagnostics.result = message
         self.outlet.result(message)
@@ -231,8 +242,6 @@ class Identifier(Node):
         """Publish and write the simulated machine beside the measured one, after the result."""
 
         def work() -> tuple[list[bytes], list[bytes], bytes | None]:
-            if self.stopping:
-                return [], [], None
             found = compare(finished, path)
             return _messages(found.simulated), _messages(found.residual), found.scene
 
@@ -245,11 +254,14 @@ class Identifier(Node):
             if scene is not None:
                 self.outlet.scene(scene)
 
-        self.worker.chore(work, done)
+        if not self.stopping:  # a run that the node's end has cut
+            self.worker.chore(work, done)
         self.pages.start(path)
 
     def occupation(self) -> str:
         """Return what runs now as words for a sentence, empty for nothing."""
+        if self.stopping:
+            return 'the end of the node'
         if self.worker.busy:
             return self.board.sentence
         return 'a goal that is about to start' if any(s.pending for s in self._servers) else ''
@@ -258,6 +270,39 @@ class Identifier(Node):
         """Ask a run to end with the best so far, and begin nothing new."""
         self.stopping = True
         self.worker.cancel()
+
+    def destroy_node(self) -> None:
+        """Take the node off the air; what it has heard is whole on the disk."""
+        self.capture.close()
+        super().destroy_node()
+
+    @property
+    def answered(self) -> bool:
+        """Whether every goal has its result."""
+        return not self.worker.busy and not any(server.open for server in self._servers)
+
+    def give_up(self) -> None:
+        """Answer all goals although a run has not ended."""
+        error = IdentError(
+            ErrorCode.CANCELLED,
+            'the node was ended, and the run did not end in time; send the goal again',
+        )
+        for server in self._servers:
+            server.give_up(error)
+
+    def spin(self, executor: Executor, seconds: float | None = None) -> None:
+        """Let one callback run; what it raises is logged, and the node goes on.
+
+        Args:
+            executor: The node's.
+            seconds: Longest wait for one; without end where None.
+        """
+        try:
+            executor.spin_once(seconds)
+        except ExternalShutdownException:
+            raise
+        except Exception as error:
+            self.board.stumbled(error)
 
     # ------------------------------------------------------------------ services, parameters
 
@@ -273,9 +318,9 @@ class Identifier(Node):
     async def _save_result(
         self, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        last = self._last
+        last = self.last
         if last is None or self.worker.busy:
-            response.message = 'nothing has been identified yet, or a run is in progress'
+            response.message = 'there is no result yet, or a run is in progress'
             return response
         directory = parameters.snapshot(self)['output_directory']
         done = Future(executor=self.executor)
@@ -283,7 +328,8 @@ class Identifier(Node):
         def ended(value: Any, error: BaseException | None) -> None:
             done.set_result((value, error))
 
-        self.worker.chore(lambda: save_result(last, directory), ended)
+        save = save_result if isinstance(last, Finished) else save_diagnosis
+        self.worker.chore(lambda: save(last, directory), ended)
         path, error = await done
         response.success = error is None and bool(path)
         response.message = path or 'output_directory is empty; set it to a folder'
@@ -299,6 +345,14 @@ class Identifier(Node):
             names = ', '.join(change.name for change in changes)
             self.get_logger().info(f'{names}: takes effect at the next run')
         return answer
+
+    def _parameters_changed(self) -> None:
+        """Hand on what is not read at the beginning of a run."""
+        now = parameters.snapshot(self)
+        self.capture.limit = now['buffer_messages']
+        self.capture.keep_streams = now['keep_streams']
+        self.capture.names = now['joint_names']
+        self.diagnostics.missing_warning = now['missing_warning']
 
     # ------------------------------------------------------------------ the clock's rounds
 
@@ -316,9 +370,13 @@ class Identifier(Node):
                 self._stream_ended()
             elif not self.worker.busy and self.board.state != Status.STATE_RECORDING:
                 self.board.change(Status.STATE_RECORDING, 'data arrives')
+        if self._due and not self.worker.busy and capture.ended:
+            self._identify_by_itself()
         if capture.empty and not self.worker.busy:
             self._explain()
+        capture.adapt()
         if self._ticks % round(1.0 / TICK) == 0:
+            self.twin = self.twin or start.look_for_twins(self)
             capture.flush()
             if (not capture.empty and not capture.ended) or self.worker.busy:
                 self.board.publish()
@@ -332,7 +390,12 @@ class Identifier(Node):
         )
         self.get_logger().info(f'the stream has ended: {counts}')
         if self.worker.busy:
+            self._due = True
             return
+        self._identify_by_itself()
+
+    def _identify_by_itself(self) -> None:
+        self._due = False
         if not self.get_parameter('auto_start').value:
             self.board.change(
                 Status.STATE_READY,
@@ -341,8 +404,9 @@ class Identifier(Node):
             return
         try:
             self.begin(automatic_goal(parameters.snapshot(self)))
-        except IdentError as error:
-            self.board.change(Status.STATE_FAILED, error.message, error)
+        except Exception as error:
+            fault = self.board.fault(error)
+            self.board.change(Status.STATE_FAILED, fault.message, fault)
 
     def _explain(self) -> None:
         if time.monotonic() - self._explained < EXPLAIN:

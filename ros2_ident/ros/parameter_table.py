@@ -61,8 +61,16 @@ class Entry:
         return f'{self.low:g} to {high}' if high else f'from {self.low:g}'
 
 
-def _count(name: str, default: int, text: str, low: int = 0, high: int = _LARGEST) -> Entry:
-    return Entry(name, 'integer', default, text, low, high)
+def _count(
+    name: str,
+    default: int,
+    text: str,
+    low: int = 0,
+    high: int = _LARGEST,
+    *,
+    read_only: bool = False,
+) -> Entry:
+    return Entry(name, 'integer', default, text, low, high, read_only=read_only)
 
 
 TABLE: tuple[Entry, ...] = (
@@ -101,7 +109,15 @@ TABLE: tuple[Entry, ...] = (
         'bool',
         False,
         'Keep the data of a stream that has ended when the next one begins. By default each '
-        'stream is taken by itself, so that a bag played twice is not counted twice.',
+        'stream is taken by itself, so that a bag played twice is not counted twice. A stream '
+        'whose stamps go on after a pause, as of a bag, is always one.',
+    ),
+    Entry(
+        'joint_names',
+        'string_array',
+        (),
+        'What the numbers of a Float64MultiArray are, in its order, live and in bags: joints, or '
+        'with an interface as joint/velocity.',
     ),
     _count(
         'buffer_messages',
@@ -124,6 +140,23 @@ TABLE: tuple[Entry, ...] = (
         '~/.ros/ros2_ident',
         'Every run makes a folder in here: with the result file and the overlay bag, or with the '
         'diagnosis and its charts. Empty: nothing is written.',
+    ),
+    _count(
+        'spool_size',
+        1000,
+        'What arrives is also written to a file in output_directory/spool, so that it is found '
+        'again after a restart, up to this many MB; 0: not at all.',
+        0,
+        1_000_000,
+        read_only=True,
+    ),
+    Entry(
+        'allowed_directory',
+        'string',
+        '',
+        'Goals may name files inside of this directory only, wherever links lead. Empty: any '
+        'file that the node can read.',
+        read_only=True,
     ),
     Entry(
         'bag_topics.state',

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Declare the node's parameters from the table, refuse wrong ones in sentences, take snapshots."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 import difflib
 from typing import Any
@@ -20,7 +20,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.models import load_machine
 from ros2_ident.ros.parameter_table import BY_NAME, Entry, literal, TABLE
+from ros2_ident.ros.paths import expanded
 from ros2_ident.search import GeneticSettings
 
 _TYPES = {
@@ -63,6 +65,8 @@ def descriptor(entry: Entry) -> ParameterDescriptor:
         name=entry.name, description=entry.description, read_only=entry.read_only
     )
     found.type = _TYPES[entry.kind].value
+    # nobody can say of which type an empty list is: `drives` could not be emptied
+    found.dynamic_typing = entry.kind == 'string_array'
     if entry.choices:
         found.additional_constraints = f'one of {", ".join(entry.choices)}'
     if entry.low is not None and entry.high is not None:
@@ -87,6 +91,8 @@ def declare(node: Node, table: Iterable[Entry] = TABLE) -> None:
     for entry in table:
         value = given[entry.name].value if entry.name in given else None
         try:
+            if entry.kind == 'string_array' and (reason := wrong_list(entry, value)):
+                raise IdentError(ErrorCode.BAD_VALUES, reason)
             # rclpy takes an empty list for bytes: the type comes from a list that is not empty
             default = [''] if entry.default == () else entry.default
             node.declare_parameter(entry.name, default, descriptor(entry))
@@ -122,6 +128,14 @@ def wrong_type(entry: Entry, value: Any) -> str:
     )
 
 
+def wrong_list(entry: Entry, value: Any) -> str:
+    """Return the sentence for a value that is no list of strings; empty where it is one."""
+    several = isinstance(value, Sequence) and not isinstance(value, str)
+    if value is None or (several and all(isinstance(x, str) for x in value)):
+        return ''
+    return wrong_type(entry, value)
+
+
 def wrong_choice(entry: Entry, value: Any) -> str:
     """Return the sentence for a string that is none of the choices."""
     return f'parameter {entry.name} is {value!r}; write one of {", ".join(entry.choices)}'
@@ -146,7 +160,9 @@ def snapshot(node: Node, table: Iterable[Entry] = TABLE) -> Snapshot:
     values = {}
     for entry in table:
         value = node.get_parameter(entry.name).value
-        values[entry.name] = tuple(value or ()) if entry.kind == 'string_array' else value
+        if entry.kind == 'string_array':
+            value = tuple(x for x in value or () if x)
+        values[entry.name] = value
     return Snapshot(values)
 
 
@@ -154,6 +170,23 @@ def check_change(changes: Iterable[Parameter]) -> SetParametersResult:
     """Answer a change at run time; rclpy has checked types and ranges before."""
     for change in changes:
         entry = BY_NAME.get(change.name)
-        if entry is not None and entry.choices and change.value not in entry.choices:
-            return SetParametersResult(successful=False, reason=wrong_choice(entry, change.value))
+        reason = '' if entry is None else _wrong(entry, change)
+        if reason:
+            return SetParametersResult(successful=False, reason=reason)
     return SetParametersResult(successful=True)
+
+
+def _wrong(entry: Entry, change: Parameter) -> str:
+    """Return what is wrong with a change, empty for nothing."""
+    if entry.choices and change.value not in entry.choices:
+        return wrong_choice(entry, change.value)
+    if entry.kind == 'string_array':
+        if change.type_ == Parameter.Type.NOT_SET:
+            return f'parameter {entry.name} cannot be taken away; set it to an empty list'
+        return wrong_list(entry, change.value)
+    if entry.name == 'machine_file' and change.value:
+        try:
+            load_machine(expanded(change.value))
+        except IdentError as error:
+            return error.message
+    return ''

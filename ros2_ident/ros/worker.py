@@ -140,12 +140,18 @@ class Worker:
             self._guard.trigger()
 
     def _fetch(self) -> None:
+        failed: Exception | None = None
         while True:
             try:
                 event = self._events.get_nowait()
             except queue.Empty:
-                return
-            event()
+                break
+            try:
+                event()
+            except Exception as error:  # what comes after it is told all the same
+                failed = failed or error
+        if failed is not None:
+            raise failed
 
 
 def _nothing() -> None:

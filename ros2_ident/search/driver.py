@@ -315,7 +315,7 @@ def minimise(
             stop = StopReason.GENERATIONS
             break
         points = search.ask()
-        packing = Packing(points, work)
+        packing = Packing(points, work, _Stop(run, cancel))
         points = packing.packed(points)
         found = _Generation(points, run.physical(points), limited, packing)
         stop = _evaluate_generation(queue, found, run, slicer, cancel)

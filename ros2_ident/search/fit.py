@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.checkpoint import Checkpoint
 from ros2_ident.search.driver import Budget, minimise, Progress, SearchResult
 from ros2_ident.search.evaluators import Cancel, Evaluators, Objective, Threads, Workers
@@ -23,6 +24,7 @@ from ros2_ident.search.refine import refine, Refinement
 from ros2_ident.search.settings import FitProgress, FitSettings, OnProgress
 from ros2_ident.search.starts import distinct_starts
 from ros2_ident.search.uncertainty import Intervals, intervals
+from ros2_ident.threads import free_memory
 
 # The part of a budget that is kept for the refinement.
 REFINEMENT_SHARE = 0.3
@@ -32,6 +34,8 @@ DOWN_TO_NOISE = 1.2
 CHECKPOINT_SHARE = 0.02
 # Jacobians a refinement takes, for the estimate of the time to go.
 USUAL_STEPS = 12
+# Copies of a candidate's numbers that a search holds at once, and bytes beside them, measured.
+_COPIES, _BESIDE = 4, 100
 
 
 class Solvable(Objective, Protocol):
@@ -139,11 +143,34 @@ def fit(
         The estimate with what is known of it.
 
     Raises:
-        IdentError: BAD_VALUES where the checkpoint is another fit's, or as the workers.
+        IdentError: INVALID_GOAL where the candidates would not fit into the memory, BAD_VALUES
+            where the checkpoint is another fit's, or as the workers.
     """
     settings = settings or FitSettings()
+    _require_memory(settings, len(problem.low))
     with (workers or Threads()).open(problem, cancel) as evaluators:
         return _Fit(problem, settings, seed, evaluators, cancel, on_progress, checkpoint).solve()
+
+
+def _require_memory(settings: FitSettings, dimension: int) -> None:
+    """Refuse a search whose candidates do not fit into the memory, before anything is simulated.
+
+    Raises:
+        IdentError: INVALID_GOAL with what it would take.
+    """
+    count = settings.genetic.evaluations
+    if settings.budget.evaluations is not None:
+        drawn = max(settings.genetic.initial_population, settings.budget.evaluations)
+        count = min(count, drawn)
+    needed, free = count * (_COPIES * 8 * dimension + _BESIDE), free_memory()
+    if needed > free:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{count} candidates of {dimension} parameters would take about '
+            f'{needed / 2**30:.3g} GiB of memory, and {free / 2**30:.3g} GiB are free (at 1000 a '
+            f'second they would also take {count / 3.6e6:.3g} h); lower initial_population or '
+            'generations',
+        )
 
 
 class _Either:

@@ -39,6 +39,7 @@ class StopReason(enum.Enum):
     EVALUATIONS = 'The budget of evaluations is spent; give more of them to search further.'
     SECONDS = 'The budget of seconds is spent; give more of them to search further.'
     CANCELLED = 'The search was cancelled; the result is the best found until then.'
+    SOLVED = 'Solved in one step by weighted least squares; nothing was searched.'
 
 
 def _refuse(message: str) -> IdentError:

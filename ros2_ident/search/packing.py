@@ -16,6 +16,8 @@ from ros2_ident.search.operators import Array, Index
 Work = Callable[[Array], Any]
 # Sorted in parts, so that a budget that ends within a generation leaves no corner of the box out.
 PART = 128
+# So many are looked at in one go: what a model makes of a candidate takes some kB.
+_BLOCK = 64 * PART
 
 
 class Packing:
@@ -24,13 +26,22 @@ class Packing:
     Args:
         points: (S, N) candidates as they were drawn, in the unit cube.
         work: How much work each is; None leaves the order as it is.
+        stop: Whether nothing will be simulated any more; the order then stays as it is.
     """
 
-    def __init__(self, points: Array, work: Work | None) -> None:
+    def __init__(
+        self, points: Array, work: Work | None, stop: Callable[[], bool] = bool
+    ) -> None:
         self._order: Index | None = None
-        if work is not None:
-            part = np.arange(len(points)) // PART
-            self._order = np.lexsort((np.asarray(work(points)), part))
+        if work is None:
+            return
+        found = []
+        for begin in range(0, len(points), _BLOCK):
+            if stop():
+                return
+            found.append(np.asarray(work(points[begin : begin + _BLOCK])))
+        part = np.arange(len(points)) // PART
+        self._order = np.lexsort((np.concatenate(found), part))
 
     def packed(self, drawn: Any) -> Any:
         """Return values of the candidates (S, ...) in the packed order."""

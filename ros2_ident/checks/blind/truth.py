@@ -36,6 +36,7 @@ SHARED: dict[str, tuple[str, tuple[str, ...], str]] = {
     'effort_bias': ('torque', ('bias',), 'plain'),
     'position_dependent_friction': ('slope', ('slope',), 'plain'),
     'effort_filter': ('time', ('time_constant',), 'plain'),
+    'effort_smoothing': ('period', ('period',), 'plain'),
     'integral_gain_error': ('share', ('factor',), 'factor'),
     'velocity_gain_error': ('share', ('factor',), 'factor'),
     'position_gain_error': ('share', ('factor',), 'factor'),

@@ -107,6 +107,9 @@ class Candidates:
         base: (R,) rows of what the machine file knows, the rest neutral.
         rigid: Whether nominally motor and carriage move as one mass.
         efforts: (D,) size of the drives' logged efforts, see `effort_range`.
+        travels: (D,) unit of the drives' positions, `m` or `rad`.
+        own: Parameters that fill no row here but something of the model's own, by their name in
+            the machine file.
         derive: Fills what follows from other rows of a drive, before its gear's damping.
 
     Attributes:
@@ -115,6 +118,7 @@ class Candidates:
         flexible: (D,) where an effect hangs a share of a rigid drive's mass on a spring.
         delayed: Whether an effect delays set-points.
         frame: Whether an effect lets the frame move.
+        smoothed: (D,) where an effect smooths the logged effort.
 
     Raises:
         IdentError: INVALID_GOAL or UNKNOWN_PARAMETER with the remedy.
@@ -129,9 +133,13 @@ class Candidates:
         base: Array,
         rigid: bool,
         efforts: Array,
+        travels: Sequence[str],
+        own: Mapping[str, Sequence[Parameter]],
         derive: Derive = _nothing,
     ) -> None:
         self._machine = machine
+        self._travels = tuple(travels)
+        self._own = own
         self._derive = derive
         self._efforts = efforts
         self._drives = tuple(drives)
@@ -153,20 +161,32 @@ class Candidates:
         self.flexible = self._flexible(rigid)
         self.delayed = 'set_point_delay' in targets
         self.frame = 'frame_frequency' in targets
+        self.smoothed = self._targeted('log_smoothing')
 
-    def _flexible(self, rigid: bool) -> npt.NDArray[np.bool_]:
+    def _targeted(self, row: str) -> npt.NDArray[np.bool_]:
+        """Return (D,) where an effect acts on a row."""
         out = np.zeros(len(self._machine.drives), dtype=bool)
         for at in self._effects:
-            if 'load_share' not in {p.target for p in get_effect(at.effect).parameters}:
-                continue
-            if not rigid:
-                raise IdentError(
-                    ErrorCode.INVALID_GOAL,
-                    f'{at.effect} has no place in a machine whose gear is elastic already; '
-                    'its parameter is gear_stiffness',
-                )
-            out[self._places(at)] = True
+            if row in {p.target for p in get_effect(at.effect).parameters}:
+                out[self._places(at)] = True
         return out
+
+    def _flexible(self, rigid: bool) -> npt.NDArray[np.bool_]:
+        out = self._targeted('load_share')
+        if out.any() and not rigid:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{self._naming("load_share")} has no place in a machine whose gear is elastic '
+                'already; its parameter is gear_stiffness',
+            )
+        return out
+
+    def _naming(self, row: str) -> str:
+        """Return the effect that acts on a row."""
+        named = {
+            p.target: at.effect for at in self._effects for p in get_effect(at.effect).parameters
+        }
+        return named[row]
 
     # ------------------------------------------------------------------ declaration
 
@@ -185,6 +205,9 @@ class Candidates:
         """Return all parameters, held ones included, each with where it goes."""
         declared: list[tuple[Parameter, Target]] = []
         for name in self._machine.bounds:
+            if name in self._own:
+                declared += [(p, (p.name, None)) for p in self._own[name]]
+                continue
             slot = SLOTS.get(name)
             if slot is None:
                 raise IdentError(
@@ -207,7 +230,8 @@ class Candidates:
         places = self._places(at)
         kind: Kind = 'measurement' if effect.group == 'measurement' else 'physical'
         prefix = effect.id if at.where == 'all' else f'{at.where}.{effect.id}'
-        effort = self._machine.model_unit
+        turns = self._travels[places[0]] == 'rad'
+        effort = 'N m' if turns else self._machine.model_unit
         out: list[tuple[Parameter, Target]] = []
         for p in self.scaled(at):
             name, unit = f'{prefix}.{p.name}', p.unit.replace('effort', effort)
@@ -235,10 +259,11 @@ class Candidates:
         places = self._places(at)
         effort = float(self._efforts[places].max())
         force = float((self._efforts * self._machine.numbers('gear_factor'))[places].max())
-        turns = self._machine.travel_unit == 'rad'
+        travel = self._travels[places[0]]
+        turns = travel == 'rad'
         out = []
         for p in get_effect(at.effect).parameters:
-            factor = self._factor(p.unit, effort, force, turns)
+            factor = self._factor(p.unit, effort, force, travel)
             out.append(
                 replace(
                     p,
@@ -251,13 +276,14 @@ class Candidates:
             )
         return tuple(out)
 
-    def _factor(self, unit: str, effort: float, force: float, turns: bool) -> float:
+    @staticmethod
+    def _factor(unit: str, effort: float, force: float, travel: str) -> float:
         """Return the factor on the numbers of an effect's parameter, see `EffectParameter`."""
         if unit == '1/(effort)':
             return 1.0 / effort
         if unit == '1/W':
-            return 1.0 / (force * per_metre(self._machine.travel_unit))
-        factor = angular_factor(unit) if turns else 1.0
+            return 1.0 / (force * per_metre(travel))
+        factor = angular_factor(unit) if travel == 'rad' else 1.0
         return effort * factor if unit.startswith('effort') else factor
 
     def full_effort(self, drive: int) -> float:
@@ -296,6 +322,11 @@ class Candidates:
             for derived, of in (('gear_inverse', 'gear'), ('friction_slope', 'regularisation')):
                 block[:, rows.row_of(derived, d)] = 1.0 / block[:, rows.row_of(of, d)]
         return block
+
+    def own_values(self, theta: Array) -> dict[str, Array]:
+        """Return the (S,) values of the model's own parameters, by their full names."""
+        values = self._values(np.atleast_2d(theta))
+        return {p.name: values[p.name, None] for several in self._own.values() for p in several}
 
     def dry_friction(self, block: Array, d: int, torque: Array) -> Array:
         """Return (S,) the largest friction of a drive whose gear a torque (S,) [N m] presses.
@@ -339,7 +370,7 @@ class Candidates:
         for d, drive in enumerate(self._machine.drives):
             if d in chosen:
                 continue
-            for name in self._machine.bounds:
+            for name in set(self._machine.bounds) - set(self._own):
                 own = self._machine.stated(name) or f'{drive}.{name}' in self._machine.own_bounds
                 if not (own or SLOTS[name].shared or f'{drive}.{name}' in self._fixed):
                     values[name, d] = np.mean([values[name, c] for c in chosen], axis=0)

@@ -2,14 +2,17 @@
 """What machine files of controlled drives have in common: keys, and how they belong together."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 import math
 from typing import Any
 
 from ros2_ident.machine.draft import Draft, Remark
 from ros2_ident.machine.keys import Key, Value
+from ros2_ident.machine.units import angular
 
 
-def _turn(drive: Mapping[str, Value]) -> float:
+def turn_of_gear(drive: Mapping[str, Value]) -> float:
+    """Return the travel per motor turn of a drive's constants."""
     return 2.0 * math.pi / float(drive['gear_factor'])
 
 
@@ -38,7 +41,7 @@ def drive_keys(rail_mass: float) -> tuple[Key, ...]:
             'travel per motor turn, for effects that follow it; beside a force only',
             0.08,
             absent='2 pi / gear_factor by default',
-            default=_turn,
+            default=turn_of_gear,
             low=1e-5,
             high=10.0,
             shown=False,
@@ -245,6 +248,11 @@ FRICTION = _all_sought(
         shown=False,
     ),
 )
+
+
+def turning(key: Key, example: tuple[float, float]) -> Key:
+    """Return a parameter of straight motion as that of a joint; what slides has its force unit."""
+    return replace(key, unit=angular(key.force_unit), example=example)
 
 
 # Constants that no candidate has a number of.

@@ -25,6 +25,7 @@ from ros2_ident.models.drives.outputs import chosen_outputs
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
 from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
+from ros2_ident.recording.smooth import low_pass
 
 Array = npt.NDArray[np.float64]
 
@@ -36,6 +37,8 @@ _LAWS = {
     'cascade_p': drive_kernel.VELOCITY_FROM_POSITIONS,
     'position': drive_kernel.POSITION,
 }
+# Order of the filter that smooths an effort, and candidates whose logs are kept whole at a time.
+_SMOOTHING, _WHOLE = 2, 64
 # A controller's motion has to be in the log at this share of its cycles to be replayed.
 SEEN = 0.3
 
@@ -119,6 +122,8 @@ class DriveModel(FullModel):
             self._constants(),
             self.rigid,
             self.efforts,
+            self.travels,
+            self._own(),
             self._derive,
         )
 
@@ -165,7 +170,7 @@ class DriveModel(FullModel):
         """Return the model of the same recording with these effects and no others."""
         return self._again(effects, self.substeps)
 
-    def finer(self, theta: Array) -> 'DriveModel':
+    def finer(self, theta: Array) -> 'DriveModel | None':
         """Return the model with half the integration step of a candidate (N,)."""
         steps = int(self._steps(self.rows(np.atleast_2d(theta)))[0])
         return self._again(self.effects, 2 * steps)
@@ -210,6 +215,15 @@ class DriveModel(FullModel):
     def effort_unit(self) -> str:
         """Unit of the effort that a log would hold."""
         return self.machine.model_unit
+
+    @property
+    def travels(self) -> tuple[str, ...]:
+        """(D,) unit of the drives' positions, `m` or `rad`."""
+        return (self.machine.travel_unit,) * len(self.machine.drives)
+
+    def _own(self) -> Mapping[str, Sequence[Parameter]]:
+        """Return what parameters fill nothing but the model's own, by the machine file's names."""
+        return {}
 
     @property
     def outputs(self) -> tuple[Output, ...]:
@@ -308,7 +322,7 @@ class DriveModel(FullModel):
         drives = range(len(self.machine.drives))
         return Context(
             drives=len(drives),
-            identified=frozenset(SLOTS[name].row for name in self.machine.bounds),
+            identified=frozenset(SLOTS[n].row for n in self.machine.bounds if n in SLOTS),
             closed_loop=self._closed,
             elastic=not self.rigid,
             lifted=bool(base[rows.row_of('gravity')]),
@@ -489,7 +503,30 @@ class DriveModel(FullModel):
         """Return (S, R) what `simulate` does where `there` (O, K) holds, output by output."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
         out = np.empty((len(theta), int(there.sum())))
-        return self._simulated(theta, self.signals.task(there, out))
+        if not self.candidates.smoothed.any():
+            return self._simulated(theta, self.signals.task(there, out))
+        for first in range(0, len(theta), _WHOLE):
+            part = slice(first, first + _WHOLE)
+            out[part] = self._smoothed(theta[part])[:, there]
+        return out
+
+    def _smoothed(self, theta: Array) -> Array:
+        """Return (S, O, K) outputs of candidates (S, N) whose log is smoothed.
+
+        That takes the log as a whole, which the kernels never have.
+        """
+        every = np.ones((len(self.signals), self._cycles), dtype=bool)
+        task = self.signals.task(every, np.empty((len(theta), every.size)))
+        out: Array = self._simulated(theta, task).reshape(-1, *every.shape)
+        periods = self.rows(theta)[
+            :, [rows.row_of('log_smoothing', d) for d in self.signals.sources]
+        ]
+        efforts = [output.quantity == 'effort' for output in self.outputs]
+        finite = np.isfinite(out).all(axis=2)
+        for s, o in np.argwhere((periods > 0.0) & finite & efforts):
+            cutoff = 1.0 / periods[s, o]
+            out[s, o] = low_pass(out[s, o : o + 1], self.cycle, cutoff, _SMOOTHING)[0]
+        return out
 
     def simulated_effort(self, theta: Array) -> Array:
         """Return (D, K) the effort that a log of one candidate (N,) would hold."""
@@ -556,6 +593,8 @@ class DriveModel(FullModel):
             it is a lower bound of the cost.
         """
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
+        if self.candidates.smoothed.any():
+            return super().costs(theta, limit, stop)
         limits = np.empty(len(theta))
         limits[:] = limit
         task = self._costing._replace(limits=limits, out=np.empty((len(theta), 1)))

@@ -64,6 +64,11 @@ class Outputs:
         )
 
     @property
+    def sources(self) -> tuple[int, ...]:
+        """The number of the drive that each of them is of."""
+        return self.places * len(self.quantities)
+
+    @property
     def moving(self) -> bool:
         """Whether motion is among them."""
         return self.quantities != ('effort',)

@@ -2,3 +2,4 @@
 """The page on a result directory: `report.html`, one file that needs nothing else."""
 
 from ros2_ident.report.page.assemble import write_report as write_report
+from ros2_ident.report.page.several import write_comparison as write_comparison

@@ -2,25 +2,17 @@
 """From the files of a result directory to `report.html`."""
 
 from collections.abc import Iterator, Mapping
-from importlib.resources import files as resources
-import math
 from pathlib import Path
-import re
 from typing import Any
 
-from bokeh.core.json_encoder import serialize_json
-from bokeh.embed import json_item
-from bokeh.resources import Resources
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import escape, Markup
-
+from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
-from ros2_ident.identify.outcome import package_version
-from ros2_ident.identify.result import Identification, ParameterEstimate
+from ros2_ident.identify.result import Identification
 from ros2_ident.report.files import (
     DIAGNOSIS,
     DIAGNOSIS_SIGNALS,
+    FLEET,
     JSON,
     load_diagnosis,
     load_result,
@@ -28,9 +20,13 @@ from ros2_ident.report.files import (
     SIGNALS,
     YAML,
 )
-from ros2_ident.report.page import plots, sentences
+from ros2_ident.report.page import bars, charts, numbers, plots, sentences
+from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.look import Picture
+from ros2_ident.report.page.render import render
+from ros2_ident.report.page.several import write_fleet
+from ros2_ident.report.page.steps import effects_found
 from ros2_ident.report.signals import load_signals
 
 Facts = list[tuple[str, str]]
@@ -40,7 +36,7 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
     """Write the page on what a result directory holds.
 
     Args:
-        directory: Holds a result, a diagnosis, or both.
+        directory: Holds a result, a diagnosis, or both; or what `ident fleet` wrote.
         page: The file to write; `report.html` in the directory where None.
 
     Returns:
@@ -53,6 +49,8 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
     folder = Path(directory)
     result = load_result(folder) if any((folder / n).exists() for n in (JSON, YAML)) else None
     diagnosis = load_diagnosis(folder) if (folder / DIAGNOSIS).exists() else None
+    if result is None and diagnosis is None and (folder / FLEET).exists():
+        return write_fleet(folder, page)
     if result is None and diagnosis is None:
         raise IdentError(
             ErrorCode.NO_DATA,
@@ -67,106 +65,119 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
 def _render(
     folder: Path, result: Identification | None, diagnosis: dict[str, Any] | None
 ) -> str:
-    environment = Environment(
-        loader=PackageLoader('ros2_ident.report.page', '.'),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-    )
-    environment.filters |= {
-        'item': _item,
-        'number': sentences.number,
-        'percent': sentences.percent,
-        'signed': _signed,
-        'prose': _prose,
-        'unit': sentences.unit_of,
-        'width': sentences.width,
-        'places': _places,
+    context: dict[str, Any] = {
+        'title': _title(result, diagnosis),
+        'lead': _lead(result, diagnosis),
+        'result': result,
+        'diagnosis': diagnosis,
+        'pictures': _pictures(folder, result, diagnosis),
+        'effects': '',
+        'hero': None,
+        'about': [],
     }
+    if result is not None:
+        context |= _of_identification(result, str(folder))
+    if diagnosis is not None:
+        context |= _of_diagnosis(diagnosis, str(folder))
+    shown = {'about': context['about'], 'values': diagnosis, 'parameters': result}
+    context['contents'] = [
+        (name, text)
+        for name, text, part in CONTENTS
+        if shown.get(name, {'result': result, 'diagnosis': diagnosis, '': True}[part])
+    ]
+    return render('template.html', context, plots=True)
+
+
+# Section, its entry in the contents, and the part of a run it belongs to.
+CONTENTS = (
+    ('answer', 'Answer', ''),
+    ('where', 'Where it lies', 'diagnosis'),
+    ('gap', 'How far it closes', 'diagnosis'),
+    ('time', 'Before and after', 'diagnosis'),
+    ('values', 'With the effects', 'diagnosis'),
+    ('effort', 'Effort', 'result'),
+    ('parameters', 'Parameters', 'result'),
+    ('search', 'Search', 'result'),
+    ('correlations', 'Correlations', 'result'),
+    ('about', 'The effects', 'diagnosis'),
+    ('provenance', 'Provenance', ''),
+)
+
+
+def _pictures(
+    folder: Path, result: Identification | None, diagnosis: Mapping[str, Any] | None
+) -> dict[str, Picture]:
+    """Draw what needs a script: efforts over time, the search, the correlations."""
     drawn: dict[str, Picture | None] = {}
-    note = ''
-    facts: dict[str, Facts] = {
-        'held': [], 'gates': [], 'identification_facts': [], 'diagnosis_facts': [],
-    }
     efforts = [folder / name for name in (SIGNALS, DIAGNOSIS_SIGNALS)]
     most = MOST // max(1, sum(path.exists() for path in efforts))
+    if diagnosis is not None and efforts[1].exists():
+        floor = {name: d['noise_floor'] for name, d in diagnosis['gap']['per_drive'].items()}
+        drawn['gap-effort-plot'] = effort_plot(load_signals(efforts[1]), floor, most=most)
     if result is not None:
         if efforts[0].exists():
             drawn['effort-plot'] = effort_plot(load_signals(efforts[0]), most=most)
         drawn['generations-plot'] = plots.cost_over_generations(result)
         drawn['costs-plot'] = plots.cost_over_parameters(result)
         drawn['correlations-plot'] = plots.correlations(result)
-        units = {p.name: p.unit for p in result.parameters}
-        facts['held'] = [
-            (name, sentences.quantity(value, units.get(name, '')))
+    return {name: made for name, made in drawn.items() if made is not None}
+
+
+def _of_identification(result: Identification, out: str) -> dict[str, Any]:
+    units = {p.name: p.unit for p in result.parameters}
+    answer = of_identification(result, out)
+    return {
+        'answer': answer,
+        'identified': [answer.headline, *answer.sure, *answer.careful],
+        'held': [
+            (name, numbers.quantity(value, units.get(name, '')))
             for name, value in result.fixed.items()
-        ]
-        facts['identification_facts'] = _identification_facts(result)
-    if diagnosis is not None:
-        gap = diagnosis['gap']
-        drawn['waterfall-plot'] = plots.waterfall(gap)
-        drawn['ranking-plot'] = plots.ranking(diagnosis['ranking'], gap['unit'])
-        drawn['maps-plot'] = plots.residual_maps(diagnosis.get('maps', []))
-        if efforts[1].exists():
-            floor = {name: d['noise_floor'] for name, d in gap['per_drive'].items()}
-            drawn['gap-effort-plot'] = effort_plot(load_signals(efforts[1]), floor, most=most)
-        note = _waterfall_note(gap)
-        facts['gates'] = [(g['gate'], g['sentence']) for g in diagnosis['gates']]
-        facts['diagnosis_facts'] = _diagnosis_facts(diagnosis)
-    page: str = environment.get_template('template.html').render(
-        title=_title(result, diagnosis),
-        lead=_lead(result, diagnosis),
-        version=package_version(),
-        result=result,
-        diagnosis=diagnosis,
-        answer=sentences.of_identification(result) if result else (),
-        verdict=sentences.of_diagnosis(diagnosis) if diagnosis else (),
-        drives=diagnosis['gap']['per_drive'] if diagnosis else {},
-        pictures={name: made for name, made in drawn.items() if made is not None},
-        waterfall_note=note,
-        bad_gates=any(g['level'] != 'ok' for g in diagnosis['gates']) if diagnosis else False,
-        css=Markup(_asset('page.css')),
-        script=Markup(_asset('page.js')),
-        library=Markup(Resources(mode='inline', components=['bokeh']).render()),
-        **facts,
-    )
-    return page
+        ],
+        'identification_facts': _identification_facts(result),
+    }
 
 
-def _item(picture: Picture, name: str) -> Markup:
-    """Return a plot as JSON that may stand inside a script element."""
-    text = serialize_json(json_item(picture.plot, name))  # type: ignore[arg-type]
-    return Markup(text.replace('<', '\\u003c'))
+def _of_diagnosis(diagnosis: Mapping[str, Any], out: str) -> dict[str, Any]:
+    gap, found = diagnosis['gap'], effects_found(diagnosis)
+    effects = sentences.effects_named(found) if len(found) == 1 else 'the effects' * bool(found)
+    hero, maps = charts.all_of(diagnosis, effects)
+    return {
+        'answer': of_diagnosis(diagnosis, out),
+        'drives': gap['per_drive'],
+        'effects': effects,
+        'hero': hero,
+        'maps': maps,
+        'where': sentences.leading(diagnosis),
+        'steps': bars.steps(gap),
+        'ranking': bars.ranking(diagnosis['ranking'], gap['unit']),
+        'gap_note': _gap_note(gap),
+        'moved': sentences.moved(diagnosis),
+        'hidden': sentences.hidden(diagnosis),
+        'about': [about(e) for e in dict.fromkeys(_named(diagnosis))],
+        'gates': [(g['gate'], g['sentence']) for g in diagnosis['gates']],
+        'bad_gates': any(g['level'] != 'ok' for g in diagnosis['gates']),
+        'diagnosis_facts': _diagnosis_facts(diagnosis),
+    }
 
 
-def _asset(name: str) -> str:
-    return (resources('ros2_ident.report.page') / name).read_text(encoding='utf-8')
+def _named(diagnosis: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the effects of a verdict and their rivals."""
+    for at in (*effects_found(diagnosis), *diagnosis['confusable']):
+        if at['effect'] in CATALOGUE:
+            yield at['effect']
 
 
-def _prose(text: str) -> Markup:
-    """Return a sentence with what stands between backticks as code; no line ends before a %."""
-    html = str(escape(text)).replace('^2', '²').replace('^3', '³')
-    html = re.sub(r'(?<=\d) %', '\N{NO-BREAK SPACE}%', html)
-    return Markup(re.sub('`([^`]*)`', r'<code>\1</code>', html))
-
-
-def _signed(share: float | None) -> str:
-    return '–' if share is None else f'{100.0 * share:+.1f} %'.replace('-', '−')
-
-
-def _places(p: ParameterEstimate) -> tuple[float, float, float] | None:
-    """Return left end and width of the interval and the place of the value, % of the bounds."""
-    span = p.upper_bound - p.lower_bound
-    if not math.isfinite(p.value) or span <= 0.0:
-        return None
-
-    def at(value: float, otherwise: float) -> float:
-        share = (value - p.lower_bound) / span if math.isfinite(value) else otherwise
-        return round(100.0 * min(1.0, max(0.0, share)), 2)
-
-    here = at(p.value, 0.0)
-    low, high = at(p.low, here / 100.0), at(p.high, here / 100.0)
-    return low, round(high - low, 2), here
+def about(effect_id: str) -> dict[str, str]:
+    """Return what the page says of an effect of the catalogue."""
+    effect = CATALOGUE[effect_id]
+    return {
+        'id': effect.id,
+        'title': effect.title,
+        'equation': effect.equation,
+        'source': effect.source,
+        'confusable': ', '.join(CATALOGUE[e].title for e in effect.confusable if e in CATALOGUE),
+        'motion': effect.separated_by.format(drive='the drive'),
+    }
 
 
 def _title(result: Identification | None, diagnosis: Mapping[str, Any] | None) -> str:
@@ -204,19 +215,18 @@ def _when(created: str) -> str:
     return created.replace('T', ' ').replace('+00:00', ' UTC')
 
 
-def _waterfall_note(gap: Mapping[str, Any]) -> str:
+def _gap_note(gap: Mapping[str, Any]) -> str:
     where = {
-        'check bag': 'on a recording that was held out from fitting',
-        'blocks': 'on every second block of a second, held out from fitting',
+        'check bag': 'On a recording that was not used for fitting',
+        'blocks': 'On every second block of 1 s, which was not used for fitting',
     }.get(gap['held_out'], gap['held_out'])
-    text = f'Judged {where}; whiskers are 95 % intervals. '
-    if len(gap['steps']) > 1 and gap['share_closed'] is not None:
-        low, high = gap['share_closed_low'], gap['share_closed_high']
+    text = f'{where}; black: 95 % intervals. '
+    if len(gap['steps']) > 1:
         text += (
-            f'Of what is above the noise floor, {sentences.percent(gap["share_closed"])} closes '
-            f'({sentences.percent(low)} to {sentences.percent(high)}). '
+            '"Closes" is the share of the squared residual above the noise floor that goes, '
+            'everywhere on this page. '
         )
-    return text + f'Noise floor from: {gap["noise_floor_method"]}.'
+    return text + f'Noise floor: {gap["noise_floor_method"]}.'
 
 
 def _flat(settings: Mapping[str, Any], before: str = '') -> Iterator[tuple[str, str]]:
@@ -232,7 +242,7 @@ def _flat(settings: Mapping[str, Any], before: str = '') -> Iterator[tuple[str, 
 
 def _identification_facts(result: Identification) -> Facts:
     p, quality = result.provenance, result.quality
-    lost = ', '.join(f'{role} {sentences.percent(x)}' for role, x in quality.missing.items())
+    lost = ', '.join(f'{role} {numbers.percent(x)}' for role, x in quality.missing.items())
     return [
         ('recording', p.source),
         ('SHA-256 of it', p.sha256 or 'live data'),

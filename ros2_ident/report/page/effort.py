@@ -1,89 +1,67 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measured and simulated effort with the residual, as a plot that stays quick with long logs.
+"""Measured and simulated effort with residual and following error, quick with long logs, too.
 
 The page holds the samples in whole numbers of two bytes, and draws for each column of pixels the
 least and the largest of the samples in view: `page.js` does that on every zoom.
 """
 
-from collections.abc import Mapping, Sequence
-import math
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from bokeh.layouts import gridplot
-from bokeh.models import BasicTicker, ColumnDataSource, CustomJS, Range1d, WheelZoomTool
+from bokeh.models import (
+    BasicTicker,
+    ColumnDataSource,
+    CrosshairTool,
+    CustomJS,
+    DataRange1d,
+    Range1d,
+    WheelZoomTool,
+)
+from bokeh.models.annotations import Span
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.report.page.look import GREY, INK, Key, Picture, plot, RED, SKY, WIDTH
-from ros2_ident.report.signals import Curves, Short, Signals
+from ros2_ident.report.page.look import (
+    Button,
+    Choice,
+    GREY,
+    INK,
+    Key,
+    ORANGE,
+    Picture,
+    plot,
+    RED,
+    SKY,
+)
+from ros2_ident.report.page.numbers import number
+from ros2_ident.report.page.thin import (
+    breaks,
+    coded,
+    extremes,
+    joined,
+    kept,
+    NOTHING,
+    scale,
+    TICK,
+    worst_moments,
+)
+from ros2_ident.report.signals import Curves, Signals
 
-# Seconds that a whole number of the time axis stands for.
-TICK = 1e-5
-# The whole number that stands for no sample.
-NOTHING = -32768
 # Stretches that a curve in view is cut into, the same as in `page.js`.
 COLUMNS = 1000
 # Numbers that a page holds at most, of two bytes each; longer logs are thinned.
 MOST = 1_100_000
-# A simulation this many times beyond the measured range is drawn at that edge.
-BEYOND = 10.0
-# Room between recordings, as a share of their whole length.
-GAP = 0.02
+# From so many drives on each has a tab.
+TABS = 4
 
-
-def extremes(rows: npt.NDArray[Any], stretches: int) -> npt.NDArray[np.int64]:
-    """Return which columns hold the least and the largest of each row in each stretch, in order.
-
-    Args:
-        rows: (R, T) values, NaN for none.
-        stretches: Into how many stretches of equal length T is cut, about; all columns where that
-            leaves one column each.
-    """
-    count = rows.shape[1]
-    length = max(1, math.ceil(count / max(1, stretches)))
-    if length == 1:
-        return np.arange(count)
-    padded = np.full((len(rows), math.ceil(count / length) * length), np.nan)
-    padded[:, :count] = rows
-    parts = padded.reshape(len(rows), -1, length)
-    first = np.arange(parts.shape[1]) * length
-    nothing = np.isnan(parts)
-    least = np.where(nothing, np.inf, parts).argmin(axis=2) + first
-    most = np.where(nothing, -np.inf, parts).argmax(axis=2) + first
-    return np.unique(np.concatenate([least.ravel(), most.ravel()]))
-
-
-def _kept(recording: Curves, most: int) -> npt.NDArray[np.int64]:
-    """Return the samples (of T) that the page keeps: all, or the extremes of each stretch."""
-    rows = np.concatenate([recording.measured, *recording.simulated])
-    count = rows.shape[1]
-    return np.arange(count) if count <= most else extremes(rows, most // (2 * len(rows)))
-
-
-def _scale(measured: Short, simulated: Short) -> tuple[float, float]:
-    """Return offset and step of a drive's whole numbers."""
-    there = [part for x in (measured, simulated) if (part := x[np.isfinite(x)]).size]
-    if not there:
-        return 0.0, 1.0
-    low, high = float(there[0].min()), float(there[0].max())
-    room = BEYOND * max(high - low, 1e-9)
-    low = max(min(float(x.min()) for x in there), low - room)
-    high = min(max(float(x.max()) for x in there), high + room)
-    return 0.5 * (low + high), max(high - low, 1e-9) / 65000.0
-
-
-def _coded(values: Short, offset: float, step: float) -> npt.NDArray[np.int16]:
-    codes = np.clip(np.round((values - offset) / step), -32500, 32500)
-    return np.where(np.isfinite(codes), codes, NOTHING).astype(np.int16)
+Floors = Mapping[str, float | None]
 
 
 def effort_plot(
-    signals: Signals,
-    floor: Mapping[str, float | None] | None = None,
-    *,
-    most: int = MOST,
+    signals: Signals, floor: Floors | None = None, *, most: int = MOST
 ) -> Picture:
-    """Draw each drive's measured and simulated effort, and the residual below.
+    """Draw each drive's measured and simulated effort, below it residual and following error.
 
     Args:
         signals: What a run keeps.
@@ -93,67 +71,134 @@ def effort_plot(
     Returns:
         The picture.
     """
-    drives, models = len(signals.drives), len(signals.models)
-    share = most // (drives * (1 + models) + 2)
+    share = most // (len(signals.drives) * (2 + len(signals.models)) + 2)
     recordings = [r for r in signals.recordings if r.time.size]
-    kept = [_kept(r, share // len(recordings)) for r in recordings]
-    time, bounds, starts = _joined(recordings, kept)
-    measured = np.concatenate(
-        [r.measured[:, k] for r, k in zip(recordings, kept, strict=True)], axis=1
-    )
-    simulated = np.concatenate(
-        [r.simulated[..., k] for r, k in zip(recordings, kept, strict=True)], axis=2
-    )
+    rows = [kept(r, share // len(recordings)) for r in recordings]
+    time, bounds, starts = joined(recordings, rows)
+    parts = list(zip(recordings, rows, strict=True))
+    measured = np.concatenate([r.measured[:, k] for r, k in parts], axis=1)
+    simulated = np.concatenate([r.simulated[..., k] for r, k in parts], axis=2)
+    tracking = np.concatenate([r.tracking[:, k] for r, k in parts], axis=1)
     data: dict[str, Any] = {'time': np.round(time / TICK).astype(np.int32)}
+    whole = Range1d(start=float(time[0]), end=float(time[-1]), bounds='auto', name='whole')
+    cursor = CrosshairTool(
+        dimensions='height', overlay=Span(dimension='height', line_color=GREY)
+    )
     views: list[dict[str, Any]] = []
-    whole = Range1d(start=float(time[0]), end=float(time[-1]), bounds='auto')
     figures = []
+    first = _worst(signals, measured, simulated, floor)
     for d, drive in enumerate(signals.drives):
-        offset, step = _scale(measured[d], simulated[:, d])
-        data[f'measured_{d}'] = _coded(measured[d], offset, step)
-        for m in range(models):
-            data[f'simulated_{d}_{m}'] = _coded(simulated[m, d], offset, step)
-        pair = _pair(signals, drive, whole, (floor or {}).get(drive))
-        figures += pair
-        views += _fill(pair, signals, d, offset, step)
-        for made in pair:
+        group = _Group(signals, d, (floor or {}).get(drive), whole, cursor)
+        group.add_efforts(data, measured[d], simulated[:, d])
+        if np.isfinite(tracking[d]).any():
+            group.add_tracking(data, tracking[d])
+        for view in group.views:
+            there = data[view['column']] != NOTHING
+            view['bounds'] = breaks(time, there, bounds)
+            view['source'].data = _first_view(data, view)
+        for made in group.figures:
             for start in starts[1:]:
                 made.vspan(start, line_color=GREY)
-    figures[-1].xaxis.axis_label = 'time [s]' + (
-        ', one recording after another' if len(starts) > 1 else ''
-    )
-    figures[-1].height += 44
-    figures[-1].xaxis.visible = True
-    for view in views:
-        view['source'].data = _first_view(data, view, bounds)
+            made.visible = len(signals.drives) < TABS or d == first
+        group.figures[-1].xaxis.axis_label = 'time [s]' + (
+            ', one recording after another' if len(starts) > 1 else ''
+        )
+        group.figures[-1].height += 44
+        group.figures[-1].xaxis.visible = True
+        figures += group.figures
+        views += group.views
     refill = CustomJS(
-        args={
-            'full': ColumnDataSource(data),
-            'views': views,
-            'bounds': bounds,
-            'range': whole,
-            'tick': TICK,
-        },
-        code='identPage.refill(full.data, views, bounds, range, tick)',
+        args={'full': ColumnDataSource(data), 'views': views, 'range': whole, 'tick': TICK},
+        code='identPage.refill(full.data, views, range, tick)',
     )
     whole.js_on_change('start', refill)
     whole.js_on_change('end', refill)
-    layout = gridplot(figures, ncols=1, toolbar_options={'logo': None})
-    keys = [Key('measured', SKY, '3')]
-    keys += [
-        Key(f'simulated, {model}', colour, '1.5')
-        for model, colour in zip(signals.models, _colours(models), strict=True)
-    ]
-    return Picture(layout, tuple(keys), tuple(_notes(recordings, kept, floor is not None)))
+    layout = gridplot(
+        figures, ncols=1, toolbar_options={'logo': None}, sizing_mode='stretch_width'
+    )
+    moments = worst_moments(time, _compared(signals, measured, simulated, floor))
+    return Picture(
+        layout,
+        'Measured and simulated effort of '
+        f'{", ".join(signals.drives)} over time, with the residual below',
+        tuple(_keys(signals, bool(np.isfinite(tracking).any()))),
+        tuple(_notes(recordings, rows, floor is not None)),
+        tuple(_choices(signals, recordings, starts, first, time, moments)),
+        least=320,
+    )
 
 
 def _colours(models: int) -> list[str]:
     return [INK] if models == 1 else [RED, INK]
 
 
-def _first_view(
-    data: Mapping[str, Any], view: Mapping[str, Any], bounds: Sequence[int]
-) -> dict[str, Any]:
+def _keys(signals: Signals, tracked: bool) -> Iterator[Key]:
+    yield Key('measured', SKY, '3')
+    for model, colour in zip(signals.models, _colours(len(signals.models)), strict=True):
+        yield Key(f'simulated, {model}', colour, '1.5')
+    if tracked:
+        yield Key('following error: set-point minus measured position', ORANGE, '1.5')
+
+
+def _compared(
+    signals: Signals,
+    measured: npt.NDArray[Any],
+    simulated: npt.NDArray[Any],
+    floor: Floors | None,
+) -> npt.NDArray[np.float64]:
+    """Return (D, T) the residual that matters over each drive's noise floor."""
+    judged = simulated[max(0, signals.judged)]
+    residual = np.asarray(measured - judged, dtype=np.float64)
+    residual[~np.isfinite(residual)] = np.nan
+    known = [(floor or {}).get(drive) or 1.0 for drive in signals.drives]
+    out: npt.NDArray[np.float64] = residual / np.array(known)[:, None]
+    return out
+
+
+def _worst(
+    signals: Signals,
+    measured: npt.NDArray[Any],
+    simulated: npt.NDArray[Any],
+    floor: Floors | None,
+) -> int:
+    """Return the drive whose residual is the largest over its noise floor."""
+    squares = _compared(signals, measured, simulated, floor) ** 2
+    count = np.maximum(1, np.isfinite(squares).sum(axis=1))
+    return int(np.argmax(np.nansum(squares, axis=1) / count))
+
+
+def _choices(
+    signals: Signals,
+    recordings: Sequence[Curves],
+    starts: Sequence[float],
+    first: int,
+    time: npt.NDArray[np.float64],
+    moments: Sequence[tuple[float, float, int]],
+) -> Iterator[Choice]:
+    """Yield the buttons: drives, models, and stretches of time to look at."""
+    if len(signals.drives) >= TABS:
+        tabs = [Button(name, str(d), d == first) for d, name in enumerate(signals.drives)]
+        yield Choice('Drive', 'drive', tuple(tabs))
+    if len(signals.models) > 1:
+        both = Button('both', '', signals.judged < 0)
+        models = [Button(n, str(m), m == signals.judged) for m, n in enumerate(signals.models)]
+        yield Choice('Simulation', 'model', (both, *models))
+    views = [
+        Button(f'{number(0.5 * (a + b), 3)} s, {signals.drives[d]}', f'{a},{b}')
+        for a, b, d in moments
+    ]
+    yield Choice('Largest residuals', 'view', tuple(views))
+    ends = [*starts[1:], float(time[-1])]
+    parts = [Button('all', f'{time[0]},{time[-1]}')]
+    if len(recordings) > 1:
+        parts += [
+            Button(f'{n}: {r.title}' if r.title else str(n), f'{a},{b}')
+            for n, (r, a, b) in enumerate(zip(recordings, starts, ends, strict=True), 1)
+        ]
+    yield Choice('Recording', 'view', tuple(parts))
+
+
+def _first_view(data: Mapping[str, Any], view: Mapping[str, Any]) -> dict[str, Any]:
     """Return a curve over all of the time; `refill` of `page.js` does the same for a part."""
     codes = data[view['column']].astype(np.float64)
     codes[codes == NOTHING] = np.nan
@@ -161,9 +206,10 @@ def _first_view(
         other = data[view['minus']]
         codes -= np.where(other == NOTHING, np.nan, other)
     xs, ys = [], []
+    bounds = view['bounds']
     for start, end in zip([0, *bounds], bounds, strict=False):
         part = codes[start:end]
-        share = COLUMNS * part.size // codes.size
+        share = max(1, COLUMNS * part.size // codes.size)
         rows = extremes(part[None], share)
         rows = rows[np.isfinite(part[rows])]
         xs += [TICK * data['time'][start + rows], [np.nan]]
@@ -174,74 +220,90 @@ def _first_view(
     }
 
 
-def _joined(
-    recordings: Sequence[Curves], kept: list[npt.NDArray[np.int64]]
-) -> tuple[npt.NDArray[np.float64], list[int], list[float]]:
-    """Return times (T,) of all recordings in a row, where each ends, and when each starts."""
-    room = GAP * sum(float(r.time[-1] - r.time[0]) for r in recordings)
-    times, starts, end = [], [], -room
-    for recording, rows in zip(recordings, kept, strict=True):
-        start = end + room
-        times.append(recording.time[rows] + start)
-        starts.append(start)
-        end = float(times[-1][-1])
-    return np.concatenate(times), [int(n) for n in np.cumsum([t.size for t in times])], starts
+class _Group:
+    """The plots of one drive: effort, residual, following error.
 
+    Attributes:
+        figures: From top to bottom.
+        views: What fills their curves.
+    """
 
-def _pair(
-    signals: Signals, drive: str, whole: Range1d, floor: float | None
-) -> list[Any]:
-    wheel = WheelZoomTool(dimensions='width')
-    common: dict[str, Any] = {
-        'width': WIDTH,
-        'x_range': whole,
-        'min_border_left': 76,
-        'tools': ['pan', 'box_zoom', wheel, 'reset'],
-        'active_scroll': wheel,
-    }
-    top = plot(height=185, **common)
-    below = plot(height=105, **common)
-    top.yaxis.axis_label = f'{drive}\neffort [{signals.unit}]'
-    below.yaxis.axis_label = 'residual'
-    below.yaxis.ticker = BasicTicker(desired_num_ticks=4)
-    for made in (top, below):
+    def __init__(
+        self, signals: Signals, d: int, floor: float | None, whole: Range1d, cursor: CrosshairTool
+    ) -> None:
+        self._signals, self._d = signals, d
+        self._whole, self._cursor = whole, cursor
+        self.figures: list[Any] = []
+        self.views: list[dict[str, Any]] = []
+        top = self._figure(185, f'{signals.drives[d]}\neffort [{signals.unit}]')
+        below = self._figure(105, f'residual [{signals.unit}]')
+        below.yaxis.ticker = BasicTicker(desired_num_ticks=4)
+        self.figures = [top, below]
+        if floor is not None:
+            for side in (-2.0 * floor, 2.0 * floor):
+                below.hspan(side, line_color=GREY, line_dash='dashed')
+
+    def _figure(self, height: int, label: str) -> Any:
+        wheel = WheelZoomTool(dimensions='width', modifiers='ctrl')
+        made = plot(
+            height=height,
+            x_range=self._whole,
+            y_range=DataRange1d(only_visible=True),
+            min_border_left=76,
+            tools=['pan', 'box_zoom', wheel, 'reset', self._cursor],
+            active_scroll=wheel,
+            name=f'drive-{self._d}',
+            sizing_mode='stretch_width',
+        )
+        made.yaxis.axis_label = label
         made.xaxis.visible = False
-    if floor is not None:
-        for side in (-2.0 * floor, 2.0 * floor):
-            below.hspan(side, line_color=GREY, line_dash='dashed')
-    return [top, below]
+        return made
 
+    def add_efforts(
+        self, data: dict[str, Any], measured: npt.NDArray[Any], simulated: npt.NDArray[Any]
+    ) -> None:
+        """Add measured (T,) and simulated (M, T) effort and the residuals."""
+        d, (top, below) = self._d, self.figures
+        offset, step = scale(measured, simulated)
+        data[f'measured_{d}'] = coded(measured, offset, step)
+        self._line(top, f'measured_{d}', (offset, step), line_color=SKY, line_width=3.0)
+        for m, colour in enumerate(_colours(len(self._signals.models))):
+            column, name = f'simulated_{d}_{m}', f'model-{m}'
+            data[column] = coded(simulated[m], offset, step)
+            look: dict[str, Any] = {
+                'line_color': colour,
+                'name': name,
+                'visible': self._signals.judged in (-1, m),
+            }
+            self._line(top, column, (offset, step), **look)
+            self._line(
+                below, f'measured_{d}', (0.0, step), minus=column, line_width=0.7, **look
+            )
 
-def _fill(
-    pair: list[Any], signals: Signals, d: int, offset: float, step: float
-) -> list[dict[str, Any]]:
-    """Add empty lines to a drive's two plots; return what fills them."""
-    top, below = pair
-    views: list[dict[str, Any]] = []
+    def add_tracking(self, data: dict[str, Any], tracking: npt.NDArray[Any]) -> None:
+        """Add the following error (T,), in thousandths of the unit of travel."""
+        column, values = f'tracking_{self._d}', 1e3 * tracking
+        offset, step = scale(values)
+        data[column] = coded(values, offset, step)
+        made = self._figure(85, f'following\nerror [m{self._signals.travel}]')
+        made.yaxis.ticker = BasicTicker(desired_num_ticks=3)
+        self.figures.append(made)
+        self._line(made, column, (offset, step), line_color=ORANGE)
 
-    def line(made: Any, column: str, minus: str, **look: Any) -> None:
+    def _line(
+        self, made: Any, column: str, scaled: tuple[float, float], minus: str = '', **look: Any
+    ) -> None:
+        """Add an empty line, and what fills it."""
         source = ColumnDataSource({'x': [], 'y': []})
         made.line('x', 'y', source=source, **look)
-        views.append(
-            {
-                'source': source,
-                'column': column,
-                'minus': minus,
-                'offset': 0.0 if minus else offset,
-                'step': step,
-            }
+        offset, step = scaled
+        self.views.append(
+            {'source': source, 'column': column, 'minus': minus, 'offset': offset, 'step': step}
         )
-
-    line(top, f'measured_{d}', '', line_color=SKY, line_width=3.0)
-    for m, colour in enumerate(_colours(len(signals.models))):
-        name = f'simulated_{d}_{m}'
-        line(top, name, '', line_color=colour, line_width=1.0)
-        line(below, f'measured_{d}', name, line_color=colour, line_width=0.7)
-    return views
 
 
 def _notes(
-    recordings: Sequence[Curves], kept: list[npt.NDArray[np.int64]], floor: bool
+    recordings: Sequence[Curves], rows: Sequence[npt.NDArray[np.int64]], floor: bool
 ) -> list[str]:
     titled = [r.title for r in recordings if r.title]
     out = ['Dashed: twice the noise floor.'] if floor else []
@@ -249,7 +311,7 @@ def _notes(
         said = ', then '.join(titled)
         out.append(f'From left to right: {said}.')
     whole = sum(r.time.size for r in recordings)
-    held = sum(k.size for k in kept)
+    held = sum(k.size for k in rows)
     if held < whole:
         out.append(
             f'This page holds {held} of {whole} samples, the least and the largest of each '

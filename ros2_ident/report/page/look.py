@@ -38,18 +38,54 @@ class Key:
 
 
 @dataclass(frozen=True)
+class Button:
+    """One of a group of buttons.
+
+    Attributes:
+        text: What stands on it.
+        value: What it does, for `page.js`.
+        pressed: Whether it is at first.
+    """
+
+    text: str
+    value: str
+    pressed: bool = False
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Buttons above a plot.
+
+    Attributes:
+        label: What they choose.
+        action: What `page.js` does with their values.
+        buttons: The buttons.
+    """
+
+    label: str
+    action: str
+    buttons: tuple[Button, ...]
+
+
+@dataclass(frozen=True)
 class Picture:
     """A plot and what is said with it.
 
     Attributes:
         plot: Bokeh's model.
+        summary: What it shows, for who cannot see it.
         keys: The legend.
         notes: Sentences for the caption.
+        choices: Buttons above it.
+        least: Width below which it scrolls [px].
     """
 
     plot: LayoutDOM
+    summary: str
     keys: tuple[Key, ...] = ()
     notes: tuple[str, ...] = ()
+    choices: tuple[Choice, ...] = ()
+    least: int = 0
 
     @property
     def height(self) -> int:
@@ -58,7 +94,8 @@ class Picture:
             return int(self.plot.height or 0)
         rows: dict[int, int] = {}
         for made, row, *_ in self.plot.children:
-            rows[row] = max(rows.get(row, 0), int(made.height or 0))
+            if made.visible:
+                rows[row] = max(rows.get(row, 0), int(made.height or 0))
         return sum(rows.values())
 
 
@@ -76,6 +113,8 @@ def plot(**options: Any) -> Any:
             'tools': 'box_zoom,pan,reset',
             'active_drag': 'box_zoom',
             'min_border': 4,
+            'background_fill_color': None,
+            'border_fill_color': None,
             **options,
         }
     )

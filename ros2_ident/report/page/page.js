@@ -18,8 +18,8 @@ const identPage = {
   },
 
   // Fills each curve with what is in view: all samples, or the least and the largest of each
-  // stretch. `bounds` are the rows at which recordings end; curves break there.
-  refill(full, views, bounds, range, tick) {
+  // stretch. A view's `bounds` are the rows at which its curve breaks.
+  refill(full, views, range, tick) {
     const time = full.time
     const first = Math.max(0, this.rowAt(time, range.start / tick) - 1)
     const last = Math.min(time.length, this.rowAt(time, range.end / tick) + 1)
@@ -33,7 +33,7 @@ const identPage = {
         y.push(view.offset + view.step * (codes[row] - (minus ? minus[row] : 0)))
       }
       let begin = first
-      for (const bound of bounds) {
+      for (const bound of view.bounds) {
         const end = Math.min(bound, last)
         if (end <= begin) continue
         if (x.length) { x.push(NaN); y.push(NaN) }
@@ -55,20 +55,101 @@ const identPage = {
     }
   },
 
-  // Draws the plots one after another, the first at once, and says when.
+  // Bokeh's document of each plot, by the plot's name.
+  documents: {},
+
+  models(name, type) {
+    const all = [...this.documents[name]._all_models.values()]
+    return all.filter((model) => model.type === type)
+  },
+
+  // What the buttons above a plot do with their values.
+  actions: {
+    // Shows a drive's plots in place of another's.
+    drive(name, value) {
+      for (const figure of identPage.models(name, 'Figure')) {
+        figure.visible = figure.name === `drive-${value}`
+      }
+    },
+    // Shows the curves of one simulation, or of all.
+    model(name, value) {
+      for (const curve of identPage.models(name, 'GlyphRenderer')) {
+        if (curve.name?.startsWith('model-')) {
+          curve.visible = value === '' || curve.name === `model-${value}`
+        }
+      }
+    },
+    view(name, value) {
+      const [start, end] = value.split(',').map(Number)
+      const [range] = identPage.models(name, 'Range1d').filter((r) => r.name === 'whole')
+      range.setv({start, end})
+    },
+  },
+
+  press(button) {
+    const {plot, do: action, value} = button.dataset
+    if (action === 'copy') {
+      const text = button.parentNode.querySelector('code').textContent
+      navigator.clipboard?.writeText(text).then(() => {
+        button.textContent = 'Copied'
+        setTimeout(() => { button.textContent = 'Copy' }, 1500)
+      })
+      return
+    }
+    if (!this.documents[plot]) return
+    this.actions[action](plot, value)
+    if (!button.hasAttribute('aria-pressed')) return
+    for (const other of button.parentNode.querySelectorAll('button')) {
+      other.setAttribute('aria-pressed', String(other === button))
+    }
+  },
+
+  // Marks the section in view in the contents.
+  watch() {
+    const links = new Map([...document.querySelectorAll('nav a')].map(
+      (link) => [link.hash.slice(1), link]))
+    const seen = new Set()
+    const observer = new IntersectionObserver((entries) => {
+      for (const entry of entries) {
+        if (entry.isIntersecting) seen.add(entry.target.id)
+        else seen.delete(entry.target.id)
+      }
+      const [first] = [...links.keys()].filter((id) => seen.has(id))
+      for (const [id, link] of links) {
+        if (id === first) link.setAttribute('aria-current', 'true')
+        else link.removeAttribute('aria-current')
+      }
+    }, {rootMargin: '-60px 0px -60% 0px'})
+    for (const section of document.querySelectorAll('section')) observer.observe(section)
+  },
+
+  async painted() {
+    await new Promise((resolve) => requestAnimationFrame(() => setTimeout(resolve, 0)))
+    if (!performance.getEntriesByName('first picture').length) performance.mark('first picture')
+  },
+
+  // Draws the plots one after another, and says when; other pictures are there already.
   async draw() {
+    if (document.querySelector('svg.chart')) await this.painted()
+    // It warns of plots behind a tab, whose axes are set once they are shown.
+    window.Bokeh?.set_log_level('error')
     for (const script of document.querySelectorAll('script.plot')) {
       const item = JSON.parse(script.textContent)
       await Bokeh.embed.embed_item(item)
+      this.documents[item.target_id] = Bokeh.documents.at(-1)
       await new Promise((resolve) => setTimeout(resolve, 0))
-      if (!performance.getEntriesByName('first picture').length) {
-        await new Promise((resolve) => requestAnimationFrame(() => setTimeout(resolve, 0)))
-        performance.mark('first picture')
-      }
+      await this.painted()
     }
     performance.mark('all pictures')
     document.documentElement.dataset.ready = 'yes'
   },
 }
 
-document.addEventListener('DOMContentLoaded', () => identPage.draw())
+document.addEventListener('click', (event) => {
+  const button = event.target.closest?.('button[data-do]')
+  if (button) identPage.press(button)
+})
+document.addEventListener('DOMContentLoaded', () => {
+  identPage.watch()
+  identPage.draw()
+})

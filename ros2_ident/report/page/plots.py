@@ -1,24 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plots of the page besides the efforts: the search, the correlations, the gap."""
 
-from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
-from bokeh.core.property.vectorization import value
 from bokeh.layouts import gridplot
 from bokeh.models import BasicTicker, ColumnDataSource, FixedTicker, LinearColorMapper
-from bokeh.models.annotations import BoxAnnotation, ColorBar, LabelSet
+from bokeh.models.annotations import BoxAnnotation, ColorBar
 from bokeh.palettes import Viridis256
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.identify.result import Array, Identification, ParameterEstimate
 from ros2_ident.report.page.look import (
-    BLUE,
-    FONT,
-    GREEN,
-    GREY,
     INK,
     Key,
     logarithmic,
@@ -29,7 +23,7 @@ from ros2_ident.report.page.look import (
     SKY,
     WIDTH,
 )
-from ros2_ident.report.page.sentences import effect_name, number, raised, unit_of
+from ros2_ident.report.page.numbers import number, raised, unit_of
 
 # Costs that span more than this are drawn on a logarithmic axis.
 WIDE = 20.0
@@ -63,7 +57,7 @@ def cost_over_generations(result: Identification) -> Picture | None:
     values = np.concatenate([history.costs[finite], best[there]])
     made = plot(
         height=300,
-        width=WIDTH,
+        sizing_mode='stretch_width',
         y_axis_type=_axis_type(values),
         x_axis_label='generation',
         y_axis_label=f'cost [{unit}]',
@@ -82,7 +76,7 @@ def cost_over_generations(result: Identification) -> Picture | None:
             line_color=None,
         )
     keys = [
-        Key('candidates simulated to the end, the best of a generation to the left', SKY, 'dot'),
+        Key('candidates, each generation sorted by cost', SKY, 'dot'),
         Key('best so far', INK, '2'),
     ]
     number_of = np.arange(1.0, best.size + 1.0)
@@ -102,7 +96,7 @@ def cost_over_generations(result: Identification) -> Picture | None:
     made.xaxis.ticker = BasicTicker(min_interval=1, num_minor_ticks=0)
     if _axis_type(values) == 'log':
         logarithmic(made.yaxis, float(values.min()), float(values.max()))
-    return Picture(made, tuple(keys))
+    return Picture(made, 'Cost of the candidates over the generations', tuple(keys))
 
 
 def _spread(generations: npt.NDArray[np.int64], costs: Array) -> Array:
@@ -153,7 +147,8 @@ def cost_over_parameters(result: Identification) -> Picture | None:
         )
         for n, p in enumerate(result.parameters)
     ]
-    return Picture(gridplot(figures, ncols=columns, toolbar_options={'logo': None}))
+    layout = gridplot(figures, ncols=columns, toolbar_options={'logo': None})
+    return Picture(layout, 'Cost of the candidates over each parameter', least=WIDTH)
 
 
 def _cost_over(
@@ -283,208 +278,5 @@ def correlations(result: Identification) -> Picture | None:
         ),
         'right',
     )
-    return Picture(made)
-
-
-def _labels(made: Any, places: Sequence[float], rows: Sequence[str], texts: Sequence[str]) -> None:
-    made.add_layout(
-        LabelSet(
-            x='x', y='y', text='text', x_offset=8, text_baseline='middle', text_font_size='13px',
-            text_color=INK, text_font=value(FONT),
-            source=ColumnDataSource({'x': list(places), 'y': list(rows), 'text': list(texts)}),
-        )
-    )
-
-
-def waterfall(gap: Mapping[str, Any]) -> Picture | None:
-    """Draw the gap before, after each effect, and the noise floor, as `gap.charts.waterfall`.
-
-    Args:
-        gap: The entry of `diagnosis.json`.
-    """
-    steps = [s for s in gap['steps'] if s['value'] is not None]
-    floor = gap['noise_floor']
-    if not steps or floor is None:
-        return None
-    values = [s['value'] for s in steps]
-    rows = ['before: nominal fit', *(f'with {s["label"]}' for s in steps[1:]), 'noise floor']
-    ends = [s['high'] or s['value'] for s in steps]
-    wide = max(values) > 8.0 * floor > 0.0
-    # A bar's length means nothing on a logarithmic axis: dots stand there, on lines.
-    left = 0.6 * min(floor, *values) if wide else 0.0
-    made = plot(
-        width=WIDTH,
-        height=70 + 42 * len(rows),
-        y_range=rows[::-1],
-        x_axis_type='log' if wide else 'linear',
-        x_range=(left, (4.0 if wide else 1.3) * max(ends)),
-        x_axis_label=f'gap between simulated and measured effort, RMS [{gap["unit"]}]',
-        tools='',
-        active_drag=None,
-    )
-    every = [*values, floor]
-    colours = [*[BLUE] * (len(values) - 1), GREEN if len(values) > 1 else BLUE, GREY]
-    if wide:
-        made.segment(left, rows, every, rows, color=colours, line_width=2)
-        made.scatter(every, rows, color=colours, size=11)
-    else:
-        made.hbar(y=rows, left=0.0, right=every, height=0.6, color=colours)
-    known = [(s['low'], s['high'], r) for s, r in zip(steps, rows, strict=False) if s['high']]
-    if known:
-        low, high, at = zip(*known, strict=True)
-        made.segment(low, at, high, at, color=INK, line_width=1.5)
-        for end in (low, high):
-            made.scatter(end, at, marker='dash', angle=math.pi / 2.0, size=10, color=INK)
-    texts = [number(values[0], 3)]
-    texts += [
-        f'{number(v, 3)}  ({100.0 * (v / values[i] - 1.0):+.0f} %)'.replace('-', '−')
-        for i, v in enumerate(values[1:])
-    ]
-    _labels(made, [*ends, floor], rows, [*texts, number(floor, 3)])
-    made.vspan(floor, line_color=GREY, line_dash='dashed')
-    if wide:
-        logarithmic(made.xaxis, left, 4.0 * max(ends))
-    made.ygrid.grid_line_color = None
-    return Picture(made)
-
-
-def ranking(ranked: Sequence[Mapping[str, Any]], unit: str, most: int = 8) -> Picture | None:
-    """Draw how probable each effect is, and what it leaves of the gap.
-
-    Args:
-        ranked: The entry of `diagnosis.json`, the most probable first.
-        unit: Of the gap.
-        most: How many are drawn.
-    """
-    top = [r for r in ranked if r['probability'] is not None][:most]
-    if not top:
-        return None
-    rows = [effect_name(r) for r in top]
-    made = plot(
-        width=WIDTH,
-        height=60 + 30 * len(rows),
-        y_range=rows[::-1],
-        x_range=(0.0, 1.45),
-        x_axis_label='probability',
-        tools='',
-        active_drag=None,
-    )
-    chances = [r['probability'] for r in top]
-    made.hbar(
-        y=rows, left=0.0, right=chances, height=0.62, color=[GREEN] + [SKY] * (len(rows) - 1)
-    )
-    texts = [
-        (f'{100.0 * p:.0f} %' if p >= 0.01 else '< 1 %')
-        + ('' if r['gap_after'] is None else f', leaves {number(r["gap_after"], 3)} {unit}')
-        for p, r in zip(chances, top, strict=True)
-    ]
-    _labels(made, chances, rows, texts)
-    made.xaxis.ticker = FixedTicker(ticks=[0.0, 0.25, 0.5, 0.75, 1.0])
-    made.ygrid.grid_line_color = None
-    return Picture(made)
-
-
-_HEADINGS = {
-    'both': ('both directions', INK, 'dot'),
-    'forwards': ('moving forwards', BLUE, 'dot'),
-    'backwards': ('moving backwards', ORANGE, 'square'),
-}
-
-
-def residual_maps(maps: Sequence[Mapping[str, Any]]) -> Picture | None:
-    """Draw the residual along the coordinates that matter, before and after.
-
-    Args:
-        maps: The entry of `diagnosis.json`.
-    """
-    if not maps:
-        return None
-    figures = [_map(found) for found in maps]
-    lines = [line for found in maps for line in found['before']]
-    keys = [Key(text, colour, style) for heading, (text, colour, style) in _HEADINGS.items()
-            if any(line['heading'] == heading for line in lines)]
-    if any(found['after'] for found in maps):
-        keys.append(Key('the same with the effects in the model', GREY, 'dashed'))
-    return Picture(gridplot(figures, ncols=2, toolbar_options={'logo': None}), tuple(keys))
-
-
-def _map(found: Mapping[str, Any]) -> Any:
-    spectrum = found['coordinate'] == 'frequency'
-    made = plot(
-        title=f'{found["drive"]}: residual along the {found["coordinate"]}',
-        width=WIDTH // 2 - 4,
-        height=300,
-        x_axis_type='log' if spectrum else 'linear',
-        y_axis_type='log' if spectrum else 'linear',
-        x_axis_label=found['label'],
-        y_axis_label='amplitude density' if spectrum else f'mean residual [{found["unit"]}]',
-        min_border_left=64,
-    )
-    floor = found['noise_floor']
-    if spectrum:
-        made.yaxis.axis_label += f' [{found["unit"]}]'
-        made.hspan(floor, line_color=GREY, line_dash='dashed')
-    else:
-        made.add_layout(
-            BoxAnnotation(bottom=-floor, top=floor, fill_color=GREY, fill_alpha=0.1,
-                          line_color=None)
-        )
-        made.hspan(0.0, line_color=INK, line_width=0.8)
-    for line in found['before']:
-        _line(made, line, found['linear'], before=True)
-    for line in found['after']:
-        _line(made, line, found['linear'], before=False)
-    if found['linear']:
-        _stretched_ticks(made, found)
-    return made
-
-
-def _line(made: Any, line: Mapping[str, Any], linear: float, *, before: bool) -> None:
-    if not line['place']:
-        return
-    _, colour, mark = _HEADINGS[line['heading']]
-    place = _stretch(np.array(line['place'], dtype=np.float64), linear)
-    mean = np.array(line['mean'], dtype=np.float64)
-    half = np.array(line['half'], dtype=np.float64)
-    if not before:
-        made.line(place, mean, color=colour, line_width=1.5, line_dash='dashed')
-        return
-    if np.isfinite(half).all():
-        made.varea(place, mean - half, mean + half, fill_color=colour, fill_alpha=0.2)
-    made.line(place, mean, color=colour, line_width=1.8)
-    if np.isfinite(half).all():
-        marker = 'square' if mark == 'square' else 'circle'
-        made.scatter(place, mean, color=colour, size=5, marker=marker)
-
-
-def _stretch(values: Array, linear: float) -> Array:
-    """Return places on an axis that is linear near zero and logarithmic beyond."""
-    if not linear:
-        return values
-    size = np.abs(values) / linear
-    out: Array = np.sign(values) * np.where(size <= 1.0, 0.6 * size, 0.6 + np.log10(
-        np.maximum(size, 1.0)))
-    return out
-
-
-def _stretched_ticks(made: Any, found: Mapping[str, Any]) -> None:
-    """Label a stretched axis at zero and at 1, 2 and 5 of each decade."""
-    places = [x for line in found['before'] for x in line['place']]
-    top, linear = max((abs(x) for x in places), default=0.0), found['linear']
-    exponent = math.floor(math.log10(linear))
-    decades = [10.0**e for e in range(exponent, exponent + 8)]
-    # Round numbers first: those between them stand where they have room.
-    sides = [step * d for step in (1, 5, 2) for d in decades]
-    sides = [x for x in sides if 0.9 * linear <= x <= 1.05 * top]
-    signs = (-1.0, 1.0) if min(places, default=0.0) < 0.0 else (1.0,)
-    ticks, at = [0.0], [0.0]
-    room = len(signs) * float(_stretch(np.array([top]), linear)[0]) / 12.0
-    for tick in (sign * x for x in sides for sign in signs):
-        place = float(_stretch(np.array([tick]), linear)[0])
-        if min(abs(place - other) for other in at) >= room:
-            ticks.append(tick)
-            at.append(place)
-    made.xaxis.ticker = FixedTicker(ticks=at)
-    made.xaxis.major_label_overrides = {
-        x: number(tick, 3) for x, tick in zip(at, ticks, strict=True)
-    }
+    width = int(made.width)
+    return Picture(made, 'Correlations of the estimates', least=width)

@@ -1,19 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The answer in sentences: what was found, and what to be careful about."""
+"""What a run found in sentences, and what to be careful about."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 import math
+import re
 from typing import Any, Literal
 
 import numpy as np
 
 from ros2_ident.effects import CATALOGUE
-from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
+from ros2_ident.identify.result import Identification, ParameterEstimate
+from ros2_ident.report.page.numbers import change, number, precision, quantity
 
-Level = Literal['good', 'doubtful', 'bad', 'plain', 'warning']
+Level = Literal['good', 'doubtful', 'bad']
 
-RAISED = str.maketrans('0123456789-', '⁰¹²³⁴⁵⁶⁷⁸⁹⁻')
+# Verdicts that name no effect.
+NAMELESS = frozenset({'none', 'unknown', 'bookkeeping', 'model'})
 # Half an interval over the value from which a parameter is called badly known.
 WIDE = 0.2
 # Correlations from here on are said in words.
@@ -22,49 +24,12 @@ CLOSE = 0.95
 MOVED = 0.05
 # Pairs, parameters or effects that one sentence lists.
 LISTED = 6
+# Places of the gap that are told at once, and the share of a drive's gap that a further one has to
+# explain beyond the drive's leading one.
+LEADING, FURTHER = 3, 0.1
 
-
-@dataclass(frozen=True)
-class Sentence:
-    """A sentence and how it is meant."""
-
-    level: Level
-    text: str
-
-
-def number(value: float | None, digits: int = 5) -> str:
-    """Return a number for people, powers of ten where it is far from one; a dash for none."""
-    if value is None or not math.isfinite(value):
-        return '–'
-    rounded = float(f'{value:.{digits - 1}e}')
-    exponent = math.floor(math.log10(abs(rounded))) if rounded else 0
-    if not -5 < exponent < 7:
-        text = f'{rounded / 10.0**exponent:.{digits}g}·{raised(exponent)}'
-    else:
-        text = f'{rounded:.{max(0, digits - 1 - exponent)}f}'
-        if '.' in text:
-            text = text.rstrip('0').rstrip('.')
-    return text.replace('-', '−')
-
-
-def raised(power: int) -> str:
-    """Return a power of ten as it is printed; nothing for the power 0."""
-    return f'10{str(power).translate(RAISED)}' if power else ''
-
-
-def unit_of(unit: str) -> str:
-    """Return a unit as it is printed; nothing for a ratio."""
-    return '' if unit == '1' else unit.replace('^2', '²').replace('^3', '³')
-
-
-def quantity(value: float | None, unit: str, digits: int = 5) -> str:
-    """Return a number with its unit."""
-    return f'{number(value, digits)} {unit_of(unit)}'.rstrip()
-
-
-def percent(share: float | None) -> str:
-    """Return a share in percent, two digits."""
-    return '–' if share is None or not math.isfinite(share) else f'{number(100.0 * share, 2)} %'
+_DRIVE = re.compile(r'^([^\s:]+): ')
+_FIGURE = re.compile(r'\d+(?:\.\d+)?(?:e[+-]?\d+)?')
 
 
 def width(estimate: ParameterEstimate) -> float:
@@ -81,46 +46,65 @@ def effect_name(at: Mapping[str, Any]) -> str:
     return f'{title} on {", ".join(where)}' if where else title
 
 
-def some(names: list[str]) -> str:
+def effects_named(found: Sequence[Mapping[str, Any]]) -> str:
+    """Return effects in words; a place that all of them share is said once."""
+    names = [effect_name(at) for at in found]
+    if len({tuple(at['where']) for at in found}) == 1:
+        names[:-1] = [effect_name({**at, 'where': ['all']}) for at in found[:-1]]
+    return names[0] if len(names) == 1 else f'{", ".join(names[:-1])} and {names[-1]}'
+
+
+def some(names: Sequence[str]) -> str:
     """Return a list in words, the end of a long one as its length."""
     more = len(names) - LISTED
     return ', '.join(names[:LISTED]) + (f' and {more} more' if more > 0 else '')
 
 
-def of_identification(result: Identification) -> list[Sentence]:
-    """Return what an identification says, the answer first."""
-    # What follows the first sentence is about bounds, which are said below one by one.
-    headline, _, rest = result.message.partition('. ')
+def joined(texts: Sequence[str]) -> list[str]:
+    """Return warnings with those that differ only in their drive and their figures as one.
+
+    The figures are the first one's; so many drives have the same warning is what is new.
+    """
+    groups: dict[str, list[str]] = {}
+    for text in texts:
+        groups.setdefault(_FIGURE.sub('#', _DRIVE.sub('', text)), []).append(text)
+    return [_as_one(group) for group in groups.values()]
+
+
+def _as_one(group: Sequence[str]) -> str:
+    drives = [found[1] for text in group if (found := _DRIVE.match(text))]
+    if len(group) == 1 or len(drives) < len(group):
+        return group[0]
+    others = [name for name in dict.fromkeys(drives) if name != drives[0]]
+    return f'{group[0]} (likewise {some(others)})' if others else group[0]
+
+
+# ---------------------------------------------------------------------- identifications
+
+
+def headline(result: Identification) -> str:
+    """Return how an identification ended."""
+    # What follows the first sentence is about bounds, which are said one by one.
+    first, _, rest = result.message.partition('. ')
     if rest and not any(p.at_bound for p in result.parameters):
-        headline = result.message
-    warnings = [*_doubts(result), *result.quality.warnings]
-    level: Level = 'bad'
-    if result.outcome is Outcome.IDENTIFIED:
-        level = 'doubtful' if warnings else 'good'
-    out = [Sentence(level, headline.rstrip('.') + '.')]
-    left = [
-        f'{quantity(x.rms, x.unit or result.cost.unit, 3)} on {x.drive} '
-        f'({percent(x.share)} of the {"log" if x.unit else "effort"})'
-        for x in result.residuals
-    ]
-    if left:
-        out.append(Sentence('plain', f'The simulation leaves {", ".join(left)}, RMS.'))
-    out += _precision(result)
-    return out + [Sentence('warning', text) for text in warnings]
+        first = result.message
+    return first.rstrip('.') + '.'
 
 
-def _precision(result: Identification) -> list[Sentence]:
+def precision_of(result: Identification) -> Iterator[str]:
+    """Yield how well the parameters are known."""
     known = [p for p in result.parameters if p.identifiable and math.isfinite(width(p))]
     if not known:
-        return []
+        return
     best, worst = min(known, key=width), max(known, key=width)
-    text = f'No parameter is known better than ± {percent(width(best))} ({best.name})'
+    text = f'{best.name} is known best, to {precision(width(best))}'
     if worst is not best:
-        text += f'; the least well known is known to ± {percent(width(worst))} ({worst.name})'
-    return [Sentence('plain', f'{text}. These are 95 % intervals.')]
+        text += f'; {worst.name} least, to {precision(width(worst))}'
+    yield f'{text} (95 % intervals).'
 
 
-def _doubts(result: Identification) -> Iterator[str]:
+def doubts(result: Identification) -> Iterator[str]:
+    """Yield what to be careful about in the parameters."""
     for p in result.parameters:
         if p.at_bound:
             lower = abs(p.value - p.lower_bound) <= abs(p.value - p.upper_bound)
@@ -131,27 +115,21 @@ def _doubts(result: Identification) -> Iterator[str]:
             )
     loose = [p.name for p in result.parameters if not p.identifiable and not p.at_bound]
     if loose:
-        yield f'This data does not determine {some(loose)}: the values mean little.'
+        yield f'This recording does not determine {some(loose)}.'
     wide = [
-        f'{p.name} ± {percent(width(p))}'
+        f'{p.name} {precision(width(p))}'
         for p in result.parameters
         if p.identifiable and not p.at_bound and WIDE < width(p) < math.inf
     ]
     if wide:
-        yield f'Badly known: {some(wide)}.'
+        yield f'Poorly known: {some(wide)}.'
     pairs = correlated(result)
     if pairs:
-        told = [f'{a} with {b} ({number(r, 2)})' for a, b, r in pairs]
+        told = [f'{a} and {b} ({number(r, 2)})' for a, b, r in pairs]
         yield (
-            f'This motion hardly tells apart: {some(told)}. In brackets the correlation of the '
-            'estimates; another motion, or one of the two held at a known value, tells them apart.'
+            f'This motion hardly separates {some(told)}; correlations in brackets. Record another '
+            'motion, or hold one of the two at a known value.'
         )
-
-
-def _chance(probability: float | None) -> str:
-    if probability is not None and probability > 0.99:
-        return 'over 99 %'
-    return percent(probability)
 
 
 def correlated(result: Identification) -> list[tuple[str, str, float]]:
@@ -165,6 +143,32 @@ def correlated(result: Identification) -> list[tuple[str, str, float]]:
     return sorted(pairs, key=lambda pair: -abs(pair[2]))
 
 
+# ---------------------------------------------------------------------- diagnoses
+
+
+def moved_names(data: Mapping[str, Any]) -> list[str]:
+    """Return the nominal parameters that had made up for the effects.
+
+    Args:
+        data: The content of `diagnosis.json`.
+    """
+    if data['verdict']['effect'] in NAMELESS:
+        return []
+    return [
+        name
+        for name, share in data['moved'].items()
+        if share is not None and abs(share) >= MOVED and _left(name, data)
+    ]
+
+
+def moved(data: Mapping[str, Any]) -> str:
+    """Return the same in a sentence; empty where none had."""
+    told = [f'{name} ({change(data["moved"][name])})' for name in moved_names(data)]
+    if not told:
+        return ''
+    return f'Without the effects, these parameters were off and made up for them: {some(told)}.'
+
+
 def _left(name: str, data: Mapping[str, Any]) -> bool:
     """Whether a parameter's nominal value is outside its interval with the effects."""
     found, before = data['parameters'][name], data['nominal'].get(name)
@@ -172,46 +176,41 @@ def _left(name: str, data: Mapping[str, Any]) -> bool:
     return None in ends or not found['low'] <= before <= found['high']
 
 
-def of_diagnosis(data: Mapping[str, Any]) -> list[Sentence]:
-    """Return what a diagnosis says, the answer first.
+def hidden(data: Mapping[str, Any]) -> str:
+    """Return which effects the motion cannot show, each with its places; empty where none."""
+    places: dict[str, list[str]] = {}
+    for at in data['not_testable']:
+        effect = CATALOGUE.get(at['effect'])
+        title = effect.title if effect else str(at['effect'])
+        places.setdefault(title, []).extend(w for w in at['where'] if w != 'all')
+    told = [f'{t} ({", ".join(w)})' if w else t for t, w in places.items()]
+    return f'This motion cannot show: {", ".join(told)}.' if told else ''
 
-    Args:
-        data: The content of `diagnosis.json`.
-    """
-    verdict = data['verdict']
-    out: list[Sentence] = []
-    if not data['complete']:
-        out.append(
-            Sentence(
-                'warning',
-                'The diagnosis was cut short: effects it had not tried by then may close more of '
-                'the gap.',
-            )
-        )
-    rivals = [effect_name(x) for x in data['confusable'][1:]]
-    if rivals:
-        out.append(Sentence('warning', f'This log cannot tell it from: {some(rivals)}.'))
-    out += [
-        Sentence('warning', gate['sentence']) for gate in data['gates'] if gate['level'] != 'ok'
-    ]
-    moved = [
-        f'{name} by {percent(share)}'
-        for name, share in data['moved'].items()
-        if share is not None and abs(share) >= MOVED and _left(name, data)
-    ]
-    if moved and verdict['effect'] not in ('none', 'unknown'):
-        out.append(
-            Sentence(
-                'warning',
-                'Without the effects in the model the parameters make up for them. With them '
-                f'move: {some(moved)}.',
-            )
-        )
-    level: Level = 'bad'
-    if data['complete'] and verdict['effect'] != 'unknown':
-        level = 'doubtful' if out else 'good'
-    hidden = [effect_name(x) for x in data['not_testable']]
-    if hidden:
-        out.append(Sentence('plain', f'This motion cannot show: {some(hidden)}.'))
-    said = f'{verdict["sentence"]} Probability {_chance(verdict["probability"])}.'
-    return [Sentence(level, said), *out]
+
+def leading(data: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+    """Return where the gap lies: the findings that matter and do not overlap, then the rest."""
+    told: list[Mapping[str, Any]] = []
+    for finding in data['localisation']:
+        same = [f for f in told if f['drive'] == finding['drive']]
+        if not same or _says_more(finding):
+            told.append(finding)
+    told = sorted(told, key=lambda f: -f['size_over_floor'])[:LEADING]
+    first = [str(f['sentence']) for f in told]
+    missing = [drive for drive in _worst(data) if all(f['drive'] != drive for f in told)]
+    lost = [f'{d}: the largest gap; it follows no coordinate of the motion' for d in missing]
+    return lost + first, [str(f['sentence']) for f in data['localisation'] if f not in told]
+
+
+def _says_more(finding: Mapping[str, Any]) -> bool:
+    beyond = finding['beyond'] or 0.0
+    return not finding['coordinate'].startswith('size by') and beyond >= FURTHER
+
+
+def _worst(data: Mapping[str, Any]) -> list[str]:
+    """Return the drive with the largest gap over its floor, where the gap is material."""
+    if (data['evidence']['size'] or 0.0) < (data['evidence']['material'] or 0.0):
+        return []
+    drives = data['gap']['per_drive']
+    known = [n for n, d in drives.items() if d['before'] is not None and d['noise_floor']]
+    known.sort(key=lambda n: -drives[n]['before'] / drives[n]['noise_floor'])
+    return known[:1]

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arms: links and joints from a URDF, an MJCF or a table, driven by their recorded motion."""
+
+from collections.abc import Iterator
+import math
+
+from ros2_ident.machine.draft import Draft, Remark
+from ros2_ident.machine.keys import head, Key
+from ros2_ident.machine.kind import Kind, later
+from ros2_ident.models.drives import keys
+
+_TABLE = ('dh_a', 'dh_alpha', 'dh_d', 'dh_theta')
+_BY_TABLE = 'needed where there is no description'
+
+
+def _row(name: str, unit: str, meaning: str, example: tuple[float, ...]) -> Key:
+    """Return a key of the table of modified Denavit-Hartenberg parameters."""
+    return Key(
+        'geometry',
+        name,
+        unit,
+        meaning,
+        example,
+        absent=_BY_TABLE,
+        low=-20.0,
+        high=20.0,
+        each=True,
+    )
+
+
+def _found(
+    name: str, unit: str, meaning: str, example: tuple[float, float], **more: object
+) -> Key:
+    """Return a parameter of a link, about what the description says of it."""
+    return Key('parameters', name, unit, meaning, example, each=True, **more)  # type: ignore[arg-type]
+
+
+def _of_payload(name: str, unit: str, example: tuple[float, float], meaning: str) -> Key:
+    return Key('parameters', name, unit, meaning, example, low=-1e3, high=1e3, shown=False)
+
+
+_GEOMETRY = (
+    Key(
+        'geometry',
+        'description',
+        '',
+        "URDF or MJCF, its way from this file's folder; instead of the table",
+        'arm.urdf',
+        absent='the table below by default',
+        default='',
+        shown=False,
+        file=True,
+    ),
+    _row('dh_a', 'm', 'modified Denavit-Hartenberg: a of the link before', (0.0, 0.0, 0.4)),
+    _row('dh_alpha', 'rad', 'alpha of the link before', (0.0, -0.5 * math.pi, 0.0)),
+    _row('dh_d', 'm', 'd along the joint', (0.3, 0.0, 0.0)),
+    _row('dh_theta', 'rad', 'theta where the position is 0', (0.0, 0.0, 0.0)),
+    Key(
+        'geometry',
+        'joint',
+        '',
+        'revolute (also continuous) or prismatic, in a table',
+        ('revolute', 'revolute', 'revolute'),
+        absent='revolute by default',
+        default='revolute',
+        each=True,
+        choices=('revolute', 'prismatic'),
+        aliases=(('continuous', 'revolute'),),
+    ),
+    Key('geometry', 'free_fall', 'm/s^2', 'acceleration of free fall', 9.81,
+        absent='9.81 by default', default=9.81, low=0.0, high=25.0),
+    Key('geometry', 'base_roll', 'rad', 'tilt of the base about x', 0.0, absent='0 by default',
+        default=0.0, low=-math.pi, high=math.pi),
+    Key('geometry', 'base_pitch', 'rad', 'tilt of the base about y, after roll', 0.0,
+        absent='0 by default', default=0.0, low=-math.pi, high=math.pi),
+)  # fmt: skip
+_DRIVE = (
+    Key(
+        'drive',
+        'gear_factor',
+        '1',
+        'motor angle per joint angle, where the effort is that of the motor',
+        100.0,
+        absent='1 by default: the effort is that of the joint',
+        low=0.1,
+        high=1e4,
+        force_unit='rad/m',
+        shown=False,
+        each=True,
+    ),
+    Key(
+        'drive',
+        'travel_per_turn',
+        'rad',
+        'joint angle per motor turn, for effects that follow it',
+        0.0628,
+        absent='2 pi / gear_factor by default',
+        default=keys.turn_of_gear,
+        low=1e-5,
+        high=10.0,
+        force_unit='m',
+        shown=False,
+        each=True,
+    ),
+    Key(
+        'drive',
+        'coulomb_regularisation',
+        'rad/s',
+        'width v of the step in Coulomb friction, tanh(speed / v)',
+        0.02,
+        absent='0.02 by default',
+        default=0.02,
+        low=1e-5,
+        high=1.0,
+        force_unit='m/s',
+        each=True,
+    ),
+)
+_LINKS = (
+    _found(
+        'link_mass', 'kg', "of the links, as far from the description's", (-20.0, 20.0),
+        low=-1e4, high=1e4, shown=False,
+    ),
+    _found(
+        'link_moment', 'kg m', "first moments, as far from the description's", (-20.0, 20.0),
+        low=-1e4, high=1e4,
+    ),
+    _found(
+        'link_inertia', 'kg m^2', "inertias, as far from the description's", (-20.0, 20.0),
+        low=-1e4, high=1e4,
+    ),
+)  # fmt: skip
+_PAYLOAD = (
+    _of_payload('payload_mass', 'kg', (0.0, 10.0), 'point mass at the last link'),
+    _of_payload('payload_x', 'm', (-0.3, 0.3), 'its place, in the frame of the last joint'),
+    _of_payload('payload_y', 'm', (-0.3, 0.3), 'the same along y'),
+    _of_payload('payload_z', 'm', (-0.3, 0.3), 'the same along z'),
+)
+_OF_DRIVES = (
+    keys.turning(keys.INERTIA, (0.0, 5.0)),
+    keys.turning(keys.FRICTION[0], (0.0, 50.0)),
+    keys.turning(keys.FRICTION[1], (0.0, 100.0)),
+    keys.turning(keys.FRICTION[-1], (-20.0, 20.0)),
+)
+
+
+def _judge(draft: Draft) -> Iterator[Remark]:
+    table = [name for name in _TABLE if draft.states('geometry', name)]
+    described = draft.states('geometry', 'description')
+    missing = next((name for name in _TABLE if name not in table), None)
+    if not described and missing is not None:
+        yield Remark(
+            'error',
+            ('geometry',),
+            f'geometry has neither a description nor {missing}; add `description: arm.urdf`, or '
+            f'the table of {", ".join(_TABLE)}',
+        )
+    if described and table:
+        yield Remark(
+            'warn',
+            ('geometry', table[0]),
+            f'{table[0]} is not looked at beside geometry.description; leave one of them out',
+        )
+
+
+KIND = Kind(
+    name='serial',
+    title='an arm of links and joints, driven by its recorded motion',
+    keys=(
+        *head('serial', ('joint_1', 'joint_2', 'joint_3'), noise=0.1),
+        *_GEOMETRY,
+        *_DRIVE,
+        Key('controller', 'cycle', 's', 'period of the log', 0.008, low=1e-6, high=0.05),
+        keys.DELAY,
+        *_LINKS,
+        *_PAYLOAD,
+        *_OF_DRIVES,
+        *(key.searched() for key in _DRIVE if key.name == 'coulomb_regularisation'),
+    ),
+    model=later('ros2_ident.models.serial.model:Serial'),
+    judge=_judge,
+    travel='rad',
+)

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An arm's rigid bodies: from a description or a table to the terms of its efforts.
+
+Nothing else in the package imports pinocchio. Inertial parameters of a link are, in this order,
+its mass, first moments and inertias xx, xy, yy, xz, yz, zz about the frame of its joint.
+"""
+# mypy: disable-error-code="no-any-return"
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import os
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.machine import Machine
+
+Array = npt.NDArray[np.float64]
+
+INERTIALS = 10
+_NO_PINOCCHIO = (
+    'an arm needs pinocchio, which is not installed; `pip install "ros2_ident[arms]"`, or the '
+    'package ros-jazzy-pinocchio'
+)
+
+
+def _pinocchio() -> Any:
+    try:
+        import pinocchio
+    except ImportError as error:
+        raise IdentError(ErrorCode.UNKNOWN_MODEL, _NO_PINOCCHIO) from error
+    return pinocchio
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An arm in the order of the machine's drives.
+
+    Attributes:
+        model: pinocchio's model, all other joints locked where they are neutral.
+        joints: (D,) pinocchio's number of each drive's joint.
+    """
+
+    model: Any
+    joints: npt.NDArray[np.int64]
+
+    @property
+    def prismatic(self) -> npt.NDArray[np.bool_]:
+        """(D,) where a joint slides."""
+        names = [self.model.joints[int(j)].shortname() for j in self.joints]
+        return np.array([name.startswith(('JointModelP', 'JointModelMimicP')) for name in names])
+
+    @property
+    def inertials(self) -> Array:
+        """(10 D,) inertial parameters of the links, as the description has them."""
+        return np.concatenate(
+            [self.model.inertias[int(j)].toDynamicParameters() for j in self.joints]
+        )
+
+    def terms(self, position: Array, velocity: Array, acceleration: Array) -> Array:
+        """Return what inertial parameters of 1 ask of the joints.
+
+        Args:
+            position: (D, K) of the drives, rad or m.
+            velocity: (D, K).
+            acceleration: (D, K).
+
+        Returns:
+            (D, K, 10 D) N m or N.
+        """
+        pin = _pinocchio()
+        data = self.model.createData()
+        # pinocchio's order, as a permutation of ours.
+        order = np.argsort(self.joints)
+        places = self._places(position)
+        speeds, bends = velocity[order].T, acceleration[order].T
+        drives, count = position.shape
+        out = np.empty((count, drives, INERTIALS * drives))
+        for k in range(count):
+            out[k] = pin.computeJointTorqueRegressor(
+                self.model, data, places[k], speeds[k], bends[k]
+            )
+        back = np.argsort(order)
+        links = out.reshape(count, drives, drives, INERTIALS)[:, back][:, :, back]
+        return np.ascontiguousarray(links.transpose(1, 0, 2, 3)).reshape(drives, count, -1)
+
+    def efforts(self, position: Array, velocity: Array, acceleration: Array) -> Array:
+        """Return (D, K) what the described links ask of the joints, by recursive Newton-Euler."""
+        pin = _pinocchio()
+        data = self.model.createData()
+        order = np.argsort(self.joints)
+        places = self._places(position)
+        rows = [
+            pin.rnea(self.model, data, place, velocity[order, k], acceleration[order, k])
+            for k, place in enumerate(places)
+        ]
+        return np.array(rows).T[np.argsort(order)]
+
+    def _places(self, position: Array) -> Array:
+        """Return (K, Q) pinocchio's configurations; joints without an end have sine and cosine."""
+        out = np.empty((position.shape[1], self.model.nq))
+        for d, number in enumerate(self.joints):
+            joint = self.model.joints[int(number)]
+            if joint.nq == 1:
+                out[:, joint.idx_q] = position[d]
+            else:
+                out[:, joint.idx_q] = np.cos(position[d])
+                out[:, joint.idx_q + 1] = np.sin(position[d])
+        return out
+
+
+def arm_of(machine: Machine) -> Arm:
+    """Return the arm of a machine file.
+
+    Raises:
+        IdentError: UNKNOWN_MODEL where pinocchio is not installed, BAD_MACHINE_FILE where the
+            description cannot be read or has no such joint.
+    """
+    pin = _pinocchio()
+    text = machine.text('description')
+    model = _described(pin, text, machine.drives) if text else _by_table(pin, machine)
+    roll, pitch = machine.number('base_roll'), machine.number('base_pitch')
+    down = pin.rpy.rpyToMatrix(roll, pitch, 0.0).T @ np.array([0.0, 0.0, -1.0])
+    model.gravity.linear = machine.number('free_fall') * down
+    # Rotors are parameters of the drives.
+    model.armature[:] = 0.0
+    return Arm(model, np.array([model.getJointId(name) for name in machine.drives]))
+
+
+def _described(pin: Any, text: str, drives: Sequence[str]) -> Any:
+    """Return the model of a URDF or an MJCF in which only the drives' joints move."""
+    try:
+        whole = pin.buildModelFromXML(text) if '<robot' in text else _from_mjcf(pin, text)
+    except Exception as error:
+        raise IdentError(
+            ErrorCode.BAD_MACHINE_FILE,
+            f'geometry.description cannot be read ({str(error).splitlines()[0]}); give a URDF or '
+            'an MJCF file',
+        ) from error
+    missing = [name for name in drives if not whole.existJointName(name)]
+    if missing:
+        known = ', '.join(list(whole.names)[1:])
+        raise IdentError(
+            ErrorCode.BAD_MACHINE_FILE,
+            f'geometry.description has no joint {missing[0]}; its joints are {known}',
+        )
+    locked = [j for j in range(1, whole.njoints) if whole.names[j] not in drives]
+    model = pin.buildReducedModel(whole, locked, pin.neutral(whole)) if locked else whole
+    for name in drives:
+        if model.joints[model.getJointId(name)].nv != 1:
+            raise IdentError(
+                ErrorCode.BAD_MACHINE_FILE,
+                f'joint {name} of geometry.description neither turns about nor slides along one '
+                'axis; leave it out of drives',
+            )
+    return model
+
+
+def _from_mjcf(pin: Any, text: str) -> Any:
+    """Return the model of an MJCF's text; pinocchio takes files only, this one is in memory."""
+    number = os.memfd_create('description')
+    try:
+        os.write(number, text.encode())
+        return pin.buildModelFromMJCF(f'/proc/self/fd/{number}')
+    finally:
+        os.close(number)
+
+
+def _by_table(pin: Any, machine: Machine) -> Any:
+    """Return the model of a table of modified Denavit-Hartenberg parameters, without masses."""
+    model = pin.Model()
+    parent = 0
+    for name in machine.drives:
+        a, alpha, d, theta = (
+            machine.number(key, name) for key in ('dh_a', 'dh_alpha', 'dh_d', 'dh_theta')
+        )
+        turn = pin.rpy.rpyToMatrix(alpha, 0.0, 0.0)
+        place = pin.SE3(turn, np.array([a, 0.0, 0.0]))
+        along = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, theta), np.array([0.0, 0.0, d]))
+        slides = machine.text('joint', name) == 'prismatic'
+        joint = pin.JointModelPZ() if slides else pin.JointModelRZ()
+        parent = model.addJoint(parent, joint, place * along, name)
+    return model

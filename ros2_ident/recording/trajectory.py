@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trajectories as they are sent to a controller, as the set-point that the controller follows.
+
+A trajectory is a few points; joint_trajectory_controller runs through them by a polynomial through
+all that two neighbouring points state (linear, cubic or quintic), from the last set-point on and
+until the next trajectory begins (ros2_controllers, joint_trajectory_controller, trajectory.cpp).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import struct
+
+import numpy as np
+from scipy.interpolate import BPoly
+
+from ros2_ident.recording.cdr import Block, Cursor
+from ros2_ident.recording.limits import Limits, too_large
+from ros2_ident.recording.ros2_control import read_point
+from ros2_ident.recording.streams import FloatArray, IntArray
+
+# The set-point is sampled so often, ns.
+PERIOD = 1_000_000
+# Points closer than this stand at one time, s.
+_CLOSE = 1e-9
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A trajectory for some joints.
+
+    Attributes:
+        start: When it begins, ns; its arrival where the message does not say.
+        names: The D joints.
+        time: Times of its points (P,), s after the start, increasing.
+        knots: Position, and velocity and acceleration where stated, (P, 1 to 3, D), in rad or m
+            and s.
+    """
+
+    start: int
+    names: tuple[str, ...]
+    time: FloatArray
+    knots: FloatArray
+
+
+def parse_trajectory(data: bytes, arrival: int, limits: Limits | None = None) -> Trajectory:
+    """Read one serialised JointTrajectory.
+
+    Args:
+        data: The message with its four bytes of encapsulation.
+        arrival: When it came, ns.
+        limits: How many names, and of what length.
+
+    Raises:
+        ValueError: The bytes are no JointTrajectory, or it can not be followed.
+    """
+    cursor = Cursor(data, limits or Limits())
+    stamp = cursor.header()
+    names = cursor.names()
+    number = cursor.count()
+    if 24 * number > len(data):
+        raise ValueError('more points than bytes')
+    order = '>' if cursor.big else '<'
+    values = [_Point(read_point(cursor), cursor.at - 8) for _ in range(number)]
+    cursor.end()
+    if not values or not names or len(set(names)) != len(names):
+        raise ValueError('no points or joints')
+    seconds, nanoseconds = _time(data, stamp, order)
+    start = seconds * 1_000_000_000 + nanoseconds or arrival
+    time = np.array([s + 1e-9 * ns for s, ns in (_time(data, x.time, order) for x in values)])
+    depth = min(x.depth for x in values)
+    knots = np.array([x.read(data, depth, order) for x in values])
+    if depth == 0 or knots.shape[2] != len(names):
+        raise ValueError(f'{len(names)} names but positions of {knots.shape[2]} joints')
+    if not np.isfinite(knots).all() or (np.diff(time) < _CLOSE).any() or time[0] < 0.0:
+        raise ValueError('times of points that do not increase, or values that are no numbers')
+    return Trajectory(start, names, time, knots)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Where one point lies in a message."""
+
+    places: tuple[IntArray | None, ...]
+    time: int
+
+    @property
+    def depth(self) -> int:
+        """How many derivatives it states, from the position on."""
+        return next((k for k in range(3) if self.places[k] is None), 3)
+
+    def read(self, data: bytes, depth: int, order: str) -> FloatArray:
+        """Return what it states (depth, D)."""
+        rows = [self.places[k] for k in range(depth)]
+        if len({x.size for x in rows if x is not None}) > 1:
+            raise ValueError('a point of positions and velocities of unequal number')
+        return np.array(
+            [
+                np.frombuffer(data, f'{order}f8', x.size, int(x[0]))
+                for x in rows
+                if x is not None
+            ]
+        ).reshape(depth, -1)
+
+
+def _time(data: bytes, at: int, order: str) -> tuple[int, int]:
+    """Return seconds and nanoseconds at a place."""
+    seconds, nanoseconds = struct.unpack_from(f'{order}iI', data, at)
+    return int(seconds), int(nanoseconds)
+
+
+def set_points(trajectories: Sequence[Trajectory], limits: Limits) -> list[Block]:
+    """Return the set-point that a controller makes of trajectories, sampled evenly.
+
+    Args:
+        trajectories: In the order in which they came; those for the same joints replace each
+            other from their start on.
+        limits: How much memory it may take.
+
+    Returns:
+        One block for each set of joints: stamps, positions (T, D) and velocities (T, D).
+
+    Raises:
+        IdentError: BAD_VALUES where it would take more memory than allowed.
+    """
+    groups: dict[tuple[str, ...], list[Trajectory]] = {}
+    for trajectory in trajectories:
+        groups.setdefault(trajectory.names, []).append(trajectory)
+    return [_followed(group, limits) for group in groups.values()]
+
+
+def _followed(trajectories: Sequence[Trajectory], limits: Limits) -> Block:
+    """Return the set-point made of trajectories for the same joints."""
+    names = trajectories[0].names
+    last = max(x.start + round(1e9 * x.time[-1]) for x in trajectories)
+    first = trajectories[0].start + round(1e9 * trajectories[0].time[0])
+    needed = 16 * len(names) * (last - first) // PERIOD
+    if 3 * needed > limits.memory:
+        raise too_large('the set-point of the trajectories takes', 3 * needed, limits.memory,
+                        'memory')
+    stamp = np.arange(first, last + 1, PERIOD, dtype=np.int64)
+    position = np.tile(trajectories[0].knots[0, 0], (stamp.size, 1))
+    velocity = np.zeros_like(position)
+    for number, trajectory in enumerate(trajectories):
+        begin = int(np.searchsorted(stamp, trajectory.start)) if number else 0
+        if begin >= stamp.size:
+            continue
+        origin = position[begin - 1] if begin else None
+        after = 1e-9 * (stamp[begin:] - trajectory.start)
+        position[begin:], velocity[begin:] = _run_through(trajectory, origin, after)
+    return Block(np.arange(stamp.size), stamp, names, (position, velocity, None))
+
+
+def _run_through(
+    trajectory: Trajectory, origin: FloatArray | None, after: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return position and velocity (T, D) at times (T,) after a trajectory's start.
+
+    Args:
+        trajectory: The trajectory.
+        origin: Set-point before (D,), from which it goes to its first point; None to hold that.
+        after: Times, s.
+    """
+    time, knots = trajectory.time, trajectory.knots
+    if origin is not None and time[0] > _CLOSE:
+        still = np.zeros((1, *knots.shape[1:]))
+        still[0, 0] = origin
+        time, knots = np.concatenate(([0.0], time)), np.concatenate((still, knots))
+    held = np.clip(after, time[0], time[-1])
+    if time.size == 1:
+        return np.tile(knots[0, 0], (after.size, 1)), np.zeros((after.size, knots.shape[2]))
+    path = BPoly.from_derivatives(time, list(knots))
+    moving = (held == after)[:, None]
+    return path(held), np.where(moving, path.derivative()(held), 0.0)

@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The first screen: what is wrong, how sure that is, how far the gap closes, what to do now."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from ros2_ident.identify.result import Identification, Outcome
+from ros2_ident.report.page import sentences, steps
+from ros2_ident.report.page.numbers import (
+    from_to,
+    percent,
+    precision,
+    quantity,
+    shares,
+    unit_of,
+)
+from ros2_ident.report.page.sentences import effect_name, joined, some
+from ros2_ident.report.page.steps import effects_found, places, Step
+
+# Drives that the first screen lists; the table further down has all.
+LISTED = 3
+# Levels of a check of the log that come before any answer.
+GRAVE = ('error', 'fail')
+# Parameters of an identification that it lists.
+PARAMETERS = 10
+# A gap left above the noise, in units of the noise floor, that wants a cause of its own.
+UNEXPLAINED = 1.0
+# A share that is as good as all.
+NEARLY_ALL = 0.995
+
+
+@dataclass(frozen=True)
+class Gap:
+    """One drive's residual.
+
+    Attributes:
+        drive: Its name.
+        size: RMS in the machine's unit, before and after where something closes it.
+        share: The same as a share of the drive's effort.
+        before: Length of a bar, 0 to 1.
+        after: Likewise; None where nothing closes it.
+        floor: Likewise, the noise floor; None where it is not known.
+        note: What is to be said of it.
+    """
+
+    drive: str
+    size: str
+    share: str
+    before: float
+    after: float | None
+    floor: float | None
+    note: str = ''
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The first screen.
+
+    Attributes:
+        level: `good`, `doubtful` or `bad`: the colour of its edge.
+        headline: What is wrong.
+        sure: How sure that is, sentences.
+        gaps: How far the gap closes, for the drives that matter most.
+        closes: The same in sentences.
+        steps: What to do now.
+        careful: What else to know, the most important first.
+        values: Parameters that were identified: name, value with unit, precision.
+        first: What has to be said before anything else.
+    """
+
+    level: sentences.Level
+    headline: str
+    sure: tuple[str, ...]
+    gaps: tuple[Gap, ...]
+    closes: tuple[str, ...]
+    steps: tuple[Step, ...]
+    careful: tuple[str, ...] = ()
+    values: tuple[tuple[str, str, str], ...] = ()
+    first: tuple[str, ...] = ()
+
+
+# ---------------------------------------------------------------------- a diagnosis
+
+
+def of_diagnosis(data: Mapping[str, Any], out: str) -> Answer:
+    """Return the first screen of a diagnosis.
+
+    Args:
+        data: The content of `diagnosis.json`.
+        out: The directory it lies in.
+    """
+    careful = tuple(_careful(data))
+    verdict = data['verdict']
+    level: sentences.Level = 'bad'
+    grave = [g['sentence'] for g in data['gates'] if g['level'] in GRAVE]
+    first = () if verdict['effect'] in steps.REFUSALS else tuple(joined(grave))
+    if data['complete'] and verdict['effect'] not in sentences.NAMELESS - {'none'} and not first:
+        unsure = len(data['confusable']) > 1 or _unexplained(data)
+        level = 'doubtful' if careful or unsure else 'good'
+    return Answer(
+        level,
+        _headline(data),
+        tuple(_sure(data)),
+        _gaps(data['gap'], material=float(data['evidence']['material'] or 0.0)),
+        tuple(_closes(data)),
+        tuple(steps.of_diagnosis(data, out)),
+        careful,
+        first=first,
+    )
+
+
+def _headline(data: Mapping[str, Any]) -> str:
+    verdict = data['verdict']
+    if verdict['effect'] == 'none':
+        small = (data['evidence']['size'] or 0.0) < (data['evidence']['material'] or 0.0)
+        return (
+            'Nothing is missing in the simulation: what is left is noise.'
+            if small
+            else 'Nothing can be named: what is left is too small to tell its cause.'
+        )
+    if verdict['effect'] in steps.REFUSALS:
+        return steps.REFUSALS[verdict['effect']][0]
+    if verdict['effect'] == 'unknown':
+        where = places(verdict['where'])
+        if not data['complete']:
+            return f'Cut short: the simulation of {where} is off, and no cause was found yet.'
+        return (
+            f'Something is missing in the simulation of {where}, and no known effect explains it.'
+        )
+    found = effects_found(data)
+    said = sentences.effects_named(found)
+    verb = 'is' if len(found) == 1 else 'are'
+    return f'{said[0].upper()}{said[1:]} {verb} missing in the simulation.'
+
+
+def _chance(probability: float | None) -> str:
+    if probability is not None and probability > 0.99:
+        return 'Over 99 %'
+    return percent(probability)
+
+
+def _sure(data: Mapping[str, Any]) -> Iterator[str]:
+    verdict = data['verdict']
+    held = {
+        'check bag': 'Judged on a recording that was not used for fitting.',
+        'blocks': 'Judged on every second block of 1 s, which was not used for fitting.',
+    }
+    if verdict['effect'] in steps.REFUSALS:
+        yield verdict['sentence']
+    elif data['complete'] or verdict['probability']:
+        that = {
+            'none': 'that nothing is missing',
+            'unknown': 'that the cause is none of the effects tried',
+        }.get(verdict['effect'], f'that {_first(data)} the cause, and at this place')
+        yield f'{_chance(verdict["probability"])} {that}.'
+    rivals = [effect_name(x) for x in data['confusable'][1:]]
+    if rivals:
+        yield f'This recording cannot tell it from {some(rivals)}.'
+    yield held.get(data['gap']['held_out'], str(data['gap']['held_out']))
+
+
+def _first(data: Mapping[str, Any]) -> str:
+    return 'the first of these is' if data['also'] else 'this is'
+
+
+def _gaps(gap: Mapping[str, Any], material: float) -> tuple[Gap, ...]:
+    """Return the drives with the largest gaps above their noise floor."""
+    drives = {n: d for n, d in gap['per_drive'].items() if d['before'] is not None}
+    first = sorted(drives, key=lambda n: -(drives[n]['before'] / (drives[n]['noise_floor'] or 1)))
+    chosen = first[:LISTED]
+    longest = max((max(drives[n]['before'], drives[n]['after'] or 0.0) for n in chosen), default=1)
+    closed = len(gap['steps']) > 1
+    return tuple(_gap(n, drives[n], gap['unit'], longest, material, closed) for n in chosen)
+
+
+def above(rms: float | None, floor: float | None) -> float:
+    """Return how much of a residual is above the noise, in units of the noise floor."""
+    if rms is None or not floor:
+        return math.inf
+    return math.sqrt(max(0.0, (rms / floor) ** 2 - 1.0))
+
+
+def _gap(
+    name: str, d: Mapping[str, Any], unit: str, longest: float, material: float, closed: bool
+) -> Gap:
+    before, after, floor = d['before'], d['after'], d['noise_floor']
+    share = d['share_of_torque_before']
+    note = '' if above(before, floor) >= material else 'noise only'
+    if not closed or after is None or note:
+        size, part = quantity(before, unit, 3), percent(share)
+        return Gap(name, size, part, before / longest, None, _length(floor, longest), note)
+    return Gap(
+        name,
+        f'{from_to(before, after)} {unit_of(unit)}',
+        '–' if share is None else shares(share, d['share_of_torque_after']),
+        before / longest,
+        after / longest,
+        _length(floor, longest),
+    )
+
+
+def _length(value: float | None, longest: float) -> float | None:
+    return None if value is None or not longest else min(1.0, value / longest)
+
+
+def _closes(data: Mapping[str, Any]) -> Iterator[str]:
+    gap = data['gap']
+    if len(gap['steps']) > 1 and gap['share_closed'] is not None:
+        low, high = gap['share_closed_low'], gap['share_closed_high']
+        share = gap['share_closed']
+        said = 'Nearly all' if share >= NEARLY_ALL else percent(share)
+        told = ''
+        if None not in (low, high) and low < NEARLY_ALL:
+            told = f' (95 % interval: {percent(low)} to {percent(high)})'
+        yield f'{said} of the gap above the noise closes{told}.'
+        if _unexplained(data):
+            yield 'No effect of the catalogue explains the rest.'
+    more = len(gap['per_drive']) - LISTED
+    if more > 0:
+        yield f'{"One more drive" if more == 1 else f"{more} more drives"}: see the table below.'
+
+
+def _unexplained(data: Mapping[str, Any]) -> bool:
+    return bool(effects_found(data)) and (data['evidence']['remaining'] or 0.0) >= UNEXPLAINED
+
+
+def _careful(data: Mapping[str, Any]) -> Iterator[str]:
+    if not data['complete']:
+        yield 'The run was cut short: effects not tried by then may close more of the gap.'
+    odd = [g['sentence'] for g in data['gates'] if g['level'] not in ('ok', *GRAVE)]
+    yield from joined([text for text in odd if text not in data['verdict']['sentence']])
+    ends = [name for name, v in data['parameters'].items() if v['at_bound']]
+    if ends:
+        yield (
+            f'{some(ends)} {"ends" if len(ends) == 1 else "end"} at a bound of the search: the '
+            'effect is larger than any looked for, or stands in for another cause.'
+        )
+
+
+# ---------------------------------------------------------------------- an identification
+
+
+def of_identification(result: Identification, out: str) -> Answer:
+    """Return the first screen of an identification without a diagnosis.
+
+    Args:
+        result: The identification.
+        out: The directory it lies in.
+    """
+    doubts = [*sentences.doubts(result), *joined(result.quality.warnings)]
+    level: sentences.Level = 'bad'
+    if result.outcome is Outcome.IDENTIFIED:
+        level = 'doubtful' if doubts else 'good'
+    longest = max((x.rms for x in result.residuals), default=1.0) or 1.0
+    gaps = [
+        Gap(
+            x.drive,
+            quantity(x.rms, x.unit or result.cost.unit, 3),
+            percent(x.share),
+            x.rms / longest,
+            None,
+            None,
+        )
+        for x in sorted(result.residuals, key=lambda x: -x.rms)
+    ]
+    more = len(gaps) - LISTED
+    return Answer(
+        level,
+        sentences.headline(result),
+        tuple(sentences.precision_of(result)),
+        tuple(gaps[:LISTED]),
+        (f'{more} more in the file `result.json`.',) if more > 0 else (),
+        tuple(steps.of_identification(result, out)),
+        tuple(doubts),
+        tuple(_values(result)),
+    )
+
+
+def _values(result: Identification) -> Iterator[tuple[str, str, str]]:
+    for p in result.parameters[:PARAMETERS]:
+        known = precision(sentences.width(p)) if p.identifiable else 'not determined'
+        yield p.name, quantity(p.value, p.unit, 4), known

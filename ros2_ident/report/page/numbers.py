@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers, units and equations as people read them."""
+
+import math
+import re
+
+from markupsafe import escape, Markup
+
+RAISED = str.maketrans('0123456789-', '⁰¹²³⁴⁵⁶⁷⁸⁹⁻')
+# Shares below and above these are said in words: their digits tell nothing.
+LEAST, MOST = 1e-4, 10.0
+# Half an interval over the value from which on the value is not known.
+UNKNOWN = 1.0
+
+_GREEK = {
+    'tau': 'τ', 'zeta': 'ζ', 'omega': 'ω', 'mu': 'μ', 'delta': 'δ', 'pi': 'π', 'dm': 'Δm',
+}
+
+
+def number(value: float | None, digits: int = 5) -> str:
+    """Return a number for people, powers of ten where it is far from one; a dash for none."""
+    if value is None or not math.isfinite(value):
+        return '–'
+    rounded = float(f'{value:.{digits - 1}e}')
+    exponent = math.floor(math.log10(abs(rounded))) if rounded else 0
+    if not -5 < exponent < 7:
+        text = f'{rounded / 10.0**exponent:.{digits}g}·{raised(exponent)}'
+    else:
+        text = f'{rounded:.{max(0, digits - 1 - exponent)}f}'
+        if '.' in text:
+            text = text.rstrip('0').rstrip('.')
+    return text.replace('-', '−')
+
+
+def raised(power: int) -> str:
+    """Return a power of ten as it is printed; nothing for the power 0."""
+    return f'10{str(power).translate(RAISED)}' if power else ''
+
+
+def unit_of(unit: str) -> str:
+    """Return a unit as it is printed; nothing for a ratio."""
+    return '' if unit == '1' else unit.replace('^2', '²').replace('^3', '³')
+
+
+def quantity(value: float | None, unit: str, digits: int = 5) -> str:
+    """Return a number with its unit."""
+    return f'{number(value, digits)} {unit_of(unit)}'.rstrip()
+
+
+def percent(share: float | None) -> str:
+    """Return a share in percent, two digits; in words where digits would say nothing."""
+    if share is None or not math.isfinite(share):
+        return '–'
+    if 0.0 < abs(share) < LEAST:
+        return 'below 0.01 %'
+    if abs(share) > MOST:
+        return 'over 1000 %'
+    return f'{number(100.0 * share, 2)} %'
+
+
+def change(share: float | None) -> str:
+    """Return by how much a value changed, as a share of it; a large one as a factor."""
+    if share is None or not math.isfinite(share):
+        return '–'
+    if share >= 2.0:
+        factor = 1.0 + share
+        return f'× {number(factor, 2)}' if factor < 1000.0 else '× over 1000'
+    if share <= -1.0:
+        return 'changes its sign'
+    return f'{100.0 * share:+.1f} %'.replace('-', '−')
+
+
+def precision(half: float | None) -> str:
+    """Return half an interval as a share of the value; in words where it exceeds the value."""
+    if half is None or math.isnan(half):
+        return '–'
+    return f'± {percent(half)}' if half <= UNKNOWN else 'not determined'
+
+
+def from_to(before: float, after: float, scale: float = 1.0) -> str:
+    """Return two numbers with the same decimals, three digits of the first."""
+    largest = max(abs(before), abs(after)) * scale
+    exponent = math.floor(math.log10(largest)) if largest > 0.0 else 0
+    if not -5 < exponent < 7:
+        return f'{number(before * scale, 3)} → {number(after * scale, 3)}'
+    decimals = max(0, 2 - exponent)
+    texts = [f'{x * scale:.{decimals}f}' for x in (before, after)]
+    return ' → '.join(texts).replace('-', '−')
+
+
+def shares(before: float, after: float) -> str:
+    """Return two shares in percent with the same decimals, two digits of the smaller."""
+    least = 100.0 * min(abs(before), abs(after))
+    decimals = 1 if least < 0.095 else max(0, 1 - math.floor(math.log10(least)))
+    decimals = min(decimals, 2)
+    return f'{100.0 * before:.{decimals}f} → {100.0 * after:.{decimals}f} %'
+
+
+def equation(text: str) -> Markup:
+    """Return an equation of the catalogue with its indices, powers and Greek letters."""
+    html = str(escape(text))
+    for word, letter in _GREEK.items():
+        html = re.sub(rf'(?<![A-Za-z_&]){word}(?![A-Za-z])', letter, html)
+    html = re.sub(r'(\w)_(\w+)', r'\1<sub>\2</sub>', html)
+    html = re.sub(r'\^(\d)', r'<sup>\1</sup>', html)
+    return Markup(html)
+
+
+def prose(text: str) -> Markup:
+    """Return a sentence with what stands between backticks as code.
+
+    No line ends before a % or after a ±.
+    """
+    html = str(escape(text)).replace('^2', '²').replace('^3', '³')
+    html = re.sub(r'(?<=\d) (?=%)|(?<=±) (?=\d)', '\N{NO-BREAK SPACE}', html)
+    return Markup(re.sub('`([^`]*)`', r'<code>\1</code>', html))

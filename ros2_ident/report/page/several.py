@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pages on several runs: two or more result directories side by side, and a fleet."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from ros2_ident.effects import CATALOGUE
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import make_directory, write_text
+from ros2_ident.report.files import (
+    DIAGNOSIS,
+    FLEET,
+    JSON,
+    load_diagnosis,
+    load_result,
+    PAGE,
+    YAML,
+)
+from ros2_ident.report.page import answer, sentences
+from ros2_ident.report.page.numbers import change, quantity
+from ros2_ident.report.page.render import render
+
+COMPARISON = 'comparison.html'
+# Parameters of a fleet that are shown at once; the others are folded away.
+OPEN = 6
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A value on a strip, with where it and its interval stand, 0 to 100; None where unknown."""
+
+    label: str
+    text: str
+    at: float | None
+    low: float | None = None
+    width: float | None = None
+    note: str = ''
+
+
+@dataclass(frozen=True)
+class Strip:
+    """One parameter of several runs on one scale.
+
+    Attributes:
+        name: The parameter.
+        ends: The scale's ends, with their unit.
+        marks: The values.
+        differs: Whether some differ beyond their intervals.
+    """
+
+    name: str
+    ends: tuple[str, str]
+    marks: tuple[Mark, ...]
+    differs: bool
+
+
+def strips(runs: Sequence[tuple[str, Mapping[str, Any]]]) -> list[Strip]:
+    """Return a strip for each parameter, those that differ first.
+
+    Args:
+        runs: Label and parameters of each run; a parameter has value, low, high (None where not
+            known) and unit.
+    """
+    names = dict.fromkeys(name for _, values in runs for name in values)
+    made = [
+        _strip(name, [(label, values[name]) for label, values in runs if name in values])
+        for name in names
+    ]
+    return sorted((s for s in made if s is not None), key=lambda s: not s.differs)
+
+
+def _strip(name: str, values: Sequence[tuple[str, Mapping[str, Any]]]) -> Strip | None:
+    known = [(label, v) for label, v in values if v['value'] is not None]
+    if not known:
+        return None
+    unit = known[0][1]['unit']
+    sizes = [v['value'] for _, v in known]
+    spread = max(sizes) - min(sizes)
+    # An interval as wide as all of the values twice over would hide how they lie.
+    reach = 2.0 * spread if spread else math.inf
+    ends = [v[k] for _, v in known for k in ('low', 'high') if v[k] is not None]
+    ends = [e for e in ends if min(sizes) - reach <= e <= max(sizes) + reach]
+    low, high = min([*sizes, *ends]), max([*sizes, *ends])
+    span = (high - low) or abs(high) or 1.0
+    first = known[0][1]
+    marks = tuple(_mark(label, v, first, low, span) for label, v in known)
+    told = (quantity(low, unit, 4), quantity(low + span, unit, 4))
+    return Strip(name, told, marks, any(_differ(first, v) for _, v in known[1:]))
+
+
+def _mark(
+    label: str, v: Mapping[str, Any], first: Mapping[str, Any], low: float, span: float
+) -> Mark:
+    def place(value: float) -> float:
+        return round(100.0 * min(1.0, max(0.0, (value - low) / span)), 2)
+
+    text, at = quantity(v['value'], v['unit'], 4), place(v['value'])
+    note = ''
+    if v is not first and first['value']:
+        note = change(v['value'] / first['value'] - 1.0)
+        note += ', differs' if _differ(first, v) else ''
+    if None in (v['low'], v['high']):
+        return Mark(label, text, at, note=note)
+    left = place(v['low'])
+    return Mark(label, text, at, left, round(place(v['high']) - left, 2), note)
+
+
+def _differ(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
+    """Whether two values differ beyond the 95 % interval of their difference."""
+    if None in (a['low'], a['high'], b['low'], b['high']):
+        return False
+    half = math.hypot(0.5 * (a['high'] - a['low']), 0.5 * (b['high'] - b['low']))
+    return bool(abs(a['value'] - b['value']) > half)
+
+
+# ---------------------------------------------------------------------- runs side by side
+
+
+@dataclass(frozen=True)
+class _Run:
+    label: str
+    headline: str
+    gaps: tuple[answer.Gap, ...]
+    parameters: Mapping[str, Any]
+
+
+def _run(folder: Path) -> _Run:
+    """Return what a result directory holds; with a diagnosis, the parameters beside its effects.
+
+    Raises:
+        IdentError: NO_DATA where there is neither a result nor a diagnosis.
+    """
+    if (folder / DIAGNOSIS).exists():
+        data = load_diagnosis(folder)
+        said = answer.of_diagnosis(data, str(folder))
+        return _Run(str(folder), said.headline, said.gaps, data['parameters'])
+    if not any((folder / name).exists() for name in (JSON, YAML)):
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{folder}: holds neither {JSON} nor {DIAGNOSIS}; give directories that '
+            '`ident identify` or `ident diagnose` wrote',
+        )
+    result = load_result(folder)
+    said = answer.of_identification(result, str(folder))
+    values = {
+        p.name: {
+            'value': _finite(p.value), 'low': _finite(p.low), 'high': _finite(p.high),
+            'unit': p.unit,
+        }
+        for p in result.parameters
+    }
+    return _Run(str(folder), said.headline, said.gaps, values)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def write_comparison(directories: Sequence[str | Path], page: str | Path | None = None) -> Path:
+    """Write a page that holds several result directories against each other.
+
+    Args:
+        directories: Two or more; the others are compared with the first.
+        page: The file to write; `comparison.html` in the first directory where None.
+
+    Returns:
+        The page.
+
+    Raises:
+        IdentError: NO_DATA where a directory holds nothing, BAD_VALUES where a file in one cannot
+            be read, INVALID_GOAL where the page cannot be written.
+    """
+    runs = [_run(Path(d)) for d in directories]
+    made = strips([(run.label, run.parameters) for run in runs])
+    count = sum(s.differs for s in made)
+    shared = sum(len(s.marks) > 1 for s in made)
+    text = (
+        f'{count} of {shared} parameters differ.'
+        if count
+        else f'None of {shared} parameters differs.'
+    )
+    target = Path(directories[0]) / COMPARISON if page is None else Path(page)
+    make_directory(target.parent)
+    context = {
+        'title': 'Comparison',
+        'lead': ', '.join(run.label for run in runs),
+        'headline': text,
+        'runs': runs,
+        'strips': made,
+        'contents': [('answer', 'Answer'), ('parameters', 'Parameters')],
+    }
+    return write_text(target, render('comparison.html', context))
+
+
+# ---------------------------------------------------------------------- a fleet
+
+
+def differences(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Yield how the machines of a fleet compare, in sentences.
+
+    Args:
+        summary: `drifts`, `machines` and `effects` of `fleet.json`.
+    """
+    for x in (*summary['drifts'], *summary['machines']):
+        value, other = (quantity(x[k], x['unit'], 4) for k in ('value', 'reference'))
+        rest = '' if x['change'] is None else f' ({change(x["change"])})'
+        if x in summary['drifts']:
+            yield (
+                f'{x["machine"]}: {x["parameter"]} drifted from {other} ({x["against"]}) to '
+                f'{value} ({x["bag"]}){rest}'
+            )
+        else:
+            against = f'that of {x["against"]} {other}'
+            yield f'{x["machine"]}: {x["parameter"]} is {value}, {against}{rest}'
+    for effect, places in summary['effects'].items():
+        count = 'once' if len(places) == 1 else f'{len(places)} times'
+        name = sentences.effect_name({'effect': effect, 'where': ['all']})
+        yield f'{name}: found {count} ({"; ".join(places)})'
+
+
+def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
+    """Write the page on a fleet.
+
+    Args:
+        directory: Where `ident fleet` wrote.
+        page: The file to write; `report.html` in the directory where None.
+
+    Returns:
+        The page.
+
+    Raises:
+        IdentError: BAD_VALUES where `fleet.json` cannot be read, INVALID_GOAL where the page
+            cannot be written.
+    """
+    path = Path(directory) / FLEET
+    data = _fleet(path)
+    done = [row for row in data['rows'] if row['state'] == 'done']
+    made = strips([(row['name'], row['parameters']) for row in done])
+    told = {x['parameter'] for kind in ('drifts', 'machines') for x in data[kind]}
+    made.sort(key=lambda s: s.name not in told)
+    machines = {row['machine'] for row in data['rows']}
+    lost = len(data['rows']) - len(done)
+    context = {
+        'title': f'Fleet: {Path(directory).resolve().name}',
+        'lead': f'{len(data["rows"])} recordings of {len(machines)} machines'
+        + (f', {lost} not done' if lost else ''),
+        'headline': _fleet_headline(data),
+        'differences': list(differences(data)),
+        'rows': data['rows'],
+        'open': [s for s in made if s.name in told][:OPEN] or made[:OPEN],
+        'strips': made,
+        'contents': [('answer', 'Answer'), ('recordings', 'Recordings'),
+                     ('parameters', 'Parameters')],
+    }  # fmt: skip
+    target = Path(directory) / PAGE if page is None else Path(page)
+    make_directory(target.parent)
+    return write_text(target, render('fleet.html', context))
+
+
+def _fleet(path: Path) -> dict[str, Any]:
+    try:
+        data = json.loads(path.read_text(encoding='utf-8'))
+    except (OSError, ValueError) as exc:
+        raise IdentError(
+            ErrorCode.BAD_VALUES, f'{path}: cannot be read ({exc}); run `ident fleet` again'
+        ) from None
+    if not isinstance(data, dict) or data.get('schema') != 'ros2_ident.fleet':
+        raise IdentError(
+            ErrorCode.BAD_VALUES, f'{path}: is no fleet of this package; run `ident fleet` again'
+        )
+    return data
+
+
+def _fleet_headline(data: Mapping[str, Any]) -> str:
+    drifted = {x['machine'] for x in data['drifts']}
+    other = {x['machine'] for x in data['machines']}
+    found = sum(row.get('effect', 'none') in CATALOGUE for row in data['rows'])
+    parts = []
+    if drifted:
+        parts.append(f'{_many(len(drifted), "machine has", "machines have")} drifted')
+    if other:
+        parts.append(f'{_many(len(other), "machine differs", "machines differ")} from the others')
+    if found:
+        parts.append(f'an effect is missing in {_many(found, "recording", "recordings")}')
+    text = ', '.join(parts) or 'no machine has drifted, none differs from the others'
+    return f'{text[0].upper()}{text[1:]}.'
+
+
+def _many(count: int, one: str, more: str) -> str:
+    return f'{count} {one if count == 1 else more}'

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What to do now: the equation with its numbers, lines to paste, a motion, the next command."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+import shlex
+from typing import Any
+
+from ros2_ident.effects import CATALOGUE, Effect
+from ros2_ident.identify.result import Identification, Outcome
+from ros2_ident.machine.keys import digits
+from ros2_ident.report.page import sentences
+from ros2_ident.report.page.numbers import number, quantity
+from ros2_ident.report.page.sentences import effect_name
+
+# Parameters that the first screen offers to paste.
+VALUES = 6
+# Answers that say nothing of physics: what is wrong, and what to do.
+REFUSALS = {
+    'bookkeeping': (
+        'Log and machine file contradict each other: nothing physical can be said.',
+        'Correct what is named above, in the machine file or in the recording. What fits and what '
+        'does not says:',
+    ),
+    'model': (
+        'The model is not the one of this machine: nothing physical can be said.',
+        'Choose another kind of machine, or check that the recording is of this one:',
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Law:
+    """An effect that was found, as an equation with its numbers.
+
+    Attributes:
+        anchor: Where the page says more of it.
+        title: Its name with its place.
+        equation: The equation.
+        numbers: Symbol, name, and value with its interval.
+    """
+
+    anchor: str
+    title: str
+    equation: str
+    numbers: tuple[tuple[str, str, str], ...]
+
+
+@dataclass(frozen=True)
+class Step:
+    """Something to do.
+
+    Attributes:
+        text: What.
+        laws: Equations to put into a simulation.
+        code: Lines to paste.
+    """
+
+    text: str
+    laws: tuple[Law, ...] = ()
+    code: str = ''
+
+
+def effects_found(data: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the effects of a verdict at their places, the first first; none where unnamed."""
+    verdict = data['verdict']
+    if verdict['effect'] in sentences.NAMELESS:
+        return []
+    return [verdict, *data['also']]
+
+
+def places(where: Sequence[str]) -> str:
+    """Return the place of an effect in words."""
+    return 'the machine' if not where or 'all' in where else ' and '.join(where)
+
+
+def law_of(at: Mapping[str, Any], parameters: Mapping[str, Any]) -> Law | None:
+    """Return an effect as an equation with its numbers; None where the catalogue has it no more.
+
+    Args:
+        at: The effect and its place, as in `diagnosis.json`.
+        parameters: All parameters of the model that holds it.
+    """
+    effect = CATALOGUE.get(at['effect'])
+    if effect is None:
+        return None
+    place = '' if at['where'] == ['all'] else f'{at["where"][0]}.'
+    rows = []
+    for p in effect.parameters:
+        v = parameters.get(f'{place}{effect.id}.{p.name}')
+        if v is not None:
+            rows.append((p.symbol, p.name.replace('_', ' '), _value(v)))
+    return Law(effect.id, effect_name(at), effect.equation, tuple(rows))
+
+
+def _value(v: Mapping[str, Any]) -> str:
+    text = quantity(v['value'], v['unit'], 3)
+    if None in (v['low'], v['high'], v['value']):
+        return text
+    half = 0.5 * (v['high'] - v['low'])
+    if half > abs(v['value']):
+        return f'{text}, not determined'
+    return f'{number(v["value"], 3)} ± {quantity(half, v["unit"], 2)}'
+
+
+def of_diagnosis(data: Mapping[str, Any], out: str) -> Iterator[Step]:
+    """Yield what to do after a diagnosis.
+
+    Args:
+        data: The content of `diagnosis.json`.
+        out: The directory it lies in.
+    """
+    found = effects_found(data)
+    if found:
+        yield from _steps_of_effects(data, found, out)
+    elif data['verdict']['effect'] == 'none':
+        yield Step('Use the parameters: no effect has to be added to the simulation.')
+        yield Step('Identify them on all of the recording:', code=_identify(data, out))
+    elif data['verdict']['effect'] in REFUSALS:
+        settings = data['settings']
+        check = f'{_bags(settings, data["provenance"]["source"])} {_machine(settings)}'
+        yield Step(REFUSALS[data['verdict']['effect']][1], code=f'ident check {check}')
+    else:
+        where = data['verdict']['where']
+        alone = 'the machine' if not where or 'all' in where else f'{" and ".join(where)} alone'
+        yield Step(
+            f'Look at where the gap lies, below. Record {alone}, slowly and in both directions.'
+        )
+        yield Step('Then judge on that recording:', code=_diagnose(data, out))
+        yield Step(
+            'If you know the cause, write it as an effect of your own and try it with '
+            '`--effect FILE.py`.'
+        )
+
+
+def _steps_of_effects(
+    data: Mapping[str, Any], found: Sequence[Mapping[str, Any]], out: str
+) -> Iterator[Step]:
+    laws = [law for at in found if (law := law_of(at, data['parameters'])) is not None]
+    yield Step('Add to your simulation:', laws=tuple(laws))
+    if data['machine_lines']:
+        yield Step('Change the machine file:', code='\n'.join(data['machine_lines']))
+    values = [_line(name, data) for name in sentences.moved_names(data)]
+    if values:
+        them = 'it' if len(found) == 1 else 'them'
+        more = '' if len(values) <= VALUES else ' (all of them in the table below)'
+        yield Step(
+            f'Take over the parameters that were off without {them}{more}:',
+            code='\n'.join(values[:VALUES]),
+        )
+    motions = list(dict.fromkeys(_motions(data)))
+    if motions:
+        rivals = '; from '.join(motions)
+        text = f'Record what tells it from {rivals}. Then judge on that recording:'
+        yield Step(text, code=_diagnose(data, out))
+    else:
+        text = 'Record another motion, and see that the gap closes there, too:'
+        yield Step(text, code=_diagnose(data, out))
+
+
+def _line(name: str, data: Mapping[str, Any]) -> str:
+    """Return a parameter as YAML, with what it was before."""
+    v, before = data['parameters'][name], data['nominal'].get(name)
+    value, old = (_plain(x) for x in (v['value'], before))
+    unit = '' if v['unit'] == '1' else f'{v["unit"]}; '
+    return f'{name}: {value}  # {unit}{old} before'
+
+
+def _plain(value: float) -> str:
+    """Return a number with four digits as YAML reads one."""
+    rounded = float(f'{value:.4g}')
+    return f'{rounded:.0f}' if 1e3 <= abs(rounded) < 1e9 else digits(rounded)
+
+
+def _motions(data: Mapping[str, Any]) -> Iterator[str]:
+    for other in data['confusable'][1:]:
+        effect: Effect | None = CATALOGUE.get(other['effect'])
+        if effect is not None:
+            motion = effect.separated_by.format(drive=places(other['where']))
+            yield f'{effect.title}: {motion}'
+
+
+def _diagnose(data: Mapping[str, Any], out: str) -> str:
+    settings, source = data['settings'], data['provenance']['source']
+    return (
+        f'ident diagnose {_bags(settings, source)} --check NEW_BAG {_machine(settings)} '
+        f'--out {_next(out)}'
+    )
+
+
+def _identify(data: Mapping[str, Any], out: str) -> str:
+    settings, source = data['settings'], data['provenance']['source']
+    bags, machine = _bags(settings, source), _machine(settings)
+    return f'ident identify {bags} {machine} --out {shlex.quote(out)}'
+
+
+def _bags(settings: Mapping[str, Any], source: str) -> str:
+    bags = settings.get('bags') or [source or 'BAG']
+    return ' '.join(shlex.quote(str(bag)) for bag in bags)
+
+
+def _machine(settings: Mapping[str, Any]) -> str:
+    return f'--machine {shlex.quote(str(settings.get("machine_file") or "MACHINE.yaml"))}'
+
+
+def _next(out: str) -> str:
+    return shlex.quote(f'{out}_next')
+
+
+def of_identification(result: Identification, out: str) -> Iterator[Step]:
+    """Yield what to do after an identification; the arguments are as of `of_diagnosis`."""
+    if result.outcome is Outcome.IDENTIFIED:
+        yield Step('Use the values of the table below.')
+    bags = _bags(result.settings, result.provenance.source)
+    yield Step(
+        'Ask what the model lacks; the intervals hold only where it lacks nothing:',
+        code=f'ident diagnose {bags} {_machine(result.settings)} --out {shlex.quote(out)}',
+    )

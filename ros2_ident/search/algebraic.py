@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Weighted least squares in one step, for residuals that are linear in all parameters.
+
+The inverse dynamic identification model of robotics (Gautier, Janot, Vandanjon, IEEE TCST 21(2),
+2013): what the recorded motion asks is linear in inertias and friction. The motion comes filtered
+from the model; here both sides pass the same low-pass, are decimated, and every series counts by
+the noise that it leaves.
+"""
+
+from dataclasses import dataclass
+import time
+
+import numpy as np
+from scipy.signal import decimate
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.search.driver import SearchResult
+from ros2_ident.search.fit import Fitted, Solvable
+from ros2_ident.search.genetic import StopReason
+from ros2_ident.search.operators import Array
+from ros2_ident.search.uncertainty import intervals
+
+# Step to either side, in box widths, and what of it may be curved.
+_STEP, _CURVED = 0.25, 1e-6
+# Rounds in which the weights follow the residuals.
+_ROUNDS = 3
+# A series shorter than this many samples after decimation is left as it is.
+_SHORT = 40
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Residual and its derivative, as they are solved.
+
+    Attributes:
+        left: (R,) residual at the middle of the box.
+        slopes: (R, N) its derivative by the parameters.
+        series: Lengths of the series.
+    """
+
+    left: Array
+    slopes: Array
+    series: tuple[int, ...]
+
+
+def solve(problem: Solvable, decimation: int = 10, level: float = 0.95) -> Fitted:
+    """Fit a problem that is linear in its parameters; its box is not looked at.
+
+    Args:
+        problem: What to fit.
+        decimation: Samples of which one is kept, behind a low-pass without phase.
+        level: Probability that an interval covers the truth.
+
+    Returns:
+        The estimate, `ga` holding it without a generation, with intervals.
+
+    Raises:
+        IdentError: INVALID_GOAL naming the parameters that do not act linearly, DIVERGED where
+            the middle of the box cannot be simulated.
+    """
+    begin = time.monotonic()
+    middle = 0.5 * (problem.low + problem.high)
+    whole = _rows(problem, middle)
+    used = _decimated(whole, decimation)
+    change, weights = _solved(used)
+    theta = middle + change
+    residual = whole.left + whole.slopes @ change
+    cost = problem.cost_of(residual)
+    found = SearchResult(
+        theta, cost, theta[None], np.array([cost]), 0, 0, (), StopReason.SOLVED, 0.0
+    )
+    known = intervals(
+        used.slopes * weights[:, None],
+        (used.left + used.slopes @ change) * weights,
+        theta,
+        problem.low,
+        problem.high,
+        series=used.series,
+        level=level,
+    )
+    return Fitted(
+        ga=found,
+        refined=None,
+        theta=theta,
+        residual=residual,
+        intervals=known,
+        cancelled=False,
+        left_out=False,
+        evaluations=2 * len(theta) + 1,
+        seconds=time.monotonic() - begin,
+        candidates=np.empty((0, len(theta))),
+        costs=np.empty(0),
+        generations=np.empty(0, dtype=np.int64),
+    )
+
+
+def _rows(problem: Solvable, middle: Array) -> _Rows:
+    """Return residual and slopes at the middle of the box, by a step to either side."""
+    step = _STEP * (problem.high - problem.low)
+    sides = np.concatenate([middle + np.diag(step), middle - np.diag(step), middle[None]])
+    values = problem.residuals(sides)
+    if not np.isfinite(values).all():
+        raise IdentError(
+            ErrorCode.DIVERGED,
+            'a candidate in the middle of the bounds diverges; narrow them in the machine file',
+        )
+    up, down, left = values[: len(step)], values[len(step) : -1], values[-1]
+    curved = np.abs(up + down - 2.0 * left).max(axis=1)
+    bent = curved > _CURVED * np.maximum(np.abs(up - down).max(axis=1), 1e-300)
+    slopes = ((up - down) / (2.0 * step[:, None])).T
+    # Parameters that multiply each other are straight one by one, not together.
+    together = problem.residuals((middle + step)[None])[0] - left - slopes @ step
+    if bent.any() or np.abs(together).max() > _CURVED * np.abs(slopes * step).max():
+        names = [n for n, b in zip(problem.names, bent, strict=True) if b]
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{", ".join(names) or "some of the parameters multiply each other and"} '
+            f'{"do" if len(names) != 1 else "does"} not act linearly on the effort; hold '
+            'them with --fix NAME=VALUE, or leave out --method algebraic',
+        )
+    return _Rows(left, slopes, problem.series)
+
+
+def _decimated(rows: _Rows, factor: int) -> _Rows:
+    """Return the rows through a low-pass without phase, one of `factor` kept."""
+    both = np.column_stack([rows.left, rows.slopes])
+    parts = []
+    for part in np.split(both, np.cumsum(rows.series)[:-1]):
+        long = factor > 1 and len(part) >= _SHORT * factor
+        parts.append(decimate(part, factor, axis=0, zero_phase=True) if long else part)
+    kept = np.concatenate(parts)
+    return _Rows(kept[:, 0], kept[:, 1:], tuple(len(part) for part in parts))
+
+
+def _solved(rows: _Rows) -> tuple[Array, Array]:
+    """Return the (N,) step from the middle, and the (R,) weights that it was found with."""
+    lengths = np.array([n for n in rows.series if n])
+    weights = np.ones(len(rows.left))
+    change = np.zeros(rows.slopes.shape[1])
+    for _ in range(_ROUNDS):
+        weighted = rows.slopes * weights[:, None]
+        scale = np.maximum(np.linalg.norm(weighted, axis=0), 1e-300)
+        # What the data do not show stays in the middle of its box.
+        answer = np.linalg.lstsq(weighted / scale, -rows.left * weights, rcond=1e-10)[0]
+        change = answer / scale
+        left = rows.left + rows.slopes @ change
+        parts = np.split(left, np.cumsum(lengths)[:-1])
+        sizes = np.array([max(float(np.std(part)), 1e-300) for part in parts])
+        weights = np.repeat(sizes.max() / sizes, lengths)
+    return change, weights

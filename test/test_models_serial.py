@@ -1,0 +1,432 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arms: terms, recursive Newton-Euler and the slow twin against each other; effects at joints."""
+
+from dataclasses import replace
+from pathlib import Path
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip('pinocchio', reason='pinocchio is not installed')
+
+from ros2_ident.effects import CATALOGUE  # noqa: E402
+from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
+from ros2_ident.identify.layout import Conditions  # noqa: E402
+from ros2_ident.identify.run import identify  # noqa: E402
+from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
+from ros2_ident.machine.machine import Machine  # noqa: E402
+from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model  # noqa: E402
+from ros2_ident.models.serial.arm import arm_of  # noqa: E402
+from ros2_ident.recording import Dataset  # noqa: E402
+from ros2_ident.reference import arm as twin  # noqa: E402
+
+JOINTS = ('base', 'slide', 'elbow', 'wrist')
+URDF = '''<robot name="bent">
+  <link name="ground"><inertial><mass value="9"/>
+    <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <link name="column"><inertial><origin xyz="0.05 -0.1 0.2" rpy="0.3 -0.2 0.5"/><mass value="7.5"/>
+    <inertia ixx="0.2" ixy="0.01" ixz="-0.02" iyy="0.3" iyz="0.03" izz="0.25"/></inertial></link>
+  <link name="carriage"><inertial><origin xyz="0 0.1 0.3"/><mass value="4"/>
+    <inertia ixx="0.05" ixy="0" ixz="0" iyy="0.06" iyz="0" izz="0.03"/></inertial></link>
+  <link name="upper"><inertial><origin xyz="0.2 0 0.01" rpy="0 0.1 0"/><mass value="3"/>
+    <inertia ixx="0.01" ixy="0.002" ixz="0" iyy="0.04" iyz="0" izz="0.05"/></inertial></link>
+  <link name="hand"><inertial><origin xyz="0.02 0.03 0.1"/><mass value="1.5"/>
+    <inertia ixx="0.004" ixy="0" ixz="0" iyy="0.005" iyz="0.001" izz="0.003"/></inertial></link>
+  <link name="tool"><inertial><origin xyz="0 0 0.05"/><mass value="0.4"/>
+    <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.0005"/></inertial></link>
+  <joint name="foot" type="fixed"><parent link="world"/><child link="ground"/></joint>
+  <link name="world"/>
+  <joint name="base" type="continuous"><parent link="ground"/><child link="column"/>
+    <origin xyz="0 0.1 0.4" rpy="0.1 0 0.2"/><axis xyz="0 0 1"/></joint>
+  <joint name="slide" type="prismatic"><parent link="column"/><child link="carriage"/>
+    <origin xyz="0.3 0 0.1" rpy="0 0.7 0"/><axis xyz="0 0.6 0.8"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="elbow" type="revolute"><parent link="carriage"/><child link="upper"/>
+    <origin xyz="0 0.2 0.5" rpy="1.5 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+  <joint name="wrist" type="revolute"><parent link="upper"/><child link="hand"/>
+    <origin xyz="0.5 0 0" rpy="0 -0.4 0.3"/><axis xyz="1 0 0"/>
+    <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+  <joint name="flange" type="fixed"><parent link="hand"/><child link="tool"/>
+    <origin xyz="0 0.05 0.15" rpy="0.2 0 0.4"/></joint>
+</robot>
+'''
+TABLE = {
+    'dh_a': [0.0, 0.1, 0.4, 0.05],
+    'dh_alpha': [0.2, -1.5, 0.3, 1.4],
+    'dh_d': [0.3, -0.1, 0.05, 0.2],
+    'dh_theta': [0.1, 0.4, -0.7, 0.2],
+    'joint': ['revolute', 'prismatic', 'continuous', 'prismatic'],
+}
+TILT = {'free_fall': 9.7, 'base_roll': 0.4, 'base_pitch': -0.7}
+LINKS = {
+    'link_mass': [-5.0, 5.0, 'kg'],
+    'link_moment': [-5.0, 5.0, 'kg m'],
+    'link_inertia': [-5.0, 5.0, 'kg m^2'],
+}
+
+
+def described(folder: Path, **parameters: object) -> Machine:
+    (folder / 'arm.urdf').write_text(URDF)
+    lines = [f'  {name}: {box}' for name, box in (parameters or LINKS).items()]
+    (folder / 'arm.yaml').write_text(
+        f'machine: serial\ndrives: [{", ".join(JOINTS)}]\ngeometry: {{description: arm.urdf, '
+        + ', '.join(f'{name}: {value}' for name, value in TILT.items())
+        + '}\ncontroller: {cycle: 0.004}\nparameters:\n'
+        + '\n'.join(lines)
+        + '\n'
+    )
+    return load_machine(folder / 'arm.yaml')
+
+
+def tabled(table: dict = TABLE, tilt: dict = TILT, **parameters: object) -> Machine:
+    joints = [f'joint_{n}' for n in range(len(table['joint']))]
+    return machine_from_mapping(
+        {
+            'machine': 'serial',
+            'drives': joints,
+            'geometry': {**table, **tilt},
+            'controller': {'cycle': 0.004},
+            'parameters': parameters or LINKS,
+        }
+    )
+
+
+def motion(drives: int, count: int, seed: int = 1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-2.0, 2.0, (3, drives, count))
+
+
+def plainly(bodies: tuple[twin.Body, ...], moved: np.ndarray) -> np.ndarray:
+    down = twin.gravity_in_base(TILT['free_fall'], TILT['base_roll'], TILT['base_pitch'])
+    instants = moved.transpose(2, 0, 1)
+    return np.array([twin.inverse_dynamics(bodies, down, *one) for one in instants]).T
+
+
+def test_a_urdf_in_three_ways(tmp_path: Path) -> None:
+    arm = arm_of(described(tmp_path))
+    moved = motion(4, 40)
+    slowly = plainly(twin.read_urdf(URDF, JOINTS), moved)
+    np.testing.assert_allclose(arm.terms(*moved) @ arm.inertials, slowly, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(arm.efforts(*moved), slowly, rtol=0, atol=1e-9)
+    assert np.abs(slowly).max() > 50.0
+    assert arm.prismatic.tolist() == [False, True, False, False]
+
+
+def test_a_table_in_three_ways() -> None:
+    arm = arm_of(tabled())
+    rng = np.random.default_rng(3)
+    inertials = rng.uniform(-1.0, 1.0, (4, 10))
+    rows = [{key: TABLE[f'dh_{key}'][n] for key in ('a', 'alpha', 'd', 'theta')} for n in range(4)]
+    bodies = twin.with_inertials(twin.by_table(rows, [False, True, False, True]), inertials)
+    moved = motion(4, 40)
+    slowly = plainly(bodies, moved)
+    np.testing.assert_allclose(arm.terms(*moved) @ inertials.ravel(), slowly, rtol=0, atol=1e-9)
+    import pinocchio
+
+    for joint, values in zip(arm.joints, inertials, strict=True):
+        arm.model.inertias[int(joint)] = pinocchio.Inertia.FromDynamicParameters(values)
+    np.testing.assert_allclose(arm.efforts(*moved), slowly, rtol=0, atol=1e-9)
+
+
+def test_another_description_is_another_machine(tmp_path: Path) -> None:
+    first = described(tmp_path)
+    assert described(tmp_path).digest == first.digest
+    (tmp_path / 'arm.urdf').write_text(URDF.replace('7.5', '8.5'))
+    assert load_machine(tmp_path / 'arm.yaml').digest != first.digest
+
+
+def test_an_mjcf_is_read_and_joints_that_are_not_listed_stand_still(tmp_path: Path) -> None:
+    text = '''<mujoco><worldbody><body name="a" pos="0 0 1">
+      <inertial mass="2" pos="0.1 0 0" diaginertia="0.1 0.2 0.3"/>
+      <joint name="turn" axis="0 1 0"/>
+      <body name="b" pos="0.5 0 0"><inertial mass="1" pos="0 0 0.2" diaginertia="0.1 0.1 0.1"/>
+      <joint name="still" axis="1 0 0"/></body></body></worldbody></mujoco>'''
+    (tmp_path / 'arm.xml').write_text(text)
+    (tmp_path / 'arm.yaml').write_text(
+        'machine: serial\ndrives: [turn]\ngeometry: {description: arm.xml}\n'
+        'controller: {cycle: 0.01}\nparameters: {link_moment: [-1, 1, kg m]}\n'
+    )
+    arm = arm_of(load_machine(tmp_path / 'arm.yaml'))
+    angle = np.array([[0.3]])
+    still = np.zeros((1, 1))
+    # Masses at 0.1 m and at (0.5, 0.2) m; a positive angle about y lowers x.
+    x = 2.0 * 0.1 + 1.0 * 0.5
+    expected = -9.81 * (x * np.cos(0.3) + 1.0 * 0.2 * np.sin(0.3))
+    np.testing.assert_allclose(arm.efforts(angle, still, still)[0, 0], expected, rtol=1e-12)
+
+
+def moving(machine: Machine, count: int = 1000, seed: int = 5) -> Dataset:
+    """A log of smooth motion in which every joint swings with three frequencies; no effort yet."""
+    rng = np.random.default_rng(seed)
+    drives = len(machine.drives)
+    time = machine.number('cycle') * np.arange(count)
+    shape = (drives, 3, 1)
+    rate = rng.uniform(0.8, 6.0, shape)
+    size = rng.uniform(0.2, 0.5, shape)
+    place = (size * np.sin(rate * time + rng.uniform(0.0, 6.0, shape))).sum(axis=1)
+    none = np.zeros_like(place)
+    return Dataset(machine.drives, machine.number('cycle'), 0, None, None, place, None, none)
+
+
+def middle(model) -> np.ndarray:
+    return np.array([0.5 * (p.low + p.high) for p in model.parameters])
+
+
+def test_the_base_parameters_ask_what_all_inertials_ask(tmp_path: Path) -> None:
+    machine = described(tmp_path)
+    model = make_model(machine, moving(machine))
+    simulated = model.simulate(middle(model))[0]
+    moved = model._motion.reshape(3, 4, -1)
+    np.testing.assert_allclose(simulated, model.arm.efforts(*moved), rtol=0, atol=1e-9)
+    units = [output.unit for output in model.outputs]
+    assert units == ['N m', 'N', 'N m', 'N m']
+
+
+HALF = 0.5 * np.pi
+UR10 = {
+    'dh_a': [0.0, 0.0, -0.612, -0.5723, 0.0, 0.0],
+    'dh_alpha': [0.0, HALF, 0.0, 0.0, HALF, -HALF],
+    'dh_d': [0.1273, 0.0, 0.0, 0.163941, 0.1157, 0.0922],
+    'dh_theta': [0.0] * 6,
+    'joint': ['revolute'] * 6,
+}
+
+
+def test_six_joints_of_a_ur10_have_36_base_parameters() -> None:
+    machine = tabled(UR10, {})
+    names = [p.name for p in make_model(machine, moving(machine)).parameters]
+    assert len(names) == 36
+    # Of the first link a vertical joint shows its inertia about itself only.
+    assert [n for n in names if n.startswith('joint_0')] == ['joint_0.link_inertia_zz']
+
+
+def test_a_load_shows_in_a_recording_beside_one_without_it() -> None:
+    boxes = {
+        'link_moment': [-6.0, 6.0, 'kg m'],
+        'link_inertia': [-4.0, 4.0, 'kg m^2'],
+        'coulomb_torque': [0.0, 20.0, 'N m'],
+        'viscous_torque': [0.0, 20.0, 'N m s/rad'],
+        'payload_mass': [0.0, 6.0, 'kg'],
+        **{f'payload_{axis}': [-0.3, 0.3, 'm'] for axis in 'xyz'},
+    }
+    machine = tabled(UR10, {}, **boxes)
+    plain = [make_model(machine, moving(machine, 1500, seed)) for seed in (1, 2)]
+    names = [p.name for p in plain[0].parameters]
+    rng = np.random.default_rng(4)
+    low, high = np.array([(p.low, p.high) for p in plain[0].parameters]).T
+    true = low + rng.uniform(0.3, 0.7, len(low)) * (high - low)
+    loaded = dict(payload_mass=2.5, payload_x=0.05, payload_y=-0.03, payload_z=0.12)
+    models = []
+    for model, mass in zip(plain, (0.0, 2.5), strict=True):
+        values = dict(zip(names, true, strict=True)) | loaded | {'payload_mass': mass}
+        effort = model.simulate(np.array(list(values.values())))[0]
+        noisy = effort + rng.normal(0.0, 0.3, effort.shape)
+        models.append(make_model(machine, replace(model.data, effort=noisy)))
+    result = identify(
+        model=models,
+        conditions=Conditions(each=('payload_mass',)),
+        fixed={'payload_mass@1': 0.0},
+        settings=IdentifySettings(starts=1),
+    )
+    found = {p.name: p.value for p in result.parameters}
+    assert found['payload_mass@2'] == pytest.approx(2.5, rel=0.01)
+    for axis in 'xyz':
+        assert found[f'payload_{axis}'] == pytest.approx(loaded[f'payload_{axis}'], abs=5e-3)
+
+
+def test_a_payload_is_a_point_mass_at_the_last_link(tmp_path: Path) -> None:
+    machine = described(
+        tmp_path,
+        payload_mass=[0.0, 4.0, 'kg'],
+        payload_x=[-0.2, 0.4, 'm'],
+        payload_z=[0.0, 0.6, 'm'],
+    )
+    model = make_model(machine, moving(machine))
+    assert [p.name for p in model.parameters] == ['payload_mass', 'payload_x', 'payload_z']
+    bodies = list(twin.read_urdf(URDF, JOINTS))
+    place = np.array([0.1, 0.0, 0.3])
+    hand = bodies[-1]
+    square = -twin.skew(place) @ twin.skew(place)
+    bodies[-1] = twin.Body(
+        hand.parent, hand.turn, hand.place, hand.axis, hand.slides,
+        hand.mass + 2.0, hand.moment + 2.0 * place, hand.inertia + 2.0 * square,
+    )  # fmt: skip
+    expected = plainly(tuple(bodies), model._motion.reshape(3, 4, -1))
+    simulated = model.simulate(np.array([2.0, 0.1, 0.3]))[0]
+    np.testing.assert_allclose(simulated, expected, rtol=0, atol=1e-9)
+
+
+# ---------------------------------------------------------------------- effects
+
+
+SLIDE = {
+    'dh_a': [0.0],
+    'dh_alpha': [0.0],
+    'dh_d': [0.0],
+    'dh_theta': [0.0],
+    'joint': ['prismatic'],
+}
+FRICTION = {'coulomb_torque': [1.0, 3.0, 'N'], 'viscous_torque': [2.0, 6.0, 'N s/m']}
+
+
+def slide() -> Machine:
+    """A mass on a level slide, as an arm."""
+    return tabled(
+        SLIDE, {'free_fall': 0.0}, link_mass=[3.0, 5.0, 'kg'], **FRICTION
+    ).with_constants(coulomb_regularisation=5e-3, travel_per_turn=0.05)
+
+
+def axis() -> Machine:
+    """The same, as a linear axis."""
+    return machine_from_mapping(
+        {
+            'machine': 'linear_axis',
+            'drives': ['joint_0'],
+            'effort_unit': 'N',
+            'drive': {'travel_per_turn': 0.05},
+            'controller': {'cycle': 0.004, 'position_gain': 1.0, 'velocity_gain': 1.0},
+            'parameters': {
+                'moving_mass': [3.0, 5.0, 'kg'],
+                'coulomb_friction': [1.0, 3.0, 'N'],
+                'viscous_friction': [2.0, 6.0, 'N s/m'],
+            },
+        }
+    )
+
+
+def sized(model) -> np.ndarray:
+    """Return the middle of the nominal boxes and a quarter of those of effects."""
+    return np.array([0.75 * p.low + 0.25 * p.high for p in model.parameters])
+
+
+EFFECTS = {at.effect for at in make_model(axis(), moving(axis())).extensions()}
+# An axis carries its weight only, a joint what its links ask; and what an axis remembers it writes
+# while it is integrated between samples. Both have tests of their own below.
+OTHERWISE = {'gear_flexibility', 'load_dependent_friction', 'presliding'}
+# Written at the motion's samples, not while it is integrated between them.
+REMEMBERING = {e.id for e in CATALOGUE.values() if e.keeps is not None}
+
+
+@pytest.mark.parametrize('effect', sorted(EFFECTS - OTHERWISE))
+def test_an_effect_at_a_joint_is_what_it_is_at_an_axis(effect: str) -> None:
+    there = [EffectAt(effect, 'joint_0')]
+    efforts = np.array([40.0])
+    models = [make_model(m, moving(m), effects=there, efforts=efforts) for m in (slide(), axis())]
+    theta = [sized(model) for model in models]
+    by_name = [
+        {p.name.rpartition('.')[2]: t for p, t in zip(m.parameters, x, strict=True)}
+        for m, x in zip(models, theta, strict=True)
+    ]
+    assert sorted(by_name[0].values()) == sorted(by_name[1].values())
+    joint, plain = (m.simulate(x)[0, 0] for m, x in zip(models, theta, strict=True))
+    size = float(np.abs(plain).max())
+    close = 2e-3 if effect in REMEMBERING else 1e-9
+    np.testing.assert_allclose(joint, plain, rtol=0, atol=close * size)
+    without = make_model(slide(), moving(slide())).simulate(theta[0][:3])[0, 0]
+    assert np.abs(joint - without).max() > 1e-3 * size
+
+
+def test_friction_at_a_joint_grows_with_what_the_links_ask(tmp_path: Path) -> None:
+    boxes = {'link_moment': [-5.0, 5.0, 'kg m'], 'coulomb_torque': [0.0, 4.0, 'N m']}
+    machine = described(tmp_path, **boxes)
+    there = [EffectAt('load_dependent_friction', 'elbow')]
+    model = make_model(machine, moving(machine), effects=there)
+    theta = middle(model)
+    more = model.simulate(theta)[0] - make_model(machine, model.data).simulate(theta[:-1])[0]
+    place, velocity, acceleration = model._motion.reshape(3, 4, -1)
+    asked = model.arm.efforts(place, velocity, acceleration)[2]
+    expected = theta[-1] * np.abs(asked) * np.tanh(velocity[2] / 0.02)
+    # The kernels' tanh ends 2e-8 below 1.
+    np.testing.assert_allclose(more[2], expected, rtol=0, atol=3e-8 * np.abs(expected).max())
+    np.testing.assert_array_equal(more[[0, 1, 3]], 0.0)
+
+
+def test_friction_of_a_joint_builds_up_over_a_way() -> None:
+    there = [EffectAt('presliding', 'joint_0')]
+    machine = slide()
+    model = make_model(machine, moving(machine), effects=there)
+    theta = sized(model)
+    values = {p.name.rpartition('.')[2]: t for p, t in zip(model.parameters, theta, strict=True)}
+    place, velocity, _ = model._motion.reshape(3, -1)
+    way = np.diff(place)
+    built = [0.0]
+    for step in way:  # Dahl: dh/dx = (1 - h sgn v)/delta
+        end = np.sign(step)
+        built.append(end + (built[-1] - end) * np.exp(-abs(step) / values['way']))
+    plain = make_model(machine, model.data).simulate(theta[:-1])[0, 0]
+    more = values['coulomb_torque'] * (np.array(built) - np.tanh(velocity / 5e-3))
+    # The kernels' tanh ends 2e-8 below 1.
+    np.testing.assert_allclose(model.simulate(theta)[0, 0] - plain, more, rtol=0, atol=5e-8)
+    assert np.abs(more).max() > 0.5
+
+
+def test_a_joint_has_every_effect_that_prescribed_motion_shows(tmp_path: Path) -> None:
+    machine = described(tmp_path, link_moment=[-5.0, 5.0, 'kg m'])
+    offered = {at.effect for at in make_model(machine, moving(machine)).extensions()}
+    nominal = {'coulomb_friction', 'viscous_friction'}
+    assert offered == (EFFECTS | nominal | {'effort_crosstalk'}) - {'gear_flexibility'}
+
+
+def test_an_arm_with_a_hidden_effect_is_found_again(tmp_path: Path) -> None:
+    boxes = {
+        'link_moment': [-2.0, 2.0, 'kg m'],
+        'link_inertia': [-1.0, 1.0, 'kg m^2'],
+        'coulomb_torque': [0.0, 4.0, 'N m'],
+        'viscous_torque': [0.0, 8.0, 'N m s/rad'],
+    }
+    machine = described(tmp_path, **boxes)
+    there = [EffectAt('degressive_friction', 'elbow')]
+    data = moving(machine, 900)
+    model = make_model(machine, data, effects=there, efforts=np.full(4, 40.0))
+    rng = np.random.default_rng(0)
+    low, high = np.array([(p.low, p.high) for p in model.parameters]).T
+    true = low + rng.uniform(0.3, 0.7, len(low)) * (high - low)
+    true[-1] = 0.6  # well below the joint's speeds
+    effort = model.simulate(true)[0]
+    logged = Dataset(
+        data.names, data.cycle, 0, None, None, data.position, None,
+        effort + rng.normal(0.0, 0.05, effort.shape),
+    )  # fmt: skip
+    result = identify(machine, logged, effects=there, settings=IdentifySettings(starts=1))
+    found = {p.name: p for p in result.parameters}
+    inside = [
+        found[p.name].low <= t <= found[p.name].high
+        for p, t in zip(model.parameters, true, strict=True)
+    ]
+    assert np.mean(inside) > 0.85
+    again = make_model(machine, logged, effects=there).simulate(result.theta)[0]
+    assert np.sqrt(np.mean((again - effort) ** 2)) < 0.02
+
+
+# ---------------------------------------------------------------------- mistakes
+
+
+def refused(call, *args) -> IdentError:
+    with pytest.raises(IdentError) as caught:
+        call(*args)
+    return caught.value
+
+
+def test_mistakes_are_told_with_the_remedy(tmp_path: Path, monkeypatch) -> None:
+    machine = described(tmp_path)
+    other = machine.with_constants()
+    lost = Machine(
+        **{
+            **{f: getattr(machine, f) for f in ('kind', 'constants', 'bounds')},
+            'drives': ('base', 'knee'),
+        }
+    )
+    error = refused(arm_of, lost)
+    assert error.code is ErrorCode.BAD_MACHINE_FILE
+    assert 'no joint knee; its joints are base, slide, elbow, wrist' in error.message
+    broken = other.with_constants(description='<robot')
+    assert 'give a URDF or an MJCF file' in refused(arm_of, broken).message
+    (tmp_path / 'arm.urdf').unlink()
+    assert 'there is no such file' in refused(load_machine, tmp_path / 'arm.yaml').message
+    assert 'neither a description nor dh_a' in refused(tabled, {'joint': ['revolute']}, {}).message
+    monkeypatch.setitem(sys.modules, 'pinocchio', None)
+    error = refused(arm_of, machine)
+    assert error.code is ErrorCode.UNKNOWN_MODEL
+    assert 'pip install "ros2_ident[arms]"' in error.message

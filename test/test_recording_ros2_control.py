@@ -1,0 +1,321 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Logs of ros2_control: what its controllers publish, and what they are told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reader_cases import make_recording
+from ros2_control_bags import as_ros2_control_records, Maker
+from rosbags.rosbag1 import Writer as Writer1
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording import check, read_bag, render, Topics
+from ros2_ident.recording.limits import Limits
+from ros2_ident.recording.ros2_control import (
+    ARRAY,
+    JOINT_STATE,
+    parser,
+    ROLES_OF,
+    TRAJECTORY,
+)
+from ros2_ident.recording.trajectory import parse_trajectory, set_points
+
+MS = 1_000_000
+START = 1_700_000_000_000_000_000
+CONTROLLER = '/joint_trajectory_controller/controller_state'
+LIMITS = Limits()
+
+
+def drives(stream, field):
+    """Return a field of the two drives (T, 2)."""
+    return np.stack([stream.column(field, x) for x in ('drive_1', 'drive_2')], axis=1)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+@pytest.mark.parametrize('efforts', ['state', 'dynamic', 'output'])
+def test_a_bag_of_ros2_control_needs_no_options(tmp_path, storage, efforts):
+    recording = make_recording()
+    maker = Maker()
+    messages = as_ros2_control_records(maker, recording, efforts=efforts)
+    (read,) = read_bag(maker.write(tmp_path / 'log', messages, storage))
+    np.testing.assert_array_equal(read.command.stamp, recording.command.stamp)
+    for field in ('position', 'velocity'):
+        np.testing.assert_array_equal(
+            drives(read.state, field), drives(recording.state, field)
+        )
+    np.testing.assert_array_equal(
+        drives(read.command, 'position'), drives(recording.command, 'position')
+    )
+    source = read.state if efforts == 'state' else read.effort
+    np.testing.assert_array_equal(drives(source, 'effort'), drives(recording.effort, 'effort'))
+    assert read.warnings == ()
+    said = '\n'.join(read.notes)
+    assert f'command: no /joint_command, {CONTROLLER} is taken' in said
+    chosen = {'dynamic': '/dynamic_joint_states', 'output': CONTROLLER}.get(efforts)
+    assert (f'effort: no /effort, {chosen} is taken' in said) == (chosen is not None)
+
+
+def test_noetic_s_controller_state_is_read_too(tmp_path):
+    recording = make_recording()
+    maker = Maker(old=True)
+    messages = as_ros2_control_records(maker, recording, dynamic=False)
+    (read,) = read_bag(maker.write(tmp_path / 'log', messages))
+    np.testing.assert_array_equal(
+        drives(read.command, 'position'), drives(recording.command, 'position')
+    )
+    with pytest.raises(IdentError, match='no measured value arrived'):
+        read_bag(tmp_path / 'log', Topics('', CONTROLLER, ''))
+
+
+def test_a_controller_of_ros_1_is_read_too(tmp_path):
+    recording = make_recording()
+    maker = Maker(old=True)
+    path = tmp_path / 'log.bag'
+    with Writer1(path) as writer:
+        topics = {}
+        for when, topic, kind, message in as_ros2_control_records(
+            maker, recording, dynamic=False
+        ):
+            if topic not in topics:
+                topics[topic] = writer.add_connection(topic, kind, typestore=maker.store)
+            data = maker.store.cdr_to_ros1(maker.bytes_of(kind, message), kind)
+            writer.write(topics[topic], when, bytes(data))
+    (read,) = read_bag(path)
+    for role in ('state', 'command'):
+        np.testing.assert_array_equal(
+            drives(read.streams[role], 'position'), drives(recording.streams[role], 'position')
+        )
+
+
+def test_one_controller_can_give_everything(tmp_path):
+    recording = make_recording()
+    maker = Maker()
+    messages = as_ros2_control_records(maker, recording, efforts='output')
+    path = maker.write(tmp_path / 'log', [x for x in messages if x[1] == CONTROLLER])
+    for topics in (None, Topics(CONTROLLER, CONTROLLER, CONTROLLER)):
+        (read,) = read_bag(path, topics)
+        np.testing.assert_array_equal(
+            drives(read.state, 'velocity'), drives(recording.state, 'velocity')
+        )
+        np.testing.assert_array_equal(
+            drives(read.effort, 'effort'), drives(recording.effort, 'effort')
+        )
+        np.testing.assert_array_equal(
+            drives(read.command, 'position'), drives(recording.command, 'position')
+        )
+    (read,) = read_bag(path, Topics(command=''))
+    assert read.command is None, 'a role that is left out stays so'
+
+
+def test_topics_of_their_own_go_before_those_of_ros2_control(tmp_path):
+    recording = make_recording()
+    maker = Maker()
+    messages = as_ros2_control_records(maker, recording)
+    names = recording.command.names
+    messages += [
+        (t, '/joint_command', JOINT_STATE, maker.joint_state(t, names, x + 1.0))
+        for t, x in zip(recording.command.stamp.tolist(), recording.command.position, strict=True)
+    ]
+    (read,) = read_bag(maker.write(tmp_path / 'log', messages))
+    np.testing.assert_array_equal(
+        drives(read.command, 'position'), drives(recording.command, 'position') + 1.0
+    )
+
+
+def test_two_controllers_are_not_guessed_between(tmp_path):
+    recording = make_recording()
+    maker = Maker()
+    messages = as_ros2_control_records(maker, recording)
+    messages += [
+        (t, topic.replace('joint_trajectory', 'second'), kind, x)
+        for t, topic, kind, x in messages
+        if topic == CONTROLLER
+    ]
+    (read,) = read_bag(maker.write(tmp_path / 'log', messages))
+    assert read.command is None
+    assert any('name one of them by --command-topic' in x for x in read.notes)
+    (read,) = read_bag(tmp_path / 'log', Topics(command=CONTROLLER))
+    assert read.command is not None
+
+
+def forward(maker, recording, fields=('position',)):
+    """Return a recording's messages with the set-point as an array of numbers."""
+    messages = as_ros2_control_records(maker, recording, dynamic=False)
+    kept = [x for x in messages if x[1] == '/joint_states']
+    command = recording.command
+    for k, stamp in enumerate(command.stamp.tolist()):
+        values = np.concatenate([command.values(x)[k] for x in fields])
+        kept.append((stamp, '/forward_position_controller/commands', ARRAY, maker.array(values)))
+    return kept
+
+
+def test_an_array_is_read_by_the_names_given(tmp_path):
+    recording = make_recording()
+    recording = replace(
+        recording,
+        command=replace(recording.command, velocity=recording.command.position * 3.0),
+    )
+    maker = Maker()
+    path = maker.write(tmp_path / 'log', forward(maker, recording, ('position', 'velocity')))
+    topic = '/forward_position_controller/commands'
+    names = ('drive_1', 'drive_2', 'drive_1/velocity', 'drive_2/velocity')
+    (read,) = read_bag(path, Topics(command=topic, names=names))
+    for field in ('position', 'velocity'):
+        np.testing.assert_array_equal(
+            drives(read.command, field), drives(recording.command, field)
+        )
+    np.testing.assert_array_equal(read.command.stamp, recording.command.stamp)
+    assert any('arrays have no stamps' in x for x in read.warnings)
+    for names, code, said in (
+        ((), ErrorCode.INVALID_GOAL, 'is an array without names; say what its numbers are'),
+        (('drive_1',), ErrorCode.BAD_VALUES, 'a number for each of the joint names given'),
+    ):
+        with pytest.raises(IdentError, match=said) as caught:
+            read_bag(path, Topics(command=topic, names=names))
+        assert caught.value.code == code
+
+
+def test_check_names_the_topics_and_the_options(tmp_path):
+    recording = make_recording()
+    maker = Maker()
+    path = maker.write(tmp_path / 'log', forward(maker, recording))
+    recordings = read_bag(path)
+    assert recordings[0].command is None
+    lines = render(check(recordings))
+    assert (
+        'ok    /forward_position_controller/commands (std_msgs/msg/Float64MultiArray) is not '
+        'read; to read it: --command-topic /forward_position_controller/commands --joint-names '
+        'A,B (the joints in its order)'
+    ) in lines
+
+
+def test_a_topic_in_a_role_it_cannot_have_is_refused(tmp_path):
+    recording = make_recording()
+    maker = Maker()
+    path = maker.write(tmp_path / 'log', as_ros2_control_records(maker, recording))
+    with pytest.raises(IdentError, match='which holds no command; give another topic as command'):
+        read_bag(path, Topics(command='/dynamic_joint_states'))
+
+
+def test_damaged_messages_of_a_controller_are_counted(tmp_path):
+    recording = make_recording()
+    maker = Maker()
+    messages = as_ros2_control_records(maker, recording, dynamic=False)
+    bad = maker.controller(START, ['drive_1'], ([0.0, 1.0],), ([0.0, 1.0],))
+    messages += [(START + k, CONTROLLER, messages[1][2], bad) for k in range(3)]
+    (read,) = read_bag(maker.write(tmp_path / 'log', messages))
+    assert any(
+        '3 of 123 messages are no valid JointTrajectoryControllerState' in x
+        for x in read.warnings
+    )
+
+
+# ---------------------------------------------------------------------- trajectories
+
+
+def parsed(maker, stamp, names, points, arrival=START):
+    data = maker.bytes_of(TRAJECTORY, maker.trajectory(stamp, names, points))
+    return parse_trajectory(data, arrival)
+
+
+def quintic(time, length, begin, end):
+    """Return the path of least jerk between two rests, and its velocity."""
+    s = np.clip(time / length, 0.0, 1.0)
+    path = begin + (end - begin) * (10 * s**3 - 15 * s**4 + 6 * s**5)
+    return path, (end - begin) / length * (30 * s**2 - 60 * s**3 + 30 * s**4)
+
+
+def test_a_trajectory_is_followed_as_its_controller_does():
+    maker = Maker()
+    zero = [0.0, 0.0]
+    points = [(0, [0.0, 1.0], zero, zero), (10**9, [2.0, -1.0], zero, zero)]
+    (block,) = set_points([parsed(maker, START, 'ab', points)], LIMITS)
+    assert block.names == ('a', 'b')
+    time = (block.stamp - START) * 1e-9
+    assert time[0] == 0.0 and time[-1] == 1.0 and len(time) == 1001
+    for column, (begin, end) in enumerate(((0.0, 2.0), (1.0, -1.0))):
+        path, speed = quintic(time, 1.0, begin, end)
+        np.testing.assert_allclose(block.fields[0][:, column], path, atol=1e-12)
+        np.testing.assert_allclose(block.fields[1][:-1, column], speed[:-1], atol=1e-11)
+
+
+def test_positions_alone_are_joined_by_lines():
+    maker = Maker()
+    points = [(0, [0.0]), (10**8, [1.0]), (3 * 10**8, [0.0])]
+    (block,) = set_points([parsed(maker, START, 'a', points)], LIMITS)
+    time = (block.stamp - START) * 1e-9
+    np.testing.assert_allclose(
+        block.fields[0][:, 0], np.interp(time, [0.0, 0.1, 0.3], [0.0, 1.0, 0.0]), atol=1e-12
+    )
+
+
+def test_a_later_trajectory_takes_over_from_the_set_point():
+    maker = Maker()
+    first = parsed(maker, START, 'a', [(0, [0.0]), (10**9, [1.0])])
+    # stamp 0: it begins when it arrives
+    second = parsed(maker, 0, 'a', [(5 * 10**8, [0.0])], arrival=START + 5 * 10**8)
+    (block,) = set_points([first, second], LIMITS)
+    time = (block.stamp - START) * 1e-9
+    expected = np.interp(time, [0.0, 0.5, 1.0], [0.0, 0.5, 0.0])
+    np.testing.assert_allclose(block.fields[0][:, 0], expected, atol=1.1e-3)
+    assert time[-1] == 1.0
+
+
+def test_trajectories_in_a_bag_are_the_command(tmp_path):
+    recording = make_recording()
+    maker = Maker()
+    messages = [
+        x
+        for x in as_ros2_control_records(maker, recording, dynamic=False)
+        if x[1] == '/joint_states'
+    ]
+    names = ['drive_1', 'drive_2']
+    points = [(0, [0.0, 0.0], [0.0, 0.0]), (10**8, [0.1, 0.2], [0.0, 0.0])]
+    sent = maker.trajectory(0, names, points)
+    topic = '/joint_trajectory_controller/joint_trajectory'
+    messages.append((START + 5 * MS, topic, TRAJECTORY, sent))
+    (read,) = read_bag(maker.write(tmp_path / 'log', messages))
+    assert read.command.names == ('drive_1', 'drive_2')
+    assert read.command.stamp[0] == START + 5 * MS and read.command.stamp.size == 101
+    np.testing.assert_allclose(read.command.position[-1], [0.1, 0.2])
+    assert any(f'command: no /joint_command, {topic} is taken' in x for x in read.notes)
+
+
+@pytest.mark.parametrize(
+    'points',
+    [
+        [],
+        [(0, [])],
+        [(0, [0.0, 1.0])],
+        [(10**8, [0.0]), (0, [1.0])],
+        [(0, [np.nan])],
+        [(0, [0.0], [0.0, 1.0])],
+    ],
+)
+def test_what_no_controller_can_follow_is_refused(points):
+    with pytest.raises(ValueError):
+        parsed(Maker(), START, 'a', points)
+
+
+def test_absurd_trajectories_take_no_memory():
+    maker = Maker()
+    names = [f'joint_{k}' for k in range(6)]
+    points = [(0, [0.0] * 6), ((2**31 - 1) * 10**9, [1.0] * 6)]
+    with pytest.raises(IdentError, match='of memory, more than'):
+        set_points([parsed(maker, START, names, points)], LIMITS)
+
+
+@pytest.mark.parametrize('cut', range(1, 200, 7))
+def test_what_lies_beyond_the_end_is_never_read(cut):
+    maker = Maker()
+    for _, topic, kind, message in as_ros2_control_records(maker, make_recording(1)):
+        data = maker.bytes_of(kind, message)
+        short = data[: max(0, len(data) - cut)]
+        for role in ROLES_OF[kind]:
+            try:
+                layout = parser(kind, role)(short, LIMITS)
+            except ValueError:
+                continue
+            places = [x for x in layout.places if x is not None]
+            assert all((x + 8 <= len(short)).all() for x in places), topic

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pages on several runs: what differs is said, what does not is not."""
+
+from dataclasses import replace
+import json
+
+import pytest
+from report_cases import identified, write_diagnosed, write_identified
+
+from ros2_ident.cli.main import main
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.fleet.summary import write_summary
+from ros2_ident.report.page import write_comparison, write_report
+from ros2_ident.report.page.several import differences, strips
+
+
+def value(middle: float, half: float | None, unit: str = 'kg') -> dict:
+    known = half is not None
+    return {
+        'value': middle,
+        'low': middle - half if known else None,
+        'high': middle + half if known else None,
+        'unit': unit,
+    }
+
+
+def test_what_differs_beyond_its_interval_comes_first():
+    one = {'mass': value(2.0, 0.1), 'delay': value(0.01, 0.001, 's')}
+    two = {'mass': value(2.05, 0.1), 'delay': value(0.02, 0.001, 's')}
+    delay, mass = strips([('a', one), ('b', two)])
+    assert (delay.name, delay.differs, mass.name, mass.differs) == ('delay', True, 'mass', False)
+    assert [m.note for m in delay.marks] == ['', '+100.0 %, differs']
+    # Both stand on one scale, from the least end to the largest.
+    first, second = mass.marks
+    assert first.low == 0.0 and second.low + second.width == pytest.approx(100.0)
+    assert first.at < second.at
+
+
+def test_a_value_without_an_interval_is_shown_and_never_differs():
+    (strip,) = strips([('a', {'mass': value(1.0, None)}), ('b', {'mass': value(9.0, 0.1)})])
+    assert not strip.differs and strip.marks[0].low is None
+    lost = {'mass': {**value(0.0, None), 'value': None}}
+    assert strips([('a', lost), ('b', lost)]) == []
+
+
+def test_an_endless_interval_does_not_hide_the_values():
+    (strip,) = strips([('a', {'mass': value(1.0, 500.0)}), ('b', {'mass': value(2.0, 0.1)})])
+    assert abs(strip.marks[1].at - strip.marks[0].at) > 10.0
+
+
+def test_a_comparison_of_an_identification_with_another_and_a_diagnosis(tmp_path):
+    good = identified()
+    first, *rest = good.parameters
+    span = first.high - first.low
+    moved = replace(
+        first, value=first.value + span, low=first.low + span, high=first.high + span
+    )
+    for name, result in (('a', good), ('b', replace(good, parameters=(moved, *rest)))):
+        (tmp_path / name).mkdir()
+        write_identified(tmp_path / name, result)
+    page = write_comparison([tmp_path / 'a', tmp_path / 'b'])
+    assert page == tmp_path / 'a' / 'comparison.html'
+    text = page.read_text()
+    assert f'1 of {len(good.parameters)} parameters differ.' in text
+    assert text.index(first.name) < text.index(rest[0].name)
+    write_diagnosed(tmp_path / 'c')
+    out = tmp_path / 'all.html'
+    where = [str(tmp_path / name) for name in 'abc']
+    assert main(['report', *where, '--page', str(out)]) == 0
+    assert 'Stribeck friction on drive_1 is missing in the simulation.' in out.read_text()
+    assert 'http' not in out.read_text().replace('http-equiv', '')
+    with pytest.raises(IdentError, match='holds neither') as caught:
+        write_comparison([tmp_path / 'a', tmp_path])
+    assert caught.value.code is ErrorCode.NO_DATA
+
+
+def row(machine: str, number: int, mass: float, **more) -> dict:
+    return {
+        'name': f'{machine}_{number}',
+        'machine': machine,
+        'date': f'2026-01-0{number}',
+        'state': 'done',
+        'code': 'OK',
+        'message': 'All parameters are identified.',
+        'unit': 'N',
+        'residual': {'axis': 0.3},
+        'parameters': {'mass': value(mass, 0.1)},
+        **more,
+    }
+
+
+def test_the_page_of_a_fleet_says_who_drifted_and_who_failed(tmp_path):
+    found = {'effect': 'stribeck', 'where': ['axis'], 'verdict': 'Stribeck friction <axis>.'}
+    lost = {
+        'name': 'c_1', 'machine': 'c', 'date': '', 'state': 'failed', 'code': 'DAMAGED_BAG',
+        'message': 'c_1: is damaged; record it again',
+    }
+    write_summary(tmp_path, [row('a', 1, 2.0), row('a', 2, 3.0), row('b', 1, 2.0, **found), lost])
+    text = write_report(tmp_path).read_text()
+    assert '1 machine has drifted, 1 machine differs from the others' in text
+    assert 'a: mass drifted from 2 kg (a_1) to 3 kg (a_2) (+50.0' in text
+    assert 'an effect is missing in 1 recording' in text
+    assert 'DAMAGED_BAG' in text and 'is damaged; record it again' in text
+    assert 'Stribeck friction &lt;axis&gt;.' in text and '4 recordings of 3 machines' in text
+    summary = json.loads((tmp_path / 'fleet.json').read_text())
+    assert list(differences(summary))[-1] == 'Stribeck friction: found once (b_1: axis)'
+
+
+def test_a_fleet_of_equal_machines_has_nothing_to_say(tmp_path):
+    write_summary(tmp_path, [row('a', 1, 2.0), row('b', 1, 2.01)])
+    text = write_report(tmp_path).read_text()
+    assert 'No machine has drifted, none differs from the others.' in text
+    (tmp_path / 'fleet.json').write_text('{}')
+    with pytest.raises(IdentError, match='is no fleet'):
+        write_report(tmp_path)

@@ -1,0 +1,356 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node answers, whatever happens: every goal has a result, no result is lost."""
+
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from ros_helpers import (
+    BAG,
+    ended,
+    environment,
+    identifier,
+    Listener,
+    MACHINE,
+    new_domain,
+    Station,
+)
+
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(120)]
+
+
+class Node(Station):
+    """An identifier in this process.
+
+    Args:
+        domain: The DDS domain.
+        output: Its output directory.
+        parameters: Others of its parameters.
+    """
+
+    def __init__(self, domain: int, output: Path, **parameters) -> None:
+        from rclpy.parameter import Parameter
+
+        from ros2_ident.ros.node import Identifier
+
+        values = {
+            'machine_file': str(MACHINE),
+            'output_directory': str(output),
+            'initial_population': 32,
+            'generations': 2,
+            'drives': ['drive_1'],
+        } | parameters
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+
+        def make(context):
+            return Identifier(context=context, parameter_overrides=overrides)
+
+        super().__init__(make, domain)
+
+    def close(self) -> None:
+        self.node.stop()
+        self.until(lambda: self.node.answered, 'the end of its run')
+        self.node.worker.join(60.0)
+        super().close()
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Return a function that starts an identifier and who talks to it."""
+    made = []
+
+    def make(**parameters):
+        domain = new_domain()
+        made.append(Node(domain, tmp_path / 'results', **parameters))
+        made.append(Listener(domain))
+        return made[-2], made[-1]
+
+    yield make
+    for one in made[::-1]:
+        one.close()
+
+
+def goal_of(**changes):
+    from ros2_ident_msgs.action import Identify
+
+    goal = Identify.Goal(data_source=Identify.Goal.DATA_SOURCE_BAG, bag_path=str(BAG))
+    for name, value in changes.items():
+        setattr(goal, name, value)
+    return goal
+
+
+def answer(listener, **changes):
+    handle = listener.send(goal_of(**changes))
+    assert handle.accepted
+    return listener.request(handle.get_result_async, 'the result', 60.0)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_the_end_of_the_node_answers_its_goal(tmp_path, number) -> None:
+    from ros2_ident_msgs.msg import IdentificationResult
+
+    domain = new_domain()
+    with identifier(domain, tmp_path, 'initial_population:=1000000') as process:
+        listener = Listener(domain)
+        try:
+            feedback = []
+            handle = listener.send(goal_of(), feedback.append)
+            done = listener.asked(handle.get_result_async)
+            listener.until(lambda: feedback, 'feedback')
+            process.send_signal(number)
+            result = listener.wait_future(done, 'the result', 20.0).result.identification
+            assert result.outcome == IdentificationResult.OUTCOME_CANCELLED
+            assert result.error_message and len(result.parameters) == 7
+        finally:
+            listener.close()
+        code, text = ended(process, 30.0)
+    assert code == 0 and 'Traceback' not in text, text
+
+
+def test_the_end_of_the_node_waits_for_the_overlay_of_a_run_that_is_done(tmp_path) -> None:
+    domain = new_domain()
+    with identifier(domain, tmp_path) as process:
+        listener = Listener(domain)
+        try:
+            listener.send(goal_of(refine=False))
+            listener.until(lambda: listener.results, 'the result')
+            process.send_signal(signal.SIGTERM)
+            found = Path(listener.results[0].result_file).parent
+        finally:
+            listener.close()
+        code, text = ended(process, 80.0)
+    assert code == 0 and 'Traceback' not in text, text
+    assert (found / 'overlay/metadata.yaml').exists()
+
+
+def test_a_second_signal_ends_at_once() -> None:
+    code = (
+        'import threading\n'
+        'from ros2_ident.ros.identifier import Stop\n'
+        'stop = Stop().install()\n'
+        'print("ready", flush=True)\n'
+        'try:\n'
+        '    while not stop.signal: threading.Event().wait(0.01)\n'
+        '    print("first", flush=True)\n'
+        '    threading.Event().wait()\n'
+        'finally:\n'
+        '    threading.Event().wait()\n'
+    )
+    process = subprocess.Popen(
+        [sys.executable, '-c', code], env=environment(0), stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == 'ready\n'
+    process.send_signal(signal.SIGTERM)
+    assert process.stdout.readline() == 'first\n'
+    process.send_signal(signal.SIGINT)
+    assert ended(process, 5.0)[0] == 128 + signal.SIGINT
+
+
+def test_a_run_that_does_not_end_is_answered_all_the_same(start) -> None:
+    from action_msgs.msg import GoalStatus
+
+    from ros2_ident.errors import ErrorCode
+
+    node, listener = start(initial_population=1000000)
+    feedback = []
+    handle = listener.send(goal_of(), feedback.append)
+    done = listener.asked(handle.get_result_async)
+    listener.until(lambda: feedback, 'feedback')
+    node.executor.create_task(node.node.give_up)
+    answered = listener.wait_future(done, 'the result', 10.0)
+    assert answered.status == GoalStatus.STATUS_ABORTED
+    result = answered.result.identification
+    assert result.error_code == ErrorCode.CANCELLED
+    assert 'did not end in time' in result.error_message
+
+
+@pytest.mark.parametrize('where', ['request_of', 'run', 'result_message'])
+def test_whatever_is_raised_becomes_an_answer_with_a_code(start, monkeypatch, where) -> None:
+    from ros2_ident.errors import ErrorCode
+    from ros2_ident.ros import node as module
+
+    def fail(*arguments, **options):
+        if where == 'result_message' and arguments[0] is None:
+            return original(*arguments, **options)
+        raise ZeroDivisionError('of a test')
+
+    original = getattr(module, where)
+    monkeypatch.setattr(module, where, fail)
+    _, listener = start()
+    found = answer(listener).result.identification
+    assert found.error_code == ErrorCode.INTERNAL
+    assert 'ZeroDivisionError: of a test' in found.error_message
+
+
+def test_what_a_callback_raises_does_not_end_the_node(start) -> None:
+    node, listener = start()
+    listener.until(lambda: listener.statuses, 'the node')
+
+    class Broken:
+        def spin_once(self, seconds):
+            raise ZeroDivisionError('of a test')
+
+    before = len(node.node.board._stumbled)
+    node.node.spin(Broken())
+    node.node.spin(Broken())
+    assert len(node.node.board._stumbled) == before + 1
+
+
+def test_a_full_disk_leaves_the_result_on_the_topic_and_to_be_saved(start, monkeypatch) -> None:
+    from std_srvs.srv import Trigger
+
+    from ros2_ident.ros import files
+
+    def full(*arguments, **options):
+        raise OSError(28, 'No space left on device')
+
+    written = files.write_result
+    monkeypatch.setattr(files, 'write_result', full)
+    node, listener = start()
+    found = answer(listener).result.identification
+    assert found.error_code == 0 and found.parameters and not found.result_file
+    listener.until(lambda: listener.results, 'the result on its topic')
+    said = listener.call(Trigger, '/identifier/save_result', Trigger.Request())
+    assert not said.success and 'No space left on device' in said.message
+    monkeypatch.setattr(files, 'write_result', written)
+    said = listener.call(Trigger, '/identifier/save_result', Trigger.Request())
+    assert said.success and Path(said.message).exists()
+
+
+def test_a_machine_file_without_end_does_not_block_the_node(start, tmp_path) -> None:
+    from ros2_ident.errors import ErrorCode
+
+    os.mkfifo(tmp_path / 'fifo.yaml')
+    _, listener = start()
+    for path, said in (
+        (tmp_path / 'fifo.yaml', 'it is no regular file'),
+        (Path('/dev/zero'), 'it is no regular file'),
+    ):
+        found = answer(listener, machine_file=str(path)).result.identification
+        assert found.error_code == ErrorCode.BAD_MACHINE_FILE and said in found.error_message
+
+
+def test_goals_stay_inside_the_allowed_directory(start, tmp_path) -> None:
+    from ros2_ident.errors import ErrorCode
+
+    (tmp_path / 'in').mkdir()
+    (tmp_path / 'in/link').symlink_to(BAG)
+    _, listener = start(allowed_directory=str(tmp_path / 'in'))
+    for changes in (
+        {'bag_path': str(BAG)},
+        {'bag_path': str(tmp_path / 'in/link')},
+        {'bag_path': str(tmp_path / 'in/../x')},
+        {'machine_file': str(MACHINE)},
+        {'differences_file': '/etc/passwd'},
+    ):
+        found = answer(listener, **changes).result.identification
+        assert found.error_code == ErrorCode.INVALID_GOAL
+        assert 'lies outside of allowed_directory' in found.error_message
+
+
+def test_a_wrong_machine_file_is_told_at_the_start_and_when_it_is_set(start) -> None:
+    from rclpy.parameter import Parameter
+
+    from ros2_ident.errors import ErrorCode
+
+    node, listener = start(machine_file='/nowhere.yaml')
+    listener.until(lambda: listener.statuses, 'the status')
+    assert listener.statuses[0].error_code == ErrorCode.BAD_MACHINE_FILE
+    (said,) = node.node.set_parameters([Parameter('machine_file', value='/nor_there.yaml')])
+    assert not said.successful and '/nor_there.yaml: cannot be read' in said.reason
+
+
+def test_parameters_that_are_no_part_of_a_run_are_read_again(start) -> None:
+    from rclpy.parameter import Parameter
+
+    node, _ = start()
+    changes = {
+        'keep_streams': True,
+        'buffer_messages': 1234,
+        'missing_warning': 0.5,
+        'joint_names': ['a', 'b/effort'],
+    }
+    said = node.node.set_parameters([Parameter(x, value=y) for x, y in changes.items()])
+    assert all(x.successful for x in said)
+    capture = node.node.capture
+    assert (capture.keep_streams, capture.limit) == (True, 1234)
+    assert capture.names == ('a', 'b/effort') and node.node.diagnostics.missing_warning == 0.5
+
+
+@pytest.mark.parametrize('empty', ['BOOL_ARRAY', 'STRING_ARRAY', 'INTEGER_ARRAY'])
+def test_drives_can_be_emptied(start, empty) -> None:
+    from rclpy.parameter import Parameter
+
+    from ros2_ident.ros.parameters import snapshot
+
+    node, _ = start()
+    assert snapshot(node.node)['drives'] == ('drive_1',)
+    # `ros2 param set` cannot tell of which type an empty list is
+    kind = Parameter.Type[empty]
+    (said,) = node.node.set_parameters([Parameter('drives', kind, [])])
+    assert said.successful and snapshot(node.node)['drives'] == ()
+    (said,) = node.node.set_parameters([Parameter('drives', Parameter.Type.INTEGER_ARRAY, [1])])
+    assert not said.successful and 'string array' in said.reason
+
+
+def test_two_nodes_of_one_name_are_told(start, tmp_path) -> None:
+    node, listener = start()
+    other = Node(listener.context.get_domain_id(), tmp_path / 'others')
+    try:
+        node.until(lambda: node.node.twin, 'the first to see it')
+        other.until(lambda: other.node.twin, 'the second to see it')
+    finally:
+        other.close()
+
+
+def test_what_was_heard_is_found_again_after_a_restart(tmp_path) -> None:
+    from ros2_ident_msgs.action import Identify
+    from ros2_ident_msgs.msg import Status
+    from sensor_msgs.msg import JointState
+
+    from ros2_ident.recording import read_bag
+    from ros2_ident.recording.cdr import encode
+    from ros2_ident.recording.streams import FIELDS
+
+    (recording,) = read_bag(BAG)
+    domain = new_domain()
+    node = Node(domain, tmp_path, auto_start=False, end_of_stream=0.5)
+    topics = {'state': 'joint_states', 'effort': 'effort', 'command': 'joint_command'}
+    count = 2500
+    for role, stream in recording.streams.items():
+        data = encode(stream.stamp, stream.names, [stream.values(x) for x in FIELDS])
+        publisher = node.node.create_publisher(JointState, topics[role], count)
+        node.until(publisher.get_subscription_count, 'a subscription')
+        for k in range(0, count, 100):
+            for message in data[k : k + 100]:
+                publisher.publish(message)
+            inbox = node.node.capture._inbox[role]
+            node.until(
+                lambda inbox=inbox, k=k: len(inbox.data) + inbox.meter.received >= k + 100,
+                'the messages',
+            )
+    node.until(lambda: node.node.board.state == Status.STATE_READY, 'the end of the stream')
+    node.close()
+    domain = new_domain()
+    node, listener = Node(domain, tmp_path, auto_start=False), Listener(domain)
+    try:
+        listener.until(lambda: listener.state() == Status.STATE_READY, 'what was heard')
+        assert '7500 messages from before the start are held' in listener.statuses[-1].sentence
+        (found,) = node.node.received().build()
+        for role, stream in recording.streams.items():
+            other = found.streams[role]
+            np.testing.assert_array_equal(other.stamp, stream.stamp[:count])
+            for field in FIELDS:
+                if (values := stream.values(field)) is not None:
+                    np.testing.assert_array_equal(other.values(field), values[:count])
+        handle = listener.send(Identify.Goal(refine=False))
+        result = listener.request(handle.get_result_async, 'the result', 60.0)
+        assert result.result.identification.error_message == ''
+    finally:
+        listener.close()
+        node.close()
