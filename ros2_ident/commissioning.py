@@ -7,11 +7,13 @@ import math
 
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.floor import noise_floor
-from ros2_ident.identify.data import gather
+from ros2_ident.gates import examine
+from ros2_ident.identify.data import Data, gather
 from ros2_ident.machine.file import MachineFile
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.registry import compared_of, kind_of
 from ros2_ident.recording import check, Dataset, Finding, Recording, Report
+from ros2_ident.recording.findings import Level
 
 # What a finding on the bag may owe to the machine file.
 _KEY_OF = {
@@ -20,6 +22,8 @@ _KEY_OF = {
     'effort_gravity': ('geometry', 'gravity'),
     'effort_weight': ('drive', 'gear_factor'),
 }
+# Gates whose findings the check of the recordings has already.
+_SAID = {'missing', 'jitter', 'sign', 'limit', 'command'}
 # An axis that goes farther is measured in millimetres or in radians of its motor, m.
 _LONG = 30.0
 # Where the noise differs from what it should be by more, something is wrong, not inexact.
@@ -56,6 +60,7 @@ def check_both(
                 findings.append(Finding('error', 'unusable', '', error.message))
         else:
             findings += _fit(report, machine, file)
+            findings += _gates(data, machine, file, drives)
             for dataset in data.datasets:
                 findings += _contradicted(dataset, machine, file)
                 findings += _noise(dataset, machine, file)
@@ -115,6 +120,18 @@ def _contradicted(dataset: Dataset, machine: Machine, file: MachineFile) -> Iter
     order = [dataset.names.index(name) for name in machine.drives]
     for remark in check_motion(machine, dataset.position[order]):
         yield Finding(remark.level, 'machine', '', file.sentence(remark))
+
+
+def _gates(
+    data: Data, machine: Machine, file: MachineFile, drives: Sequence[str] | None
+) -> Iterator[Finding]:
+    """Say what commands, positions and efforts say of each other, with the line to change."""
+    for gate in examine(machine, data.datasets, drives).gates:
+        if gate.gate in _SAID:
+            continue
+        place = f'{file.place(("controller", gate.key))}: ' if gate.key else ''
+        level: Level = 'error' if gate.level == 'fail' else gate.level
+        yield Finding(level, gate.gate, gate.drive, f'{place}{gate.sentence}')
 
 
 def _noise(dataset: Dataset, machine: Machine, file: MachineFile) -> Iterator[Finding]:

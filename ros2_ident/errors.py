@@ -102,6 +102,12 @@ class ErrorCode(enum.IntEnum):
         'Record a motion with acceleration, reversals and different speeds, or fix parameters.',
         1,
     )
+    CONTRADICTED = (
+        14,
+        'The log contradicts the machine file, or the model does not carry the log.',
+        'Write the number that the sentence gives, or correct the topic or the model it names.',
+        1,
+    )
     INTERNAL = (
         99,
         'A defect of this package.',

@@ -15,6 +15,8 @@ from ros2_ident.errors import ErrorCode
 from ros2_ident.recording import Stream, write_bag
 
 AXIS = ROOT / 'bags' / 'axis_reversals'
+# In V s/m, without the force constant of 35.15 N/V.
+WRONG_GAIN = 'velocity_gain: 243.45'
 # Only a node can be busy; the test of that is this one.
 BY_A_NODE = {ErrorCode.BUSY: ('test_ros_node.py', 'test_a_second_goal_is_refused_with_a_reason')}
 
@@ -90,6 +92,9 @@ PROVOKED: dict[ErrorCode, Callable[[Path], list[str]]] = {
         AXIS, folder, machine=machine_with(folder, 'cycle:', 'cyle:')
     ),
     ErrorCode.WRONG_UNITS: lambda folder: identify(AXIS, folder, '--effort-unit', 'mA'),
+    ErrorCode.CONTRADICTED: lambda folder: identify(
+        AXIS, folder, machine=machine_with(folder, 'velocity_gain: 8557.4257475', WRONG_GAIN)
+    ),
     ErrorCode.NOT_IDENTIFIABLE: lambda folder: identify(
         AXIS, folder, '--bounds', 'moving_mass=94.9999:95.0001'
     ),

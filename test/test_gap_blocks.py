@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from ros2_ident.gap.blocks import block_length, Blocks, correlation_time, FEWEST
+from ros2_ident.gap.blocks import block_length, Blocks, FEWEST
+from ros2_ident.search.noise import correlation_time
 
 
 def _coloured(generator, phi, shape):

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole diagnosis on an axis whose logs the slow reference makes."""
 
+from dataclasses import replace
 import json
 import threading
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution
@@ -14,10 +16,12 @@ from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import to_mapping
 from ros2_ident.gap.explain import Explainer, Rules
 from ros2_ident.gap.fits import Explanation
+from ros2_ident.gap.floor import Floor
 from ros2_ident.models import machine_from_mapping
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.axis import simulate_axis
 from ros2_ident.reference.effects import Effect
+from ros2_ident.search.noise import white
 
 CYCLE = 1e-3
 NOISE = 0.01
@@ -53,8 +57,13 @@ TRUTH = {
     'viscous_torque': 0.05,
 }
 
+LEVEL = np.array([NOISE])
+FLOOR = Floor(LEVEL, LEVEL, LEVEL, 'prediction', None, 0.0 * LEVEL, (white(NOISE),), '')
 
-def recording(seed: int, effects: tuple[Effect, ...] = (), scale: float = 1.0) -> Dataset:
+
+def recording(
+    seed: int, effects: tuple[Effect, ...] = (), scale: float = 1.0, noise: float = NOISE
+) -> Dataset:
     rng = np.random.default_rng(seed)
     time = np.arange(5000) * CYCLE
     position = np.full_like(time, 0.4)
@@ -65,7 +74,7 @@ def recording(seed: int, effects: tuple[Effect, ...] = (), scale: float = 1.0) -
     position = 0.4 + scale * (position - 0.4) * ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
     velocity = np.gradient(position, CYCLE)
     log = simulate_axis(MACHINE, TRUTH, position[None], velocity[None], effects)
-    effort = log.effort + NOISE * rng.standard_normal(log.effort.shape)
+    effort = log.effort + noise * rng.standard_normal(log.effort.shape)
     return Dataset(
         MACHINE.drives,
         CYCLE,
@@ -76,6 +85,14 @@ def recording(seed: int, effects: tuple[Effect, ...] = (), scale: float = 1.0) -
         log.velocity,
         np.round(effort / 0.002) * 0.002,
     )
+
+
+def coloured(data: Dataset, size: float, rho: float) -> Dataset:
+    """Return a log with other noise: `size` times what is stated, neighbours correlated."""
+    rng = np.random.default_rng(int(1e6 * data.effort[0, -1]) % 1000)
+    drawn = rng.standard_normal(data.effort.size + 500)
+    noise = lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], drawn)[500:]
+    return replace(data, effort=data.effort + size * NOISE * noise)
 
 
 def stribeck() -> Effect:
@@ -211,6 +228,26 @@ def test_bad_input_is_one_sentence() -> None:
         diagnose(MACHINE, [recording(4)], without=('gremlins',))
 
 
+@pytest.mark.parametrize(('size', 'rho'), [(0.4, 0.5), (2.5, 0.9)])
+def test_noise_that_nobody_stated_is_no_gap(size, rho) -> None:
+    rough = [coloured(recording(seed, noise=0.0), size, rho) for seed in (1, 2)]
+    quiet = diagnose(MACHINE, rough[:1], rough[1:], seed=3)
+    assert quiet.effect == 'none'
+    assert quiet.floor.per_drive[0] == pytest.approx(size * NOISE, rel=0.1)
+    assert quiet.floor.noise[0].correlation == pytest.approx(rho, abs=0.1)
+    assert 'the machine file states 0.01' in quiet.floor.sentence
+
+
+def test_an_effect_is_named_though_the_noise_is_coloured_and_larger_than_stated() -> None:
+    effects = (stribeck(),)
+    rough = [coloured(recording(seed, effects, noise=0.0), 2.0, 0.9) for seed in (1, 2)]
+    seen = diagnose(MACHINE, rough[:1], rough[1:], seed=3)
+    assert (seen.effect, seen.where) == ('stribeck', ('lift',))
+    for name in ('lift.coulomb_torque', 'lift.viscous_torque', 'lift.drive_inertia'):
+        value = seen.parameters[name]
+        assert value.low <= value.noise_low < value.noise_high <= value.high
+
+
 def test_rules_say_when_something_counts() -> None:
     effects = (stribeck(),)
     lenient = diagnose(
@@ -221,7 +258,7 @@ def test_rules_say_when_something_counts() -> None:
 
 def test_a_trifle_on_one_drive_contradicts_nothing() -> None:
     case = Case(recordings_of(MACHINE, [recording(1)]))
-    explainer = Explainer(Attribution(case, np.full(1, NOISE)), Rules())
+    explainer = Explainer(Attribution(case, LEVEL), FLOOR, Rules())
     law = {name: np.array(values) for name, values in {
         'right': [4.9, 1.10, 1.07], 'wrong': [16.4, 1.0, 1.0], 'clean': [1.0, 1.0, 1.0],
     }.items()}  # fmt: skip
@@ -235,8 +272,8 @@ def test_a_trifle_on_one_drive_contradicts_nothing() -> None:
 
 def test_a_nominal_fit_that_had_ended_too_early_goes_on() -> None:
     case = Case(recordings_of(MACHINE, [recording(1)]), recordings_of(MACHINE, [recording(2)]))
-    attribution = Attribution(case, np.array([NOISE]))
-    explainer = Explainer(attribution, Rules())
+    attribution = Attribution(case, LEVEL)
+    explainer = Explainer(attribution, FLOOR, Rules())
     names = [p.name for p in case.fit.with_effects(()).parameters]
     truth = np.array([TRUTH[name.removeprefix('lift.')] for name in names])
     stuck = truth.copy()

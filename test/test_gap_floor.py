@@ -24,7 +24,6 @@ def test_white_noise_is_measured():
     assert floor.per_drive == pytest.approx([NOISE, NOISE], rel=0.04)
     assert (floor.low < floor.per_drive).all()
     assert (floor.per_drive < floor.high).all()
-    assert floor.white == pytest.approx([1.0, 1.0], abs=0.1)
 
 
 def test_a_log_by_a_clock_of_its_own_tells_its_noise_too():

@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 
 from ros2_ident.gap.floor import noise_floor
-from ros2_ident.gap.gates import check_effort, check_law, check_streams, run_gates
-from ros2_ident.gap.law import fit_law, Gain, Law
+from ros2_ident.gap.gates import run_gates
+from ros2_ident.gates.controller import check_law
+from ros2_ident.gates.law import fit_law, Gain, Law
+from ros2_ident.gates.log import check_effort, check_streams
 from ros2_ident.identify.run import read_data
 from ros2_ident.models import load_machine
 from ros2_ident.recording import AlignQuality, StreamQuality
 
 ROOT = Path(__file__).parents[1]
+MACHINE = load_machine(ROOT / 'config/tripod.yaml')
 
 
 def _law(**changes):
@@ -23,30 +26,40 @@ def _law(**changes):
 
 
 def test_a_law_that_fits_passes():
-    (gate,) = check_law(_law(), 'drive_1', noise=0.01)
+    (gate,) = check_law(MACHINE, _law(), 'drive_1', 0.01)
     assert (gate.gate, gate.level) == ('law', 'ok')
 
 
 def test_a_wrong_gain_is_named_with_its_size():
     gains = (Gain('velocity_gain', 5.4, 0.01, 4.5, 0.01), Gain('scale', 1.1, 0.01, 1.0, 0.03))
-    (gate,) = check_law(_law(gains=gains, misfit_file=0.04), 'drive_1')
+    (gate,) = check_law(MACHINE, _law(gains=gains, misfit_file=0.04), 'drive_1')
     assert gate.level == 'warn'
     assert gate.number == pytest.approx(1.2)
-    assert 'velocity gain of 5.4 for 4.5 (+20.0 %)' in gate.sentence
+    assert 'your velocity_gain is 4.5; 5.4 fits the log to 0.01 N m' in gate.sentence
+    assert (gate.contradicts, gate.key) == (True, 'velocity_gain')
 
 
 def test_a_law_that_explains_nothing_fails():
-    (gate,) = check_law(_law(explained=0.3), 'drive_1')
+    (gate,) = check_law(MACHINE, _law(explained=0.3, misfit=0.5, misfit_file=2.0), 'drive_1')
     assert gate.level == 'fail'
 
 
+def test_a_law_that_no_other_gains_would_explain_better_has_run():
+    found = check_law(MACHINE, _law(explained=0.4, misfit=0.5, misfit_file=0.51), 'drive_1', 0.01)
+    assert [(g.gate, g.level) for g in found] == [('law_noise', 'warn'), ('law', 'ok')]
+    (gate,) = check_law(MACHINE, _law(explained=0.4, misfit=0.5, misfit_file=0.6), 'drive_1')
+    assert (gate.level, gate.contradicts) == ('fail', True)
+
+
 def test_noise_beyond_the_floor_is_told_apart_from_gains():
-    found = check_law(_law(misfit=0.02, misfit_file=0.02), 'drive_1', noise=0.01)
+    found = check_law(MACHINE, _law(misfit=0.02, misfit_file=0.02), 'drive_1', 0.01)
     assert [g.gate for g in found] == ['law_noise', 'law']
 
 
 def test_steps_of_the_logged_position_are_no_noise_between_controller_and_log():
-    (gate,) = check_law(_law(misfit=0.02, misfit_file=0.02, steps=0.021), 'drive_1', noise=0.01)
+    (gate,) = check_law(
+        MACHINE, _law(misfit=0.02, misfit_file=0.02, steps=0.021), 'drive_1', 0.01
+    )
     assert (gate.gate, gate.level) == ('law', 'ok')
     assert 'steps of the logged position' in gate.sentence
 
@@ -57,13 +70,13 @@ def test_a_log_of_the_package_passes_its_own_law():
     law = fit_law(machine, data, 'emps_axis')
     # The bag holds positions in steps of 1 um.
     assert law.steps == pytest.approx(machine.number('velocity_gain') * 1e-6 / 4e-3, rel=1e-6)
-    assert [g.level for g in check_law(law, 'emps_axis', 'N', 0.3)] == ['ok']
+    assert [g.level for g in check_law(machine, law, 'emps_axis', 0.3)] == ['ok']
     moved = np.array(data.position) + 1e-7 * np.random.default_rng(0).standard_normal(data.cycles)
     assert fit_law(machine, replace(data, position=moved), 'emps_axis').steps < 1e-6
 
 
 def test_without_a_command_there_is_nothing_to_check():
-    (gate,) = check_law(None, 'drive_1')
+    (gate,) = check_law(MACHINE, None, 'drive_1')
     assert gate.level == 'warn'
     assert 'cannot be checked' in gate.sentence
 
@@ -96,7 +109,7 @@ def test_a_wrong_gain_shows_in_the_log(number, gain, ratio):
     law = fit_law(case.model.machine, case.data, 'drive_1')
     assert law.gains[0].name == gain
     assert law.gains[0].ratio == pytest.approx(ratio, rel=0.005)
-    others = run_gates(case.model).of('law')
+    others = run_gates([case.model]).of('law')
     assert [g.drive for g in others if g.level != 'ok'] == ['drive_1']
 
 
@@ -115,7 +128,7 @@ def test_delays_do_not_spoil_the_law(number):
 @pytest.mark.parametrize('number', [15, 16, 17])
 def test_nulls_pass_all_gates(number):
     case = practice_case(number)
-    report = run_gates(case.model, case.theta, noise_floor(case.residual, case.data))
+    report = run_gates([case.model], case.theta, noise_floor(case.residual, case.data))
     assert report.level == 'ok'
     assert {g.gate for g in report.gates} >= {'missing', 'jitter', 'sign', 'limit', 'law', 'step'}
     assert max(g.number for g in report.of('step')) < 0.1

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ros2_ident.effects import CATALOGUE, get_effect
-from ros2_ident.gap.screen import trials
 from ros2_ident.models import EffectAt, load_machine, make_model
+from ros2_ident.models.trials import trials
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.axis import simulate_axis
 from ros2_ident.reference.effects import draw_effect, kinds

@@ -10,6 +10,7 @@ import pytest
 from ros2_ident.errors import IdentError
 from ros2_ident.search import finite_differences, refine, RefineStatus, spread_starts
 from ros2_ident.search.jacobian import Box, steps
+from ros2_ident.search.levenberg import local_fit
 
 TIME = np.linspace(0.0, 1.0, 200)
 TRUTH = np.array([3.0, 2000.0])
@@ -227,3 +228,13 @@ def test_both_sides_diverged_is_a_zero_column():
     box = Box.of([0.0, 0.0], [1.0, 1.0])
     found = finite_differences(pole, np.array([0.2, 0.5]), np.full(3, 0.2), box)
     np.testing.assert_allclose(found, [[1.0, 0.0]] * 3, rtol=1e-6)
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('size', [1e200, np.inf, np.nan])
+def test_a_fit_beside_a_cliff_ends_without_a_word_of_numpy(size):
+    def evaluate(theta):
+        return np.where(theta > 0.6, size, (theta - 0.9) * np.ones(5))
+
+    fitted = local_fit(evaluate, np.array([0.3]), np.array([0.0]), np.array([1.0]))
+    assert 0.5 < fitted.theta[0] <= 0.6

@@ -52,7 +52,11 @@ EXAMPLES = (
     'the diagnosis), report.html (all of it as a page, with the identification where DIR holds\n'
     'one)\n'
 )
-EXIT_CODES = {0: 'the diagnosis is complete', 1: 'it was cut short, or nothing could be simulated'}
+EXIT_CODES = {
+    0: 'the diagnosis is complete',
+    1: 'it was cut short, nothing could be simulated, log and machine file contradict each other, '
+    'or the model is not the one of the machine',
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -113,6 +117,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.report import print_page
     from ros2_ident.files import make_directory
     from ros2_ident.gap.diagnose import diagnose
+    from ros2_ident.gap.verdict import REFUSED
     from ros2_ident.identify.run import read_data
     from ros2_ident.report.files import write_diagnosis
 
@@ -166,7 +171,7 @@ def run(args: argparse.Namespace) -> int:
         files += _overlay(args, out, machine, fit, found)
         print('written: ' + ', '.join(str(path) for path in files), flush=True)
         print_page(out, wanted=not args.no_report)
-    return 0 if found.complete else 1
+    return 0 if found.complete and found.effect not in REFUSED else 1
 
 
 def _overlay(
@@ -198,14 +203,18 @@ def _overlay(
 
 def print_diagnosis(d: 'Diagnosis') -> None:
     """Print a diagnosis on standard output, the answer first."""
-    print(f'verdict: {d.sentence} (probability {d.probability:.2f})')
+    from ros2_ident.cli.colour import alarming
+    from ros2_ident.gap.verdict import REFUSED
+
+    said = f'verdict: {d.sentence} (probability {d.probability:.2f})'
+    print(alarming(said) if d.effect in REFUSED else said)
     for ranked in d.confusable[1:]:
         print(
             f'  not to be told from: {ranked.at.effect} on {ranked.at.where} '
             f'({ranked.probability:.2f})'
         )
     for _, level, text in d.gates:
-        if level != 'ok':
+        if level != 'ok' and text not in d.sentence:
             print(f'{level}: {text}')
     for finding in d.localisation[:5]:
         print(f'where: {finding.sentence}')

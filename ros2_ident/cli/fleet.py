@@ -22,7 +22,7 @@ EXAMPLES = (
     'writes to DIR: fleet.json, fleet.csv, report.html (the machines on a page), and rows/ with\n'
     'a file for each bag\n'
 )
-EXIT_CODES = {0: 'every bag is done', 1: 'some failed or are left'}
+EXIT_CODES = {0: 'every bag is done', 1: 'some failed, are left, or contradict their machine file'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the fleet and print how its machines compare."""
     from ros2_ident.cli.interrupt import interrupts
     from ros2_ident.cli.report import print_page
-    from ros2_ident.fleet import read_fleet, run_fleet, states, summarise
+    from ros2_ident.fleet import read_fleet, run_fleet, sound, summarise
 
     entries = read_fleet(args.list, args.machine)
     with interrupts() as cancel, _Board(entries, args.quiet) as board:
@@ -108,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
     _print(rows, summarise(rows))
     print(f'written: {args.out}/fleet.json, {args.out}/fleet.csv', flush=True)
     print_page(Path(args.out), wanted=True)
-    return 0 if states(rows)['done'] == len(entries) else 1
+    return 0 if len(rows) == len(entries) and all(map(sound, rows)) else 1
 
 
 def _print(rows: 'list[Row]', summary: dict[str, Any]) -> None:

@@ -51,7 +51,8 @@ EXAMPLES = (
 )
 EXIT_CODES = {
     0: 'identified',
-    1: 'cancelled, budget spent, not identifiable or diverged',
+    1: 'cancelled, budget spent, not identifiable, diverged, or contradicted: log and machine '
+    'file disagree, or the model leaves a large part of the log',
 }
 
 

@@ -4,8 +4,9 @@
 from collections.abc import Sequence
 import math
 
+from ros2_ident.cli.colour import alarming
 from ros2_ident.cli.progress import duration
-from ros2_ident.identify.result import Identification, ParameterEstimate
+from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 
 # A half width beyond this share of the value, in percent, is told by itself.
 TELLING = 1000.0
@@ -69,4 +70,5 @@ def print_result(result: Identification) -> None:
     for warning in result.quality.warnings:
         print(f'warning: {warning}')
     code = result.outcome.error_code
-    print(f'{result.outcome.value}: {result.message}' + (f' [{code.name}]' if code else ''))
+    said = f'{result.outcome.value}: {result.message}' + (f' [{code.name}]' if code else '')
+    print(alarming(said) if result.outcome is Outcome.CONTRADICTED else said)

@@ -12,5 +12,5 @@ from ros2_ident.fleet.row import key_of as key_of
 from ros2_ident.fleet.row import Row as Row
 from ros2_ident.fleet.row import run_entry as run_entry
 from ros2_ident.fleet.run import run_fleet as run_fleet
-from ros2_ident.fleet.summary import states as states
+from ros2_ident.fleet.summary import sound as sound
 from ros2_ident.fleet.summary import summarise as summarise

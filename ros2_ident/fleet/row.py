@@ -77,7 +77,7 @@ def run_entry(entry: Entry, seed: int, diagnosed: bool, asked: str = '') -> Row:
 
 
 def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
-    from ros2_ident.gap.verdict import NONE, UNKNOWN
+    from ros2_ident.gap.verdict import NAMELESS
 
     result, diagnosis = _job(entry, seed)
     values = {
@@ -88,6 +88,7 @@ def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
         'state': 'done',
         'code': result.outcome.error_code.name,
         'message': result.message,
+        'warnings': list(result.quality.warnings),
         'model': result.model,
         'residual': {x.drive: x.rms for x in result.residuals},
         'unit': result.cost.unit,
@@ -96,7 +97,7 @@ def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
     if not diagnosed:
         return found
     verdict = diagnosis()
-    if verdict.effect not in (NONE, UNKNOWN):
+    if verdict.effect not in NAMELESS:
         # With the missing effect in the model its nominal parameters are no longer bent by it.
         values.update(
             {

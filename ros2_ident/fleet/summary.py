@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the machines of a fleet compare: drift, differences, effects."""
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 import csv
 import io
@@ -10,15 +9,23 @@ import math
 from pathlib import Path
 from typing import Any
 
+from ros2_ident.errors import ErrorCode
 from ros2_ident.files import write_text
 from ros2_ident.fleet.row import Row
+from ros2_ident.gap.verdict import REFUSED
 
 # Probability that a drift is said where there is none, over all comparisons of a fleet.
 LEVEL = 0.05
 
 
+def sound(row: Row) -> bool:
+    """Return whether a row's values say something of its machine."""
+    contradicted = row.get('code') == ErrorCode.CONTRADICTED.name or row.get('effect') in REFUSED
+    return row['state'] == 'done' and not contradicted
+
+
 def summarise(rows: Sequence[Row]) -> dict[str, Any]:
-    """Compare the rows that are done.
+    """Compare the rows that are done, but for those whose log contradicts its machine file.
 
     Two values differ where their difference is beyond its own interval: with half widths a and b
     the standard deviation of it is sqrt(a^2 + b^2) / 1.96. The level is shared among all
@@ -29,7 +36,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         machine against the mean of the others; both strongest first. `effects`: for each effect
         the drives it was found on.
     """
-    done = sorted((r for r in rows if r['state'] == 'done'), key=lambda r: str(r['date']))
+    done = sorted((r for r in rows if sound(r)), key=lambda r: str(r['date']))
     by_machine: dict[str, list[Row]] = {}
     for row in done:
         by_machine.setdefault(row['machine'], []).append(row)
@@ -123,8 +130,3 @@ def write_summary(out: Path, rows: Sequence[Row]) -> None:
                 (*same, name, *(p.get(k, '') for k in ('value', 'low', 'high', 'unit')))
             )
     write_text(out / 'fleet.csv', text.getvalue())
-
-
-def states(rows: Sequence[Row]) -> Counter[str]:
-    """Return how many rows are in which state."""
-    return Counter(str(row['state']) for row in rows)

@@ -7,7 +7,7 @@ left or nothing gains.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -77,13 +77,39 @@ class Attribution:
         workers: Workers | None = None,
     ) -> None:
         self.case = case
-        self.floor = floor
         self.stopped = stopped
         self.on_step = on_step
         self.workers = workers or Threads()
         self.fits = Fits(case, floor, stopped)
-        self.refit = self.fits.refit
-        self.watch_law = self.fits.watch_law
+
+    @property
+    def floor(self) -> Array:
+        """(D,) noise floor of each drive, output unit."""
+        return self.fits.floor
+
+    def refit(
+        self, effects: Sequence[EffectAt], theta: Array, iterations: int = 12
+    ) -> Explanation:
+        """Fit a set of effects jointly from a start (N,)."""
+        return self.fits.refit(effects, theta, iterations)
+
+    def renew(
+        self, floor: Array, chain: Sequence[Explanation], rounds: Sequence[Round]
+    ) -> tuple[list[Explanation], list[Round]]:
+        """Go on at another noise floor; return what was fitted before in units of it."""
+        old, self.fits = self.fits, self.fits.renewed(floor)
+
+        def again(e: Explanation) -> Explanation:
+            return self.fits.restated(e, old)
+
+        return [again(e) for e in chain], [
+            replace(
+                r,
+                base=again(r.base),
+                fitted=tuple(sorted(map(again, r.fitted), key=lambda e: e.loss)),
+            )
+            for r in rounds
+        ]
 
     def nominal(self, settings: FitSettings, seed: int) -> Explanation:
         """Identify the nominal parameters on the fit part, as an identification does."""

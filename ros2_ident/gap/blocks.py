@@ -15,6 +15,7 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import t as student
 
 from ros2_ident.gap.floor import Floor
+from ros2_ident.search.noise import correlation_time
 
 Array = NDArray[np.float64]
 
@@ -66,24 +67,6 @@ def block_length(rows: Array, cycle: float, settling: float = SETTLING) -> int:
             longest = max(longest, correlation_time(coarse[np.isfinite(coarse)]))
     length = max(settling / cycle, _TIMES * longest * stride)
     return int(max(1, min(length, count // FEWEST)))
-
-
-def correlation_time(values: Array) -> float:
-    """Return how many samples of a series tell as much as one independent one (at least 1).
-
-    Args:
-        values: (T,) a series without NaN.
-    """
-    size = values.size
-    centred = values - values.mean() if size else values
-    if size < 8 or not centred.any():
-        return 1.0
-    spectrum = np.abs(np.fft.rfft(centred, 2 * size)) ** 2
-    correlation = np.fft.irfft(spectrum)[: size // 2]
-    total = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
-    enough = np.arange(total.size) >= 5.0 * total
-    window = int(np.argmax(enough)) if enough.any() else total.size - 1
-    return max(1.0, float(total[window]))
 
 
 def _averages(values: Array, stride: int) -> Array:

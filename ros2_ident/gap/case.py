@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.identify.hidden import SETTLE
 from ros2_ident.identify.layout import Conditions, Layout
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
@@ -20,9 +21,6 @@ from ros2_ident.recording import Dataset
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# Seconds at a log's start that are not compared: a machine that has stood still holds forces no
-# model knows.
-SETTLE = 0.1
 # Seconds at a log's start at which a delayed effort does not yet belong to the motion beside it.
 LAW_SETTLE = 0.15
 # Extended models of a part that are kept: those of the rounds go on being asked for.
@@ -117,6 +115,11 @@ class Joint:
         self.parameters: tuple[Parameter, ...] = self.layout.parameters
         self.low: Array = np.array([p.low for p in self.parameters])
         self.high: Array = np.array([p.high for p in self.parameters])
+
+    @property
+    def drive(self) -> npt.NDArray[np.int64]:
+        """(R,) the drive of each value that `residual` returns."""
+        return self._part.drive
 
     def own(self, number: int, theta: Array) -> Array:
         """Return (S, N') the parameters of one model among candidates (S, N)."""
@@ -291,6 +294,7 @@ class Case:
         noise: Standard deviation of the outputs' noise as stated.
         fit: What is fitted on.
         check: What is held out.
+        whole: All recordings with all samples.
         held_out: `check bag` or `blocks`.
     """
 
@@ -303,6 +307,9 @@ class Case:
         self.drives = fit.models[0].places
         self.noise = fit.models[0].noise
         self.fit, self.check, self.held_out = split(fit, check or Recordings(()), conditions)
+        both = fit + check if check and check.models else fit
+        masks = tuple(_settled(m) for m in both.models)
+        self.whole = Part(both.models, masks, (), both.labels, conditions or Conditions())
 
     def candidates(self, without: Sequence[str] = (), known: Sequence[str] = ()) -> list[EffectAt]:
         """Return every effect at every place it can sit in this machine.

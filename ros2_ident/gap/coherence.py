@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ros2_ident.gap.blocks import correlation_time, FEWEST, SETTLING
+from ros2_ident.gap.blocks import FEWEST, SETTLING
 from ros2_ident.gap.coordinates import Coordinate
+from ros2_ident.search.noise import correlation_time
 
 Array = NDArray[np.float64]
 

@@ -17,10 +17,11 @@ from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.reading import CoarseReading
-from ros2_ident.gap.verdict import advice, NONE, UNKNOWN, Verdict
+from ros2_ident.gap.verdict import advice, NAMELESS, NONE, REFUSED, UNKNOWN, Verdict
 from ros2_ident.gap.wording import length
 from ros2_ident.models import EffectAt
 from ros2_ident.search import intervals
+from ros2_ident.search.evidence import Evidence
 
 Array = npt.NDArray[np.float64]
 
@@ -29,7 +30,6 @@ def compose(
     explainer: Explainer,
     found: Explained,
     verdict: Verdict,
-    floor: Floor,
     gates: Sequence[tuple[str, str, str]],
     where: tuple[Finding, ...],
     testable: tuple[EffectAt, ...],
@@ -42,17 +42,16 @@ def compose(
         explainer: Who ran the rounds.
         found: What came of them.
         verdict: What follows from it.
-        floor: The noise floor.
         gates: What was checked before, as (name, level, sentence).
         where: Where the gap lies.
         testable: Effects that the motion cannot show.
         seconds: Time taken, s.
         seed: Of the resampling.
     """
+    floor = explainer.floor
     fits = explainer.attribution.fits
-    attribution = explainer.attribution
-    case = attribution.case
-    chain = found.chain if verdict.effect not in (NONE, UNKNOWN) else found.chain[:1]
+    case = explainer.attribution.case
+    chain = found.chain if verdict.effect not in NAMELESS else found.chain[:1]
     final = chain[-1]
     model = case.fit.with_effects(final.effects).models[0]
     rows = [case.check.rows(e.check_residual / fits.check_weight) for e in found.chain]
@@ -63,7 +62,8 @@ def compose(
     steps = tuple(Step(labels[i], blocks.rms(i)[1]) for i in range(len(found.chain)))
     last = len(found.chain) - 1
     share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
-    values = _values(explainer, final) | _steps(verdict.readings)
+    evidence = explainer.noise_of(final).evidence if found.complete else None
+    values = _values(explainer, final, evidence) | _steps(verdict.readings)
     nominal = {
         p.name: v
         for p, v in zip(case.fit.with_effects(()).parameters, found.chain[0].theta, strict=True)
@@ -135,18 +135,20 @@ def _traces(case: Case, found: Explained) -> tuple[Trace, ...]:
     return tuple(traces)
 
 
-def _values(explainer: Explainer, e: Explanation) -> dict[str, Value]:
+def _values(
+    explainer: Explainer, e: Explanation, evidence: Evidence | None = None
+) -> dict[str, Value]:
     case = explainer.attribution.case
     joint = case.fit.with_effects(e.effects)
-    low, high = joint.low, joint.high
+    span = joint.high - joint.low
     series = np.concatenate([mask.sum(axis=1) for mask in case.fit.masks])
     rows = len(explainer.attribution.fits.weight)
     found = intervals(
-        e.jacobian[:rows] / (high - low),
+        e.jacobian[:rows] / span,
         e.residual[:rows],
         e.theta,
-        low,
-        high,
+        joint.low,
+        joint.high,
         series=[int(s) for s in series],
     )
     # Those of the effects come last; the bounds of the others are the machine file's matter.
@@ -155,10 +157,13 @@ def _values(explainer: Explainer, e: Explanation) -> dict[str, Value]:
     ends = [False] * first + [
         at_bound(p, float(v)) for p, v in zip(sizes, e.theta[first:], strict=True)
     ]
+    low, high = found.low, found.high
+    if evidence is not None:
+        low, high = evidence.ends(e.theta, joint.low, joint.high, low, high)
     return {
-        p.name: Value(float(v), p.unit, float(lo), float(hi), end)
-        for p, v, lo, hi, end in zip(
-            joint.parameters, e.theta, found.low, found.high, ends, strict=True
+        p.name: Value(float(v), p.unit, float(lo), float(hi), end, float(less), float(more))
+        for p, v, lo, hi, end, less, more in zip(
+            joint.parameters, e.theta, low, high, ends, found.low, found.high, strict=True
         )
     }
 
@@ -233,7 +238,17 @@ def _per_drive(
 def _sentence(
     verdict: Verdict, explainer: Explainer, found: Explained, floor: Floor, unit: str
 ) -> str:
+    """Return the answer in words, behind what has to be said first."""
+    said = _answer(verdict, explainer, found, floor, unit)
+    return f'{verdict.first} {said}' if verdict.first else said
+
+
+def _answer(
+    verdict: Verdict, explainer: Explainer, found: Explained, floor: Floor, unit: str
+) -> str:
     size = explainer.size(found.chain[0])
+    if verdict.effect in REFUSED:
+        return 'No effect is named.'
     level = f'{float(np.mean(floor.per_drive)):.4g} {unit}'
     if verdict.effect == NONE and size < explainer.rules.material:
         return (

@@ -8,17 +8,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ros2_ident.gates.log import SEEN
 from ros2_ident.models import FullModel
 from ros2_ident.recording import smooth_motion
+from ros2_ident.recording.smooth import allowed_cutoff
 
 Array = NDArray[np.float64]
 Parity = Literal['', 'odd', 'even']
 
 PHASES = ('rest', 'creep', 'acceleration', 'cruise', 'deceleration', 'reversal')
-# Motion up to this frequency is kept, Hz.
-_CUTOFF = 50.0
-# and up to this share of the log's rate: there is nothing above half of it.
-_OF_RATE = 0.4
 # Shares of the top speed and of the top acceleration below which a drive rests, creeps, cruises.
 _REST, _SLOW, _STEADY = 0.01, 0.1, 0.1
 # Orders of the motor's turn that are looked at.
@@ -113,8 +111,7 @@ def motion_of(model: FullModel, theta: Array) -> Motion:
             model.places, data.cycle, turn, still, still, still, still, torque, torque,
             model.unit, travel, model.effort_unit, output,
         )  # fmt: skip
-    rate = float(np.isfinite(source[rows]).mean()) / data.cycle
-    cutoff = min(_CUTOFF, 0.1 / data.cycle, _OF_RATE * rate)
+    cutoff = min(allowed_cutoff(source[rows], data.cycle, SEEN), 0.1 / data.cycle)
     position, velocity, acceleration = smooth_motion(source[rows], data.cycle, cutoff)
     grid = np.arange(position.shape[1])
     delays = model.effort_delay(theta) / data.cycle

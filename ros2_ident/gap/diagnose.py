@@ -2,7 +2,7 @@
 """The diagnosis of one machine's recordings, from the nominal fit to the advice."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 import time
 
@@ -12,17 +12,19 @@ import numpy.typing as npt
 from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution, visibility
-from ros2_ident.gap.case import Case, Recordings, recordings_from, recordings_of, SETTLE
+from ros2_ident.gap.case import Case, Recordings, recordings_from, recordings_of
 from ros2_ident.gap.compose import compose
 from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.gap.explain import Explained, Explainer, Rules
 from ros2_ident.gap.fits import Explanation
-from ros2_ident.gap.floor import Floor, pooled_floor
 from ros2_ident.gap.gates import run_gates
 from ros2_ident.gap.localise import Finding, localise
+from ros2_ident.gap.predictability import predictability
 from ros2_ident.gap.reading import coarse_readings, CoarseReading
-from ros2_ident.gap.verdict import judge, NONE, UNKNOWN, Verdict
+from ros2_ident.gap.refusal import ahead, of_gates, of_what_is_left
+from ros2_ident.gap.verdict import judge, NAMELESS, NONE, REFUSED, UNKNOWN, Verdict
+from ros2_ident.gates import GateReport
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt, Model
@@ -180,8 +182,7 @@ class _Pass:
 
     explainer: Explainer
     base: Explanation
-    floor: Floor
-    gates: tuple[tuple[str, str, str], ...]
+    report: GateReport
     candidates: tuple[EffectAt, ...]
 
     @property
@@ -216,6 +217,8 @@ class _Passes:
     def run(self, fit: Recordings, check: Recordings) -> Diagnosis:
         """Diagnose; where both recordings have to take turns, block by block, once more so."""
         begun = self._begin(Case(fit, check, self.conditions))
+        if begun.report.blocked:
+            return self._composed(begun, *of_gates(begun.explainer, begun.base, begun.report))
         both = fit + check
         if check.models and begun.material and not self.clock.stopped():
             # Where the recording fitted on does not show a parameter, its value is chance, and
@@ -229,7 +232,7 @@ class _Passes:
         misled = verdict.effect == UNKNOWN and _shows_later(begun.explainer, found)
         if misled and not self.clock.stopped():
             second = self._ended(self._begin(Case(both, conditions=self.conditions)))
-            if second.effect not in (NONE, UNKNOWN) and second.complete:
+            if second.effect not in NAMELESS and second.complete:
                 return second
         return self._composed(begun, found, verdict)
 
@@ -250,16 +253,16 @@ class _Passes:
                 'every candidate diverges on this log; '
                 'check units, gains and geometry in the machine file',
             )
-        floor = _capped(_floor(case, base), case.noise)
+        clock.step(0.9, 'telling noise from what the motion predicts')
+        floor = predictability(case.whole.with_effects(()), base.theta, clock.stopped).floor
         attribution = self._attribution(case, floor.per_drive)
-        base = attribution.watch_law(attribution.refit((), base.theta))
-        gates: tuple[tuple[str, str, str], ...] = ()
+        base = attribution.fits.watch_law(attribution.refit((), base.theta))
+        report = GateReport()
         if not clock.stopped():
             joint = case.fit.with_effects(())
-            report = run_gates(joint.models[0], joint.own(0, base.theta)[0], floor)
-            gates = tuple((g.gate, g.level, g.sentence) for g in report.gates)
+            report = run_gates(joint.models, joint.own(0, base.theta)[0], floor)
         candidates = tuple(case.candidates(self.without))
-        return _Pass(Explainer(attribution, self.rules), base, floor, gates, candidates)
+        return _Pass(Explainer(attribution, floor, self.rules), base, report, candidates)
 
     def _attribution(self, case: Case, floor: Array) -> Attribution:
         return Attribution(
@@ -272,8 +275,9 @@ class _Passes:
 
     def _nominal_is_enough(self, both: Case, begun: _Pass) -> bool:
         """Whether the nominal parameters leave nothing once they are fitted to all recordings."""
-        fits = self._attribution(both, begun.floor.per_drive)
-        judge_of_both = Explainer(fits, self.rules)
+        floor = begun.explainer.floor
+        fits = self._attribution(both, floor.per_drive)
+        judge_of_both = Explainer(fits, floor, self.rules)
         return judge_of_both.size(fits.refit((), begun.base.theta)) < self.rules.material
 
     def _explained(self, begun: _Pass) -> tuple[Explained, Verdict]:
@@ -290,18 +294,21 @@ class _Passes:
 
         found = explainer.explain(begun.base, begun.candidates, note)
         readings = _readings(begun.case, found.chain[0], begun.candidates)
-        return found, judge(explainer, found, readings)
+        verdict = judge(explainer, found, readings)
+        if not clock.stopped():
+            found, verdict = of_what_is_left(explainer, found, verdict, begun.report)
+        return found, ahead(verdict, begun.report)
 
     def _composed(self, begun: _Pass, found: Explained, verdict: Verdict) -> Diagnosis:
         """Say where the gap lies, and put everything together."""
         clock, base = self.clock, found.chain[0]
         # Where nothing is missing nothing was tried; what the motion could not have shown is said
         # all the same.
-        visible = (
-            found.rounds[0].visible
-            if found.rounds
-            else visibility(begun.explainer.attribution.look(base, begun.candidates))
-        )
+        visible = {}
+        if found.rounds:
+            visible = found.rounds[0].visible
+        elif verdict.effect not in REFUSED:
+            visible = visibility(begun.explainer.attribution.look(base, begun.candidates))
         clock.enter(0.95, 1.0)
         clock.step(0.0, 'saying where')
         where: tuple[Finding, ...] = ()
@@ -312,8 +319,7 @@ class _Passes:
             begun.explainer,
             found,
             verdict,
-            begun.floor,
-            begun.gates,
+            tuple((g.gate, g.level, g.sentence) for g in begun.report.gates),
             where,
             testable,
             clock.elapsed,
@@ -331,7 +337,7 @@ def _located(begun: _Pass, base: Explanation, seed: int) -> tuple[Finding, ...]:
     outputs = base.residual[: len(fits.weight)]
     rows = case.fit.rows(outputs / fits.weight)[:, : model.measured.shape[1]]
     motion = motion_of(model, joint.own(0, base.theta)[0])
-    findings = localise(motion, rows, begun.floor, seed=seed)
+    findings = localise(motion, rows, begun.explainer.floor, seed=seed)
     return tuple(f for f in findings if f.significant)
 
 
@@ -358,36 +364,3 @@ def _shows_later(explainer: Explainer, found: Explained) -> bool:
     return apart and bool(
         held[worst] > explainer.rules.material**2 and held[worst] > 4.0 * max(fitted[worst], 0.0)
     )
-
-
-def _floor(case: Case, base: Explanation) -> Floor:
-    """Estimate the floor on all recordings together."""
-    residuals: dict[int, Array] = {}
-    datasets: dict[int, Dataset] = {}
-    for part in (case.fit, case.check):
-        joint = part.with_effects(())
-        for number, model in enumerate(joint.models):
-            residual = model.measured - model.simulate(joint.own(number, base.theta))[0]
-            residual[:, : int(round(SETTLE / model.cycle))] = np.nan
-            # Without a check bag both parts are blocks of the same recordings.
-            residuals[id(part.models[number])] = residual
-            datasets[id(part.models[number])] = model.data
-    first = case.fit.models[0]
-    return pooled_floor(
-        list(residuals.values()),
-        list(datasets.values()),
-        case.drives,
-        first.unit,
-        first.outputs[0].quantity,
-    )
-
-
-def _capped(floor: Floor, noise: float) -> Floor:
-    """Keep a floor taken from the fast part of the residual near the noise that is stated.
-
-    What is fast and more than that is no noise of the log: steps of an encoder in the loop, a
-    ripple at speed. It belongs to the gap. And a log that was smoothed before has no fast part.
-    """
-    if floor.method == 'repeats' or noise <= 0.0:
-        return floor
-    return replace(floor, per_drive=np.clip(floor.per_drive, 0.5 * noise, 1.3 * noise))

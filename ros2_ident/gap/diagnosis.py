@@ -31,6 +31,8 @@ class Value:
         low: Lower end of the 95 % interval, NaN where not known.
         high: Upper end.
         at_bound: Whether it is the size of an effect and ended at a bound of its search.
+        noise_low: Lower end of the interval if the model lacked nothing: noise alone.
+        noise_high: Upper end likewise.
     """
 
     value: float
@@ -38,6 +40,8 @@ class Value:
     low: float
     high: float
     at_bound: bool = False
+    noise_low: float = math.nan
+    noise_high: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -201,6 +205,8 @@ def _values(values: Mapping[str, Value]) -> dict[str, Any]:
             'low': _number(v.low),
             'high': _number(v.high),
             'at_bound': v.at_bound,
+            'noise_low': _number(v.noise_low),
+            'noise_high': _number(v.noise_high),
         }
         for name, v in values.items()
     }

@@ -10,12 +10,16 @@ import numpy.typing as npt
 from ros2_ident.effects import EffectParameter, get_effect
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.fits import Explanation
+from ros2_ident.gap.floor import Floor
+from ros2_ident.gap.predictability import Predictability, predictability
 from ros2_ident.models import EffectAt
 
 Array = npt.NDArray[np.float64]
 
 # Sum of squares, in units of the noise's, that two fits of one model may differ by chance.
 _TIE = 20.0
+# A floor that falls below this share of what it was is taken over.
+_LOWER = 0.9
 # Share of what controllers miss of the log that an effect may leave and be vouched for by it.
 _MISSED = 0.05
 
@@ -94,11 +98,14 @@ class Explainer:
 
     Args:
         attribution: The fits.
+        floor: The noise they are fitted under.
         rules: When something counts.
     """
 
-    def __init__(self, attribution: Attribution, rules: Rules) -> None:
+    def __init__(self, attribution: Attribution, floor: Floor, rules: Rules) -> None:
         self.attribution = attribution
+        self.floor = floor
+        self._seen: tuple[Array, Predictability] | None = None
         self.rules = rules
         case = attribution.case
         drives = len(case.drives)
@@ -259,11 +266,36 @@ class Explainer:
             if len(chain) > 2 and not stopped():
                 chain = self.prune(chain)
             on_best(chain[-1])
+            if not stopped():
+                chain, rounds = self.looked_again(chain, rounds)
         rests = self.rests(chain)
         rivals = self.rivals(chain, rounds)
         return Explained(
             tuple(chain), tuple(rounds), rivals, rests, self.size(chain[-1]), not stopped()
         )
+
+    def looked_again(
+        self, chain: list[Explanation], rounds: list[Round]
+    ) -> tuple[list[Explanation], list[Round]]:
+        """Look at the noise once more, now that a cause of the residual is known.
+
+        What an effect does beyond a straight line is no noise, though it looked like it before.
+        """
+        attribution = self.attribution
+        seen = self.noise_of(chain[-1])
+        if not (seen.floor.per_drive < _LOWER * attribution.floor).any():
+            return chain, rounds
+        self.floor = seen.floor
+        chain, rounds = attribution.renew(seen.floor.per_drive, chain, rounds)
+        return [*chain[:-1], attribution.refit(chain[-1].effects, chain[-1].theta)], rounds
+
+    def noise_of(self, e: Explanation) -> Predictability:
+        """Return what can be predicted of what a fit leaves on all recordings, and what cannot."""
+        if self._seen is None or self._seen[0] is not e.theta:
+            joint = self.attribution.case.whole.with_effects(e.effects)
+            seen = predictability(joint, e.theta, self.attribution.stopped)
+            self._seen = (e.theta, seen)
+        return self._seen[1]
 
     def freed(self, base: Explanation, best: Explanation) -> Explanation:
         """Return the nominal fit, or a better one that was found from a fit with an effect.

@@ -178,6 +178,30 @@ class Fits:
         out: Array = np.bincount(drive, (missed / self.floor[drive]) ** 2, count) / samples
         return out
 
+    def renewed(self, floor: Array) -> 'Fits':
+        """Return the same fits at another noise floor."""
+        new = Fits(self.case, floor, self.stopped)
+        if self.law_weight.size:
+            drive = self.case.fit.law_drive
+            missed = self.law_weight**-2.0 - self.floor[drive] ** 2
+            new.law_weight = 1.0 / np.sqrt(floor[drive] ** 2 + missed)
+        return new
+
+    def restated(self, e: Explanation, old: 'Fits') -> Explanation:
+        """Return a fit made at another noise floor in units of this one."""
+        square = (old.floor / self.floor) ** 2
+        weight = np.concatenate([self.weight, self.law_weight])
+        factor = (weight / np.concatenate([old.weight, old.law_weight]))[: len(e.residual)]
+        return replace(
+            e,
+            fit=e.fit * square,
+            check=e.check * square,
+            law=e.law * square,
+            jacobian=e.jacobian * factor[:, None],
+            residual=e.residual * factor,
+            check_residual=e.check_residual * (self.check_weight / old.check_weight),
+        )
+
     # ------------------------------------------------------------------ fits
 
     def evaluate(self, joint: Joint) -> Callable[[Array], Array]:

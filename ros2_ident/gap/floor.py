@@ -19,9 +19,10 @@ from scipy.stats import t as student
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import Dataset
+from ros2_ident.search.noise import NoiseModel, white
 
 Array = NDArray[np.float64]
-Method = Literal['repeats', 'high frequency']
+Method = Literal['repeats', 'prediction', 'high frequency']
 
 # Differences of this order: the square gain at a fifth of the Nyquist frequency is below 1e-3.
 _ORDER = 4
@@ -65,8 +66,7 @@ class Floor:
         method: What it was estimated from.
         repeats: The repeated motion, where `method` is `repeats`.
         step: (D,) step of the logged effort, 0 where none can be seen.
-        white: (D,) ratio of the noise's density in the upper to that in the lower half of the band
-            used; near 1 for white noise, NaN where it was not estimated that way.
+        noise: (D,) size and colour of the noise.
         sentence: In words.
     """
 
@@ -76,7 +76,7 @@ class Floor:
     method: Method
     repeats: Repeats | None
     step: Array
-    white: Array
+    noise: tuple[NoiseModel, ...]
     sentence: str
 
     @property
@@ -125,20 +125,20 @@ def noise_floor(
     if logged is not None:
         step = np.array([_step(logged[dataset.names.index(n)]) for n in names])
     repeats = find_repeats(dataset)
-    value, low, high, white = (np.full(count, math.nan) for _ in range(4))
+    value, low, high = (np.full(count, math.nan) for _ in range(3))
     for d, row in enumerate(residual):
         if repeats is not None:
             squares = 0.5 * _successive(row, repeats.period) ** 2
             value[d], low[d], high[d] = _robust(squares)
         else:
-            value[d], low[d], high[d], white[d] = _high_frequency(row, names[d])
+            value[d], low[d], high[d] = _high_frequency(row, names[d])
         # Where the step hides the noise, neighbours are equal and their differences tell nothing.
         least = step[d] / math.sqrt(12.0)
         value[d], low[d], high[d] = (max(x, least) for x in (value[d], low[d], high[d]))
     method: Method = 'high frequency' if repeats is None else 'repeats'
     return Floor(
-        value, low, high, method, repeats, step, white,
-        _sentence(value, names, repeats, dataset.cycle, white, unit),
+        value, low, high, method, repeats, step, tuple(white(v) for v in value),
+        _sentence(value, names, repeats, dataset.cycle, unit),
     )
 
 
@@ -177,9 +177,8 @@ def pooled_floor(
     (first, dataset), *others = found
     if not others:
         return first
-    values, low, high, white = (
-        np.array([getattr(f, name) for f, _ in found])
-        for name in ('per_drive', 'low', 'high', 'white')
+    values, low, high = (
+        np.array([getattr(f, name) for f, _ in found]) for name in ('per_drive', 'low', 'high')
     )
     half = np.maximum(0.5 * np.log(np.maximum(high, 1e-300) / np.maximum(low, 1e-300)), 1e-6)
     weight = half**-2 / (half**-2).sum(axis=0)
@@ -187,11 +186,11 @@ def pooled_floor(
     step = np.max([f.step for f, _ in found], axis=0)
     value = np.maximum(value, step / math.sqrt(12.0))
     factor = np.exp((half**-2).sum(axis=0) ** -0.5)
-    mean = (weight * white).sum(axis=0)
     names = dataset.names if drives is None else tuple(drives)
-    sentence = _sentence(value, names, first.repeats, dataset.cycle, mean, unit)
+    sentence = _sentence(value, names, first.repeats, dataset.cycle, unit)
     return Floor(
-        value, value / factor, value * factor, first.method, first.repeats, step, mean, sentence
+        value, value / factor, value * factor, first.method, first.repeats, step,
+        tuple(white(v) for v in value), sentence,
     )
 
 
@@ -255,8 +254,8 @@ def _successive(row: Array, period: int) -> Array:
     return out
 
 
-def _high_frequency(row: Array, name: str) -> tuple[float, float, float, float]:
-    """Return floor, its interval, and the ratio of densities, see `Floor.white`."""
+def _high_frequency(row: Array, name: str) -> tuple[float, float, float]:
+    """Return the floor and its interval from what is fast, taken as white."""
     there = np.flatnonzero(np.isfinite(row))
     steps = np.diff(there)
     stride = int(np.bincount(steps).argmax()) if steps.size else 1
@@ -268,11 +267,7 @@ def _high_frequency(row: Array, name: str) -> tuple[float, float, float, float]:
             'motion; record a longer motion at an even rate',
         )
     gain = float(math.comb(2 * _ORDER, _ORDER))
-    value, low, high = _robust(fourth**2 / gain)
-    # Second differences weigh the lower part of the band more: white noise gives both the same.
-    second = _differences(row, stride, _ORDER - 2)
-    lower = _robust(second**2 / float(math.comb(2 * (_ORDER - 2), _ORDER - 2)))[0]
-    return value, low, high, (value / lower) ** 2 if lower > 0.0 else math.nan
+    return _robust(fourth**2 / gain)
 
 
 def _differences(row: Array, stride: int, order: int) -> Array:
@@ -357,7 +352,6 @@ def _sentence(
     names: Sequence[str],
     repeats: Repeats | None,
     cycle: float,
-    white: Array,
     unit: str,
 ) -> str:
     parts = ', '.join(f'{n} {v:.3g}' for n, v in zip(names, value, strict=True))
@@ -367,8 +361,4 @@ def _sentence(
             f'noise floor {parts}{tail}: what differs between {repeats.count} repeats of a motion '
             f'of {repeats.period * cycle:.4g} s'
         )
-    text = f'noise floor {parts}{tail}: from the fast part of the residual, taken as white noise'
-    if (white < 0.8).any():
-        low = ', '.join(n for n, w in zip(names, white, strict=True) if w < 0.8)
-        text += f'; on {low} it falls towards high frequencies, so the true floor may be higher'
-    return text
+    return f'noise floor {parts}{tail}: from the fast part of the residual, taken as white noise'

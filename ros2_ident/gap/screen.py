@@ -8,19 +8,16 @@ each its starts; it decides nothing.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-import itertools
 
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.effects import EffectParameter, get_effect
+from ros2_ident.effects import get_effect
 from ros2_ident.models import EffectAt, FullModel
+from ros2_ident.models.trials import LARGE, TRIAL, trials
 
 Array = npt.NDArray[np.float64]
 
-# Shares of a size's range: what is tried where the output is linear in it, and what counts as a
-# large effect.
-_TRIAL, _LARGE = 0.03, 0.17
 
 
 @dataclass(frozen=True)
@@ -42,21 +39,6 @@ class Start:
     phi: Array
     gain: float
     visible: float
-
-
-def shape_values(parameter: EffectParameter, model: FullModel, where: str) -> tuple[float, ...]:
-    """Return the values of a shape parameter to start from, in its own unit."""
-    if parameter.role == 'position':
-        data = model.data
-        position = data.command_position if data.command_position is not None else data.position
-        assert position is not None
-        rows = range(len(data.names)) if where == 'all' else [data.names.index(where)]
-        span = np.nanquantile(position[list(rows)], (0.05, 0.5, 0.95))
-        return tuple(float(v) for v in np.clip(span, parameter.low, parameter.high))
-    if parameter.role == 'time':
-        length = model.measured.shape[1] * model.cycle
-        return tuple(float(v) for v in length * np.linspace(0.1, 0.9, 9))
-    return parameter.starts or (parameter.neutral,)
 
 
 def seen_in_log(candidate: EffectAt, model: FullModel) -> Array | None:
@@ -98,45 +80,6 @@ def flat_top(effort: Array, noise: float) -> float | None:
     below = np.mean(np.abs(size - (level - 5.0 * noise)) < 2.0 * noise)
     above = np.mean(size > level + 4.0 * noise)
     return level if here > 0.003 and here > 5.0 * below and above < 0.002 else None
-
-
-def trials(candidate: EffectAt, model: FullModel) -> list[list[Array]]:
-    """Return groups of values of an effect's parameters: within one, sizes superpose.
-
-    Args:
-        candidate: The effect and its place.
-        model: The model on the first recording, for what the starts depend on.
-
-    Returns:
-        Groups of (P,) vectors in physical units.
-    """
-    parameters = model.scaled(candidate)
-    neutral = np.array([p.neutral for p in parameters])
-    shapes = [i for i, p in enumerate(parameters) if p.role != 'size']
-    sizes = [i for i, p in enumerate(parameters) if p.role == 'size']
-    grids = [shape_values(parameters[i], model, candidate.where) for i in shapes]
-    groups = []
-    for values in itertools.product(*grids):
-        base = neutral.copy()
-        for i, value in zip(shapes, values, strict=True):
-            base[i] = value
-        linear = []
-        for i in sizes:
-            p = parameters[i]
-            if p.starts:
-                # Not linear in this size: every start stands for itself.
-                for start in p.starts:
-                    point = base.copy()
-                    point[i] = start
-                    groups.append([point])
-            else:
-                away = p.high if p.high - p.neutral >= p.neutral - p.low else p.low
-                point = base.copy()
-                point[i] += _TRIAL * (away - p.neutral)
-                linear.append(point)
-        if linear:
-            groups.append(linear)
-    return groups
 
 
 def screen(
@@ -215,7 +158,7 @@ def screen(
         gain = float(free @ free - ((free - rest @ factor) ** 2).sum())
         shift = inverse @ (residual - columns @ factor)
         moved_theta = np.clip(theta - shift * (high - low), low, high)
-        enlarge = 1.0 if nonlinear else _LARGE / _TRIAL
+        enlarge = 1.0 if nonlinear else LARGE / TRIAL
         left = columns[: len(outputs)]
         left = left - outputs @ (outputs.T @ left)
         visible = enlarge * float(np.sqrt((left**2).sum(axis=0).max() / samples))

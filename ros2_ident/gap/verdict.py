@@ -14,6 +14,12 @@ from ros2_ident.gap.wording import in_travel
 from ros2_ident.models import EffectAt
 
 NONE, UNKNOWN = 'none', 'unknown'
+# Log and machine file contradict each other; the model is not the machine's. Nothing physical is
+# said then.
+BOOKKEEPING, WRONG_MODEL = 'bookkeeping', 'model'
+REFUSED = frozenset({BOOKKEEPING, WRONG_MODEL})
+# Answers that name no effect.
+NAMELESS = REFUSED | {NONE, UNKNOWN}
 
 
 @dataclass(frozen=True)
@@ -64,7 +70,7 @@ class Verdict:
     """The answer.
 
     Attributes:
-        effect: Id, `none` or `unknown`.
+        effect: Id, or one of `NAMELESS`.
         where: Place: a drive, `all`, or empty for `none`.
         probability: Of this answer.
         also: Further effects found, in order.
@@ -72,6 +78,8 @@ class Verdict:
         ranking: Every effect fitted first round, the most probable first.
         closed: Share of the explainable gap that all effects found close.
         readings: Encoders whose steps cause what is left on their drives.
+        first: What has to be said before it: where log and machine file contradict each other, or
+            why the model is not the machine's.
     """
 
     effect: str
@@ -82,6 +90,7 @@ class Verdict:
     ranking: tuple[Weighed, ...]
     closed: float
     readings: tuple[CoarseReading, ...] = ()
+    first: str = ''
 
 
 def _sigmoid(x: float) -> float:

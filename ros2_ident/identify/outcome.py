@@ -2,14 +2,16 @@
 """From what a run found to the result: the outcome, its words, and where it came from."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime, UTC
 import importlib.metadata
 import platform
 
 import numpy as np
+import numpy.typing as npt
 
 from ros2_ident.identify.data import Data
+from ros2_ident.identify.judgement import rounded
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import (
     Cost,
@@ -22,19 +24,39 @@ from ros2_ident.identify.result import (
 )
 from ros2_ident.models import Machine, Parameter
 from ros2_ident.search import RefineStatus, StopReason
+from ros2_ident.search.evidence import Evidence
 from ros2_ident.search.fit import Fitted
+from ros2_ident.search.uncertainty import MOST_OF_BOX
+
+Array = npt.NDArray[np.float64]
 
 PACKAGE = 'ros2_ident'
+# Of a parameter that noise alone would leave determined.
+HIDDEN = 'not determined beside what the model may lack'
 # A residual of so many times the effort's noise has another cause beside it.
 WELL_ABOVE = 1.5
 
 
 def assemble(
-    problem: Problem, found: Fitted, seed: int, settings: Mapping[str, object]
+    problem: Problem,
+    found: Fitted,
+    seed: int,
+    settings: Mapping[str, object],
+    evidence: Evidence | None = None,
 ) -> Identification:
-    """Return the result of a run."""
+    """Return the result of a run.
+
+    Args:
+        problem: What was solved.
+        found: What was found.
+        seed: Of the random generator.
+        settings: In force, as plain data.
+        evidence: What the residual shows of noise and of what is missing; None where not weighed.
+    """
+    known = _Known.of(problem, found, evidence)
     estimates = tuple(
-        _estimate(parameter, number, found) for number, parameter in enumerate(problem.parameters)
+        _estimate(parameter, number, found, known)
+        for number, parameter in enumerate(problem.parameters)
     )
     outcome, message = _judge(found, estimates)
     size = len(estimates)
@@ -76,27 +98,52 @@ def _gap(problem: Problem, left: tuple[DriveResidual, ...]) -> tuple[str, ...]:
     """Return a sentence for each drive whose residual is well above the noise of its effort."""
     noise = problem.noise
     return tuple(
-        f'{x.drive}: the residual is {x.rms / noise:.2g} times the effort noise of the machine '
-        'file; `ident diagnose` looks for what the model leaves out'
+        f'{x.drive}: the residual is {rounded(x.rms / noise)} times the effort noise of the '
+        'machine file; `ident diagnose` looks for what the model leaves out'
         for x in left
         if noise > 0.0 and not x.unit and x.rms > WELL_ABOVE * noise
     )
 
 
-def _estimate(parameter: Parameter, number: int, found: Fitted) -> ParameterEstimate:
-    known = found.intervals
+@dataclass(frozen=True)
+class _Known:
+    """Ends of the 95 % intervals (N,): for noise alone, and with what the model may lack."""
+
+    noise_low: Array
+    noise_high: Array
+    low: Array
+    high: Array
+
+    @classmethod
+    def of(cls, problem: Problem, found: Fitted, evidence: Evidence | None) -> '_Known | None':
+        """Return them, None where the run was cut short before."""
+        alone = found.intervals
+        if alone is None:
+            return None
+        low, high = alone.low, alone.high
+        if evidence is not None:
+            low, high = evidence.ends(found.theta, problem.low, problem.high, low, high)
+        return cls(alone.low, alone.high, low, high)
+
+
+def _estimate(
+    parameter: Parameter, number: int, found: Fitted, known: _Known | None
+) -> ParameterEstimate:
     value = float(found.theta[number])
-    if known is not None:
+    box = parameter.high - parameter.low
+    if known is not None and found.intervals is not None:
         low, high = float(known.low[number]), float(known.high[number])
-        bound, identifiable, note = (
-            known.at_bound[number],
-            bool(known.identifiable[number]),
-            known.words[number],
-        )
+        ends = float(known.noise_low[number]), float(known.noise_high[number])
+        bound = found.intervals.at_bound[number]
+        note = found.intervals.words[number]
+        identifiable = high - low <= MOST_OF_BOX * box
+        if found.intervals.identifiable[number] and not identifiable:
+            note = ', '.join(filter(None, [HIDDEN, note]))
     else:
         low = high = float('nan')
+        ends = low, high
         identifiable = False
-        place = (value - parameter.low) / (parameter.high - parameter.low)
+        place = (value - parameter.low) / box
         bound = 'lower' if place <= 0.0 else 'upper' if place >= 1.0 else ''
         note = 'interval not computed: the run was cut short'
     return ParameterEstimate(
@@ -112,6 +159,8 @@ def _estimate(parameter: Parameter, number: int, found: Fitted) -> ParameterEsti
         identifiable=identifiable,
         kind=parameter.kind,
         note=note,
+        noise_low=ends[0],
+        noise_high=ends[1],
     )
 
 
@@ -150,6 +199,11 @@ def _judge(found: Fitted, estimates: tuple[ParameterEstimate, ...]) -> tuple[Out
             f'{leaning}'
         )
     return Outcome.IDENTIFIED, f'All {len(estimates)} parameters are identified.{leaning}'
+
+
+def cut_short(found: Fitted) -> bool:
+    """Return whether a cancel or a budget ended the run."""
+    return found.cancelled or bool(_spent(found))
 
 
 def _spent(found: Fitted) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode
+from ros2_ident.gates import Gate
 from ros2_ident.machine.parameter import Kind
 
 Array = npt.NDArray[np.float64]
@@ -22,6 +23,7 @@ class Outcome(enum.Enum):
     BUDGET_SPENT = 'budget spent'
     CANCELLED = 'cancelled'
     DIVERGED = 'diverged'
+    CONTRADICTED = 'contradicted'
 
     @property
     def error_code(self) -> ErrorCode:
@@ -30,6 +32,7 @@ class Outcome(enum.Enum):
             Outcome.NOT_IDENTIFIABLE: ErrorCode.NOT_IDENTIFIABLE,
             Outcome.CANCELLED: ErrorCode.CANCELLED,
             Outcome.DIVERGED: ErrorCode.DIVERGED,
+            Outcome.CONTRADICTED: ErrorCode.CONTRADICTED,
         }.get(self, ErrorCode.OK)
 
 
@@ -42,7 +45,8 @@ class ParameterEstimate:
         unit: SI unit; `1` for a ratio.
         value: The estimate.
         low: Lower end of its 95 % interval, not clipped to the box; -inf where the data set no
-            limit.
+            limit. It allows for what the model may lack: what effects of the catalogue can hide
+            in the residual.
         high: Upper end likewise.
         lower_bound: Lower end of the box that was searched.
         upper_bound: Upper end of it.
@@ -51,6 +55,8 @@ class ParameterEstimate:
         identifiable: Whether the interval says more than the box.
         kind: `physical` or `measurement`.
         note: The same in words, empty where there is nothing to say.
+        noise_low: Lower end if the model lacked nothing: noise alone.
+        noise_high: Upper end likewise.
     """
 
     name: str
@@ -65,6 +71,8 @@ class ParameterEstimate:
     identifiable: bool
     kind: Kind
     note: str
+    noise_low: float = float('nan')
+    noise_high: float = float('nan')
 
 
 @dataclass(frozen=True)
@@ -184,6 +192,7 @@ class Identification:
         provenance: Where the numbers came from.
         settings: Settings in force, as plain data.
         validation: What is left in parts of a long log that were not fitted on, for each drive.
+        gates: What log and machine file say of each other before any fit, the worst first.
     """
 
     outcome: Outcome
@@ -206,6 +215,7 @@ class Identification:
     provenance: Provenance
     settings: Mapping[str, object] = field(default_factory=dict)
     validation: tuple[DriveResidual, ...] = ()
+    gates: tuple[Gate, ...] = ()
 
     @property
     def theta(self) -> Array:

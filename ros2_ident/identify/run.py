@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gates import examine, GateReport
 from ros2_ident.identify.data import chosen_drives, Data, gather
 from ros2_ident.identify.data import read_data as read_data
+from ros2_ident.identify.hidden import Estimate, weigh_estimate
+from ros2_ident.identify.judgement import judged, poorly_carried
 from ros2_ident.identify.layout import Conditions
-from ros2_ident.identify.outcome import assemble
+from ros2_ident.identify.outcome import assemble, cut_short
 from ros2_ident.identify.outputs import checked, Outputs
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification
@@ -131,6 +134,7 @@ def solve(
     checkpoint: Path | None = None,
 ) -> Identification:
     """Solve a problem; arguments and result as for `identify`."""
+    report = _examined(problem)
     if settings.method == 'algebraic':
         found = algebraic.solve(problem, settings.decimation, settings.level)
     else:
@@ -143,10 +147,25 @@ def solve(
             workers=workers or Threads(settings.threads),
             checkpoint=checkpoint,
         )
-    result = assemble(problem, found, seed, _plain(settings))
+    evidence = None
+    if found.intervals is not None and not cut_short(found):
+        estimate = Estimate(problem.models, problem.own, found.theta, problem.low, problem.high)
+        evidence, _ = weigh_estimate(estimate, cancel.is_set if cancel else lambda: False)
+    result = judged(
+        assemble(problem, found, seed, _plain(settings), evidence),
+        report,
+        poorly_carried(problem, found.residual),
+    )
     if found.cancelled or not np.isfinite(result.theta).all():
         return result
     return replace(result, validation=problem.validate(result.theta))
+
+
+def _examined(problem: Problem) -> GateReport:
+    """Return what the gates find; nothing where the models are a user's own."""
+    if problem.setup is None:
+        return GateReport()
+    return examine(problem.machine, problem.data.datasets, problem.drives)
 
 
 def _as_data(

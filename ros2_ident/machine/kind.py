@@ -60,6 +60,8 @@ class Kind:
         efforts: Returns the (D,) size of the drives' efforts, of which bounds of effects are
             shares; None where the log says it.
         scene: Returns what to draw at positions (D, F) of its drives, None where they cannot be.
+        coupled: Whether its model knows how drives load each other; where not, a log in which they
+            do is found to be another machine's.
 
     Raises:
         ValueError: Where two of its constants have one name, or it comes from a bag without
@@ -81,6 +83,7 @@ class Kind:
     released: bool = False
     efforts: Callable[[Machine], Array] | None = None
     scene: Callable[[Machine, Array], Figure | None] | None = None
+    coupled: bool = True
 
     def __post_init__(self) -> None:
         names = [key.name for key in self.constants]

@@ -22,6 +22,8 @@ from ros2_ident.recording.streams import (
 _BRIDGED_SAMPLES, _BRIDGED_SECONDS = 10, 0.05
 # A command of fewer samples need not have stopped where its last one came.
 _STREAMED = 50
+# Joints beside the drives that are kept.
+_STRANGERS = 12
 # Arrays of drives and cycles that a data set holds, twice while they are made.
 _GRIDS = 10
 
@@ -82,18 +84,38 @@ def align(
         tuple(dict.fromkeys(warnings)),
     )
     origin = placed['state'] if 'state' in placed else next(iter(placed.values()))
+    begin = origin.stamp_of(start, cycle)
     return Dataset(
         names,
         float(cycle),
-        origin.stamp_of(start, cycle),
+        begin,
         position,
         velocity,
         measured['position'],
         measured['velocity'],
         measured['effort'],
         quality,
+        _beside(recording, names, begin, cycles, cycle),
         off,
     )
+
+
+def _beside(
+    recording: Recording, names: tuple[str, ...], begin: int, cycles: int, cycle: float
+) -> dict[str, FloatArray]:
+    """Return positions of the joints that are no drives, where each has been measured."""
+    state = recording.state
+    if state is None or state.position is None:
+        return {}
+    time = (state.stamp - begin) * 1e-9
+    grid = np.arange(cycles) * cycle
+    strangers = [n for n in state.names if n not in names][:_STRANGERS]
+    columns = {n: state.position[:, state.names.index(n)] for n in strangers}
+    return {
+        n: np.interp(grid, time[np.isfinite(x)], x[np.isfinite(x)])
+        for n, x in columns.items()
+        if np.isfinite(x).any()
+    }
 
 
 def _check_memory(where: str, cycles: int, drives: int, limits: Limits) -> None:

@@ -71,6 +71,7 @@ class Dataset:
         velocity: Likewise.
         effort: Likewise, in the unit of the recording given (N m or N after conversion).
         quality: How the streams arrived.
+        beside: Positions (K,) of the recording's other joints, by name, at every cycle.
         released: Cycle from which on the motors are switched off; None where they never are.
     """
 
@@ -83,6 +84,7 @@ class Dataset:
     velocity: FloatArray | None
     effort: FloatArray | None
     quality: AlignQuality = field(default_factory=AlignQuality)
+    beside: Mapping[str, FloatArray] = field(default_factory=dict)
     released: int | None = None
 
     def __post_init__(self) -> None:

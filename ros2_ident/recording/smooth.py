@@ -11,6 +11,26 @@ from ros2_ident.recording.streams import FloatArray
 _ORDER = 4
 
 
+# The highest cutoff, in shares of the rate: the filter needs room below half of it.
+ROOM = 0.2
+
+
+def allowed_cutoff(position: FloatArray, cycle: float, wanted: float) -> float:
+    """Return the cutoff with which positions can be smoothed, as near to the wanted one as may be.
+
+    Args:
+        position: Measured positions (D, K), NaN at cycles without a sample.
+        cycle: Time from cycle to cycle, s.
+        wanted: Frequency up to which motion is wanted, Hz.
+
+    Returns:
+        The frequency wanted, or a fifth of the rate of the slowest drive's samples, Hz.
+    """
+    there = [np.flatnonzero(np.isfinite(row)) for row in np.atleast_2d(position)]
+    steps = [float(np.median(np.diff(t))) for t in there if t.size > 1]
+    return min(wanted, ROOM / (max(steps, default=1.0) * cycle))
+
+
 def smooth_motion(
     position: FloatArray, cycle: float, cutoff: float, ahead: float = 0.0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gates import Gate
 from ros2_ident.identify.result import (
     Array,
     Cost,
@@ -60,6 +61,7 @@ def to_mapping(result: Identification) -> dict[str, Any]:
         'cost': asdict(result.cost),
         'residual': _residuals(result.residuals),
         'validation': _residuals(result.validation),
+        'gates': [asdict(gate) for gate in result.gates],
         'evaluations': result.evaluations,
         'seconds': result.seconds,
         'seed': result.seed,
@@ -142,7 +144,9 @@ def from_mapping(data: Any, path: Path) -> Identification:
 
 
 def _estimate(name: str, entry: Mapping[str, Any]) -> ParameterEstimate:
-    numbers = ('value', 'low', 'high', 'lower_bound', 'upper_bound', 'ga_value')
+    numbers = (
+        'value', 'low', 'high', 'noise_low', 'noise_high', 'lower_bound', 'upper_bound', 'ga_value'
+    )  # fmt: skip
     return ParameterEstimate(
         name=name,
         unit=str(entry['unit']),
@@ -150,7 +154,7 @@ def _estimate(name: str, entry: Mapping[str, Any]) -> ParameterEstimate:
         identifiable=bool(entry['identifiable']),
         kind=entry['kind'],
         note=str(entry['note']),
-        **{key: _number(entry[key]) for key in numbers},
+        **{key: _number(entry.get(key)) for key in numbers},
     )
 
 
@@ -193,4 +197,7 @@ def _result(data: Mapping[str, Any]) -> Identification:
         provenance=Provenance(**data['provenance']),
         settings=dict(data['settings']),
         validation=_read_residuals(data.get('validation', {})),
+        gates=tuple(
+            Gate(**{**gate, 'number': _number(gate['number'])}) for gate in data.get('gates', ())
+        ),
     )

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the node is doing, said on ~/status and in the log."""
 
+from collections.abc import Sequence
 import traceback
 
 from rclpy.node import Node
@@ -51,6 +52,11 @@ class Board:
             self._node.get_logger().warning(sentence)
             self.sentence = sentence
             self.publish()
+
+    def warnings(self, sentences: Sequence[str]) -> None:
+        """Log what a result warns of, without another state."""
+        for sentence in sentences:
+            self._node.get_logger().warning(sentence)
 
     def refuse(self, error: IdentError) -> None:
         """Say why a goal was refused, without touching what runs."""

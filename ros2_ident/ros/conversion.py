@@ -23,6 +23,7 @@ _OUTCOMES = {
     Outcome.BUDGET_SPENT: IdentificationResult.OUTCOME_BUDGET_SPENT,
     Outcome.CANCELLED: IdentificationResult.OUTCOME_CANCELLED,
     Outcome.DIVERGED: IdentificationResult.OUTCOME_NONE,
+    Outcome.CONTRADICTED: IdentificationResult.OUTCOME_CONTRADICTED,
 }
 KINDS = {
     'physical': ParameterEstimate.KIND_PHYSICAL,
@@ -102,6 +103,7 @@ def _fill(message: IdentificationResult, finished: Finished) -> None:
         message.error_message = found.message if message.error_code else ''
     message.outcome = _outcome(found)
     message.outcome_sentence = found.message
+    message.warnings = list(found.quality.warnings)
     message.model = found.model
     message.drives = list(found.drives)
     message.parameters = [_estimate(p) for p in found.parameters]

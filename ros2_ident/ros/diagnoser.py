@@ -146,6 +146,7 @@ class Diagnoser:
                 sentence = f'The diagnosis was {message.error_message}. By then: {sentence}'
                 fault = IdentError(ErrorCode.CANCELLED, message.error_message)
             node.board.change(state, sentence, fault)
+            node.board.warnings(message.warnings)
             self._draw(found, path)
             node.pages.start(path)
         node.diagnostics.gap = message

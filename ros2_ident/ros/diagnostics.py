@@ -154,12 +154,13 @@ class Diagnostics:
         loose = [p.name for p in r.parameters if not p.identifiable]
         values['at a bound'] = ', '.join(bound) or 'none'
         values['not identifiable'] = ', '.join(loose) or 'none'
+        values |= _numbered(r.warnings)
         level = DiagnosticStatus.OK
         if r.error_code:
             level = DiagnosticStatus.ERROR
-        elif bound or loose:
+        elif bound or loose or r.warnings:
             level = DiagnosticStatus.WARN
-        return _status(name, level, r.error_message or r.outcome_sentence, values)
+        return _status(name, level, r.error_message or _with_first(r), values)
 
     def _gap(self) -> DiagnosticStatus:
         name = f'{self.name}: gap'
@@ -185,16 +186,34 @@ class Diagnostics:
                 text = f'largest gap {before:.3g} {g.unit} on {drive}, {largest:.2g} x the noise'
         if g.also:
             values['also'] = ', '.join(_place(a.effect, a.where) for a in g.also)
+        values |= _numbered(g.warnings)
+        if g.effect in (g.EFFECT_BOOKKEEPING, g.EFFECT_MODEL):
+            return _status(name, DiagnosticStatus.ERROR, g.sentence, values)
         if g.error_code == ErrorCode.CANCELLED:
             text += '; cancelled'
         if g.effect == g.EFFECT_NONE:
-            return _status(name, DiagnosticStatus.OK, f'{text}; nothing is missing', values)
+            level = DiagnosticStatus.WARN if g.warnings else DiagnosticStatus.OK
+            return _status(name, level, f'{text}; nothing is missing', values)
         missing = 'something not in the catalogue'
         if g.effect != g.EFFECT_UNKNOWN:
             missing = _place(g.effect, g.where)
         elif g.error_code:
             missing = 'not found by then'
         return _status(name, DiagnosticStatus.WARN, f'{text}; missing: {missing}', values)
+
+
+def _numbered(warnings: Sequence[str]) -> dict[str, object]:
+    """Return warnings as values of a status."""
+    return {f'warning {number}': text for number, text in enumerate(warnings, 1)}
+
+
+def _with_first(result: IdentificationResult) -> str:
+    """Return a result's sentence and, where there are some, the first of its warnings."""
+    count = len(result.warnings)
+    if not count:
+        return str(result.outcome_sentence)
+    more = f' ({count - 1} more)' if count > 1 else ''
+    return f'{result.outcome_sentence} Warning: {result.warnings[0]}{more}'
 
 
 def _place(effect: str, where: Sequence[str]) -> str:

@@ -94,6 +94,8 @@ def _fill(message: Gap, done: Diagnosed) -> None:
     message.effect = found.effect
     message.where = list(found.where)
     message.probability = found.probability
+    message.sentence = found.sentence
+    message.warnings = warnings_of(done)
     message.also = [_also(found, done.declared, at) for at in found.also]
     message.confusable = [_candidate(found, done.declared, r) for r in found.confusable]
     message.ranking = [_candidate(found, done.declared, r) for r in found.ranking]
@@ -122,6 +124,13 @@ def _fill(message: Gap, done: Diagnosed) -> None:
         )
     message.seconds = done.seconds
     message.seed = found.seed
+
+
+def warnings_of(done: Diagnosed) -> list[str]:
+    """Return what gates and data warn of, each sentence once."""
+    gates = [text for _, level, text in done.diagnosis.gates if level != 'ok']
+    said = [w for data in (done.data, done.check) if data for w in data.quality(0).warnings]
+    return list(dict.fromkeys([*gates, *said]))
 
 
 def _candidate(found: Diagnosis, declared: Mapping[str, Parameter], ranked: Ranked) -> Any:

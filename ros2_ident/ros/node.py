@@ -234,6 +234,7 @@ class Identifier(Node):
             if unwritten is not None:
                 unwritten = self.board.unwritten(unwritten)
             self.board.change(state, message.outcome_sentence, fault or unwritten)
+            self.board.warnings(message.warnings)
         self.diagnostics.result = message
         self.outlet.result(message)
         return message

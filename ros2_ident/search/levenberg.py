@@ -15,6 +15,8 @@ Array = npt.NDArray[np.float64]
 # Damping factors tried in one iteration, relative to the last one accepted.
 _LADDER = np.array([1e-3, 1e-2, 0.1, 0.3, 1.0, 3.0, 30.0, 1e3])
 _STEP = 1e-4
+# A residual beyond this, in its own unit, is on its way to infinity: its square would overflow.
+_DIVERGED = 1e100
 
 
 @dataclass(frozen=True)
@@ -46,9 +48,17 @@ def difference_jacobian(
     step = np.where(unit < 0.5, _STEP, -_STEP)
     points = np.vstack([unit, unit + np.diag(step)])
     values = evaluate(low + span * points)
-    there = np.isfinite(values[1:]).all(axis=1, keepdims=True)
+    there = (np.abs(values[1:]) < _DIVERGED).all(axis=1, keepdims=True)
     changes = np.where(there, values[1:], values[0]) - values[0]
     return values[0], (changes / step[:, None]).T
+
+
+def _losses(values: Array) -> Array:
+    """Return (S,) mean squares of residuals (S, R); inf where one diverged or is about to."""
+    there = (np.abs(values) < _DIVERGED).all(axis=1)
+    losses = np.full(len(values), np.inf)
+    losses[there] = np.mean(values[there] ** 2, axis=1)
+    return losses
 
 
 def local_fit(
@@ -82,7 +92,7 @@ def local_fit(
     span = high - low
     unit = np.clip((start - low) / span, 0.0, 1.0)
     residual, jacobian = difference_jacobian(evaluate, unit, low, span)
-    loss = float(np.mean(residual**2))
+    loss = float(_losses(residual[None])[0])
     evaluations = len(unit) + 1
     damping = 1e-2
     for _ in range(iterations):
@@ -98,9 +108,9 @@ def local_fit(
             trials[i, free] -= np.linalg.lstsq(matrix, gradient[free], rcond=None)[0]
         np.clip(trials, 0.0, 1.0, out=trials)
         values = evaluate(low + span * trials)
-        losses = np.mean(values**2, axis=1)
+        losses = _losses(values)
         evaluations += len(trials)
-        best = int(np.nanargmin(losses))
+        best = int(np.argmin(losses))
         if not losses[best] < loss:
             if damping > 1e6:
                 break

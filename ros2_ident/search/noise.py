@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A residual's autocorrelation as an autoregressive model, and what it does to least squares."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from ros2_ident.search.operators import Array
 
@@ -35,31 +37,56 @@ class NoiseModel:
         at_zero = self.innovation / (1.0 - float(self.coefficients.sum())) ** 2
         return self.samples * min(1.0, self.variance / at_zero)
 
+    @property
+    def correlation(self) -> float:
+        """Correlation of neighbouring samples, from the first reflection coefficient."""
+        a = self.coefficients.copy()
+        # Levinson's recursion backwards, from order p to order 1.
+        while a.size > 1:
+            last = a[-1]
+            a = (a[:-1] + last * a[:-1][::-1]) / (1.0 - last**2)
+        return float(a[0]) if a.size else 0.0
 
-def fit_noise(residual: Array) -> NoiseModel:
+    def scaled(self, factor: float) -> 'NoiseModel':
+        """Return noise of the same colour whose standard deviation is `factor` times this one."""
+        square = factor**2
+        return NoiseModel(
+            self.coefficients, square * self.variance, square * self.innovation, self.samples
+        )
+
+
+def white(deviation: float) -> NoiseModel:
+    """Return white noise of a standard deviation."""
+    return NoiseModel(np.empty(0), deviation**2, deviation**2, 0)
+
+
+def fit_noise(*series: Array) -> NoiseModel:
     """Fit an autoregressive model whose order has the lowest BIC.
 
     Args:
-        residual: (R,) one time series.
+        series: Each (R,) a time series of the same noise; one or more.
 
     Returns:
-        The model; of order 0 where the series looks white or is too short to tell.
+        The model; of order 0 where the series look white or are too short to tell.
 
     Reference:
         Levinson-Durbin recursion: Brockwell and Davis (1991), Time Series: Theory and Methods,
         section 5.2; order by Schwarz (1978), Annals of Statistics 6.
     """
-    count = residual.size
-    variance = float(np.mean(residual**2)) if count else 0.0
-    white = NoiseModel(np.empty(0), variance, variance, count)
+    count = sum(row.size for row in series)
+    variance = float(np.mean(np.concatenate(series) ** 2)) if count else 0.0
+    plain = NoiseModel(np.empty(0), variance, variance, count)
     most = min(MOST_COEFFICIENTS, count // 10)
     if variance <= 0.0 or most < 1:
-        return white
+        return plain
     # The mean stays in: the model is to explain every sample, a constant offset included.
     covariance = np.array(
-        [float(residual[: count - k] @ residual[k:]) / count for k in range(most + 1)]
+        [
+            sum(float(row[: row.size - k] @ row[k:]) for row in series if row.size > k) / count
+            for k in range(most + 1)
+        ]
     )
-    best, best_score = white, 0.0
+    best, best_score = plain, 0.0
     coefficients = np.empty(0)
     innovation = variance
     for order in range(1, most + 1):
@@ -74,6 +101,54 @@ def fit_noise(residual: Array) -> NoiseModel:
             best = NoiseModel(coefficients.copy(), variance, innovation, count)
             best_score = score
     return best
+
+
+@dataclass(frozen=True)
+class Run:
+    """Rows of a residual that follow one another in time without a gap.
+
+    Attributes:
+        start: First row.
+        stop: Row after the last.
+        place: Whose noise they have.
+    """
+
+    start: int
+    stop: int
+    place: int
+
+
+class Whitening:
+    """Turns rows with coloured noise into rows whose noise is white and of variance 1.
+
+    The first rows of a run have no past: they are divided by the noise's standard deviation.
+
+    Args:
+        runs: All rows, run after run.
+        models: The noise of each place.
+
+    Reference:
+        Generalised least squares by prewhitening: Seber and Wild (2003), Nonlinear Regression,
+        section 6.2.
+    """
+
+    def __init__(self, runs: Sequence[Run], models: Sequence[NoiseModel]) -> None:
+        self.scale: Array = np.empty(runs[-1].stop if runs else 0)
+        self._coloured: list[tuple[slice, Array, float]] = []
+        for run in runs:
+            model = models[run.place]
+            self.scale[run.start : run.stop] = model.variance**-0.5
+            order = model.coefficients.size
+            if order and run.stop - run.start > order:
+                taps = np.concatenate(([1.0], -model.coefficients)) / np.sqrt(model.innovation)
+                self._coloured.append((slice(run.start, run.stop), taps, order))
+
+    def __call__(self, rows: Array) -> Array:
+        """Return (..., R) rows whitened."""
+        out: Array = rows * self.scale
+        for where, taps, order in self._coloured:
+            out[..., where][..., order:] = lfilter(taps, 1.0, rows[..., where])[..., order:]
+        return out
 
 
 def weighted_normal_matrix(jacobian: Array, model: NoiseModel) -> Array:
@@ -99,3 +174,21 @@ def weighted_normal_matrix(jacobian: Array, model: NoiseModel) -> Array:
     density[1:-1] *= 2.0
     product: Array = np.real((columns.conj() * density[:, None]).T @ columns) / length
     return product
+
+
+def correlation_time(values: Array) -> float:
+    """Return how many samples of a series tell as much as one independent one (at least 1).
+
+    Args:
+        values: (T,) a series without NaN.
+    """
+    size = values.size
+    centred = values - values.mean() if size else values
+    if size < 8 or not centred.any():
+        return 1.0
+    spectrum = np.abs(np.fft.rfft(centred, 2 * size)) ** 2
+    correlation = np.fft.irfft(spectrum)[: size // 2]
+    total = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
+    enough = np.arange(total.size) >= 5.0 * total
+    window = int(np.argmax(enough)) if enough.any() else total.size - 1
+    return max(1.0, float(total[window]))

@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.gap.attribute import Attribution
-from ros2_ident.gap.case import Case, recordings_of, SETTLE
+from ros2_ident.gap.case import Case, recordings_of
 from ros2_ident.gap.fits import Explanation
+from ros2_ident.identify.hidden import SETTLE
 from ros2_ident.models import DriveModel, Machine, make_model
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.motions import Motion

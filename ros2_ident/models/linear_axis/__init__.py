@@ -72,4 +72,5 @@ KIND = Kind(
     model=later('ros2_ident.models.linear_axis.model:LinearAxis'),
     judge=_judge,
     starts_in_motion=True,
+    coupled=False,
 )

@@ -249,7 +249,9 @@ def of_identification(result: Identification, out: str) -> Answer:
         result: The identification.
         out: The directory it lies in.
     """
-    doubts = [*sentences.doubts(result), *joined(result.quality.warnings)]
+    # Where nothing is identified there is nothing to doubt one by one.
+    named = () if result.outcome is Outcome.CONTRADICTED else sentences.doubts(result)
+    doubts = [*named, *joined(result.quality.warnings)]
     level: sentences.Level = 'bad'
     if result.outcome is Outcome.IDENTIFIED:
         level = 'doubtful' if doubts else 'good'

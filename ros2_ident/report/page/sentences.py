@@ -9,13 +9,12 @@ from typing import Any, Literal
 import numpy as np
 
 from ros2_ident.effects import CATALOGUE
+from ros2_ident.gap.verdict import NAMELESS as NAMELESS
 from ros2_ident.identify.result import Identification, ParameterEstimate
 from ros2_ident.report.page.numbers import change, number, precision, quantity
 
 Level = Literal['good', 'doubtful', 'bad']
 
-# Verdicts that name no effect.
-NAMELESS = frozenset({'none', 'unknown', 'bookkeeping', 'model'})
 # Half an interval over the value from which a parameter is called badly known.
 WIDE = 0.2
 # Correlations from here on are said in words.

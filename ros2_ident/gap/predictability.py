@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The noise floor of a case: what neither effects nor motion, position and time predict.
+
+Noise of any size and colour is what no function of the motion predicts on data that were left out
+(`search.evidence`); where the command repeats, what differs between the repeats tells, too.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.errors import IdentError
+from ros2_ident.gap.case import Joint
+from ros2_ident.gap.coordinates import coordinates, Motion, motion_of
+from ros2_ident.gap.floor import find_repeats, Floor, pooled_floor
+from ros2_ident.identify.hidden import Estimate, Rows, runs_of, weigh_estimate
+from ros2_ident.models import FullModel
+from ros2_ident.search.evidence import Evidence, weigh
+from ros2_ident.search.noise import NoiseModel
+
+Array = npt.NDArray[np.float64]
+
+# Where the noise stated differs from the log's by more than this factor, it is said.
+_OTHER = 1.5
+# Correlation of neighbouring samples from which noise is called coloured.
+_COLOURED = 0.2
+
+
+@dataclass(frozen=True)
+class Predictability:
+    """What can be predicted of what a fit leaves, and what cannot.
+
+    Attributes:
+        floor: What cannot: the noise.
+        evidence: Where it comes from, and how far the parameters may be off.
+    """
+
+    floor: Floor
+    evidence: Evidence
+
+
+def predictability(
+    joint: Joint, theta: Array, stopped: Callable[[], bool] = lambda: False
+) -> Predictability:
+    """Tell noise from what the motion predicts.
+
+    Args:
+        joint: The models of all recordings.
+        theta: (N,) their fitted parameters.
+        stopped: Asked often; True leaves the rest of the catalogue out.
+    """
+    first = joint.models[0]
+    estimate = Estimate(joint.models, joint.own, theta, joint.low, joint.high)
+    evidence, rows = weigh_estimate(estimate, stopped)
+    noise = evidence.noise
+    predicted = evidence.predicted**2
+    if first.data.position is not None or first.data.command_position is not None:
+        found = _by_motion(joint, theta, rows, evidence.left)
+        noise = tuple(e.noise[0] for e in found)
+        predicted = predicted + np.array([float(e.predicted[0]) ** 2 for e in found])
+    floor = _repeated(joint, theta)
+    value = np.sqrt(np.maximum(evidence.rms**2 - predicted, 0.25 * evidence.floor**2))
+    if floor is not None:
+        value = np.minimum(value, floor.per_drive)
+    spread = np.exp(1.96 * _uncertainty(noise))
+    return Predictability(
+        Floor(
+            value,
+            value / spread,
+            value * spread,
+            'prediction' if floor is None else 'repeats',
+            None if floor is None else floor.repeats,
+            np.zeros(len(value)) if floor is None else floor.step,
+            tuple(
+                m.scaled(float(v / np.sqrt(m.variance))) for m, v in zip(noise, value, strict=True)
+            ),
+            _sentence(first, value, noise, floor),
+        ),
+        evidence,
+    )
+
+
+def _by_motion(joint: Joint, theta: Array, rows: Rows, left: Array) -> list[Evidence]:
+    """Return for each drive what functions of the motion predict of what is left (R,)."""
+    motions = [
+        motion_of(model, joint.own(number, theta)[0]) for number, model in enumerate(joint.models)
+    ]
+    whole = _side_by_side(motions)
+    starts = np.cumsum([0, *(m.position.shape[1] for m in motions)])
+    counts = np.array([mask.sum(axis=1) for mask in rows.masks])
+    ends = np.cumsum(counts).reshape(counts.shape)
+    found = []
+    for drive in range(len(whole.drives)):
+        masks = [mask[drive : drive + 1] for mask in rows.masks]
+        at = [start + np.flatnonzero(m) for start, m in zip(starts, masks, strict=False)]
+        here = np.concatenate(
+            [np.arange(e - c, e) for e, c in zip(ends[:, drive], counts[:, drive], strict=True)]
+        )
+        columns = [c.columns for c in coordinates(whole, drive, np.concatenate(at))]
+        found.append(
+            weigh(
+                left[here],
+                np.empty((here.size, 0)),
+                np.hstack(columns),
+                runs_of(masks),
+                rows.blocks[here],
+                share=rows.share,
+            )
+        )
+    return found
+
+
+def _side_by_side(motions: Sequence[Motion]) -> Motion:
+    """Return the motions of several recordings as one."""
+    first = motions[0]
+    if len(motions) == 1:
+        return first
+    return replace(
+        first,
+        position=np.hstack([m.position for m in motions]),
+        velocity=np.hstack([m.velocity for m in motions]),
+        acceleration=np.hstack([m.acceleration for m in motions]),
+        jerk=np.hstack([m.jerk for m in motions]),
+        torque=np.hstack([m.torque for m in motions]),
+        load=np.hstack([m.load for m in motions]),
+        output=np.hstack([m.output for m in motions]),
+    )
+
+
+def _repeated(joint: Joint, theta: Array) -> Floor | None:
+    """Return the floor of the recordings whose command repeats, None where none does."""
+    residuals, data = [], []
+    for number, model in enumerate(joint.models):
+        if find_repeats(model.data) is not None:
+            residuals.append(model.measured - model.simulate(joint.own(number, theta))[0])
+            data.append(model.data)
+    if not data:
+        return None
+    try:
+        first = joint.models[0]
+        quantity = first.outputs[0].quantity
+        return pooled_floor(residuals, data, first.places, first.unit, quantity)
+    except IdentError:
+        return None
+
+
+def _uncertainty(noise: Sequence[NoiseModel]) -> Array:
+    """Return (P,) relative standard errors of the noise's standard deviation."""
+    out = []
+    for model in noise:
+        # Squares of a Gaussian process correlate by the square of its own correlation.
+        rho = model.correlation**2
+        samples = max(2.0, model.samples * (1.0 - rho) / (1.0 + rho))
+        out.append(1.0 / np.sqrt(2.0 * samples))
+    return np.array(out)
+
+
+def _sentence(
+    model: FullModel, value: Array, noise: Sequence[NoiseModel], repeated: Floor | None
+) -> str:
+    unit = f' {model.unit}' if model.unit else ''
+    parts = ', '.join(f'{n} {v:.3g}' for n, v in zip(model.places, value, strict=True))
+    text = f'noise floor {parts}{unit}: '
+    if repeated is not None and repeated.repeats is not None:
+        seconds = repeated.repeats.period * model.cycle
+        text += (
+            f'what differs between {repeated.repeats.count} repeats of a motion of '
+            f'{seconds:.4g} s'
+        )
+    else:
+        text += 'what neither motion, position nor time predicts on data left out'
+    neighbours = np.array([m.correlation for m in noise])
+    if (neighbours > _COLOURED).any():
+        text += f'; neighbouring samples correlate by up to {neighbours.max():.2f}'
+    stated = model.noise
+    if stated > 0.0 and not (stated / _OTHER < value).all() & (value < stated * _OTHER).all():
+        text += f'; the machine file states {stated:.3g}{unit} (effort_noise)'
+    return text

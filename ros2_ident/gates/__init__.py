@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What log and machine file say of each other before any physics is fitted."""
+
+from ros2_ident.gates.examine import examine
+from ros2_ident.gates.finding import Gate, GateReport, Level
+
+__all__ = ['Gate', 'GateReport', 'Level', 'examine']

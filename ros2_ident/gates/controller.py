@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Is the controller in the log the machine file's: gains, scale and sign of the effort, stamps?"""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ros2_ident.effects import shown_by
+from ros2_ident.gates.delays import LATEST_COMMAND
+from ros2_ident.gates.finding import Gate
+from ros2_ident.gates.law import fit_law, Gain, Law
+from ros2_ident.gates.signals import LATEST_EFFORT
+from ros2_ident.models import Machine
+from ros2_ident.models.drives.candidates import SLOTS
+from ros2_ident.recording import Dataset
+
+Array = NDArray[np.float64]
+
+# A gain has to be off by this share, and leave this share of the law's misfit, to be spoken of.
+GAIN_OFF, EXCESS = 0.02, 0.3
+# A gain off by more than this factor is no other tuning but another unit or another drive's.
+_ANOTHER = 3.0
+# The free law may leave so much more than the noise floor.
+NOISY = 1.2
+# What is stated as noise may be off by so much.
+_STATED = 2.5
+# A law that explains less of the effort is not the law that ran.
+EXPLAINED = 0.9
+# The stated gains are the ones that ran where they leave so little more than free ones, and these
+# explain anything at all.
+_AS_GOOD, _AT_ALL = 1.05, 0.2
+# A law that explains so much of the effort of another drive is that drive's.
+_ITS_OWN = 0.98
+# An effort that is logged before it acts by more than a cycle and this, s, has other stamps.
+_EARLY = 1e-3
+# One that is logged later than this, s, is late.
+_LATE = 3e-3
+# How near to a conversion's factor a ratio has to be to be taken for it.
+_CLOSE = 0.03
+
+# What a velocity gain comes out as where positions are not in rad or m.
+_UNITS = {'rad': ((57.29578, 'degrees'), (0.1591549, 'turns')), 'm': ((1000.0, 'mm'),)}
+
+
+def check_law(
+    machine: Machine, law: Law | None, drive: str, noise: float | None = None
+) -> list[Gate]:
+    """Judge a drive's controller law as its log shows it.
+
+    Args:
+        machine: The machine.
+        law: What `fit_law` returned.
+        drive: The drive.
+        noise: The drive's noise floor, where known.
+    """
+    if law is None:
+        text = (
+            f'{drive}: the controller law cannot be checked, that takes a command that moves, '
+            'position and effort'
+        )
+        return [Gate('law', drive, 'warn', math.nan, '1', text)]
+    level = _STATED * machine.effort_noise if noise is None else noise
+    unit = machine.model_unit
+    clean = law.misfit <= NOISY * math.hypot(level, law.steps)
+    # Where no other gains explain more than the stated ones the law ran, and something else is
+    # between it and the log: an effort that does not belong to it would ask for other gains.
+    ran = law.misfit_file <= _AS_GOOD * law.misfit and law.explained > _AT_ALL
+    if law.explained < EXPLAINED and not clean and not ran:
+        text = (
+            f'{drive}: the stated control law explains {100.0 * law.explained:.0f} % of the '
+            'logged effort, whatever its gains; check that effort, command and position belong '
+            'together'
+        )
+        return [Gate('law', drive, 'fail', law.explained, '1', text, contradicts=True)]
+    found = _late(machine, law, clean)
+    if noise is not None and not clean:
+        text = (
+            f'{drive}: the control law leaves {law.misfit:.3g} {unit} of the logged effort where '
+            f'the noise is {noise:.3g}, whatever its gains; something sits between controller and '
+            'log: a filter, cross-talk, drift, a limit, or a reading of the position'
+        )
+        found.append(Gate('law_noise', drive, 'warn', law.misfit / noise, '1', text))
+    return [*found, _gains(machine, law, noise, clean)]
+
+
+def _gains(machine: Machine, law: Law, noise: float | None, clean: bool) -> Gate:
+    """Judge the gains of a law that explains the effort.
+
+    A number is given to write only where with it nothing but noise is left.
+    """
+    drive, unit = law.drive, machine.model_unit
+    if not law.gains:
+        text = f'{drive}: the gains are to be found, so the log cannot contradict them'
+        return Gate('law', drive, 'ok', law.explained, '1', text)
+    best = law.gains[0]
+    if law.excess <= EXCESS * law.misfit or abs(best.ratio - 1.0) <= GAIN_OFF:
+        text = (
+            f'{drive}: the log follows the stated control law, {law.misfit_file:.3g} {unit} '
+            'are left'
+        )
+        if noise is not None and law.misfit > NOISY * noise and law.steps > noise:
+            text += f', no more than the steps of the logged position make ({law.steps:.3g})'
+        return Gate('law', drive, 'ok', best.ratio, '1', text)
+    if best.misfit**2 - law.misfit**2 >= (EXCESS * law.misfit) ** 2:
+        text = (
+            f'{drive}: with the gains of the machine file the control law misses the logged '
+            f'effort by {law.misfit_file:.3g} {unit}, with its gains free by {law.misfit:.3g}; no '
+            'single gain is to blame, correct the machine file, or look whether the drive runs '
+            'other gains'
+        )
+        return Gate('law', drive, 'warn', math.nan, '1', text)
+    another = not 1.0 / _ANOTHER < best.ratio < _ANOTHER
+    return Gate(
+        'law', drive, 'fail' if another else 'warn', best.ratio, '1',
+        f'{drive}: {_correction(law, best, unit, machine.travel_unit)}',
+        contradicts=another or clean,
+        key='' if best.name == 'scale' else best.name,
+    )  # fmt: skip
+
+
+def _correction(law: Law, best: Gain, unit: str, travel: str) -> str:
+    """Return what is to be written where, in words."""
+    fits = f'fits the log to {best.misfit:.2g} {unit}'
+    if best.ratio < 0.0:
+        return (
+            'the effort has the sign that drives the controller away from its set-point; negate '
+            f'the effort, or position and set-point, in the driver ({best.ratio:.4g} times the '
+            f'stated law {fits})'
+        )
+    for factor, name in _UNITS.get(travel, ()):
+        if abs(best.ratio * factor - 1.0) <= _CLOSE and best.name in ('velocity_gain', 'scale'):
+            return (
+                f'position and set-point look logged in {name}: the stated law times '
+                f'{best.ratio:.4g} {fits}; log {travel}'
+            )
+    if best.name == 'scale':
+        return (
+            f'the effort is {best.ratio:.4g} times what the stated law commands, which then '
+            f'{fits}; correct effort_unit and its constant in the machine file'
+        )
+    other = ''
+    if not any(gain.name == 'scale' for gain in law.gains) and best.name == 'velocity_gain':
+        other = f', or the effort is logged {best.ratio:.3g} times as large as it is'
+    return f'your {best.name} is {best.expected:.4g}; {best.value:.4g} {fits}{other}'
+
+
+def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
+    """Judge when effort and set-point are logged."""
+    lag, late = law.effort_delay, law.command_delay
+    effect = shown_by('late_set_point')
+    if 0.0 < late <= LATEST_COMMAND and lag >= -_EARLY:
+        # Less than a cycle is what noise makes of none.
+        if effect is None or late < machine.number('cycle'):
+            return []
+        text = (
+            f'{law.drive}: the controller takes up its set-point {1e3 * late:.2f} ms '
+            f'late; a {effect.title} belongs into the model'
+        )
+        return [Gate(effect.id, law.drive, 'warn', late, 's', text)]
+    if -_EARLY <= lag <= LATEST_EFFORT and -_EARLY <= late <= LATEST_COMMAND:
+        delay = next(name for name, slot in SLOTS.items() if slot.row == 'log_delay')
+        if delay in machine.bounds or lag < _LATE or not clean:
+            return []
+        text = (
+            f'{law.drive}: the effort is logged {1e3 * lag:.3g} ms late, and no delay of the log '
+            f'is to be identified; stamp it where it is sampled, or list {delay} under parameters'
+        )
+        return [Gate('offset', law.drive, 'warn', lag, 's', text, contradicts=True)]
+    if abs(lag + late) < abs(lag) and abs(lag + late) < abs(late):
+        topic, by = 'position', late
+    elif -_EARLY <= late <= LATEST_COMMAND:
+        topic, by = 'effort', lag
+    else:
+        topic, by = 'command', -late
+    text = (
+        f'{law.drive}: the stamps of the {topic} are {round(1e3 * abs(by), 1):g} ms '
+        f'{"late" if by > 0.0 else "early"} against those of the others: so shifted, the control '
+        'law explains the effort; stamp all topics with one clock where they are sampled'
+    )
+    return [Gate('offset', law.drive, 'fail', by, 's', text, contradicts=True)]
+
+
+def check_swapped(machine: Machine, data: Dataset, laws: list[Law]) -> list[Gate]:
+    """Look for efforts logged under another drive's name, where laws explain too little.
+
+    Args:
+        machine: The machine.
+        data: The recording.
+        laws: What `fit_law` returned for each drive.
+    """
+    lost = [law.drive for law in laws if law.explained < _ITS_OWN]
+    if len(lost) < 2 or data.effort is None:
+        return []
+    rows = {name: data.effort[data.names.index(name)] for name in lost}
+    own = {law.drive: 1.0 - law.explained for law in laws}
+    owner = {}
+    for drive in lost:
+        for other in lost:
+            if other == drive:
+                continue
+            effort = np.array(data.effort)
+            effort[data.names.index(drive)] = rows[other]
+            law = fit_law(machine, replace(data, effort=effort), drive)
+            if law and 1.0 - law.explained < min(1.0 - _ITS_OWN, 0.5 * own[drive]):
+                owner[drive] = other
+    if len(owner) < 2 or len(set(owner.values())) != len(owner):
+        return []
+    pairs = ', '.join(f"{other}'s effort is {drive}'s" for drive, other in owner.items())
+    text = (
+        f'{pairs}: the names are swapped between the topics of effort and position; correct the '
+        'names, or their order, where the two are published'
+    )
+    return [Gate('names', '', 'fail', float(len(owner)), '1', text, contradicts=True)]

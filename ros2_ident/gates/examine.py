@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All gates on all recordings of a machine."""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ros2_ident.gates.controller import check_law, check_swapped
+from ros2_ident.gates.coupling import check_coupling
+from ros2_ident.gates.finding import Gate, GateReport, ORDER
+from ros2_ident.gates.law import fit_law, Law
+from ros2_ident.gates.log import check_effort, check_streams
+from ros2_ident.gates.tracking import check_tracking, tracking_of
+from ros2_ident.models import Machine
+from ros2_ident.models.registry import compared_of
+from ros2_ident.recording import Dataset
+
+NO_COMMAND = Gate(
+    'command', '', 'warn', math.nan, '1',
+    'there is no command, so the recorded motion drives the model: its noise bends masses and '
+    'friction, and the controller stays unchecked; record the set-point too',
+)  # fmt: skip
+
+
+def examine(
+    machine: Machine,
+    datasets: Sequence[Dataset],
+    drives: Sequence[str] | None = None,
+    noise: NDArray[np.float64] | None = None,
+) -> GateReport:
+    """Ask every gate about every recording.
+
+    Args:
+        machine: The machine.
+        datasets: Its recordings on the grid of controller cycles.
+        drives: The drives looked at; all where None.
+        noise: (D,) their noise floors, where known.
+
+    Returns:
+        The findings; of those that recordings share, each drive's worst.
+    """
+    chosen = tuple(drives or machine.drives)
+    reports = [_of_one(machine, data, chosen, noise) for data in datasets]
+    gates: dict[tuple[str, str], Gate] = {}
+    streams: list[Gate] = []
+    for report in reports:
+        for gate in report.gates:
+            if gate.gate in ('missing', 'jitter'):
+                streams.append(gate)
+                continue
+            other = gates.setdefault((gate.gate, gate.drive), gate)
+            if ORDER[gate.level] < ORDER[other.level]:
+                gates[gate.gate, gate.drive] = gate
+    laws = {law.drive: law for report in reversed(reports) for law in report.laws}
+    return GateReport((*streams, *gates.values()), tuple(laws.values()))
+
+
+def _of_one(
+    machine: Machine,
+    data: Dataset,
+    drives: Sequence[str],
+    noise: NDArray[np.float64] | None,
+) -> GateReport:
+    """Ask every gate about one recording."""
+    found = check_streams(data)
+    if 'effort' not in compared_of(machine):
+        # Signs, sizes and laws below are those of efforts, which such a log need not hold; and a
+        # law without an integral part may follow late and stop short.
+        return GateReport(tuple(found))
+    for drive in drives:
+        found += check_effort(machine, data, drive)
+        found += check_coupling(machine, data, drive)
+    tracking = tracking_of(data, drives)
+    apart: list[Gate] = []
+    if tracking is not None:
+        told = check_tracking(tracking, data.cycle, machine.travel_unit)
+        apart = [gate for gate in told if gate.gate == 'offset']
+        found += [gate for gate in told if gate.gate != 'offset']
+        if any(gate.level == 'fail' and gate not in apart for gate in told):
+            # A law that is fed with another drive's motion, or in other units, says nothing new.
+            return GateReport((*found, *apart))
+    if data.command_position is None:
+        return GateReport((*found, NO_COMMAND))
+    if not (machine.known('position_gain') and machine.known('velocity_gain')):
+        return GateReport((*found, *apart))
+    laws: list[Law] = []
+    said: list[Gate] = []
+    for number, drive in enumerate(drives):
+        law = fit_law(machine, data, drive, 0.0 if tracking is None else tracking.late(drive))
+        if law is not None:
+            laws.append(law)
+        level = None if noise is None else float(noise[number])
+        said += check_law(machine, law, drive, level)
+    swapped = check_swapped(machine, data, laws)
+    if swapped:
+        found = [gate for gate in found if gate.gate != 'sign']
+        said = [gate for gate in said if gate.gate not in ('law', 'offset')]
+    # The law tells by how much stamps lie apart, and whose.
+    known = {gate.drive for gate in said if gate.gate == 'offset'}
+    apart = [gate for gate in apart if gate.drive not in known and not swapped]
+    return GateReport((*found, *apart, *said, *swapped), tuple(laws))

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the gates find: values and the words for them."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from ros2_ident.gates.law import Law
+
+Level = Literal['ok', 'warn', 'fail']
+ORDER: dict[str, int] = {'fail': 0, 'warn': 1, 'ok': 2}
+# Of findings that are as bad, one that others follow from comes first.
+_CAUSES = ('names', 'limit', 'set_point', 'offset', 'coupling', 'sign', 'scale', 'law')
+
+
+@dataclass(frozen=True)
+class Gate:
+    """What one check says.
+
+    Attributes:
+        gate: `missing`, `jitter`, `sign`, `limit`, `law`, `law_noise`, `set_point`, `offset`,
+            `names`, `coupling`, `step`, or the id of the effect that a late set-point shows.
+        drive: The drive, empty for the log as a whole.
+        level: `ok`, `warn` (the verdict may suffer) or `fail` (no verdict should be trusted).
+        number: What was measured.
+        unit: Its unit.
+        sentence: In words, with the remedy where there is one.
+        contradicts: Whether log and machine file contradict each other, or the model cannot carry
+            the log, so that this is what a user has to hear first.
+        key: The constant of the machine file that is to be changed, empty for none.
+    """
+
+    gate: str
+    drive: str
+    level: Level
+    number: float
+    unit: str
+    sentence: str
+    contradicts: bool = False
+    key: str = ''
+
+
+@dataclass(frozen=True)
+class GateReport:
+    """All checks, worst first.
+
+    Attributes:
+        gates: The findings.
+        laws: The controller law of each drive where it could be read from the log.
+    """
+
+    gates: tuple[Gate, ...] = ()
+    laws: tuple[Law, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Sort the findings, worst first."""
+
+        def rank(gate: Gate) -> tuple[int, bool, int]:
+            cause = _CAUSES.index(gate.gate) if gate.gate in _CAUSES else len(_CAUSES)
+            return ORDER[gate.level], not gate.contradicts, cause
+
+        ordered = sorted(dict.fromkeys(self.gates), key=rank)
+        object.__setattr__(self, 'gates', tuple(ordered))
+
+    @property
+    def level(self) -> Level:
+        """The worst level found."""
+        return self.gates[0].level if self.gates else 'ok'
+
+    @property
+    def contradictions(self) -> tuple[Gate, ...]:
+        """What log and machine file contradict each other in, the worst first."""
+        return tuple(g for g in self.gates if g.contradicts)
+
+    @property
+    def blocked(self) -> bool:
+        """Whether a contradiction is such that nothing physical can be said."""
+        return any(g.level == 'fail' for g in self.contradictions)
+
+    @property
+    def headline(self) -> str:
+        """The worst contradiction in words, empty for none."""
+        found = self.contradictions
+        if not found:
+            return ''
+        more = f' ({len(found) - 1} more like it below.)' if len(found) > 1 else ''
+        return f'{found[0].sentence.rstrip(".")}.{more}'
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user has to know, one sentence each."""
+        return tuple(g.sentence for g in self.gates if g.level != 'ok')
+
+    def of(self, gate: str) -> tuple[Gate, ...]:
+        """Return the findings of one check."""
+        return tuple(g for g in self.gates if g.gate == gate)
+

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controller law as the log itself shows it: gains from logged effort, motion and command.
+
+No dynamics are needed: what the controller saw and what it commanded are both in the log, so a
+wrong gain shows here whatever the machine behind it does.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ros2_ident.gates.delays import COUNTS, delays_apart, usual_delays
+from ros2_ident.gates.signals import FEWEST, Fit, sane, Signals, signals_of
+from ros2_ident.models import Machine
+from ros2_ident.recording import Dataset
+from ros2_ident.search.noise import correlation_time
+
+Array = NDArray[np.float64]
+
+# Stamps that lie far apart are looked for where a law misses the effort by so many times its
+# noise, and believed where it then leaves so much less (mean square).
+_MISSED, _TOGETHER = 1.5, 0.6
+_GAINS = ('position_gain', 'velocity_gain', 'integral_gain')
+
+
+@dataclass(frozen=True)
+class Gain:
+    """One gain as the log shows it, the others being what the machine file says.
+
+    Attributes:
+        name: Its key in the machine file; `scale` for a factor on the whole effort.
+        value: Estimate, in the machine file's unit.
+        error: Standard error.
+        expected: The machine file's value.
+        misfit: RMS that is left with it, in the effort's unit.
+    """
+
+    name: str
+    value: float
+    error: float
+    expected: float
+    misfit: float
+
+    @property
+    def ratio(self) -> float:
+        """Estimate over expectation; NaN where nothing is expected."""
+        return self.value / self.expected if self.expected else math.nan
+
+
+@dataclass(frozen=True)
+class Law:
+    """A drive's controller law, compared with its log.
+
+    The zeros of a PI law, k_p and k_I / k_v, can be exchanged without a trace in the log, and lie
+    close together on well-tuned drives. So gains are not solved for all at once: each is fitted
+    alone, and the fits are compared.
+
+    Attributes:
+        drive: Name.
+        gains: Each gain fitted alone, the best explanation first.
+        effort_delay: How late the logged effort is, s.
+        command_delay: How late the controller took up the set-point, s; 0 where none shows.
+        misfit: RMS that the law with all its coefficients free leaves, in the effort's unit.
+        misfit_file: RMS that it leaves with the machine file's gains.
+        explained: Share of the effort's variance that the free law explains.
+        samples: Samples used.
+        steps: RMS that the steps of the logged position alone may leave, in the effort's unit; 0
+            where the law does not difference the position, or the position has no steps.
+    """
+
+    drive: str
+    gains: tuple[Gain, ...]
+    effort_delay: float
+    command_delay: float
+    misfit: float
+    misfit_file: float
+    explained: float
+    samples: int
+    steps: float = 0.0
+
+    @property
+    def excess(self) -> float:
+        """RMS that the machine file's gains leave beyond the free law, in the effort's unit."""
+        return math.sqrt(max(0.0, self.misfit_file**2 - self.misfit**2))
+
+    @property
+    def left(self) -> float:
+        """RMS that is left with the stated gains, but for one of them at most."""
+        if not self.gains:
+            return self.misfit
+        return min(self.misfit_file, self.gains[0].misfit)
+
+
+def fit_law(
+    machine: Machine, data: Dataset, drive: str, tracked: float = 0.0
+) -> Law | None:
+    """Compare the law M = k_v e + k_I int e dt + c, e = k_p (z_cmd - z) + f v_cmd - v, with a log.
+
+    It is linear in its coefficients: of position error, velocity error, their integrals, and a
+    constant. Delays of effort and set-point are found by a search around it.
+
+    Args:
+        machine: The machine file, for the law's kind, the gains expected and the torque limit;
+            gains that are to be identified are taken from the log.
+        data: The recording on the grid of controller cycles.
+        drive: The drive.
+        tracked: How late the position follows its set-point [s]: stamps of the topics that lie far
+            apart are looked for about it.
+
+    Returns:
+        The law; None where command, position or effort are missing or the drive stands still.
+    """
+    signals = signals_of(machine, data, drive)
+    if signals is None:
+        return None
+    fit = Fit(signals)
+    first, *others = [_law_at(machine, drive, signals, fit, d) for d in usual_delays(signals)]
+    law = first
+    for other in others:
+        law = other if COUNTS * other.left**2 < law.left**2 else law
+    if law.left <= _MISSED * math.hypot(machine.effort_noise, law.steps):
+        return law
+    few = max(1, signals.effort.size // 800)
+    rough = Fit(signals, every=few, where=signals.inside)
+    if rough.size < FEWEST:
+        return law
+    gain = sane(machine.number('position_gain', drive))
+    found = delays_apart(signals, rough, tracked, gain)
+    apart = _law_at(machine, drive, signals, Fit(signals, where=signals.inside), found)
+    return apart if apart.left**2 < _TOGETHER * law.left**2 else law
+
+
+def _law_at(
+    machine: Machine, drive: str, signals: Signals, fit: Fit, delays: Array
+) -> Law:
+    """Compare the law with a log at given delays (effort, set-point) in cycles."""
+    columns, effort = fit.system(delays)
+    solution, _, free = _solve(columns, effort)
+    sought = [name for name in _GAINS if name in machine.bounds]
+    gains = {name: sane(machine.number(name, drive)) for name in _GAINS}
+    gains |= {name: value for name, value in _gains_of(solution).items() if name in sought}
+    known = _law_of(columns, gains)
+    alone = []
+    for name in (*gains, 'scale'):
+        if name == 'scale' and not signals.integral and signals.forward == 0.0:
+            continue  # the same as the velocity gain
+        if name in sought or (name != 'scale' and not gains[name]):
+            continue
+        if name == 'scale' and 'velocity_gain' in sought:
+            continue
+        # The law is linear in each gain by itself.
+        part = known if name == 'scale' else known - _law_of(columns, {**gains, name: 0.0})
+        factor, error, misfit = _solve(
+            np.stack([part, np.ones_like(part)], axis=1), effort - (known - part)
+        )
+        expected = gains.get(name, 1.0)
+        alone.append(
+            Gain(name, float(factor[0]) * expected, error * abs(expected), expected, misfit)
+        )
+    alone.sort(key=lambda g: g.misfit)
+    # Steps are multiplied by the gain that ran; quite another one shows.
+    slope = next((abs(g.value) for g in alone[:1] if g.name == 'velocity_gain'), 0.0)
+    stated = gains['velocity_gain']
+    gain = stated if 0.5 * slope < stated < 2.0 * slope or not slope else slope
+    file = _solve(np.ones((effort.size, 1)), effort - known)[2]
+    return Law(
+        drive,
+        tuple(alone),
+        float(delays[0]) * signals.cycle,
+        float(delays[1]) * signals.cycle,
+        free,
+        file,
+        1.0 - free**2 / max(float(effort.var()), 1e-300),
+        effort.size,
+        gain * signals.speed_steps,
+    )
+
+
+def _gains_of(solution: Array) -> dict[str, float]:
+    """Return the gains of a free law's coefficients, columns as of `_Fit.system`."""
+    kv = float(solution[1])
+    integral = float(solution[4]) if solution.size > 4 else 0.0
+    position = float(solution[0]) / kv if kv else 0.0
+    return dict(zip(_GAINS, (position, kv, integral), strict=True))
+
+
+def _law_of(columns: Array, gains: dict[str, float]) -> Array:
+    """Return the law's torque but for a constant; columns as of `_Fit.system`."""
+    kp, kv, ki = gains['position_gain'], gains['velocity_gain'], gains['integral_gain']
+    torque: Array = (kv * kp) * columns[:, 0] + kv * columns[:, 1]
+    if ki:
+        torque = torque + (ki * kp) * columns[:, 3] + ki * columns[:, 4]
+    return torque
+
+
+def _solve(columns: Array, effort: Array) -> tuple[Array, float, float]:
+    """Return the coefficients, the first one's standard error and the RMS that is left."""
+    scale = np.sqrt((columns**2).mean(axis=0)) + 1e-300
+    solution = np.linalg.lstsq(columns / scale, effort, rcond=1e-10)[0]
+    left = effort - (columns / scale) @ solution
+    variance = float(left @ left) / max(1, left.size - len(scale)) * correlation_time(left)
+    normal = (columns / scale).T @ (columns / scale)
+    error = math.sqrt(max(0.0, variance * float(np.linalg.pinv(normal)[0, 0]))) / float(scale[0])
+    return solution / scale, error, math.sqrt(float((left**2).mean()))

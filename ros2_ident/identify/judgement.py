@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a result can be believed: what the gates found, and what the model leaves of the log."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.gates import GateReport
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
+
+Array = npt.NDArray[np.float64]
+
+# A model that leaves this share of how an output varies, and so many times its noise, is not the
+# machine's.
+LARGE, FLOORS = 0.3, 20.0
+# Variance of a fourth difference of white noise, in units of the noise's; the median of a squared
+# normal number.
+_FOURTH, _MEDIAN = 70.0, 0.4549364231195724
+# What is said of every parameter then.
+NOTE = 'means nothing: the model does not carry the log'
+
+
+@dataclass(frozen=True)
+class Uncarried:
+    """An output that the model does not carry.
+
+    Attributes:
+        name: The output: a drive, or `drive.position`.
+        left: RMS of what is left [`unit`].
+        unit: Its unit.
+        share: The same over the standard deviation of what was measured.
+        floors: The same over the noise.
+    """
+
+    name: str
+    left: float
+    unit: str
+    share: float
+    floors: float
+
+    def __str__(self) -> str:
+        """Return it as a part of a sentence."""
+        return (
+            f'{100.0 * self.share:.0f} % of what varies in {self.name} ({self.left:.3g} '
+            f'{self.unit}, {rounded(self.floors)} times the noise)'
+        )
+
+
+def poorly_carried(problem: Problem, residual: Array) -> tuple[Uncarried, ...]:
+    """Return the outputs of which a fit leaves a large part.
+
+    Args:
+        problem: What was fitted.
+        residual: (R,) what is left, as `Problem.residuals` has it; empty where nothing was.
+    """
+    if not residual.size or not np.isfinite(residual).all():
+        return ()
+    outputs = problem.models[0].outputs
+    rest: list[list[Array]] = [[] for _ in outputs]
+    varied: list[list[Array]] = [[] for _ in outputs]
+    start = 0
+    for model in problem.models:
+        for o, row in enumerate(model.measured):
+            there = row[~np.isnan(row)]
+            rest[o].append(residual[start : start + there.size] / outputs[o].weight)
+            varied[o].append(there - there.mean() if there.size else there)
+            start += there.size
+    found = []
+    for output, parts, measured in zip(outputs, rest, varied, strict=True):
+        left, spread = (float(np.sqrt(np.mean(np.concatenate(x) ** 2))) for x in (parts, measured))
+        stated = problem.noise if output.quantity == outputs[0].quantity else 0.0
+        noise = max(stated, _fast_noise(parts))
+        if left > LARGE * spread and left > FLOORS * noise:
+            share = left / spread if spread > 0.0 else math.inf
+            floors = left / noise if noise > 0.0 else math.inf
+            found.append(Uncarried(output.name, left, output.unit, share, floors))
+    return tuple(found)
+
+
+def rounded(value: float) -> str:
+    """Return a number with two digits that tell, as an engineer writes it: 130, not 1.3e+02."""
+    return f'{float(f"{value:.2g}"):g}'
+
+
+def _fast_noise(parts: Sequence[Array]) -> float:
+    """Return the noise of a residual as differences of neighbours show it; 0 for too short ones.
+
+    Reference:
+        Hall, Kay and Titterington (1990), Biometrika 77(3).
+    """
+    differences = np.concatenate([np.diff(part, 4) for part in parts] or [np.empty(0)])
+    if not differences.size:
+        return 0.0
+    return math.sqrt(float(np.median(differences**2)) / (_FOURTH * _MEDIAN))
+
+
+def judged(
+    result: Identification, report: GateReport, uncarried: Sequence[Uncarried]
+) -> Identification:
+    """Return a result that says first what the gates found, and claims no more than can be.
+
+    Args:
+        result: What the fit came to.
+        report: What log and machine file say of each other.
+        uncarried: Outputs of which the fit leaves a large part.
+    """
+    quality = replace(
+        result.quality, warnings=tuple(dict.fromkeys((*_said(report), *result.quality.warnings)))
+    )
+    result = replace(result, gates=report.gates, quality=quality)
+    left = ''
+    if uncarried:
+        left = f'The model leaves {", ".join(map(str, uncarried))}'
+        left += '.' if report.headline else (
+            ', so it is not the one of this machine, or not with these constants; check units, '
+            'gains and the kind of machine.'
+        )
+    ended = result.outcome in (Outcome.IDENTIFIED, Outcome.NOT_IDENTIFIABLE)
+    spent = result.outcome is Outcome.BUDGET_SPENT
+    if (left and ended) or (report.blocked and (ended or spent)):
+        message = _joined(report.headline, left, 'No parameter is identified.')
+        return replace(
+            result,
+            outcome=Outcome.CONTRADICTED,
+            message=message,
+            parameters=tuple(map(_refused, result.parameters)),
+        )
+    return replace(result, message=_joined(report.headline, left, result.message))
+
+
+def _said(report: GateReport) -> tuple[str, ...]:
+    """Return what the gates warn of, but for what is the headline."""
+    first = report.contradictions[:1]
+    return tuple(g.sentence for g in report.gates if g.level != 'ok' and g not in first)
+
+
+def _refused(estimate: ParameterEstimate) -> ParameterEstimate:
+    """Return an estimate that is none."""
+    return replace(estimate, identifiable=False, note=NOTE)
+
+
+def _joined(*sentences: str) -> str:
+    """Return sentences as one text; empty ones are passed over."""
+    return ' '.join(sentence for sentence in sentences if sentence)

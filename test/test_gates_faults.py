@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bookkeeping faults, each made in a simulated bag, are named as such before any physics."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+import re
+
+from identify_cases import axis as axis_machine
+from identify_cases import AXIS_TRUTH, recording_of, tripod, TRIPOD_TRUTH
+import numpy as np
+import pytest
+
+from ros2_ident.gates import examine, GateReport
+from ros2_ident.identify.data import gather
+from ros2_ident.models import Machine
+from ros2_ident.recording import Recording, Stream
+from ros2_ident.reference.bag_making import nuisance_of, simulate_bag, SimulatedBag
+from ros2_ident.reference.motions import draw_motion
+
+Change = Callable[[Recording], Recording]
+
+
+@cache
+def bag_of(kind: str) -> SimulatedBag:
+    """Return a log of 6 s of the tripod or of the axis."""
+    if kind == 'tripod':
+        motion = draw_motion('multi_point', tripod(), 6.0, 3)
+        return simulate_bag(tripod(), TRIPOD_TRUTH, motion, 1)
+    nuisance = replace(nuisance_of(axis_machine()), position_step=1e-8)
+    motion = draw_motion('multi_point', axis_machine(), 6.0, 2)
+    return simulate_bag(axis_machine(), AXIS_TRUTH, motion, 1, nuisance)
+
+
+def machine_of(kind: str) -> Machine:
+    return tripod() if kind == 'tripod' else axis_machine()
+
+
+def report_of(kind: str, change: Change, machine: Machine | None = None) -> GateReport:
+    machine = machine or machine_of(kind)
+    data = gather([change(recording_of(bag_of(kind)))], machine)
+    return examine(machine, data.datasets)
+
+
+def times(role: str, factor: float, drive: str = '') -> Change:
+    """Return what multiplies a stream's values, of one drive or of all."""
+
+    def change(recording: Recording) -> Recording:
+        stream = recording.streams[role]
+        columns = [stream.names.index(drive)] if drive else range(len(stream.names))
+        fields = {}
+        for field in ('effort',) if role == 'effort' else ('position', 'velocity'):
+            values = stream.values(field)
+            if values is not None:
+                fields[field] = np.array(values)
+                fields[field][:, columns] *= factor
+        return replace(recording, **{role: replace(stream, **fields)})
+
+    return change
+
+
+def later(role: str, seconds: float) -> Change:
+    """Return what moves the stamps of a stream."""
+
+    def change(recording: Recording) -> Recording:
+        stream = recording.streams[role]
+        moved = replace(stream, stamp=stream.stamp + round(1e9 * seconds))
+        return replace(recording, **{role: moved})
+
+    return change
+
+
+def named(role: str, *names: str) -> Change:
+    """Return what gives the joints of a stream other names."""
+
+    def change(recording: Recording) -> Recording:
+        stream: Stream = recording.streams[role]
+        return replace(recording, **{role: replace(stream, names=names)})
+
+    return change
+
+
+def both(*changes: Change) -> Change:
+    def change(recording: Recording) -> Recording:
+        for one in changes:
+            recording = one(recording)
+        return recording
+
+    return change
+
+
+def silent(recording: Recording) -> Recording:
+    return replace(recording, command=None)
+
+
+@pytest.mark.parametrize('kind', ['axis', 'tripod'])
+def test_a_sound_log_contradicts_nothing(kind):
+    report = report_of(kind, lambda recording: recording)
+    assert report.level == 'ok'
+    assert report.headline == ''
+
+
+@pytest.mark.parametrize(
+    ('kind', 'change', 'gate', 'drive', 'said'),
+    [
+        ('axis', times('effort', -1.0), 'sign', 'emps_axis', 'the sign against its motion'),
+        ('tripod', times('effort', -1.0, 'drive_2'), 'sign', 'drive_2', 'negate effort'),
+        ('axis', both(silent, times('effort', -1.0)), 'sign', 'emps_axis', 'negate effort'),
+        (
+            'tripod', times('state', -1.0, 'drive_3'), 'set_point', 'drive_3',
+            'moves against its set-point',
+        ),
+        ('tripod', times('state', 1e3), 'set_point', 'drive_1', 'the position is logged in mm'),
+        ('tripod', times('command', 1e3), 'set_point', 'drive_1', 'set-point is logged in mm'),
+        (
+            'axis', both(times('state', 1e3), times('command', 1e3)), 'law', 'emps_axis',
+            'position and set-point look logged in mm',
+        ),
+        (
+            'axis', times('effort', 100.0 / 5.0), 'limit', 'emps_axis',
+            'state the unit of the log as effort_unit',
+        ),
+        ('tripod', times('effort', 0.01), 'law', 'drive_1', '0.01 times what the stated law'),
+        (
+            'tripod', named('effort', 'drive_2', 'drive_1', 'drive_3'), 'names', '',
+            "drive_1's effort is drive_2's",
+        ),
+        (
+            'tripod', named('state', 'drive_2', 'drive_1', 'drive_3'), 'names', '',
+            "drive_1 follows drive_2's",
+        ),
+        (
+            'tripod', later('effort', -0.05), 'offset', 'drive_1',
+            r'effort are 4[78][.\d]* ms early',
+        ),
+        ('tripod', later('state', 0.05), 'offset', 'drive_1', r'position are 50[.\d]* ms late'),
+        ('tripod', later('command', -0.3), 'offset', 'drive_1', r'command are 300[.\d]* ms early'),
+        ('axis', later('command', 0.01), 'offset', 'emps_axis', r'command are 10[.\d]* ms late'),
+        ('axis', later('effort', 0.3), 'offset', 'emps_axis', r'effort are 300[.\d]* ms late'),
+    ],
+)
+def test_a_fault_is_named_first(kind, change, gate, drive, said):
+    report = report_of(kind, change)
+    first = report.contradictions[0]
+    assert (first.gate, first.drive) == (gate, drive)
+    assert report.blocked
+    assert re.search(said, report.headline)
+
+
+def test_a_joint_that_turns_logged_in_degrees():
+    machine = axis_machine()
+    turning = machine.with_bounds(
+        {**machine.bounds, 'moving_mass': (50.0, 150.0, 'kg m^2')}
+    )
+    report = report_of('axis', times('state', 57.29578), turning)
+    assert 'the position is logged in degrees; log rad' in report.headline
+    report = report_of('axis', both(*(times(x, 57.29578) for x in ('state', 'command'))), turning)
+    assert 'position and set-point look logged in degrees' in report.headline
+    assert report.blocked
+
+
+@pytest.mark.parametrize(
+    ('kind', 'key', 'factor', 'said', 'blocked'),
+    [
+        ('axis', 'velocity_gain', 1.2, r'your velocity_gain is 1\.027e\+04; 855', False),
+        ('axis', 'velocity_gain', 1.0 / 35.15065, r'your velocity_gain is 243\.\d; 85[56]', True),
+        ('axis', 'position_gain', 5.0, 'your position_gain is 800.9; 160.2 fits the log', True),
+        ('tripod', 'integral_gain', 0.2, 'your integral_gain is 50; 250.1 fits the log', True),
+    ],
+)
+def test_a_wrong_constant_is_given_with_the_number_to_write(kind, key, factor, said, blocked):
+    machine = machine_of(kind)
+    wrong = machine.with_constants(**{key: factor * machine.number(key)})
+    report = report_of(kind, lambda recording: recording, wrong)
+    assert re.search(said, report.headline)
+    assert report.contradictions[0].key == key
+    assert report.blocked == blocked
+
+
+def test_an_effort_logged_late_without_a_parameter_for_it():
+    report = report_of('axis', later('effort', 0.02))
+    assert 'the effort is logged 20.1 ms late' in report.headline
+    assert not report.blocked
+    # The tripod's file has the delay among its parameters.
+    assert report_of('tripod', later('effort', 0.02)).headline == ''
+
+
+def test_without_a_command_that_is_said_once():
+    report = report_of('tripod', silent)
+    assert [g.gate for g in report.gates if g.level == 'warn'] == ['command']
+    assert report.headline == ''

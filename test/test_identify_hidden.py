@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Intervals of an identification whose model lacks something small."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from identify_cases import axis, axis_data, AXIS_TRUTH, QUICK
+import numpy as np
+import pytest
+
+from ros2_ident.identify.data import Data
+from ros2_ident.identify.hidden import rows_of, runs_of
+from ros2_ident.identify.run import identify
+from ros2_ident.identify.setup import problem_of
+from ros2_ident.report.schema import from_mapping, to_mapping
+
+
+def with_more(data: Data, more: np.ndarray) -> Data:
+    (first,) = data.datasets
+    return replace(data, datasets=(replace(first, effort=first.effort + more),))
+
+
+def held(found, low: str, high: str) -> int:
+    """Return how many intervals hold the truth."""
+    return sum(
+        getattr(p, low) <= AXIS_TRUTH[p.name.rpartition('.')[2]] <= getattr(p, high)
+        for p in found.parameters
+    )
+
+
+def test_small_imperfections_widen_the_intervals_that_hold_the_truth():
+    machine, data = axis(), axis_data()
+    rate = data.datasets[0].command_velocity / np.abs(data.datasets[0].command_velocity).max()
+    position = data.datasets[0].command_position
+    alone = both = 0
+    for seed in range(6):
+        size = 0.4 * machine.effort_noise * np.random.default_rng(seed).standard_normal(3)
+        # Friction that drops with the speed, drag, a ripple: no more than the noise.
+        small = (
+            size[0] * np.exp(-np.abs(rate) / 0.2) * np.sign(rate)
+            + size[1] * rate * np.abs(rate)
+            + size[2] * np.sin(2.0 * np.pi * position / 0.02)
+        )
+        found = identify(machine, with_more(data, small), settings=QUICK, seed=3)
+        alone += held(found, 'noise_low', 'noise_high')
+        both += held(found, 'low', 'high')
+        again = from_mapping(to_mapping(found), Path('x'))
+        assert again.parameters[0].noise_low == pytest.approx(found.parameters[0].noise_low)
+    assert alone <= 15
+    assert both >= 22
+
+
+def test_a_perfect_model_has_the_intervals_of_noise():
+    found = identify(axis(), axis_data(), settings=QUICK, seed=3)
+    for p in found.parameters:
+        assert p.low <= p.noise_low < p.noise_high <= p.high
+        assert p.high - p.low < 1.6 * (p.noise_high - p.noise_low), p.name
+
+
+def test_runs_end_at_gaps_and_bridge_a_lost_sample():
+    mask = np.zeros((2, 100), dtype=bool)
+    mask[0, ::2] = True
+    mask[0, 20] = False
+    mask[0, 60:80] = False
+    mask[1, 10:20] = True
+    runs = runs_of([mask])
+    assert [(r.start, r.stop, r.place) for r in runs] == [(0, 29, 0), (29, 39, 0), (39, 49, 1)]
+
+
+def test_a_long_log_is_weighed_by_whole_blocks():
+    model = problem_of(axis(), axis_data()).models[0]
+    whole, part = rows_of([model], 10**9), rows_of([model], whole_rows(model) // 2)
+    assert whole.share == 1.0
+    assert 0.3 < part.share < 0.7
+    assert sum(r.stop - r.start for r in part.runs) == part.masks[0].sum() == part.blocks.size
+    # Blocks of a second, two side by side.
+    seconds = np.flatnonzero(np.diff(part.masks[0][0].astype(int))) * model.cycle
+    assert len(part.runs) == 1 or seconds.size > 1
+
+
+def whole_rows(model) -> int:
+    return int((~np.isnan(model.measured)).sum())

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is said of a result whose log contradicts the machine file, or that its model lacks."""
+
+from dataclasses import replace
+from typing import Any
+
+from identify_cases import axis, axis_bag, axis_data, AXIS_FILE, QUICK, recording_of, ROOT
+import numpy as np
+import pytest
+
+from ros2_ident.cli.main import main
+from ros2_ident.errors import ErrorCode
+from ros2_ident.identify.data import gather
+from ros2_ident.identify.judgement import FLOORS, LARGE, NOTE
+from ros2_ident.identify.result import Identification, Outcome
+from ros2_ident.identify.run import identify
+from ros2_ident.machine.parameter import Parameter
+from ros2_ident.models.protocol import Output
+from ros2_ident.report.page.sentences import of_identification
+from ros2_ident.report.schema import from_mapping, to_mapping
+
+
+def wrong(**factors: float) -> Any:
+    """Return the axis with other constants."""
+    return axis().with_constants(**{k: v * axis().number(k) for k, v in factors.items()})
+
+
+@pytest.fixture(scope='module')
+def without_force_constant() -> Identification:
+    """Return what the axis' log gives with a velocity gain in V instead of N."""
+    return identify(wrong(velocity_gain=1.0 / 35.15065), axis_data(), settings=QUICK)
+
+
+def test_a_wrong_gain_is_the_headline_and_nothing_is_identified(without_force_constant):
+    result = without_force_constant
+    assert result.outcome is Outcome.CONTRADICTED
+    assert result.outcome.error_code is ErrorCode.CONTRADICTED
+    assert result.message.startswith('emps_axis: your velocity_gain is 243.5; 85')
+    assert result.message.endswith('No parameter is identified.')
+    assert not any(p.identifiable for p in result.parameters)
+    assert {p.note for p in result.parameters} == {NOTE}
+    assert result.gates[0].key == 'velocity_gain'
+
+
+def test_the_gates_come_back_from_a_file(without_force_constant, tmp_path):
+    again = from_mapping(to_mapping(without_force_constant), tmp_path)
+    assert again.gates[0] == without_force_constant.gates[0]
+    assert again.outcome is Outcome.CONTRADICTED
+
+
+def test_the_page_begins_with_it_and_doubts_no_single_parameter(without_force_constant):
+    first, *others = of_identification(without_force_constant)
+    assert first.level == 'bad'
+    assert first.text.startswith('emps_axis: your velocity_gain is 243.5; 85')
+    assert not [s for s in others if 'does not determine' in s.text or 'bound' in s.text]
+
+
+def test_a_gain_that_is_a_little_off_comes_first_and_leaves_the_result():
+    result = identify(wrong(velocity_gain=1.05), axis_data(), settings=QUICK)
+    assert result.message.startswith('emps_axis: your velocity_gain is 8985; 85')
+    assert result.outcome is Outcome.IDENTIFIED
+    assert result.message.endswith('All 4 parameters are identified.')
+
+
+def test_a_sound_log_is_identified_without_a_word_more():
+    result = identify(axis(), axis_data(), settings=QUICK)
+    assert result.message == 'All 4 parameters are identified.'
+    assert result.quality.warnings == ()
+    assert {g.level for g in result.gates} == {'ok'}
+
+
+def test_a_missing_command_is_among_the_warnings():
+    data = gather([recording_of(axis_bag(), command=None)], axis())
+    result = identify(axis(), data, settings=QUICK)
+    assert [w for w in result.quality.warnings if w.startswith('there is no command')]
+    assert result.outcome is Outcome.IDENTIFIED
+
+
+class Line:
+    """A model that can be a straight line only."""
+
+    outputs = (Output('line', 'N'),)
+    parameters = (Parameter('slope', 'N/s', 0.0, 2.0, 'physical', ''),)
+    cycle = 0.01
+
+    def __init__(self, bent: float, noise: float) -> None:
+        time = self.cycle * np.arange(2000)
+        self._time = time / time[-1]
+        random = noise * np.random.default_rng(0).standard_normal(time.size)
+        self.measured = (self._time + bent * np.sin(9.0 * self._time) + random)[None]
+
+    def simulate(self, theta):
+        return theta[:, :, None] * self._time
+
+
+@pytest.mark.parametrize(
+    ('bent', 'noise', 'refused'),
+    [
+        (1.0, 0.01, True),
+        (0.05, 0.001, False),  # tens of times the noise, a small share
+        (0.0, 0.5, False),  # a large share, noise all of it
+    ],
+)
+def test_a_large_residual_is_one_of_the_effort_and_of_the_noise(bent, noise, refused):
+    model = Line(bent, noise)
+    result = identify(model=model, settings=QUICK)
+    (left,) = result.residuals
+    share = left.rms / float(model.measured.std())
+    assert (share > LARGE and left.rms > FLOORS * noise) == refused
+    assert (result.outcome is Outcome.CONTRADICTED) == refused
+    if refused:
+        assert f'The model leaves {100.0 * share:.0f} % of what varies in line' in result.message
+
+
+def machine_file(folder, gain):
+    path = folder / 'axis.yaml'
+    path.write_text(AXIS_FILE.read_text().replace('velocity_gain: 8557.4257475', gain))
+    return str(path)
+
+
+def test_check_names_the_line_and_the_number(tmp_path, capsys):
+    path = machine_file(tmp_path, 'velocity_gain: 243.45')
+    assert main(['check', str(ROOT / 'bags/axis_reversals'), '--machine', path]) == 1
+    said = capsys.readouterr().out
+    assert f'error {path}:15: emps_axis: your velocity_gain is 243.4; 85' in said
+
+
+def test_red_on_a_terminal_only(without_force_constant, capsys, monkeypatch):
+    from ros2_ident.cli.table import print_result
+
+    print_result(without_force_constant)
+    assert '\033' not in capsys.readouterr().out
+    monkeypatch.setattr('sys.stdout.isatty', lambda: True)
+    monkeypatch.setenv('TERM', 'xterm')
+    monkeypatch.delenv('NO_COLOR', raising=False)
+    print_result(without_force_constant)
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith('\033[1;31mcontradicted: ') and last.endswith('\033[0m')
+    print_result(replace(without_force_constant, outcome=Outcome.IDENTIFIED))
+    assert '\033' not in capsys.readouterr().out

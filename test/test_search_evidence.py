@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Noise of any size and colour, what is missing, and intervals that allow for it."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from ros2_ident.search.evidence import weigh
+from ros2_ident.search.noise import fit_noise, NoiseModel, Run, white, Whitening
+
+ROWS = 6000
+RUNS = (Run(0, ROWS // 2, 0), Run(ROWS // 2, ROWS, 0))
+BLOCKS = np.arange(ROWS) // 200
+
+
+def noise(rng: np.random.Generator, size: float, rho: float) -> np.ndarray:
+    drawn = rng.standard_normal(ROWS + 1000)
+    return size * lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], drawn)[1000:]
+
+
+def waves(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Return (R, C) smooth columns of RMS 1, such as a motion makes."""
+    time = np.linspace(0.0, 1.0, ROWS)[:, None]
+    rate = rng.uniform(5.0, 80.0, count)
+    return np.sqrt(2.0) * np.sin(2.0 * np.pi * rate * time + rng.uniform(0.0, 6.28, count))
+
+
+@pytest.mark.parametrize('rho', [0.0, 0.5, 0.9, 0.99])
+@pytest.mark.parametrize('size', [0.004, 0.025])
+def test_noise_of_any_size_and_colour_is_noise(rho, size):
+    rng = np.random.default_rng(int(1000 * rho + 1e4 * size))
+    residual = noise(rng, size, rho)
+    seen = weigh(residual, waves(rng, 5), waves(rng, 60), RUNS, BLOCKS)
+    assert seen.floor[0] == pytest.approx(residual.std(), rel=0.05)
+    assert seen.predicted[0] < 0.25 * size
+    assert seen.gain < 5.0
+    assert seen.noise[0].correlation == pytest.approx(rho, abs=0.03)
+
+
+@pytest.mark.parametrize('rho', [0.0, 0.9])
+def test_what_a_column_predicts_is_no_noise(rho):
+    rng = np.random.default_rng(3)
+    missing = waves(rng, 60)
+    residual = noise(rng, 0.01, rho) + 0.01 * missing[:, 7]
+    seen = weigh(residual, waves(rng, 5), missing, RUNS, BLOCKS)
+    assert seen.gain > 100.0
+    # Coloured noise covers a part of it.
+    assert 0.75 * 0.01 < seen.predicted[0] < 1.1 * 0.01
+    assert 0.95 * 0.01 < seen.floor[0] < 1.2 * 0.01
+
+
+def test_what_no_column_predicts_on_other_blocks_is_noise():
+    # Of its own in every block: a fit would follow it, a prediction cannot.
+    rng = np.random.default_rng(4)
+    columns = (BLOCKS[:, None] == np.arange(BLOCKS.max() + 1)).astype(float)
+    residual = noise(rng, 0.01, 0.0) + 0.02 * rng.standard_normal(BLOCKS.max() + 1)[BLOCKS]
+    seen = weigh(residual, waves(rng, 2), columns, RUNS, BLOCKS)
+    assert seen.left.std() < 0.012
+    assert seen.floor[0] == pytest.approx(seen.rms[0], rel=0.01)
+
+
+def test_intervals_hold_the_truth_though_the_model_lacks_something():
+    hits = {'noise alone': 0, 'with what is missing': 0}
+    low, high, tries = np.zeros(3), np.ones(3), 60
+    for seed in range(tries):
+        rng = np.random.default_rng(seed)
+        missing = waves(rng, 30)
+        # Parameters act much like what is missing.
+        jacobian = 0.3 * (missing[:, :3] + 0.5 * waves(rng, 3))
+        size = 0.003 * rng.standard_normal(30)
+        truth = np.full(3, 0.5)
+        made = missing @ size + noise(rng, 0.01, 0.0)
+        theta = truth + np.linalg.lstsq(jacobian, made, rcond=None)[0]
+        residual = made - jacobian @ (theta - truth)
+        seen = weigh(residual, -jacobian, missing, RUNS, BLOCKS)
+        error = residual.std() * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
+        alone = theta - 1.96 * error, theta + 1.96 * error
+        both = seen.ends(theta, low, high, *alone)
+        for name, (least, most) in (('noise alone', alone), ('with what is missing', both)):
+            hits[name] += int(((least <= truth) & (truth <= most)).sum())
+    assert hits['noise alone'] < 0.6 * 3 * tries
+    assert 0.9 * 3 * tries <= hits['with what is missing']
+
+
+def test_where_nothing_is_missing_the_interval_is_that_of_noise():
+    wider = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        jacobian = waves(rng, 3)
+        seen = weigh(noise(rng, 0.01, 0.0), jacobian, waves(rng, 60), RUNS, BLOCKS)
+        classical = 0.01 * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
+        wider.append(np.sqrt(np.diag(seen.covariance)) / classical)
+    assert np.min(wider) > 0.9
+    assert np.median(wider) < 1.15
+
+
+def test_rows_left_out_tell_as_much_as_those_weighed():
+    rng = np.random.default_rng(6)
+    jacobian, missing = waves(rng, 3), waves(rng, 20)
+    residual = noise(rng, 0.01, 0.0)
+    whole = weigh(residual, jacobian, missing, RUNS, BLOCKS)
+    half = weigh(
+        residual[: ROWS // 2], jacobian[: ROWS // 2], missing[: ROWS // 2], RUNS[:1],
+        BLOCKS[: ROWS // 2], share=0.5,
+    )  # fmt: skip
+    assert np.diag(half.covariance) == pytest.approx(np.diag(whole.covariance), rel=0.2)
+
+
+def test_a_model_without_anything_to_add_is_weighed_too():
+    rng = np.random.default_rng(7)
+    seen = weigh(noise(rng, 0.01, 0.5), waves(rng, 2), np.empty((ROWS, 0)), RUNS, BLOCKS)
+    assert seen.gain == 0.0
+    assert seen.floor[0] == pytest.approx(0.01, rel=0.05)
+
+
+def test_whitened_noise_is_white_and_of_variance_1():
+    rng = np.random.default_rng(8)
+    row = np.concatenate([noise(rng, 0.02, 0.9)[: ROWS // 2], noise(rng, 0.01, 0.0)])
+    runs = (Run(0, ROWS // 2, 1), Run(ROWS // 2, row.size, 0))
+    coloured = fit_noise(row[: ROWS // 2])
+    whiten = Whitening(runs, [white(0.01), coloured])
+    out = whiten(np.stack([row, 2.0 * row]))
+    assert out[0].std() == pytest.approx(1.0, rel=0.03)
+    assert np.corrcoef(out[0, 1:], out[0, :-1])[0, 1] == pytest.approx(0.0, abs=0.03)
+    assert out[1] == pytest.approx(2.0 * out[0])
+
+
+def test_the_correlation_of_neighbours_comes_from_any_order():
+    rng = np.random.default_rng(9)
+    drawn = lfilter([1.0], [1.0, -1.2, 0.5], rng.standard_normal(50_000))[100:]
+    told = np.corrcoef(drawn[1:], drawn[:-1])[0, 1]
+    model = NoiseModel(np.array([1.2, -0.5]), 1.0, 1.0, drawn.size)
+    assert model.correlation == pytest.approx(told, abs=0.01)
+    assert model.scaled(3.0).variance == 9.0
