@@ -11,7 +11,7 @@ from ros2_ident.gates import examine
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.machine.file import MachineFile
 from ros2_ident.machine.machine import Machine
-from ros2_ident.models.registry import kind_of
+from ros2_ident.models.registry import compared_of, kind_of
 from ros2_ident.recording import check, Dataset, Finding, Recording, Report
 from ros2_ident.recording.findings import Level
 
@@ -49,7 +49,7 @@ def check_both(
         The report; a finding that a line of the machine file can mend names it.
     """
     machine = file.machine
-    report = check(recordings, machine)
+    report = check(recordings, machine, ('effort',) if machine is None else compared_of(machine))
     findings = [_with_line(finding, file, recordings) for finding in report.findings]
     findings += check_machine(file)
     if machine is not None and kind_of(machine).from_bag:
@@ -140,7 +140,8 @@ def _noise(dataset: Dataset, machine: Machine, file: MachineFile) -> Iterator[Fi
     The fast part also holds what the controller makes of the encoder's steps, so that it is judged
     with a wide margin.
     """
-    assert dataset.effort is not None
+    if dataset.effort is None or 'effort' not in compared_of(machine):
+        return
     try:
         floor = noise_floor(dataset.effort, dataset)
     except IdentError:

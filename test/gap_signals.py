@@ -66,6 +66,7 @@ def motion(seconds: float = 8.0, drives: int = 2, seed: int = 0) -> Motion:
     return Motion(
         tuple(f'drive_{d + 1}' for d in range(drives)), CYCLE, np.full(drives, 78.54), position,
         velocity, acceleration, np.gradient(acceleration, CYCLE, axis=1), torque, load, 'N m',
+        'm', 'N m', torque,
     )
 
 

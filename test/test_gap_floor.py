@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
 from gap_signals import CYCLE, motion, needs_practice, NOISE, practice_case, residual
 import numpy as np
 import pytest
@@ -24,6 +26,29 @@ def test_white_noise_is_measured():
     assert (floor.per_drive < floor.high).all()
 
 
+def test_a_log_by_a_clock_of_its_own_tells_its_noise_too():
+    of = motion()
+    count = of.position.shape[1]
+    there = np.round(np.arange(0.0, count, 5.34)).astype(int)
+    there = there[there < count]
+    row = np.full(of.position.shape, np.nan)
+    row[:, there] = NOISE * np.random.default_rng(3).standard_normal((2, there.size))
+    row[:, there[200:210]] = np.nan
+    floor = noise_floor(row, _data(of, row))
+    assert floor.per_drive == pytest.approx([NOISE, NOISE], rel=0.06)
+
+
+def test_the_step_is_that_of_what_is_compared():
+    of = motion()
+    step = 0.02
+    seen = np.round(of.position / step) * step
+    data = replace(_data(of, residual(of)), position=seen)
+    assert noise_floor(seen - of.position, data).step[0] == 0.0
+    floor = noise_floor(seen - of.position, data, quantity='position')
+    assert floor.step[0] == pytest.approx(step, rel=1e-6)
+    assert floor.per_drive[0] == pytest.approx(step / np.sqrt(12.0), rel=0.05)
+
+
 @pytest.mark.parametrize('planted', ['friction', 'spikes', 'ringing'])
 def test_an_effect_does_not_change_the_floor(planted):
     of = motion()
@@ -44,7 +69,7 @@ def test_a_coarse_step_is_part_of_the_floor():
     effort = np.round(residual(of, 0.2 * of.torque[0], noise=1e-4) / step) * step
     floor = noise_floor(effort - 0.2 * of.torque, _data(of, effort))
     assert floor.step[0] == pytest.approx(step)
-    assert floor.per_drive[0] >= step / np.sqrt(12.0)
+    assert floor.per_drive[0] == pytest.approx(step / np.sqrt(12.0), rel=0.05)
 
 
 def test_two_recordings_tell_the_floor_better_than_one():

@@ -60,7 +60,8 @@ def test_what_stands_behind_a_comment_can_be_taken_in(kind, tmp_path, monkeypatc
 
 
 def test_the_table_knows_what_the_models_know():
-    drives = [*KINDS['tripod'].by_path, *KINDS['linear_axis'].by_path]
+    kinds = (KINDS[name] for name in ('tripod', 'linear_axis', 'servo'))
+    drives = [path for kind in kinds for path in kind.by_path]
     assert {path[1] for path in drives if path[0] == 'parameters'} == set(SLOTS)
     belt = {path: key for path, key in KINDS['belt_drive'].by_path.items() if path[1:]}
     assert {p[1] for p in belt if p[0] == 'parameters'} == set(CONSTANTS)

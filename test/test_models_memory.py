@@ -83,7 +83,7 @@ def twice_on_each_hook():
         for k in range(torque.size):
             drive = DriveState(
                 zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, spread(1e-3), zero,
-                zero,
+                zero, zero,
             )  # fmt: skip
             value = spread(torque[k])
             store(out, k * WIDTH, hooks.command_hook(value, drive, on, par, 0, mem, 0))

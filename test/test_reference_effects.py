@@ -91,7 +91,9 @@ def test_effect_vanishes_with_its_size(name, motion, plain):
 
 @pytest.mark.parametrize('form', ['same', 'other'])
 def test_what_a_tripod_has_no_place_for_shows_on_an_axis(form):
-    assert CATALOGUE - set(ON_A_TRIPOD) == {'gear_flexibility'}
+    fed = {name for name, kind in kinds().items() if kind.needs == 'supply'}
+    assert len(fed) == 3
+    assert CATALOGUE - set(ON_A_TRIPOD) == {'gear_flexibility'} | fed
     motion = draw_motion('reversals', AXIS, 2.0, 1)
     drives = AXIS.drives
     plain = simulate_axis(AXIS, AXIS_TRUTH, motion.position, motion.velocity)

@@ -161,6 +161,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.identify.result import Outcome
     from ros2_ident.identify.run import identify, read_data
     from ros2_ident.identify.setup import problem_of
+    from ros2_ident.models.registry import compared_of
     from ros2_ident.report.files import CHECKPOINT, write_result
     from ros2_ident.report.overlay import OVERLAY, require_place, verdict_of, write_overlay
 
@@ -168,7 +169,7 @@ def run(args: argparse.Namespace) -> int:
     settings, conditions, outputs = settings_of(args), conditions_of(args), outputs_of(args)
     machine = machine_of(args)
     read: dict[str, Any] = {} if args.samples is None else {'samples': args.samples}
-    read['quantities'] = tuple(checked(outputs))
+    read['quantities'] = tuple(checked(outputs, compared_of(machine)))
     data = read_data(args.bag, machine, args.drives, topics=topics_of(args), **read)
     if settings.method == 'algebraic':
         data = data.without_command()

@@ -26,6 +26,7 @@ class Context:
         lifted: Whether gravity acts along the drives.
         integral: Whether a controller has an integral part.
         features: What the structure has, such as `platform`.
+        effort: Whether logged efforts are compared.
     """
 
     drives: int = 1
@@ -35,6 +36,7 @@ class Context:
     lifted: bool = False
     integral: bool = False
     features: frozenset[str] = frozenset()
+    effort: bool = True
 
 
 def anywhere(context: Context) -> bool:
@@ -55,6 +57,11 @@ def elastic_gear(context: Context) -> bool:
 def platform(context: Context) -> bool:
     """Need rods and a platform."""
     return 'platform' in context.features
+
+
+def motor_torque(context: Context) -> bool:
+    """Need motors whose torque is simulated apart from the load's."""
+    return 'motor_torque' in context.features
 
 
 class Hook(enum.Enum):
@@ -96,6 +103,7 @@ class DriveState(NamedTuple):
             FRICTION is asked, the cycle.
         travel: Way gone since SIGN effects with a memory wrote theirs [m].
         memory: What the effect's own `Effect.keeps` returned last; 0 where it has none.
+        torque: Torque the motor makes [N m], but for effects of TORQUE.
     """
 
     position: Any
@@ -111,6 +119,7 @@ class DriveState(NamedTuple):
     elapsed: Any
     travel: Any
     memory: Any
+    torque: Any
 
 
 @dataclass(frozen=True)
@@ -121,8 +130,9 @@ class EffectParameter:
         name: Short name, unique within the effect.
         unit: SI unit as text; one that begins with `effort` (N m or N, whichever the machine logs)
             has numbers as shares of the size of the drive's logged effort (what one sample in a
-            thousand exceeds), and `1/W` as shares of the inverse of its power at 1 m/s. Of a joint
-            that turns, m means 20 rad, see `machine.lever`.
+            thousand exceeds), `1/(effort)` as shares of its inverse, and `1/W` as shares of the
+            inverse of its power at 1 m/s. Of a joint that turns, m means 20 rad, see
+            `machine.lever`.
         low: Lower bound of the search, physical sign included.
         high: Upper bound of the search.
         neutral: Value at which the effect vanishes, or that means nothing while another parameter
@@ -204,7 +214,10 @@ class Effect:
         """Whether a machine can have the effect.
 
         It has what the effect needs, and does not identify all the sizes anyway: a parameter of
-        the machine file is no deviation from it.
+        the machine file is no deviation from it. What sits in the measurement of an effort does
+        not show where none is compared.
         """
+        if self.group == 'measurement' and not context.effort:
+            return False
         sizes = {p.target for p in self.parameters if p.role == 'size'}
         return not sizes <= context.identified and self.needs(context)

@@ -14,8 +14,8 @@ from ros2_ident.identify.layout import Conditions, Layout
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models import complete, EffectAt, FullModel, make_model, Model
-from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.models.recorded import RecordedMotion
+from ros2_ident.models.registry import efforts_of
 from ros2_ident.recording import Dataset
 
 Array = npt.NDArray[np.float64]
@@ -67,7 +67,7 @@ def recordings_of(
     Raises:
         IdentError: As `make_model`.
     """
-    efforts = effort_range(machine, [*data, *beside])
+    efforts = efforts_of(machine, [*data, *beside])
     models = (
         make_model(machine, d, drives=drives, fixed=fixed, efforts=efforts) for d in data
     )

@@ -39,8 +39,10 @@ class Motion:
         jerk: (D, K), per second cubed.
         torque: (D, K) simulated effort, N m or N.
         load: (D, K) what of it goes through the transmission: without friction and motor inertia.
-        unit: Unit of the effort.
+        unit: Unit of the output compared, and so of the gap.
         travel: Unit of the position.
+        effort_unit: Unit of `torque` and `load`.
+        output: (D, K) simulated output; the effort, unless something else is compared.
         tracking: (D, K) set-point less measured position, NaN at cycles without a sample; None
             where one of them was not recorded.
     """
@@ -55,7 +57,9 @@ class Motion:
     torque: Array
     load: Array
     unit: str
-    travel: str = 'm'
+    travel: str
+    effort_unit: str
+    output: Array
     tracking: Array | None = None
 
 
@@ -95,7 +99,9 @@ def motion_of(model: FullModel, theta: Array) -> Motion:
     data = model.data
     rows = [data.names.index(name) for name in model.places]
     source = data.position if data.position is not None else data.command_position
-    torque = model.simulate(np.atleast_2d(theta))[0]
+    output = model.simulate(np.atleast_2d(theta))[0]
+    same = model.outputs[0].quantity == 'effort'
+    torque = output if same else model.simulated_effort(theta)
     turn = np.array([model.motor_turn(place) for place in model.places])
     travel = model.machine.travel_unit if model.machine is not None else ''
     if source is None:
@@ -103,7 +109,7 @@ def motion_of(model: FullModel, theta: Array) -> Motion:
         still = np.zeros_like(torque)
         return Motion(
             model.places, data.cycle, turn, still, still, still, still, torque, torque,
-            model.unit, travel,
+            model.unit, travel, model.effort_unit, output,
         )  # fmt: skip
     cutoff = min(allowed_cutoff(source[rows], data.cycle, SEEN), 0.1 / data.cycle)
     position, velocity, acceleration = smooth_motion(source[rows], data.cycle, cutoff)
@@ -122,7 +128,7 @@ def motion_of(model: FullModel, theta: Array) -> Motion:
     return Motion(
         model.places, data.cycle, turn, position,
         velocity, acceleration, np.gradient(acceleration, data.cycle, axis=1), torque, load,
-        model.unit, travel, following_error(model),
+        model.unit, travel, model.effort_unit, output, following_error(model),
     )  # fmt: skip
 
 
@@ -198,7 +204,7 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
     phase = phases(motion.velocity[d], motion.acceleration[d])[at]
     way = since_reversal(motion.position[d], motion.velocity[d])[at]
     speed: Array = np.abs(velocity)
-    unit, travel = motion.unit, motion.travel
+    effort, travel = motion.effort_unit, motion.travel
     found = [
         _named('phase', phase, heading),
         _binned('velocity', 'odd', f'{travel}/s', speed, _sign(velocity), _graded(speed)),
@@ -207,9 +213,9 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
         _binned('position', 'odd', travel, position, heading, 8),
         _binned('acceleration', '', f'{travel}/s^2', motion.acceleration[d, at], None, 10),
         _binned('jerk', '', f'{travel}/s^3', motion.jerk[d, at], None, 10),
-        _binned('load', '', unit, load, None, 8),
-        _binned('load', 'odd', unit, load, heading, 8),
-        _binned('torque', '', unit, torque, None, 8),
+        _binned('load', '', effort, load, None, 8),
+        _binned('load', 'odd', effort, load, heading, 8),
+        _binned('torque', '', effort, torque, None, 8),
         _binned('way since reversal', 'odd', travel, way, heading, _graded(way)),
         _binned('time', '', 's', at.astype(np.float64) * motion.cycle, None, 5),
         _binned('time', 'odd', 's', at.astype(np.float64) * motion.cycle, heading, 5),
@@ -267,7 +273,7 @@ def places(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coordinate
         _binned('velocity', '', f'{travel}/s', speed, None, _graded(speed)),
         _binned('position', '', travel, motion.position[d, at], None, 8),
         _binned('acceleration', '', f'{travel}/s^2', np.abs(motion.acceleration[d, at]), None, 6),
-        _binned('load', '', motion.unit, motion.load[d, at], None, 8),
+        _binned('load', '', motion.effort_unit, motion.load[d, at], None, 8),
         _binned('way since reversal', '', travel, way, None, _graded(way)),
         _binned('time', '', 's', at.astype(np.float64) * motion.cycle, None, 6),
     ]

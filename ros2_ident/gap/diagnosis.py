@@ -99,9 +99,9 @@ class Trace:
 
     Attributes:
         held_out: Whether all of it was held out from fitting.
-        motion: What the drives did; its torque is the nominal fit's simulated effort.
-        measured: (D, K) measured effort, NaN at cycles without a sample.
-        extended: (D, K) simulated effort with the effects found; the nominal fit's where there
+        motion: What the drives did; its output is the nominal fit's.
+        measured: (D, K) measured output, NaN at cycles without a sample.
+        extended: (D, K) simulated output with the effects found; the nominal fit's where there
             are none.
         fitted: (D, K) whether a sample was fitted to.
     """
@@ -114,8 +114,8 @@ class Trace:
 
     @property
     def before(self) -> Array:
-        """(D, K) measured less simulated effort of the nominal fit, NaN where not fitted to."""
-        return np.where(self.fitted, self.measured - self.motion.torque, np.nan)
+        """(D, K) measured less simulated output of the nominal fit, NaN where not fitted to."""
+        return np.where(self.fitted, self.measured - self.motion.output, np.nan)
 
     @property
     def after(self) -> Array:

@@ -28,6 +28,8 @@ Method = Literal['repeats', 'prediction', 'high frequency']
 _ORDER = 4
 # Squares beyond this many standard deviations are clipped: spikes and impacts do not count.
 _CLIP = 3.0
+# Samples apart by the usual step, give or take a cycle or this share of it, are as good as even.
+_UNEVEN = 0.34
 # Squares are averaged over stretches of this many samples, to judge their scatter.
 _STRETCH = 50
 # Stretches noisier than the quiet ones by this many standard errors hold an effect, not noise.
@@ -91,15 +93,20 @@ class Floor:
 
 
 def noise_floor(
-    residual: Array, dataset: Dataset, drives: Sequence[str] | None = None, unit: str = ''
+    residual: Array,
+    dataset: Dataset,
+    drives: Sequence[str] | None = None,
+    unit: str = '',
+    quantity: str = 'effort',
 ) -> Floor:
     """Estimate the noise floor of each drive.
 
     Args:
         residual: (D, K) measured less simulated output; NaN at cycles without a sample.
-        dataset: The recording; its command shows what repeats, its effort the step of the log.
+        dataset: The recording; its command shows what repeats, its samples the step of the log.
         drives: The D drives of the residual; all of the data set's where None.
         unit: Unit of the residual, for the sentence.
+        quantity: What of the recording it is a residual of.
 
     Returns:
         The floor with a 95 % interval.
@@ -114,8 +121,9 @@ def noise_floor(
     names = dataset.names if drives is None else tuple(drives)
     count = len(residual)
     step = np.zeros(count)
-    if dataset.effort is not None:
-        step = np.array([_step(dataset.effort[dataset.names.index(n)]) for n in names])
+    logged = getattr(dataset, quantity, None)
+    if logged is not None:
+        step = np.array([_step(logged[dataset.names.index(n)]) for n in names])
     repeats = find_repeats(dataset)
     value, low, high = (np.full(count, math.nan) for _ in range(3))
     for d, row in enumerate(residual):
@@ -139,6 +147,7 @@ def pooled_floor(
     datasets: Sequence[Dataset],
     drives: Sequence[str] | None = None,
     unit: str = '',
+    quantity: str = 'effort',
 ) -> Floor:
     """Estimate the floor on several recordings of a machine; on those that repeat where some do.
 
@@ -147,6 +156,7 @@ def pooled_floor(
         datasets: The recordings.
         drives: As for `noise_floor`.
         unit: As for `noise_floor`.
+        quantity: As for `noise_floor`.
 
     Returns:
         The mean of the logarithms, weighted by their certainty.
@@ -158,7 +168,7 @@ def pooled_floor(
     short: IdentError | None = None
     for residual, dataset in zip(residuals, datasets, strict=True):
         try:
-            found.append((noise_floor(residual, dataset, drives, unit), dataset))
+            found.append((noise_floor(residual, dataset, drives, unit, quantity), dataset))
         except IdentError as exc:
             short = exc
     if not found:
@@ -253,7 +263,7 @@ def _high_frequency(row: Array, name: str) -> tuple[float, float, float]:
     if fourth.size < 2 * _STRETCH:
         raise IdentError(
             ErrorCode.NO_DATA,
-            f'{name}: {there.size} effort samples are too few or too irregular to tell noise from '
+            f'{name}: {there.size} samples are too few or too irregular to tell noise from '
             'motion; record a longer motion at an even rate',
         )
     gain = float(math.comb(2 * _ORDER, _ORDER))
@@ -261,10 +271,22 @@ def _high_frequency(row: Array, name: str) -> tuple[float, float, float]:
 
 
 def _differences(row: Array, stride: int, order: int) -> Array:
-    """Return the differences of samples `stride` cycles apart, only where none is missing."""
-    phase = int(np.flatnonzero(np.isfinite(row))[0]) % stride
-    out: Array = np.diff(row[phase::stride], order)
-    return out[np.isfinite(out)]
+    """Return the differences of samples `stride` cycles apart, only where none is missing.
+
+    Where hardly any keep to that, as in a log by a clock of its own, those of neighbours that are
+    apart by about as much.
+    """
+    there = np.flatnonzero(np.isfinite(row))
+    out: Array = np.diff(row[int(there[0]) % stride :: stride], order)
+    out = out[np.isfinite(out)]
+    if out.size >= 2 * _STRETCH:
+        return out
+    if there.size <= order:
+        return out
+    near = np.abs(np.diff(there) - stride) <= max(1.0, _UNEVEN * stride)
+    whole = np.lib.stride_tricks.sliding_window_view(near, order).all(axis=1)
+    uneven: Array = np.diff(row[there], order)[whole]
+    return uneven if uneven.size > out.size else out
 
 
 def _robust(squares: Array) -> tuple[float, float, float]:

@@ -57,10 +57,11 @@ def check_step(model: FullModel, theta: Array, floor: Floor | None = None) -> li
         [model.noise] * len(error) if floor is None else floor.per_drive
     )
     found = []
+    what = model.outputs[0].quantity
     for drive, off, under in zip(model.places, error, noise, strict=True):
         share = float(off / under) if under > 0.0 else math.inf
         level: Level = 'ok' if share <= STEP_ERROR else 'warn' if share <= 0.5 else 'fail'
-        text = f'{drive}: half the integration step changes the effort by {share:.2g} of the noise'
+        text = f'{drive}: half the integration step changes the {what} by {share:.2g} of the noise'
         if level != 'ok':
             text += '; the step is too long to tell physics from numerics, raise substeps'
         found.append(Gate('step', drive, level, share, '1', text))

@@ -149,10 +149,11 @@ def _along(motion: Motion, drive: int, name: str) -> tuple[Array, str]:
         'position': (motion.position[d], f'position [{travel}]'),
         'acceleration': (motion.acceleration[d], f'acceleration [{travel}/s²]'),
         'jerk': (motion.jerk[d], f'jerk [{travel}/s³]'),
-        'load': (motion.load[d], f'transmitted load [{motion.unit}]'),
-        'torque': (motion.torque[d], f'simulated effort [{motion.unit}]'),
+        'load': (motion.load[d], f'transmitted load [{motion.effort_unit}]'),
+        'torque': (motion.torque[d], f'simulated effort [{motion.effort_unit}]'),
         'torque rate': (
-            np.gradient(motion.torque[d], motion.cycle), f'rate of the effort [{motion.unit}/s]'
+            np.gradient(motion.torque[d], motion.cycle),
+            f'rate of the effort [{motion.effort_unit}/s]',
         ),
         'way since reversal': (1e3 * way, f'way since the last reversal [m{travel}]'),
         'motor angle': (turn, 'motor angle [turns]'),

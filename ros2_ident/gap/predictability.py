@@ -142,6 +142,7 @@ def _side_by_side(motions: Sequence[Motion]) -> Motion:
         jerk=np.hstack([m.jerk for m in motions]),
         torque=np.hstack([m.torque for m in motions]),
         load=np.hstack([m.load for m in motions]),
+        output=np.hstack([m.output for m in motions]),
     )
 
 
@@ -155,7 +156,9 @@ def _repeated(joint: Joint, theta: Array) -> Floor | None:
     if not data:
         return None
     try:
-        return pooled_floor(residuals, data, joint.models[0].places, joint.models[0].unit)
+        first = joint.models[0]
+        quantity = first.outputs[0].quantity
+        return pooled_floor(residuals, data, first.places, first.unit, quantity)
     except IdentError:
         return None
 

@@ -10,7 +10,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.result import Quality
 from ros2_ident.models import Machine
-from ros2_ident.models.registry import kind_from_bag, kind_of
+from ros2_ident.models.registry import compared_of, kind_from_bag, kind_of
 from ros2_ident.recording import (
     align,
     choose_windows,
@@ -119,7 +119,7 @@ def read_data(
     *,
     topics: Topics | None = None,
     samples: int = SAMPLES,
-    quantities: Sequence[str] = ('effort',),
+    quantities: Sequence[str] | None = None,
 ) -> Data:
     """Read bags into what `identify` takes.
 
@@ -148,7 +148,7 @@ def gather(
     drives: Sequence[str] | None = None,
     *,
     samples: int = SAMPLES,
-    quantities: Sequence[str] = ('effort',),
+    quantities: Sequence[str] | None = None,
 ) -> Data:
     """Bring recordings onto the controller's grid; unusable ones are left out with a warning.
 
@@ -159,7 +159,7 @@ def gather(
         samples: Effort samples to fit on, all drives together; of a longer log the windows are
             taken that tell most (see `recording.windows`), and others are held out.
         quantities: What will be compared, so has to be in the log: of `effort`, `position` and
-            `velocity`.
+            `velocity`; what the kind of machine compares where None.
 
     Returns:
         The segments that can be used.
@@ -169,6 +169,7 @@ def gather(
     """
     kind_from_bag(machine)
     chosen = chosen_drives(machine, drives)
+    quantities = quantities or compared_of(machine)
     cycle = machine.number('cycle')
     if not recordings:
         raise IdentError(
@@ -214,7 +215,8 @@ def gather(
             _settled(dataset, machine, place, warnings) if windows is None else _forgotten(dataset)
         )
         kept.append((settled, recording, label))
-        warnings += _unsigned(settled, chosen)
+        if 'effort' in quantities:
+            warnings += _unsigned(settled, chosen)
     if not kept:
         assert first is not None
         raise first
@@ -284,10 +286,17 @@ def _aligned(
     """Align all drives of the machine; only the chosen ones need what is compared."""
     everyone = chosen == machine.drives
     need = tuple(quantities) if everyone else ()
-    dataset = align(recording, machine.drives, cycle, need=need, effort_scale=machine.effort_scale)
+    dataset = align(
+        recording,
+        machine.drives,
+        cycle,
+        need=need,
+        effort_scale=machine.effort_scale,
+        released=kind_of(machine).released,
+    )
     if not everyone and 'effort' in quantities:
         _check_efforts(recording, dataset, chosen)
-    _check_motion(recording, dataset, chosen)
+    _check_motion(recording, dataset, chosen if 'effort' in quantities else ())
     return dataset
 
 
@@ -308,7 +317,7 @@ def _check_efforts(recording: Recording, dataset: Dataset, chosen: tuple[str, ..
 
 
 def _check_motion(recording: Recording, dataset: Dataset, chosen: tuple[str, ...]) -> None:
-    """Refuse what would cost minutes and tell nothing."""
+    """Refuse what would cost minutes and tell nothing; the effort of `chosen` drives counts."""
     where = recording.source or 'recording'
     for name in chosen if dataset.effort is not None else ():
         assert dataset.effort is not None

@@ -24,13 +24,13 @@ _GAIN = math.sqrt(math.comb(2 * _ORDER, _ORDER))
 _MEDIAN = 0.6744897501960817
 
 
-def checked(outputs: Outputs | None) -> Outputs:
-    """Return what is compared, in the order of `QUANTITIES`; the effort where None.
+def checked(outputs: Outputs | None, otherwise: Sequence[str] = tuple(EFFORT)) -> Outputs:
+    """Return what is compared, in the order of `QUANTITIES`; `otherwise` where None.
 
     Raises:
         IdentError: INVALID_GOAL naming what is wrong.
     """
-    given = dict(outputs) if outputs else dict(EFFORT)
+    given = dict(outputs) if outputs else dict.fromkeys(otherwise)
     for quantity, weight in given.items():
         if quantity not in QUANTITIES:
             raise IdentError(

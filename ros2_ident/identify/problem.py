@@ -271,7 +271,7 @@ class Problem:
                 float(np.sqrt(square[o] / max(1, count[o]))),
                 float(np.sqrt(square[o] / whole[o])) if whole[o] > 0.0 else float('nan'),
                 int(count[o]),
-                '' if output.quantity == outputs[0].quantity else output.unit,
+                '' if output.quantity == outputs[0].quantity == 'effort' else output.unit,
             )
             for o, output in enumerate(outputs)
         )

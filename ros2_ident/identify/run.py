@@ -22,6 +22,7 @@ from ros2_ident.identify.settings import IdentifyProgress as IdentifyProgress
 from ros2_ident.identify.settings import IdentifySettings, OnProgress
 from ros2_ident.identify.setup import problem_of, problem_of_models
 from ros2_ident.models import EffectAt, Machine, Model
+from ros2_ident.models.registry import compared_of
 from ros2_ident.recording import Dataset, Recording
 from ros2_ident.search import algebraic
 from ros2_ident.search.evaluators import Cancel, Threads, Workers
@@ -98,7 +99,8 @@ def identify(
             ErrorCode.INVALID_GOAL, 'there is nothing to identify; give machine and data, or model'
         )
     else:
-        given = _as_data(machine, data, drives, tuple(checked(outputs)))
+        compared = tuple(checked(outputs, compared_of(machine)))
+        given = _as_data(machine, data, drives, compared)
         problem = problem_of(
             machine,
             given.without_command() if settings.method == 'algebraic' else given,

@@ -15,7 +15,7 @@ from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import complete, EffectAt, make_model, Model
 from ros2_ident.models.drives.candidates import SLOTS
-from ros2_ident.models.drives.effort_range import effort_range
+from ros2_ident.models.registry import compared_of, efforts_of
 
 T = TypeVar('T')
 
@@ -56,7 +56,7 @@ class Setup:
         drives = chosen_drives(machine, self.drives)
         _check_names(machine, self.data, 'effort' in self.outputs)
         weights = self._weights()
-        efforts = effort_range(machine, datasets)
+        efforts = efforts_of(machine, datasets)
         free = make_model(
             machine,
             datasets[0],
@@ -132,7 +132,7 @@ def problem_of(
     """
     differ = conditions or Conditions()
     differ.check(data.labels)
-    compared = checked(outputs)
+    compared = checked(outputs, compared_of(machine))
     return Setup(
         machine, data, drives, fixed, bounds, effects, cutoff, differ, compared
     ).problem()

@@ -27,11 +27,12 @@ from ros2_ident.lanes import (
     tanh,
     where,
     WIDTH,
+    with_sign,
 )
 
 W = WIDTH
 CLOSED_LOOP, PRESCRIBED = 0, 1
-VELOCITY_FROM_STATE, VELOCITY_FROM_POSITIONS = 0, 1
+VELOCITY_FROM_STATE, VELOCITY_FROM_POSITIONS, POSITION = range(3)
 # A motor this many regularisations fast does not feel how steep friction is at standstill.
 FAST = 8.0
 # Rounds to where a motor stands at rest: a wavering gear leaves a tenth of the error each.
@@ -45,6 +46,7 @@ STANDING = 6
     LAST_READ,
     LAST_BUT_ONE,
     LIGHTNESS,
+    BRAKING,
 ) = range(len(MEMORY_ROWS))
 assert MEMORY_ROWS == (
     'integral',
@@ -54,6 +56,19 @@ assert MEMORY_ROWS == (
     'last_read',
     'last_but_one',
     'lightness',
+    'braking',
+)
+
+DRIVE_GAIN, BACK_EMF, LOAD_MOMENT, LOAD_ANGLE, LOG_DUTY, LOG_SPEED = (
+    DRIVE_ROWS.index(name)
+    for name in (
+        'drive_gain',
+        'back_emf',
+        'load_moment',
+        'load_angle',
+        'log_duty',
+        'log_speed',
+    )
 )
 
 SIGN_MASK = mask_of(Hook.SIGN)
@@ -145,6 +160,7 @@ def drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed):
         elapsed,
         z - load(mem, (own + ANCHOR) * W),
         spread(0.0),
+        load(mem, (own + COMMANDED) * W) - load(mem, (own + BRAKING) * W) * v,
     )
 
 
@@ -173,12 +189,17 @@ def gear_force(par, first, mem, own, on, z, v, s, w, time):
 
 
 @inlined
-def stand(par, first, mem, own, on, s, hold):
-    """Return where a motor rests [m] whose gear carries `hold` [N] with its carriage at s."""
+def stand(par, first, mem, own, on, s, hold, far):
+    """Return where a motor rests [m] whose gear carries `hold` [N] with its carriage at s.
+
+    Looked for from `far` [m] ahead of the load: beyond a gap that is wide beside the gear's
+    wind-up and, from nearby, would be crossed by no more than that in a round.
+    """
     c = load(par, (first + STIFFNESS) * W)
     z = s + hold / c
     if on is not None and on & (DEFLECTION_MASK | STIFFNESS_MASK):
         zero = spread(0.0)
+        z = z + with_sign(spread(far), hold)
         for _ in range(STANDING):
             state = drive_state(par, first, mem, own, z, zero, s, zero, zero, zero, zero)
             stiffness = hooks.stiffness_hook(c, state, on, par, first, mem, own)
@@ -295,6 +316,8 @@ def control(
 ):  # fmt: skip
     """Run cycle `k` of drive `d`'s controller; return the torque it logs, keep what it asks.
 
+    Under the law POSITION that is a share of the supply voltage.
+
     `command` (2 * drives * count,) holds the set-points of all drives, then their rates.
     """
     delay = load(par, (first + COMMAND_DELAY) * W)
@@ -316,10 +339,14 @@ def control(
         store(mem, (own + LAST_READ) * W, read)
     # Not fused: which of the two products the compiler would fuse is its own choice.
     wanted = product(load(par, (first + KP) * W), zc - read)
-    error = wanted + load(par, (first + FEEDFORWARD) * W) * vc - rate
-    integral = load(mem, (own + INTEGRAL) * W) + load(par, (first + KI) * W) * cycle * error
-    store(mem, (own + INTEGRAL) * W, integral)
-    torque = load(par, (first + KV) * W) * error + integral
+    if law == POSITION:
+        ahead = load(par, (first + FEEDFORWARD) * W) * vc - rate
+        torque = wanted + load(par, (first + KV) * W) * ahead
+    else:
+        error = wanted + load(par, (first + FEEDFORWARD) * W) * vc - rate
+        integral = load(mem, (own + INTEGRAL) * W) + load(par, (first + KI) * W) * cycle * error
+        store(mem, (own + INTEGRAL) * W, integral)
+        torque = load(par, (first + KV) * W) * error + integral
     limit = load(par, (first + LIMIT) * W)
     torque = clip(torque, -limit, limit)
     asked = torque

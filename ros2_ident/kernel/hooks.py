@@ -54,6 +54,7 @@ def _remembering(drive, memory):
         drive.elapsed,
         drive.travel,
         memory,
+        drive.torque,
     )
 
 

@@ -62,6 +62,20 @@ DRIVE_ROWS = (
     'load_share',  # 1, of the moved mass, behind a flexible gear where the model is rigid
     'load_frequency',  # Hz, of motor and load against each other
     'load_damping',  # 1
+    # Of a servo, whose controller asks for a share of its supply.
+    'torque_constant',  # N m/A, and V s/rad
+    'resistance',  # Ohm
+    'supply_voltage',  # V
+    'load_mass',  # kg, at the end of the arm
+    'load_length',  # m, of the arm
+    'arm_mass',  # kg, spread evenly over it
+    'load_inertia',  # kg m^2, that gravity does not turn
+    'load_angle',  # rad, where the arm hangs
+    'drive_gain',  # N m, derived as what follows: torque at the full supply, standing
+    'back_emf',  # N m s/rad, by which it falls
+    'load_moment',  # N m, of the arm held level
+    'log_duty',  # what the log holds for the full supply, in its unit
+    'log_speed',  # by which that falls, per rad/s
     'log_smoothing',  # s, no kernel's: whoever has the whole log
 )
 NEUTRAL = {
@@ -81,6 +95,7 @@ MEMORY_ROWS = (
     'last_read',  # m
     'last_but_one',  # m
     'lightness',  # 1/kg, one over the moved mass
+    'braking',  # N m s/rad, of a servo's back-EMF while it is on
 )
 KEEPING_EFFECTS = tuple(e for e in KERNEL_EFFECTS if e.keeps is not None)
 MEMORY_COUNT = len(MEMORY_ROWS) + len(KEEPING_EFFECTS)

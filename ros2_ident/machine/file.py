@@ -186,7 +186,9 @@ def _machine(data: Mapping[str, Any], kind: Kind, digest: str, folder: Path) -> 
         own_bounds=own,
         given=frozenset(key.name for key in stated),
         effort_unit=unit,
-        effort_scale=effort_factor(unit, data.get('torque_constant'), data.get('rated_torque')),
+        effort_scale=1.0
+        if unit in kind.logs
+        else effort_factor(unit, data.get('torque_constant'), data.get('rated_torque')),
         effort_noise=float(data.get('effort_noise', 0.01)),
         digest=digest,
         travel=kind.travel,

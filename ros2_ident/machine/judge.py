@@ -61,7 +61,7 @@ def judge(data: Any, kinds: Mapping[str, Kind], folder: Path) -> Iterator[Remark
             yield from _value(draft, draft.keys[path], value)
             yield from _file(draft.keys[path], value, folder)
     yield from _missing(draft)
-    yield from _effort(draft)
+    yield from _effort(draft, kind)
     yield from kind.judge(draft)
 
 
@@ -121,7 +121,9 @@ def _missing(draft: Draft) -> Iterator[Remark]:
         )
 
 
-def _effort(draft: Draft) -> Iterator[Remark]:
+def _effort(draft: Draft, kind: Kind) -> Iterator[Remark]:
+    if draft.effort_unit in kind.logs:
+        return
     try:
         effort_factor(
             draft.effort_unit,

@@ -53,6 +53,12 @@ class Kind:
         check_motion: Returns what in a machine file contradicts recorded positions (D, K), NaN
             where there is no sample.
         travel: Unit of its drives' positions, `m` or `rad`; where empty, `moving_mass` says it.
+        compares: Quantities that are compared where nobody says which.
+        logs: Units of a logged effort that its model simulates as they are, beside those of
+            `units.effort_factor`.
+        released: Whether its motors are switched off where no set-point comes any more.
+        efforts: Returns the (D,) size of the drives' efforts, of which bounds of effects are
+            shares; None where the log says it.
         scene: Returns what to draw at positions (D, F) of its drives, None where they cannot be.
         coupled: Whether its model knows how drives load each other; where not, a log in which they
             do is found to be another machine's.
@@ -72,6 +78,10 @@ class Kind:
     starts_in_motion: bool = False
     check_motion: Callable[[Machine, Array], Iterable[Remark]] | None = None
     travel: str = ''
+    compares: tuple[str, ...] = ('effort',)
+    logs: tuple[str, ...] = ()
+    released: bool = False
+    efforts: Callable[[Machine], Array] | None = None
     scene: Callable[[Machine, Array], Figure | None] | None = None
     coupled: bool = True
 

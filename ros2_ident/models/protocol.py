@@ -158,6 +158,11 @@ class FullModel(ABC):
         """Unit of costs: that of the first output."""
         return self.outputs[0].unit
 
+    @property
+    def effort_unit(self) -> str:
+        """Unit of `simulated_effort`."""
+        return self.unit
+
     # ------------------------------------------------------------------ numbers of a fit
 
     def simulate_at(self, theta: Array, there: Mask) -> Array:
@@ -229,6 +234,11 @@ class FullModel(ABC):
             there: (O, K) where it is wanted.
         """
         raise NotImplementedError(f'a {self.name} has no controllers that could be replayed')
+
+    def simulated_effort(self, theta: Array) -> Array:
+        """Return (O, K) the effort behind each output, for one candidate (N,)."""
+        out: Array = self.simulate(np.atleast_2d(theta))[0]
+        return out
 
     def effort_delay(self, theta: Array) -> Array:
         """Return (O,) how late each output is logged [s], for one candidate (N,)."""

@@ -157,6 +157,19 @@ def kind_from_bag(machine: Machine) -> Kind:
     return kind
 
 
+def compared_of(machine: Machine) -> tuple[str, ...]:
+    """Return the quantities of a machine that are compared where nobody says which."""
+    return kind_of(machine).compares
+
+
+def efforts_of(machine: Machine, data: 'Sequence[Dataset]') -> 'Array':
+    """Return (D,) the size of the drives' efforts, see `drives.effort_range`."""
+    from ros2_ident.models.drives.effort_range import effort_range
+
+    stated = kind_of(machine).efforts
+    return effort_range(machine, data) if stated is None else stated(machine)
+
+
 def make_model(
     machine: Machine,
     data: 'Dataset',
@@ -166,20 +179,24 @@ def make_model(
     fixed: Mapping[str, float] | None = None,
     cutoff: float = 100.0,
     efforts: 'Array | None' = None,
-    quantities: Sequence[str] = ('effort',),
+    quantities: Sequence[str] | None = None,
     weights: Sequence[float] | None = None,
 ) -> 'DriveModel':
     """Return the model of a machine on a recording; the arguments are `DriveModel`'s.
+
+    What is compared is what its kind compares, where nobody says.
 
     Raises:
         IdentError: UNKNOWN_MODEL where the machine's kind has no drives to simulate, or as the
         kind's model.
     """
     # What not every model can do is asked for only where it is wanted.
+    kind = kind_from_bag(machine)
     wanted: dict[str, Any] = {'efforts': efforts, 'weights': weights}
-    if tuple(quantities) != ('effort',):
-        wanted['quantities'] = quantities
-    model: DriveModel = kind_from_bag(machine).model(
+    compared = tuple(quantities or kind.compares)
+    if compared != ('effort',):
+        wanted['quantities'] = compared
+    model: DriveModel = kind.model(
         machine,
         data,
         drives=drives,

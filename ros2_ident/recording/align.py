@@ -20,6 +20,8 @@ from ros2_ident.recording.streams import (
 
 # A hole in the command up to so many of its samples, or so many seconds, is bridged.
 _BRIDGED_SAMPLES, _BRIDGED_SECONDS = 10, 0.05
+# A command of fewer samples need not have stopped where its last one came.
+_STREAMED = 50
 # Joints beside the drives that are kept.
 _STRANGERS = 12
 # Arrays of drives and cycles that a data set holds, twice while they are made.
@@ -34,6 +36,7 @@ def align(
     need: Collection[str] = ('effort',),
     effort_scale: float = 1.0,
     limits: Limits | None = None,
+    released: bool = False,
 ) -> Dataset:
     """Put a recording on the grid of controller cycles.
 
@@ -45,6 +48,8 @@ def align(
             `command`.
         effort_scale: Factor from the logged effort to N m or N (a torque constant, say).
         limits: How much memory the grid may take; the default where None.
+        released: Whether a stream of set-points that stops before the state does means that the
+            motors were switched off.
 
     Returns:
         The data set. Its grid covers the command where there is one, else the state; where the
@@ -64,6 +69,9 @@ def align(
     placed = place(recording, names, cycle, warnings)
     where = recording.source or 'recording'
     start, cycles = _span(where, placed, cycle, warnings)
+    off = None
+    if released:
+        off, cycles = _released(placed, start, cycles, cycle, warnings)
     _check_memory(where, cycles, len(names), limits or Limits())
     command = placed.get('command')
     position = velocity = None
@@ -88,6 +96,7 @@ def align(
         measured['effort'],
         quality,
         _beside(recording, names, begin, cycles, cycle),
+        off,
     )
 
 
@@ -160,6 +169,34 @@ def _span(
             'several seconds',
         )
     return first, last - first + 1
+
+
+def _released(
+    placed: dict[str, Placed], start: int, cycles: int, cycle: float, warnings: list[str]
+) -> tuple[int | None, int]:
+    """Return the cycle from which on motors are off, None for none, and the cycles up to then.
+
+    The grid goes on to the end of the state where the command is a stream that stops for good.
+    """
+    if 'command' not in placed or 'state' not in placed:
+        return None, cycles
+    command, state = placed['command'].tick, placed['state'].tick
+    last = int(command[-1]) - start
+    end = int(state[-1]) - start + 1
+    if command.size < _STREAMED or last >= cycles:
+        return None, cycles
+    typical = float(np.median(np.diff(command)))
+    if end - last <= max(_BRIDGED_SAMPLES * typical, _BRIDGED_SECONDS / cycle):
+        return None, cycles
+    outside = [w for w in warnings if w.startswith('state: ') and 'outside the command' in w]
+    for warning in outside:
+        warnings.remove(warning)
+    warnings.append(
+        f'command: stops {(end - last) * cycle:.3g} s before the state; the motors are taken as '
+        'switched off from there on'
+    )
+    # Who commands and reads in one loop has stopped commanding by the next reading.
+    return int(state[state > command[-1]][0]) - start, end
 
 
 def _longest_stretch(command: Placed, cycle: float, warnings: list[str]) -> tuple[int, int]:

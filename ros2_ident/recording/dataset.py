@@ -72,6 +72,7 @@ class Dataset:
         effort: Likewise, in the unit of the recording given (N m or N after conversion).
         quality: How the streams arrived.
         beside: Positions (K,) of the recording's other joints, by name, at every cycle.
+        released: Cycle from which on the motors are switched off; None where they never are.
     """
 
     names: tuple[str, ...]
@@ -84,6 +85,7 @@ class Dataset:
     effort: FloatArray | None
     quality: AlignQuality = field(default_factory=AlignQuality)
     beside: Mapping[str, FloatArray] = field(default_factory=dict)
+    released: int | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""

@@ -45,13 +45,18 @@ class MachineFacts(Protocol):
         """
 
 
-def check(recordings: Sequence[Recording], machine: MachineFacts | None = None) -> Report:
+def check(
+    recordings: Sequence[Recording],
+    machine: MachineFacts | None = None,
+    need: Sequence[str] = ('effort',),
+) -> Report:
     """Judge recordings: streams, excitation, plausibility of the effort.
 
     Args:
         recordings: What a bag holds, in the order of the log.
         machine: The machine they are of; without it every joint of the state is looked at, in the
             log's unit.
+        need: What will be compared; where no effort is, nothing is said of it.
 
     Returns:
         The report; its findings carry sentences with the remedy.
@@ -87,12 +92,14 @@ def check(recordings: Sequence[Recording], machine: MachineFacts | None = None) 
         streams += summaries
         for summary in summaries:
             findings += _judge_stream(summary)
-        findings += _judge_recording(recording, machine)
+        findings += _judge_recording(recording, machine, need)
         found, said = _judge_drives(number, recording, machine)
         drives += found
         findings += said
         if machine is not None:
             findings += _judge_weight(found, machine)
+    if 'effort' not in need:
+        findings = [f for f in findings if not f.code.startswith('effort_')]
     return Report(recordings[0].source, tuple(streams), tuple(drives), tuple(findings))
 
 
@@ -204,7 +211,9 @@ def _judge_stream(x: StreamSummary) -> list[Finding]:
     return found
 
 
-def _judge_recording(recording: Recording, machine: MachineFacts | None) -> list[Finding]:
+def _judge_recording(
+    recording: Recording, machine: MachineFacts | None, need: Sequence[str]
+) -> list[Finding]:
     """Judge what a recording holds as a whole."""
     found: list[Finding] = []
     if recording.duration < _SHORT:
@@ -229,13 +238,12 @@ def _judge_recording(recording: Recording, machine: MachineFacts | None) -> list
         )
     if machine is None:
         return found
-    needed = ('effort',)
     try:
         data = align(
             recording,
             machine.drives,
             machine.number('cycle'),
-            need=needed,
+            need=need,
             effort_scale=machine.effort_scale,
         )
     except IdentError as exc:
@@ -246,7 +254,7 @@ def _judge_recording(recording: Recording, machine: MachineFacts | None) -> list
         for text in data.quality.warnings
         if text not in recording.warnings
     ]
-    if data.effort is not None:
+    if data.effort is not None and 'effort' in need:
         for name, row in zip(data.names, data.effort, strict=True):
             limit = machine.number('torque_limit', name)
             top = float(np.nanmax(np.abs(row))) if np.isfinite(limit) else 0.0

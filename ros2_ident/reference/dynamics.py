@@ -14,6 +14,8 @@ the kinetic energy m/6 (v_c^2 + v_c v_p + v_p^2), so the mass matrix M stays con
 coordinates.
 """
 
+import math
+
 import numpy as np
 
 from ros2_ident.reference import layout as at
@@ -93,6 +95,14 @@ def mass_and_rods(time: float, q: Array, shared: Array, drive: Array, matrix: Ar
 
 
 @compiled
+def pull_of_arm(place: float, d: Array) -> float:
+    """Return the torque with which gravity pulls a servo's arm back [N m]."""
+    if d[at.LOAD_MOMENT] == 0.0:
+        return 0.0
+    return float(d[at.LOAD_MOMENT] * math.sin(place - d[at.LOAD_ANGLE]))
+
+
+@compiled
 def derivative(
     time: float,
     x: Array,
@@ -140,14 +150,16 @@ def derivative(
         rail_place = x[count + i] - y
         rail_speed = x[m + count + i] - y_rate
         torque = rotor_torque(held[i], place, delivered, own, d)
+        if d[at.BACK_EMF] != 0.0:
+            torque -= d[at.BACK_EMF] * speed
         beside = carriage_force(
             rail_place, rail_speed, own[at.CABLE_STATE] if own.size > 0 else 0.0, d
         )
         if shared[at.RIGID] == 1.0:
             moved = d[at.MOTOR_MASS] + d[at.CARRIAGE_MASS]
-            weight = d[at.CARRIAGE_MASS] * gravity
+            weight = d[at.CARRIAGE_MASS] * gravity + pull_of_arm(place, d)
             share = d[at.LOAD_SHARE]
-            load = 0.0
+            load = weight - beside if d[at.LAW] == 2.0 else 0.0
             if share > 0.0:
                 load = load_force(place - rail_place, speed - rail_speed, d)
                 dx[m + count + i] = (load + beside) / (share * moved) - weight / moved
@@ -165,7 +177,7 @@ def derivative(
             inertia = d[at.MOTOR_MASS] * (1.0 + d[at.SPEED_INERTIA] * speed**2)
             dx[m + i] = (d[at.GEAR] * (torque - friction) - lever * load) / inertia
             weight = d[at.CARRIAGE_MASS] + shared[at.ROD_MASS] * (1.0 - shared[at.ROD_CENTRE])
-            side[i] = load + beside - weight * gravity
+            side[i] = load + beside - weight * gravity - pull_of_arm(rail_place, d)
             frame_load += load + beside
         if own.size > 0:
             internal_rates(

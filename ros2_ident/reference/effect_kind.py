@@ -76,7 +76,8 @@ class Kind:
         write: Writes it into a plant: plant, drive's index, values, whether the other form, seed.
         place: `drive` where each drive can have it, `all` where the machine has one.
         needs: What the machine has to have: `gear`, `rigid` (no gear that gives, and no weight),
-            `platform`, `integral`, `drives` (more than one), or nothing.
+            `platform`, `integral`, `drives` (more than one), `supply` (motors fed with a
+            voltage), or nothing.
     """
 
     name: str

@@ -47,6 +47,28 @@ def load(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
     set_columns(plant, i, {at.LOAD_FRICTION: values['share'], at.LOAD_FRICTION_FORM: float(other)})
 
 
+def press(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
+    """Write friction of a gear that motor and load press."""
+    columns = {
+        at.PRESS_MOTOR: values['motor'],
+        at.PRESS_LOAD: values['load'],
+        at.PRESS_SPEED: values.get('speed', 0.0),
+        at.PRESS_FORM: float(other),
+    }
+    set_columns(plant, i, columns)
+
+
+def square(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
+    """Write friction by the square of what presses a gear."""
+    columns = {
+        at.SQUARE_MOTOR: values['motor'],
+        at.SQUARE_LOAD: values['load'],
+        at.SQUARE_SPEED: values['speed'],
+        at.SQUARE_FORM: float(other),
+    }
+    set_columns(plant, i, columns)
+
+
 def asymmetry(plant: Plant, i: int, values: Values, other: bool, seed: int) -> None:
     """Write asymmetry."""
     width = 0.03 if other else 0.0

@@ -121,6 +121,7 @@ def suits(kind: Kind, machine: Machine, parameters: Mapping[str, float]) -> bool
         'rigid': not (machine.number('gravity') or gear or platform),
         'integral': bool((machine.numbers('integral_gain') > 0.0).any()),
         'drives': len(machine.drives) > 1,
+        'supply': machine.known('supply_voltage'),
     }
     return bool(has[kind.needs])
 

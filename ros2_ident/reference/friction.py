@@ -64,6 +64,25 @@ def coulomb_sign(speed: float, sign: float, internals: Array, d: Array) -> float
 
 
 @compiled
+def fall_off(speed: float, scale: float, form: float) -> float:
+    """Return what is left of friction at a speed; all of it where `scale` is 0."""
+    if scale == 0.0:
+        return 1.0
+    ratio = (speed / scale) ** 2
+    return math.exp(-ratio) if form == 0.0 else 1.0 / (1.0 + ratio)
+
+
+@compiled
+def squared_press(torque: float, load: float, d: Array) -> float:
+    """Return the friction torque by the square of the weaker side, where both press [N m]."""
+    if torque * load <= 0.0:
+        return 0.0
+    if abs(load) < abs(torque):
+        return float(d[at.SQUARE_LOAD] * load**2)
+    return float(d[at.SQUARE_MOTOR] * torque**2)
+
+
+@compiled
 def friction_torque(
     time: float, place: float, speed: float, load: float, torque: float, internals: Array, d: Array
 ) -> float:
@@ -104,6 +123,12 @@ def friction_torque(
         if d[at.LOAD_FRICTION_FORM] == 1.0:
             loaded = 0.5 * (loaded + torque)
         friction += d[at.LOAD_FRICTION] * abs(loaded) * sign
+    if d[at.PRESS_MOTOR] != 0.0 or d[at.PRESS_LOAD] != 0.0:
+        pressed = abs(d[at.PRESS_MOTOR] * torque + d[at.PRESS_LOAD] * load / d[at.GEAR])
+        friction += pressed * fall_off(speed, d[at.PRESS_SPEED], d[at.PRESS_FORM]) * sign
+    if d[at.SQUARE_MOTOR] != 0.0 or d[at.SQUARE_LOAD] != 0.0:
+        pressed = squared_press(torque, load / d[at.GEAR], d)
+        friction += pressed * fall_off(speed, d[at.SQUARE_SPEED], d[at.SQUARE_FORM]) * sign
     if d[at.DRAG] != 0.0:
         friction += d[at.DRAG] * math.copysign(abs(speed) ** d[at.DRAG_EXPONENT], speed)
     if d[at.DEGRESSIVE_TORQUE] != 0.0:

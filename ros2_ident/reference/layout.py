@@ -21,7 +21,7 @@ zero are never read.
     RAIL_Y,  # m
     ROD_LENGTH,  # m
     # Controller as it really is.
-    LAW,  # 0 PI on velocity with feedforward, 1 P on velocity from the encoder
+    LAW,  # 0 PI on velocity with feedforward, 1 P on velocity from the encoder, 2 PD on position
     POSITION_GAIN,  # 1/s
     VELOCITY_GAIN,  # N m s/m
     INTEGRAL_GAIN,  # N m/m
@@ -108,8 +108,21 @@ zero are never read.
     CABLE_LENGTH,  # m
     BUMPER_STIFFNESS,  # N/m^2
     BUMPER_PLACE,  # m
+    # A servo, whose controller asks for a share of its supply.
+    DRIVE_GAIN,  # N m, torque at the full supply, standing
+    BACK_EMF,  # N m s/rad, by which it falls
+    LOAD_MOMENT,  # N m, of the arm held level
+    LOAD_ANGLE,  # rad, where the arm hangs
+    PRESS_MOTOR,  # 1, friction by the motor's torque
+    PRESS_LOAD,  # 1, by the load's
+    PRESS_SPEED,  # rad/s, at which that has fallen off; 0: never
+    PRESS_FORM,  # 0 Gaussian, 1 Lorentzian
+    SQUARE_MOTOR,  # 1/(N m), friction by the square of the motor's torque
+    SQUARE_LOAD,  # 1/(N m), by that of the load's
+    SQUARE_SPEED,  # rad/s
+    SQUARE_FORM,  # 0 Gaussian, 1 Lorentzian
     DRIVE_COLUMNS,
-) = range(96)
+) = range(108)
 
 # Shared by the machine.
 (
@@ -133,8 +146,9 @@ zero are never read.
     FRAME_QUADRATIC,  # N s^2/m^2
     FRAME_PRELOAD,  # N, what the drives rest on the frame at the start
     SAG,  # 1/W, supply sag
+    RELEASE,  # s, from when on servos are switched off; 0: never
     SHARED_COLUMNS,
-) = range(21)
+) = range(22)
 
 # Internal states of one drive, behind positions and velocities.
 (

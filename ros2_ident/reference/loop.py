@@ -34,6 +34,7 @@ def control(
     Law 0: e_v = k_p (z_cmd - z) + k_ff z_cmd' - z', I += k_I e_v T, M = k_v e_v + I, limited.
     Law 1: M = k_v (k_p (z_cmd - z) + k_ff z_cmd' - w), limited; w is the backward difference of
     the mean of the last two readings (EMPS: Janot, Gautier, Brunot 2019).
+    Law 2: u = k_p (q_ref - q) + k_v (k_ff q_ref' - q'), limited, a share of the supply.
 
     Args:
         position: Motor position read from the encoder [m].
@@ -45,7 +46,7 @@ def control(
         d: (DRIVE_COLUMNS,) the drive's numbers.
 
     Returns:
-        Torque [N m].
+        Torque [N m]; under law 2 the share of the supply [1].
     """
     law = d[at.LAW]
     seen = position
@@ -69,6 +70,9 @@ def control(
     if law == 1.0:
         ahead = d[at.FEEDFORWARD] * target_speed
         torque = d[at.VELOCITY_GAIN] * (d[at.POSITION_GAIN] * (target - seen) + ahead - speed)
+    elif law == 2.0:
+        ahead = d[at.FEEDFORWARD] * target_speed
+        torque = d[at.POSITION_GAIN] * (target - seen) + d[at.VELOCITY_GAIN] * (ahead - speed)
     else:
         error = d[at.POSITION_GAIN] * (target - seen) + d[at.FEEDFORWARD] * target_speed - speed
         memory[INTEGRAL] += d[at.INTEGRAL_GAIN] * error * cycle
@@ -116,7 +120,8 @@ def run(
         x: (n,) state at the start, changed in place.
         memory: (D, MEMORY) controllers' memory at the start, changed in place.
         shared: (SHARED_COLUMNS,) the machine's numbers.
-        drive: (D, DRIVE_COLUMNS) the drives' numbers.
+        drive: (D, DRIVE_COLUMNS) the drives' numbers; the braking of a servo that is switched off
+            is taken away.
         rtol: Relative tolerance of an integration step.
         atol: Absolute tolerance of an integration step.
         torque: (D, K) output: the controllers' torque [N m].
@@ -137,9 +142,11 @@ def run(
     for k in range(cycles):
         states[k] = x[: 2 * m]
         for i in range(count):
+            # The encoder of a servo sits behind its gear.
+            seen = i + count if drive[i, at.LAW] == 2.0 else i
             torque[i, k] = control(
-                x[i],
-                x[m + i],
+                x[seen],
+                x[m + seen],
                 target[i, k],
                 target_speed[i, k],
                 cycle,
@@ -147,6 +154,11 @@ def run(
                 drive[i],
             )
             held[i] = magnetised(torque[i, k], memory[i], drive[i])
+            if drive[i, at.LAW] == 2.0:
+                off = shared[at.RELEASE] > 0.0 and k * cycle >= shared[at.RELEASE] - 0.5 * cycle
+                held[i] *= drive[i, at.DRIVE_GAIN]
+                if off:
+                    held[i] = torque[i, k] = drive[i, at.BACK_EMF] = 0.0
         if k + 1 < cycles:
             step = advance(
                 k * cycle,

@@ -26,6 +26,7 @@ _CONSTANTS = {
     at.FEEDFORWARD: 'velocity_feedforward',
     at.TORQUE_LIMIT: 'torque_limit',
 }
+_LAWS = {'cascade_pi': 0.0, 'cascade_p': 1.0, 'position': 2.0}
 # Parameters that all drives can have, besides the numeric constants of the machine file.
 PARAMETERS = (
     'measurement_delay',
@@ -202,7 +203,7 @@ def read_drives(plant: Plant, machine: Machine, parameters: Mapping[str, float])
         d = plant.drive[i]
         for column, key in _CONSTANTS.items():
             d[column] = machine.number(key, name)
-        d[at.LAW] = 1.0 if machine.text('law', name) == 'cascade_p' else 0.0
+        d[at.LAW] = _LAWS[machine.text('law', name)]
         gear = d[at.GEAR]
         for column, friction in ((at.COULOMB, 'coulomb'), (at.VISCOUS, 'viscous')):
             # A torque at the motor, or a force at the carriage.

@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.reference import layout as at
 from ros2_ident.reference import loop
-from ros2_ident.reference.dynamics import mass_and_rods, project
+from ros2_ident.reference.dynamics import mass_and_rods, project, pull_of_arm
 from ros2_ident.reference.friction import rotor_torque
 from ros2_ident.reference.plant import Array, Plant
 from ros2_ident.reference.transmission import carriage_force, gear_force, spring_of_load
@@ -59,6 +59,7 @@ def static_loads(x: Array, plant: Plant) -> Array:
     gravity = shared[at.GRAVITY]
     rod = shared[at.ROD_MASS]
     load: Array = (drive[:, at.CARRIAGE_MASS] + rod * (1.0 - shared[at.ROD_CENTRE])) * gravity
+    load = load + [pull_of_arm(x[count + i], drive[i]) for i in range(count)]
     if shared[at.PLATFORM] == 1.0:
         m = 2 * count + 4
         matrix = np.zeros((m, m))
@@ -200,8 +201,12 @@ def set_moving(plant: Plant, x: Array, memory: Array, start: tuple[Array, Array]
     m = 2 * count + 4
     place, speed = (np.asarray(part, dtype=float) for part in start)
     way = speed * plant.shared[at.CYCLE]
-    x[count : 2 * count] += place - x[:count]
-    x[:count] = place
+    # Where a drive is says its encoder, which a servo has behind the gear.
+    behind = plant.drive[:, at.LAW] == 2.0
+    shift = place - np.where(behind, x[count : 2 * count], x[:count])
+    x[:count] += shift
+    x[count : 2 * count] += shift
+    x[:count][~behind] = place[~behind]
     x[m : m + count] = x[m + count : m + 2 * count] = speed
     memory[:, loop.SEEN] = place - way
     memory[:, loop.SEEN_FILTERED] = place - 1.5 * way

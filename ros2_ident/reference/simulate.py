@@ -101,7 +101,10 @@ def simulate(
         raise IdentError(
             ErrorCode.BAD_VALUES, 'the set-point holds NaN or infinity; give finite values'
         )
-    x, memory = at_rest(plant, target[:, 0], nominal)
+    # The weight of an arm depends on where it is.
+    arms = (plant.drive[:, at.LOAD_MOMENT] != 0.0).any()
+    begin = start[0] if start is not None and arms else target[:, 0]
+    x, memory = at_rest(plant, begin, nominal)
     cycle = float(plant.shared[at.CYCLE])
     if start is not None:
         set_moving(plant, x, memory, start)

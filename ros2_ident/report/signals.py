@@ -111,7 +111,7 @@ def signals_of_diagnosis(found: Diagnosis) -> Signals:
     held = any(trace.held_out for trace in found.traces)
     recordings = []
     for trace in found.traces:
-        rows = np.stack([trace.motion.torque, trace.extended])[: len(models)]
+        rows = np.stack([trace.motion.output, trace.extended])[: len(models)]
         title = 'held out' if trace.held_out else 'fitted to' if held else ''
         recordings.append(
             _curves(title, trace.motion.cycle, trace.measured, rows, trace.motion.tracking)

@@ -23,6 +23,7 @@ from ros2_ident.identify.run import identify
 from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings, OnProgress
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import Machine
+from ros2_ident.models.registry import compared_of
 from ros2_ident.recording import read_bag, Recording, RecordingBuilder, Stream, Topics
 from ros2_ident.report.overlay import overlay_streams
 
@@ -198,7 +199,7 @@ def run(
     """
     start = time.monotonic()
     recordings = recordings_of(request.bag_paths, request.topics, buffer)
-    compared = tuple(checked(request.outputs))
+    compared = tuple(checked(request.outputs, compared_of(request.machine)))
     data = gather(recordings, request.machine, request.drives, quantities=compared)
     preview = on_preview and Preview(request.problem(data), on_preview, preview_period)
 

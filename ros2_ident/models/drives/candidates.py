@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From named parameters to the rows that the kernels read."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -57,6 +57,17 @@ CONSTANT_ROWS = {
     'torque_limit': 'torque_limit',
 }
 _OF_MACHINE = ('gravity', 'rail_radius', 'rod_length')
+# Of a servo: constants that have a row of their own name.
+SERVO_ROWS = (
+    'torque_constant',
+    'resistance',
+    'supply_voltage',
+    'load_mass',
+    'load_length',
+    'arm_mass',
+    'load_inertia',
+    'load_angle',
+)
 SLOTS: Mapping[str, Slot] = dict(
     measurement_delay=Slot('log_delay', True, 'measurement', _PAPER),
     gear_stiffness=Slot('gear_stiffness', False, 'physical', _PAPER),
@@ -72,7 +83,17 @@ SLOTS: Mapping[str, Slot] = dict(
     **{name: Slot(row, False, 'physical', _FILE) for name, row in CONSTANT_ROWS.items()},
     rail_azimuth=Slot('rail_azimuth', False, 'physical', _FILE),
     **{name: Slot(name, True, 'physical', _FILE) for name in _OF_MACHINE},
+    **{name: Slot(name, False, 'physical', _FILE) for name in SERVO_ROWS},
+    armature=Slot('drive_inertia', False, 'physical', _FILE),
+    duty_limit=Slot('torque_limit', False, 'physical', _FILE),
 )
+# Fills rows of one drive, of all candidates, from other rows of it.
+Derive = Callable[[Array, int], None]
+
+
+def _nothing(block: Array, d: int) -> None:
+    pass
+
 
 
 class Candidates:
@@ -89,6 +110,7 @@ class Candidates:
         travels: (D,) unit of the drives' positions, `m` or `rad`.
         own: Parameters that fill no row here but something of the model's own, by their name in
             the machine file.
+        derive: Fills what follows from other rows of a drive, before its gear's damping.
 
     Attributes:
         free: The parameters, in the order of theta's columns.
@@ -113,10 +135,12 @@ class Candidates:
         efforts: Array,
         travels: Sequence[str],
         own: Mapping[str, Sequence[Parameter]],
+        derive: Derive = _nothing,
     ) -> None:
         self._machine = machine
         self._travels = tuple(travels)
         self._own = own
+        self._derive = derive
         self._efforts = efforts
         self._drives = tuple(drives)
         self._effects = tuple(effects)
@@ -255,6 +279,8 @@ class Candidates:
     @staticmethod
     def _factor(unit: str, effort: float, force: float, travel: str) -> float:
         """Return the factor on the numbers of an effect's parameter, see `EffectParameter`."""
+        if unit == '1/(effort)':
+            return 1.0 / effort
         if unit == '1/W':
             return 1.0 / (force * per_metre(travel))
         factor = angular_factor(unit) if travel == 'rad' else 1.0
@@ -285,6 +311,7 @@ class Candidates:
                 self._fill(block, name, drives if index is None else [index], value)
         self._convert(block, values)
         for d in drives:
+            self._derive(block, d)
             self._finish_drive(block, d)
         for at in self._effects:
             self._add_effect(block, at, values)
@@ -300,6 +327,23 @@ class Candidates:
         """Return the (S,) values of the model's own parameters, by their full names."""
         values = self._values(np.atleast_2d(theta))
         return {p.name: values[p.name, None] for several in self._own.values() for p in several}
+
+    def dry_friction(self, block: Array, d: int, torque: Array) -> Array:
+        """Return (S,) the largest friction of a drive whose gear a torque (S,) [N m] presses.
+
+        What does not depend on the speed alone; viscous friction is not stiff.
+        """
+        total: Array = block[:, rows.row_of('coulomb', d)]
+        per_unit = {'effort': np.ones_like(torque), '1': torque, '1/(effort)': torque**2}
+        for at in self._effects:
+            effect = get_effect(at.effect)
+            if effect.hook is not Hook.FRICTION or d not in self._places(at):
+                continue
+            first = rows.MACHINE_COUNT + d * rows.DRIVE_COUNT + rows.effect_row(effect.id)
+            for number, p in enumerate(effect.parameters):
+                if p.role == 'size' and p.unit in per_unit:
+                    total = total + np.abs(block[:, first + number]) * per_unit[p.unit]
+        return total
 
     def _values(self, theta: Array) -> dict[Target, Array]:
         """Return every parameter's (S,) values: held, free, and of drives that only follow."""

@@ -31,6 +31,12 @@ Array = npt.NDArray[np.float64]
 
 # Middle of the time a commanded torque holds, in cycles.
 _HOLD = 0.5
+# Laws of the controllers by their names.
+_LAWS = {
+    'cascade_pi': drive_kernel.VELOCITY_FROM_STATE,
+    'cascade_p': drive_kernel.VELOCITY_FROM_POSITIONS,
+    'position': drive_kernel.POSITION,
+}
 # Order of the filter that smooths an effort, and candidates whose logs are kept whole at a time.
 _SMOOTHING, _WHOLE = 2, 64
 # A controller's motion has to be in the log at this share of its cycles to be replayed.
@@ -65,6 +71,8 @@ class DriveModel(FullModel):
 
     # What the structure has that effects may need, see `effects.Context`.
     features: frozenset[str] = frozenset()
+    # Gains without which no set-point can be followed.
+    gains: tuple[str, ...] = ('position_gain', 'velocity_gain')
 
     def __init__(
         self,
@@ -93,10 +101,21 @@ class DriveModel(FullModel):
         self.name = machine.kind
         # Stated for the effort only.
         self.noise = machine.effort_noise if 'effort' in quantities else 0.0
-        self.law = np.array([law == 'cascade_p' for law in machine.texts('law')], dtype=np.int64)
-        self.efforts = effort_range(machine, [data]) if efforts is None else efforts
-        self.candidates = Candidates(
-            machine,
+        self.law = np.array([_LAWS[law] for law in machine.texts('law')], dtype=np.int64)
+        self.efforts = self._own_efforts() if efforts is None else efforts
+        self.candidates = self._candidates()
+        self._check_outputs()
+        self._command, self._motion, self._mode = self._inputs()
+
+    # ------------------------------------------------------------------ declaration
+
+    def _own_efforts(self) -> Array:
+        """Return (D,) the size of the drives' efforts by this recording alone."""
+        return effort_range(self.machine, [self.data])
+
+    def _candidates(self) -> Candidates:
+        return Candidates(
+            self.machine,
             self.drives,
             self.effects,
             self.fixed,
@@ -105,11 +124,8 @@ class DriveModel(FullModel):
             self.efforts,
             self.travels,
             self._own(),
+            self._derive,
         )
-        self._check_outputs()
-        self._command, self._motion, self._mode = self._inputs()
-
-    # ------------------------------------------------------------------ declaration
 
     def _chosen(self, drives: Sequence[str] | None) -> tuple[str, ...]:
         known = self.machine.drives
@@ -196,6 +212,11 @@ class DriveModel(FullModel):
         return 2.0 * math.pi / self.machine.numbers('travel_per_turn')
 
     @property
+    def effort_unit(self) -> str:
+        """Unit of the effort that a log would hold."""
+        return self.machine.model_unit
+
+    @property
     def travels(self) -> tuple[str, ...]:
         """(D,) unit of the drives' positions, `m` or `rad`."""
         return (self.machine.travel_unit,) * len(self.machine.drives)
@@ -207,8 +228,7 @@ class DriveModel(FullModel):
     @property
     def outputs(self) -> tuple[Output, ...]:
         """What is compared: quantity by quantity, drive by drive within."""
-        machine = self.machine
-        return self.signals.described(machine.model_unit, machine.travel_unit)
+        return self.signals.described(self.effort_unit, self.machine.travel_unit)
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -236,9 +256,12 @@ class DriveModel(FullModel):
     def recorded_motion(self) -> RecordedMotion | None:
         """Return the motion that the controllers saw, None where they cannot be replayed.
 
-        That takes a set-point, an effort, and all drives' motion at a good part of the cycles.
+        That takes a set-point, an effort that is compared, and all drives' motion at a good part
+        of the cycles.
         """
         data = self.data
+        if self.outputs[0].quantity != 'effort':
+            return None
         if not self._closed or data.position is None or data.effort is None:
             return None
         if (np.isfinite(data.position).sum(axis=1) <= SEEN * data.cycles).any():
@@ -263,7 +286,7 @@ class DriveModel(FullModel):
 
     def _drive_constants(self, base: Array) -> None:
         machine = self.machine
-        for key in ('position_gain', 'velocity_gain'):
+        for key in self.gains:
             if self._closed and not machine.known(key):
                 raise IdentError(
                     ErrorCode.BAD_MACHINE_FILE,
@@ -278,8 +301,11 @@ class DriveModel(FullModel):
                 # Without a set-point nobody reads a gain that nobody knows.
                 value = machine.number(key, drive)
                 base[rows.row_of(row, d)] = 0.0 if math.isnan(value) else value
-            if self.law[d]:
+            if self.law[d] != drive_kernel.VELOCITY_FROM_STATE:
                 base[rows.row_of('integral_gain', d)] = 0.0  # P on velocity
+
+    def _derive(self, block: Array, d: int) -> None:
+        """Fill what follows from other rows of drive `d`, in every candidate of (S, R)."""
 
     def rows(self, theta: Array) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units."""
@@ -302,6 +328,7 @@ class DriveModel(FullModel):
             lifted=bool(base[rows.row_of('gravity')]),
             integral=any(base[rows.row_of('integral_gain', d)] for d in drives),
             features=self.features,
+            effort='effort' in self.signals.quantities,
         )
 
     def effort_delay(self, theta: Array) -> Array:
@@ -352,7 +379,7 @@ class DriveModel(FullModel):
                 eps = block[:, rows.row_of('regularisation', d)]
                 slope = (
                     block[:, rows.row_of('gear', d)]
-                    * block[:, rows.row_of('coulomb', d)]
+                    * self._dry(block, d)
                     / (eps * (motor + (rail if self.stiff[d] else 0.0)))
                 )
                 need = np.maximum(need, self.cycle * slope / 1.5)
@@ -363,6 +390,10 @@ class DriveModel(FullModel):
                 need = np.maximum(need, self.cycle * np.maximum(omega / 0.45, rate / 0.9))
         steps: npt.NDArray[np.int64] = np.clip(np.ceil(need), 1, 64).astype(np.int64)
         return steps
+
+    def _dry(self, block: Array, d: int) -> Array:
+        """Return (S,) the friction of drive `d` that turns over with its direction."""
+        return block[:, rows.row_of('coulomb', d)]
 
     @property
     def rigid(self) -> bool:
@@ -495,6 +526,14 @@ class DriveModel(FullModel):
         for s, o in np.argwhere((periods > 0.0) & finite & efforts):
             cutoff = 1.0 / periods[s, o]
             out[s, o] = low_pass(out[s, o : o + 1], self.cycle, cutoff, _SMOOTHING)[0]
+        return out
+
+    def simulated_effort(self, theta: Array) -> Array:
+        """Return (D, K) the effort that a log of one candidate (N,) would hold."""
+        every = np.ones((len(self.drives), self._cycles), dtype=bool)
+        effort = chosen_outputs(self.machine.drives, self.drives, ('effort',), None)
+        task = effort.task(every, np.empty((1, every.size)))
+        out: Array = self._simulated(np.atleast_2d(theta), task)[0].reshape(every.shape)
         return out
 
     def replay_law(

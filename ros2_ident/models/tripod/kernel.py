@@ -375,7 +375,7 @@ def _build(digest):
                     # Gravity only: what else pulls at the start is not known to the integral part.
                     hold = load(link, (6 + d) * W)
                     flags = dk.flags_of(on, d)
-                    z = dk.stand(par, first, mem, own, flags, s, hold)
+                    z = dk.stand(par, first, mem, own, flags, s, hold, 0.0)
                     if not dk.closed_loop(mode, d):
                         # There the recorded motion is the motor's.
                         store(place, (CARRIAGE + d) * W, s - (z - s))

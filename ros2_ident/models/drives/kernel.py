@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Linear axes that do not know of each other, a block of candidates at once.
+"""Drives that do not know of each other, a block of candidates at once: axes and servos.
 
 Each drive moves one carriage, through a gear's spring or, rigid, as one mass with it. Integration
 as in the tripod's kernel: Runge-Kutta of fourth order, its steps within a cycle chosen by
 stiffness.
+
+A servo is a drive that turns. What its controller asks is a share of the supply voltage, its
+encoder sits behind the gear, and its load is an arm that gravity turns. `supply` is None for an
+axis; nothing of a servo is compiled then.
 """
 # mypy: ignore-errors
 
@@ -22,6 +26,7 @@ from ros2_ident.lanes import (
     kernel,
     load,
     parted,
+    sine,
     spread,
     store,
     where,
@@ -53,14 +58,57 @@ def room_for(drives: int) -> int:
 
 
 @inlined
-def _rigid_force(par, first, mem, own, on, z, v, time):
+def _weight(par, first, supply, s):
+    """Return the force [N] with which gravity pulls a carriage at `s` back."""
+    if supply is not None:
+        return load(par, (first + dk.LOAD_MOMENT) * W) * sine(
+            s - load(par, (first + dk.LOAD_ANGLE) * W)
+        )
+    return load(par, (first + dk.RAIL_MASS) * W) * load(par, GRAVITY * W)
+
+
+@inlined
+def _rigid_force(par, first, mem, own, on, supply, z, v, time):
     """Return the force [N] on motor and carriage as one mass, without the motor's own torque."""
-    weight = load(par, (first + dk.RAIL_MASS) * W) * load(par, GRAVITY * W)
+    weight = _weight(par, first, supply, z)
     return weight - dk.carriage_force(par, first, mem, own, on, z, v, z, time)
 
 
 @inlined
-def _step(par, first, mem, on, rigid, mode, acceleration, place, rate, bend, time, since, h):
+def _fall(par, first, supply, s, rail):
+    """Return the acceleration [m/s^2] with which gravity pulls back a carriage that hangs free."""
+    if supply is not None:
+        return _weight(par, first, supply, s) / rail
+    return load(par, GRAVITY * W)
+
+
+@inlined
+def _far(supply):
+    """Return how far ahead of its load a motor's place is looked for at first [m]."""
+    return 0.0 if supply is None else 1.0
+
+
+@inlined
+def _energise(par, first, mem, duty, v, share):
+    """Turn the asked share of the supply into a torque; return the effort that is logged.
+
+    Args:
+        duty: What the controller asks, without what effects make of it [1].
+        v: Rate of the motor [rad/s].
+        share: Of the supply voltage; 0 where the motor is switched off, and does not brake either.
+    """
+    asked = load(mem, dk.COMMANDED * W) * share
+    store(mem, dk.COMMANDED * W, asked * load(par, (first + dk.DRIVE_GAIN) * W))
+    braking = 1.0 if share > 0.0 else 0.0
+    store(mem, dk.BRAKING * W, load(par, (first + dk.BACK_EMF) * W) * braking)
+    speed = load(par, (first + dk.LOG_SPEED) * W) * v
+    return load(par, (first + dk.LOG_DUTY) * W) * duty * share - speed * braking
+
+
+@inlined
+def _step(
+    par, first, mem, on, supply, rigid, mode, acceleration, place, rate, bend, time, since, h
+):  # fmt: skip
     """Integrate one drive over a step of `h` seconds that begins `since` seconds into a cycle."""
     for part in range(rk.STAGES):
         at = part * COORDINATES
@@ -69,16 +117,18 @@ def _step(par, first, mem, on, rigid, mode, acceleration, place, rate, bend, tim
         z, v = rk.stage_state(place, rate, bend, COORDINATES, MOTOR, part, h)
         if rigid:
             s = z
-            force = _rigid_force(par, first, mem, 0, on, z, v, now)
+            force = _rigid_force(par, first, mem, 0, on, supply, z, v, now)
             back = force
         else:
             s, w = rk.stage_state(place, rate, bend, COORDINATES, CARRIAGE, part, h)
             force, back = dk.gear_force(par, first, mem, 0, on, z, v, s, w, now)
             rail = load(par, (first + dk.RAIL_MASS) * W)
             push = force + dk.carriage_force(par, first, mem, 0, on, z, v, s, now)
-            store(bend, (at + CARRIAGE) * W, push / rail - load(par, GRAVITY * W))
+            store(bend, (at + CARRIAGE) * W, push / rail - _fall(par, first, supply, s, rail))
         if mode == dk.CLOSED_LOOP:
             torque = dk.motor_torque(par, first, mem, 0, on, z, v, s, force, now, elapsed)
+            if supply is not None:
+                torque = torque - load(mem, dk.BRAKING * W) * v
             store(bend, at * W, dk.motor_acceleration(par, first, mem, 0, torque, back))
         else:
             store(bend, at * W, spread(acceleration))
@@ -100,6 +150,7 @@ def _build(digest):
         start,
         mode,
         on,
+        supply,
         delayed,
         rigid,
         cycle,
@@ -123,6 +174,8 @@ def _build(digest):
             start: (2 * D,) where the motors start, then how fast.
             mode: (D,) CLOSED_LOOP or PRESCRIBED.
             on: (D,) flags of the effects, or None.
+            supply: (D * K,) share of the supply voltage at every cycle, 0 where a motor is
+                switched off; None for axes, whose controllers ask for a torque.
             rigid: (D,) whether motor and carriage are one mass.
         """
         _ = digest
@@ -158,12 +211,13 @@ def _build(digest):
                     mem = all_mem[d * mine : (d + 1) * mine]
                     at = spread(start[d])
                     v = spread(start[drives + d])
-                    hold = load(par, (first + dk.RAIL_MASS) * W) * load(par, GRAVITY * W)
+                    hold = _weight(par, first, supply, at)
                     stretch = zero
                     if not rigid[d]:
                         mem = all_mem[d * mine : (d + 1) * mine]
                         flags = dk.flags_of(on, d)
-                        stretch = dk.stand(par, first, mem, 0, flags, at, hold) - at
+                        far = _far(supply)
+                        stretch = dk.stand(par, first, mem, 0, flags, at, hold, far) - at
                     z = at + stretch if mode[d] == dk.CLOSED_LOOP else at
                     store(place, MOTOR * W, z)
                     store(rate, MOTOR * W, v)
@@ -191,10 +245,17 @@ def _build(digest):
                         v = load(rate, MOTOR * W)
                         fast = absolute(v) > dk.fast_from(par, first)
                         if mode[d] == dk.CLOSED_LOOP:
+                            turning = v
+                            if supply is not None and not one:
+                                z = load(place, CARRIAGE * W)
+                                v = load(rate, CARRIAGE * W)
                             torque = dk.control(
                                 par, first, mem, 0, flags, law[d], cycle, z, v,
                                 command, d, drives, count, k, delayed, time,
                             )  # fmt: skip
+                            if supply is not None:
+                                share = supply[d * count + k]
+                                torque = _energise(par, first, mem, torque, turning, share)
                         else:
                             acceleration = motion[(2 * drives + d) * count + k]
                             z = spread(motion[d * count + k])
@@ -204,7 +265,9 @@ def _build(digest):
                             mass = load(par, (first + dk.MOTOR_MASS) * W)
                             if one:
                                 s = z
-                                force = _rigid_force(par, first, mem, 0, flags, z, v, time)
+                                force = _rigid_force(
+                                    par, first, mem, 0, flags, supply, z, v, time
+                                )
                                 back = force
                                 mass = mass + load(par, (first + dk.RAIL_MASS) * W)
                             else:
@@ -229,7 +292,7 @@ def _build(digest):
                             # A lane that is through makes steps of no length.
                             h = where(active, whole, zero)
                             _step(
-                                par, first, mem, flags, one, mode[d], acceleration,
+                                par, first, mem, flags, supply, one, mode[d], acceleration,
                                 place, rate, bend, time, sub * whole, h,
                             )  # fmt: skip
                             if on is not None:

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Drives that do not know of each other: where they start, and their compiled simulation."""
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.kernel.group import Group, Task
+from ros2_ident.lanes import room
+from ros2_ident.models.drives.kernel import room_for, simulate, state_for
+from ros2_ident.models.drives.model import Array, DriveModel
+
+# A set-point slower than this share of its fastest at the log's start counts as rest.
+_REST = 0.02
+# Samples of the position that show how fast an axis starts.
+_FIRST = 10
+
+
+class SeparateDrives(DriveModel):
+    """Each drive moves one carriage, through a gear that gives or rigid; see `DriveModel`."""
+
+    @property
+    def rigid(self) -> bool:
+        """Whether motor and carriage are one mass: where no gear stiffness is to be found."""
+        return 'gear_stiffness' not in self.machine.bounds
+    def _inputs(self) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+        command, motion, mode = super()._inputs()
+        self._begin = self._start(command, motion)
+        return command, motion, mode
+
+    def _start(self, command: Array, motion: Array) -> Array:
+        """Return (2 * D,) where the motors start and how fast.
+
+        An axis starts at rest where its set-point is, unless the log shows that it moves already:
+        its first measured positions then say where it is and how fast.
+        """
+        drives = len(self.machine.drives)
+        first = (motion if self.data.command_position is None else command).reshape(-1)
+        count = first.size // (drives * (3 if self.data.command_position is None else 2))
+        begin = np.zeros(2 * drives)
+        begin[:drives] = first[: drives * count : count]
+        speed = self.data.command_velocity
+        if self.data.position is None or speed is None:
+            return begin
+        for d, name in enumerate(self.machine.drives):
+            row = self.data.names.index(name)
+            if abs(speed[row, 0]) <= _REST * np.abs(speed[row]).max():
+                continue
+            there = np.flatnonzero(np.isfinite(self.data.position[row]))[:_FIRST]
+            if len(there) < _FIRST:
+                continue
+            seen = self.data.position[row, there]
+            _, slope, place = np.polyfit(there * self.cycle, seen, 2)
+            begin[d], begin[drives + d] = place, slope
+        return begin
+
+    @property
+    def _supply(self) -> Array | None:
+        """(D * K,) share of a servo's supply at every cycle; None where efforts are commanded."""
+        return None
+
+    @property
+    def _state(self) -> int:
+        return state_for(len(self.machine.drives))
+
+    def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
+        simulate(
+            *group,
+            room(room_for(len(self.machine.drives))),
+            begin,
+            end,
+            self._command,
+            self._motion,
+            self._begin,
+            self._mode,
+            self._flags,
+            self._supply,
+            self.candidates.delayed,
+            self.stiff,
+            self.cycle,
+            self.law,
+            *task,
+        )
