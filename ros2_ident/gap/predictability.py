@@ -59,9 +59,10 @@ def predictability(
     found = _by_motion(joint, theta, weighed)
     noise = tuple(e.noise[0] for e in found)
     floor = _repeated(joint, theta)
-    predicted = evidence.predicted**2 + np.array([float(e.predicted[0]) ** 2 for e in found])
-    least = np.array([float(e.floor[0]) for e in found])
-    value = np.maximum(np.sqrt(np.maximum(evidence.rms**2 - predicted, 0.0)), least)
+    # A function of time can follow any noise: it counts only on blocks left out.
+    further = np.array([float(e.rms[0] ** 2 - e.unseen[0] ** 2) for e in found])
+    least = np.array([float(e.unseen[0]) for e in found])
+    value = np.maximum(np.sqrt(np.maximum(evidence.floor**2 - further, 0.0)), least)
     if floor is not None:
         value = np.minimum(value, floor.per_drive)
     spread = np.exp(1.96 * _uncertainty(noise))

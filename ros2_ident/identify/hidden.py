@@ -21,8 +21,8 @@ Own = Callable[[int, Array], Array]
 
 # Columns times rows of what is weighed, at most: a long log is thinned to whole blocks.
 _MOST = 20_000_000
-# A block is left out as a whole, s; between blocks that are kept there is nothing.
-_BLOCK = 1.0
+# A block is left out as a whole: so long, s, but a log has so many at least.
+_BLOCK, _BLOCKS = 1.0, 16
 # Samples further apart than so many usual steps do not follow one another.
 _GAP = 3
 # Seconds at a log's start that are not compared: a machine that has stood still holds forces no
@@ -77,11 +77,13 @@ def rows_of(models: Sequence[FullModel], most: int) -> Rows:
     for mask, model in zip(masks, models, strict=True):
         mask[:, : round(SETTLE / model.cycle)] = False
     total = sum(int(mask.sum()) for mask in masks)
+    seconds = sum(m.shape[1] * model.cycle for m, model in zip(masks, models, strict=True))
+    length = min(_BLOCK, seconds / _BLOCKS)
     every = max(1, -(-total // most))
     blocks: list[npt.NDArray[np.int64]] = []
     first = 0
     for mask, model in zip(masks, models, strict=True):
-        block = (np.arange(mask.shape[1]) * model.cycle / _BLOCK).astype(np.int64)
+        block = (np.arange(mask.shape[1]) * model.cycle / length).astype(np.int64)
         # Two blocks side by side, so that most samples have a past.
         mask &= (block // 2) % every == 0
         block = block // 2 // every * 2 + block % 2

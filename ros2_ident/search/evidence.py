@@ -6,8 +6,8 @@
 J is the derivative of the residual by the parameters, whose error d has the box as its prior. The
 columns of S are what the model may lack: what effects would change, functions of the motion. How
 large they are, tau, is what maximises the evidence; size and colour of the noise are those of what
-is left. Nothing of either has to be known. What is predicted counts only where it comes true on
-blocks that were left out.
+is left. Nothing of either has to be known. The evidence says how well each sample is predicted by
+those before it; what it is not clear about counts only where it comes true on blocks left out.
 """
 
 from collections.abc import Sequence
@@ -30,6 +30,8 @@ _FOLDS = 4
 _OWN = 1e-3
 # Logarithm of the evidence that chance alone may gain.
 _CHANCE = 3.0
+# From here on it is clear that something is predicted.
+_CLEAR = 30.0
 # Sizes tried, as shares of the residual.
 _SIZES = np.logspace(-5.0, 1.5, 66)
 
@@ -41,7 +43,8 @@ class Evidence:
     Attributes:
         noise: (P,) the noise of each place.
         rms: (P,) root mean square of the residual.
-        floor: (P,) root mean square of what nothing predicts on blocks left out.
+        rest: (P,) the same of what is left of it.
+        unseen: (P,) the same of what is left of blocks that were left out.
         size: tau: RMS of what a single column may add to the residual.
         gain: Logarithm of the evidence for that size over that for none.
         shift: (N,) how far the parameters move, in shares of their box, where what is missing may
@@ -52,7 +55,8 @@ class Evidence:
 
     noise: tuple[NoiseModel, ...]
     rms: Array
-    floor: Array
+    rest: Array
+    unseen: Array
     size: float
     gain: float
     shift: Array
@@ -60,8 +64,13 @@ class Evidence:
     left: Array
 
     @property
+    def floor(self) -> Array:
+        """(P,) root mean square of what nothing predicts."""
+        return self.rest if self.gain > _CLEAR else self.unseen
+
+    @property
     def predicted(self) -> Array:
-        """(P,) root mean square of what is predicted on blocks left out."""
+        """(P,) root mean square of what is predicted."""
         return np.sqrt(np.maximum(self.rms**2 - self.floor**2, 0.0))
 
     def ends(
@@ -145,8 +154,17 @@ def weigh(
     place = np.concatenate([np.full(run.stop - run.start, run.place) for run in runs])
     rms = _rms(residual, place)
     # A prediction that makes it worse is none.
-    floor = np.minimum(rms, _rms(unseen, place))
-    return Evidence(noise, rms, floor, size, gain, shift, covariance, left)
+    return Evidence(
+        noise,
+        rms,
+        _rms(left, place),
+        np.minimum(rms, _rms(unseen, place)),
+        size,
+        gain,
+        shift,
+        covariance,
+        left,
+    )
 
 
 class _Sums:
