@@ -58,9 +58,9 @@ class Rules:
         most: Most effects.
     """
 
-    material: float = 0.5
+    material: float = 0.45
     unknown: float = 0.8
-    step: float = 0.45
+    step: float = 0.4
     later: float = 0.5
     share: float = 0.10
     part: float = 0.025

@@ -36,7 +36,7 @@ HIDDEN = 'not determined beside what the model may lack'
 # Noise that is stated and noise that is found may differ by this factor.
 OTHER = 1.5
 # What is predicted of a residual counts from this share of the noise on.
-MATERIAL = 0.5
+MATERIAL = 0.45
 
 
 def assemble(

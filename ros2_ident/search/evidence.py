@@ -142,22 +142,25 @@ def weigh(
     unseen = np.empty_like(residual)
     for fold in range(_FOLDS):
         out = blocks % _FOLDS == fold
-        rest = _Sums(
+        others = _Sums(
             sums.normal - white[out].T @ white[out],
             sums.gradient - white[out].T @ right[out],
             limit,
         )
-        unseen[out] = residual[out] - columns[out] @ rest.solve(size)
+        unseen[out] = residual[out] - columns[out] @ others.solve(size)
     # Rows that were left out of the sums tell as much as those in them.
     whole = _Sums(sums.normal / share, sums.gradient / share, limit)
     shift, covariance = whole.parameters(size)
     place = np.concatenate([np.full(run.stop - run.start, run.place) for run in runs])
     rms = _rms(residual, place)
+    # What a fit takes from the noise is put back.
+    taken = np.einsum('rc,rc->r', columns @ sums.covariance(size), columns)
+    rest: Array = np.hypot(_rms(left, place), _rms(np.sqrt(taken), place))
     # A prediction that makes it worse is none.
     return Evidence(
         noise,
         rms,
-        _rms(left, place),
+        np.minimum(rms, rest),
         np.minimum(rms, _rms(unseen, place)),
         size,
         gain,
@@ -205,10 +208,14 @@ class _Sums:
 
     def parameters(self, size: float) -> tuple[Array, Array]:
         """Return (N,) how far the parameters move, and (N, N) their covariance."""
+        own = slice(0, self.count)
+        return -self.solve(size)[own], self.covariance(size)[own, own]
+
+    def covariance(self, size: float) -> Array:
+        """Return (N + C, N + C) the covariance of the coefficients."""
         factor, scale = self._factor(size)
-        inverse = cho_solve((factor, True), np.diag(scale)[:, : self.count])
-        covariance: Array = (scale[:, None] * inverse)[: self.count]
-        return -self.solve(size)[: self.count], covariance
+        out: Array = scale[:, None] * cho_solve((factor, True), np.diag(scale))
+        return out
 
     def _factor(self, size: float) -> tuple[Array, Array]:
         """Return the lower Cholesky factor of the precision, scaled to ones on its diagonal."""
