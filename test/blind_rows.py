@@ -4,7 +4,7 @@
 from typing import Any
 
 
-def effect(name: str, where: str, rho: float, form: str = 'other') -> dict[str, Any]:
+def effect(name: str, where: str, rho: float, form: str = 'some.form') -> dict[str, Any]:
     return {'effect': name, 'where': [where], 'rho': rho, 'form': form}
 
 
@@ -33,7 +33,12 @@ def row(
         'error': '',
         'seconds': 50.0,
         'cpu_seconds': 40.0,
-        'verdict': {'effect': name, 'where': where, 'probability': probability},
+        'verdict': {
+            'effect': name,
+            'where': where,
+            'probability': probability,
+            'sentence': f'{name} it is',
+        },
         'also': [{'effect': n, 'where': [w]} for n, w in also],
         'confusable': [
             {'effect': n, 'where': [w], 'probability': 0.1} for n, w in ((name, place), *rivals)
@@ -47,10 +52,26 @@ def row(
         'evidence': {'size': rho, 'remaining': 0.1, 'closed': 0.95},
         'not_testable': [],
         'gap': {'before': 0.01 * (1 + rho**2) ** 0.5, 'after': 0.0101, 'noise_floor': 0.01},
-        'share': {'predicted': 0.95, 'low': 0.9, 'high': 1.0, 'oracle': 0.97, 'actual': 0.8},
+        'gates': [],
+        'share': {'predicted': 0.95, 'low': 0.9, 'high': 1.0, 'oracle': 0.97},
         'complete': True,
         'parameters': [],
+        'noise': {'size': 0.01, 'memory': 0.0, 'stated': 1.0, 'hard': False},
+        'fault': None,
+        'generator': 'reference',
     } | more
+
+
+def interval(true: float, low: float | None, high: float | None) -> dict[str, Any]:
+    return {'name': 'tool_mass', 'true': true, 'value': true, 'low': low, 'high': high}
+
+
+def fault(kind: str, *named_by: str) -> dict[str, Any]:
+    return {'kind': kind, 'drive': 0, 'value': 1.0, 'name': 'effort', 'named_by': list(named_by)}
+
+
+def gate(name: str, sentence: str) -> dict[str, str]:
+    return {'gate': name, 'level': 'fail', 'sentence': sentence}
 
 
 def table() -> list[dict[str, Any]]:
@@ -65,12 +86,26 @@ def table() -> list[dict[str, Any]]:
     for key in ('verdict', 'also', 'confusable', 'ranking', 'evidence', 'share', 'not_testable'):
         del crash[key]
     crash |= {'error': 'exit code 2', 'seconds': 1.0}
+    refused = {key: crash[key] for key in crash} | {
+        'case': 18,
+        'sort': 'fault',
+        'effects': [],
+        'fault': fault('unit', 'unit'),
+        'error': 'exit code 2: positions of 400 m; is their unit mm?',
+    }
+    three = [*two, effect('effort_bias', 'drive_3', 2.5)]
+    small = [['torque_ripple', ['drive_1'], 'ripple.harmonics']]
+    hard = {'size': 0.01, 'memory': 0.99, 'stated': 2.5, 'hard': True}
+    holds, misses = interval(1.3, 1.2, 1.4), interval(1.3, 1.31, 1.4)
+    unknown = interval(1.3, None, None)
+    physics = (('stribeck', 'drive_1'),)
     return [
-        row(1, 'none', [], ('none', '')),
-        row(2, 'none', [], ('stribeck', 'drive_1'), 0.4),
+        row(1, 'none', [], ('none', ''), imperfections=small, parameters=[holds, holds, misses]),
+        row(2, 'none', [], ('stribeck', 'drive_1'), 0.4, parameters=[misses]),
         row(3, 'single', stribeck, ('stribeck', 'drive_1'), rivals=(('presliding', 'drive_1'),)),
         row(4, 'single', stribeck, ('presliding', 'drive_1'), rivals=(('stribeck', 'drive_1'),)),
-        row(5, 'single', bias, ('constant_force', 'drive_2')),
+        row(5, 'single', bias, ('constant_force', 'drive_2'), noise=hard,
+            parameters=[holds, unknown]),
         row(6, 'single', delay, ('none', ''), 0.6),
         row(7, 'pair', two, ('stribeck', 'drive_2'), also=(('backlash', 'drive_1'),)),
         row(8, 'pair', two, ('backlash', 'drive_1'), also=(('cable_spring', 'drive_1'),)),
@@ -78,4 +113,14 @@ def table() -> list[dict[str, Any]]:
         row(10, 'hidden', drag, ('none', ''), not_testable=[['quadratic_drag', 'drive_1']]),
         row(11, 'hidden', drag, ('none', '')),
         crash,
+        row(13, 'ideal', [], ('none', '')),
+        row(14, 'triple', three, ('stribeck', 'drive_2'),
+            also=(('backlash', 'drive_1'), ('constant_force', 'drive_3'))),
+        # Named by a gate; by a gate, but beside physics; by nobody; by refusing the log.
+        row(15, 'fault', [], ('unknown', ''), fault=fault('lag', 'late'),
+            gates=[gate('command_delay', 'the set-point comes late by 30 ms')]),
+        row(16, 'fault', [], *physics, fault=fault('sign', 'sign'),
+            gates=[gate('sign', 'the effort of drive_1 has the wrong sign')]),
+        row(17, 'fault', [], ('none', ''), fault=fault('order', 'order', 'swap')),
+        refused,
     ]

@@ -1,19 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Blind cases from MuJoCo: effects in its own forms, their sizes, and the bags.
+"""Blind cases from MuJoCo: effects in its own forms, drawn as the package's own blind check does.
 
-Shared with the package's own blind check are the motions, the parameters' ranges, noise, jitter
-and losses of a log, and how the size of an effect is measured. The machine and its effects are
-MuJoCo's.
+Shared with that are machines, motions, noise, faults, the label, and how the size of an effect is
+measured. The simulation and its effects are MuJoCo's.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 import math
-from pathlib import Path
 from typing import Any
 
 from mujoco_tripod import (
-    Array,
     Course,
     Drive,
     K_MOTOR,
@@ -25,19 +22,14 @@ from mujoco_tripod import (
 )
 import numpy as np
 
+from ros2_ident.checks.blind.draw import Drawer
 from ros2_ident.checks.blind.label import MotionOrder
 from ros2_ident.checks.blind.probe import Probe
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import Machine
-from ros2_ident.recording import write_bag
-from ros2_ident.reference.bag_making import draw_parameters, make_streams, nuisance_of
 from ros2_ident.reference.motions import Motion
 from ros2_ident.reference.plant import Log
 
-FIT_SECONDS, CHECK_SECONDS = 8.0, 6.0
-MOTIONS = ('multi_point', 'mixed', 'pick_and_place', 'multisine', 'reversals', 'dwell', 'chirp')
-SIZES = (1.5, 8.0)
-TRIES = 2  # simulations for a size; the true one is measured in any case
-Rng = np.random.Generator
 # (the machine, drive, size, what was drawn once for the case) -> the machine with the effect
 Write = Callable[[True3, int, float, Sequence[float]], True3]
 
@@ -48,22 +40,22 @@ class Kind:
 
     Attributes:
         name: What it is called on the page.
-        effect: The catalogue's name of it; empty outside the catalogue and for a null.
-        form: How MuJoCo makes it.
+        effect: The catalogue's name of it; empty outside the catalogue.
+        law: How MuJoCo makes it.
         write: Puts it into a machine.
-        start: First size to try, in the unit of `unit`.
+        start: First size to try, in the unit of `unit`; 0 where it has none.
         least: Smallest size.
         most: Largest size.
         unit: Unit of the size.
         place: `drive` or `all`.
         power: How the size goes with what the effect leaves, roughly.
         substeps: Integration steps in a controller cycle.
-        sort: As in the package's blind check: single, none, outside.
+        beside: Whether it can stand beside any other on one drive, as an imperfection.
     """
 
     name: str
     effect: str
-    form: str
+    law: str
     write: Write
     start: float = 0.0
     least: float = 0.0
@@ -71,8 +63,46 @@ class Kind:
     unit: str = ''
     place: str = 'drive'
     power: float = 1.0
-    substeps: int = 10
-    sort: str = 'single'
+    substeps: int = 6
+    beside: bool = False
+
+    @property
+    def label(self) -> str:
+        """What a case's label calls it."""
+        return self.effect or self.name.replace(' ', '_')
+
+
+@dataclass(frozen=True)
+class Added:
+    """A kind with its numbers, at a place.
+
+    Attributes:
+        form: The kind.
+        drive: Index of the drive.
+        where: Its name, or `all`.
+        value: Its size.
+        shape: Numbers from 0 to 1 that were drawn once for it.
+    """
+
+    form: Kind
+    drive: int
+    where: str
+    value: float
+    shape: tuple[float, ...]
+
+    @property
+    def effect(self) -> str:
+        """See `Kind.label`."""
+        return self.form.label
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Its numbers by name."""
+        return {'size': self.value, **{f'shape_{n}': u for n, u in enumerate(self.shape)}}
+
+    def apply(self, true: True3) -> True3:
+        """Return a machine with it."""
+        return self.form.write(true, self.drive, self.value, self.shape)
 
 
 def _changed(true: True3, i: int, **what: Any) -> True3:
@@ -85,7 +115,8 @@ def _lugre(d: Drive, way: float, static: float, stribeck: float) -> dict[str, An
     stiffness = d.forward / way
     damping = 0.3 * math.sqrt(stiffness * d.inertia)
     numbers = f'{stiffness!r} {damping!r} {d.forward!r} {static!r} {stribeck!r}'
-    return {'forward': 0.0, 'backward': 0.0, 'dcmotor': (f'lugre="{numbers}"',)}
+    more = (*d.dcmotor, f'lugre="{numbers}"')
+    return {'forward': 0.0, 'backward': 0.0, 'dcmotor': more}
 
 
 def _stribeck(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
@@ -100,13 +131,13 @@ def _presliding(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
 
 
 def _cogging(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
-    poles = (4, 6, 8, 12)[int(4 * u[0])]
+    poles = (9, 11, 13, 15)[int(4 * u[0])]  # orders from which no search starts
     phase = 2.0 * math.pi * u[1]
     waves = (
         f'cogging="{size!r} {poles} {phase!r}"',
         f'cogging="{0.4 * size!r} {2 * poles} {1.7 * phase!r}"',
     )
-    return _changed(true, i, dcmotor=waves)
+    return _changed(true, i, dcmotor=(*true.drives[i].dcmotor, *waves))
 
 
 def _saturation(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
@@ -139,8 +170,10 @@ def _backlash(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
 
 def _payload(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
     sign = 1.0 if u[1] < 0.7 else -1.0
-    taken = 1.0 + 3.0 * u[0]
-    return replace(true, whole=replace(true.whole, payload=sign * size, taken=taken))
+    taken = 0.6 + u[0]
+    # Held and left alone in turns of uneven length, twice.
+    turns = (taken, taken + 1.3 + 0.8 * u[1], taken + 2.9 + 0.9 * u[2], taken + 5.4 + u[2])
+    return replace(true, whole=replace(true.whole, payload=sign * size, turns=turns))
 
 
 def _gain(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
@@ -148,8 +181,8 @@ def _gain(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
 
 
 def _bias(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
-    bias = [0.0] * len(true.drives)
-    bias[i] = size if u[0] < 0.5 else -size
+    bias = list(true.bias)
+    bias[i] += size if u[0] < 0.5 else -size
     return replace(true, bias=tuple(bias))
 
 
@@ -168,7 +201,10 @@ def _drag(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
 
 
 def _frame(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
-    frame = (1.0 / size, 8.0 + 17.0 * u[0], 0.02 + 0.05 * u[1])
+    # Between the frequencies from which a search starts.
+    gaps = ((6.4, 8.6), (9.5, 12.4), (13.7, 17.2), (18.9, 23.9))
+    low, high = gaps[int(4 * u[0])]
+    frame = (1.0 / size, low + (high - low) * u[2], 0.02 + 0.05 * u[1])
     return replace(true, whole=replace(true.whole, frame=frame))
 
 
@@ -178,10 +214,6 @@ def _hanging(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
     hanging = (size, 0.03 + 0.07 * u[0])
     # The nominal load stays what it is: a part of the tool swings.
     return replace(true, whole=replace(whole, tool_mass=rest, hanging=hanging))
-
-
-def _nothing(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
-    return true
 
 
 def _dry(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
@@ -196,7 +228,7 @@ KINDS = {
         Kind('LuGre, presliding', 'presliding', '`dcmotor` LuGre, static as Coulomb', _presliding,
              3e-4, 4e-5, 2e-3, 'm'),
         Kind('cogging', 'torque_ripple', 'two `dcmotor` cogging terms, second at 40 %', _cogging,
-             0.03, 0.002, 0.3, 'N m'),
+             0.03, 1e-4, 0.3, 'N m', beside=True),
         Kind('saturation', 'torque_saturation', '`forcerange`', _saturation,
              1.6, 0.5, 2.2, '1/N m', power=0.15),
         Kind('delay', 'current_loop_lag', 'dead time of the actuator', _delay,
@@ -204,163 +236,138 @@ KINDS = {
         Kind('inductance', 'current_loop_lag', '`dcmotor` with a winding', _inductance,
              1.5e-3, 2e-4, 8e-3, 's'),
         Kind('backlash', 'backlash', 'two joints, the second within limits', _backlash,
-             2e-4, 1e-5, 2e-3, 'm', substeps=20),
+             2e-4, 1e-5, 2e-3, 'm', substeps=12),
         Kind('payload', 'payload_change', "the platform's mass changes", _payload,
              0.2, 0.01, 0.9, 'kg', 'all'),
         Kind('torque constant', 'torque_constant_error', "the actuator's gear", _gain,
              0.1, 0.01, 0.28, '1'),
-        Kind('effort bias', 'effort_bias', 'added to the log', _bias, 0.03, 0.005, 0.4, 'N m'),
+        Kind('effort bias', 'effort_bias', 'added to the log', _bias, 0.03, 1e-4, 0.4, 'N m',
+             beside=True),
         Kind('cable spring', 'cable_spring', 'joint stiffness with a cubic term', _spring,
              30.0, 2.0, 400.0, 'N/m'),
         Kind('asymmetric friction', 'asymmetric_friction', 'two levels of dry friction',
-             _asymmetric, 0.05, 0.005, 0.4, 'N m'),
+             _asymmetric, 0.05, 2e-4, 0.4, 'N m', beside=True),
         Kind('drag', 'quadratic_drag', 'damping with quadratic and cubic terms', _drag,
-             0.15, 0.01, 2.0, 'N m s^2/m^2'),
+             0.15, 1e-3, 2.0, 'N m s^2/m^2', beside=True),
         Kind('frame', 'frame_resonance', 'the frame is a body on a spring', _frame,
              0.03, 0.002, 0.2, '1/kg', 'all'),
         Kind('heating winding', '', '`dcmotor` thermal: torque falls as it warms', _thermal,
-             3.0, 0.1, 60.0, 'K/W', sort='outside'),
+             3.0, 0.1, 60.0, 'K/W'),
         Kind('hanging load', '', 'a part of the tool swings on two hinges', _hanging,
-             0.3, 0.02, 0.8, 'kg', 'all', sort='outside'),
+             0.3, 0.02, 0.8, 'kg', 'all'),
         Kind('dry friction', '', '`frictionloss` with its own softness in place of the sign',
-             _dry, sort='outside', place='all'),
-        Kind('none', '', 'friction as the machine file states it', _nothing, sort='none'),
+             _dry, place='all'),
     )
 }  # fmt: skip
 
 
 class MujocoProbe(Probe):
-    """Measures what an effect leaves; the logs are MuJoCo's. An `effect` is a whole machine."""
+    """Measures what effects leave; the logs are MuJoCo's."""
 
-    substeps = 10
-
-    def __init__(self, machine: Machine, parameters: Any, motions: Sequence[Motion]) -> None:
-        super().__init__(machine, parameters, motions)
+    def __init__(
+        self, machine: Machine, parameters: Any, motions: Sequence[Motion], noise: float
+    ) -> None:
+        super().__init__(machine, parameters, motions, noise)
         self.true = nominal(machine, self.parameters)
-        self.courses: dict[tuple[int, str], Course] = {}
-        self._bases[0] = self._model(0).simulate(self.theta[None])[0]
 
-    def course(self, which: int, true: True3) -> Course:
-        """Return what a machine does on one of the motions; simulated once."""
-        key = which, repr(true)
-        if key not in self.courses:
-            motion = self.motions[which]
-            run = Simulation(self.machine, true, self.substeps).run
-            self.courses[key] = run(motion.position, motion.velocity)
-        return self.courses[key]
+    def with_effects(self, effects: Sequence[Added]) -> tuple[True3, int]:
+        """Return the machine with effects, and the integration steps in a cycle it needs."""
+        true, substeps = self.true, 6
+        for added in effects:
+            true, substeps = added.apply(true), max(substeps, added.form.substeps)
+        # The same step whatever the controllers' cycle.
+        return true, round(substeps * self.machine.number('cycle') / 5e-4)
 
-    def effort(self, which: int, effects: Sequence[Any]) -> Array:
-        """Return (D, K) the logged effort before noise, on one of the motions."""
-        true = effects[0] if effects else self.true
-        cycle = self.machine.number('cycle')
-        return reported(self.course(which, true), true, cycle)
+    def course(self, motion: Motion, effects: Sequence[Added] = ()) -> tuple[Course, True3]:
+        """Return what the machine does, and the machine.
 
+        Raises:
+            IdentError: DIVERGED where MuJoCo lost it.
+        """
+        true, substeps = self.with_effects(effects)
+        try:
+            run = Simulation(self.machine, true, substeps).run
+            return run(motion.position, motion.velocity), true
+        except ArithmeticError as exc:
+            raise IdentError(ErrorCode.DIVERGED, str(exc)) from None
 
-@dataclass(frozen=True)
-class Drawn:
-    """One case.
-
-    Attributes:
-        kind: The effect.
-        drive: Which drive it sits on.
-        size: Its size, in the kind's unit.
-        rho: What the nominal parameters cannot imitate, in units of the noise.
-        parameters: The machine's.
-        motions: Of the two recordings.
-        probe: The logs behind it.
-        true: The machine.
-    """
-
-    kind: Kind
-    drive: int
-    size: float
-    rho: float
-    parameters: dict[str, float]
-    motions: tuple[MotionOrder, MotionOrder]
-    probe: MujocoProbe
-    true: True3
-
-    @property
-    def where(self) -> str:
-        """The place as the catalogue calls it."""
-        return 'all' if self.kind.place == 'all' else self.probe.machine.drives[self.drive]
-
-    def label(self, case: int) -> dict[str, Any]:
-        """Return what is to be kept from the diagnosis."""
-        return {
-            'case': case,
-            'sort': self.kind.sort,
-            'kind': self.kind.name,
-            'effect': self.kind.effect,
-            'where': self.where,
-            'size': self.size,
-            'rho': self.rho,
-            'parameters': self.parameters,
-            'motions': [m.kind for m in self.motions],
-        }
+    def _simulate(self, motion: Motion, effects: Sequence[Any]) -> Log:
+        course, true = self.course(motion, effects)
+        cycle, none = self.machine.number('cycle'), np.zeros((3, 0))
+        return Log(
+            names=self.machine.drives,
+            cycle=cycle,
+            effort=reported(course, true, cycle),
+            position=course.position,
+            velocity=course.velocity,
+            torque=course.torque,
+            carriage=none,
+            platform=none,
+            frame=none,
+            carriage_velocity=none,
+            platform_velocity=none,
+            frame_velocity=none,
+            steps=0,
+            rod_error=float(np.abs(course.rods).max()),
+        )
 
 
-def draw_case(
-    machine: Machine,
-    kind: Kind,
-    target: float,
-    rng: Rng,
-    seconds: tuple[float, float] = (FIT_SECONDS, CHECK_SECONDS),
-) -> Drawn:
-    """Draw a case: parameters, motions, and the size at which the effect leaves `target`."""
-    parameters = draw_parameters(machine, rng)
-    first, second = (str(name) for name in rng.choice(MOTIONS, 2, replace=False))
-    seeds = [int(x) for x in rng.integers(2**31, size=2)]
-    motions = (
-        MotionOrder(first, seconds[0], seeds[0]),
-        MotionOrder(second, seconds[1], seeds[1]),
-    )
-    probe = MujocoProbe(machine, parameters, [m.draw(machine) for m in motions])
-    probe.substeps = kind.substeps
-    drive = int(rng.integers(len(machine.drives)))
-    shape = [float(x) for x in rng.random(2)]
-    size = kind.start
-    for _ in range(TRIES if kind.start else 0):
-        left = probe.linear([kind.write(probe.true, drive, size, shape)])
-        ratio = min(10.0, max(0.1, target / max(left, 1e-3)))
-        size = min(kind.most, max(kind.least, size * ratio**kind.power))
-        if 0.5 < ratio < 2.0:
-            break
-    true = kind.write(probe.true, drive, size, shape)
-    rho = probe.truth([true]).size
-    return Drawn(kind, drive, size, rho, parameters, motions, probe, true)
+class MujocoDrawer(Drawer):
+    """Draws one case from MuJoCo."""
 
+    generator = 'mujoco'
+    pi_only = True
 
-def write_bags(drawn: Drawn, folder: Path, rng: Rng) -> None:
-    """Write `fit` and `check` as a recorder would have; neither says what is in them."""
-    nuisance = replace(
-        nuisance_of(drawn.probe.machine),
-        jitter=float(rng.uniform(5e-6, 4e-5)),
-        drop=float(rng.uniform(5e-4, 3e-3)),
-    )
-    for which, name in enumerate(('fit', 'check')):
-        course = drawn.probe.course(which, drawn.true)
-        motion = drawn.probe.motions[which]
-        effort = drawn.probe.effort(which, [drawn.true])
-        streams = make_streams(_log(drawn.probe, course, effort), motion, nuisance, rng)
-        write_bag(folder / name, streams)
+    def _probe(self, motions: tuple[MotionOrder, MotionOrder]) -> Probe:
+        drawn = [m.draw(self.machine) for m in motions]
+        return MujocoProbe(self.machine, self.parameters, drawn, self.rough.sigma)
 
+    @staticmethod
+    def known(machine: Machine) -> dict[str, list[str]]:
+        """Return the names of the kinds, by what a label calls them."""
+        out: dict[str, list[str]] = {}
+        for kind in KINDS.values():
+            out.setdefault(kind.label, []).append(kind.name)
+        return out
 
-def _log(probe: MujocoProbe, course: Course, effort: Array) -> Log:
-    none = np.zeros((3, 0))
-    return Log(
-        names=probe.machine.drives,
-        cycle=probe.machine.number('cycle'),
-        effort=effort,
-        position=course.position,
-        velocity=course.velocity,
-        torque=course.torque,
-        carriage=none,
-        platform=none,
-        frame=none,
-        carriage_velocity=none,
-        platform_velocity=none,
-        frame_velocity=none,
-        steps=0,
-        rod_error=float(np.abs(course.rods).max()),
-    )
+    def maker(self, effect: str, taken: Sequence[str] = ()) -> Callable[[float], Any]:
+        """Return what gives an effect, at a place and of a form drawn now, a size."""
+        kind = KINDS[str(self.rng.choice(self.forms()[effect]))]
+        # Two of MuJoCo's elements on one drive would replace each other.
+        free = [d for d in self.machine.drives if d not in taken]
+        return self._at(kind.name, str(self.rng.choice(free)))
+
+    def _at(self, form: str, where: str) -> Callable[[float], Any]:
+        kind = KINDS[form]
+        drive = self.machine.drives.index(where) if where in self.machine.drives else 0
+        place = 'all' if kind.place == 'all' else where
+        shape = tuple(float(u) for u in self.rng.random(3))
+
+        def make(size: float) -> Added:
+            value = kind.start * 10.0 ** (size - 0.5)
+            return Added(kind, drive, place, min(kind.most, max(kind.least, value)), shape)
+
+        return make
+
+    def decades(self, hidden: Any) -> float:
+        """Return how many powers of e lie between sizes 0 and 1 of an effect."""
+        return math.log(10.0) / hidden.form.power
+
+    def _imperfect_seeds(self, names: Sequence[str]) -> list[tuple[Callable[[float], Any], float]]:
+        """Return a maker for each drive, of effects that can stand beside any other."""
+        kinds = [k.name for k in KINDS.values() if k.beside and k.label in names]
+        drawn = [str(self.rng.choice(kinds)) for _ in self.machine.drives]
+        sizes = self.rng.uniform(-0.9, -0.3, len(drawn))
+        both = zip(drawn, self.machine.drives, sizes, strict=True)
+        return [(self._at(kind, drive), float(size)) for kind, drive, size in both]
+
+    def small_names(self, without: Sequence[str]) -> list[str]:
+        """Return the effects that may be small in any drive."""
+        return [k.label for k in KINDS.values() if k.beside and k.label not in without]
+
+    def _logger(self) -> list[Any]:
+        return []  # here the logger's mean is of the noise alone
+
+    def _left(self, effects: Sequence[Any]) -> float:
+        # One simulation instead of two and a fit: imperfections are small, so it is linear.
+        return self.probe.linear(effects)

@@ -81,14 +81,14 @@ class Whole:
     Attributes:
         tool_mass: Mass of the platform [kg].
         payload: Mass taken up during the log [kg].
-        taken: When [s].
+        turns: When it is taken up, put down, taken up, ... [s].
         frame: Mass [kg], frequency [Hz] and damping ratio of a swinging frame; empty: it stands.
         hanging: Mass [kg] and length [m] of a load that hangs from the platform; empty: none.
     """
 
     tool_mass: float
     payload: float = 0.0
-    taken: float = math.inf
+    turns: tuple[float, ...] = ()
     frame: tuple[float, ...] = ()
     hanging: tuple[float, ...] = ()
 
@@ -356,7 +356,7 @@ class Simulation:
         integral = self.rest(target[:, 0])
         course = Course(*(np.zeros(target.shape) for _ in range(4)))
         body = model.body('platform').id
-        taken = False
+        turn, whole = 0, self.true.whole
         with dry_friction(data, motors, levels, width):
             mujoco.mj_forward(model, data)
             for k in range(target.shape[1]):
@@ -369,12 +369,12 @@ class Simulation:
                 course.rods[:, k] = data.ten_length[len(drives) :] - self.length
                 # The amplifier knows the cold winding: volts for this torque at this speed.
                 data.ctrl[controls] = torque * volts[:, 0] + volts[:, 1] * data.qvel[motors]
-                if not taken and k * self.cycle >= self.true.whole.taken:
-                    model.body_mass[body] += self.true.whole.payload
-                    taken = True
+                if turn < len(whole.turns) and k * self.cycle >= whole.turns[turn]:
+                    model.body_mass[body] += -whole.payload if turn % 2 else whole.payload
+                    turn += 1
                 mujoco.mj_step(model, data, nstep=self.substeps)
-        if taken:
-            model.body_mass[body] -= self.true.whole.payload
+        if turn % 2:
+            model.body_mass[body] -= whole.payload
         if not np.isfinite(course.torque).all() or any(w.number for w in data.warning):
             raise ArithmeticError('MuJoCo lost the machine; use milder numbers')
         return course

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from collections import Counter
+from dataclasses import replace
+import gzip
 import json
 from pathlib import Path
 import subprocess
@@ -8,64 +10,102 @@ import sys
 import numpy as np
 import pytest
 
-from ros2_ident.checks.blind import seal
-from ros2_ident.checks.blind.draw import Drawer, known_kinds, outside_kinds, plan, Shares, Wanted
-from ros2_ident.checks.blind.label import from_mapping, Label, MotionOrder, to_mapping
+from ros2_ident.checks.blind import keep, seal
+from ros2_ident.checks.blind.command import numbers
+from ros2_ident.checks.blind.draw import Drawer
+from ros2_ident.checks.blind.faults import Fault
+from ros2_ident.checks.blind.forms import draw_form, FORMS
+from ros2_ident.checks.blind.label import from_mapping, Label, MotionOrder, Part, to_mapping
+from ros2_ident.checks.blind.machines import machine_of, read_plain
+from ros2_ident.checks.blind.planning import forms_of, plan, Shares, Wanted
 from ros2_ident.checks.blind.probe import Probe
+from ros2_ident.checks.blind.rough import Rough
 from ros2_ident.checks.blind.run import scrubbed
-from ros2_ident.checks.blind.store import Store
-from ros2_ident.checks.blind.truth import SHARED
+from ros2_ident.checks.blind.store import Store, write_json
+from ros2_ident.checks.blind.truth import make_row
 from ros2_ident.cli.main import main
+from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import IdentError
-from ros2_ident.models import load_machine
 from ros2_ident.reference.bag_making import draw_parameters
-from ros2_ident.reference.effects import draw_effect, Effect, kind_of
 
 TRIPOD = Path(__file__).parent.parent / 'config' / 'tripod.yaml'
-MACHINE = load_machine(TRIPOD)
+PLAIN = read_plain(TRIPOD)
+MACHINE = machine_of(PLAIN)
+FORMS_HERE = forms_of(MACHINE)
+INSIDE = [name for name in FORMS_HERE if name in CATALOGUE]
+OUTSIDE = [name for name in FORMS_HERE if name not in CATALOGUE]
 
 
 def a_label() -> Label:
-    effect = Effect('stribeck', ('drive_2',), {'torque': 0.05, 'speed': 0.03}, 'same', 0.4, 7)
+    values = {'torque': 0.05, 'speed': 0.034}
+    effect = Part('stribeck', 'stribeck.rational', 'drive_2', values, 2.1)
+    small = Part('neighbour', 'neighbour', 'drive_1', {'force': 0.3}, None)
     motions = MotionOrder('mixed', 8.0, 3), MotionOrder('creep', 6.0, 4, 0.5)
-    return Label(5, 'single', {'tool_mass': 1.3}, motions, (effect,), (), (2.0,), {'drop': 0.0}, 9)
+    return Label(
+        case=5,
+        sort='single',
+        generator='reference',
+        machine=PLAIN,
+        parameters={'tool_mass': 1.3},
+        motions=motions,
+        effects=(effect,),
+        imperfections=(small,),
+        fault=Fault('lag', -1, 0.03, 'command'),
+        rough=Rough(0.01, (0.9,)),
+        noise=(0.01, 0.011, 0.009),
+        rho=2.1,
+        rho_small=0.2,
+        rho_all=2.2,
+        share=0.98,
+        seed=9,
+    )
 
 
 def test_shares_add_up() -> None:
     for cases in (1, 7, 60, 300):
         assert sum(Shares().counts(cases).values()) == cases
-    assert Shares(0.0, 0.0, 1.0, 0.0, 0.0).counts(9)['none'] == 9
+    alone = dict.fromkeys(vars(Shares()), 0.0) | {'none': 1.0}
+    assert Shares(**alone).counts(9)['none'] == 9
 
 
-def test_plan_is_reproducible_and_visits_every_kind() -> None:
-    wanted = plan(MACHINE, 120, 4, Shares())
-    assert wanted == plan(MACHINE, 120, 4, Shares())
-    assert wanted != plan(MACHINE, 120, 5, Shares())
+def test_plan_is_reproducible_and_visits_every_effect() -> None:
+    wanted = plan(INSIDE, OUTSIDE, 240, 4, Shares())
+    assert wanted == plan(INSIDE, OUTSIDE, 240, 4, Shares())
+    assert wanted != plan(INSIDE, OUTSIDE, 240, 5, Shares())
     first = Counter(w.names[0] for w in wanted if w.sort == 'single')
-    assert set(first) == set(known_kinds(MACHINE))
+    assert set(first) == set(INSIDE)
     assert max(first.values()) - min(first.values()) <= 1
+    foreign = Counter(w.names[0] for w in wanted if w.sort == 'outside')
+    assert set(foreign) == set(OUTSIDE)
     sizes = sorted(w.sizes[0] for w in wanted if w.sort == 'single')
     # Evenly spread in the logarithm.
     assert np.median(sizes) == pytest.approx(np.sqrt(0.3 * 8.0), rel=0.1)
-    assert all(len(set(w.names[:2])) == 2 for w in wanted if w.sort == 'pair')
+    for sort, number in (('pair', 2), ('triple', 3)):
+        several = [w for w in wanted if w.sort == sort]
+        assert several and all(len(set(w.names[:number])) == number for w in several)
+        assert all(len(w.sizes) == number for w in several)
+    assert sum(w.hard for w in wanted) == pytest.approx(0.2 * 240, abs=1)
+    assert len({w.sort for w in wanted[:60]}) >= 7  # the order tells nothing
 
 
-def test_kinds_are_those_of_the_catalogue_that_can_be_told() -> None:
-    inside = known_kinds(MACHINE)
-    assert 'stribeck' in inside and 'coulomb_friction' not in inside
-    assert len(outside_kinds(MACHINE)) >= 8
-    assert not set(inside) & set(outside_kinds(MACHINE))
+def test_the_sorts_of_the_command_are_those_of_the_plan() -> None:
+    from ros2_ident.checks.blind.command import SHARES
+
+    assert vars(Shares()) == SHARES
 
 
-def test_shared_sizes_are_quantities_of_the_generator() -> None:
-    for name, (quantity, _, _) in SHARED.items():
-        kind = kind_of(name)
-        assert quantity in {kind.size.name, *(q.name for q in kind.others)}
+def test_cases_are_read_as_numbers_and_ranges() -> None:
+    assert numbers('3, 8,20-22') == (3, 8, 20, 21, 22)
+    assert numbers(None) == ()
+    with pytest.raises(IdentError, match='write as 3,8'):
+        numbers('3;8')
 
 
 def test_label_survives_json() -> None:
     label = a_label()
     assert from_mapping(json.loads(json.dumps(to_mapping(label)))) == label
+    whole = replace(label, fault=None, share=None)
+    assert from_mapping(json.loads(json.dumps(to_mapping(whole)))) == whole
 
 
 def test_seal_hides_and_proves() -> None:
@@ -79,7 +119,8 @@ def test_seal_hides_and_proves() -> None:
     broken = sealed | {'box': ('0' if sealed['box'][0] != '0' else '1') + sealed['box'][1:]}
     with pytest.raises(IdentError, match='seal'):
         seal.unseal(broken, 11)
-    assert seal.manifest([sealed]) != seal.manifest([sealed, sealed])
+    assert seal.digest_of(plain, sealed['nonce']) == sealed['sha256']
+    assert seal.manifest(['a']) != seal.manifest(['a', 'a'])
 
 
 def test_directory_of_another_run_is_refused(tmp_path) -> None:
@@ -93,6 +134,61 @@ def test_directory_of_another_run_is_refused(tmp_path) -> None:
         Store(tmp_path / 'nothing').about()
 
 
+def kept_run(tmp_path: Path) -> tuple[Store, Path]:
+    """Return a run of one sealed and scored case, and where it is kept."""
+    store = Store(tmp_path / 'run')
+    what = {'command': 'x', 'cases': 1, 'seed': 4, 'shares': {}}
+    store.begin(what, TRIPOD)
+    plain = to_mapping(replace(a_label(), case=1))
+    store.seal(1, seal.close(plain, 4))
+    store.close_seals(1)
+    kept = tmp_path / 'kept'
+    keep.keep_seals(store, kept)
+    assert 'not opened yet' in keep.verify(kept)[-1]
+    row = {**make_row(plain, store.case(1)), 'ranking': [{}] * 30}
+    keep.keep_all(store, kept, [row])
+    return store, kept
+
+
+def test_what_is_kept_can_be_verified_by_anybody(tmp_path) -> None:
+    store, kept = kept_run(tmp_path)
+    said = keep.verify(kept)
+    assert store.about()['manifest'] in said[0]
+    assert 'the figures are those of the table' in said[-1]
+    assert main(['blind', '--verify', str(kept)]) == 0
+    (row,) = (json.loads(line) for line in (kept / 'table.jsonl').read_text().splitlines())
+    assert len(row['ranking']) == 5
+
+
+@pytest.mark.parametrize(
+    ('file', 'old', 'new', 'match'),
+    [
+        ('table.jsonl', '"rho": 2.1', '"rho": 3.1', 'row of case 1'),
+        ('table.jsonl', 'stribeck', 'backlash', 'row of case 1'),
+        ('figures.json', ' of 1"', ' of 7"', 'figures'),
+        ('seals.json', '"manifest": "', '"manifest": "0', 'digest'),
+    ],
+)
+def test_what_was_changed_afterwards_is_found(tmp_path, file, old, new, match) -> None:
+    _, kept = kept_run(tmp_path)
+    text = (kept / file).read_text()
+    assert old in text
+    (kept / file).write_text(text.replace(old, new))
+    with pytest.raises(IdentError, match=match):
+        keep.verify(kept)
+
+
+def test_another_label_than_the_sealed_one_is_found(tmp_path) -> None:
+    store, kept = kept_run(tmp_path)
+    packed = gzip.decompress((kept / keep.LABELS).read_bytes()).decode()
+    (kept / keep.LABELS).write_bytes(gzip.compress(packed.replace('2.1', '2.2').encode()))
+    with pytest.raises(IdentError, match='label of case 1'):
+        keep.verify(kept)
+    write_json(kept / 'seals.json', {'manifest': 'another', 'seals': []})
+    with pytest.raises(IdentError, match='another run'):
+        keep.keep_all(store, kept, [])
+
+
 def test_linearised_size_agrees_with_the_refit() -> None:
     rng = np.random.default_rng(3)
     parameters = draw_parameters(MACHINE, rng)
@@ -100,21 +196,43 @@ def test_linearised_size_agrees_with_the_refit() -> None:
         MotionOrder('mixed', 3.0, 1).draw(MACHINE),
         MotionOrder('mixed', 2.0, 2).draw(MACHINE),
     ]
-    probe = Probe(MACHINE, parameters, motions)
-    effect = draw_effect('stribeck', rng, 0.5, ('drive_2',), MACHINE)
+    probe = Probe(MACHINE, parameters, motions, 0.01)
+    effect = draw_form(FORMS['stribeck.exponential'], MACHINE, 'drive_2', 0.6, 3)
     linear, true = probe.linear([effect]), probe.truth([effect])
     assert linear == pytest.approx(true.size, rel=0.3)
     assert int(np.argmax(true.per_drive)) == 1
     # Without an effect the fast model leaves a small part of the noise.
     assert probe.truth([]).size < 0.05
+    # Half the noise, twice the size.
+    finer = Probe(MACHINE, parameters, motions, 0.005)
+    assert finer.linear([effect]) == pytest.approx(2.0 * linear)
 
 
-def test_a_drawn_effect_has_about_the_size_asked_for() -> None:
-    wanted = Wanted(3, 'single', ('torque_ripple', 'stribeck'), (2.0,))
-    label = Drawer(MACHINE, 1, wanted).draw()
-    assert label == Drawer(MACHINE, 1, wanted).draw()
-    assert label.aimed[0] == pytest.approx(2.0, rel=0.5)
+def test_a_drawn_case_is_what_was_wanted_and_the_same_again() -> None:
+    wanted = Wanted(3, 'single', ('torque_ripple', 'stribeck'), (2.0,), True)
+    label, effects = Drawer(PLAIN, 1, wanted).draw()
+    again, _ = Drawer(PLAIN, 1, wanted).draw()
+    assert json.dumps(to_mapping(label)) == json.dumps(to_mapping(again))
+    (part,) = label.effects
+    assert part.effect == 'torque_ripple' and part.rho == pytest.approx(2.0, rel=0.5)
     assert label.motions[0].kind != label.motions[1].kind
+    assert label.rho_small <= 0.4 and label.imperfections
+    assert {p.where for p in label.imperfections} >= set(MACHINE.drives)
+    assert part.effect not in {p.effect for p in label.imperfections}
+    assert len(effects) == 1 + len(label.imperfections)
+    assert label.share is not None and 0.9 < label.share < 1.0
+    assert label.rough.hard and label.machine != PLAIN
+
+
+def test_what_the_logger_hides_is_not_counted_as_seen() -> None:
+    wanted = Wanted(7, 'single', ('encoder_quantisation',), (2.0,), False)
+    drawer = Drawer(PLAIN, 77, wanted)
+    step = draw_form(FORMS['encoder.steps'], drawer.machine, 'drive_3', 0.4, 2)
+    drawer.rough = replace(drawer.rough, smoothing=3, period=1e-3)
+    drawer.logger = []
+    plain = drawer._size([step])
+    drawer.logger = drawer._logger()
+    assert drawer._size([step]) < 0.7 * plain
 
 
 # fmt: off
@@ -173,13 +291,20 @@ def test_the_diagnosis_knows_nothing_of_the_generator() -> None:
 def test_two_cases_from_the_draw_to_the_page(tmp_path, capsys) -> None:
     words = ['blind', '--cases', '2', '--seed', '8', '--out', str(tmp_path / 'run')]
     words += ['--machine', str(TRIPOD), '--none', '1', '--single', '1', '--quiet']
-    words += ['--pair', '0', '--outside', '0', '--hidden', '0']
+    for sort in ('pair', 'triple', 'ideal', 'outside', 'hidden', 'fault'):
+        words += [f'--{sort}', '0']
+    words += ['--keep', str(tmp_path / 'kept')]
+    assert main([*words, '--draw-only']) == 0
+    assert 'sealed: 2 cases' in capsys.readouterr().out
+    assert Store(tmp_path / 'run').answered(1) is None
+    assert len(keep.verify(tmp_path / 'kept')) == 2
     assert main(words) == 0
     first = capsys.readouterr().out
     assert 'sealed: 2 cases' in first
     rows = Store(tmp_path / 'run').rows()
     assert [r['error'] for r in rows] == ['', '']
     assert (tmp_path / 'run' / 'blind.md').exists()
+    assert len(keep.verify(tmp_path / 'kept')) == 4
     # Nothing is left to do: the same command only scores again.
     assert main(words) == 0
     assert capsys.readouterr().out == first

@@ -3,19 +3,18 @@ from pathlib import Path
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from ros2_ident.checks.blind import seal
-from ros2_ident.checks.blind.draw import Shares
-from ros2_ident.checks.blind.label import Label, MotionOrder, to_mapping
-from ros2_ident.checks.blind.run import ask_all, BlindCheck, Stopped
+from ros2_ident.checks.blind.keep import verify
+from ros2_ident.checks.blind.label import Label, MotionOrder, Part, to_mapping
+from ros2_ident.checks.blind.planning import Shares
+from ros2_ident.checks.blind.rough import Rough
+from ros2_ident.checks.blind.run import ask_all, BlindCheck, order_of, Stopped
 from ros2_ident.checks.blind.score import score, verdict_of
-from ros2_ident.checks.blind.store import read_json, Store
-from ros2_ident.checks.blind.truth import make_row
-from ros2_ident.models import load_machine
-from ros2_ident.reference.bag_making import draw_parameters
-from ros2_ident.reference.effects import Effect
+from ros2_ident.checks.blind.store import read_json, stamp, Store
+from ros2_ident.checks.blind.truth import intervals, make_row
+from ros2_ident.sources import result_digest
 
 ROOT = Path(__file__).parent.parent
 TRIPOD = ROOT / 'config' / 'tripod.yaml'
@@ -45,27 +44,56 @@ def test_stopping_ends_the_processes_and_answers_nothing(tmp_path) -> None:
     assert store.answered(1) is None
 
 
-def a_case(store: Store) -> Label:
-    machine = load_machine(TRIPOD)
-    motions = MotionOrder('multi_point', 1.5, 3), MotionOrder('mixed', 1.5, 4)
-    effect = Effect('torque_ripple', ('drive_2',), {'torque': 0.05, 'order': 2.0, 'phase': 1.0})
-    parameters = draw_parameters(machine, np.random.default_rng(1))
-    label = Label(1, 'single', parameters, motions, (effect,), (), (2.0,), {}, 5)
-    store.case(1).mkdir(parents=True)
-    return label
-
-
 def test_row_of_a_case_without_diagnosis_counts_as_a_miss(tmp_path) -> None:
     store = Store(tmp_path)
-    label = a_case(store)
-    plain = to_mapping(label)
-    row = make_row(seal.unseal(seal.close(plain, 3), 3), store.case(1), TRIPOD)
+    effect = Part('torque_ripple', 'ripple.harmonics', 'drive_2', {'torque': 0.05}, 2.4)
+    plain = to_mapping(
+        Label(
+            case=1,
+            sort='single',
+            generator='reference',
+            machine={},
+            parameters={'tool_mass': 1.3},
+            motions=(MotionOrder('multi_point', 1.5, 3), MotionOrder('mixed', 1.5, 4)),
+            effects=(effect,),
+            imperfections=(),
+            fault=None,
+            rough=Rough(0.01),
+            noise=(0.01, 0.01, 0.01),
+            rho=2.4,
+            rho_small=0.0,
+            rho_all=2.4,
+            share=1.0,
+            seed=5,
+        )
+    )
+    row = make_row(seal.unseal(seal.close(plain, 3), 3), store.case(1))
     assert verdict_of(row) == 'error'
-    assert row['rho'] > 1.0
-    assert row['rho_all'] == row['rho']
+    assert row['rho'] == row['rho_all'] == 2.4
     by_name = {s.name: s for s in score([row])}
     assert by_name['diagnoses that failed'].value == 1.0
     assert by_name['exact effect first, rho from 1.5'].value == 0.0
+
+
+def test_intervals_stand_beside_the_parameters_they_are_of() -> None:
+    label = Label(
+        1, 'none', 'reference', {}, {'tool_mass': 1.3, 'drive_2.coulomb_torque': 0.05,
+        'measurement_delay': 0.02}, (MotionOrder('mixed', 8.0, 1), MotionOrder('dwell', 6.0, 2)),
+        (), (), None, Rough(0.01), (), 0.0, 0.0, 0.0, None, 1,
+    )  # fmt: skip
+    one = {'value': 1.2, 'low': 1.1, 'high': 1.25, 'unit': 'kg'}
+    names = ('drive_1.tool_mass', 'drive_2.coulomb_torque', 'measurement_delay', 'x.torque')
+    found = intervals(label, {'parameters': dict.fromkeys(names, one)})
+    assert [(p['name'], p['true']) for p in found] == [
+        ('drive_1.tool_mass', 1.3),
+        ('drive_2.coulomb_torque', 0.05),
+    ]
+
+
+def test_an_order_names_the_cases_own_machine_file(tmp_path) -> None:
+    order = order_of(Store(tmp_path), 7)
+    assert order['machine'] == str(tmp_path / 'cases' / 'case_0007' / 'machine.yaml')
+    assert set(order) == {'fit', 'check', 'machine', 'out'}
 
 
 def test_rows_come_back_in_order(tmp_path) -> None:
@@ -91,3 +119,28 @@ def test_practice_script_skips_where_there_is_nothing(tmp_path) -> None:
         check=True,
     )
     assert 'nothing to do' in done.stdout
+
+
+@pytest.mark.parametrize('page', ['blind.md', 'blind_mujoco.md'])
+def test_figures_are_of_the_program_they_stand_beside_or_said_to_be_stale(page) -> None:
+    """A change of the diagnosis makes a page stale: say so in its third line, or run it again."""
+    text = (ROOT / 'docs' / page).read_text(encoding='utf-8')
+    stale = text.split('\n')[2].startswith('**Stale:**')
+    assert stale or f'sources `{result_digest()}`' in text
+
+
+def test_what_the_repository_keeps_is_what_was_sealed() -> None:
+    kept = ROOT / 'docs' / 'blind'
+    assert '--verify' in (kept / 'README.md').read_text(encoding='utf-8')
+    for seals in kept.glob('*/seals.json'):
+        assert verify(seals.parent)
+
+
+def test_a_run_notes_every_program_that_diagnosed(tmp_path) -> None:
+    store = Store(tmp_path / 'run')
+    store.begin({'command': '', 'cases': 1, 'seed': 1, 'shares': {}}, TRIPOD)
+    now = stamp()
+    assert len(now['sources']) == 16
+    for program in (now, now, now | {'commit': 'another'}):
+        store.diagnosed_by(program)
+    assert [p['commit'] for p in store.about()['diagnosed']] == [now['commit'], 'another']

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import math
 
-from blind_rows import effect, row, table
+from blind_rows import effect, fault, gate, row, table
 import numpy as np
 import pytest
 
@@ -10,6 +10,7 @@ from ros2_ident.checks.blind.page import went_wrong, write_page
 from ros2_ident.checks.blind.score import (
     calibration,
     confusable_set,
+    fault_named,
     right,
     Score,
     score,
@@ -32,7 +33,7 @@ def test_wilson_is_the_textbook_one() -> None:
 @pytest.mark.parametrize(
     ('name', 'value', 'count'),
     [
-        ('false alarms, no effect', 0.5, 2),
+        ('false alarms, no effect', 1 / 3, 3),
         ('detected at rho 0.7 (rho 0.55 to 0.9)', 0.0, 1),
         ('detected at rho 3 (rho from 2.4)', 2 / 3, 3),
         # A crash is a miss, the twin of the bias is the bias.
@@ -47,9 +48,15 @@ def test_wilson_is_the_textbook_one() -> None:
         ('outside the catalogue, flagged', 1.0, 1),
         ('known effects flagged as unknown', 0.0, 4),
         ('not testable, recognised', 0.5, 2),
-        ('share closed within 0.05 of the generator with the effect removed', 1.0, 3),
-        ('share closed within 0.05 of what the model closes without noise', 0.0, 3),
-        ('diagnoses that failed', 1 / 12, 12),
+        ('triples: all in the first three', 1.0, 1),
+        ('bookkeeping faults, named before physics', 0.5, 4),
+        ('95 % intervals hold the truth, machines imperfect', 2 / 3, 3),
+        # An interval that does not exist holds nothing.
+        ('95 % intervals hold the truth, noise AR 0.9 or 0.99, stated off by 2.5', 0.5, 2),
+        ('95 % intervals hold the truth, machines ideal', 0.5, 2),
+        ('share closed within 0.05 of what the true model closes', 1.0, 3),
+        ('its interval covers', 1.0, 3),
+        ('diagnoses that failed', 1 / 14, 14),
     ],
 )
 def test_every_figure_is_what_counting_gives(name: str, value: float, count: int) -> None:
@@ -122,12 +129,36 @@ def test_a_proposal_comes_from_any_table() -> None:
 
 def test_page_shows_what_is_missed(tmp_path) -> None:
     rows = table()
-    about = {'command': 'ident blind --cases 12 --seed 3', 'seed': 3, 'manifest': 'abc'}
+    about = {
+        'command': 'ident blind --cases 20 --seed 3',
+        'cases': 20,
+        'seed': 3,
+        'manifest': 'abc',
+        'diagnosed': [{'commit': 'cafe', 'sources': 'f00'}, {'commit': 'beef', 'sources': 'ba5'}],
+    }
     page = write_page(tmp_path / 'blind.md', rows, score(rows), about)
     text = page.read_text()
-    assert 'ident blind --cases 12 --seed 3' in text
+    assert 'ident blind --cases 20 --seed 3' in text
+    assert 'at cafe (sources `f00`), then beef' in text and 'of no single commit' in text
+    assert '18 of 20 sealed cases' in text
     assert '**missed**' in text and '## Not reached' in text
     for picture in ('detection', 'reliability', 'confusion'):
         assert (tmp_path / 'blind' / f'{picture}.png').stat().st_size > 1000
     wrong = [r['case'] for r in rows if went_wrong(r)]
-    assert wrong == [2, 4, 8, 12]
+    assert wrong == [2, 4, 8, 12, 16, 17]
+
+
+def test_levels_are_those_of_the_generator() -> None:
+    rows = [r | {'generator': 'mujoco'} for r in table()]
+    name = 'exact effect first, rho from 1.5'
+    assert {s.name: s.level for s in score(rows)}[name] == '88 %'
+    assert by_name()[name].level == '90 %'
+
+
+def test_a_fault_named_beside_a_wrong_gain_is_named() -> None:
+    wrong = row(1, 'fault', [], ('velocity_gain_error', 'drive_1'),
+                fault=fault('constant', 'velocity gain'),
+                gates=[gate('law', 'the velocity gain is 4.4 in the file and 8.6 in the log')])
+    assert fault_named(wrong) and right(wrong)
+    beside = wrong | {'also': [{'effect': 'stribeck', 'where': ['drive_2']}]}
+    assert not fault_named(beside) and not right(beside)

@@ -14,16 +14,18 @@ the kinetic energy m/6 (v_c^2 + v_c v_p + v_p^2), so the mass matrix M stays con
 coordinates.
 """
 
-import math
+from collections.abc import Callable
 
 import numpy as np
 
 from ros2_ident.reference import layout as at
 from ros2_ident.reference.compiled import compiled
-from ros2_ident.reference.friction import friction_torque, internal_rates, rotor_torque, window
-from ros2_ident.reference.transmission import carriage_force, gear_force, load_force
+from ros2_ident.reference.drive_law import BESIDE, FORCES, FRICTION, LEVER, LOAD, TORQUE
+from ros2_ident.reference.friction import window
+from ros2_ident.reference.transmission import pull_of_arm
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+DriveLaw = Callable[[float, float, float, Array, Array, Array, Array, Array, Array], None]
 
 
 @compiled
@@ -74,9 +76,10 @@ def mass_and_rods(time: float, q: Array, shared: Array, drive: Array, matrix: Ar
     matrix[:, :] = 0.0
     tool = shared[at.TOOL_MASS] + count * rod * shared[at.ROD_AT_PLATFORM]
     if shared[at.PAYLOAD] != 0.0:
-        tool += shared[at.PAYLOAD] * window(
-            time, shared[at.PAYLOAD_FROM], shared[at.PAYLOAD_UNTIL], shared[at.PAYLOAD_RAMP]
-        )
+        for turn in range(at.PAYLOAD_TURNS):
+            begin, end = shared[at.PAYLOAD_FROM + 2 * turn], shared[at.PAYLOAD_FROM + 2 * turn + 1]
+            if end > begin:
+                tool += shared[at.PAYLOAD] * window(time, begin, end, shared[at.PAYLOAD_RAMP])
     for j in range(3):
         matrix[count + j, count + j] = tool
     matrix[frame, frame] = shared[at.FRAME_MASS] if shared[at.FRAME_MASS] > 0.0 else 1.0
@@ -95,15 +98,8 @@ def mass_and_rods(time: float, q: Array, shared: Array, drive: Array, matrix: Ar
 
 
 @compiled
-def pull_of_arm(place: float, d: Array) -> float:
-    """Return the torque with which gravity pulls a servo's arm back [N m]."""
-    if d[at.LOAD_MOMENT] == 0.0:
-        return 0.0
-    return float(d[at.LOAD_MOMENT] * math.sin(place - d[at.LOAD_ANGLE]))
-
-
-@compiled
 def derivative(
+    law: DriveLaw,
     time: float,
     x: Array,
     held: Array,
@@ -116,8 +112,10 @@ def derivative(
     """Write the time derivative of the state.
 
     Args:
+        law: Of the drives, see `drive_law`.
         time: Time since the start [s].
-        x: (n,) state; n = 2 (2D + 4), and D INTERNALS more where an effect has internal states.
+        x: (n,) state; n = 2 (2D + 4), and where an effect has internal states those of each
+            drive behind that.
         held: (D,) torque the controllers hold in this cycle [N m].
         shared: (SHARED_COLUMNS,) the machine's numbers.
         drive: (D, DRIVE_COLUMNS) the drives' numbers.
@@ -141,55 +139,37 @@ def derivative(
         for i in range(count):
             power += max(0.0, held[i] * x[m + i] * drive[i, at.GEAR])
         delivered = 1.0 / (1.0 + shared[at.SAG] * power)
+    width = (x.size - 2 * m) // count
+    motion = np.empty(4)
+    forces = np.empty(FORCES)
     for i in range(count):
         d = drive[i]
-        begin = min(2 * m + i * at.INTERNALS, x.size)
-        own = x[begin : min(begin + at.INTERNALS, x.size)]
-        place = x[i]
-        speed = x[m + i]
-        rail_place = x[count + i] - y
-        rail_speed = x[m + count + i] - y_rate
-        torque = rotor_torque(held[i], place, delivered, own, d)
-        if d[at.BACK_EMF] != 0.0:
-            torque -= d[at.BACK_EMF] * speed
-        beside = carriage_force(
-            rail_place, rail_speed, own[at.CABLE_STATE] if own.size > 0 else 0.0, d
-        )
+        own = slice(2 * m + i * width, 2 * m + (i + 1) * width)
+        motion[0] = x[i]
+        motion[1] = x[m + i]
+        motion[2] = x[count + i] - y
+        motion[3] = x[m + count + i] - y_rate
+        law(time, held[i], delivered, motion, shared, d, x[own], dx[own], forces)
+        torque, friction, load = forces[TORQUE], forces[FRICTION], forces[LOAD]
+        beside = forces[BESIDE]
         if shared[at.RIGID] == 1.0:
             moved = d[at.MOTOR_MASS] + d[at.CARRIAGE_MASS]
-            weight = d[at.CARRIAGE_MASS] * gravity + pull_of_arm(place, d)
+            weight = d[at.CARRIAGE_MASS] * gravity + pull_of_arm(motion[0], d)
             share = d[at.LOAD_SHARE]
-            load = weight - beside if d[at.LAW] == 2.0 else 0.0
             if share > 0.0:
-                load = load_force(place - rail_place, speed - rail_speed, d)
                 dx[m + count + i] = (load + beside) / (share * moved) - weight / moved
                 beside = -load
                 weight *= 1.0 - share
-            friction = friction_torque(time, place, speed, load, torque, own, d)
             force = d[at.GEAR] * (torque - friction) + beside - weight
             dx[m + i] = force / (moved * (1.0 - share))
             if share == 0.0:
                 dx[m + count + i] = dx[m + i]
         else:
-            slip = own[at.SLIP] if own.size > 0 else 0.0
-            load, lever = gear_force(place, speed, rail_place, rail_speed, slip, d)
-            friction = friction_torque(time, place, speed, load, torque, own, d)
-            inertia = d[at.MOTOR_MASS] * (1.0 + d[at.SPEED_INERTIA] * speed**2)
-            dx[m + i] = (d[at.GEAR] * (torque - friction) - lever * load) / inertia
+            inertia = d[at.MOTOR_MASS] * (1.0 + d[at.SPEED_INERTIA] * motion[1] ** 2)
+            dx[m + i] = (d[at.GEAR] * (torque - friction) - forces[LEVER] * load) / inertia
             weight = d[at.CARRIAGE_MASS] + shared[at.ROD_MASS] * (1.0 - shared[at.ROD_CENTRE])
-            side[i] = load + beside - weight * gravity - pull_of_arm(rail_place, d)
+            side[i] = load + beside - weight * gravity - pull_of_arm(motion[2], d)
             frame_load += load + beside
-        if own.size > 0:
-            internal_rates(
-                speed,
-                rail_speed,
-                load,
-                held[i],
-                friction,
-                own,
-                d,
-                dx[begin : begin + at.INTERNALS],
-            )
     if shared[at.RIGID] == 1.0:
         return
     if shared[at.PLATFORM] == 0.0:
@@ -202,10 +182,13 @@ def derivative(
     )
     side[count + 2] = -weight * gravity
     if shared[at.FRAME_MASS] > 0.0:
+        softer = 0.0
+        if shared[at.FRAME_SOFTENING] != 0.0:
+            softer = shared[at.FRAME_SOFTENING] * y**2 / (shared[at.FRAME_GIVE] ** 2 + y**2)
         side[frame] = (
             shared[at.FRAME_PRELOAD]
             - frame_load
-            - shared[at.FRAME_STIFFNESS] * y
+            - shared[at.FRAME_STIFFNESS] * y * (1.0 - softer)
             - (shared[at.FRAME_DAMPING] + shared[at.FRAME_QUADRATIC] * abs(y_rate)) * y_rate
         )
     for i in range(count):

@@ -28,7 +28,10 @@ zero are never read.
     FEEDFORWARD,  # 1
     TORQUE_LIMIT,  # N m
     TORQUE_KNEE,  # 0 hard clip, else exponent of a soft one
+    TORQUE_FADE,  # s/m, share of the limit lost per speed
+    TORQUE_SKEW,  # 1, share by which the limit is larger forwards and smaller backwards
     ENCODER_STEP,  # m
+    ENCODER_PHASE,  # steps, where within a step the reading jumps, less one half
     ENCODER_VELOCITY,  # s, lag of the coarse position's error in the speed; 0: true speed
     INTEGRATOR_LEAK,  # 1/s
     MAGNETIC_TORQUE,  # N m
@@ -122,7 +125,7 @@ zero are never read.
     SQUARE_SPEED,  # rad/s
     SQUARE_FORM,  # 0 Gaussian, 1 Lorentzian
     DRIVE_COLUMNS,
-) = range(108)
+) = range(111)
 
 # Shared by the machine.
 (
@@ -137,18 +140,21 @@ zero are never read.
     ROD_AT_PLATFORM,  # integral of u^2, 1/3 where uniform
     ROD_CENTRE,  # integral of u, 1/2 where uniform
     PAYLOAD,  # kg
-    PAYLOAD_FROM,  # s
-    PAYLOAD_UNTIL,  # s
     PAYLOAD_RAMP,  # s
     FRAME_MASS,  # kg, 0: the frame stands still
     FRAME_STIFFNESS,  # N/m
     FRAME_DAMPING,  # N s/m
     FRAME_QUADRATIC,  # N s^2/m^2
+    FRAME_SOFTENING,  # 1, share of the stiffness lost far from rest
+    FRAME_GIVE,  # m, where half of that is lost
     FRAME_PRELOAD,  # N, what the drives rest on the frame at the start
     SAG,  # 1/W, supply sag
     RELEASE,  # s, from when on servos are switched off; 0: never
-    SHARED_COLUMNS,
+    PAYLOAD_FROM,  # s, behind it PAYLOAD_UNTIL [s], and so on for each time it is taken up
 ) = range(22)
+PAYLOAD_UNTIL = PAYLOAD_FROM + 1
+PAYLOAD_TURNS = 6
+SHARED_COLUMNS = PAYLOAD_FROM + 2 * PAYLOAD_TURNS
 
 # Internal states of one drive, behind positions and velocities.
 (

@@ -3,10 +3,13 @@
 
 import math
 
+from numba import float64, int64
 import numpy as np
 
 from ros2_ident.reference import layout as at
 from ros2_ident.reference.compiled import compiled
+from ros2_ident.reference.drive_law import LAW
+from ros2_ident.reference.dynamics import DriveLaw
 from ros2_ident.reference.stepper import advance, STAGES
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
@@ -52,7 +55,7 @@ def control(
     seen = position
     quantum = d[at.ENCODER_STEP]
     if quantum > 0.0:
-        seen = quantum * math.floor(position / quantum + 0.5)
+        seen = quantum * math.floor(position / quantum + 0.5 + d[at.ENCODER_PHASE])
         if d[at.ENCODER_VELOCITY] > 0.0:
             # The speed suffers, too: the reading's error is differentiated and smoothed by a lag.
             share = 1.0 - math.exp(-cycle / d[at.ENCODER_VELOCITY])
@@ -78,7 +81,11 @@ def control(
         memory[INTEGRAL] += d[at.INTEGRAL_GAIN] * error * cycle
         memory[INTEGRAL] *= 1.0 - d[at.INTEGRATOR_LEAK] * cycle
         torque = d[at.VELOCITY_GAIN] * error + memory[INTEGRAL]
-    return limited(torque, d[at.TORQUE_LIMIT], d[at.TORQUE_KNEE])
+    limit = d[at.TORQUE_LIMIT]
+    if d[at.TORQUE_FADE] != 0.0 or d[at.TORQUE_SKEW] != 0.0:
+        fade = max(0.1, 1.0 - d[at.TORQUE_FADE] * abs(speed))
+        limit *= fade * (1.0 + math.copysign(d[at.TORQUE_SKEW], torque))
+    return limited(torque, limit, d[at.TORQUE_KNEE])
 
 
 @compiled
@@ -100,6 +107,7 @@ def magnetised(torque: float, memory: Array, d: Array) -> float:
 
 @compiled
 def run(
+    law: DriveLaw,
     target: Array,
     target_speed: Array,
     x: Array,
@@ -115,6 +123,7 @@ def run(
     """Simulate the closed loop.
 
     Args:
+        law: Of the drives, see `drive_law`.
         target: (D, K) set-point the controllers see at every cycle [m].
         target_speed: (D, K) its derivative [m/s].
         x: (n,) state at the start, changed in place.
@@ -161,6 +170,7 @@ def run(
                     held[i] = torque[i, k] = drive[i, at.BACK_EMF] = 0.0
         if k + 1 < cycles:
             step = advance(
+                law,
                 k * cycle,
                 (k + 1) * cycle,
                 x,
@@ -178,3 +188,10 @@ def run(
             if step < 0.0:
                 return k + 1
     return cycles
+
+
+_ROW, _TABLE = float64[::1], float64[:, ::1]
+# What `compiled.settled` needs of `run`, before its first call.
+RUN = int64(
+    LAW, _TABLE, _TABLE, _ROW, _TABLE, _ROW, _TABLE, float64, float64, _TABLE, _TABLE, _ROW
+)

@@ -10,6 +10,8 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.reference import layout as at
+from ros2_ident.reference.drive_law import drive_law
+from ros2_ident.reference.dynamics import DriveLaw
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 CommandFilter = Callable[[Array, Array, float], tuple[Array, Array]]
@@ -88,10 +90,12 @@ class Plant:
         command_filters: What the set-point passes on its way to the controllers.
         effort_filters: What the torque passes on its way into the log.
         log_filters: What the log passes afterwards.
-        internals: Whether any effect has a state of its own.
+        internals: How many states effects keep in each drive.
         settled: False: the run starts as the nominal machine would rest, so that unmodelled loads
             make the controllers catch up in the first tenths of a second. True: the machine has
             stood long enough.
+        law: The forces in a drive, see `drive_law`.
+        torques: States of a drive that hold the controller's torque while it rests.
     """
 
     names: tuple[str, ...]
@@ -101,8 +105,10 @@ class Plant:
     command_filters: list[CommandFilter] = field(default_factory=list)
     effort_filters: list[EffortFilter] = field(default_factory=list)
     log_filters: list[EffortFilter] = field(default_factory=list)
-    internals: bool = False
+    internals: int = 0
     settled: bool = False
+    law: DriveLaw = drive_law
+    torques: tuple[int, ...] = (at.CURRENT_A, at.CURRENT_B)
 
 
 class Unmodelled(Protocol):
@@ -232,4 +238,5 @@ def set_columns(
     """Write columns of a drive, and switch the internal states on where the effect has one."""
     for column, number in columns.items():
         plant.drive[i, column] = number
-    plant.internals = plant.internals or internal
+    if internal:
+        plant.internals = max(plant.internals, at.INTERNALS)

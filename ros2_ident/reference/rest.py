@@ -7,10 +7,10 @@ from scipy.optimize import brentq
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.reference import layout as at
 from ros2_ident.reference import loop
-from ros2_ident.reference.dynamics import mass_and_rods, project, pull_of_arm
-from ros2_ident.reference.friction import rotor_torque
+from ros2_ident.reference.drive_law import BESIDE, FORCES, LEVER, LOAD, TORQUE
+from ros2_ident.reference.dynamics import mass_and_rods, project
 from ros2_ident.reference.plant import Array, Plant
-from ros2_ident.reference.transmission import carriage_force, gear_force, spring_of_load
+from ros2_ident.reference.transmission import pull_of_arm, spring_of_load
 
 
 def platform_at(carriage: Array, drive: Array) -> Array:
@@ -44,6 +44,25 @@ def platform_at(carriage: Array, drive: Array) -> Array:
     return np.asarray(base - np.sqrt(depth) * normal, dtype=float)
 
 
+def still(plant: Plant, i: int, place: float, rail: float, held: float = 0.0) -> Array:
+    """Return (FORCES,) the forces in drive i while nothing moves, see `drive_law`.
+
+    Args:
+        plant: The machine.
+        i: Index of the drive.
+        place: Motor position [m].
+        rail: Carriage position [m].
+        held: The controller's torque [N m].
+    """
+    forces, own = np.zeros(FORCES), np.zeros(plant.internals)
+    if plant.internals:
+        own[list(plant.torques)] = held
+    motion = np.array([place, 0.0, rail, 0.0])
+    rates = np.zeros_like(own)
+    plant.law(0.0, held, 1.0, motion, plant.shared, plant.drive[i], own, rates, forces)
+    return forces
+
+
 def static_loads(x: Array, plant: Plant) -> Array:
     """Return the gear forces that hold the machine still.
 
@@ -73,15 +92,16 @@ def static_loads(x: Array, plant: Plant) -> Array:
         )
         load = load + np.array([matrix[count + 4 + i, i] * pull[i] for i in range(count)])
     for i in range(count):
-        load[i] -= carriage_force(x[count + i], 0.0, 0.0, drive[i])
+        load[i] -= still(plant, i, x[count + i], x[count + i])[BESIDE]
     return np.asarray(load, dtype=float)
 
 
-def motor_ahead(rail: float, load: float, d: Array) -> float:
-    """Return the motor position at which the gear carries a load at rest [m]."""
+def motor_ahead(plant: Plant, i: int, rail: float, load: float) -> float:
+    """Return the motor position at which the gear of drive i carries a load at rest [m]."""
+    d = plant.drive[i]
 
     def excess(place: float) -> float:
-        return gear_force(place, 0.0, rail, 0.0, 0.0, d)[0] - load
+        return float(still(plant, i, place, rail)[LOAD] - load)
 
     if excess(rail) == 0.0:
         return rail
@@ -105,7 +125,7 @@ def carriages_at(plant: Plant, start: Array) -> Array:
     """
     count = len(plant.names)
     m = 2 * count + 4
-    x = np.zeros(2 * m + (count * at.INTERNALS if plant.internals else 0))
+    x = np.zeros(2 * m + count * plant.internals)
     x[:count] = x[count : 2 * count] = start
     if plant.shared[at.PLATFORM] == 1.0:
         x[2 * count : 2 * count + 3] = platform_at(np.asarray(start, dtype=float), plant.drive)
@@ -127,9 +147,8 @@ def holding_torque(place: float, rail: float, load: float, plant: Plant, i: int)
         Torque [N m].
     """
     d = plant.drive[i]
-    lever = 1.0 if plant.shared[at.RIGID] == 1.0 else gear_force(place, 0.0, rail, 0.0, 0.0, d)[1]
-    nothing = np.zeros(at.INTERNALS)
-    idle = rotor_torque(0.0, place, 1.0, nothing, d)
+    rest = still(plant, i, place, rail)
+    lever, idle = float(rest[LEVER]), float(rest[TORQUE])
     order = d[at.RIPPLE_ORDER] * d[at.GEAR] * place + 1.9 * d[at.RIPPLE_PHASE]
     gain = 1.0 + d[at.ACTUATOR_GAIN] + d[at.RIPPLE_CURRENT] * np.sin(order)
     return float((lever * load / d[at.GEAR] - idle) / gain)
@@ -158,7 +177,7 @@ def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
     true_load = static_loads(x, plant)
     load = true_load if plant.settled else static_loads(carriages_at(nominal, start), nominal)
     shared[at.FRAME_PRELOAD] = sum(
-        true_load[i] + carriage_force(x[count + i], 0.0, 0.0, drive[i]) for i in range(count)
+        true_load[i] + still(plant, i, x[count + i], x[count + i])[BESIDE] for i in range(count)
     )
     for i in range(count):
         d = drive[i]
@@ -166,7 +185,7 @@ def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
             stiffness = d[at.GEAR] * d[at.VELOCITY_GAIN] * d[at.POSITION_GAIN]
             x[i] = x[count + i] = start[i] - load[i] / stiffness
         if shared[at.RIGID] == 0.0:
-            x[i] = motor_ahead(x[count + i], load[i], d)
+            x[i] = motor_ahead(plant, i, x[count + i], load[i])
         elif d[at.LOAD_SHARE] > 0.0:
             # The motor bears its own share of a weight, the spring the rest.
             borne = (1.0 - d[at.LOAD_SHARE]) * d[at.CARRIAGE_MASS] * shared[at.GRAVITY]
@@ -181,8 +200,8 @@ def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
         memory[i, [loop.SEEN, loop.SEEN_FILTERED]] = seen
         memory[i, loop.SEEN_ERROR] = seen - x[i]
         if plant.internals:
-            own = x[2 * m + i * at.INTERNALS : 2 * m + (i + 1) * at.INTERNALS]
-            own[at.CURRENT_A] = own[at.CURRENT_B] = hold
+            own = x[2 * m + i * plant.internals : 2 * m + (i + 1) * plant.internals]
+            own[list(plant.torques)] = hold
             own[at.REST] = 1.0
     return x, memory
 

@@ -9,6 +9,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.reference import layout as at
 from ros2_ident.reference import loop
+from ros2_ident.reference.compiled import settled
 from ros2_ident.reference.plant import Array, Log, Plant, Unmodelled
 from ros2_ident.reference.rest import at_rest, set_moving
 
@@ -115,7 +116,9 @@ def simulate(
     torque: Array = np.zeros((count, cycles))
     states = np.zeros((cycles, 2 * m))
     tally = np.zeros(3)
+    settled(loop.run, loop.RUN)
     done = loop.run(
+        plant.law,
         target,
         target_speed,
         x,

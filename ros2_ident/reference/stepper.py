@@ -13,7 +13,7 @@ from scipy.integrate._ivp import dop853_coefficients as table
 
 from ros2_ident.reference import layout as at
 from ros2_ident.reference.compiled import compiled
-from ros2_ident.reference.dynamics import derivative, project
+from ros2_ident.reference.dynamics import derivative, DriveLaw, project
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
@@ -23,6 +23,7 @@ B = np.ascontiguousarray(table.B)
 C = np.ascontiguousarray(table.C[:STAGES])
 E3 = np.ascontiguousarray(table.E3)
 E5 = np.ascontiguousarray(table.E5)
+MOST = 20_000  # steps in a cycle; who needs more runs away
 SHORTEST = 1e-10  # s; a step this short is taken as it is: it spans a kink, not a motion
 
 
@@ -61,6 +62,7 @@ def error_ratio(
 
 @compiled
 def advance(
+    law: DriveLaw,
     time: float,
     end: float,
     x: Array,
@@ -78,6 +80,7 @@ def advance(
     """Integrate the plant over one cycle of held torque.
 
     Args:
+        law: Of the drives, see `drive_law`.
         time: Start of the cycle [s].
         end: End of the cycle [s].
         x: (n,) state, changed in place.
@@ -94,12 +97,17 @@ def advance(
             to.
 
     Returns:
-        The step to try first in the next cycle [s], or -1 where the state is no longer finite.
+        The step to try first in the next cycle [s], or -1 where the state is no longer finite, or
+        the steps no longer get anywhere.
     """
     rods = shared[at.PLATFORM] == 1.0 and shared[at.RIGID] == 0.0
-    derivative(time, x, held, shared, drive, matrix, side, slopes[0])
+    derivative(law, time, x, held, shared, drive, matrix, side, slopes[0])
     trial = np.empty_like(x)
+    tries = 0
     while time < end:
+        tries += 1
+        if tries > MOST:
+            return -1.0
         last = step >= (end - time) * (1.0 - 1e-12)
         h = end - time if last else step
         for s in range(1, STAGES):
@@ -108,13 +116,14 @@ def advance(
                 for r in range(s):
                     total += A[s, r] * slopes[r, j]
                 trial[j] = x[j] + h * total
-            derivative(time + C[s] * h, trial, held, shared, drive, matrix, side, slopes[s])
+            stage = slopes[s]
+            derivative(law, time + C[s] * h, trial, held, shared, drive, matrix, side, stage)
         for j in range(x.size):
             total = 0.0
             for s in range(STAGES):
                 total += B[s] * slopes[s, j]
             trial[j] = x[j] + h * total
-        derivative(time + h, trial, held, shared, drive, matrix, side, slopes[STAGES])
+        derivative(law, time + h, trial, held, shared, drive, matrix, side, slopes[STAGES])
         ratio = error_ratio(slopes, h, x, trial, rtol, atol)
         if not math.isfinite(ratio):
             if h < SHORTEST:

@@ -115,3 +115,11 @@ def carriage_force(rail_place: float, rail_speed: float, cable_state: float, d: 
     if d[at.BUMPER_STIFFNESS] != 0.0:
         force -= d[at.BUMPER_STIFFNESS] * max(0.0, rail_place - d[at.BUMPER_PLACE]) ** 2
     return force
+
+
+@compiled
+def pull_of_arm(place: float, d: Array) -> float:
+    """Return the torque with which gravity pulls a servo's arm back [N m]."""
+    if d[at.LOAD_MOMENT] == 0.0:
+        return 0.0
+    return float(d[at.LOAD_MOMENT] * math.sin(place - d[at.LOAD_ANGLE]))

@@ -156,7 +156,7 @@ def propose(rows: Sequence[Row]) -> Proposal:
     def of(key: str, test: Callable[[Row], bool]) -> Array:
         return np.array([float(r['evidence'][key]) for r in seen if test(r)])
 
-    nulls = of('size', lambda r: r['sort'] == 'none')
+    nulls = of('size', lambda r: r['sort'] in ('none', 'ideal'))
     material = material_size(nulls, rules.material)
     size = np.array([float(r['evidence']['size']) for r in seen])
     there = np.array([r['rho_all'] >= rules.material for r in seen], dtype=float)

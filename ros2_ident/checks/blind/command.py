@@ -2,9 +2,15 @@
 """`ident blind`: the diagnosis judged on cases whose answer it cannot see."""
 
 import argparse
+from pathlib import Path
 import shlex
+from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import count, whole
+from ros2_ident.errors import ErrorCode, IdentError
+
+if TYPE_CHECKING:
+    from ros2_ident.checks.blind.run import BlindCheck
 
 SUMMARY = 'judge the diagnosis on cases whose answer it cannot see'
 DESCRIPTION = (
@@ -15,11 +21,24 @@ DESCRIPTION = (
 EXAMPLES = (
     '  ident blind --cases 300 --seed 7 --out blind_7\n'
     '  ident blind --rescore blind_7 --page docs/blind.md\n'
+    '  ident blind --cases 300 --seed 7 --out blind_7 --draw-only --keep docs/blind/reference\n'
+    '  ident blind --verify docs/blind/reference\n'
     '\n'
-    'writes to DIR: the bags in cases/, the seals in sealed/, table.jsonl with one line a case, '
-    'blind.md with pictures\n'
+    'writes to DIR: the bags in cases/, the seals in sealed/ and seals.json, table.jsonl with one '
+    'line a case, blind.md with pictures\n'
 )
-EXIT_CODES = {0: 'scored', 1: 'stopped; the same command goes on'}
+EXIT_CODES = {0: 'scored, drawn, or verified', 1: 'stopped; the same command goes on'}
+# Of the sorts of cases, as `planning.Shares` has them.
+SHARES = {
+    'single': 0.36,
+    'pair': 0.13,
+    'triple': 0.04,
+    'none': 0.14,
+    'ideal': 0.05,
+    'outside': 0.11,
+    'hidden': 0.05,
+    'fault': 0.12,
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,13 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--processes', type=count, default=2, metavar='N', help='cases at a time; 2 by default'
     )
-    for name, share in (
-        ('single', 0.45),
-        ('pair', 0.15),
-        ('none', 0.20),
-        ('outside', 0.12),
-        ('hidden', 0.08),
-    ):
+    for name, share in SHARES.items():
         parser.add_argument(
             f'--{name}',
             type=float,
@@ -50,6 +63,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             metavar='SHARE',
             help=f'share of these cases; {share:g} by default',
         )
+    parser.add_argument(
+        '--draw-only', action='store_true', help='draw and seal, and diagnose nothing yet'
+    )
+    parser.add_argument(
+        '--only',
+        metavar='CASES',
+        help='diagnose and score only these cases: 3,8,20-40',
+    )
+    parser.add_argument(
+        '--keep',
+        metavar='DIR',
+        help='copy there what everybody can check: the seals, and once opened labels and table',
+    )
+    parser.add_argument(
+        '--verify', metavar='DIR', help='check what --keep has left: is it what was sealed?'
+    )
     parser.add_argument('--page', metavar='FILE', help='page to write; DIR/blind.md by default')
     parser.add_argument(
         '--notes', metavar='FILE', help='text for the page: why a level is not reached'
@@ -63,11 +92,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--quiet', action='store_true', help='show no progress')
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run or rescore, and write the page."""
-    from pathlib import Path
+def numbers(text: str | None) -> tuple[int, ...]:
+    """Read numbers of cases, as `3,8,20-40`.
 
-    from ros2_ident.checks.blind.draw import Shares
+    Raises:
+        IdentError: INVALID_GOAL where it cannot be read.
+    """
+    out: list[int] = []
+    for part in (text or '').split(','):
+        first, dash, last = part.strip().partition('-')
+        if not part.strip():
+            continue
+        if not first.isdigit() or (dash and not last.isdigit()):
+            raise IdentError(
+                ErrorCode.INVALID_GOAL, f'cannot read the cases {text!r}; write as 3,8,20-40'
+            )
+        out += range(int(first), int(last or first) + 1)
+    return tuple(out)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run, rescore or verify, and write the page."""
+    from ros2_ident.checks.blind.keep import verify
+
+    if args.verify:
+        print(*verify(args.verify), sep='\n')
+        return 0
+    return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
+    from ros2_ident.checks.blind.keep import keep_all
     from ros2_ident.checks.blind.page import write_page
     from ros2_ident.checks.blind.run import BlindCheck, Stopped
     from ros2_ident.checks.blind.score import score, sentences
@@ -78,23 +133,39 @@ def run(args: argparse.Namespace) -> int:
     with FractionMeter(quiet=args.quiet) as meter, interrupts() as cancel:
         check = BlindCheck(root, args.processes, meter, cancel.is_set)
         try:
-            if args.rescore:
-                rows = check.score(again=args.reopen) if args.reopen else check.store.rows()
-            else:
-                shares = Shares(args.single, args.pair, args.none, args.outside, args.hidden)
-                command = shlex.join(['ident', *args.words])
-                check.begin(args.machine, args.cases, args.seed, shares, command)
-                digest = check.draw()
-                print(f'sealed: {args.cases} cases, SHA-256 {digest}', flush=True)
-                check.diagnose()
-                rows = check.score()
+            rows = _rows(check, args)
         except Stopped:
             print(f'stopped; the same command goes on in {root}')
             return 1
+    if rows is None:
+        return 0
     found = score(rows)
-    for line in sentences(found):
-        print(line)
+    print(*sentences(found), sep='\n')
     notes = Path(args.notes).read_text(encoding='utf-8') if args.notes else ''
     page = write_page(args.page or root / 'blind.md', rows, found, check.store.about(), notes)
     print(f'written: {page}')
+    if args.keep:
+        print(f'kept: {keep_all(check.store, args.keep, rows)}')
     return 0
+
+
+def _rows(check: 'BlindCheck', args: argparse.Namespace) -> list[dict[str, Any]] | None:
+    """Return the scored cases; None where nothing shall be diagnosed."""
+    from ros2_ident.checks.blind.keep import keep_seals
+    from ros2_ident.checks.blind.planning import Shares
+
+    if args.rescore:
+        return check.score(again=True) if args.reopen else check.store.rows()
+    shares = Shares(**{name: getattr(args, name) for name in SHARES})
+    command = shlex.join(['ident', *args.words])
+    check.begin(args.machine, args.cases, args.seed, shares, command)
+    digest = check.draw()
+    print(f'sealed: {args.cases} cases, SHA-256 {digest}', flush=True)
+    if args.keep:
+        print(f'kept: {keep_seals(check.store, args.keep)}', flush=True)
+    if args.draw_only:
+        return None
+    only = numbers(args.only)
+    check.diagnose(only)
+    rows = check.score()
+    return [row for row in rows if not only or int(row['case']) in only]

@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws cases: machine, motions, effects, sizes, and the small imperfections of every real log."""
+"""Draws a case: machine, motions, effects, sizes, noise, and what is imperfect in every drive."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Sequence
+import math
 
 import numpy as np
 
-from ros2_ident.checks.blind.label import Label, MotionOrder
-from ros2_ident.checks.blind.probe import Probe
+from ros2_ident.checks.blind.faults import draw_fault
+from ros2_ident.checks.blind.forms import draw_form, FORMS
+from ros2_ident.checks.blind.forms.form import Hidden
+from ros2_ident.checks.blind.label import Label, MotionOrder, Part
+from ros2_ident.checks.blind.machines import draw_machine, machine_of, Plain
+from ros2_ident.checks.blind.planning import forms_of, Wanted
+from ros2_ident.checks.blind.probe import Left, Probe
+from ros2_ident.checks.blind.rough import draw_rough
 from ros2_ident.effects import twins
-from ros2_ident.models import Machine, make_model
-from ros2_ident.recording import Dataset
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.machine import Machine
 from ros2_ident.reference.bag_making import draw_parameters
-from ros2_ident.reference.effects import draw_effect, Effect, kind_of, kinds, NO_ZERO, suits
 
 FIT_SECONDS, CHECK_SECONDS = 8.0, 6.0
 ORDINARY = (
@@ -27,142 +31,64 @@ ORDINARY = (
 )
 # Motions that excite little: kind and pace.
 QUIET = (('creep', 1.0), ('multi_point', 0.12), ('dwell', 0.15))
-# Sizes, after the nominal fit, in units of the noise.
-SINGLE = (0.3, 8.0)
-PAIR = (1.0, 6.0)
-OUTSIDE = (0.7, 8.0)
-IMPERFECT = (0.1, 0.4)
-HIDDEN_BELOW = 0.2
-SHOWN_ABOVE = 1.0
-# Beyond these the tables' ranges end; a limit reaches down to what small motions need.
-SMALLEST = -3.0
-LARGEST = {'torque_saturation': 3.5, 'position_dependent_stiffness': 1.0}
-SAME_FORM = 0.25
-TRIES = 6
-
-
-@dataclass(frozen=True)
-class Shares:
-    """How the cases are divided; normalised to one."""
-
-    single: float = 0.45
-    pair: float = 0.15
-    none: float = 0.20
-    outside: float = 0.12
-    hidden: float = 0.08
-
-    def counts(self, cases: int) -> dict[str, int]:
-        """Return how many cases of each sort there are among `cases`."""
-        parts = {name: float(value) for name, value in vars(self).items()}
-        total = sum(parts.values())
-        exact = {name: cases * value / total for name, value in parts.items()}
-        out = {name: int(value) for name, value in exact.items()}
-        order = sorted(exact, key=lambda name: out[name] - exact[name])
-        for name in order[: cases - sum(out.values())]:
-            out[name] += 1
-        return out
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What a case shall be.
-
-    Attributes:
-        case: Its number, from 1.
-        sort: One of `label.SORTS`.
-        names: Kinds of effects to try, in this order.
-        sizes: Sizes aimed at.
-    """
-
-    case: int
-    sort: str
-    names: tuple[str, ...]
-    sizes: tuple[float, ...]
-
-
-def known_kinds(machine: Machine) -> tuple[str, ...]:
-    """Return the kinds that are in the catalogue and make sense on a machine."""
-    nothing = np.zeros((len(machine.drives), 400))
-    cycle = machine.number('cycle')
-    data = Dataset(machine.drives, cycle, 0, nothing, nothing, None, None, nothing)
-    listed = {at.effect for at in make_model(machine, data).extensions()}
-    return tuple(name for name in kinds() if name in listed and _suits(name, machine))
-
-
-def outside_kinds(machine: Machine) -> tuple[str, ...]:
-    """Return the kinds that no catalogue lists."""
-    group = [kind.name for kind in kinds().values() if kind.group == 'outside']
-    return tuple(name for name in group if _suits(name, machine))
-
-
-def _suits(name: str, machine: Machine) -> bool:
-    return suits(kind_of(name), machine, dict.fromkeys(machine.bounds, 0.0))
-
-
-def plan(machine: Machine, cases: int, seed: int, shares: Shares) -> tuple[Wanted, ...]:
-    """Divide the cases: every kind comes round before one comes twice, sizes are spread evenly.
-
-    Args:
-        machine: The machine.
-        cases: How many.
-        seed: Of the run.
-        shares: How they are divided.
-
-    Returns:
-        What each case shall be, in an order that tells nothing.
-    """
-    rng = np.random.default_rng([seed, 0])
-    counts = shares.counts(cases)
-    inside, outside = known_kinds(machine), outside_kinds(machine)
-    bag: dict[str, list[str]] = {}
-
-    def following(source: tuple[str, ...], what: str) -> str:
-        if not bag.get(what):
-            bag[what] = [str(name) for name in rng.permutation(source)]
-        return bag[what].pop()
-
-    def spread(low: float, high: float, count: int) -> list[float]:
-        even = (rng.permutation(count) + rng.random(count)) / max(1, count)
-        return [float(x) for x in low * (high / low) ** even]
-
-    out: list[tuple[str, tuple[str, ...], tuple[float, ...]]] = []
-    for size in spread(*SINGLE, counts['single']):
-        out.append(('single', (following(inside, 'single'), *_more(rng, inside)), (size,)))
-    sizes = zip(spread(*PAIR, counts['pair']), spread(*PAIR, counts['pair']), strict=True)
-    for pair in sizes:
-        names = (following(inside, 'pair'), following(inside, 'pair'), *_more(rng, inside))
-        out.append(('pair', names, pair))
-    for size in spread(*OUTSIDE, counts['outside']):
-        names = (following(outside, 'outside'), *_more(rng, outside))
-        out.append(('outside', names, (size,)))
-    for _ in range(counts['hidden']):
-        out.append(('hidden', (following(inside, 'hidden'), *_more(rng, inside)), ()))
-    out += [('none', (), ())] * counts['none']
-    order = rng.permutation(len(out))
-    return tuple(Wanted(n + 1, *out[i]) for n, i in enumerate(order))
-
-
-def _more(rng: np.random.Generator, names: Sequence[str]) -> tuple[str, ...]:
-    """Return kinds to fall back on where one cannot be seen on the motion drawn."""
-    return tuple(str(name) for name in rng.permutation(list(names))[:TRIES])
+# What the imperfections leave together, in units of the noise.
+IMPERFECT = (0.05, 0.4)
+HIDDEN_BELOW, SHOWN_ABOVE = 0.2, 1.0
+# Sizes beyond which the ranges of forms end; a limit reaches down to what small motions need.
+SMALLEST, LARGEST = -3.0, 1.15
+REACH = {'torque_saturation': 3.5, 'position_dependent_stiffness': 1.0}
+# Shorter bristles are a sign, a faster current loop is none, and both are slow to integrate.
+LEAST = {'presliding': 0.0, 'current_loop_lag': -0.3}
+# A drive near its limit would hide what else is in it.
+UNLIMITED = 0.8
+MACHINES = 20
 
 
 class Drawer:
-    """Draws one case.
+    """Draws one case from the slow reference.
 
     Args:
-        machine: The machine.
+        plain: Content of the machine file that the machine is drawn about.
         seed: Of the run.
         wanted: What the case shall be.
     """
 
-    def __init__(self, machine: Machine, seed: int, wanted: Wanted) -> None:
-        self.machine = machine
+    generator = 'reference'
+    pi_only = False
+
+    def __init__(self, plain: Plain, seed: int, wanted: Wanted) -> None:
         self.wanted = wanted
         self.rng = np.random.default_rng([seed, wanted.case])
-        self.parameters = draw_parameters(machine, self.rng)
-        self.motions = self._ordinary()
-        self.probe = self._probe(self.motions)
+        for _ in range(MACHINES):
+            self.plain = draw_machine(plain, self.rng, self.pi_only)
+            self.machine = machine_of(self.plain)
+            self.parameters = draw_parameters(self.machine, self.rng)
+            self.rough = draw_rough(self._limit(), self.rng, wanted.hard)
+            self.motions = self._ordinary()
+            if self._runs():
+                break
+        else:
+            raise IdentError(
+                ErrorCode.DIVERGED,
+                f'no machine drawn for case {wanted.case} follows its motions; take another seed',
+            )
+        # Effects are seen through it: a mean hides the chatter of an encoder's steps.
+        self.logger = self._logger() if wanted.sort != 'ideal' else []
+
+    # ------------------------------------------------------------------ machine and motions
+
+    def _limit(self) -> float:
+        limit = float(self.machine.numbers('torque_limit').max())
+        return limit if math.isfinite(limit) else 100.0 * self.machine.effort_noise
+
+    def _runs(self) -> bool:
+        """Whether the machine follows its motions, and its drives stay off their limits."""
+        try:
+            self.probe = self._probe(self.motions)
+            efforts = [self.probe.effort(i, ()) for i in range(2)]
+        except IdentError:
+            return False
+        return max(float(np.abs(e).max()) for e in efforts) < UNLIMITED * self._limit()
 
     def _ordinary(self) -> tuple[MotionOrder, MotionOrder]:
         fit, check = (str(kind) for kind in self.rng.choice(ORDINARY, 2, replace=False))
@@ -176,123 +102,227 @@ class Drawer:
         return fit, MotionOrder(kind, CHECK_SECONDS, b, pace)
 
     def _probe(self, motions: tuple[MotionOrder, MotionOrder]) -> Probe:
-        return Probe(self.machine, self.parameters, [m.draw(self.machine) for m in motions])
+        drawn = [m.draw(self.machine) for m in motions]
+        return Probe(self.machine, self.parameters, drawn, self.rough.sigma)
 
-    def draw(self) -> Label:
-        """Return the case."""
-        found = getattr(self, f'_{self.wanted.sort}')()
-        effects = tuple(effect for effect, _ in found)
-        small = self._imperfections(effects) if self.rng.random() < 0.5 else ()
-        return Label(
-            self.wanted.case,
-            self.wanted.sort,
-            self.parameters,
-            self.motions,
-            effects,
-            small,
-            tuple(size for _, size in found),
-            {
-                'jitter': float(self.rng.uniform(5e-6, 4e-5)),
-                'drop': float(self.rng.uniform(5e-4, 3e-3)),
-            },
-            int(self.rng.integers(2**31)),
-        )
+    # ------------------------------------------------------------------ effects
+
+    @staticmethod
+    def known(machine: Machine) -> dict[str, list[str]]:
+        """Return the names of the forms that a machine can have, by effect."""
+        return forms_of(machine)
+
+    def forms(self) -> dict[str, list[str]]:
+        """Return those of the drawn machine."""
+        return self.known(self.machine)
+
+    def maker(self, effect: str, taken: Sequence[str] = ()) -> Callable[[float], Hidden]:
+        """Return what gives an effect, at a place and of a form drawn now, a size.
+
+        Args:
+            effect: Its name.
+            taken: Drives with other effects; a generator may have to keep clear of them.
+        """
+        form = FORMS[str(self.rng.choice(self.forms()[effect]))]
+        where = str(self.rng.choice(self.machine.drives))
+        seed = int(self.rng.integers(2**31))
+        return lambda size: draw_form(form, self.machine, where, size, seed)
 
     def _sized(
-        self, name: str, target: float, rounds: int = 4, largest: float = 1.15
-    ) -> tuple[Effect, float]:
+        self, effect: str, target: float, rounds: int = 4, taken: Sequence[str] = ()
+    ) -> tuple[Hidden, float]:
         """Draw an effect and give it the size that leaves `target` after the nominal fit."""
-        kind = kind_of(name)
-        where = (str(self.rng.choice(self.machine.drives)),)
-        form: Any = 'same' if self.rng.random() < SAME_FORM else 'other'
-        seed = int(self.rng.integers(2**31))
-        decades = abs(np.log(kind.size.high / kind.size.low))
-        top = LARGEST.get(name, largest)
+        make = self.maker(effect, taken)
+        top, bottom = REACH.get(effect, LARGEST), LEAST.get(effect, SMALLEST)
         size, best = 0.5, None
         for _ in range(rounds):
-            # The same seed: signs and shapes stay, only the size moves.
-            effect = draw_effect(
-                name, np.random.default_rng(seed), size, where, self.machine, form
-            )
-            left = self.probe.linear([effect])
-            miss = abs(np.log(max(left, 1e-3) / target))
+            hidden = make(size)
+            try:
+                left = self.probe.linear([*self.logger, hidden])
+            except IdentError:  # it ran away
+                size -= 0.4
+                continue
+            miss = abs(math.log(max(left, 1e-3) / target))
             if best is None or miss < best[0]:
-                best = (miss, effect, left)
-            if miss < 0.15:
-                break
-            wish = size + np.log(target / max(left, 0.05)) / decades
-            wish = float(np.clip(wish, SMALLEST, top))
-            if abs(wish - size) < 0.01:
+                best = miss, hidden, left
+            wish = size + math.log(target / max(left, 0.05)) / self.decades(hidden)
+            wish = min(top, max(bottom, wish))
+            if miss < 0.15 or abs(wish - size) < 0.01:
                 break
             size = wish
-        assert best is not None
+        if best is None:
+            return make(bottom), 0.0
         return best[1], best[2]
 
-    def _first(self, names: Sequence[str], target: float, least: float) -> tuple[Effect, float]:
-        best: tuple[Effect, float] | None = None
-        for name in names[: TRIES + 1]:
-            effect, left = self._sized(name, target)
-            if best is None or left > best[1]:
-                best = effect, left
+    def decades(self, hidden: Hidden) -> float:
+        """Return how many powers of e lie between sizes 0 and 1 of an effect."""
+        size = hidden.form.size
+        return abs(math.log(size.high / size.low))
+
+    def _first(
+        self, names: Sequence[str], target: float, least: float, taken: Sequence[str]
+    ) -> Hidden:
+        """Return the first effect that leaves enough, else the one that leaves most."""
+        best: tuple[float, Hidden] | None = None
+        for name in names:
+            hidden, left = self._sized(name, target, taken=taken)
+            if best is None or left > best[0]:
+                best = left, hidden
             if left >= least:
-                return effect, left
+                break
         assert best is not None
-        return best
+        return best[1]
 
-    def _single(self) -> list[tuple[Effect, float]]:
-        (target,) = self.wanted.sizes
-        return [self._first(self.wanted.names, target, min(0.6 * target, 1.2))]
+    def _listed(self) -> list[Hidden]:
+        """Draw the effects that have to be found."""
+        sort, wanted = self.wanted.sort, self.wanted
+        if sort == 'hidden':
+            return self._hidden()
+        known = self.forms()
+        names = [name for name in wanted.names if name in known]
+        out: list[Hidden] = []
+        for number, target in enumerate(wanted.sizes):
+            alike = {twin for hidden in out for twin in twins(hidden.effect)}
+            first = names[number : number + 1] + names[len(wanted.sizes) :]
+            left = [name for name in first if name not in alike]
+            least = min(0.6 * target, 1.2) if len(wanted.sizes) == 1 else 0.8
+            places = [hidden.where for hidden in out]
+            out.append(self._first(left, target, least, places))
+        return out
 
-    def _outside(self) -> list[tuple[Effect, float]]:
-        return self._single()
-
-    def _none(self) -> list[tuple[Effect, float]]:
-        return []
-
-    def _pair(self) -> list[tuple[Effect, float]]:
-        first, second = self.wanted.sizes
-        names = self.wanted.names
-        one = self._first((names[0], *names[2:]), first, 0.8)
-        taken = twins(one[0].name)
-        other = [name for name in (names[1], *reversed(names[2:])) if name not in taken]
-        return [one, self._first(other, second, 0.8)]
-
-    def _hidden(self) -> list[tuple[Effect, float]]:
+    def _hidden(self) -> list[Hidden]:
         """Draw an effect that ordinary motions show and a quiet one does not."""
-        best: tuple[Effect, float] | None = None
+        best: tuple[float, Hidden, tuple[MotionOrder, MotionOrder], Probe] | None = None
         for name in self.wanted.names:
-            effect, shown = self._sized(name, 2.0 * SHOWN_ABOVE, rounds=3)
+            if name not in self.forms():
+                continue
+            hidden, shown = self._sized(name, 2.0 * SHOWN_ABOVE, rounds=3)
             if shown < SHOWN_ABOVE:
                 continue
             motions = self._quiet()
             probe = self._probe(motions)
-            left = probe.linear([effect])
-            if best is None or left < best[1]:
-                best, self.motions, self_probe = (effect, left), motions, probe
+            left = probe.linear([*self.logger, hidden])
+            if best is None or left < best[0]:
+                best = left, hidden, motions, probe
             if left < HIDDEN_BELOW:
                 break
         if best is None:
-            # Nothing could be shown at all: the case becomes one without an effect.
-            return []
-        self.probe = self_probe
-        return [best]
+            return []  # nothing could be shown at all: a case without an effect
+        _, hidden, self.motions, self.probe = best
+        return [hidden]
 
-    def _imperfections(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-        """Draw one or two small effects, and the other sign of friction where it stays small."""
-        total = float(self.rng.uniform(*IMPERFECT))
-        taken = {effect.name for effect in effects}
-        names = [n for n in known_kinds(self.machine) if n not in NO_ZERO and n not in taken]
-        names += [n for n in ('gear_hardening',) if _suits(n, self.machine)]
-        count = int(self.rng.integers(1, 3))
+    # ------------------------------------------------------------------ imperfections
+
+    def small_names(self, without: Sequence[str]) -> list[str]:
+        """Return the effects that may be small in any drive: they fade with their size."""
+        forms = self.forms()
+        return [n for n in forms if n not in without and all(FORMS[f].fades for f in forms[n])]
+
+    def _imperfections(self, effects: Sequence[Hidden]) -> list[Hidden]:
+        """Draw what is imperfect in every drive, and scale it to a total that stays small."""
+        names = self.small_names([effect.effect for effect in effects])
+        total = self.rng.uniform(*IMPERFECT)
+        shift, seeds = -0.4, self._imperfect_seeds(names)
+        best: tuple[float, list[Hidden]] = (math.inf, self.logger)
+        for _ in range(5):
+            drawn = [*self.logger, *(make(size + shift) for make, size in seeds)]
+            left = self._left(drawn)
+            miss = abs(math.log(max(left, 1e-3) / total))
+            if left <= IMPERFECT[1] and miss < best[0]:
+                best = miss, drawn
+            if miss < 0.3 and left <= IMPERFECT[1]:
+                break
+            shift += math.log(total / max(left, 0.02)) / 2.7
+        return best[1]
+
+    def _left(self, effects: Sequence[Hidden]) -> float:
+        try:
+            return self.probe.truth(effects).size
+        except IdentError:
+            return 10.0
+
+    def _imperfect_seeds(
+        self, names: Sequence[str]
+    ) -> list[tuple[Callable[[float], Hidden], float]]:
+        """Return two makers for each drive, of effects that differ, with a size for each."""
+        own = [n for n in names if FORMS[self.forms()[n][0]].place == 'drive']
+        whole = [n for n in names if n not in own]
         out = []
-        sign = draw_effect('arctan_sign', self.rng, 0.5, ('all',), self.machine)
-        if self.probe.linear([sign]) < total:
-            out.append(sign)
-        for name in self.rng.choice(names, count, replace=False):
-            effect, left = self._sized(str(name), total / np.sqrt(count), rounds=3)
-            if left < 1.5 * IMPERFECT[1]:
-                out.append(effect)
-        # Linearised, and on one recording, they can look smaller than they are.
-        while out and self.probe.truth(out).size > IMPERFECT[1]:
-            out.pop()
-        return tuple(out)
+        for drive in self.machine.drives:
+            for name in self.rng.choice(own, 2, replace=False):
+                form = FORMS[str(self.rng.choice(self.forms()[str(name)]))]
+                out.append((self._at(form.name, drive), float(self.rng.uniform(-0.5, 0.2))))
+        if whole and self.rng.random() < 0.5:
+            form = FORMS[self.forms()[str(self.rng.choice(whole))][0]]
+            out.append((self._at(form.name, 'all'), float(self.rng.uniform(-0.6, 0.0))))
+        return out
+
+    def _at(self, form: str, where: str) -> Callable[[float], Hidden]:
+        seed = int(self.rng.integers(2**31))
+        return lambda size: draw_form(FORMS[form], self.machine, where, size, seed)
+
+    def _logger(self) -> list[Hidden]:
+        """Return what the logger's mean makes of the effort, on every drive alike."""
+        if self.rough.smoothing == 1:
+            return []
+        time = 0.5 * self.rough.smoothing * self.rough.period
+        form = FORMS['log.mean']
+        return [Hidden(form, d, {'time': time}, math.nan, 0) for d in self.machine.drives]
+
+    # ------------------------------------------------------------------ the label
+
+    def draw(self) -> tuple[Label, list[Hidden]]:
+        """Return the case's label, but for what its logs' noise turns out to be, and its effects.
+
+        The effects are the imperfections and those that have to be found.
+        """
+        effects = self._listed()
+        small = [] if self.wanted.sort == 'ideal' else self._imperfections(effects)
+        everything = [*small, *effects]
+        fault = None
+        if self.wanted.sort == 'fault':
+            count = len(self.machine.drives)
+            fault = draw_fault(self.wanted.names[0], self.rng, count, self.plain)
+        alone = [self._size([effect]) for effect in effects]
+        parts = tuple(part_of(e, rho) for e, rho in zip(effects, alone, strict=True))
+        listed = alone[0] if len(alone) == 1 else self._size(effects)
+        left_small, left_all = self._leaves(small), self._leaves(everything)
+        label = Label(
+            case=self.wanted.case,
+            sort=self.wanted.sort,
+            generator=self.generator,
+            machine=self.plain,
+            parameters=self.parameters,
+            motions=self.motions,
+            effects=parts,
+            imperfections=tuple(part_of(e, None) for e in small),
+            fault=fault,
+            rough=self.rough,
+            noise=(),
+            rho=listed,
+            rho_small=left_small.size,
+            rho_all=left_all.size,
+            share=_share(left_small, left_all) if effects else None,
+            seed=int(self.rng.integers(2**31)),
+        )
+        return label, everything
+
+    def _leaves(self, effects: Sequence[Hidden]) -> Left:
+        return self.probe.truth(effects)
+
+    def _size(self, effects: Sequence[Hidden]) -> float:
+        return self._leaves([*self.logger, *effects]).size if effects else 0.0
+
+
+def part_of(hidden: Hidden, rho: float | None) -> Part:
+    """Return an effect as its label holds it."""
+    return Part(hidden.effect, hidden.form.name, hidden.where, dict(hidden.values), rho)
+
+
+def _share(small: Left, everything: Left) -> float | None:
+    """Return what the machine without the listed effects does not leave, of what everything does.
+
+    It is of the recording held out.
+    """
+    before = float(everything.check.sum())
+    return 1.0 - float(small.check.sum()) / before if before > 0.0 else None

@@ -89,7 +89,7 @@ def reliability(rows: Sequence[Row], path: Path) -> Path:
 
 def confusion(rows: Sequence[Row], path: Path) -> Path:
     """Draw truth against verdict for cases with at most one effect."""
-    part = [r for r in rows if r['sort'] in ('single', 'none', 'outside')]
+    part = [r for r in rows if r['sort'] in ('single', 'none', 'ideal', 'outside')]
 
     def truth(row: Row) -> str:
         if row['sort'] == 'outside':

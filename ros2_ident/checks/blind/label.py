@@ -5,14 +5,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ros2_ident.checks.blind.faults import Fault
+from ros2_ident.checks.blind.rough import Rough
 from ros2_ident.models import Machine
-from ros2_ident.reference.effects import Effect
 from ros2_ident.reference.motions import draw_motion, Motion, space_of
 from ros2_ident.reference.space import Space
 
-# What a case can hold: one effect, two, none, one that no catalogue lists, one that the motion
-# does not show.
-SORTS = ('single', 'pair', 'none', 'outside', 'hidden')
+# What a case can hold: one effect, two, three, imperfections only, not even these, one that no
+# catalogue lists, one that the motion does not show, a bookkeeping fault.
+SORTS = ('single', 'pair', 'triple', 'none', 'ideal', 'outside', 'hidden', 'fault')
 
 
 @dataclass(frozen=True)
@@ -44,68 +45,79 @@ class MotionOrder:
 
 
 @dataclass(frozen=True)
+class Part:
+    """One effect in a case, as plain values.
+
+    Attributes:
+        effect: The catalogue's id; outside it the form's name.
+        form: Name of the generator's form.
+        where: The drive, or `all`.
+        values: Its numbers, SI units.
+        rho: What it alone leaves after a fit of the nominal parameters, RMS of the worst drive
+            over both recordings, in units of the true noise; None where nobody asks for it.
+    """
+
+    effect: str
+    form: str
+    where: str
+    values: Mapping[str, float]
+    rho: float | None
+
+
+@dataclass(frozen=True)
 class Label:
     """One case.
 
     Attributes:
         case: Its number, from 1.
         sort: One of `SORTS`.
+        generator: `reference` or `mujoco`.
+        machine: Content of the true machine's file.
         parameters: The machine's true nominal parameters.
         motions: Of the recording to fit on and of the one held out.
         effects: What has to be found.
         imperfections: Small unlisted deviations beside it.
-        aimed: The sizes aimed at: what each effect leaves after a linearised nominal fit, in
-            units of the noise.
-        noise: Jitter [s] and share of lost samples of the log.
-        seed: Of the log's noise.
+        fault: The bookkeeping fault, or None.
+        rough: The noise.
+        noise: Standard deviation of each drive's true noise, of both recordings together.
+        rho: What the listed effects leave together, as `Part.rho`.
+        rho_small: What the imperfections leave.
+        rho_all: What everything leaves.
+        share: Share of what everything leaves on the recording held out that the machine without
+            the listed effects does not leave: what the true model closes.
+        seed: Of the logs' noise.
     """
 
     case: int
     sort: str
+    generator: str
+    machine: Mapping[str, Any]
     parameters: Mapping[str, float]
     motions: tuple[MotionOrder, MotionOrder]
-    effects: tuple[Effect, ...]
-    imperfections: tuple[Effect, ...]
-    aimed: tuple[float, ...]
-    noise: Mapping[str, float]
+    effects: tuple[Part, ...]
+    imperfections: tuple[Part, ...]
+    fault: Fault | None
+    rough: Rough
+    noise: tuple[float, ...]
+    rho: float
+    rho_small: float
+    rho_all: float
+    share: float | None
     seed: int
-
-
-def effect_mapping(effect: Effect) -> dict[str, Any]:
-    """Return an effect as a mapping of plain values."""
-    return {
-        'effect': effect.name,
-        'where': list(effect.where),
-        'values': dict(effect.values),
-        'form': effect.form,
-        'size': effect.size,
-        'seed': effect.seed,
-    }
-
-
-def _effect(plain: Mapping[str, Any]) -> Effect:
-    return Effect(
-        plain['effect'],
-        tuple(plain['where']),
-        plain['values'],
-        plain['form'],
-        plain['size'],
-        plain['seed'],
-    )
 
 
 def to_mapping(label: Label) -> dict[str, Any]:
     """Return a label as a mapping of plain values."""
     return {
-        'case': label.case,
-        'sort': label.sort,
+        **dict(vars(label).items()),
+        'machine': dict(label.machine),
         'parameters': dict(label.parameters),
         'motions': [asdict(m) for m in label.motions],
-        'effects': [effect_mapping(e) for e in label.effects],
-        'imperfections': [effect_mapping(e) for e in label.imperfections],
-        'aimed': list(label.aimed),
-        'noise': dict(label.noise),
-        'seed': label.seed,
+        'effects': [asdict(e) for e in label.effects],
+        'imperfections': [asdict(e) for e in label.imperfections],
+        'fault': asdict(label.fault) if label.fault else None,
+        'rough': label.rough.to_mapping(),
+        'noise': list(label.noise),
     }
 
 
@@ -113,13 +125,13 @@ def from_mapping(plain: Mapping[str, Any]) -> Label:
     """Return the label that `to_mapping` wrote."""
     fit, check = (MotionOrder(**m) for m in plain['motions'])
     return Label(
-        plain['case'],
-        plain['sort'],
-        plain['parameters'],
-        (fit, check),
-        tuple(_effect(e) for e in plain['effects']),
-        tuple(_effect(e) for e in plain['imperfections']),
-        tuple(plain['aimed']),
-        plain['noise'],
-        plain['seed'],
+        **{
+            **plain,
+            'motions': (fit, check),
+            'effects': tuple(Part(**e) for e in plain['effects']),
+            'imperfections': tuple(Part(**e) for e in plain['imperfections']),
+            'fault': Fault(**plain['fault']) if plain['fault'] else None,
+            'rough': Rough.from_mapping(plain['rough']),
+            'noise': tuple(plain['noise']),
+        }
     )

@@ -2,7 +2,7 @@
 """What effects leave on one machine and its motions, without noise.
 
 The linearised answer scales effects while cases are drawn. The true one refits the nominal
-parameters to the reference's noise-free log and is what the scores use.
+parameters to the generator's noise-free logs; it goes into the label.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,22 +12,19 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.gap.attribute import Attribution
-from ros2_ident.gap.case import Case, recordings_of
-from ros2_ident.gap.fits import Explanation
-from ros2_ident.identify.hidden import SETTLE
 from ros2_ident.models import DriveModel, Machine, make_model
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.motions import Motion
-from ros2_ident.reference.plant import Unmodelled
+from ros2_ident.reference.plant import Log, Unmodelled
 from ros2_ident.reference.twin import twin_of
+from ros2_ident.search import refine
 
 Array = npt.NDArray[np.float64]
 
-# Changes the effort by some 1e-8 of its size: far below any noise, and four times as fast.
-QUICK = (1e-7, 1e-8)
-# Every second cycle is logged.
-PERIOD = 1e-3
+# Changes the effort by some 1e-7 of its size: far below any noise, and several times as fast.
+QUICK = (1e-6, 1e-7)
+# What is compared: a sample a millisecond, without the log's start, as a diagnosis does.
+PERIOD, SETTLE = 1e-3, 0.1
 
 
 @dataclass(frozen=True)
@@ -35,12 +32,14 @@ class Left:
     """What the nominal parameters cannot imitate, without noise.
 
     Attributes:
+        fit: (D,) mean square on the recording fitted on, in units of the noise squared.
+        check: (D,) the same on the recording held out.
         per_drive: (D,) RMS over both recordings, in units of the noise.
-        check: (D,) mean square on the recording held out, in units of the noise squared.
     """
 
-    per_drive: Array
+    fit: Array
     check: Array
+    per_drive: Array
 
     @property
     def size(self) -> float:
@@ -52,26 +51,39 @@ class Probe:
     """One machine with its parameters on two motions.
 
     Args:
-        machine: The machine.
+        machine: The true machine.
         parameters: Its true nominal parameters.
         motions: Of the recording to fit on and of the one held out.
+        noise: Standard deviation of the effort's noise.
     """
 
     def __init__(
-        self, machine: Machine, parameters: Mapping[str, float], motions: Sequence[Motion]
+        self,
+        machine: Machine,
+        parameters: Mapping[str, float],
+        motions: Sequence[Motion],
+        noise: float,
     ) -> None:
         self.machine = machine
         self.parameters = dict(parameters)
         self.motions = tuple(motions)
-        self.floor = np.full(len(machine.drives), machine.effort_noise)
-        self._bases: dict[int, Array] = {}
+        self.noise = noise
         self._models: dict[int, DriveModel] = {}
-        self._jacobians: dict[int, Array] = {}
+        self._kept: dict[tuple[int, str], Log] = {}
 
-    def effort(self, which: int, effects: Sequence[Unmodelled]) -> Array:
-        """Return (D, K) the logged effort before noise, on one of the motions."""
-        motion = self.motions[which]
-        log = twin_of(self.machine).simulate(
+    # ------------------------------------------------------------------ the generator
+
+    def log(self, which: int, effects: Sequence[Unmodelled]) -> Log:
+        """Return what the machine does on one of the motions; the last few are kept."""
+        key = which, repr(effects)
+        if key not in self._kept:
+            while len(self._kept) >= 6:
+                del self._kept[next(iter(self._kept))]
+            self._kept[key] = self._simulate(self.motions[which], effects)
+        return self._kept[key]
+
+    def _simulate(self, motion: Motion, effects: Sequence[Unmodelled]) -> Log:
+        return twin_of(self.machine).simulate(
             self.machine,
             self.parameters,
             motion.position,
@@ -80,24 +92,29 @@ class Probe:
             rtol=QUICK[0],
             atol=QUICK[1],
         )
-        return np.asarray(log.effort)
 
-    def dataset(self, which: int, effort: Array) -> Dataset:
-        """Return a noise-free recording."""
-        motion = self.motions[which]
-        logged = np.full(effort.shape, np.nan)
-        every = max(1, round(PERIOD / motion.cycle))
-        logged[:, ::every] = effort[:, ::every]
-        return Dataset(
-            self.machine.drives,
-            motion.cycle,
-            0,
-            motion.position,
-            motion.velocity,
-            None,
-            None,
-            logged,
-        )
+    def effort(self, which: int, effects: Sequence[Unmodelled]) -> Array:
+        """Return (D, K) the logged effort before noise, on one of the motions."""
+        return np.asarray(self.log(which, effects).effort)
+
+    # ------------------------------------------------------------------ the nominal model
+
+    def model(self, which: int) -> DriveModel:
+        """Return the nominal model along one of the motions."""
+        if which not in self._models:
+            motion = self.motions[which]
+            data = Dataset(
+                self.machine.drives,
+                motion.cycle,
+                0,
+                motion.position,
+                motion.velocity,
+                None,
+                None,
+                np.zeros(motion.position.shape),
+            )
+            self._models[which] = make_model(self.machine, data)
+        return self._models[which]
 
     @cached_property
     def theta(self) -> Array:
@@ -105,59 +122,56 @@ class Probe:
         known = self.parameters
         values = [
             known[p.name] if p.name in known else known[p.name.rpartition('.')[2]]
-            for p in self._model(0).parameters
+            for p in self.model(0).parameters
         ]
         return np.array(values)
 
-    def _model(self, which: int) -> DriveModel:
-        if which not in self._models:
-            data = self.dataset(which, np.zeros(self.motions[which].position.shape))
-            self._models[which] = make_model(self.machine, data)
-        return self._models[which]
-
-    def _rows(self, which: int, effort: Array) -> Array:
+    def compared(self, which: int, effort: Array) -> Array:
+        """Return those of (..., K) efforts that are compared."""
         cycle = self.motions[which].cycle
-        return effort[..., int(round(SETTLE / cycle)) :: max(1, round(PERIOD / cycle))]
+        return effort[..., round(SETTLE / cycle) :: max(1, round(PERIOD / cycle))]
 
-    def _jacobian(self, which: int) -> Array:
-        if which not in self._jacobians:
-            model = self._model(which)
-            low = np.array([p.low for p in model.parameters])
-            high = np.array([p.high for p in model.parameters])
-            step = 1e-3 * (high - low) * np.where(self.theta > 0.5 * (low + high), -1.0, 1.0)
-            points = self.theta + np.vstack([np.zeros(len(step)), np.diag(step)])
-            outputs = model.simulate(points)
-            change = self._rows(which, outputs[1:] - outputs[:1])
-            self._jacobians[which] = change.reshape(len(step), -1).T
-        return self._jacobians[which]
+    def simulated(self, which: int, theta: Array) -> Array:
+        """Return (S, D, T) the nominal model's effort of (S, N) candidates."""
+        return self.compared(which, self.model(which).simulate(np.atleast_2d(theta)))
+
+    @cached_property
+    def _jacobian(self) -> Array:
+        model = self.model(0)
+        low = np.array([p.low for p in model.parameters])
+        high = np.array([p.high for p in model.parameters])
+        step = 1e-3 * (high - low) * np.where(self.theta > 0.5 * (low + high), -1.0, 1.0)
+        outputs = self.simulated(0, self.theta + np.vstack([np.zeros(len(step)), np.diag(step)]))
+        return (outputs[1:] - outputs[:1]).reshape(len(step), -1).T
+
+    @cached_property
+    def _base(self) -> Array:
+        """(D, T) the first log without effects."""
+        return self.compared(0, self.effort(0, ()))
+
+    # ------------------------------------------------------------------ sizes
 
     def linear(self, effects: Sequence[Unmodelled]) -> float:
         """Return the size on the first motion by the linearised fit, in units of the noise."""
-        if 0 not in self._bases:
-            self._bases[0] = self.effort(0, ())
-        change = self._rows(0, self.effort(0, effects) - self._bases[0])
-        jacobian = self._jacobian(0)
-        x = np.linalg.lstsq(jacobian, change.ravel(), rcond=1e-9)[0]
-        rest = (change.ravel() - jacobian @ x).reshape(change.shape)
-        return float((np.sqrt(np.mean(rest**2, axis=1)) / self.floor).max())
+        change = self.compared(0, self.effort(0, effects)) - self._base
+        x = np.linalg.lstsq(self._jacobian, change.ravel(), rcond=1e-9)[0]
+        rest = (change.ravel() - self._jacobian @ x).reshape(change.shape)
+        return float(np.sqrt(np.mean(rest**2, axis=1)).max() / self.noise)
 
-    def truth(self, effects: Sequence[Unmodelled], start: Array | None = None) -> Left:
-        """Refit the nominal parameters to a noise-free log and return what is left."""
-        efforts = [self.effort(i, effects) for i in range(2)]
-        return self.left(*self._refit(efforts, start))
-
-    def _refit(self, efforts: Sequence[Array], start: Array | None) -> tuple[Case, Explanation]:
-        data = [self.dataset(i, effort) for i, effort in enumerate(efforts)]
-        case = Case(recordings_of(self.machine, data[:1]), recordings_of(self.machine, data[1:]))
-        attribution = Attribution(case, self.floor)
-        starts = [self.theta] if start is None else [self.theta, start]
-        found = [attribution.refit((), x, 20) for x in starts]
-        return case, min(found, key=lambda e: float(e.fit.sum()))
-
-    def left(self, case: Case, found: Explanation) -> Left:
-        """Return what a fit leaves."""
-        drives = len(self.machine.drives)
-        fit_count = np.bincount(case.fit.drive, minlength=drives)
-        check_count = np.bincount(case.check.drive, minlength=drives)
-        both = (found.fit + found.check) / (fit_count + check_count)
-        return Left(np.sqrt(both), found.check / check_count)
+    def truth(self, effects: Sequence[Unmodelled]) -> Left:
+        """Refit the nominal parameters to the first noise-free log; return what both leave."""
+        wanted = [self.compared(i, self.effort(i, effects)) for i in range(2)]
+        model = self.model(0)
+        found = refine(
+            lambda theta: (wanted[0] - self.simulated(0, theta)).reshape(len(theta), -1),
+            self.theta,
+            [p.low for p in model.parameters],
+            [p.high for p in model.parameters],
+            max_evaluations=30 * (1 + len(self.theta)),
+            tolerance=1e-6,
+        )
+        theta = found.theta if np.isfinite(found.theta).all() else self.theta
+        rest = [wanted[i] - self.simulated(i, theta)[0] for i in range(2)]
+        fit, check = (np.mean(r**2, axis=1) / self.noise**2 for r in rest)
+        both = np.mean(np.hstack(rest) ** 2, axis=1) / self.noise**2
+        return Left(fit, check, np.sqrt(both))

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The blind check from the draw to the table: draw and seal all, diagnose all, open, score."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
-from dataclasses import replace
 import json
 import multiprocessing
 import os
@@ -18,14 +17,16 @@ from typing import Any, TypeVar
 
 import ros2_ident
 from ros2_ident.checks.blind import seal
-from ros2_ident.checks.blind.draw import Drawer, plan, Shares, Wanted
+from ros2_ident.checks.blind.case import CHECK, FIT, MACHINE, write_case
+from ros2_ident.checks.blind.draw import Drawer
 from ros2_ident.checks.blind.label import to_mapping
-from ros2_ident.checks.blind.store import Store, write_json
+from ros2_ident.checks.blind.machines import machine_of, read_plain
+from ros2_ident.checks.blind.planning import plan, Shares, Wanted
+from ros2_ident.checks.blind.store import stamp, Store, write_json
 from ros2_ident.checks.blind.truth import make_row
-from ros2_ident.files import replacing_directory
-from ros2_ident.models import load_machine
-from ros2_ident.reference.bag_making import nuisance_of, simulate_bag, write_simulated
+from ros2_ident.effects import CATALOGUE
 
+ONE_THREAD = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 PATIENCE = 900.0  # s, after which a diagnosis is ended
 # Share of the progress that each part takes.
 PARTS = {'drawing': (0.0, 0.12), 'diagnosing': (0.12, 0.92), 'scoring': (0.92, 1.0)}
@@ -43,33 +44,25 @@ def _quiet() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def draw_case(store: Store, wanted: Wanted, seed: int) -> dict[str, str]:
+def draw_case(
+    generator: type[Drawer], store: Store, wanted: Wanted, seed: int
+) -> dict[str, str]:
     """Draw a case, write its bags, return its sealed label."""
-    machine = load_machine(store.machine)
-    label = Drawer(machine, seed, wanted).draw()
-    nuisance = replace(
-        nuisance_of(machine), jitter=label.noise['jitter'], drop=label.noise['drop']
-    )
-    effects = (*label.imperfections, *label.effects)
-    # A case that is there without a seal is one of this run that was cut short.
-    with replacing_directory(store.case(label.case), replace=True) as folder:
-        folder.mkdir()
-        for i, (name, order) in enumerate(zip(('fit', 'check'), label.motions, strict=True)):
-            bag = simulate_bag(
-                machine, label.parameters, order.draw(machine), label.seed + i, nuisance, effects
-            )
-            write_simulated(folder / name, bag)
+    drawer = generator(read_plain(store.machine), seed, wanted)
+    label, effects = drawer.draw()
+    label = write_case(store.case(wanted.case), drawer, label, effects)
     return seal.close(to_mapping(label), seed)
 
 
 def _score_case(root: str, number: int, label: dict[str, Any]) -> dict[str, Any]:
-    store = Store(root)
-    return make_row(label, store.case(number), store.machine)
+    return make_row(label, Store(root).case(number))
 
 
 @contextmanager
 def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     context = multiprocessing.get_context('spawn')
+    # Many small products: threads of BLAS would only get into each other's way.
+    os.environ.update(dict.fromkeys(ONE_THREAD, '1'))
     before = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_quiet)
     try:
@@ -100,8 +93,7 @@ def scrubbed() -> dict[str, str]:
     out['PYTHONPATH'] = os.pathsep.join(
         dict.fromkeys([here, *filter(None, os.environ.get('PYTHONPATH', '').split(os.pathsep))])
     )
-    threads = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
-    return out | dict.fromkeys(threads, '1')
+    return out | dict.fromkeys(ONE_THREAD, '1')
 
 
 class _Worker:
@@ -138,6 +130,13 @@ class _Worker:
     def end(self) -> None:
         self.process.kill()
         self.process.wait()
+
+
+def order_of(store: Store, number: int) -> dict[str, str]:
+    """Return the paths that a diagnosis of a case is told."""
+    folder = store.case(number).resolve()
+    paths = {'fit': FIT, 'check': CHECK, 'machine': MACHINE, 'out': 'diagnosis'}
+    return {name: str(folder / path) for name, path in paths.items()}
 
 
 def ask_all(
@@ -208,6 +207,7 @@ class BlindCheck:
         processes: How many cases at a time.
         tell: Told the share done and what is being done.
         stopped: Asked often; True ends with `Stopped`.
+        generator: Draws the cases.
     """
 
     def __init__(
@@ -216,8 +216,10 @@ class BlindCheck:
         processes: int = 2,
         tell: Tell = lambda share, text: None,
         stopped: Callable[[], bool] = lambda: False,
+        generator: type[Drawer] = Drawer,
     ) -> None:
         self.store = Store(root)
+        self.generator = generator
         self.processes = processes
         self._tell = tell
         self._stopped = stopped
@@ -236,38 +238,39 @@ class BlindCheck:
     def draw(self) -> str:
         """Draw and seal what is not drawn yet; return the hash over all seals."""
         about = self.store.about()
-        machine = load_machine(self.store.machine)
         cases, seed = int(about['cases']), int(about['seed'])
-        wanted = plan(machine, cases, seed, Shares(**about['shares']))
+        names = list(self.generator.known(machine_of(read_plain(self.store.machine))))
+        inside = [name for name in names if name in CATALOGUE]
+        outside = [name for name in names if name not in CATALOGUE]
+        wanted = plan(inside, outside, cases, seed, Shares(**about['shares']))
         missing = [w for w in wanted if self.store.sealed(w.case) is None]
         with _pool(self.processes) as pool:
-            tasks = {pool.submit(draw_case, self.store, w, seed): w for w in missing}
+            tasks = {
+                pool.submit(draw_case, self.generator, self.store, w, seed): w for w in missing
+            }
             for done, task in enumerate(_finished(tasks, self._stopped)):
                 self.store.seal(tasks[task].case, task.result())
                 self._progress('drawing', cases - len(missing) + done + 1, cases)
-        digest = seal.manifest([self.store.sealed(n) or {} for n in range(1, cases + 1)])
-        self.store.note(manifest=digest)
-        return digest
+        if 'manifest' not in about:
+            self.store.note(drawn=stamp())
+        return self.store.close_seals(cases)
 
-    def diagnose(self) -> None:
-        """Diagnose what is not diagnosed yet, in processes that are told paths only."""
+    def diagnose(self, only: Sequence[int] = ()) -> None:
+        """Diagnose what is not diagnosed yet, in processes that are told paths only.
+
+        Args:
+            only: Numbers of cases; all where empty.
+        """
         cases = int(self.store.about()['cases'])
-        missing = [n for n in range(1, cases + 1) if self.store.answered(n) is None]
-        orders = {n: self._order(n) for n in missing}
-        done = cases - len(missing)
-        self._progress('diagnosing', done, cases)
+        asked = [n for n in range(1, cases + 1) if not only or n in only]
+        missing = [n for n in asked if self.store.answered(n) is None]
+        self.store.diagnosed_by(stamp())
+        orders = {n: order_of(self.store, n) for n in missing}
+        done = len(asked) - len(missing)
+        self._progress('diagnosing', done, len(asked))
         for _ in ask_all(self.store, orders, self.processes, self._stopped):
             done += 1
-            self._progress('diagnosing', done, cases)
-
-    def _order(self, number: int) -> dict[str, str]:
-        folder = self.store.case(number).resolve()
-        return {
-            'fit': str(folder / 'fit'),
-            'check': str(folder / 'check'),
-            'machine': str(self.store.machine.resolve()),
-            'out': str(folder / 'diagnosis'),
-        }
+            self._progress('diagnosing', done, len(asked))
 
     def score(self, again: bool = False) -> list[dict[str, Any]]:
         """Open the seals of the diagnosed cases and fill the table.

@@ -25,6 +25,10 @@ def _xor(left: bytes, right: bytes) -> bytes:
     return bytes(a ^ b for a, b in zip(left, right, strict=True))
 
 
+def _canonical(label: Mapping[str, Any]) -> bytes:
+    return json.dumps(label, sort_keys=True, separators=(',', ':'), allow_nan=False).encode()
+
+
 def close(label: Mapping[str, Any], seed: int) -> dict[str, str]:
     """Seal a label.
 
@@ -35,7 +39,7 @@ def close(label: Mapping[str, Any], seed: int) -> dict[str, str]:
     Returns:
         `nonce`, `sha256` of nonce and canonical JSON, and `box`, all in hexadecimal digits.
     """
-    text = json.dumps(label, sort_keys=True, separators=(',', ':')).encode()
+    text = _canonical(label)
     nonce = os.urandom(_NONCE)
     return {
         'nonce': nonce.hex(),
@@ -62,6 +66,11 @@ def unseal(sealed: Mapping[str, str], seed: int) -> dict[str, Any]:
     return label
 
 
-def manifest(sealed: Sequence[Mapping[str, str]]) -> str:
+def digest_of(label: Mapping[str, Any], nonce: str) -> str:
+    """Return the hash of a label with its nonce, given in hexadecimal digits."""
+    return hashlib.sha256(bytes.fromhex(nonce) + _canonical(label)).hexdigest()
+
+
+def manifest(seals: Sequence[str]) -> str:
     """Return one hash over the hashes of all cases, in their order."""
-    return hashlib.sha256(''.join(s['sha256'] for s in sealed).encode()).hexdigest()
+    return hashlib.sha256(''.join(seals).encode()).hexdigest()

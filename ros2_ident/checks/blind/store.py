@@ -4,12 +4,35 @@
 from collections.abc import Mapping, Sequence
 import json
 from pathlib import Path
+import subprocess
 from typing import Any
 
+from ros2_ident.checks.blind import seal
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import write_text
+from ros2_ident.sources import result_digest
 
 RUN, SEALED, TABLE, MACHINE = 'run.json', 'sealed', 'table.jsonl', 'machine.yaml'
+# What is committed before the first diagnosis: the hash of every label, and one over these.
+SEALS = 'seals.json'
+
+
+def stamp() -> dict[str, str]:
+    """Return of which commit, with or without changes, and of which sources this program is."""
+    here = Path(__file__).parent
+
+    def git(*words: str) -> str:
+        try:
+            done = subprocess.run(
+                ['git', '-C', str(here), *words], capture_output=True, text=True, check=True
+            )
+        except (OSError, subprocess.CalledProcessError):
+            return ''
+        return done.stdout.strip()
+
+    commit = git('rev-parse', '--short=12', 'HEAD')
+    changed = '+' if commit and git('status', '--porcelain', '--untracked-files=no') else ''
+    return {'commit': commit + changed, 'sources': result_digest()}
 
 
 def write_json(path: Path, content: Any) -> None:
@@ -87,6 +110,21 @@ class Store:
     def note(self, **more: Any) -> None:
         """Add to what the run is."""
         write_json(self.root / RUN, {**self.about(), **more})
+
+    def close_seals(self, cases: int) -> str:
+        """Write the hashes of all labels to `seals.json`; return the one over them."""
+        seals = [(self.sealed(n) or {})['sha256'] for n in range(1, cases + 1)]
+        digest = seal.manifest(seals)
+        what = {'manifest': digest, 'cases': cases, 'seals': seals}
+        write_json(self.root / SEALS, what)
+        self.note(manifest=digest)
+        return digest
+
+    def diagnosed_by(self, now: Mapping[str, str]) -> None:
+        """Note which program diagnoses; every one that did is kept."""
+        before = list(self.about().get('diagnosed', []))
+        if dict(now) not in before:
+            self.note(diagnosed=[*before, dict(now)])
 
     def sealed(self, number: int) -> dict[str, str] | None:
         """Return a sealed label, or None."""

@@ -19,6 +19,7 @@ from typing import Any
 FORBIDDEN = (
     'ros2_ident.reference',
     'ros2_ident.checks.blind.draw',
+    'ros2_ident.checks.blind.forms',
     'ros2_ident.checks.blind.seal',
 )
 

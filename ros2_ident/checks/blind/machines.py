@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draws machines: geometry, masses, controllers, gains and boxes about those of a machine file.
+
+A machine is kept as the mapping that its file holds, so that label and file say the same.
+"""
+
+from collections.abc import Mapping
+import copy
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ros2_ident.machine.file import judged
+from ros2_ident.machine.machine import Machine
+from ros2_ident.models.registry import KINDS
+
+Plain = dict[str, Any]
+
+CYCLES = (4e-4, 5e-4, 1e-3)
+# Share of machines whose drives have a P controller on velocity.
+PROPORTIONAL = 0.2
+
+
+def read_plain(path: str | Path) -> Plain:
+    """Return a machine file's content."""
+    return dict(yaml.safe_load(Path(path).read_text(encoding='utf-8')))
+
+
+def machine_of(plain: Mapping[str, Any]) -> Machine:
+    """Return the machine of a file's content.
+
+    Raises:
+        IdentError: BAD_MACHINE_FILE where something in it is wrong.
+    """
+    return judged(plain, KINDS, 'the drawn machine').usable()
+
+
+def file_text(plain: Mapping[str, Any]) -> str:
+    """Return the text of a machine file."""
+    text = yaml.safe_dump(dict(plain), sort_keys=False, default_flow_style=None, width=99)
+    return '# SPDX-License-Identifier: Apache-2.0\n' + str(text)
+
+
+def draw_machine(plain: Mapping[str, Any], rng: np.random.Generator, pi_only: bool) -> Plain:
+    """Draw a machine of the kind that a file describes.
+
+    Args:
+        plain: The file's content; its numbers are those of a machine in the middle.
+        rng: Source of chance.
+        pi_only: Whether its drives have PI controllers only.
+
+    Returns:
+        The content of the drawn machine's file.
+    """
+    out: Plain = copy.deepcopy(dict(plain))
+    if 'rod_length' not in out.get('geometry', {}):
+        _scale(out['controller'], rng, ('position_gain', 'velocity_gain', 'integral_gain'), 1.25)
+        return out
+    _geometry(out['geometry'], rng)
+    turn = _drive(out, rng)
+    _controller(out, rng, turn, pi_only)
+    return out
+
+
+def _between(rng: np.random.Generator, low: float, high: float) -> float:
+    """Return a number drawn evenly in its logarithm, with six digits as files have."""
+    return float(f'{math.exp(rng.uniform(math.log(low), math.log(high))):.6g}')
+
+
+def _scale(part: Plain, rng: np.random.Generator, names: tuple[str, ...], most: float) -> None:
+    for name in names:
+        if isinstance(part.get(name), (int, float)):
+            part[name] = part[name] * _between(rng, 1.0 / most, most)
+
+
+def _geometry(part: Plain, rng: np.random.Generator) -> None:
+    part['rod_length'] = float(f'{part["rod_length"] * _between(rng, 0.75, 1.35):.4g}')
+    part['rail_radius'] = float(f'{part["rod_length"] * rng.uniform(0.42, 0.58):.4g}')
+    part['rail_azimuth'] = [float(f'{a + rng.uniform(-0.06, 0.06):.4f}') for a in
+                            part['rail_azimuth']]  # fmt: skip
+
+
+def _drive(out: Plain, rng: np.random.Generator) -> float:
+    """Draw gear, carriage and boxes; return by how much more the motor turns."""
+    turn = _between(rng, 0.65, 1.5)
+    drive, boxes = out['drive'], out['parameters']
+    drive['gear_factor'] = float(f'{drive["gear_factor"] * turn:.6g}')
+    drive['rail_mass'] = float(f'{drive["rail_mass"] * _between(rng, 0.7, 1.8):.4g}')
+    drive['coulomb_regularisation'] = _between(rng, 2e-3, 8e-3)
+    # A motor that turns more needs less torque and less inertia for the same machine.
+    for name, power in (('drive_inertia', 2), ('coulomb_torque', 1), ('viscous_torque', 1)):
+        low, high, unit = boxes[name]
+        boxes[name] = [float(f'{x / turn**power:.4g}') for x in (low, high)] + [unit]
+    return turn
+
+
+def _controller(out: Plain, rng: np.random.Generator, turn: float, pi_only: bool) -> None:
+    part, boxes = out['controller'], out['parameters']
+    gear, carriage = out['drive']['gear_factor'], out['drive']['rail_mass']
+    inertia = 0.5 * sum(boxes['drive_inertia'][:2])
+    moved = inertia * gear**2 + carriage + 0.5 * sum(boxes['tool_mass'][:2]) / 3.0
+    part['cycle'] = float(rng.choice(CYCLES))
+    bandwidth = _between(rng, 100.0, 200.0)  # rad/s, of the velocity loop
+    part['velocity_gain'] = float(f'{bandwidth * moved / gear:.5g}')
+    part['position_gain'] = float(f'{bandwidth * rng.uniform(0.25, 0.5):.4g}')
+    reset = bandwidth * _between(rng, 0.2, 0.5)
+    part['integral_gain'] = float(f'{part["velocity_gain"] * reset:.5g}')
+    part['velocity_feedforward'] = float(rng.choice([1.0, 1.0, round(rng.uniform(0.8, 1.0), 3)]))
+    part['torque_limit'] = float(f'{part["torque_limit"] / turn * _between(rng, 0.8, 1.4):.3g}')
+    if not pi_only and rng.random() < PROPORTIONAL:
+        part['law'] = 'cascade_p'
+        part['integral_gain'] = 0.0
