@@ -10,6 +10,8 @@ from ros2_ident.identify.result import Identification, Outcome, ParameterEstimat
 
 # A half width beyond this share of the value, in percent, is told by itself.
 TELLING = 1000.0
+# An interval so many times as wide as that for noise alone stands beside it.
+WIDER = 1.1
 
 
 def columns(rows: Sequence[Sequence[str]], right: Sequence[bool]) -> list[str]:
@@ -35,6 +37,7 @@ def _number(value: float) -> str:
 
 def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
     half = 0.5 * (estimate.high - estimate.low)
+    noise = 0.5 * (estimate.noise_high - estimate.noise_low)
     share = 100.0 * half / abs(estimate.value) if estimate.value else math.inf
     small = share < TELLING
     return (
@@ -42,6 +45,7 @@ def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
         _number(estimate.value),
         f'± {half:.2g}' if math.isfinite(half) else '-',
         f'{share:.2g} %' if small else '',
+        f'± {noise:.2g}' if half > WIDER * noise else '',
         estimate.unit if estimate.unit != '1' else '',
         estimate.note,
     )
@@ -49,8 +53,11 @@ def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
 
 def print_result(result: Identification) -> None:
     """Print a result on standard output."""
-    rows = [('parameter', 'value', '95 %', '', 'unit', ''), *map(_row, result.parameters)]
-    for line in columns(rows, (False, True, True, True, False, False)):
+    head = ('parameter', 'value', '95 %', '', 'noise alone', 'unit', '')
+    rows = [head, *map(_row, result.parameters)]
+    if not any(row[4] for row in rows[1:]):
+        rows = [(*row[:4], '', *row[5:]) for row in rows]
+    for line in columns(rows, (False, True, True, True, True, False, False)):
         print(line)
     cost = result.cost
     refined = '' if math.isnan(cost.refined) else f', refined {cost.refined:.5g} {cost.unit}'

@@ -284,7 +284,7 @@ def _answer(
     more = ''.join(f', then {get_effect(a.effect).title} on {a.where}' for a in verdict.also)
     rest = ''
     if found.remaining >= explainer.rules.unknown:
-        rest = f' What is left, {found.remaining:.2f} times the floor, is none of the catalogue.'
+        rest = f' {found.remaining:.2f} times the noise floor remains unexplained.'
     return (
         f'{effect.title} on {", ".join(verdict.where)}{more}: closes {100 * verdict.closed:.0f} % '
         f'of a gap of {size:.2f} times the noise floor.{steps or rest}'

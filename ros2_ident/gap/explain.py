@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 # Sum of squares, in units of the noise's, that two fits of one model may differ by chance.
 _TIE = 20.0
 # A floor that falls below this share of what it was is taken over.
-_LOWER = 0.9
+_LOWER = 0.97
 # Share of what controllers miss of the log that an effect may leave and be vouched for by it.
 _MISSED = 0.05
 

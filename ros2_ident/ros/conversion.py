@@ -141,6 +141,8 @@ def _estimate(found: Any) -> ParameterEstimate:
         value=found.value,
         low=found.low,
         high=found.high,
+        noise_low=found.noise_low,
+        noise_high=found.noise_high,
         lower_bound=found.lower_bound,
         upper_bound=found.upper_bound,
         genetic_value=found.ga_value,

@@ -189,6 +189,8 @@ def _estimate(name: str, value: Value, declared: Parameter | None) -> ParameterE
         value=value.value,
         low=value.low,
         high=value.high,
+        noise_low=value.noise_low,
+        noise_high=value.noise_high,
         lower_bound=low,
         upper_bound=high,
         genetic_value=math.nan,

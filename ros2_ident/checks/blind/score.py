@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ros2_ident.checks.share import share_interval
 from ros2_ident.effects import CATALOGUE, twins
 from ros2_ident.gap.explain import Rules
-from ros2_ident.gap.verdict import NONE, UNKNOWN
+from ros2_ident.gap.verdict import NAMELESS, NONE, UNKNOWN
 
 Array = npt.NDArray[np.float64]
 Row = Mapping[str, Any]
@@ -72,7 +72,7 @@ def verdict_of(row: Row) -> str:
 
 def named(row: Row) -> bool:
     """Whether a catalogued effect was named."""
-    return verdict_of(row) not in (NONE, UNKNOWN, CRASH)
+    return verdict_of(row) not in {*NAMELESS, CRASH}
 
 
 def detected(row: Row) -> bool:
