@@ -4,6 +4,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -148,7 +149,8 @@ def fault_named(row: Row) -> bool:
     said = [str(row.get('error', '')), str(row.get('verdict', {}).get('sentence', ''))]
     for gate in row.get('gates', []):
         said.append(f'{gate["gate"]} {gate["sentence"]}')
-    hit = any(word in text.lower() for text in said for word in words)
+    # Whole words and their endings: `late` is in `lately`, not in `plate`.
+    hit = any(re.search(rf'\b{re.escape(w)}', text.lower()) for text in said for w in words)
     return hit and not blames_physics(row)
 
 
