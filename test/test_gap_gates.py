@@ -40,14 +40,17 @@ def test_a_wrong_gain_is_named_with_its_size():
 
 
 def test_a_law_that_explains_nothing_fails():
-    (gate,) = check_law(MACHINE, _law(explained=0.3, misfit=0.5, misfit_file=2.0), 'drive_1')
-    assert gate.level == 'fail'
+    (gate,) = check_law(MACHINE, _law(explained=0.2, misfit=0.5, misfit_file=2.0), 'drive_1')
+    assert (gate.level, gate.contradicts) == ('fail', True)
+    # An effect in the controller or its sensor may leave as little as half.
+    (gate,) = check_law(MACHINE, _law(explained=0.5, misfit=0.5, misfit_file=2.0), 'drive_1')
+    assert (gate.level, gate.contradicts) == ('warn', False)
 
 
 def test_a_law_that_no_other_gains_would_explain_better_has_run():
     found = check_law(MACHINE, _law(explained=0.4, misfit=0.5, misfit_file=0.51), 'drive_1', 0.01)
     assert [(g.gate, g.level) for g in found] == [('law_noise', 'warn'), ('law', 'ok')]
-    (gate,) = check_law(MACHINE, _law(explained=0.4, misfit=0.5, misfit_file=0.6), 'drive_1')
+    (gate,) = check_law(MACHINE, _law(explained=0.2, misfit=0.5, misfit_file=0.6), 'drive_1')
     assert (gate.level, gate.contradicts) == ('fail', True)
 
 

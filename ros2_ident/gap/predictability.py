@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import chi2
 
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.case import Joint
-from ros2_ident.gap.coordinates import coordinates, Motion, motion_of
+from ros2_ident.gap.coordinates import Coordinate, coordinates, Motion, motion_of, places
 from ros2_ident.gap.floor import find_repeats, Floor, pooled_floor
 from ros2_ident.gap.spectrum import lines
 from ros2_ident.identify.hidden import Estimate, runs_of, weigh_estimate, Weighed
@@ -25,6 +26,10 @@ Array = npt.NDArray[np.float64]
 
 # Where the noise stated differs from the log's by more than this factor, it is said.
 _OTHER = 1.5
+# Regions are compared where they hold so many samples that tell, and differ by more than chance
+# makes them with this probability; noise is what the quietest of this share of the samples have,
+# where that is less than this share of the rest.
+_FEWEST, _CERTAIN, _PART, _QUIET = 20.0, 1e-6, 0.2, 0.85
 # Correlation of neighbouring samples from which noise is called coloured.
 _COLOURED = 0.2
 
@@ -56,13 +61,15 @@ def predictability(
     estimate = Estimate(joint.models, joint.own, theta, joint.low, joint.high)
     weighed = weigh_estimate(estimate, stopped)
     evidence = weighed.evidence
-    found = _by_motion(joint, theta, weighed)
+    seen = _by_motion(joint, theta, weighed)
+    found = [e for e, _ in seen]
     noise = tuple(e.noise[0] for e in found)
     floor = _repeated(joint, theta)
     # A function of time can follow any noise: it counts only on blocks left out.
     further = np.array([float(e.rms[0] ** 2 - e.unseen[0] ** 2) for e in found])
     least = np.array([float(e.unseen[0]) for e in found])
     value = np.maximum(np.sqrt(np.maximum(evidence.floor**2 - further, 0.0)), least)
+    value = value * np.array([quiet for _, quiet in seen])
     if floor is not None:
         value = np.minimum(value, floor.per_drive)
     spread = np.exp(1.96 * _uncertainty(noise))
@@ -83,8 +90,11 @@ def predictability(
     )
 
 
-def _by_motion(joint: Joint, theta: Array, weighed: Weighed) -> list[Evidence]:
-    """Return for each drive what functions of motion and time predict of what effects leave."""
+def _by_motion(joint: Joint, theta: Array, weighed: Weighed) -> list[tuple[Evidence, float]]:
+    """Return for each drive what functions of motion and time predict of what effects leave.
+
+    And the share of what is left where the motion leaves least, see `_quiet`.
+    """
     evidence, rows = weighed.evidence, weighed.rows
     data = joint.models[0].data
     unknown = data.position is None and data.command_position is None
@@ -110,17 +120,48 @@ def _by_motion(joint: Joint, theta: Array, weighed: Weighed) -> list[Evidence]:
             columns += [lines(left, place), lines(whiten(left), place, 2)]
         if unknown:
             columns.append(_functions_of(weighed.slopes[here]))
-        found.append(
-            weigh(
-                left,
-                np.empty((here.size, 0)),
-                np.hstack(columns),
-                runs,
-                rows.blocks[here],
-                share=rows.share,
-            )
+        seen = weigh(
+            left,
+            np.empty((here.size, 0)),
+            np.hstack(columns),
+            runs,
+            rows.blocks[here],
+            share=rows.share,
         )
+        found.append((seen, 1.0 if unknown else _quiet(seen, places(whole, drive, when))))
     return found
+
+
+def _quiet(seen: Evidence, regions: Sequence[Coordinate]) -> float:
+    """Return how large what is left is where it is least, over how large it is everywhere.
+
+    Noise of a log knows nothing of the motion. Where the size of what is left follows it (speed,
+    position, load), the rest is no noise, though no function predicts its course.
+    """
+    square = seen.left**2
+    # Squares of a Gaussian process correlate by the square of its own correlation.
+    rho = seen.noise[0].correlation ** 2
+    told = (1.0 - rho) / (1.0 + rho)
+    best = 1.0
+    for region in regions:
+        if region.name == 'time':
+            continue
+        count = region.columns.sum(axis=0)
+        keep = count * told >= _FEWEST
+        if keep.sum() < 2:
+            continue
+        mean = (square @ region.columns)[keep] / count[keep]
+        weight = 0.5 * told * count[keep]
+        level = np.log(np.maximum(mean, 1e-300))
+        spread = float(weight @ (level - np.average(level, weights=weight)) ** 2)
+        if chi2.sf(spread, keep.sum() - 1) > _CERTAIN:
+            continue
+        order = np.argsort(mean)
+        gathered = np.cumsum(count[keep][order])
+        lowest = order[: 1 + int(np.searchsorted(gathered, _PART * gathered[-1]))]
+        quiet = np.average(mean[lowest], weights=count[keep][lowest])
+        best = min(best, float(np.sqrt(quiet / square.mean())))
+    return best if best < _QUIET else 1.0
 
 
 def _functions_of(slopes: Array) -> Array:

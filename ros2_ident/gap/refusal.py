@@ -9,6 +9,7 @@ from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.verdict import BOOKKEEPING, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
+from ros2_ident.identify.judgement import fast_noise
 
 # A model is another machine's where, with every effect found, a drive's effort is missed by this
 # share of how it varies, and by so many times the floor.
@@ -56,7 +57,12 @@ def of_what_is_left(
     gap = np.sqrt(np.maximum(explainer.gap(found.chain[-1]), 0.0))
     left = gap * explainer.attribution.floor
     varies = np.array([_spread(explainer, d) for d in range(len(case.drives))])
-    lost = (gap >= FLOORS) & (left >= LARGE * varies)
+    fast = np.array([_fast(explainer, found.chain[-1], d) for d in range(len(case.drives))])
+    whole = np.hypot(left, explainer.attribution.floor)
+    # What is slow and that large is no noise of a log, even where nothing predicts it.
+    slow_part = (whole >= FLOORS * fast) & (whole >= LARGE * varies)
+    lost = ((gap >= FLOORS) & (left >= LARGE * varies)) | slow_part
+    left = np.where(slow_part, whole, left)
     if not lost.any():
         return found, verdict
     names = tuple(name for name, gone in zip(case.drives, lost, strict=True) if gone)
@@ -79,6 +85,13 @@ def ahead(verdict: Verdict, report: GateReport) -> Verdict:
 
 def _without_effects(effect: str, where: tuple[str, ...], first: str) -> Verdict:
     return Verdict(effect, where, _SURE, (), (), (), 0.0, (), first)
+
+
+def _fast(explainer: Explainer, e: Explanation, drive: int) -> float:
+    """Return the noise of what a drive's fit leaves as neighbouring samples show it."""
+    attribution = explainer.attribution
+    own = attribution.case.check.drive == drive
+    return fast_noise([(e.check_residual / attribution.fits.check_weight)[own]])
 
 
 def _spread(explainer: Explainer, drive: int) -> float:

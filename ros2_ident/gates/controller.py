@@ -37,6 +37,10 @@ _ITS_OWN = 0.98
 _EARLY = 1e-3
 # One that is logged later than this, s, is late.
 _LATE = 3e-3
+# Share of the effort below which its law is another one, whatever effect is there.
+_LOST = 0.3
+# A reversed sign leaves the size within this factor.
+_REVERSED = 1.4
 # How near to a conversion's factor a ratio has to be to be taken for it.
 _CLOSE = 0.03
 
@@ -73,7 +77,9 @@ def check_law(
             'logged effort, whatever its gains; check that effort, command and position belong '
             'together'
         )
-        return [Gate('law', drive, 'fail', law.explained, '1', text, contradicts=True)]
+        # An effect in the controller or its sensor explains as little.
+        lost = law.explained < _LOST
+        return [Gate('law', drive, 'fail' if lost else 'warn', law.explained, '1', text, lost)]
     found = _late(machine, law, clean)
     if noise is not None and not clean:
         text = (
@@ -111,11 +117,14 @@ def _gains(machine: Machine, law: Law, noise: float | None, clean: bool) -> Gate
             'other gains'
         )
         return Gate('law', drive, 'warn', math.nan, '1', text)
-    another = not 1.0 / _ANOTHER < best.ratio < _ANOTHER
+    another = not 1.0 / _ANOTHER < abs(best.ratio) < _ANOTHER
+    if best.ratio < 0.0:
+        # A sign that is reversed leaves the size; another size is another cause.
+        another = 1.0 / _REVERSED < -best.ratio < _REVERSED
     return Gate(
         'law', drive, 'fail' if another else 'warn', best.ratio, '1',
         f'{drive}: {_correction(law, best, unit, machine.travel_unit)}',
-        contradicts=another or clean,
+        contradicts=another or (clean and best.ratio > 0.0),
         key='' if best.name == 'scale' else best.name,
     )  # fmt: skip
 

@@ -73,7 +73,7 @@ def poorly_carried(problem: Problem, residual: Array) -> tuple[Uncarried, ...]:
     for output, parts, measured in zip(outputs, rest, varied, strict=True):
         left, spread = (float(np.sqrt(np.mean(np.concatenate(x) ** 2))) for x in (parts, measured))
         stated = problem.noise if output.quantity == outputs[0].quantity else 0.0
-        noise = max(stated, _fast_noise(parts))
+        noise = max(stated, fast_noise(parts))
         if left > LARGE * spread and left > FLOORS * noise:
             share = left / spread if spread > 0.0 else math.inf
             floors = left / noise if noise > 0.0 else math.inf
@@ -86,7 +86,7 @@ def rounded(value: float) -> str:
     return f'{float(f"{value:.2g}"):g}'
 
 
-def _fast_noise(parts: Sequence[Array]) -> float:
+def fast_noise(parts: Sequence[Array]) -> float:
     """Return the noise of a residual as differences of neighbours show it; 0 for too short ones.
 
     Reference:

@@ -111,6 +111,8 @@ def simulate(
         set_moving(plant, x, memory, start)
     for command_filter in plant.command_filters:
         target, target_speed = command_filter(target, target_speed, cycle)
+    # The loop is compiled for arrays that may be written to.
+    target, target_speed = np.array(target, order='C'), np.array(target_speed, order='C')
     cycles = target.shape[1]
     m = 2 * count + 4
     torque: Array = np.zeros((count, cycles))
