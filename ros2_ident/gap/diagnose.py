@@ -23,7 +23,7 @@ from ros2_ident.gap.localise import Finding, localise
 from ros2_ident.gap.predictability import predictability
 from ros2_ident.gap.reading import coarse_readings, CoarseReading
 from ros2_ident.gap.refusal import ahead, of_gates, of_what_is_left
-from ros2_ident.gap.verdict import judge, NAMELESS, NONE, REFUSED, UNKNOWN, Verdict
+from ros2_ident.gap.verdict import judge, NAMELESS, NONE, REFUSED, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.machine.machine import Machine
@@ -229,7 +229,8 @@ class _Passes:
                 if second.effect == NONE and second.complete:
                     return second
         found, verdict = self._explained(begun)
-        misled = verdict.effect == UNKNOWN and _shows_later(begun.explainer, found)
+        lost = verdict.effect in (UNKNOWN, WRONG_MODEL) and not begun.report.blocked
+        misled = lost and _shows_later(begun.explainer, found)
         if misled and not self.clock.stopped():
             second = self._ended(self._begin(Case(both, conditions=self.conditions)))
             if second.effect not in NAMELESS and second.complete:

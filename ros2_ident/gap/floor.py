@@ -123,7 +123,7 @@ def noise_floor(
     step = np.zeros(count)
     logged = getattr(dataset, quantity, None)
     if logged is not None:
-        step = np.array([_step(logged[dataset.names.index(n)]) for n in names])
+        step = np.array([step_of(logged[dataset.names.index(n)]) for n in names])
     repeats = find_repeats(dataset)
     value, low, high = (np.full(count, math.nan) for _ in range(3))
     for d, row in enumerate(residual):
@@ -333,7 +333,7 @@ def _robust(squares: Array) -> tuple[float, float, float]:
     return sigma, sigma * math.exp(-half), sigma * math.exp(half)
 
 
-def _step(row: Array) -> float:
+def step_of(row: Array) -> float:
     """Return the step of a quantised signal, 0 where there is none to be seen."""
     values = np.unique(row[np.isfinite(row)])
     if values.size < 3 or values.size > 0.5 * np.isfinite(row).sum():

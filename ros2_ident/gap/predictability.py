@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.case import Joint
 from ros2_ident.gap.coordinates import Coordinate, coordinates, Motion, motion_of, places
-from ros2_ident.gap.floor import find_repeats, Floor, pooled_floor
+from ros2_ident.gap.floor import find_repeats, Floor, pooled_floor, step_of
 from ros2_ident.gap.spectrum import lines
 from ros2_ident.identify.hidden import Estimate, runs_of, weigh_estimate, Weighed
 from ros2_ident.models import FullModel
@@ -70,6 +70,10 @@ def predictability(
     least = np.array([float(e.unseen[0]) for e in found])
     value = np.maximum(np.sqrt(np.maximum(evidence.floor**2 - further, 0.0)), least)
     value = value * np.array([quiet for _, quiet in seen])
+    # Rounding is noise, and is gone where nothing moves.
+    rows = zip(*(m.measured for m in joint.models), strict=True)
+    steps = np.array([step_of(np.concatenate(row)) for row in rows])
+    value = np.maximum(value, np.minimum(evidence.rms, steps / np.sqrt(12.0)))
     if floor is not None:
         value = np.minimum(value, floor.per_drive)
     spread = np.exp(1.96 * _uncertainty(noise))
@@ -80,7 +84,7 @@ def predictability(
             value * spread,
             'prediction' if floor is None else 'repeats',
             None if floor is None else floor.repeats,
-            np.zeros(len(value)) if floor is None else floor.step,
+            steps,
             tuple(
                 m.scaled(float(v / np.sqrt(m.variance))) for m, v in zip(noise, value, strict=True)
             ),
