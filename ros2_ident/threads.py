@@ -3,6 +3,9 @@
 
 import os
 
+# What the libraries of linear algebra go by; read when they are loaded.
+ONE_THREAD = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
+
 
 def processors() -> int:
     """Return the number of processors this process may run on; a container's limit counts."""
@@ -20,3 +23,13 @@ def free_memory() -> float:
         return 1024.0 * int(lines['MemAvailable'].split()[0])
     except (OSError, KeyError, ValueError):  # not on every system
         return float('inf')
+
+
+def one_thread_for_linear_algebra() -> None:
+    """Let a program's linear algebra use one thread, unless the user says otherwise.
+
+    More of them give other bits on other machines, and wait for each other where other programs
+    run. To be called before NumPy is loaded.
+    """
+    for name in ONE_THREAD:
+        os.environ.setdefault(name, '1')

@@ -17,6 +17,7 @@ import traceback
 from typing import cast, Protocol
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.threads import one_thread_for_linear_algebra
 
 # Name: module and line of help. A module of a subcommand has DESCRIPTION, EXAMPLES,
 # EXIT_CODES (what 0 and 1 mean), add_arguments(parser) and run(args), and imports what is slow in
@@ -130,6 +131,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
+    one_thread_for_linear_algebra()
     words = list(sys.argv[1:] if argv is None else argv)
     parser = make_parser([*words, *os.environ.get('COMP_LINE', '').split()])
     _complete(parser)

@@ -12,6 +12,8 @@ import sys
 import time
 from types import FrameType
 
+from ros2_ident.threads import one_thread_for_linear_algebra
+
 # A run heeds its cancel event within a slice of the search; its files take the rest of this, s.
 PATIENCE = 10.0
 # An overlay that is being written is waited for; its first simulation in a new installation is
@@ -84,6 +86,7 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns:
         Exit code: 0 after a signal, 1 where something is missing, 2 for unusable parameters.
     """
+    one_thread_for_linear_algebra()
     stop = Stop().install()
     try:
         _own_arguments(sys.argv[1:] if args is None else args)

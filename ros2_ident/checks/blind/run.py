@@ -25,8 +25,8 @@ from ros2_ident.checks.blind.planning import plan, Shares, Wanted
 from ros2_ident.checks.blind.store import stamp, Store, write_json
 from ros2_ident.checks.blind.truth import make_row
 from ros2_ident.effects import CATALOGUE
+from ros2_ident.threads import ONE_THREAD
 
-ONE_THREAD = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 PATIENCE = 900.0  # s, after which a diagnosis is ended
 # Share of the progress that each part takes.
 PARTS = {'drawing': (0.0, 0.12), 'diagnosing': (0.12, 0.92), 'scoring': (0.92, 1.0)}
