@@ -15,7 +15,7 @@ LOG = '''
 9.00s setup    test/test_a.py::test_one
 0.10s call     test/test_a.py::test_two
 1.20s call     test/test_b.py::test_three[x y]
-0.40s call     test/test_b.py::test_four
+0.20s call     test/test_b.py::test_four
 '''
 
 

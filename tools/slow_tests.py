@@ -11,7 +11,7 @@ import sys
 
 ROOT = Path(__file__).parents[1]
 # From here on a test is slow, s.
-SLOW = 0.5
+SLOW = 0.25
 HEAD = (
     '# What is marked `slow`: tests of {slow:g} s and more where everything is compiled, and\n'
     '# files whose fixtures take as long. Written by tools/slow_tests.py.\n'
