@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joints' values from raw CDR, many messages at a time.
 
-Messages of one topic nearly always have the same joints and the same length, so their numbers lie
-at the same bytes: the layout is parsed once and the numbers of all messages are picked with two
-array operations.
+Messages of one topic nearly always have the same joints and length, so their numbers lie at the
+same bytes: the layout is parsed once, all numbers are picked with two array operations.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -66,9 +65,8 @@ class Block:
     def taken(self, rows: IntArray) -> 'Block':
         """Return the messages at some places of this block, numbered from 0."""
         position, velocity, effort = (None if x is None else x[rows] for x in self.fields)
-        return Block(
-            np.arange(rows.size), self.stamp[rows], self.names, (position, velocity, effort)
-        )
+        fields = position, velocity, effort
+        return Block(np.arange(rows.size), self.stamp[rows], self.names, fields)
 
 
 class Cursor:
