@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.identify.hidden import SETTLE
+from ros2_ident.identify.hidden import settled
 from ros2_ident.identify.layout import Conditions, Layout
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
@@ -229,12 +229,6 @@ def _drives_of(masks: Sequence[Mask]) -> npt.NDArray[np.int64]:
     return out
 
 
-def _settled(model: FullModel) -> Mask:
-    there: Mask = ~np.isnan(model.measured)
-    there[:, : int(round(SETTLE / model.cycle))] = False
-    return there
-
-
 def _seen(models: Sequence[FullModel]) -> tuple[RecordedMotion, ...]:
     """Return what controllers saw; nothing unless all drives' motion was recorded everywhere."""
     found = [m.recorded_motion() for m in models]
@@ -267,9 +261,9 @@ def split(
     def part(of: Recordings, masks: Sequence[Mask]) -> Part:
         return Part(of.models, tuple(masks), _seen(of.models), of.labels, differ)
 
-    masks = [_settled(m) for m in fit.models]
+    masks = [settled(m) for m in fit.models]
     if check.models:
-        return part(fit, masks), part(check, [_settled(m) for m in check.models]), 'check bag'
+        return part(fit, masks), part(check, [settled(m) for m in check.models]), 'check bag'
     even, odd = [], []
     for model, mask in zip(fit.models, masks, strict=True):
         phase = np.arange(mask.shape[1]) * model.cycle / block
@@ -308,7 +302,7 @@ class Case:
         self.noise = fit.models[0].noise
         self.fit, self.check, self.held_out = split(fit, check or Recordings(()), conditions)
         both = fit + check if check and check.models else fit
-        masks = tuple(_settled(m) for m in both.models)
+        masks = tuple(settled(m) for m in both.models)
         self.whole = Part(both.models, masks, (), both.labels, conditions or Conditions())
 
     def candidates(self, without: Sequence[str] = (), known: Sequence[str] = ()) -> list[EffectAt]:

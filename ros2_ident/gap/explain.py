@@ -12,6 +12,7 @@ from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.predictability import Predictability, predictability
+from ros2_ident.identify.hidden import MATERIAL
 from ros2_ident.models import EffectAt
 
 Array = npt.NDArray[np.float64]
@@ -58,7 +59,7 @@ class Rules:
         most: Most effects.
     """
 
-    material: float = 0.45
+    material: float = MATERIAL
     unknown: float = 0.8
     step: float = 0.4
     later: float = 0.5

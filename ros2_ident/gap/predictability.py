@@ -15,17 +15,15 @@ from scipy.stats import chi2
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.case import Joint
 from ros2_ident.gap.coordinates import Coordinate, coordinates, Motion, motion_of, places
-from ros2_ident.gap.floor import find_repeats, Floor, pooled_floor, step_of
+from ros2_ident.gap.floor import Floor, pooled_floor, step_of
 from ros2_ident.gap.spectrum import lines
-from ros2_ident.identify.hidden import Estimate, runs_of, weigh_estimate, Weighed
+from ros2_ident.identify.hidden import OTHER_NOISE, runs_of, weigh_fit, Weighed
 from ros2_ident.models import FullModel
 from ros2_ident.search.evidence import Evidence, weigh
 from ros2_ident.search.noise import NoiseModel, Whitening
 
 Array = npt.NDArray[np.float64]
 
-# Where the noise stated differs from the log's by more than this factor, it is said.
-_OTHER = 1.5
 # Regions are compared where they hold so many samples that tell, and differ by more than chance
 # makes them with this probability; noise is what the quietest of this share of the samples have,
 # where that is less than this share of the rest.
@@ -58,8 +56,7 @@ def predictability(
         stopped: Asked often; True leaves the rest of the catalogue out.
     """
     first = joint.models[0]
-    estimate = Estimate(joint.models, joint.own, theta, joint.low, joint.high)
-    weighed = weigh_estimate(estimate, stopped)
+    weighed = weigh_fit(joint, theta, stopped)
     evidence = weighed.evidence
     seen = _by_motion(joint, theta, weighed)
     found = [e for e, _ in seen]
@@ -143,9 +140,7 @@ def _quiet(seen: Evidence, regions: Sequence[Coordinate]) -> float:
     position, load), the rest is no noise, though no function predicts its course.
     """
     square = seen.left**2
-    # Squares of a Gaussian process correlate by the square of its own correlation.
-    rho = seen.noise[0].correlation ** 2
-    told = (1.0 - rho) / (1.0 + rho)
+    told = seen.noise[0].independent_squares
     best = 1.0
     for region in regions:
         if region.name == 'time':
@@ -194,28 +189,29 @@ def _side_by_side(motions: Sequence[Motion]) -> Motion:
 
 def _repeated(joint: Joint, theta: Array) -> Floor | None:
     """Return the floor of the recordings whose command repeats, None where none does."""
-    residuals, data = [], []
-    for number, model in enumerate(joint.models):
-        if find_repeats(model.data) is not None:
-            residuals.append(model.measured - model.simulate(joint.own(number, theta))[0])
-            data.append(model.data)
-    if not data:
-        return None
+    models = joint.models
+    residuals = [
+        m.measured - m.simulate(joint.own(number, theta))[0] for number, m in enumerate(models)
+    ]
+    first = models[0]
     try:
-        first = joint.models[0]
-        quantity = first.outputs[0].quantity
-        return pooled_floor(residuals, data, first.places, first.unit, quantity)
+        floor = pooled_floor(
+            residuals,
+            [m.data for m in models],
+            first.places,
+            first.unit,
+            first.outputs[0].quantity,
+        )
     except IdentError:
         return None
+    return floor if floor.method == 'repeats' else None
 
 
 def _uncertainty(noise: Sequence[NoiseModel]) -> Array:
     """Return (P,) relative standard errors of the noise's standard deviation."""
     out = []
     for model in noise:
-        # Squares of a Gaussian process correlate by the square of its own correlation.
-        rho = model.correlation**2
-        samples = max(2.0, model.samples * (1.0 - rho) / (1.0 + rho))
+        samples = max(2.0, model.samples * model.independent_squares)
         out.append(1.0 / np.sqrt(2.0 * samples))
     return np.array(out)
 
@@ -238,6 +234,7 @@ def _sentence(
     if (neighbours > _COLOURED).any():
         text += f'; neighbouring samples correlate by up to {neighbours.max():.2f}'
     stated = model.noise
-    if stated > 0.0 and not (stated / _OTHER < value).all() & (value < stated * _OTHER).all():
+    low, high = stated / OTHER_NOISE, stated * OTHER_NOISE
+    if stated > 0.0 and not ((low < value) & (value < high)).all():
         text += f'; the machine file states {stated:.3g}{unit} (effort_noise)'
     return text

@@ -9,7 +9,7 @@ from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.verdict import BOOKKEEPING, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
-from ros2_ident.identify.judgement import fast_noise
+from ros2_ident.search.noise import fast_noise
 
 # A model is another machine's where, with every effect found, a drive's effort is missed by this
 # share of how it varies, and by so many times the floor.
@@ -91,7 +91,7 @@ def _fast(explainer: Explainer, e: Explanation, drive: int) -> float:
     """Return the noise of what a drive's fit leaves as neighbouring samples show it."""
     attribution = explainer.attribution
     own = attribution.case.check.drive == drive
-    return fast_noise([(e.check_residual / attribution.fits.check_weight)[own]])
+    return fast_noise((e.check_residual / attribution.fits.check_weight)[own])
 
 
 def _spread(explainer: Explainer, drive: int) -> float:

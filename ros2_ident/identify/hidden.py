@@ -4,6 +4,7 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +18,11 @@ from ros2_ident.threads import processors
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-Own = Callable[[int, Array], Array]
 
+# What is predicted of a residual counts from this share of the noise on.
+MATERIAL = 0.45
+# Noise that is stated and noise that is found may differ by this factor.
+OTHER_NOISE = 1.5
 # Columns times rows of what is weighed, at most: a long log is thinned to whole blocks.
 _MOST = 20_000_000
 # A block is left out as a whole: so long, s, but a log has so many at least.
@@ -30,23 +34,22 @@ _GAP = 3
 SETTLE = 0.1
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """Models of one machine at fitted parameters.
+class Fitted(Protocol):
+    """Models of one machine with one box: a `Problem`, or those of a diagnosis.
 
     Attributes:
         models: One a recording.
-        own: (number, (S, N) candidates) to the (S, N') parameters of one model.
-        theta: (N,) the parameters.
-        low: (N,) lower ends of their box.
+        low: (N,) lower ends of the box.
         high: (N,) upper ends.
     """
 
     models: tuple[FullModel, ...]
-    own: Own
-    theta: Array
     low: Array
     high: Array
+
+    def own(self, number: int, theta: Array) -> Array:
+        """Return (S, N') the parameters of one model among candidates (S, N)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,13 @@ class Rows:
     share: float
 
 
+def settled(model: FullModel) -> Mask:
+    """Return (O, K) where a model has samples, its start left out."""
+    there: Mask = ~np.isnan(model.measured)
+    there[:, : round(SETTLE / model.cycle)] = False
+    return there
+
+
 def rows_of(models: Sequence[FullModel], most: int) -> Rows:
     """Return what is weighed: all samples, or whole blocks spread evenly where they are too many.
 
@@ -73,9 +83,7 @@ def rows_of(models: Sequence[FullModel], most: int) -> Rows:
         models: One a recording.
         most: Most samples.
     """
-    masks = [~np.isnan(m.measured) for m in models]
-    for mask, model in zip(masks, models, strict=True):
-        mask[:, : round(SETTLE / model.cycle)] = False
+    masks = [settled(m) for m in models]
     total = sum(int(mask.sum()) for mask in masks)
     seconds = sum(m.shape[1] * model.cycle for m, model in zip(masks, models, strict=True))
     length = min(_BLOCK, seconds / _BLOCKS)
@@ -116,7 +124,7 @@ def _uninterrupted(there: npt.NDArray[np.intp]) -> list[npt.NDArray[np.intp]]:
 
 @dataclass(frozen=True)
 class Weighed:
-    """What the residual of an estimate shows.
+    """What the residual of a fit shows.
 
     Attributes:
         evidence: Noise, what effects of the catalogue predict, the parameters' certainty; places
@@ -130,40 +138,50 @@ class Weighed:
     slopes: Array
 
 
-def weigh_estimate(estimate: Estimate, stopped: Callable[[], bool] = lambda: False) -> Weighed:
-    """Weigh what the residual of an estimate shows against what the catalogue's effects can do.
+def weigh_fit(
+    fitted: Fitted,
+    theta: Array,
+    stopped: Callable[[], bool] = lambda: False,
+    threads: int | None = None,
+) -> Weighed:
+    """Weigh what the residual of a fit shows against what the catalogue's effects can do.
 
     Args:
-        estimate: The fitted models.
+        fitted: The models.
+        theta: (N,) their parameters.
         stopped: Asked often; True leaves the rest of the catalogue out.
+        threads: That simulate; one for each processor where None.
     """
-    candidates = [a for a in estimate.models[0].extensions() if a not in _there(estimate)]
-    tried = [_tried(estimate.models[0], at) for at in candidates]
-    rows = rows_of(estimate.models, _MOST // max(200, sum(len(p) for p, _ in tried)))
-    span = estimate.high - estimate.low
-    unit = (estimate.theta - estimate.low) / span
+    first, *_ = models = fitted.models
+    candidates = [a for a in first.extensions() if a not in first.effects]
+    tried = [_tried(first, at) for at in candidates]
+    rows = rows_of(models, _MOST // max(200, sum(len(p) for p, _ in tried)))
+    span = fitted.high - fitted.low
+    seen = [m.restricted(mask) for m, mask in zip(models, rows.masks, strict=True)]
 
     def residuals(theta: Array) -> Array:
-        return _residuals(estimate.models, estimate.own, theta, rows.masks)
+        return _side_by_side([m.residuals(fitted.own(i, theta)) for i, m in enumerate(seen)])
 
-    residual, jacobian = difference_jacobian(residuals, unit, estimate.low, span)
+    unit = (theta - fitted.low) / span
+    residual, jacobian = difference_jacobian(residuals, unit, fitted.low, span)
 
     def changes(at: EffectAt, tried: tuple[Array, float]) -> tuple[Array, Array]:
         points, most = tried
         if stopped():
             return np.empty((0, residual.size)), np.empty(0)
-        models = tuple(m.extended((*m.effects, at)) for m in estimate.models)
-
-        def own(number: int, theta: Array) -> Array:
-            count = len(estimate.theta)
-            return np.hstack([estimate.own(number, theta[:, :count]), theta[:, count:]])
-
-        theta = np.hstack([np.repeat(estimate.theta[None], len(points), axis=0), points])
-        out = _residuals(models, own, theta, rows.masks) - residual
-        out = out[np.isfinite(out).all(axis=1)]
+        base = np.repeat(theta[None], len(points), axis=0)
+        out = _side_by_side(
+            [
+                model.extended((*model.effects, at))
+                .restricted(mask)
+                .residuals(np.hstack([fitted.own(i, base), points]))
+                for i, (model, mask) in enumerate(zip(models, rows.masks, strict=True))
+            ]
+        )
+        out = (out - residual)[np.isfinite(out).all(axis=1)]
         return out, np.full(len(out), most)
 
-    with ThreadPoolExecutor(processors()) as pool:
+    with ThreadPoolExecutor(threads or processors()) as pool:
         parts = list(pool.map(changes, candidates, tried))
     missing = np.concatenate([np.empty((0, residual.size)), *(change for change, _ in parts)]).T
     most = np.concatenate([np.empty(0), *(limit for _, limit in parts)])
@@ -171,10 +189,6 @@ def weigh_estimate(estimate: Estimate, stopped: Callable[[], bool] = lambda: Fal
         residual, jacobian, missing, rows.runs, rows.blocks, most=most, share=rows.share
     )
     return Weighed(evidence, rows, jacobian)
-
-
-def _there(estimate: Estimate) -> tuple[EffectAt, ...]:
-    return estimate.models[0].effects
 
 
 def _tried(model: FullModel, at: EffectAt) -> tuple[Array, float]:
@@ -185,13 +199,5 @@ def _tried(model: FullModel, at: EffectAt) -> tuple[Array, float]:
     return points, 1.0 if itself else LARGE / TRIAL
 
 
-def _residuals(
-    models: Sequence[FullModel], own: Own, theta: Array, masks: Sequence[Mask]
-) -> Array:
-    """Return (S, R) weighted measured less simulated outputs."""
-    parts = []
-    for number, (model, mask) in enumerate(zip(models, masks, strict=True)):
-        weight = np.repeat([o.weight for o in model.outputs], mask.sum(axis=1))
-        simulated = model.simulate_at(own(number, theta), mask)
-        parts.append((model.measured[mask] - simulated) * weight)
-    return np.concatenate(parts, axis=1)
+def _side_by_side(parts: Sequence[Array]) -> Array:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)

@@ -11,15 +11,13 @@ import numpy.typing as npt
 from ros2_ident.gates import GateReport
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
+from ros2_ident.search.noise import fast_noise
 
 Array = npt.NDArray[np.float64]
 
 # A model that leaves this share of how an output varies, and so many times its noise, is not the
 # machine's.
 LARGE, FLOORS = 0.3, 20.0
-# Variance of a fourth difference of white noise, in units of the noise's; the median of a squared
-# normal number.
-_FOURTH, _MEDIAN = 70.0, 0.4549364231195724
 # What is said of every parameter then.
 NOTE = 'means nothing: the model does not carry the log'
 
@@ -73,7 +71,7 @@ def poorly_carried(problem: Problem, residual: Array) -> tuple[Uncarried, ...]:
     for output, parts, measured in zip(outputs, rest, varied, strict=True):
         left, spread = (float(np.sqrt(np.mean(np.concatenate(x) ** 2))) for x in (parts, measured))
         stated = problem.noise if output.quantity == outputs[0].quantity else 0.0
-        noise = max(stated, fast_noise(parts))
+        noise = max(stated, fast_noise(*parts))
         if left > LARGE * spread and left > FLOORS * noise:
             share = left / spread if spread > 0.0 else math.inf
             floors = left / noise if noise > 0.0 else math.inf
@@ -84,18 +82,6 @@ def poorly_carried(problem: Problem, residual: Array) -> tuple[Uncarried, ...]:
 def rounded(value: float) -> str:
     """Return a number with two digits that tell, as an engineer writes it: 130, not 1.3e+02."""
     return f'{float(f"{value:.2g}"):g}'
-
-
-def fast_noise(parts: Sequence[Array]) -> float:
-    """Return the noise of a residual as differences of neighbours show it; 0 for too short ones.
-
-    Reference:
-        Hall, Kay and Titterington (1990), Biometrika 77(3).
-    """
-    differences = np.concatenate([np.diff(part, 4) for part in parts] or [np.empty(0)])
-    if not differences.size:
-        return 0.0
-    return math.sqrt(float(np.median(differences**2)) / (_FOURTH * _MEDIAN))
 
 
 def judged(

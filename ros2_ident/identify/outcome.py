@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.identify.data import Data
+from ros2_ident.identify.hidden import MATERIAL, OTHER_NOISE
 from ros2_ident.identify.judgement import rounded
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import (
@@ -33,10 +34,6 @@ Array = npt.NDArray[np.float64]
 PACKAGE = 'ros2_ident'
 # Of a parameter that noise alone would leave determined.
 HIDDEN = 'not determined beside what the model may lack'
-# Noise that is stated and noise that is found may differ by this factor.
-OTHER = 1.5
-# What is predicted of a residual counts from this share of the noise on.
-MATERIAL = 0.45
 
 
 def assemble(
@@ -106,7 +103,7 @@ def _gap(
             f'{x.drive}: the residual is {rounded(x.rms / noise)} times the effort noise of the '
             'machine file; `ident diagnose` looks for what the model leaves out'
             for x in left
-            if noise > 0.0 and not x.unit and x.rms > OTHER * noise
+            if noise > 0.0 and not x.unit and x.rms > OTHER_NOISE * noise
         )
     out = []
     outputs = problem.models[0].outputs
@@ -121,7 +118,7 @@ def _gap(
             )
         found = floor / output.weight
         stated = output.quantity == 'effort' and noise > 0.0 and predicted < MATERIAL * floor
-        if stated and not noise / OTHER < found < noise * OTHER:
+        if stated and not noise / OTHER_NOISE < found < noise * OTHER_NOISE:
             out.append(
                 f'{output.name}: the noise of the log is {found:.2g}{unit}, and the machine file '
                 f'states {noise:.2g}{unit} (effort_noise); the log decides'

@@ -10,18 +10,13 @@ import numpy.typing as npt
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel.measurement import QUANTITIES
 from ros2_ident.recording import Dataset
+from ros2_ident.search.noise import fast_noise
 
 Array = npt.NDArray[np.float64]
 
 # What is compared, and its weight; None for one by its noise.
 Outputs = Mapping[str, float | None]
 EFFORT: Outputs = {'effort': None}
-
-# Differences of fourth order keep the noise and lose the motion; their gain on white noise.
-_ORDER = 4
-_GAIN = math.sqrt(math.comb(2 * _ORDER, _ORDER))
-# Median of the size of a normal number, in standard deviations.
-_MEDIAN = 0.6744897501960817
 
 
 def checked(outputs: Outputs | None, otherwise: Sequence[str] = tuple(EFFORT)) -> Outputs:
@@ -99,9 +94,8 @@ def _noise(quantity: str, datasets: Sequence[Dataset], drives: Sequence[str]) ->
             there = row[np.isfinite(row)]
             if there.size < 100:
                 continue
-            fast = np.abs(np.diff(there, _ORDER)) / _GAIN
             # Where neighbours are equal, the step of the log is the noise.
             apart = np.diff(np.unique(there))
             step = float(np.median(apart)) if apart.size else 0.0
-            found.append(max(float(np.median(fast)) / _MEDIAN, step / math.sqrt(12.0)))
+            found.append(max(fast_noise(there), step / math.sqrt(12.0)))
     return float(np.median(found)) if found else 0.0

@@ -11,7 +11,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import examine, GateReport
 from ros2_ident.identify.data import chosen_drives, Data, gather
 from ros2_ident.identify.data import read_data as read_data
-from ros2_ident.identify.hidden import Estimate, weigh_estimate
+from ros2_ident.identify.hidden import weigh_fit
 from ros2_ident.identify.judgement import judged, poorly_carried
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outcome import assemble, cut_short
@@ -149,8 +149,8 @@ def solve(
         )
     evidence = None
     if found.intervals is not None and not cut_short(found):
-        estimate = Estimate(problem.models, problem.own, found.theta, problem.low, problem.high)
-        evidence = weigh_estimate(estimate, cancel.is_set if cancel else lambda: False).evidence
+        stopped = cancel.is_set if cancel else lambda: False
+        evidence = weigh_fit(problem, found.theta, stopped, settings.threads).evidence
     result = judged(
         assemble(problem, found, seed, _plain(settings), evidence),
         report,

@@ -112,9 +112,14 @@ def kind_of(name: str) -> Kind:
 
 def suits(kind: Kind, machine: Machine, parameters: Mapping[str, float]) -> bool:
     """Return whether an effect can sit on a machine."""
-    platform = twin_of(machine).platform
     gear = any(key.endswith('gear_stiffness') for key in parameters)
-    has = {
+    return machine_has(kind.needs, machine, gear)
+
+
+def machine_has(needs: str, machine: Machine, gear: bool) -> bool:
+    """Return whether a machine has what an effect needs; `gear` says whether its gear gives."""
+    platform = twin_of(machine).platform
+    there = {
         '': True,
         'platform': platform,
         'gear': gear,
@@ -123,7 +128,7 @@ def suits(kind: Kind, machine: Machine, parameters: Mapping[str, float]) -> bool
         'drives': len(machine.drives) > 1,
         'supply': machine.known('supply_voltage'),
     }
-    return bool(has[kind.needs])
+    return bool(there[needs])
 
 
 def draw_effect(

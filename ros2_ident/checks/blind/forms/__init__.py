@@ -17,7 +17,7 @@ from ros2_ident.checks.blind.forms import (
 from ros2_ident.checks.blind.forms.form import Form, Hidden
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.machine.machine import Machine
-from ros2_ident.reference.twin import twin_of
+from ros2_ident.reference.effects import machine_has
 
 _MODULES = (friction, transmission, controller, structure, measurement, outside)
 FORMS: Mapping[str, Form] = {form.name: form for part in _MODULES for form in part.FORMS}
@@ -34,17 +34,7 @@ def starts_of(effect: str, parameter: str) -> tuple[float, ...]:
 
 def suits(form: Form, machine: Machine) -> bool:
     """Return whether a form can sit on a machine."""
-    platform = twin_of(machine).platform
-    gear = 'gear_stiffness' in machine.bounds
-    has = {
-        '': True,
-        'platform': platform,
-        'gear': gear,
-        'rigid': not (machine.number('gravity') or gear or platform),
-        'integral': bool((machine.numbers('integral_gain') > 0.0).any()),
-        'drives': len(machine.drives) > 1,
-    }
-    return has[form.needs]
+    return machine_has(form.needs, machine, 'gear_stiffness' in machine.bounds)
 
 
 def draw_form(
