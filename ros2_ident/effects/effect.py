@@ -154,7 +154,7 @@ class EffectParameter:
     high: float
     neutral: float
     starts: tuple[float, ...] = ()
-    role: Literal['size', 'shape', 'position', 'time'] = 'size'
+    role: Literal['size', 'shape', 'position', 'time', 'order'] = 'size'
     target: str = ''
     how: Literal['add', 'scale', 'set'] = 'add'
     symbol: str = ''

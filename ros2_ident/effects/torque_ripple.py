@@ -45,7 +45,7 @@ EFFECT = Effect(
                 20.0,
                 24.0,
             ),
-            role='shape',
+            role='order',
             symbol='n',
         ),
     ),

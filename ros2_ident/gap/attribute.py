@@ -6,7 +6,7 @@ the fit part, and scores every fit on the part held out. `explain` runs rounds u
 left or nothing gains.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +30,8 @@ _LEAST = 4
 # Every start of a round gets so many iterations; who then explains less than this share of what
 # the best does gets no more.
 _HEAT, _BEHIND = 4, 0.5
+# What the log itself shows starts far from a fit that was bent by it, and gets more.
+_SHOWN = 16
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,9 @@ class Attribution:
         stopped: Asked often; True ends everything with the best so far.
         on_step: Told the share of the present round that is done and a sentence.
         workers: Who fits; threads of this process, one for each processor, where None.
+
+    Attributes:
+        limits: Size of the effort at which control laws show drives to be limited.
     """
 
     def __init__(
@@ -80,6 +85,7 @@ class Attribution:
         self.stopped = stopped
         self.on_step = on_step
         self.workers = workers or Threads()
+        self.limits: Mapping[str, float] = {}
         self.fits = Fits(case, floor, stopped)
 
     @property
@@ -145,7 +151,7 @@ class Attribution:
         """
         model = self.case.fit.with_effects(()).models[0]
         new = [c for c in candidates if c not in base.effects]
-        seen = [(c, own) for c in new if (own := seen_in_log(c, model)) is not None]
+        seen = [(c, own) for c in new if (own := seen_in_log(c, model, self.limits)) is not None]
         if not seen:
             return []
         joint = self.case.fit.with_effects(base.effects)
@@ -158,7 +164,7 @@ class Attribution:
                 others = [i for i, (p, _, b) in enumerate(places) if b == bare and p != place]
                 if bare and place == candidate.where and others:
                     theta[column] = base.theta[others].mean()
-            out.append((candidate, np.concatenate([theta, own])))
+            out += [(candidate, np.concatenate([start, own])) for start in (theta, base.theta)]
         return out
 
     # ------------------------------------------------------------------ rounds
@@ -203,7 +209,10 @@ class Attribution:
                 (start.candidate, start) for start in self._promising(screened, fits)
             ]
             chosen += self._shown(base, candidates)
-            tasks = [(candidate, start, _HEAT) for candidate, start in chosen]
+            tasks = [
+                (candidate, start, _HEAT if isinstance(start, Start) else _SHOWN)
+                for candidate, start in chosen
+            ]
             for finished, ((candidate, _), e) in enumerate(
                 zip(chosen, run('begin', tasks), strict=True), 1
             ):

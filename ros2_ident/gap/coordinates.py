@@ -3,10 +3,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from ros2_ident.gates.log import SEEN
 from ros2_ident.models import FullModel
@@ -21,6 +23,8 @@ PHASES = ('rest', 'creep', 'acceleration', 'cruise', 'deceleration', 'reversal')
 _REST, _SLOW, _STEADY = 0.01, 0.1, 0.1
 # Orders of the motor's turn that are looked at.
 ORDERS = 24
+# A friction that lags behind does so by these times, s, or by these shares of the stroke.
+_LAGS, _WAYS = (0.01, 0.03, 0.1, 0.3), (0.0005, 0.002, 0.01, 0.05)
 # An order has to go round so often within the stroke to be told from a plain position.
 _TURNS = 1.5
 
@@ -225,6 +229,7 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
     lags = range(-20, 45, 5)
     recent = [_late(motion.acceleration[d], at, 1e-3 * lag / motion.cycle) for lag in lags]
     found.append(_linear('recent acceleration', tuple(f'{lag} ms ago' for lag in lags), recent))
+    found.append(_linear('friction of before', *_memories(motion, d, at)))
     others = [o for o in range(len(motion.drives)) if o != d]
     if others:
         rows = [row[o, at] for o in others for row in (motion.torque, motion.acceleration)]
@@ -235,6 +240,50 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
     if motion.gear[d]:
         found += _orders(position, float(motion.gear[d]))
     return [c for c in found if c.columns.shape[1]]
+
+
+def _memories(
+    motion: Motion, drive: int, at: NDArray[np.int64]
+) -> tuple[tuple[str, ...], list[Array]]:
+    """Return direction, slow motion and rest as a friction that lags behind follows them.
+
+    It may lag by a time, or by the way gone since a reversal (Dahl 1968).
+    """
+    velocity, position = motion.velocity[drive], motion.position[drive]
+    heading = direction(velocity)
+    speed = np.abs(velocity) / max(_top(velocity), 1e-300)
+    kinds = (
+        ('direction', heading),
+        ('slow motion', np.exp(-speed / _SLOW) * heading),
+        ('rest', (speed < _REST) * heading),
+    )
+    stroke = max(float(np.ptp(position)), 1e-300)
+    rows = [
+        _follow(row, motion.cycle / lag)[at] for lag in _LAGS for _, row in kinds
+    ] + [_turned(heading, position, share * stroke)[at] for share in _WAYS]
+    labels = [f'{name} {1e3 * lag:g} ms late' for lag in _LAGS for name, _ in kinds] + [
+        f'direction {100.0 * share:g} % of the stroke late' for share in _WAYS
+    ]
+    return tuple(labels), rows
+
+
+def _follow(row: Array, step: float) -> Array:
+    """Return (K,) a first-order lag behind a row, with steps in units of its lag."""
+    keep = math.exp(-step)
+    out: Array = lfilter([1.0 - keep], [1.0, -keep], row, zi=[keep * row[0]])[0]
+    return out
+
+
+def _turned(heading: Array, position: Array, length: float) -> Array:
+    """Return (K,) the direction of motion, taken up over a way of some length."""
+    turns = np.flatnonzero(np.diff(heading)) + 1
+    out = np.empty_like(heading)
+    value = float(heading[0])
+    for first, last in zip([0, *turns], [*turns, heading.size], strict=True):
+        gone = np.abs(position[first:last] - position[first])
+        out[first:last] = heading[first] + (value - heading[first]) * np.exp(-gone / length)
+        value = float(out[last - 1])
+    return out
 
 
 def _orders(position: Array, gear: float) -> list[Coordinate]:

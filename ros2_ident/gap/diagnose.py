@@ -22,7 +22,7 @@ from ros2_ident.gap.gates import run_gates
 from ros2_ident.gap.localise import Finding, localise
 from ros2_ident.gap.predictability import predictability
 from ros2_ident.gap.reading import coarse_readings, CoarseReading
-from ros2_ident.gap.refusal import ahead, of_gates, of_what_is_left
+from ros2_ident.gap.refusal import ahead, of_constants, of_gates, of_what_is_left
 from ros2_ident.gap.verdict import judge, NAMELESS, NONE, REFUSED, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
 from ros2_ident.identify.layout import Conditions
@@ -249,10 +249,11 @@ class _Passes:
         guess = np.full(len(case.drives), case.noise or 1.0)
         base = self._attribution(case, guess).nominal(SEARCH, self.seed)
         if not np.isfinite(base.residual).all():
+            remedy = run_gates(case.fit.with_effects(()).models).headline
             raise IdentError(
                 ErrorCode.DIVERGED,
                 'every candidate diverges on this log; '
-                'check units, gains and geometry in the machine file',
+                + (remedy or 'check units, gains and geometry in the machine file'),
             )
         clock.step(0.9, 'telling noise from what the motion predicts')
         floor = predictability(case.whole.with_effects(()), base.theta, clock.stopped).floor
@@ -262,6 +263,9 @@ class _Passes:
         if not clock.stopped():
             joint = case.fit.with_effects(())
             report = run_gates(joint.models, joint.own(0, base.theta)[0], floor)
+        attribution.limits = {
+            law.drive: law.limit for law in report.laws if math.isfinite(law.limit)
+        }
         candidates = tuple(case.candidates(self.without))
         return _Pass(Explainer(attribution, floor, self.rules), base, report, candidates)
 
@@ -298,6 +302,7 @@ class _Passes:
         verdict = judge(explainer, found, readings)
         if not clock.stopped():
             found, verdict = of_what_is_left(explainer, found, verdict, begun.report)
+            found, verdict = of_constants(explainer, found, verdict)
         return found, ahead(verdict, begun.report)
 
     def _composed(self, begun: _Pass, found: Explained, verdict: Verdict) -> Diagnosis:

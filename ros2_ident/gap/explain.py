@@ -23,6 +23,16 @@ _TIE = 20.0
 _LOWER = 0.97
 # Share of what controllers miss of the log that an effect may leave and be vouched for by it.
 _MISSED = 0.05
+# The same where the noise is small beside it: another form of the same effect leaves that much.
+_NEARLY = 0.002
+# Outputs that a fit misses by so many floors may be too violent to be repeated by any.
+_VIOLENT = 3.0
+# An effect that the final model needs so many times as much as the first one found comes first.
+_NEEDED = 2.0
+# Share of the gap that the best effect closes from which another one is near it.
+_NEAR = 0.6
+# Noise is slow where its samples, known those before, scatter so many times less.
+_SLOW = 2.0
 
 
 def at_bound(parameter: EffectParameter, value: float) -> bool:
@@ -176,15 +186,18 @@ class Explainer:
         """Whether the controllers' log was far from the stated law and now agrees with it.
 
         It knows nothing of the machine, so this holds also where the outputs are too violent to
-        be repeated; they must only not become much worse.
+        be repeated: these must only not become much worse. A gain that is a little off shows
+        there, too, and hardly in the outputs.
         """
         worst = int(before.law.argmax())
         excess = float(before.law[worst]) - 1.0
         if excess <= 1.0:
             return False
         left = float(after.law[worst]) - 1.0
-        agrees = left < min(1.0, _MISSED * excess)
-        return agrees and self.share(before, after) > -0.5
+        agrees = left < max(min(1.0, _MISSED * excess), _NEARLY * excess)
+        share = self.share(before, after)
+        violent = share > -0.5 and self.size(before) > _VIOLENT
+        return agrees and (violent or share >= self.rules.share)
 
     def score(self, e: Explanation) -> float:
         """Return what is minimised over models: loss on both parts, and BIC's penalty."""
@@ -245,18 +258,20 @@ class Explainer:
         """Add effects while they are material, drop what became superfluous, look for rivals."""
         chain, rounds = [base], []
         stopped = self.attribution.stopped
-        while (
-            len(chain) <= self.rules.most
-            and self.size(chain[-1]) >= self.rules.material
-            and not stopped()
-        ):
+        while len(chain) <= self.rules.most and self.open(chain[-1]) and not stopped():
             round_ = self.attribution.round(
                 chain[-1], candidates, fits=12 if len(chain) == 1 else 8
             )
             rounds.append(round_)
             best = self.best(round_)
-            if best is None or not self.material(chain[-1], best):
+            if best is None:
                 break
+            if not self.material(chain[-1], best):
+                again = None if stopped() else self.less_noise(chain, rounds, best)
+                again = again or self.confirmed_one(chain, rounds, best)
+                if again is None:
+                    break
+                chain, rounds, best = again
             if self.beside(best) and self.closes(chain, best) < self.rules.part:
                 break
             if len(chain) == 1 and not stopped():
@@ -270,10 +285,59 @@ class Explainer:
             if not stopped():
                 chain, rounds = self.looked_again(chain, rounds)
         rests = self.rests(chain)
+        if not stopped():
+            chain, rests = self.ordered(chain, rests)
         rivals = self.rivals(chain, rounds)
         return Explained(
             tuple(chain), tuple(rounds), rivals, rests, self.size(chain[-1]), not stopped()
         )
+
+    def open(self, e: Explanation) -> bool:
+        """Whether more may be missing: by what is left, or by how slow what is called noise is.
+
+        What a large effect does is no straight line in it, and can look like slow noise.
+        """
+        if self.size(e) >= self.rules.material:
+            return True
+        slow = [m.variance > _SLOW**2 * m.innovation for m in self.floor.noise]
+        return not e.effects and any(slow)
+
+    def less_noise(
+        self, chain: list[Explanation], rounds: list[Round], best: Explanation
+    ) -> tuple[list[Explanation], list[Round], Explanation] | None:
+        """Return chain, rounds and best fit at the noise that is left with the best effect.
+
+        None where that noise is the same, or the effect does not count even so.
+        """
+        seen = self.noise_of(best)
+        attribution, floor, fits = self.attribution, self.floor, self.attribution.fits
+        if not (seen.floor.per_drive < _LOWER * attribution.floor).any():
+            return None
+        self.floor = seen.floor
+        (*renewed, best), rounds = attribution.renew(
+            seen.floor.per_drive, [*chain, best], rounds
+        )
+        best = attribution.refit(best.effects, best.theta)
+        if self.material(renewed[-1], best):
+            return renewed, rounds, best
+        self.floor, attribution.fits = floor, fits
+        return None
+
+    def confirmed_one(
+        self, chain: list[Explanation], rounds: list[Round], best: Explanation
+    ) -> tuple[list[Explanation], list[Round], Explanation] | None:
+        """Return chain, rounds and the best fit that counts where the data held out refute `best`.
+
+        None where none comes near it.
+        """
+        base = chain[-1]
+        least = _NEAR * self.share(base, best)
+        counts = [
+            e
+            for e in rounds[-1].fitted
+            if self.share(base, e) >= least and self.plausible(e) and self.material(base, e)
+        ]
+        return (chain, rounds, min(counts, key=self.score)) if counts else None
 
     def looked_again(
         self, chain: list[Explanation], rounds: list[Round]
@@ -320,6 +384,26 @@ class Explainer:
             chain[-2] if index == len(final.effects) - 1 else self.without(final, index)
             for index in range(len(final.effects))
         )
+
+    def ordered(
+        self, chain: list[Explanation], rests: tuple[Explanation, ...]
+    ) -> tuple[list[Explanation], tuple[Explanation, ...]]:
+        """Put first what the final model needs most, where that is not what came first."""
+        final = chain[-1]
+        needs = np.array([e.loss - final.loss for e in rests])
+        if len(final.effects) < 2 or needs.max() < _NEEDED * max(float(needs[0]), 0.0):
+            return chain, rests
+        order = [int(i) for i in np.argsort(-needs, kind='stable')]
+        effects = tuple(final.effects[i] for i in order)
+        nominal = len(chain[0].theta)
+        columns = [list(range(nominal)), *(self.columns(final, i) for i in order)]
+        theta = final.theta[np.concatenate(columns)]
+        steps, end = [chain[0]], nominal
+        for count in range(1, len(effects)):
+            end += len(columns[count])
+            steps.append(self.attribution.refit(effects[:count], theta[:end]))
+        steps.append(self.attribution.refit(effects, theta))
+        return steps, tuple(rests[i] for i in order)
 
     def without(self, e: Explanation, index: int) -> Explanation:
         """Refit a model with one effect taken out."""

@@ -13,11 +13,14 @@ import numpy.typing as npt
 from ros2_ident.gap.case import Case, Joint
 from ros2_ident.gap.screen import screen, Start
 from ros2_ident.models import EffectAt
+from ros2_ident.models.orders import orders_shown
 from ros2_ident.search.levenberg import difference_jacobian, local_fit, LocalFit
 
 Array = npt.NDArray[np.float64]
 # Mean square, beyond the noise's, from which a controller misses the log.
 _LAW_OFF = 0.05
+# Orders of a turn are looked for where what is left has this mean square, in floors squared.
+_NOTICED = 1.2
 
 
 @dataclass(frozen=True)
@@ -286,7 +289,25 @@ class Trials:
             base.outputs,
             joint.low[:count],
             joint.high[:count],
+            self._orders_of(candidate, joint),
         )
+
+    def _orders_of(self, candidate: EffectAt, joint: Joint) -> tuple[float, ...]:
+        """Return orders of a drive's turn to try, where something is left there."""
+        drives, left = self.fits.case.drives, self.base.left
+        if candidate.where not in drives:
+            return ()
+        own = self.fits.case.fit.drive == drives.index(candidate.where)
+        if np.mean(left.residual[: own.size][own] ** 2) < _NOTICED:
+            return ()
+        evaluate = self.fits.evaluate(joint)
+
+        def change(points: Array) -> Array:
+            base = np.repeat(self.base.fit.theta[None], len(points), axis=0)
+            return left.residual - evaluate(np.hstack([base, points]))
+
+        free = left.residual - left.basis @ (left.basis.T @ left.residual)
+        return orders_shown(joint.models[0], candidate, change, free, left.basis)
 
     def begin(
         self, candidate: EffectAt, start: Start | Array, iterations: int

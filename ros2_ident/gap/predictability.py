@@ -19,6 +19,7 @@ from ros2_ident.gap.floor import Floor, pooled_floor, step_of
 from ros2_ident.gap.spectrum import lines
 from ros2_ident.identify.hidden import OTHER_NOISE, runs_of, weigh_fit, Weighed
 from ros2_ident.models import FullModel
+from ros2_ident.models.registry import kind_of
 from ros2_ident.search.evidence import Evidence, weigh
 from ros2_ident.search.noise import NoiseModel, Whitening
 
@@ -28,6 +29,8 @@ Array = npt.NDArray[np.float64]
 # makes them with this probability; noise is what the quietest of this share of the samples have,
 # where that is less than this share of the rest.
 _FEWEST, _CERTAIN, _PART, _QUIET = 20.0, 1e-6, 0.2, 0.85
+# Drives of one make have one noise: what one leaves beyond this factor of theirs is none.
+_LIKE = 1.5
 # Correlation of neighbouring samples from which noise is called coloured.
 _COLOURED = 0.2
 
@@ -74,6 +77,9 @@ def predictability(
     if floor is not None:
         value = np.minimum(value, floor.per_drive)
     spread = np.exp(1.96 * _uncertainty(noise))
+    usual = float(np.median(value))
+    apart = _alike(first) & (value > _LIKE * usual * spread)
+    value = np.where(apart, usual, value)
     return Predictability(
         Floor(
             value,
@@ -85,7 +91,8 @@ def predictability(
             tuple(
                 m.scaled(float(v / np.sqrt(m.variance))) for m, v in zip(noise, value, strict=True)
             ),
-            _sentence(first, value, noise, floor),
+            _sentence(first, value, noise, floor)
+            + _stand_out([n for n, one in zip(first.places, apart, strict=True) if one]),
         ),
         evidence,
     )
@@ -205,6 +212,21 @@ def _repeated(joint: Joint, theta: Array) -> Floor | None:
     except IdentError:
         return None
     return floor if floor.method == 'repeats' else None
+
+
+def _alike(model: FullModel) -> bool:
+    """Whether one noise is that of all drives, and most of them tell which it is."""
+    machine = model.machine
+    return machine is not None and kind_of(machine).alike and len(model.places) > 2
+
+
+def _stand_out(drives: Sequence[str]) -> str:
+    if not drives:
+        return ''
+    return (
+        f'; {" and ".join(drives)}: nothing predicts what is left there, but it is more than '
+        'drives of the same make have, and so no noise'
+    )
 
 
 def _uncertainty(noise: Sequence[NoiseModel]) -> Array:

@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 # resolution of the log's own position.
 SMALLEST, LARGEST = 4e-6, 1.5e-4
 # Power of a line, in units of its mean, that chance does not reach among all of them.
-CLEAR = 30.0
+CLEAR = 45.0
 # Mean square, in units of the floor, from which on something else than steps is missed.
 LOST = 2500.0
 # What is slower is no step, s.

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ros2_ident.effects import Effect, get_effect
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.verdict import BOOKKEEPING, Verdict, WRONG_MODEL
@@ -14,6 +15,10 @@ from ros2_ident.search.noise import fast_noise
 # A model is another machine's where, with every effect found, a drive's effort is missed by this
 # share of how it varies, and by so many times the floor.
 LARGE, FLOORS = 0.1, 20.0
+# So much, and slow, is no noise of a log either, even where nothing predicts it.
+SLOW = 0.5
+# Factors of all drives are one where their logarithms differ by less than this share of them.
+ALIKE = 0.3
 # A contradiction is found by a measure that leaves hardly any doubt.
 _SURE = 0.95
 
@@ -34,6 +39,50 @@ def of_gates(
     where = tuple(dict.fromkeys(drives)) or ('all',)
     found = Explained((base,), (), (), (), explainer.size(base), True)
     return found, _without_effects(effect, where, report.headline)
+
+
+def of_constants(
+    explainer: Explainer, found: Explained, verdict: Verdict
+) -> tuple[Explained, Verdict]:
+    """Return the answer, or that a constant is wrong where every drive has it wrong alike.
+
+    Drives differ one by one; what is off by one factor on all of them is off in the machine file.
+
+    Args:
+        explainer: Holds the case.
+        found: What the rounds came to.
+        verdict: What would follow.
+    """
+    case = explainer.attribution.case
+    final = found.chain[-1]
+    factors: dict[str, dict[str, float]] = {}
+    column = len(found.chain[0].theta)
+    for at in final.effects:
+        parameters = case.fit.models[0].scaled(at)
+        if parameters[0].how == 'scale' and parameters[0].neutral == 1.0:
+            factors.setdefault(at.effect, {})[at.where] = float(final.theta[column])
+        column += len(parameters)
+    for effect, by_drive in factors.items():
+        values = np.array([*by_drive.values()])
+        alike = np.ptp(np.log(values)) < ALIKE * np.abs(np.log(values)).mean()
+        if len(case.drives) > 1 and set(by_drive) == set(case.drives) and alike:
+            plain = replace(found, chain=found.chain[:1], rivals=(), rests=())
+            text = _constant(get_effect(effect), float(np.exp(np.log(values).mean())))
+            return plain, _without_effects(BOOKKEEPING, case.drives, text)
+    return found, verdict
+
+
+def _constant(effect: Effect, factor: float) -> str:
+    (target, *_) = (p.target for p in effect.parameters)
+    if target == 'log_gain':
+        return (
+            f'The effort of every drive is {factor:.4g} times what the model makes of it: its '
+            'unit or the torque constant is wrong; correct effort_unit or the constant behind it.'
+        )
+    return (
+        f'{factor:.4g} times the {target} of the machine file fits every drive: the constant is '
+        'wrong there, or another unit is meant; correct it.'
+    )
 
 
 def of_what_is_left(
@@ -59,8 +108,7 @@ def of_what_is_left(
     varies = np.array([_spread(explainer, d) for d in range(len(case.drives))])
     fast = np.array([_fast(explainer, found.chain[-1], d) for d in range(len(case.drives))])
     whole = np.hypot(left, explainer.attribution.floor)
-    # What is slow and that large is no noise of a log, even where nothing predicts it.
-    slow_part = (whole >= FLOORS * fast) & (whole >= LARGE * varies)
+    slow_part = (whole >= FLOORS * fast) & (whole >= SLOW * varies)
     lost = ((gap >= FLOORS) & (left >= LARGE * varies)) | slow_part
     left = np.where(slow_part, whole, left)
     if not lost.any():

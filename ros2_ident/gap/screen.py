@@ -6,7 +6,7 @@ parameters already fitted can imitate, is compared with the residual. It ranks c
 each its starts; it decides nothing.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,10 +41,17 @@ class Start:
     visible: float
 
 
-def seen_in_log(candidate: EffectAt, model: FullModel) -> Array | None:
+def seen_in_log(
+    candidate: EffectAt, model: FullModel, limits: Mapping[str, float]
+) -> Array | None:
     """Return an effect's (P,) parameters where the log itself shows them, None where it does not.
 
-    So far that is a limit of the effort, by its flat top.
+    So far that is a limit of the effort, by its flat top or by what the control law asks for.
+
+    Args:
+        candidate: The effect and its place.
+        model: The model without it.
+        limits: Size of the effort at which the law shows a drive to be limited, see `gates.Law`.
     """
     if get_effect(candidate.effect).shown_by != 'flat_top':
         return None
@@ -52,7 +59,9 @@ def seen_in_log(candidate: EffectAt, model: FullModel) -> Array | None:
     limit = model.effort_limit(candidate.where)
     if others or not np.isfinite(limit):
         return None
-    top = flat_top(model.measured[model.places.index(candidate.where)], model.noise)
+    top = limits.get(candidate.where) or flat_top(
+        model.measured[model.places.index(candidate.where)], model.noise
+    )
     if top is None:
         return None
     share: float = min(max(top / limit, parameter.low), parameter.high)
@@ -93,6 +102,7 @@ def screen(
     outputs: Array,
     low: Array,
     high: Array,
+    orders: tuple[float, ...] = (),
 ) -> list[Start]:
     """Rank the starts of one effect at one place.
 
@@ -108,11 +118,12 @@ def screen(
         outputs: (R', B) the same basis for the first R' rows alone, which are the outputs'.
         low: (N,) lower bounds of the fitted parameters.
         high: (N,) upper bounds.
+        orders: Orders of the drive's turn that the residual shows.
 
     Returns:
         One start a group, the most promising first.
     """
-    groups = trials(candidate, models[0])
+    groups = trials(candidate, models[0], orders)
     parameters = models[0].scaled(candidate)
     neutral = np.array([p.neutral for p in parameters])
     lower = np.array([p.low for p in parameters])

@@ -143,6 +143,9 @@ def _with_readings(
     first = _named(strongest)
     closes = float((before - after).sum())
     sure = _sigmoid((float(np.sqrt(before.max())) - explainer.rules.material) / t.size)
+    if not chain and unexplained and plain.effect == UNKNOWN:
+        # Something else is missing, and more than steps.
+        return plain
     if chain and closes > float(after[drives.index(strongest.drive)]):
         others = tuple(a for a in coarse if a not in chain)
         if plain.effect == UNKNOWN and not unexplained:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Is the controller in the log the machine file's: gains, scale and sign of the effort, stamps?"""
 
+from collections import Counter
 from dataclasses import replace
 import math
 
@@ -33,6 +34,8 @@ EXPLAINED = 0.9
 _AS_GOOD, _AT_ALL = 1.05, 0.2
 # A law that explains so much of the effort of another drive is that drive's.
 _ITS_OWN = 0.98
+# So is one that, with the gains stated, leaves this share of what it leaves of its own.
+_BETTER = 0.2
 # An effort that is logged before it acts by more than a cycle and this, s, has other stamps.
 _EARLY = 1e-3
 # One that is logged later than this, s, is late.
@@ -71,6 +74,12 @@ def check_law(
     # Where no other gains explain more than the stated ones the law ran, and something else is
     # between it and the log: an effort that does not belong to it would ask for other gains.
     ran = law.misfit_file <= _AS_GOOD * law.misfit and law.explained > _AT_ALL
+    if math.isfinite(law.limit) and not clean:
+        text = (
+            f'{drive}: the effort stays at about {law.limit:.3g} {unit} wherever the control law '
+            'asks for more; something limits it there'
+        )
+        return [Gate('limited', drive, 'warn', law.limit, unit, text)]
     if law.explained < EXPLAINED and not clean and not ran:
         text = (
             f'{drive}: the stated control law explains {100.0 * law.explained:.0f} % of the '
@@ -193,6 +202,25 @@ def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
     return [Gate('offset', law.drive, 'fail' if apart else 'warn', by, 's', text, apart)]
 
 
+def of_one_drive(gates: list[Gate], drives: int) -> list[Gate]:
+    """Return findings in which a gain that only some drives have wrong contradicts nothing.
+
+    A file that states one gain for all drives would have it wrong for all: here the drive differs,
+    and the diagnosis looks for why.
+
+    Args:
+        gates: What `check_law` found on all drives.
+        drives: How many there are.
+    """
+    count = Counter(gate.key for gate in gates if gate.key and gate.number > 0.0)
+    return [
+        replace(gate, level='warn', contradicts=False)
+        if 0 < count[gate.key] < drives and gate.number > 0.0
+        else gate
+        for gate in gates
+    ]
+
+
 def check_swapped(machine: Machine, data: Dataset, laws: list[Law]) -> list[Gate]:
     """Look for efforts logged under another drive's name, where laws explain too little.
 
@@ -205,7 +233,7 @@ def check_swapped(machine: Machine, data: Dataset, laws: list[Law]) -> list[Gate
     if len(lost) < 2 or data.effort is None:
         return []
     rows = {name: data.effort[data.names.index(name)] for name in lost}
-    own = {law.drive: 1.0 - law.explained for law in laws}
+    own = {law.drive: law for law in laws}
     owner = {}
     for drive in lost:
         for other in lost:
@@ -214,7 +242,11 @@ def check_swapped(machine: Machine, data: Dataset, laws: list[Law]) -> list[Gate
             effort = np.array(data.effort)
             effort[data.names.index(drive)] = rows[other]
             law = fit_law(machine, replace(data, effort=effort), drive)
-            if law and 1.0 - law.explained < min(1.0 - _ITS_OWN, 0.5 * own[drive]):
+            if law is None:
+                continue
+            stated = law.misfit_file < _BETTER * own[drive].misfit_file
+            rest = 1.0 - own[drive].explained
+            if stated or 1.0 - law.explained < min(1.0 - _ITS_OWN, 0.5 * rest):
                 owner[drive] = other
     if len(owner) < 2 or len(set(owner.values())) != len(owner):
         return []

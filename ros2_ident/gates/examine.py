@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ros2_ident.gates.controller import check_law, check_swapped
+from ros2_ident.gates.controller import check_law, check_swapped, of_one_drive
 from ros2_ident.gates.coupling import check_coupling
 from ros2_ident.gates.finding import Gate, GateReport, ORDER
 from ros2_ident.gates.law import fit_law, Law
@@ -93,6 +93,7 @@ def _of_one(
             laws.append(law)
         level = None if noise is None else float(noise[number])
         said += check_law(machine, law, drive, level)
+    said = of_one_drive(said, len(drives))
     swapped = check_swapped(machine, data, laws)
     if swapped:
         found = [gate for gate in found if gate.gate != 'sign']

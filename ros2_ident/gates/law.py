@@ -22,6 +22,10 @@ Array = NDArray[np.float64]
 # Stamps that lie far apart are looked for where a law misses the effort by so many times its
 # noise, and believed where it then leaves so much less (mean square).
 _MISSED, _TOGETHER = 1.5, 0.6
+# An effort is limited where the law asks for so many times what is logged, on so many samples, and
+# on this share of all; where this share of what the law misses lies there; and where it follows
+# what is asked by less than this power, over demands that spread so far (logarithm).
+_MORE, _FEW, _RARE, _MOSTLY, _FLAT, _SPREAD = 1.2, 20, 0.005, 0.8, 0.3, 0.2
 _GAINS = ('position_gain', 'velocity_gain', 'integral_gain')
 
 
@@ -68,6 +72,8 @@ class Law:
         samples: Samples used.
         steps: RMS that the steps of the logged position alone may leave, in the effort's unit; 0
             where the law does not difference the position, or the position has no steps.
+        limit: Size beyond which the logged effort does not go though the law asks for more;
+            infinite where none shows.
     """
 
     drive: str
@@ -79,6 +85,7 @@ class Law:
     explained: float
     samples: int
     steps: float = 0.0
+    limit: float = math.inf
 
     @property
     def excess(self) -> float:
@@ -175,7 +182,32 @@ def _law_at(
         1.0 - free**2 / max(float(effort.var()), 1e-300),
         effort.size,
         gain * signals.speed_steps,
+        _limit(known, effort),
     )
+
+
+def _limit(asked: Array, effort: Array) -> float:
+    """Return the size beyond which an effort does not go, infinite where none shows.
+
+    There the effort hardly depends on what the law asks for; with a wrong gain it would.
+
+    Args:
+        asked: (R,) what the stated law asks for, but for a constant.
+        effort: (R,) what was logged.
+    """
+    size = np.abs(effort)
+    calm = size <= max(0.5 * float(size.max()), float(np.median(size)))
+    asked = asked + float(np.median((effort - asked)[calm]))
+    least = np.maximum(_MORE * size, 0.4 * size.max())
+    beyond = (np.abs(asked) > least) & (asked * effort > 0.0) & (size > 0.4 * size.max())
+    if beyond.sum() < max(_FEW, _RARE * effort.size):
+        return math.inf
+    missed = (effort - asked) ** 2
+    much, had = np.log(np.abs(asked[beyond])), np.log(size[beyond])
+    if missed[beyond].sum() < _MOSTLY * missed.sum() or much.std() < _SPREAD:
+        return math.inf
+    slope = float(np.cov(much, had)[0, 1] / much.var())
+    return float(np.median(size[beyond])) if abs(slope) < _FLAT else math.inf
 
 
 def _gains_of(solution: Array) -> dict[str, float]:

@@ -4,12 +4,14 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.models import EffectAt, FullModel
+from ros2_ident.models.orders import orders_shown
 from ros2_ident.models.trials import LARGE, TRIAL, trials
 from ros2_ident.search.evidence import Evidence, weigh
 from ros2_ident.search.levenberg import difference_jacobian
@@ -154,8 +156,8 @@ def weigh_fit(
     """
     first, *_ = models = fitted.models
     candidates = [a for a in first.extensions() if a not in first.effects]
-    tried = [_tried(first, at) for at in candidates]
-    rows = rows_of(models, _MOST // max(200, sum(len(p) for p, _ in tried)))
+    count = sum(len(_tried(first, at)[0]) for at in candidates)
+    rows = rows_of(models, _MOST // max(200, count))
     span = fitted.high - fitted.low
     seen = [m.restricted(mask) for m, mask in zip(models, rows.masks, strict=True)]
 
@@ -164,25 +166,31 @@ def weigh_fit(
 
     unit = (theta - fitted.low) / span
     residual, jacobian = difference_jacobian(residuals, unit, fitted.low, span)
+    basis = np.linalg.qr(jacobian)[0]
+    free = residual - basis @ (basis.T @ residual)
 
-    def changes(at: EffectAt, tried: tuple[Array, float]) -> tuple[Array, Array]:
-        points, most = tried
+    def changed(at: EffectAt, points: Array) -> Array:
+        base = np.repeat(theta[None], len(points), axis=0)
+        out = [
+            model.extended((*model.effects, at))
+            .restricted(mask)
+            .residuals(np.hstack([fitted.own(i, base), points]))
+            for i, (model, mask) in enumerate(zip(models, rows.masks, strict=True))
+        ]
+        return _side_by_side(out) - residual
+
+    def changes(at: EffectAt) -> tuple[Array, Array]:
         if stopped():
             return np.empty((0, residual.size)), np.empty(0)
-        base = np.repeat(theta[None], len(points), axis=0)
-        out = _side_by_side(
-            [
-                model.extended((*model.effects, at))
-                .restricted(mask)
-                .residuals(np.hstack([fitted.own(i, base), points]))
-                for i, (model, mask) in enumerate(zip(models, rows.masks, strict=True))
-            ]
-        )
-        out = (out - residual)[np.isfinite(out).all(axis=1)]
+        model = first.extended((*first.effects, at))
+        orders = orders_shown(model, at, partial(changed, at), free, basis, clear=True)
+        points, most = _tried(first, at, orders)
+        out = changed(at, points)
+        out = out[np.isfinite(out).all(axis=1)]
         return out, np.full(len(out), most)
 
     with ThreadPoolExecutor(threads or processors()) as pool:
-        parts = list(pool.map(changes, candidates, tried))
+        parts = list(pool.map(changes, candidates))
     missing = np.concatenate([np.empty((0, residual.size)), *(change for change, _ in parts)]).T
     most = np.concatenate([np.empty(0), *(limit for _, limit in parts)])
     evidence = weigh(
@@ -191,10 +199,12 @@ def weigh_fit(
     return Weighed(evidence, rows, jacobian)
 
 
-def _tried(model: FullModel, at: EffectAt) -> tuple[Array, float]:
+def _tried(
+    model: FullModel, at: EffectAt, orders: tuple[float, ...] = ()
+) -> tuple[Array, float]:
     """Return (S, P) values of an effect to try, and how many times that its change may be."""
     extended = model.extended((*model.effects, at))
-    points = np.array([point for group in trials(at, extended) for point in group])
+    points = np.array([point for group in trials(at, extended, orders) for point in group])
     itself = any(p.role == 'size' and p.starts for p in extended.scaled(at))
     return points, 1.0 if itself else LARGE / TRIAL
 

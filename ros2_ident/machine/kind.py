@@ -62,6 +62,8 @@ class Kind:
         scene: Returns what to draw at positions (D, F) of its drives, None where they cannot be.
         coupled: Whether its model knows how drives load each other; where not, a log in which they
             do is found to be another machine's.
+        alike: Whether its drives are of one make and logged alike, so that one noise is that of
+            all.
 
     Raises:
         ValueError: Where two of its constants have one name, or it comes from a bag without
@@ -84,6 +86,7 @@ class Kind:
     efforts: Callable[[Machine], Array] | None = None
     scene: Callable[[Machine, Array], Figure | None] | None = None
     coupled: bool = True
+    alike: bool = False
 
     def __post_init__(self) -> None:
         names = [key.name for key in self.constants]

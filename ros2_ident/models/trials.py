@@ -17,8 +17,15 @@ TRIAL = 0.03
 LARGE = 0.17
 
 
-def shape_values(parameter: EffectParameter, model: FullModel, where: str) -> tuple[float, ...]:
+def shape_values(
+    parameter: EffectParameter,
+    model: FullModel,
+    where: str,
+    orders: tuple[float, ...] = (),
+) -> tuple[float, ...]:
     """Return the values of a shape parameter to start from, in its own unit."""
+    if parameter.role == 'order':
+        return (*parameter.starts, *orders)
     if parameter.role == 'position':
         data = model.data
         position = data.command_position if data.command_position is not None else data.position
@@ -32,12 +39,17 @@ def shape_values(parameter: EffectParameter, model: FullModel, where: str) -> tu
     return parameter.starts or (parameter.neutral,)
 
 
-def trials(candidate: EffectAt, model: FullModel) -> list[list[Array]]:
+def trials(
+    candidate: EffectAt,
+    model: FullModel,
+    orders: tuple[float, ...] = (),
+) -> list[list[Array]]:
     """Return groups of values of an effect's parameters: within one, sizes superpose.
 
     Args:
         candidate: The effect and its place.
         model: The model on the first recording, for what the starts depend on.
+        orders: Orders of the drive's turn that the residual shows, see `orders_shown`.
 
     Returns:
         Groups of (P,) vectors in physical units.
@@ -46,7 +58,7 @@ def trials(candidate: EffectAt, model: FullModel) -> list[list[Array]]:
     neutral = np.array([p.neutral for p in parameters])
     shapes = [i for i, p in enumerate(parameters) if p.role != 'size']
     sizes = [i for i, p in enumerate(parameters) if p.role == 'size']
-    grids = [shape_values(parameters[i], model, candidate.where) for i in shapes]
+    grids = [shape_values(parameters[i], model, candidate.where, orders) for i in shapes]
     groups = []
     for values in itertools.product(*grids):
         base = neutral.copy()

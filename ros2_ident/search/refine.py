@@ -15,6 +15,9 @@ from ros2_ident.search.evaluators import Cancel
 from ros2_ident.search.jacobian import Box, finite_differences, Residuals
 from ros2_ident.search.operators import Array, select
 
+# What SciPy keeps a start away from its bounds, as a share of the cube.
+_INSIDE = 1e-10
+
 
 class RefineStatus(enum.Enum):
     """How a refinement ended; the value is the sentence for the user."""
@@ -145,7 +148,9 @@ class _Start:
     def solve(self, tolerance: float) -> RefineStatus:
         """Run scipy's trust region and try the bounds that the result leans on."""
         try:
-            if not np.isfinite(self.fun(self.point)).all():
+            # The trust region begins strictly inside the cube.
+            inside = np.clip(self.point, _INSIDE, 1.0 - _INSIDE)
+            if not (np.isfinite(self.fun(self.point)) & np.isfinite(self.fun(inside))).all():
                 return RefineStatus.DIVERGED
             solution = least_squares(
                 self.fun,

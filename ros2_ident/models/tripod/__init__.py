@@ -105,4 +105,5 @@ KIND = Kind(
     judge=_judge,
     check_motion=later('ros2_ident.models.tripod.reach:check_reach'),
     scene=later('ros2_ident.models.tripod.scene:figure'),
+    alike=True,
 )
