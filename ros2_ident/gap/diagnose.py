@@ -30,6 +30,7 @@ from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt, Model
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings, Workers
+from ros2_ident.search.levenberg import DIVERGED
 from ros2_ident.search.settings import FitSettings
 
 Array = npt.NDArray[np.float64]
@@ -248,15 +249,16 @@ class _Passes:
         clock.step(0.0, 'identifying the nominal parameters')
         guess = np.full(len(case.drives), case.noise or 1.0)
         base = self._attribution(case, guess).nominal(SEARCH, self.seed)
-        if not np.isfinite(base.residual).all():
-            remedy = run_gates(case.fit.with_effects(()).models).headline
+        joint = case.whole.with_effects(())
+        if not (np.abs(joint.residual(base.theta[None])) < DIVERGED).all():
+            remedy = run_gates(joint.models).headline
             raise IdentError(
                 ErrorCode.DIVERGED,
                 'every candidate diverges on this log; '
                 + (remedy or 'check units, gains and geometry in the machine file'),
             )
         clock.step(0.9, 'telling noise from what the motion predicts')
-        floor = predictability(case.whole.with_effects(()), base.theta, clock.stopped).floor
+        floor = predictability(joint, base.theta, clock.stopped).floor
         attribution = self._attribution(case, floor.per_drive)
         base = attribution.fits.watch_law(attribution.refit((), base.theta))
         report = GateReport()

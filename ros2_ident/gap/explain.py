@@ -27,6 +27,8 @@ _MISSED = 0.05
 _NEARLY = 0.002
 # Outputs that a fit misses by so many floors may be too violent to be repeated by any.
 _VIOLENT = 3.0
+# So may those of which so much is taken for noise, and as slow as no noise is.
+_LOST = 20.0
 # An effect that the final model needs so many times as much as the first one found comes first.
 _NEEDED = 2.0
 # Share of the gap that the best effect closes from which another one is near it.
@@ -196,8 +198,9 @@ class Explainer:
         left = float(after.law[worst]) - 1.0
         agrees = left < max(min(1.0, _MISSED * excess), _NEARLY * excess)
         share = self.share(before, after)
-        violent = share > -0.5 and self.size(before) > _VIOLENT
-        return agrees and (violent or share >= self.rules.share)
+        noise = self.floor.noise[worst]
+        lost = self.size(before) > _VIOLENT or noise.variance > _LOST**2 * noise.innovation
+        return agrees and ((lost and share > -0.5) or share >= self.rules.share)
 
     def score(self, e: Explanation) -> float:
         """Return what is minimised over models: loss on both parts, and BIC's penalty."""

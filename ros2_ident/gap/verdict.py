@@ -43,7 +43,7 @@ class Temperatures:
 
     size: float = 0.04
     closed: float = 0.08
-    escaped: float = 0.2
+    escaped: float = 0.12
     believed: float = 0.9
     power: float = 5.0
     mismatch: float = 0.02

@@ -45,8 +45,12 @@ def examine(
     reports = [_of_one(machine, data, chosen, noise) for data in datasets]
     gates: dict[tuple[str, str], Gate] = {}
     streams: list[Gate] = []
+    # A drive that is limited follows neither its set-point nor its law.
+    limited = {gate.drive for report in reports for gate in report.of('limited')}
     for report in reports:
         for gate in report.gates:
+            if gate.drive in limited and gate.gate in ('law', 'law_noise', 'offset'):
+                continue
             if gate.gate in ('missing', 'jitter'):
                 streams.append(gate)
                 continue

@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 _LADDER = np.array([1e-3, 1e-2, 0.1, 0.3, 1.0, 3.0, 30.0, 1e3])
 _STEP = 1e-4
 # A residual beyond this, in its own unit, is on its way to infinity: its square would overflow.
-_DIVERGED = 1e100
+DIVERGED = 1e100
 
 
 @dataclass(frozen=True)
@@ -48,14 +48,14 @@ def difference_jacobian(
     step = np.where(unit < 0.5, _STEP, -_STEP)
     points = np.vstack([unit, unit + np.diag(step)])
     values = evaluate(low + span * points)
-    there = (np.abs(values[1:]) < _DIVERGED).all(axis=1, keepdims=True)
+    there = (np.abs(values[1:]) < DIVERGED).all(axis=1, keepdims=True)
     changes = np.where(there, values[1:], values[0]) - values[0]
     return values[0], (changes / step[:, None]).T
 
 
 def _losses(values: Array) -> Array:
     """Return (S,) mean squares of residuals (S, R); inf where one diverged or is about to."""
-    there = (np.abs(values) < _DIVERGED).all(axis=1)
+    there = (np.abs(values) < DIVERGED).all(axis=1)
     losses = np.full(len(values), np.inf)
     losses[there] = np.mean(values[there] ** 2, axis=1)
     return losses
