@@ -154,8 +154,8 @@ def test_a_friction_that_lags_behind_the_motion_is_predicted() -> None:
         value += of.cycle / 0.05 * (wanted - value)
         late[k] = value
     found = {c.name: c.columns for c in coordinates(of, 0, at)}
-    others = np.hstack([c for name, c in found.items() if name != 'friction of before'])
-    all_of_them = np.hstack([others, found['friction of before']])
+    others = np.hstack([c for name, c in found.items() if name != 'lagging friction'])
+    all_of_them = np.hstack([others, found['lagging friction']])
 
     def left(columns: np.ndarray) -> float:
         rest = late - columns @ np.linalg.lstsq(columns, late, rcond=None)[0]

@@ -229,7 +229,8 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
     lags = range(-20, 45, 5)
     recent = [_late(motion.acceleration[d], at, 1e-3 * lag / motion.cycle) for lag in lags]
     found.append(_linear('recent acceleration', tuple(f'{lag} ms ago' for lag in lags), recent))
-    found.append(_linear('friction of before', *_memories(motion, d, at)))
+    labels, rows = _memories(motion, d, at)
+    found += [_linear('lagging friction', labels, rows)] if rows else []
     others = [o for o in range(len(motion.drives)) if o != d]
     if others:
         rows = [row[o, at] for o in others for row in (motion.torque, motion.acceleration)]
@@ -264,7 +265,8 @@ def _memories(
     labels = [f'{name} {1e3 * lag:g} ms late' for lag in _LAGS for name, _ in kinds] + [
         f'direction {100.0 * share:g} % of the stroke late' for share in _WAYS
     ]
-    return tuple(labels), rows
+    there = [i for i, row in enumerate(rows) if np.ptp(row) > 0.0]
+    return tuple(labels[i] for i in there), [rows[i] for i in there]
 
 
 def _follow(row: Array, step: float) -> Array:

@@ -235,6 +235,8 @@ def sentence_of(
         what = 'follows the rate of the effort, as with a wrong delay'
     elif name == 'recent acceleration':
         what = 'follows the acceleration of the last 40 ms'
+    elif name == 'lagging friction':
+        what = f'like a friction that lags behind the motion: {region}'
     else:
         what = {'velocity': 'speed', 'load': 'transmitted load'}.get(name, name)
         what = f'{what} {region}' if region != 'everywhere' else f'along the {what}'
