@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from ros2_ident.effects import EffectParameter
+from ros2_ident.gap.criteria import at_bound
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import Diagnosis, to_mapping
-from ros2_ident.gap.explain import at_bound
 from ros2_ident.identify.run import read_data
 from ros2_ident.models import EffectAt, load_machine, Machine, make_model
 from ros2_ident.models.drives.effort_range import effort_range

@@ -12,9 +12,10 @@ from scipy.signal import lfilter
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution
 from ros2_ident.gap.case import Case, recordings_of
+from ros2_ident.gap.criteria import Rules
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import to_mapping
-from ros2_ident.gap.explain import Explainer, Rules
+from ros2_ident.gap.explain import Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.floor import Floor
 from ros2_ident.models import machine_from_mapping

@@ -11,8 +11,9 @@ from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.gap.blocks import Blocks, Interval
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.coordinates import motion_of
+from ros2_ident.gap.criteria import at_bound
 from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
-from ros2_ident.gap.explain import at_bound, Explained, Explainer
+from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding

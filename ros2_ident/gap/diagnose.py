@@ -15,8 +15,9 @@ from ros2_ident.gap.attribute import Attribution, visibility
 from ros2_ident.gap.case import Case, Recordings, recordings_from, recordings_of
 from ros2_ident.gap.compose import compose
 from ros2_ident.gap.coordinates import motion_of
+from ros2_ident.gap.criteria import Rules
 from ros2_ident.gap.diagnosis import Diagnosis
-from ros2_ident.gap.explain import Explained, Explainer, Rules
+from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.gates import run_gates
 from ros2_ident.gap.localise import Finding, localise

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ros2_ident.checks.share import share_interval
 from ros2_ident.effects import CATALOGUE, twins
-from ros2_ident.gap.explain import Rules
+from ros2_ident.gap.criteria import Rules
 from ros2_ident.gap.verdict import NAMELESS, NONE, UNKNOWN
 
 Array = npt.NDArray[np.float64]

@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When an effect counts, and which of several explanations is the best."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.effects import EffectParameter
+from ros2_ident.gap.attribute import Attribution, Round
+from ros2_ident.gap.fits import Explanation
+from ros2_ident.gap.floor import Floor
+from ros2_ident.identify.hidden import MATERIAL
+
+Array = npt.NDArray[np.float64]
+
+# Share of what controllers miss of the log that an effect may leave and be vouched for by it.
+_MISSED = 0.05
+# The same where the noise is small beside it: another form of the same effect leaves that much.
+_NEARLY = 0.002
+# Outputs that a fit misses by so many floors may be too violent to be repeated by any.
+_VIOLENT = 3.0
+# So may those of which so much is taken for noise, and as slow as no noise is.
+_LOST = 20.0
+# Noise is slow where its samples, known those before, scatter so many times less.
+_SLOW = 2.0
+
+
+def at_bound(parameter: EffectParameter, value: float) -> bool:
+    """Whether an effect's size ended at a bound of its search, other than at its neutral value.
+
+    Args:
+        parameter: The parameter with its numbers at a place, from `FullModel.scaled`.
+        value: What was fitted, in its unit.
+    """
+    edge = 1e-3 * (parameter.high - parameter.low)
+    outside = value <= parameter.low + edge or value >= parameter.high - edge
+    return parameter.role == 'size' and outside and abs(value - parameter.neutral) > edge
+
+
+@dataclass(frozen=True)
+class Rules:
+    """When something counts: shares, or RMS in units of the floor; see `docs/diagnosis.md`.
+
+    Attributes:
+        material: Gap of a drive, RMS, below which nothing is missing.
+        unknown: Gap of a drive from which something is called missing though nothing closes it.
+        step: Least RMS that the first effect has to take away from a drive's gap.
+        later: The same for every further effect: the first one's real form differs from the
+            catalogue's, and that difference is no effect of its own.
+        share: Least share of the explainable gap, on held-out data, that an effect has to close.
+        part: Least share of the nominal fit's gap that a further effect has to close.
+        closed: Least share that all effects together have to close for their names to be believed.
+        rival: How much less of the gap than the best an effect may close and still be taken for
+            confusable.
+        contradicted: RMS by which an explanation has to miss the controllers' log more than
+            another one does to be taken as contradicted by it.
+        instead: Least share of the best's gain that one has to close which the controllers' log
+            prefers to be taken instead.
+        most: Most effects.
+    """
+
+    material: float = MATERIAL
+    unknown: float = 0.8
+    step: float = 0.4
+    later: float = 0.5
+    share: float = 0.10
+    part: float = 0.025
+    closed: float = 0.62
+    rival: float = 0.12
+    contradicted: float = 0.3
+    instead: float = 0.7
+    most: int = 4
+
+
+class Criteria:
+    """Judges fits of one case.
+
+    Args:
+        attribution: The fits.
+        floor: The noise they are fitted under.
+        rules: When something counts.
+    """
+
+    def __init__(self, attribution: Attribution, floor: Floor, rules: Rules) -> None:
+        self.attribution = attribution
+        self.floor = floor
+        self.rules = rules
+        case = attribution.case
+        drives = len(case.drives)
+        self.fit_count = np.bincount(case.fit.drive, minlength=drives).astype(float)
+        self.check_count = np.bincount(case.check.drive, minlength=drives).astype(float)
+
+    def gap(self, e: Explanation) -> Array:
+        """Return (D,) mean square of each drive's gap, in units of the floor squared."""
+        out: Array = (e.fit + e.check) / (self.fit_count + self.check_count) - 1.0
+        return out
+
+    def size(self, e: Explanation) -> float:
+        """Return the RMS of the worst drive's gap in units of the floor."""
+        return float(np.sqrt(np.maximum(self.gap(e), 0.0)).max())
+
+    def share(self, before: Explanation, after: Explanation, part: str = 'both') -> float:
+        """Return the share of the gap of `before` that `after` closes; 0 where there is none."""
+        counts = {'fit': self.fit_count, 'check': self.check_count}.get(
+            part, self.fit_count + self.check_count
+        )
+        pick: Callable[[Explanation], Array] = {
+            'fit': lambda e: e.fit,
+            'check': lambda e: e.check,
+        }.get(part, lambda e: e.fit + e.check)
+        explainable = float((pick(before) - counts).sum())
+        return (
+            float((pick(before) - pick(after)).sum()) / explainable if explainable > 0.0 else 0.0
+        )
+
+    def material(self, before: Explanation, after: Explanation) -> bool:
+        """Whether a step closes enough to count, on all data and on the data held out."""
+        if not before.effects and self.vouched(before, after):
+            return True
+        fall = self.gap(before) - self.gap(after)
+        reduced = float(np.sqrt(np.maximum(fall, 0.0)).max())
+        least = self.rules.step if not before.effects else self.rules.later
+        if reduced < least or self.share(before, after) < self.rules.share:
+            return False
+        return self.confirmed(before, after, int(fall.argmax()))
+
+    def confirmed(self, before: Explanation, after: Explanation, drive: int) -> bool:
+        """Whether the data held out speak for a step that gains most on a drive.
+
+        Where their motion does not excite what the step explains, they cannot; then they must at
+        least not speak against it.
+        """
+        if self.share(before, after, 'check') >= self.rules.share:
+            return True
+        rest = before.check / self.check_count - 1.0
+        worse = (after.check - before.check) / self.check_count
+        silent = rest[drive] < self.rules.material**2
+        return bool(silent and worse.max() < (0.5 * self.rules.material) ** 2)
+
+    def closes(self, chain: Sequence[Explanation], after: Explanation) -> float:
+        """Return what a step closes, as a share of the gap of the chain's first fit."""
+        explainable = self.gap(chain[0]).sum()
+        fall = (self.gap(chain[-1]) - self.gap(after)).sum()
+        return float(fall / explainable) if explainable > 0.0 else 0.0
+
+    @staticmethod
+    def beside(e: Explanation) -> bool:
+        """Whether the newest effect sits where an earlier one does and may only mend its form."""
+        *earlier, newest = (at.where for at in e.effects)
+        return bool(earlier) and (newest in earlier or 'all' in (newest, *earlier))
+
+    def vouched(self, before: Explanation, after: Explanation) -> bool:
+        """Whether the controllers' log was far from the stated law and now agrees with it.
+
+        It knows nothing of the machine, so this holds also where the outputs are too violent to
+        be repeated: these must only not become much worse. A gain that is a little off shows
+        there, too, and hardly in the outputs.
+        """
+        worst = int(before.law.argmax())
+        excess = float(before.law[worst]) - 1.0
+        if excess <= 1.0:
+            return False
+        left = float(after.law[worst]) - 1.0
+        agrees = left < max(min(1.0, _MISSED * excess), _NEARLY * excess)
+        share = self.share(before, after)
+        noise = self.floor.noise[worst]
+        lost = self.size(before) > _VIOLENT or noise.variance > _LOST**2 * noise.innovation
+        return agrees and ((lost and share > -0.5) or share >= self.rules.share)
+
+    def score(self, e: Explanation) -> float:
+        """Return what is minimised over models: loss on both parts, and BIC's penalty."""
+        samples = self.fit_count.sum() + self.check_count.sum()
+        return e.loss + float(np.log(samples)) * len(e.theta)
+
+    def contradicted(self, e: Explanation, other: Explanation) -> bool:
+        """Whether the controllers' log speaks against an explanation and for another one.
+
+        The recorded effort, beside what controllers make of the recorded motion, knows nothing of
+        the machine: an effect in a controller or a sensor that is not there makes them disagree,
+        and one that is there and left out keeps them disagreeing.
+        """
+        more = e.law - other.law
+        # An explanation that agrees better on the whole is not refuted by a trifle on one drive.
+        if more.sum() <= 0.0:
+            return False
+        worst = int(more.argmax())
+        clearly = more[worst] > 0.5 * max(float(e.law[worst]) - 1.0, 0.0)
+        return bool(np.sqrt(more[worst]) > self.rules.contradicted and clearly)
+
+    def plausible(self, e: Explanation) -> bool:
+        """Whether the newest effect's sizes stay inside their bounds."""
+        parameters = self.attribution.case.fit.models[0].scaled(e.effects[-1])
+        values = e.theta[-len(parameters) :]
+        return not any(at_bound(p, v) for p, v in zip(parameters, values, strict=True))
+
+    def best(self, round_: Round) -> Explanation | None:
+        """Return the best fit, a simple effect before one that is hardly better."""
+        if not round_.fitted:
+            return None
+        best = min(round_.fitted, key=self.score)
+        if not round_.base.effects and self.share(round_.base, best) < self.rules.closed:
+            vouched = [e for e in round_.fitted if self.vouched(round_.base, e)]
+            if vouched:
+                return min(vouched, key=self.score)
+        inside = [e for e in round_.fitted if self.plausible(e)]
+        if inside:
+            # A size at its bound is a reason to doubt, unless nothing else comes near.
+            usable = min(inside, key=self.score)
+            close = self.share(round_.base, usable) > 0.5 * self.share(round_.base, best)
+            best = usable if close else best
+        # So is the controllers' log.
+        least = self.rules.instead * self.share(round_.base, best)
+        rivals = [
+            e
+            for e in inside
+            if self.contradicted(best, e) and self.share(round_.base, e) >= least
+        ]
+        return min(rivals, key=self.score) if rivals else best
+
+    def open(self, e: Explanation) -> bool:
+        """Whether more may be missing: by what is left, or by how slow what is called noise is.
+
+        What a large effect does is no straight line in it, and can look like slow noise.
+        """
+        if self.size(e) >= self.rules.material:
+            return True
+        slow = [m.variance > _SLOW**2 * m.innovation for m in self.floor.noise]
+        return not e.effects and any(slow)
