@@ -82,8 +82,8 @@ class Explainer(Criteria):
             if self.beside(best) and self.closes(chain, best) < self.rules.part:
                 break
             if len(chain) == 1 and not stopped():
-                plain = self.freed(base, best)
-                if plain is not base:
+                plain = self.freed(chain[0], best)
+                if plain is not chain[0]:
                     return self.explain(plain, candidates, on_best)
             chain.append(best)
             if len(chain) > 2 and not stopped():
