@@ -12,7 +12,7 @@ from ros2_ident.gates import examine, GateReport
 from ros2_ident.identify.data import chosen_drives, Data, gather
 from ros2_ident.identify.data import read_data as read_data
 from ros2_ident.identify.hidden import weigh_fit
-from ros2_ident.identify.judgement import judged, poorly_carried
+from ros2_ident.identify.judgement import judged, poorly_fitted
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outcome import assemble, cut_short
 from ros2_ident.identify.outputs import checked, Outputs
@@ -154,7 +154,7 @@ def solve(
     result = judged(
         assemble(problem, found, seed, _plain(settings), evidence),
         report,
-        poorly_carried(problem, found.residual),
+        poorly_fitted(problem, found.residual),
     )
     if found.cancelled or not np.isfinite(result.theta).all():
         return result
