@@ -16,6 +16,7 @@ from ros2_ident.report.files import (
     JSON,
     load_diagnosis,
     load_result,
+    MOTION,
     PAGE,
     SIGNALS,
     YAML,
@@ -24,9 +25,11 @@ from ros2_ident.report.page import bars, charts, numbers, plots, sentences
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.look import Picture
+from ros2_ident.report.page.machine import moving
 from ros2_ident.report.page.render import render
 from ros2_ident.report.page.several import write_fleet
 from ros2_ident.report.page.steps import effects_found
+from ros2_ident.report.scene import load_scene
 from ros2_ident.report.signals import load_signals
 
 Facts = list[tuple[str, str]]
@@ -71,6 +74,7 @@ def _render(
         'result': result,
         'diagnosis': diagnosis,
         'pictures': _pictures(folder, result, diagnosis),
+        'machine': moving(load_scene(folder / MOTION)) if (folder / MOTION).exists() else None,
         'effects': '',
         'hero': None,
         'about': [],
