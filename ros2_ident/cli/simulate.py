@@ -118,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
     ]
     for line in columns(rows, (False, True, False)):
         print(line)
-    print(f'written: {path}, {motion.seconds:.4g} s of {args.motion}')
+    print(f'written: {path}, {motion.seconds:.4g} s of the motion {args.motion}')
     return 0
 
 

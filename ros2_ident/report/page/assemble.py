@@ -34,6 +34,13 @@ from ros2_ident.report.signals import load_signals
 
 Facts = list[tuple[str, str]]
 
+# How the noise floor was found, in words.
+FLOORS = {
+    'prediction': 'what nothing predicts, neither the motion nor the samples before',
+    'repeats': 'what differs between repeats of the same motion',
+    'high frequency': 'what lies above the band of the motion',
+}
+
 
 def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
     """Write the page on what a result directory holds.
@@ -230,7 +237,8 @@ def _gap_note(gap: Mapping[str, Any]) -> str:
             '"Closes" is the share of the squared residual above the noise floor that goes, '
             'everywhere on this page. '
         )
-    return text + f'Noise floor: {gap["noise_floor_method"]}.'
+    method = gap['noise_floor_method']
+    return text + f'Noise floor: {FLOORS.get(method, method)}.'
 
 
 def _flat(settings: Mapping[str, Any], before: str = '') -> Iterator[tuple[str, str]]:
