@@ -217,18 +217,24 @@ def of_fleet(data: Mapping[str, Any], out: str) -> Iterator[Step]:
         out: The directory it lies in.
     """
     rows = {row['name']: row for row in data['rows']}
-    changed = list(dict.fromkeys(x['bag'] for x in (*data['drifts'], *data['machines'])))
-    for bag in changed[:FLEET]:
-        told = [x for x in (*data['drifts'], *data['machines']) if x['bag'] == bag]
-        names = some(list(dict.fromkeys(x['parameter'] for x in told)))
+    told = [*data['drifts'], *data['machines']]
+    changed = []
+    for machine in list(dict.fromkeys(x['machine'] for x in told))[:FLEET]:
+        drifts = [x for x in data['drifts'] if x['machine'] == machine]
+        of_it = drifts or [x for x in told if x['machine'] == machine]
+        names = list(dict.fromkeys(x['parameter'] for x in of_it))
+        changed.append(max((x['bag'] for x in of_it), key=lambda bag: str(rows[bag]['date'])))
+        verb = f'{"differs" if len(names) == 1 else "differ"} from the other machines'
+        if drifts:
+            verb = 'changed'
         yield Step(
-            f'Inspect {told[0]["machine"]}: {names} changed. See where it shows:',
-            code=_diagnose_row(rows[bag], out),
+            f'Inspect {machine}: {some(names)} {verb}. See where it shows:',
+            code=_diagnose_row(rows[changed[-1]], out),
         )
     found = [row for row in data['rows'] if row.get('effect') in CATALOGUE]
     first = {(row['machine'], row['effect']): row for row in reversed(found)}
     for row in list(first.values())[::-1][:FLEET]:
-        if row['name'] not in changed[:FLEET]:
+        if row['name'] not in changed:
             yield Step(
                 f'See what {effect_name(row)} on {row["machine"]} is, and what to do:',
                 code=_diagnose_row(row, out),
