@@ -104,7 +104,7 @@ class ErrorCode(enum.IntEnum):
     )
     CONTRADICTED = (
         14,
-        'The log contradicts the machine file, or the model does not carry the log.',
+        'The log contradicts the machine file, or the model does not fit the log.',
         'Write the number that the sentence gives, or correct the topic or the model it names.',
         1,
     )

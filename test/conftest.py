@@ -11,6 +11,7 @@ import importlib
 import os
 from pathlib import Path
 
+from docs_cases import fill_clone
 from hypothesis import settings
 from numba import config
 import pytest
@@ -119,3 +120,9 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     for sentence in _amiss:
         terminalreporter.write_line(f'AMISS {sentence}')
+
+
+@pytest.fixture(scope='session')
+def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that looks like a clone, for the commands of the documentation."""
+    return fill_clone(tmp_path_factory.mktemp('clone'))

@@ -291,3 +291,21 @@ def test_a_signal_in_the_middle_of_a_line_of_progress_does_no_harm():
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr == 'stopping; the best so far is kept\ngeneration 1\n'
+
+
+@pytest.mark.parametrize(
+    ('name', 'more', 'written'),
+    [
+        ('identify', SMALL, ('result.json', 'signals.npz', 'report.html')),
+        ('diagnose', ['--seconds', '1'], ('diagnosis.json', 'diagnosis.npz', 'report.html')),
+    ],
+)
+def test_files_are_written_before_anything_is_printed(bag, tmp_path, name, more, written):
+    """So `| head` costs no file."""
+    out = tmp_path / 'out'
+    words = [name, str(bag), '--machine', str(AXIS_FILE), '--out', str(out), '--quiet', *more]
+    process = spawn(words)
+    process.stdout.close()
+    assert process.wait(120) == 1, 'nobody is there to read'
+    assert 'Traceback' not in process.stderr.read()
+    assert {*written, 'overlay'} <= {path.name for path in out.iterdir()}

@@ -73,7 +73,9 @@ def test_every_command_has_help_with_examples_that_work(name, capsys):
 def test_the_help_of_ident_says_its_exit_codes(capsys):
     assert main(['--help']) == 0
     said = ' '.join(capsys.readouterr().out.split())
-    assert 'exit codes: 0 done and good; 1 done and not good; 2 wrong use or bad input; 3' in said
+    assert (
+        'exit codes: 0 success; 1 done, but the answer is not usable as it is; 2 wrong use'
+    ) in said
 
 
 def test_without_a_command_the_help_comes_with_2(capsys):

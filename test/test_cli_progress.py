@@ -8,6 +8,7 @@ import pty
 import re
 import subprocess
 import sys
+import time
 
 from identify_cases import AXIS_FILE, ROOT
 import numpy as np
@@ -152,3 +153,20 @@ def test_notes_stay_beside_the_lines(monkeypatch):
         meter.note('nothing')
         meter(0.5, 'nothing')
     assert 'nothing' not in stream.getvalue()
+
+
+def test_a_line_says_what_takes_long_before_the_first_progress(monkeypatch):
+    monkeypatch.setattr(module, 'PATIENCE', 0.01)
+    stream = io.StringIO()
+    with make_meter(stream=stream) as meter:
+        deadline = time.monotonic() + 5.0
+        while not stream.getvalue() and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert stream.getvalue() == f'{module.WAIT}\n'
+        meter(progress(0.5))
+    monkeypatch.setattr(module, 'PATIENCE', 0.05)
+    quick = io.StringIO()
+    with make_meter(stream=quick) as meter:
+        meter(progress(0.5))
+        time.sleep(0.1)
+    assert module.WAIT not in quick.getvalue()

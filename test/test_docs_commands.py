@@ -12,7 +12,6 @@ Makefile, names behind `ros2` by what the package has.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cache
 import os
 from pathlib import Path
@@ -22,16 +21,11 @@ import shutil
 import subprocess
 import sys
 
+from docs_cases import Block, blocks, FENCE, PAGES, ROOT, run_of, run_pages
 import pytest
 
 from ros2_ident.cli.main import make_parser
 
-ROOT = Path(__file__).parents[1]
-PAGES = sorted([*ROOT.glob('*.md'), *ROOT.glob('docs/*.md'), ROOT / 'bags/README.md'])
-FENCE = re.compile(
-    r'^(?:<!-- not run: (?P<reason>[^>]*?) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)^```$',
-    re.MULTILINE | re.DOTALL,
-)
 # What a command begins with; elsewhere than in a block of `bash` it is a mistake.
 PROGRAMS = (
     'ident',
@@ -50,73 +44,17 @@ PROGRAMS = (
 ASSIGNMENT = re.compile(r'^\w+=')
 
 
-@dataclass(frozen=True)
-class Block:
-    """A fenced block of commands: its page, its text, and the reason not to run it."""
-
-    page: str
-    text: str
-    reason: str
-
-    @property
-    def commands(self) -> list[list[str]]:
-        """Its commands as words."""
-        lines = self.text.replace('\\\n', ' ').splitlines()
-        return [words for line in lines if (words := shlex.split(line, comments=True))]
-
-
-@cache
-def blocks() -> tuple[Block, ...]:
-    found = []
-    for page in PAGES:
-        for match in FENCE.finditer(page.read_text(encoding='utf-8')):
-            if match['language'] == 'bash':
-                name = page.relative_to(ROOT).as_posix()
-                found.append(Block(name, match['text'], match['reason'] or ''))
-    return tuple(found)
-
-
-def run_pages() -> list[str]:
-    return list(dict.fromkeys(block.page for block in blocks() if not block.reason))
-
-
 def marked() -> list[Block]:
-    return [block for block in blocks() if block.reason]
-
-
-# ------------------------------------------------------------------ commands that are run
-
-
-@pytest.fixture(scope='module')
-def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder that looks like this one, but for what it has built."""
-    folder = tmp_path_factory.mktemp('clone')
-    for path in ROOT.iterdir():
-        if path.name not in ('build', 'log', '.git'):
-            (folder / path.name).symlink_to(path)
-    (folder / 'build').mkdir()
-    return folder
+    return [block for block in blocks('bash') if block.mark == 'not run']
 
 
 @pytest.mark.parametrize('page', run_pages())
 def test_the_commands_of_a_page_run_as_they_stand(page: str, clone: Path) -> None:
-    if not (ROOT / 'install/.stamp').is_file():
-        pytest.skip('the tree is not set up, so that there is no env.sh to begin with')
-    script = ['set -euo pipefail', '. ./env.sh', f'export PYTHONPATH={ROOT}:${{PYTHONPATH:-}}']
-    script += [f'ident() {{ {sys.executable} -m ros2_ident.cli.main "$@"; }}']
-    script += [block.text for block in blocks() if block.page == page and not block.reason]
-    done = subprocess.run(
-        ['bash', '-c', '\n'.join(script)],
-        cwd=clone,
-        env={**os.environ, 'HOME': str(clone / 'build')},
-        capture_output=True,
-        text=True,
-        timeout=500,
-    )
-    assert done.returncode == 0, f'{page}: {done.stdout[-2000:]}{done.stderr[-2000:]}'
+    done = run_of(page, clone)
+    assert done.returncode == 0, f'{page}: {done.stdout[-4000:]}'
 
 
-# ------------------------------------------------------------------ commands that are not
+# ------------------------------------------------------------------ commands that are not run
 
 
 def begins_with(*programs: str) -> Callable[[Block], bool]:
@@ -139,9 +77,7 @@ FILES = ('bag', 'list', 'machine')
 
 def names_missing_files(block: Block) -> bool:
     bags = [make_parser(w[1:]).parse_args(w[1:]) for w in block.commands if w[0] == 'ident']
-    paths = [
-        str(x) for args in bags for name in FILES if (x := vars(args).get(name))
-    ]
+    paths = [str(x) for args in bags for name in FILES if (x := vars(args).get(name))]
     return any(not (ROOT / path).exists() for path in paths)
 
 

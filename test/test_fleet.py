@@ -169,6 +169,14 @@ def test_drift_is_told_and_chance_is_not() -> None:
     assert summary['effects'] == {'backlash': ['a3: d']}
 
 
+def test_one_machine_that_is_off_does_not_make_the_others_differ() -> None:
+    rows = [row(f'{name}1', name, '2026-01-01', 100.0 + 0.01 * k) for k, name in enumerate('abc')]
+    summary = fleet.summarise([*rows, row('d1', 'd', '2026-01-01', 120.0)])
+    (told,) = summary['machines']
+    assert (told['machine'], told['against']) == ('d', 'median of the machines')
+    assert told['reference'] == pytest.approx(100.015)
+
+
 def test_effects_after_the_first_are_in_the_summary_too() -> None:
     several = row('a1', 'a', '2026-01-01', 100.0, 'backlash')
     several['also'] = [{'effect': 'stribeck', 'where': 'e'}]

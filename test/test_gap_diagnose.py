@@ -282,6 +282,6 @@ def test_a_nominal_fit_that_had_ended_too_early_goes_on() -> None:
     early = attribution.refit((), stuck, iterations=0)
     right = attribution.refit((), truth, iterations=0)
     assert explainer.size(early) > 1.0, 'the wrong friction shows'
-    freed = explainer.freed(early, right)
-    assert explainer.size(freed) < 0.2
-    assert explainer.freed(freed, early) is freed
+    better = explainer.better_nominal(early, right)
+    assert explainer.size(better) < 0.2
+    assert explainer.better_nominal(better, early) is better

@@ -27,7 +27,7 @@ PLANTED = {
 }
 # What lies on nearly the same curve in this motion.
 TWINS = {
-    'velocity, odd': {'phase', 'way since reversal, odd'},
+    'velocity, odd': {'phase', 'distance since reversal, odd'},
     'load, odd': {'velocity, odd', 'phase', 'position, odd', 'time, odd'},
     'acceleration': {'load', 'torque', 'recent acceleration', 'torque rate'},
 }
@@ -114,7 +114,7 @@ def _of_case(number):
 @pytest.mark.parametrize(
     ('number', 'coordinates'),
     [
-        (0, {'velocity, odd', 'phase', 'way since reversal, odd'}),
+        (0, {'velocity, odd', 'phase', 'distance since reversal, odd'}),
         (2, {'offset, even', 'velocity, even', 'phase'}),
         (4, {'motor angle'}),
         (6, {'position', 'offset, even'}),

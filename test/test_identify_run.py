@@ -287,3 +287,12 @@ def test_noise_that_is_stated_wrongly_is_told():
         'emps_axis: the noise of the log is 0.3 N, and the machine file states 0.1 N '
         '(effort_noise); the log decides',
     )
+
+
+def test_progress_ends_with_the_intervals():
+    seen = []
+    identify(axis(), axis_data(), settings=QUICK, seed=1, on_progress=seen.append)
+    *fitted, last = seen
+    assert last.phase == 'intervals' and last.eta > 0.0
+    assert {p.phase for p in fitted} <= {'search', 'refinement'}
+    assert all(math.isnan(p.eta) or p.eta > 0.0 for p in fitted)

@@ -19,7 +19,7 @@ from report_cases import (
 )
 
 from ros2_ident.cli.main import main
-from ros2_ident.cli.report import print_page
+from ros2_ident.cli.report import page_line
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnosis import DriveGap, to_mapping
@@ -493,9 +493,9 @@ def test_the_command(tmp_path, capsys):
     write_identified(tmp_path / 'run')
     assert main(['report', str(tmp_path / 'run'), '--page', str(tmp_path / 'x' / 'y.html')]) == 0
     assert (tmp_path / 'x' / 'y.html').exists()
-    print_page(tmp_path / 'run', wanted=True)
-    assert f'page: {tmp_path / "run" / "report.html"}' in capsys.readouterr().out
-    print_page(tmp_path / 'run', wanted=False)
+    page = tmp_path / 'run' / 'report.html'
+    assert page_line(tmp_path / 'run', wanted=True) == f'page: {page}\n'
+    assert page_line(tmp_path / 'run', wanted=False) == ''
     assert not (tmp_path / 'run' / 'report.html').exists()
     assert main(['report', str(tmp_path / 'nowhere')]) == 2
     assert 'give a directory that `ident identify`' in capsys.readouterr().err

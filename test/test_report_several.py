@@ -95,13 +95,18 @@ def test_the_page_of_a_fleet_says_who_drifted_and_who_failed(tmp_path):
         'name': 'c_1', 'machine': 'c', 'date': '', 'state': 'failed', 'code': 'DAMAGED_BAG',
         'message': 'c_1: is damaged; record it again',
     }
-    write_summary(tmp_path, [row('a', 1, 2.0), row('a', 2, 3.0), row('b', 1, 2.0, **found), lost])
+    later = row('a', 3, 4.0, bag='bags/a 2', machine_file='a.yaml')
+    rows = [row('a', 1, 2.0), row('a', 2, 3.0), later, row('b', 1, 2.0, **found), lost]
+    write_summary(tmp_path, rows)
     text = write_report(tmp_path).read_text()
     assert '1 machine has drifted, 1 machine differs from the others' in text
     assert 'a: mass drifted from 2 kg (a_1) to 3 kg (a_2) (+50.0' in text
     assert 'an effect is missing in 1 recording' in text
+    assert text.count('Inspect a: mass changed.') == 1, 'once, with its latest recording'
+    assert 'ident diagnose &#39;bags/a 2&#39; --machine a.yaml' in text
+    assert 'Correct what the table says of c_1, and run the same command again' in text
     assert 'DAMAGED_BAG' in text and 'is damaged; record it again' in text
-    assert 'Stribeck friction &lt;axis&gt;.' in text and '4 recordings of 3 machines' in text
+    assert 'Stribeck friction &lt;axis&gt;.' in text and '5 recordings of 3 machines' in text
     summary = json.loads((tmp_path / 'fleet.json').read_text())
     assert list(differences(summary))[-1] == 'Stribeck friction: found once (b_1: axis)'
 

@@ -184,8 +184,24 @@ def test_eta_counts_down():
     minimise(
         slow, search(), low=LOW, high=HIGH, on_progress=seen.append, interval=0.0, clock=clock
     )
-    for progress in seen[:-1]:
+    assert np.isnan(seen[0].eta), 'the first slice may have compiled'
+    for progress in seen[1:-1]:
         assert progress.eta == pytest.approx(0.01 * (280 - progress.evaluations), abs=1e-6)
+
+
+def test_eta_leaves_out_what_the_first_slice_took_to_compile():
+    seen = []
+    clock = Clock(0.0)
+
+    def compiled(theta):
+        clock.now += 0.01 * len(theta) + (60.0 if not seen else 0.0)
+        return cost(theta)
+
+    minimise(
+        compiled, search(), low=LOW, high=HIGH, on_progress=seen.append, interval=0.0, clock=clock
+    )
+    assert seen[0].elapsed > 60.0
+    assert seen[1].eta == pytest.approx(0.01 * (280 - seen[1].evaluations), abs=1e-6)
 
 
 def test_all_diverged_is_no_crash():

@@ -174,7 +174,7 @@ def messages(root: Path) -> str:
             text = path.read_text(encoding='utf-8').strip()
             head, _, body = text.partition('\n\n')
             about = ' '.join(line.lstrip('# ') for line in head.splitlines())
-            lines += ['', f'## `{folder}/{path.stem}`', '', about, '', '```', body, '```']
+            lines += ['', f'## `{folder}/{path.stem}`', '', about, '', '```text', body, '```']
     return '\n'.join(lines) + '\n'
 
 

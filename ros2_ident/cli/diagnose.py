@@ -67,7 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='BAG',
-        help='recording to judge on, more than once for several; else blocks of the first',
+        help='recording to judge on, more than once for several; without it, every second block '
+        'of the others',
     )
     complete(check, bags)
     add_machine(parser)
@@ -78,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=names,
         default=(),
         metavar='EFFECT,..',
-        help='effects to leave out of the catalogue',
+        help='effects not to look for',
     )
     complete(without, effects)
     add_effects(parser)
@@ -94,10 +95,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     complete(fix, parameters)
     parser.add_argument('--seed', type=whole, default=1, help='same seed and data, same diagnosis')
     parser.add_argument(
-        '--seconds', type=not_negative, default=0.0, metavar='N', help='stop after this time'
+        '--seconds', type=not_negative, default=0.0, metavar='N', help='stop after N seconds'
     )
     parser.add_argument(
-        '--threads', type=count, metavar='N', help='threads; one for each processor'
+        '--threads', type=count, metavar='N', help='threads; by default one for each processor'
     )
     add_scheduler(parser)
     parser.add_argument('--no-overlay', action='store_true', help='write no overlay bag')
@@ -114,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
     add_effect_files(args.effect)
     from ros2_ident.cli.interrupt import interrupts
     from ros2_ident.cli.progress import FractionMeter
-    from ros2_ident.cli.report import print_page
+    from ros2_ident.cli.report import page_line
     from ros2_ident.files import make_directory
     from ros2_ident.gap.diagnose import diagnose
     from ros2_ident.gap.verdict import REFUSED
@@ -157,7 +158,7 @@ def run(args: argparse.Namespace) -> int:
             on_progress=show,
             workers=workers_of(args),
         )
-    print_diagnosis(found)
+    files, page = [], ''
     if out is not None:
         settings = {
             **asked(args),
@@ -167,10 +168,14 @@ def run(args: argparse.Namespace) -> int:
             'fixed': fixed,
             'time_budget': args.seconds,
         }
-        files = list(write_diagnosis(out, found, machine, fit, check, settings))
+        files = [*write_diagnosis(out, found, machine, fit, check, settings)]
         files += _overlay(args, out, machine, fit, found)
-        print('written: ' + ', '.join(str(path) for path in files), flush=True)
-        print_page(out, wanted=not args.no_report)
+        page = page_line(out, wanted=not args.no_report)
+    # last: whoever reads the output may leave early, as `head` does
+    print_diagnosis(found)
+    if files:
+        print('written: ' + ', '.join(str(path) for path in files))
+    print(page, end='', flush=True)
     return 0 if found.complete and found.effect not in REFUSED else 1
 
 

@@ -90,7 +90,7 @@ class _Board:
 def run(args: argparse.Namespace) -> int:
     """Run the fleet and print how its machines compare."""
     from ros2_ident.cli.interrupt import interrupts
-    from ros2_ident.cli.report import print_page
+    from ros2_ident.cli.report import page_line
     from ros2_ident.fleet import read_fleet, run_fleet, sound, summarise
 
     entries = read_fleet(args.list, args.machine)
@@ -105,9 +105,10 @@ def run(args: argparse.Namespace) -> int:
             on_start=board.started,
             on_row=board.done,
         )
+    page = page_line(Path(args.out), wanted=True)
     _print(rows, summarise(rows))
-    print(f'written: {args.out}/fleet.json, {args.out}/fleet.csv', flush=True)
-    print_page(Path(args.out), wanted=True)
+    print(f'written: {args.out}/fleet.json, {args.out}/fleet.csv')
+    print(page, end='', flush=True)
     return 0 if len(rows) == len(entries) and all(map(sound, rows)) else 1
 
 

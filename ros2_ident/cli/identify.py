@@ -96,31 +96,42 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--resume',
         action='store_true',
-        help='go on where an earlier run of the same command ended, by DIR/checkpoint.npz; same '
-        'result',
+        help='continue a run of the same command that was cut short, from DIR/checkpoint.npz; '
+        'same result',
     )
     group.add_argument(
         '--method',
         choices=('genetic', 'algebraic'),
         default='genetic',
-        help='search, or solve by weighted least squares what is linear in the parameters along '
-        'the recorded motion',
+        help='genetic (default): search; algebraic: weighted least squares along the recorded '
+        'motion, for parameters that the effort is linear in',
     )
     group.add_argument(
-        '--decimation', type=count, metavar='N', help='samples of which least squares keep one; 10'
+        '--decimation',
+        type=count,
+        metavar='N',
+        help='least squares: take one sample of N; 10 by default',
     )
     for name, kind, what in (
-        ('evaluations', count, 'simulate at most so many candidates'),
-        ('seconds', positive, 'stop after this time'),
-        ('generations', count, 'generations, the first included; 12'),
-        ('population', count, 'candidates of the first generation; 1024'),
-        ('survivors', count, 'parents of the next generation; 8'),
-        ('children', count, 'children of each parent; 8'),
-        ('range-reduction', positive, 'shrinkage of the mutation range; 0.5'),
-        ('min-distance', positive, 'least distance of survivors in the unit cube; 0'),
-        ('starts', count, 'most candidates to refine; 4'),
-        ('threads', count, 'threads; one for each processor'),
-        ('samples', count, 'effort samples of a long log to fit on; 180000'),
+        ('evaluations', count, 'most candidates to simulate'),
+        ('seconds', positive, 'stop after N seconds'),
+        ('generations', count, 'generations, the first included; 12 by default'),
+        ('population', count, 'candidates of the first generation; 1024 by default'),
+        ('survivors', count, 'parents of the next generation; 8 by default'),
+        ('children', count, 'children of each parent; 8 by default'),
+        (
+            'range-reduction',
+            positive,
+            'factor on the range of mutation, each generation; 0.5 by default',
+        ),
+        (
+            'min-distance',
+            positive,
+            'least distance of survivors in the unit cube; 0 by default',
+        ),
+        ('starts', count, 'most candidates to refine; 4 by default'),
+        ('threads', count, 'threads; by default one for each processor'),
+        ('samples', count, 'most effort samples to fit to, of a long log; 180000 by default'),
     ):
         group.add_argument(f'--{name}', type=kind, metavar='N', help=what)
     add_scheduler(group)
@@ -154,7 +165,7 @@ def run(args: argparse.Namespace) -> int:
     """Identify, write the results, print them."""
     from ros2_ident.cli.interrupt import interrupts
     from ros2_ident.cli.progress import make_meter
-    from ros2_ident.cli.report import print_page
+    from ros2_ident.cli.report import page_line
     from ros2_ident.cli.table import print_result
     from ros2_ident.files import make_directory
     from ros2_ident.identify.outputs import checked
@@ -215,7 +226,9 @@ def run(args: argparse.Namespace) -> int:
                 # whoever cancels wants it to end
                 moving=result.outcome is not Outcome.CANCELLED,
             )
+    page = page_line(out, wanted=not args.no_report)
+    # last: whoever reads the output may leave early, as `head` does
     print_result(result)
-    print('written: ' + ', '.join(str(path) for path in files), flush=True)
-    print_page(out, wanted=not args.no_report)
+    print('written: ' + ', '.join(str(path) for path in files))
+    print(page, end='', flush=True)
     return 0 if result.outcome is Outcome.IDENTIFIED else 1

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `ident`: finds the subcommand, loads no other, turns errors into sentences.
 
-Exit codes: 0 done and good, 1 done and not good, 2 wrong use or bad input, 3 a defect of ident.
+Exit codes: 0 success, 1 done but without a usable answer, 2 wrong use or bad input, 3 a defect.
 """
 
 import argparse
@@ -44,7 +44,7 @@ EXAMPLES = (
     '  ident identify --help\n'
     '\n'
 )
-EXIT_CODES = {0: 'done and good', 1: 'done and not good'}
+EXIT_CODES = {0: 'success', 1: 'done, but the answer is not usable as it is'}
 # What ends every command in the same way.
 _FAILURES = {2: 'wrong use or bad input', 3: 'a defect of ident'}
 _CODES = 'An error ends with its code in brackets; docs/errors.md says what each means.\n'

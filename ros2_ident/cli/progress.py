@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import math
 import os
 import sys
+import threading
 import time
 from types import TracebackType
 from typing import Any, Protocol, Self, TextIO
@@ -13,6 +14,11 @@ from ros2_ident.identify.settings import IdentifyProgress
 
 # Without a terminal a line comes at most so often, s.
 LINE_EVERY = 5.0
+# Share of the work from which on the time to go is told.
+KNOWN = 0.05
+# Seconds after which a line says what keeps the first progress away.
+PATIENCE = 3.0
+WAIT = 'preparing; the first run on a kind of machine compiles its simulation, for up to a minute'
 # A dashboard is drawn anew at most so often, s.
 DRAW_EVERY = 0.2
 # Blocks of a sparkline, and lines of a dashboard beside those of the parameters.
@@ -56,6 +62,8 @@ def duration(seconds: float) -> str:
 
 def describe(progress: IdentifyProgress) -> str:
     """Return the phase and how far it is."""
+    if progress.phase == 'intervals':
+        return 'intervals'
     what = 'generation' if progress.phase == 'search' else 'refining start'
     return f'{what} {progress.generation} of {progress.generations}'
 
@@ -94,16 +102,21 @@ class Lines:
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
         self._last = -math.inf
+        self._waiting = threading.Timer(PATIENCE, lambda: print(WAIT, file=stream, flush=True))
+        self._waiting.daemon = True
 
     def __enter__(self) -> Self:
-        """Return itself."""
+        """Say after a while what takes so long, where nothing else is said."""
+        self._waiting.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         """Leave nothing behind."""
+        self._waiting.cancel()
 
     def __call__(self, progress: IdentifyProgress) -> None:
         """Print a line, unless the last one is fresh."""
+        self._waiting.cancel()
         now = time.monotonic()
         if now - self._last < LINE_EVERY:
             return
@@ -259,7 +272,7 @@ class FractionMeter:
             return
         self._last = now
         gone = now - self._start
-        left = gone * (1.0 - fraction) / fraction if fraction > 0.0 else math.nan
+        left = gone * (1.0 - fraction) / fraction if fraction > KNOWN else math.nan
         print(
             f'{100.0 * fraction:.0f} %, {text}, {duration(gone)} gone, {duration(left)} to go',
             file=self._stream,

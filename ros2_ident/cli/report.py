@@ -54,21 +54,25 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def print_page(directory: Path, *, wanted: bool) -> None:
-    """Write the page at the end of a run and say where; a run is not lost where that fails.
+def page_line(directory: Path, *, wanted: bool) -> str:
+    """Write the page at the end of a run; a run is not lost where that fails.
 
     Args:
         directory: Where the run has written its files.
         wanted: False only takes away the page on an earlier run.
+
+    Returns:
+        The line that says where it is; empty where none was written.
     """
     from ros2_ident.report.files import PAGE
 
     (directory / PAGE).unlink(missing_ok=True)
     if not wanted:
-        return
+        return ''
     from ros2_ident.report.page import write_report
 
     try:
-        print(f'page: {write_report(directory)}')
+        return f'page: {write_report(directory)}\n'
     except IdentError as error:
         print(f'no page is written: {error.message}', file=sys.stderr)
+        return ''

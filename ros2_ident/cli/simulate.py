@@ -70,7 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='EFFECT@DRIVE:...',
-        help='something beside the nominal physics, as stribeck@drive_2:size=0.5',
+        help='an unmodelled effect: with its values, stribeck@drive_2:torque=0.05,speed=0.03, or '
+        'drawn by the seed, stribeck@drive_2:size=0.5; docs/effects.md lists them',
     )
     complete(effect, effects_at)
     noise = parser.add_mutually_exclusive_group()
@@ -117,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
     ]
     for line in columns(rows, (False, True, False)):
         print(line)
-    print(f'written: {path}, {motion.seconds:.4g} s of {args.motion}')
+    print(f'written: {path}, {motion.seconds:.4g} s of the motion {args.motion}')
     return 0
 
 

@@ -7,6 +7,7 @@ import io
 import json
 import math
 from pathlib import Path
+import statistics
 from typing import Any
 
 from ros2_ident.errors import ErrorCode
@@ -33,7 +34,8 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
 
     Returns:
         `drifts`: parameters of a machine against its earliest bag; `machines`: latest values of a
-        machine against the mean of the others; both strongest first. `effects`: for each effect
+        machine against the median of all, so that one that is off does not make the others
+        differ, or of two against the other; both strongest first. `effects`: for each effect
         the drives it was found on.
     """
     done = sorted((r for r in rows if sound(r)), key=lambda r: str(r['date']))
@@ -54,9 +56,11 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
             others = [r for r in latest if r is not row and name in r['parameters']]
             # What one of two machines is against the other has been said by the first.
             if others and not (len(others) == 1 and others[0] in latest[:number]):
-                against = others[0]['machine'] if len(others) == 1 else 'the other machines'
-                mean = _mean([r['parameters'][name] for r in others])
-                machines.append(_difference(name, row, mean, against))
+                against, other = others[0]['machine'], others[0]['parameters'][name]
+                if len(others) > 1:
+                    all_of = [r['parameters'][name] for r in (row, *others)]
+                    against, other = 'median of the machines', _median(all_of)
+                machines.append(_difference(name, row, other, against))
     effects: dict[str, list[str]] = {}
     for row in done:
         if row.get('effect') not in (None, 'none'):
@@ -78,10 +82,10 @@ def _half(value: Mapping[str, Any]) -> float:
     return 0.5 * (float(value['high']) - float(value['low']))
 
 
-def _mean(values: Sequence[Mapping[str, Any]]) -> Row:
-    count = len(values)
-    middle = sum(float(v['value']) for v in values) / count
-    half = math.sqrt(sum(_half(v) ** 2 for v in values)) / count
+def _median(values: Sequence[Mapping[str, Any]]) -> Row:
+    """Return the median, as sure as that of many normal values is: sqrt(pi / 2) of the mean."""
+    middle = statistics.median(float(v['value']) for v in values)
+    half = math.sqrt(0.5 * math.pi * sum(_half(v) ** 2 for v in values)) / len(values)
     return {'value': middle, 'low': middle - half, 'high': middle + half}
 
 

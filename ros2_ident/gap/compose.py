@@ -78,7 +78,8 @@ def compose(
         effect=verdict.effect,
         where=verdict.where,
         probability=verdict.probability,
-        sentence=_sentence(verdict, explainer, found, floor, model.unit) + _bounded(values),
+        sentence=_sentence(verdict, explainer, found, floor, model.unit, share.value)
+        + _bounded(values),
         also=verdict.also,
         confusable=tuple(
             _ranked(explainer, found.chain[0], w.at, w.probability, w.model)
@@ -237,15 +238,27 @@ def _per_drive(
 
 
 def _sentence(
-    verdict: Verdict, explainer: Explainer, found: Explained, floor: Floor, unit: str
+    verdict: Verdict,
+    explainer: Explainer,
+    found: Explained,
+    floor: Floor,
+    unit: str,
+    share: float,
 ) -> str:
     """Return the answer in words, behind what has to be said first."""
-    said = _answer(verdict, explainer, found, floor, unit)
+    # One share, on data held out, wherever a diagnosis states one.
+    closed = share if len(found.chain) > 1 else verdict.closed
+    said = _answer(verdict, explainer, found, floor, unit, closed)
     return f'{verdict.first} {said}' if verdict.first else said
 
 
 def _answer(
-    verdict: Verdict, explainer: Explainer, found: Explained, floor: Floor, unit: str
+    verdict: Verdict,
+    explainer: Explainer,
+    found: Explained,
+    floor: Floor,
+    unit: str,
+    closed: float,
 ) -> str:
     size = explainer.size(found.chain[0])
     if verdict.effect in REFUSED:
@@ -269,11 +282,11 @@ def _answer(
     if verdict.effect == UNKNOWN:
         tried = len(found.rounds[0].gains) if found.rounds else 0
         best = max((explainer.share(found.chain[0], w.model) for w in verdict.ranking), default=0)
-        closed = 100 * max(verdict.closed, best, 0)
+        most = 100 * max(verdict.closed, best, 0)
         return (
             f'Something is missing that is not in the catalogue: the gap on '
             f'{", ".join(verdict.where)} is {size:.2f} times the noise floor, and the best of '
-            f'{tried} candidates closes {closed:.0f} % of it.'
+            f'{tried} candidates closes {most:.0f} % of it.'
         )
     effect = get_effect(verdict.effect)
     steps = ''.join(
@@ -287,6 +300,6 @@ def _answer(
     if found.remaining >= explainer.rules.unknown:
         rest = f' {found.remaining:.2f} times the noise floor remains unexplained.'
     return (
-        f'{effect.title} on {", ".join(verdict.where)}{more}: closes {100 * verdict.closed:.0f} % '
+        f'{effect.title} on {", ".join(verdict.where)}{more}: closes {100 * closed:.0f} % '
         f'of a gap of {size:.2f} times the noise floor.{steps or rest}'
     )

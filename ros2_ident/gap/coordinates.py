@@ -220,7 +220,7 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
         _binned('load', '', effort, load, None, 8),
         _binned('load', 'odd', effort, load, heading, 8),
         _binned('torque', '', effort, torque, None, 8),
-        _binned('way since reversal', 'odd', travel, way, heading, _graded(way)),
+        _binned('distance since reversal', 'odd', travel, way, heading, _graded(way)),
         _binned('time', '', 's', at.astype(np.float64) * motion.cycle, None, 5),
         _binned('time', 'odd', 's', at.astype(np.float64) * motion.cycle, heading, 5),
     ]
@@ -325,7 +325,7 @@ def places(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coordinate
         _binned('position', '', travel, motion.position[d, at], None, 8),
         _binned('acceleration', '', f'{travel}/s^2', np.abs(motion.acceleration[d, at]), None, 6),
         _binned('load', '', motion.effort_unit, motion.load[d, at], None, 8),
-        _binned('way since reversal', '', travel, way, None, _graded(way)),
+        _binned('distance since reversal', '', travel, way, None, _graded(way)),
         _binned('time', '', 's', at.astype(np.float64) * motion.cycle, None, 6),
     ]
 

@@ -15,7 +15,7 @@ from ros2_ident.identify.hidden import MATERIAL
 
 Array = npt.NDArray[np.float64]
 
-# Share of what controllers miss of the log that an effect may leave and be vouched for by it.
+# Share of what controllers miss of the log that an effect may leave and still restore their law.
 _MISSED = 0.05
 # The same where the noise is small beside it: another form of the same effect leaves that much.
 _NEARLY = 0.002
@@ -117,7 +117,7 @@ class Criteria:
 
     def material(self, before: Explanation, after: Explanation) -> bool:
         """Whether a step closes enough to count, on all data and on the data held out."""
-        if not before.effects and self.vouched(before, after):
+        if not before.effects and self.restores_law(before, after):
             return True
         fall = self.gap(before) - self.gap(after)
         reduced = float(np.sqrt(np.maximum(fall, 0.0)).max())
@@ -151,7 +151,7 @@ class Criteria:
         *earlier, newest = (at.where for at in e.effects)
         return bool(earlier) and (newest in earlier or 'all' in (newest, *earlier))
 
-    def vouched(self, before: Explanation, after: Explanation) -> bool:
+    def restores_law(self, before: Explanation, after: Explanation) -> bool:
         """Whether the controllers' log was far from the stated law and now agrees with it.
 
         It knows nothing of the machine, so this holds also where the outputs are too violent to
@@ -201,9 +201,9 @@ class Criteria:
             return None
         best = min(round_.fitted, key=self.score)
         if not round_.base.effects and self.share(round_.base, best) < self.rules.closed:
-            vouched = [e for e in round_.fitted if self.vouched(round_.base, e)]
-            if vouched:
-                return min(vouched, key=self.score)
+            restoring = [e for e in round_.fitted if self.restores_law(round_.base, e)]
+            if restoring:
+                return min(restoring, key=self.score)
         inside = [e for e in round_.fitted if self.plausible(e)]
         if inside:
             # A size at its bound is a reason to doubt, unless nothing else comes near.

@@ -43,6 +43,9 @@ SEARCH = FitSettings(
 # An effect whose largest trial leaves less than this, in units of the floor, cannot be seen in the
 # log.
 VISIBLE = 0.3
+# Share of the work from which on the time to go is told; before, simulations may be compiled. The
+# shares of the stages are those of their time, on tripods of 7 and 60 s and axes of 6 and 25 s.
+KNOWN = 0.05
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ class _Clock:
             return
         low, high = self.stage
         fraction = low + (high - low) * share
-        eta = self.elapsed * (1.0 - fraction) / fraction if fraction > 0.02 else math.nan
+        eta = self.elapsed * (1.0 - fraction) / fraction if fraction > KNOWN else math.nan
         self.on_progress(DiagnoseProgress(text, fraction, self.best, self.elapsed, eta))
 
     def enter(self, low: float, high: float) -> None:
@@ -246,7 +249,7 @@ class _Passes:
     def _begin(self, case: Case) -> _Pass:
         """Fit the nominal parameters, estimate the floor, ask the gates."""
         clock = self.clock
-        clock.enter(0.0, 0.15)
+        clock.enter(0.0, 0.2)
         clock.step(0.0, 'identifying the nominal parameters')
         guess = np.full(len(case.drives), case.noise or 1.0)
         base = self._attribution(case, guess).nominal(SEARCH, self.seed)
@@ -258,7 +261,8 @@ class _Passes:
                 'every candidate diverges on this log; '
                 + (remedy or 'check units, gains and geometry in the machine file'),
             )
-        clock.step(0.9, 'telling noise from what the motion predicts')
+        clock.enter(0.2, 0.35)
+        clock.step(0.0, 'telling noise from what the motion predicts')
         floor = predictability(joint, base.theta, clock.stopped).floor
         attribution = self._attribution(case, floor.per_drive)
         base = attribution.fits.watch_law(attribution.refit((), base.theta))
@@ -291,7 +295,7 @@ class _Passes:
     def _explained(self, begun: _Pass) -> tuple[Explained, Verdict]:
         """Look for the effects, and say what follows."""
         clock, explainer = self.clock, begun.explainer
-        clock.enter(0.15, 0.6)
+        clock.enter(0.35, 0.75)
 
         def note(e: Explanation) -> None:
             names = ', '.join(f'{get_effect(a.effect).title} on {a.where}' for a in e.effects)

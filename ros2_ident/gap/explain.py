@@ -82,7 +82,7 @@ class Explainer(Criteria):
             if self.beside(best) and self.closes(chain, best) < self.rules.part:
                 break
             if len(chain) == 1 and not stopped():
-                plain = self.freed(chain[0], best)
+                plain = self.better_nominal(chain[0], best)
                 if plain is not chain[0]:
                     return self.explain(plain, candidates, on_best)
             chain.append(best)
@@ -90,7 +90,7 @@ class Explainer(Criteria):
                 chain = self.prune(chain)
             on_best(chain[-1])
             if not stopped():
-                chain, rounds = self.looked_again(chain, rounds)
+                chain, rounds = self.with_new_floor(chain, rounds)
         rests = self.rests(chain)
         if not stopped():
             chain, rests = self.ordered(chain, rests)
@@ -136,7 +136,7 @@ class Explainer(Criteria):
         ]
         return (chain, rounds, min(counts, key=self.score)) if counts else None
 
-    def looked_again(
+    def with_new_floor(
         self, chain: list[Explanation], rounds: list[Round]
     ) -> tuple[list[Explanation], list[Round]]:
         """Look at the noise once more, now that a cause of the residual is known.
@@ -159,7 +159,7 @@ class Explainer(Criteria):
             self._seen = (e.theta, seen)
         return self._seen[1]
 
-    def freed(self, base: Explanation, best: Explanation) -> Explanation:
+    def better_nominal(self, base: Explanation, best: Explanation) -> Explanation:
         """Return the nominal fit, or a better one that was found from a fit with an effect.
 
         Where a motion hardly excites a parameter, the nominal fit may have ended at a value that

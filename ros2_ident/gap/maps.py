@@ -121,7 +121,7 @@ def map_of(motion: Motion, row: Array, drive: int, name: str) -> ResidualMap:
     there = np.isfinite(row)
     heading = direction(motion.velocity[drive])
     block = np.arange(row.size) // block_length(row[None], motion.cycle)
-    linear = 1.0 if name == 'way since reversal' else 0.0
+    linear = 1.0 if name == 'distance since reversal' else 0.0
     parts: list[tuple[Heading, NDArray[np.bool_]]] = [
         ('forwards', there & (heading > 0.0)),
         ('backwards', there & (heading < 0.0)),
@@ -155,7 +155,7 @@ def _along(motion: Motion, drive: int, name: str) -> tuple[Array, str]:
             np.gradient(motion.torque[d], motion.cycle),
             f'rate of the effort [{motion.effort_unit}/s]',
         ),
-        'way since reversal': (1e3 * way, f'way since the last reversal [m{travel}]'),
+        'distance since reversal': (1e3 * way, f'distance since the last reversal [m{travel}]'),
         'motor angle': (turn, 'motor angle [turns]'),
     }
     values, label = table.get(name, (time, 'time since start [s]'))

@@ -88,7 +88,7 @@ def _constant(effect: Effect, factor: float) -> str:
 def of_what_is_left(
     explainer: Explainer, found: Explained, verdict: Verdict, report: GateReport
 ) -> tuple[Explained, Verdict]:
-    """Return the answer, or that the model is the wrong one where no effect makes it carry.
+    """Return the answer, or that the model is the wrong one where no effect makes it fit.
 
     Args:
         explainer: Holds the rules and the counts.
@@ -99,7 +99,7 @@ def of_what_is_left(
     """
     slow = report.of('rate') and report.of('command')
     # Steps of an encoder, and what only the controllers' log shows, are not closed by any fit.
-    known = verdict.readings or explainer.vouched(found.chain[0], found.chain[-1])
+    known = verdict.readings or explainer.restores_law(found.chain[0], found.chain[-1])
     if slow or known:
         return found, verdict
     case = explainer.attribution.case

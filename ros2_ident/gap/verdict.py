@@ -186,9 +186,9 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
         named += (1.0 - t.escaped) * _sigmoid((closed - rules.closed) / t.closed)
         # What is left may be immaterial however small its share. And where the outputs are too
         # violent to be repeated, the controllers' log still says it.
-        vouched = explainer.vouched(base, final)
-        believed = vouched or found.remaining < rules.unknown
-        violent = vouched and closed < rules.closed
+        restored = explainer.restores_law(base, final)
+        believed = restored or found.remaining < rules.unknown
+        violent = restored and closed < rules.closed
         if believed:
             named = max(named, t.believed)
     ranking = _weigh(explainer, found, missing * named, violent, t)

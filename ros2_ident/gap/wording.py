@@ -36,7 +36,7 @@ _LENGTH = re.compile(r'(\d+(?:\.\d+)?)(?: to (\d+(?:\.\d+)?))? (um|mm|m)(?=/s|\b
 
 
 def length(value: float, unit: str) -> str:
-    """Return a small way: micrometres of one in m, else its own unit."""
+    """Return a small length: micrometres of one in m, else its own unit."""
     return f'{1e6 * value:.3g} um' if unit == 'm' else f'{value:.3g} {unit}'
 
 

@@ -112,8 +112,8 @@ def _gains(machine: Machine, law: Law, noise: float | None, clean: bool) -> Gate
     best = law.gains[0]
     if law.excess <= EXCESS * law.misfit or abs(best.ratio - 1.0) <= GAIN_OFF:
         text = (
-            f'{drive}: the log follows the stated control law, {law.misfit_file:.3g} {unit} '
-            'are left'
+            f'{drive}: the effort follows the stated control law to within '
+            f'{law.misfit_file:.3g} {unit} RMS'
         )
         if noise is not None and law.misfit > NOISY * noise and law.steps > noise:
             text += f', no more than the steps of the logged position make ({law.steps:.3g})'

@@ -24,7 +24,7 @@ class Gate:
         number: What was measured.
         unit: Its unit.
         sentence: In words, with the remedy where there is one.
-        contradicts: Whether log and machine file contradict each other, or the model cannot carry
+        contradicts: Whether log and machine file contradict each other, or the model cannot fit
             the log, so that this is what a user has to hear first.
         key: The constant of the machine file that is to be changed, empty for none.
     """

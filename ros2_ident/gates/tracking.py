@@ -145,7 +145,7 @@ def check_tracking(tracking: Tracking, cycle: float, unit: str) -> list[Gate]:
             )
             found.append(Gate('offset', drive, 'fail', lag, 's', text, contradicts=True))
         else:
-            text = f'{drive}: the position follows its set-point, {1e3 * lag:.2g} ms late'
+            text = f'{drive}: the position follows its set-point, {1e3 * lag:.2g} ms behind'
             found.append(Gate('set_point', drive, 'ok', slope, '1', text))
     return found
 

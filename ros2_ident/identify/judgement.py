@@ -19,12 +19,12 @@ Array = npt.NDArray[np.float64]
 # machine's.
 LARGE, FLOORS = 0.3, 20.0
 # What is said of every parameter then.
-NOTE = 'means nothing: the model does not carry the log'
+NOTE = 'means nothing: the model does not fit the log'
 
 
 @dataclass(frozen=True)
-class Uncarried:
-    """An output that the model does not carry.
+class PoorFit:
+    """An output that the model does not fit.
 
     Attributes:
         name: The output: a drive, or `drive.position`.
@@ -48,7 +48,7 @@ class Uncarried:
         )
 
 
-def poorly_carried(problem: Problem, residual: Array) -> tuple[Uncarried, ...]:
+def poorly_fitted(problem: Problem, residual: Array) -> tuple[PoorFit, ...]:
     """Return the outputs of which a fit leaves a large part.
 
     Args:
@@ -75,7 +75,7 @@ def poorly_carried(problem: Problem, residual: Array) -> tuple[Uncarried, ...]:
         if left > LARGE * spread and left > FLOORS * noise:
             share = left / spread if spread > 0.0 else math.inf
             floors = left / noise if noise > 0.0 else math.inf
-            found.append(Uncarried(output.name, left, output.unit, share, floors))
+            found.append(PoorFit(output.name, left, output.unit, share, floors))
     return tuple(found)
 
 
@@ -85,22 +85,22 @@ def rounded(value: float) -> str:
 
 
 def judged(
-    result: Identification, report: GateReport, uncarried: Sequence[Uncarried]
+    result: Identification, report: GateReport, poor: Sequence[PoorFit]
 ) -> Identification:
     """Return a result that says first what the gates found, and claims no more than can be.
 
     Args:
         result: What the fit came to.
         report: What log and machine file say of each other.
-        uncarried: Outputs of which the fit leaves a large part.
+        poor: Outputs of which the fit leaves a large part.
     """
     quality = replace(
         result.quality, warnings=tuple(dict.fromkeys((*_said(report), *result.quality.warnings)))
     )
     result = replace(result, gates=report.gates, quality=quality)
     left = ''
-    if uncarried:
-        left = f'The model leaves {", ".join(map(str, uncarried))}'
+    if poor:
+        left = f'The model leaves {", ".join(map(str, poor))}'
         left += '.' if report.headline else (
             ', so it is not the one of this machine, or not with these constants; check units, '
             'gains and the kind of machine.'

@@ -12,7 +12,7 @@ from ros2_ident.gates import examine, GateReport
 from ros2_ident.identify.data import chosen_drives, Data, gather
 from ros2_ident.identify.data import read_data as read_data
 from ros2_ident.identify.hidden import weigh_fit
-from ros2_ident.identify.judgement import judged, poorly_carried
+from ros2_ident.identify.judgement import judged, poorly_fitted
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outcome import assemble, cut_short
 from ros2_ident.identify.outputs import checked, Outputs
@@ -27,6 +27,10 @@ from ros2_ident.recording import Dataset, Recording
 from ros2_ident.search import algebraic
 from ros2_ident.search.evaluators import Cancel, Threads, Workers
 from ros2_ident.search.fit import fit
+
+# Time that the intervals take: a share of the refinement's, and so many seconds beside it, as
+# measured on tripods of 7 and 60 s and an axis of 25 s.
+INTERVALS_SHARE, INTERVALS_BESIDE = 0.8, 1.0
 
 Measured = Data | Dataset | Sequence[Dataset] | Sequence[Recording]
 
@@ -135,6 +139,7 @@ def solve(
 ) -> Identification:
     """Solve a problem; arguments and result as for `identify`."""
     report = _examined(problem)
+    watch = _Watch(on_progress) if on_progress and settings.budget.seconds is None else None
     if settings.method == 'algebraic':
         found = algebraic.solve(problem, settings.decimation, settings.level)
     else:
@@ -143,22 +148,51 @@ def solve(
             settings,
             seed,
             cancel=cancel,
-            on_progress=on_progress,
+            on_progress=watch or on_progress,
             workers=workers or Threads(settings.threads),
             checkpoint=checkpoint,
         )
     evidence = None
     if found.intervals is not None and not cut_short(found):
         stopped = cancel.is_set if cancel else lambda: False
+        if watch:
+            watch.intervals()
         evidence = weigh_fit(problem, found.theta, stopped, settings.threads).evidence
     result = judged(
         assemble(problem, found, seed, _plain(settings), evidence),
         report,
-        poorly_carried(problem, found.residual),
+        poorly_fitted(problem, found.residual),
     )
     if found.cancelled or not np.isfinite(result.theta).all():
         return result
     return replace(result, validation=problem.validate(result.theta))
+
+
+class _Watch:
+    """Progress of an identification, with the time that its intervals will take."""
+
+    def __init__(self, on_progress: OnProgress) -> None:
+        self._tell = on_progress
+        self._last: IdentifyProgress | None = None
+        self._searched = 0.0
+
+    def _later(self, progress: IdentifyProgress) -> float:
+        """Return how long the intervals will take, s."""
+        refinement = progress.elapsed + progress.eta - self._searched
+        return INTERVALS_BESIDE + INTERVALS_SHARE * refinement
+
+    def __call__(self, progress: IdentifyProgress) -> None:
+        """Tell how far the fit is."""
+        self._last = progress
+        if progress.phase == 'search':
+            self._searched = progress.elapsed
+        self._tell(replace(progress, eta=progress.eta + self._later(progress)))
+
+    def intervals(self) -> None:
+        """Tell that the fit is done."""
+        if self._last is not None:
+            last = replace(self._last, eta=0.0)
+            self._tell(replace(last, phase='intervals', eta=self._later(last)))
 
 
 def _examined(problem: Problem) -> GateReport:

@@ -2,7 +2,7 @@
 """The files of a run, all but the overlay bag and the page.
 
 An identification: `result.json`, `result.yaml`, `history.npz`, `signals.npz`. A diagnosis:
-`diagnosis.json`, `diagnosis.npz`.
+`diagnosis.json`, `diagnosis.npz`. Of either `motion.npz`, written with the overlay.
 """
 
 from collections.abc import Mapping
@@ -33,6 +33,9 @@ DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'
 FLEET = 'fleet.json'
 # Made from the others by `report.page`.
 PAGE = 'report.html'
+# The machine in space along the first recording, where its kind has a picture: written with the
+# overlay bag.
+MOTION = 'motion.npz'
 # What a run that was cut short goes on from.
 CHECKPOINT = 'checkpoint.npz'
 
@@ -59,6 +62,7 @@ def write_diagnosis(
         `diagnosis.json`, and `diagnosis.npz` with measured and simulated effort.
     """
     folder = Path(directory)
+    (folder / MOTION).unlink(missing_ok=True)  # that of an older run
     content = {
         **diagnosis_mapping(found),
         'machine_lines': list(machine_lines(found, machine)),
@@ -110,6 +114,7 @@ def write_result(
         IdentError: INVALID_GOAL where the directory cannot be written to.
     """
     folder = make_directory(directory)
+    (folder / MOTION).unlink(missing_ok=True)  # that of an older run
     data = to_mapping(result)
     history = folder / HISTORY
     write_arrays(

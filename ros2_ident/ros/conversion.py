@@ -55,7 +55,7 @@ def progress_message(progress: IdentifyProgress, machine: Machine, stamp: Time) 
     """Return a progress as a message."""
     message = Progress()
     message.header.stamp = stamp
-    refining = progress.phase == 'refinement'
+    refining = progress.phase != 'search'
     message.phase = Progress.PHASE_REFINEMENT if refining else Progress.PHASE_GENETIC_ALGORITHM
     message.generation = progress.generation
     message.generations = progress.generations

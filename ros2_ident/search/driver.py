@@ -22,6 +22,8 @@ _LOOK = 0.05
 # many, and so on, and after so many at the latest: the more are on their way together, the fewer
 # vectors hold those that are left.
 _FIRST_LIMIT, _NEXT_LIMIT = 32, 256
+# Slices by which the time to go is estimated. The first of a run is none of them: it may compile.
+_RECENT = 8
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,8 @@ class Progress:
         best_theta: (N,) its parameters, physical units; NaN before a candidate converged.
         spread: Largest standard deviation of the survivors over the parameters, in box widths.
         elapsed: Wall time of this call so far, s.
-        eta: Wall time still to go, s; NaN before the first slice.
+        each: Wall time a candidate takes at present, s; NaN before the second slice.
+        eta: Wall time still to go, s; NaN before the second slice.
     """
 
     generation: int
@@ -72,6 +75,7 @@ class Progress:
     best_theta: Array
     spread: float
     elapsed: float
+    each: float
     eta: float
 
 
@@ -146,8 +150,9 @@ class _Run:
         self.start = clock()
         self.reported = -math.inf
         self.told = -math.inf  # when the last slice came back
+        self.recent: deque[tuple[int, float]] = deque(maxlen=_RECENT)  # candidates, s
+        self.first = True
         self.done = search.evaluations  # told, plus those of the running generation
-        self.done_before = search.evaluations
         self.best_cost = search.best_cost
         self.best_point = search.best_point
         s = search.settings
@@ -180,8 +185,17 @@ class _Run:
         """Whether the budget of seconds is spent."""
         return self.budget.seconds is not None and self.elapsed >= self.budget.seconds
 
-    def note(self, points: Array, costs: Array) -> None:
+    @property
+    def each(self) -> float:
+        """Wall time a candidate takes at present, s."""
+        count = sum(n for n, _ in self.recent)
+        return sum(seconds for _, seconds in self.recent) / count if count else math.nan
+
+    def note(self, points: Array, costs: Array, seconds: float) -> None:
         self.done += len(points)
+        if not self.first:
+            self.recent.append((len(points), seconds))
+        self.first = False
         best = int(costs.argmin())
         lowest = float(costs[best])
         if math.isnan(lowest):  # the least of an array with NaN in it
@@ -201,8 +215,7 @@ class _Run:
         if not last and elapsed - self.reported < self.interval:
             return
         self.reported = elapsed
-        here = self.done - self.done_before
-        eta = elapsed / here * max(self.limit - self.done, 0) if here else math.nan
+        eta = self.each * max(self.limit - self.done, 0)
         if self.budget.seconds is not None:
             eta = min(eta, max(self.budget.seconds - elapsed, 0.0))
         self.on_progress(
@@ -215,6 +228,7 @@ class _Run:
                 best_theta=self.physical(self.best_point[None])[0],
                 spread=self.search.spread,
                 elapsed=elapsed,
+                each=self.each,
                 eta=0.0 if last else eta,
             )
         )
@@ -428,14 +442,15 @@ def _evaluate_generation(
         if stop.said:
             return stop.said
         now = run.clock()
-        slicer.note(len(part), now - max(before, run.told))
+        took = now - max(before, run.told)
+        slicer.note(len(part), took)
         run.told = now
         here = slice(found.done, found.done + len(part))
         found.costs[here] = told
         if found.limited:
             found.exact[here] = (told <= limit) | (told == math.inf)
         found.done += len(part)
-        run.note(points[here], told)
+        run.note(points[here], told, took)
         run.report()
     return None
 

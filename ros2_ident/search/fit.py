@@ -34,6 +34,8 @@ DOWN_TO_NOISE = 1.2
 CHECKPOINT_SHARE = 0.02
 # Jacobians a refinement takes, for the estimate of the time to go.
 USUAL_STEPS = 12
+# What a candidate costs that is simulated to its end, over one of the search: most are given up.
+WHOLE = 5.0
 # Copies of a candidate's numbers that a search holds at once, and bytes beside them, measured.
 _COPIES, _BESIDE = 4, 100
 
@@ -344,9 +346,8 @@ class _Fit:
 
     def _report_search(self, progress: Progress) -> None:
         assert self.on_progress is not None
-        later = self.usual * progress.elapsed / max(1, progress.evaluations)
         left = self.settings.budget.seconds
-        eta = progress.eta + later
+        eta = progress.eta + WHOLE * self.usual * progress.each
         self.on_progress(
             FitProgress(
                 phase='search',

@@ -54,7 +54,8 @@ class FitProgress:
     """A fit seen from outside at one instant.
 
     Attributes:
-        phase: `search` for the genetic algorithm, `refinement` after it.
+        phase: `search` for the genetic algorithm, `refinement` after it, and where the fit is an
+            identification's, `intervals` while what the model may lack is weighed.
         generation: Generation being evaluated, or start being refined; from 1.
         generations: The last one, or the number of starts.
         evaluations: Candidates simulated so far, both phases.

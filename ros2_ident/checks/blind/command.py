@@ -28,16 +28,16 @@ EXAMPLES = (
     'line a case, blind.md with pictures\n'
 )
 EXIT_CODES = {0: 'scored, drawn, or verified', 1: 'stopped; the same command goes on'}
-# Of the sorts of cases, as `planning.Shares` has them.
+# Share of each sort of case, as `planning.Shares` has it, and what the sort is.
 SHARES = {
-    'single': 0.36,
-    'pair': 0.13,
-    'triple': 0.04,
-    'none': 0.14,
-    'ideal': 0.05,
-    'outside': 0.11,
-    'hidden': 0.05,
-    'fault': 0.12,
+    'single': (0.36, 'with one effect'),
+    'pair': (0.13, 'with two effects'),
+    'triple': (0.04, 'with three effects'),
+    'none': (0.14, 'with imperfections, and no effect'),
+    'ideal': (0.05, 'with nothing at all'),
+    'outside': (0.11, 'with a cause that the catalogue lacks'),
+    'hidden': (0.05, 'with an effect too small or not excited'),
+    'fault': (0.12, 'whose log contradicts the machine file'),
 }
 
 
@@ -55,13 +55,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--processes', type=count, default=2, metavar='N', help='cases at a time; 2 by default'
     )
-    for name, share in SHARES.items():
+    for name, (share, which) in SHARES.items():
         parser.add_argument(
             f'--{name}',
             type=float,
             default=share,
             metavar='SHARE',
-            help=f'share of these cases; {share:g} by default',
+            help=f'share of cases {which}; {share:g} by default',
         )
     parser.add_argument(
         '--draw-only', action='store_true', help='draw and seal, and diagnose nothing yet'

@@ -16,6 +16,7 @@ from ros2_ident.report.files import (
     JSON,
     load_diagnosis,
     load_result,
+    MOTION,
     PAGE,
     SIGNALS,
     YAML,
@@ -24,12 +25,21 @@ from ros2_ident.report.page import bars, charts, numbers, plots, sentences
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.look import Picture
+from ros2_ident.report.page.machine import moving
 from ros2_ident.report.page.render import render
 from ros2_ident.report.page.several import write_fleet
 from ros2_ident.report.page.steps import effects_found
+from ros2_ident.report.scene import load_scene
 from ros2_ident.report.signals import load_signals
 
 Facts = list[tuple[str, str]]
+
+# How the noise floor was found, in words.
+FLOORS = {
+    'prediction': 'what nothing predicts, neither the motion nor the samples before',
+    'repeats': 'what differs between repeats of the same motion',
+    'high frequency': 'what lies above the band of the motion',
+}
 
 
 def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
@@ -71,6 +81,7 @@ def _render(
         'result': result,
         'diagnosis': diagnosis,
         'pictures': _pictures(folder, result, diagnosis),
+        'machine': moving(load_scene(folder / MOTION)) if (folder / MOTION).exists() else None,
         'effects': '',
         'hero': None,
         'about': [],
@@ -226,7 +237,8 @@ def _gap_note(gap: Mapping[str, Any]) -> str:
             '"Closes" is the share of the squared residual above the noise floor that goes, '
             'everywhere on this page. '
         )
-    return text + f'Noise floor: {gap["noise_floor_method"]}.'
+    method = gap['noise_floor_method']
+    return text + f'Noise floor: {FLOORS.get(method, method)}.'
 
 
 def _flat(settings: Mapping[str, Any], before: str = '') -> Iterator[tuple[str, str]]:

@@ -20,7 +20,7 @@ from ros2_ident.report.files import (
     PAGE,
     YAML,
 )
-from ros2_ident.report.page import answer, sentences
+from ros2_ident.report.page import answer, sentences, steps
 from ros2_ident.report.page.numbers import change, quantity
 from ros2_ident.report.page.render import render
 
@@ -214,8 +214,8 @@ def differences(summary: Mapping[str, Any]) -> Iterator[str]:
                 f'{value} ({x["bag"]}){rest}'
             )
         else:
-            against = f'that of {x["against"]} {other}'
-            yield f'{x["machine"]}: {x["parameter"]} is {value}, {against}{rest}'
+            against = f'{x["against"]}: {other}'
+            yield f'{x["machine"]}: {x["parameter"]} is {value}; {against}{rest}'
     for effect, places in summary['effects'].items():
         count = 'once' if len(places) == 1 else f'{len(places)} times'
         name = sentences.effect_name({'effect': effect, 'where': ['all']})
@@ -250,6 +250,7 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
         + (f', {lost} not done' if lost else ''),
         'headline': _fleet_headline(data),
         'differences': list(differences(data)),
+        'steps': list(steps.of_fleet(data, str(directory))),
         'rows': data['rows'],
         'open': [s for s in made if s.name in told][:OPEN] or made[:OPEN],
         'strips': made,

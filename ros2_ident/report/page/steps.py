@@ -11,10 +11,12 @@ from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.machine.keys import digits
 from ros2_ident.report.page import sentences
 from ros2_ident.report.page.numbers import number, quantity
-from ros2_ident.report.page.sentences import effect_name
+from ros2_ident.report.page.sentences import effect_name, some
 
 # Parameters that the first screen offers to paste.
 VALUES = 6
+# Machines of a fleet, and effects, that its page has steps for.
+FLEET = 3
 # Answers that say nothing of physics: what is wrong, and what to do.
 REFUSALS = {
     'bookkeeping': (
@@ -145,7 +147,7 @@ def _steps_of_effects(
         them = 'it' if len(found) == 1 else 'them'
         more = '' if len(values) <= VALUES else ' (all of them in the table below)'
         yield Step(
-            f'Take over the parameters that were off without {them}{more}:',
+            f'Correct the parameters, which were off without {them}{more}:',
             code='\n'.join(values[:VALUES]),
         )
     motions = list(dict.fromkeys(_motions(data)))
@@ -207,12 +209,54 @@ def _next(out: str) -> str:
     return shlex.quote(f'{out}_next')
 
 
+def of_fleet(data: Mapping[str, Any], out: str) -> Iterator[Step]:
+    """Yield what to do after a fleet.
+
+    Args:
+        data: The content of `fleet.json`.
+        out: The directory it lies in.
+    """
+    rows = {row['name']: row for row in data['rows']}
+    told = [*data['drifts'], *data['machines']]
+    changed = []
+    for machine in list(dict.fromkeys(x['machine'] for x in told))[:FLEET]:
+        drifts = [x for x in data['drifts'] if x['machine'] == machine]
+        of_it = drifts or [x for x in told if x['machine'] == machine]
+        names = list(dict.fromkeys(x['parameter'] for x in of_it))
+        changed.append(max((x['bag'] for x in of_it), key=lambda bag: str(rows[bag]['date'])))
+        verb = f'{"differs" if len(names) == 1 else "differ"} from the other machines'
+        if drifts:
+            verb = 'changed'
+        yield Step(
+            f'Inspect {machine}: {some(names)} {verb}. See where it shows:',
+            code=_diagnose_row(rows[changed[-1]], out),
+        )
+    found = [row for row in data['rows'] if row.get('effect') in CATALOGUE]
+    first = {(row['machine'], row['effect']): row for row in reversed(found)}
+    for row in list(first.values())[::-1][:FLEET]:
+        if row['name'] not in changed:
+            yield Step(
+                f'See what {effect_name(row)} on {row["machine"]} is, and what to do:',
+                code=_diagnose_row(row, out),
+            )
+    failed = [row['name'] for row in data['rows'] if row['state'] != 'done']
+    if failed:
+        text = f'Correct what the table says of {some(failed)}, and run the same command again: '
+        yield Step(text + 'it keeps what is done.')
+
+
+def _diagnose_row(row: Mapping[str, Any], out: str) -> str:
+    bag, machine = row.get('bag') or 'BAG', row.get('machine_file') or 'MACHINE.yaml'
+    folder = shlex.quote(f'{out}/{row["name"]}')
+    return f'ident diagnose {shlex.quote(bag)} --machine {shlex.quote(machine)} --out {folder}'
+
+
 def of_identification(result: Identification, out: str) -> Iterator[Step]:
     """Yield what to do after an identification; the arguments are as of `of_diagnosis`."""
     if result.outcome is Outcome.IDENTIFIED:
         yield Step('Use the values of the table below.')
     bags = _bags(result.settings, result.provenance.source)
     yield Step(
-        'Ask what the model lacks; the intervals hold only where it lacks nothing:',
+        'Ask what the model lacks:',
         code=f'ident diagnose {bags} {_machine(result.settings)} --out {shlex.quote(out)}',
     )
