@@ -60,7 +60,7 @@ def test_what_stands_behind_a_comment_can_be_taken_in(kind, tmp_path, monkeypatc
 
 
 def test_the_table_knows_what_the_models_know():
-    kinds = (KINDS[name] for name in ('tripod', 'linear_axis', 'servo'))
+    kinds = (KINDS[name] for name in ('tripod', 'rotary_tripod', 'linear_axis', 'servo'))
     drives = [path for kind in kinds for path in kind.by_path]
     assert {path[1] for path in drives if path[0] == 'parameters'} == set(SLOTS)
     belt = {path: key for path, key in KINDS['belt_drive'].by_path.items() if path[1:]}
