@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Machines besides the tripod with linear drives, identified by the node from replayed bags."""
 
+from dataclasses import replace
 import signal
 
 import pytest
 from ros_helpers import ended, identifier, Listener, new_domain, program, ROOT
 
 from ros2_ident.models import load_machine
-from ros2_ident.reference.bag_making import simulate_bag, write_simulated
+from ros2_ident.reference.bag_making import CLEAN, simulate_bag, write_simulated
 from ros2_ident.reference.motions import draw_motion
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
@@ -48,3 +49,17 @@ def test_a_delta_is_identified_from_what_its_topics_say(tmp_path) -> None:
     for name, p in by_name.items():
         # twice the interval: twenty are looked at
         assert abs(p.value - truth[name.split('.')[-1]]) < p.high - p.low, name
+
+
+def test_a_belt_drive_is_identified_from_angle_and_moment_on_topics(tmp_path) -> None:
+    file = ROOT / 'config/belt_drive.yaml'
+    machine = load_machine(file)
+    truth = {'axial_stiffness': 1.8e5, 'position_gain': 50.0}
+    motion = draw_motion('steps', machine, 2.0, 3)
+    nuisance = replace(CLEAN, effort_noise=0.005)
+    bag = write_simulated(tmp_path / 'bag', simulate_bag(machine, truth, motion, 3, nuisance))
+    more = 'initial_population:=1000', 'survivors:=20', 'generations:=12'
+    result = told(bag, file, tmp_path / 'out', 'drives:=[driving_gear]', *more)
+    assert result.error_code == 0 and result.model == 'belt_drive'
+    found = {p.name: p.value for p in result.parameters}
+    assert found == pytest.approx(truth, rel=1e-3)

@@ -172,7 +172,9 @@ KIND = Kind(
     name='rotary_tripod',
     title='a delta: three arms on shafts, three rods, one platform',
     keys=(
-        *head('rotary_tripod', _DRIVES, 'joint names in the bag, three, in the order of shaft_azimuth'),
+        *head(
+            'rotary_tripod', _DRIVES, 'joint names in the bag, in the order of shaft_azimuth'
+        ),
         *_GEOMETRY,
         *_DRIVE,
         *_ARM,
