@@ -26,6 +26,9 @@ BAGS = {'tripod': ROOT / 'bags' / 'tripod_mixed', 'emps': ROOT / 'bags' / 'axis_
 @pytest.mark.parametrize('kind', KINDS)
 def test_a_new_machine_file_loads_without_a_remark(kind, tmp_path, capsys):
     path = tmp_path / 'new.yaml'
+    for key in KINDS[kind].keys:
+        if key.file:
+            (tmp_path / str(key.example)).write_text('what the file holds\n')
     assert main(['new-machine', '--kind', kind, '--out', str(path)]) == 0
     assert f'written: {path}' in capsys.readouterr().out
     file = read_machine_file(path)
