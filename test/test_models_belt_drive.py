@@ -162,7 +162,8 @@ def test_without_a_controller_the_belt_turns_freely():
     np.testing.assert_allclose(measured, 0.0, atol=1e-15)  # nothing drives it
     assert belt.cost(theta, measured)[0] < 1e-15
     near = belt.simulate(np.array([[2e5, 1e-6]]))[0]
-    np.testing.assert_allclose(near, measured, atol=1e-6)
+    # A millionth of a newton metre a radian moves 5e-5 kg m^2 by some 1e-6 rad in that time.
+    np.testing.assert_allclose(near, measured, atol=1e-5)
     np.testing.assert_allclose(belt.simulate_generic(theta)[0], measured, atol=1e-12)
 
 

@@ -223,7 +223,7 @@ def test_what_the_description_lacks_is_said(folder, changed, what) -> None:
 
 
 def test_an_mjcf_that_is_none_and_a_log_without_set_points_are_refused(folder) -> None:
-    (folder / 'broken.xml').write_text('<mujoco><body/></mujoco>')
+    (folder / 'broken.xml').write_text('<mujoco><worldbody></mujoco>')
     machine = machine_of(folder, description='broken.xml')
     with pytest.raises(IdentError, match='cannot be read'):
         Mujoco(machine, data_with(machine, COMMAND))
