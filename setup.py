@@ -54,6 +54,7 @@ setup(
     extras_require={
         'arms': ['pin'],
         'cluster': ['distributed'],
+        'mujoco': ['mujoco>=3.3'],
         'test': [
             'distributed',
             'hypothesis',

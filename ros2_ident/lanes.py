@@ -357,6 +357,34 @@ def cosine(x):
 
 
 @inlined
+def sine_and_cosine(x):
+    """Return sin(x) and cos(x) to about 1e-11 absolute for |x| < 1e5, in little more than one.
+
+    As `sine`, with one reduction for both and fewer terms.
+    """
+    n = floor(x * 0.3183098861837907 + 0.5)
+    r = x - n * 3.141592653589793116 - n * 1.2246467991473532e-16
+    sign = 1.0 - 2.0 * (n - 2.0 * floor(n * 0.5))
+    q = r * r
+    s = spread(-1.0 / 1307674368000.0)
+    c = spread(1.0 / 20922789888000.0)
+    s = s * q + 1.0 / 6227020800.0
+    c = c * q - 1.0 / 87178291200.0
+    s = s * q - 1.0 / 39916800.0
+    c = c * q + 1.0 / 479001600.0
+    s = s * q + 1.0 / 362880.0
+    c = c * q - 1.0 / 3628800.0
+    s = s * q - 1.0 / 5040.0
+    c = c * q + 1.0 / 40320.0
+    s = s * q + 1.0 / 120.0
+    c = c * q - 1.0 / 720.0
+    s = s * q - 1.0 / 6.0
+    c = c * q + 1.0 / 24.0
+    c = c * q - 0.5
+    return (s * q * r + r) * sign, (c * q + 1.0) * sign
+
+
+@inlined
 def tanh(x):
     """Return the hyperbolic tangent to 5e-11 absolute.
 

@@ -26,6 +26,9 @@ BAGS = {'tripod': ROOT / 'bags' / 'tripod_mixed', 'emps': ROOT / 'bags' / 'axis_
 @pytest.mark.parametrize('kind', KINDS)
 def test_a_new_machine_file_loads_without_a_remark(kind, tmp_path, capsys):
     path = tmp_path / 'new.yaml'
+    for key in KINDS[kind].keys:
+        if key.file:
+            (tmp_path / str(key.example)).write_text('what the file holds\n')
     assert main(['new-machine', '--kind', kind, '--out', str(path)]) == 0
     assert f'written: {path}' in capsys.readouterr().out
     file = read_machine_file(path)
@@ -60,7 +63,7 @@ def test_what_stands_behind_a_comment_can_be_taken_in(kind, tmp_path, monkeypatc
 
 
 def test_the_table_knows_what_the_models_know():
-    kinds = (KINDS[name] for name in ('tripod', 'linear_axis', 'servo'))
+    kinds = (KINDS[name] for name in ('tripod', 'rotary_tripod', 'linear_axis', 'servo'))
     drives = [path for kind in kinds for path in kind.by_path]
     assert {path[1] for path in drives if path[0] == 'parameters'} == set(SLOTS)
     belt = {path: key for path, key in KINDS['belt_drive'].by_path.items() if path[1:]}

@@ -151,3 +151,97 @@ def test_constants_are_in_the_order_of_the_kernels():
 
     columns = ('EA', 'P', 'J1', 'J2', 'MASS', 'RADIUS', 'X0', 'L1', 'L2', 'L3')
     assert [getattr(kernels, c) for c in columns] == list(range(len(CONSTANTS)))
+
+
+def test_without_a_controller_the_belt_turns_freely():
+    theta = np.array([[2e5, 0.0]])
+    belt = BeltDrive(MACHINE, step_reference(duration=0.3))
+    # By hand: the roots of det(K - w^2 M) = 0 of eq. 21 with P = 0.
+    np.testing.assert_allclose(belt.eigenfrequencies(theta)[0], [0.0, 268.3, 333.7], atol=0.05)
+    measured = belt.simulate(theta)[0]
+    np.testing.assert_allclose(measured, 0.0, atol=1e-15)  # nothing drives it
+    assert belt.cost(theta, measured)[0] < 1e-15
+    near = belt.simulate(np.array([[2e5, 1e-6]]))[0]
+    # A millionth of a newton metre a radian moves 5e-5 kg m^2 by some 1e-6 rad in that time.
+    np.testing.assert_allclose(near, measured, atol=1e-5)
+    np.testing.assert_allclose(belt.simulate_generic(theta)[0], measured, atol=1e-12)
+
+
+def test_the_mass_moves_against_the_gears_as_printed():
+    from ros2_ident.reference.belt_drive import belt_forces
+
+    constants = constants_of(TRUTH[0])
+    r = constants['radius']
+    assert belt_forces(constants, 0.3, 0.3, -0.3 * r) == pytest.approx((0.0, 0.0, 0.0))
+    _, stiffness = matrices(BeltDrive(MACHINE, step_reference()).constants(np.array([[2e5, 0.0]])))
+    np.testing.assert_allclose(stiffness[0] @ [1.0, 1.0, -r], 0.0, atol=1e-9)
+
+
+def bag_of(folder, seed, *more):
+    from ros2_ident.cli.main import main
+
+    arguments = ['--seconds', '2', '--motion', 'steps', '--seed', str(seed), *more]
+    file = Path(__file__).parents[1] / 'config/belt_drive.yaml'
+    truth = ['--set', 'axial_stiffness=2.1e5', '--set', 'position_gain=41']
+    assert main(['simulate', str(folder), '--machine', str(file), *truth, *arguments]) == 0
+    return folder
+
+
+def test_a_bag_gives_stiffness_and_gain_back(tmp_path):
+    from ros2_ident.identify.data import read_data
+    from ros2_ident.identify.run import identify
+    from ros2_ident.identify.settings import IdentifySettings
+    from ros2_ident.search import GeneticSettings
+
+    bag = bag_of(tmp_path / 'bag', 1, '--noise', '0.005')
+    settings = IdentifySettings(genetic=GeneticSettings(1000, 20, 8, 12))
+    found = identify(MACHINE, read_data([bag], MACHINE), settings=settings)
+    stiffness, gain = found.parameters
+    assert stiffness.value == pytest.approx(2.1e5, rel=1e-3)
+    assert gain.value == pytest.approx(41.0, rel=1e-3)
+    assert stiffness.low < 2.1e5 < stiffness.high
+
+
+def test_a_recorded_belt_is_the_belt_and_says_what_it_needs(tmp_path):
+    from ros2_ident.identify.data import read_data
+    from ros2_ident.models import EffectAt
+    from ros2_ident.models.belt_drive.recorded import RecordedBelt
+
+    data = read_data([bag_of(tmp_path / 'bag', 2, '--clean')], MACHINE).datasets[0]
+    model = RecordedBelt(MACHINE, data)
+    assert [o.name for o in model.outputs] == ['driving_gear', 'driving_gear.position']
+    truth = np.array([[2.1e5, 41.0]])
+    # The reference's integration and the log's last digits are all that is left.
+    assert model.costs(truth)[0] < 1e-7
+    held = RecordedBelt(MACHINE, data, fixed={'position_gain': 41.0})
+    assert [p.name for p in held.parameters] == ['axial_stiffness']
+    np.testing.assert_array_equal(held.simulate(truth[:, :1]), model.simulate(truth))
+    for wrong, what in (
+        ({'fixed': {'colour': 1.0}}, "'colour' cannot be fixed"),
+        ({'quantities': ('velocity',)}, 'velocity is not simulated'),
+        ({'effects': [EffectAt('backlash', 'driving_gear')]}, 'cannot be extended by backlash'),
+    ):
+        with pytest.raises(IdentError, match=what):
+            RecordedBelt(MACHINE, data, **wrong)
+
+
+def test_errors_of_every_sample_are_summed_as_eq_2_has_them():
+    from dataclasses import replace
+
+    from ros2_ident.models.belt_drive.recorded import RecordedBelt
+    from ros2_ident.recording import Dataset
+
+    belt = BeltDrive(MACHINE, step_reference(duration=0.2))
+    told = belt.simulate(np.array([[1.9e5, 50.0]]))[0]
+    data = Dataset(
+        MACHINE.drives, belt.cycle, 0, belt.reference[None], 0.0 * belt.reference[None],
+        told[:1], None, told[1:],
+    )  # fmt: skip
+    whole = RecordedBelt(MACHINE, data)
+    theta = candidates(9)
+    expected = belt.cost(theta, told)
+    np.testing.assert_allclose(whole.costs(theta), expected, rtol=1e-12)
+    missing = replace(data, effort=np.where(np.arange(told.shape[1]) == 7, np.nan, told[1:]))
+    some = RecordedBelt(MACHINE, missing).costs(theta)
+    assert not np.array_equal(some, expected)
+    np.testing.assert_allclose(some, expected, rtol=0.01)

@@ -138,9 +138,9 @@ def test_forward_kinematics_inverts_the_rail_formula(machine):
     azimuth = np.array(machine.numbers('rail_azimuth'))
     foot = 0.3 * np.stack([np.cos(azimuth), np.sin(azimuth)])
     carriage = point[2] + np.sqrt(0.36 - np.sum((point[:2, None] - foot) ** 2, axis=0))
-    assert platform_at(carriage, plant.drive) == pytest.approx(point, abs=1e-13)
+    assert platform_at(carriage, plant.shared, plant.drive) == pytest.approx(point, abs=1e-13)
     with pytest.raises(IdentError, match='rods do not reach') as caught:
-        platform_at(np.array([0.0, 1.3, 0.5]), plant.drive)
+        platform_at(np.array([0.0, 1.3, 0.5]), plant.shared, plant.drive)
     assert caught.value.code is ErrorCode.BAD_VALUES
 
 

@@ -106,7 +106,7 @@ def test_the_template_is_a_parameter_file(node) -> None:
         ('seed:=0', 'seed is 0, its range is from 1; give a value inside it'),
         ('seed:=1.5', 'seed is 1.5 and has to be an integer'),
         ('end_of_stream:=0.1', 'end_of_stream is 0.1, its range is 0.2 to 3600'),
-        ('mutation:=wild', "mutation is 'wild'; write one of gaussian_root, laplace"),
+        ('mutation:=wild', "mutation is 'wild'; write one of gaussian_root, laplace, normal"),
         ('drives:=3', 'drives is 3 and has to be a string array'),
     ],
 )

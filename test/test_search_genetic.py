@@ -10,6 +10,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search import (
@@ -25,6 +26,7 @@ from ros2_ident.search.operators import (
     laplace,
     latin_hypercube,
     mutate,
+    normal,
     select,
 )
 
@@ -52,6 +54,8 @@ def test_gaussian_root_at_known_places():
     uniform = np.array([0.0, 0.5, 1.0, 0.5 + 0.5 * math.exp(-1.0), 0.5 - 0.5 * math.exp(-4.0)])
     np.testing.assert_allclose(gaussian_root(uniform), [0.0, 0.0, 0.0, 1.0, -2.0], atol=1e-12)
     np.testing.assert_allclose(laplace(uniform), [0.0, 0.0, 0.0, 1.0, -4.0], atol=1e-12)
+    assert np.isfinite(normal(uniform)).all() and normal(uniform)[1] == 0.0
+    assert normal(np.array([ndtr(1.3)]))[0] == pytest.approx(1.3)
 
 
 @pytest.mark.parametrize(
@@ -59,6 +63,7 @@ def test_gaussian_root_at_known_places():
     [
         (gaussian_root, lambda a: np.exp(-(a**2)), 1.0),
         (laplace, lambda a: np.exp(-a), 2.0),
+        (normal, lambda a: 2.0 * ndtr(-a), 1.0),
     ],
 )
 def test_mutation_follows_its_analytic_law(law, beyond, variance):
@@ -81,7 +86,7 @@ def test_children_stay_in_the_cube_and_shrink_with_the_scale():
     assert steps.std() == pytest.approx(1.0, rel=0.1)
 
 
-@pytest.mark.parametrize('law', ['gaussian_root', 'laplace'])
+@pytest.mark.parametrize('law', ['gaussian_root', 'laplace', 'normal'])
 def test_mutation_scale_is_that_of_eq_6(law):
     settings = GeneticSettings(200, 1, 5000, 4, 0.5, mutation=law)
     search = GeneticSearch(2, settings, seed=3)
@@ -308,7 +313,7 @@ def test_order_of_calls_is_kept():
         ({'children': 2.5}, 'children is 2.5; give a whole number'),
         ({'range_reduction': 0.0}, 'range_reduction is 0.0; give a number above 0 and at most 1'),
         ({'min_distance': -1.0}, 'min_distance is -1.0; give a number of at least 0'),
-        ({'mutation': 'cauchy'}, "mutation is 'cauchy'; give one of gaussian_root, laplace"),
+        ({'mutation': 'cauchy'}, "'cauchy'; give one of gaussian_root, laplace, normal"),
         ({'first_generation': 'grid'}, "first_generation is 'grid'; give one of kronecker"),
         ({'first_step': 0.0}, 'first_step is 0.0; give a number above 0'),
         ({'stagnation_generations': -1}, 'give a whole number, 0 for never'),

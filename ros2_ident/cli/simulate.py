@@ -43,6 +43,7 @@ MOTIONS = (
     'reversals',
     'dwell',
     'mixed',
+    'steps',
 )
 QUARTER = 0.25
 

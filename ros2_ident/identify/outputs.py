@@ -65,7 +65,8 @@ def weights_of(
     """Return the weight of each quantity.
 
     Where none is given, each counts by what its samples tell: errors are divided by the noise of
-    the quantity and multiplied with that of the first one, in whose unit costs then are.
+    the quantity and multiplied with that of the first one, in whose unit costs then are; where
+    that is stated as none, all errors count as they are.
 
     Args:
         outputs: What is compared, from `checked`.
@@ -79,7 +80,7 @@ def weights_of(
         effort_noise if q == 'effort' else _noise(q, datasets, drives) for q in outputs
     ]
     return tuple(
-        (noise[0] / own if own > 0.0 else 1.0) if weight is None else weight
+        (noise[0] / own if own > 0.0 < noise[0] else 1.0) if weight is None else weight
         for weight, own in zip(outputs.values(), noise, strict=True)
     )
 

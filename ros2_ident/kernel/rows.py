@@ -33,6 +33,9 @@ MACHINE_ROWS = (
     'rail_x_3',
     'rail_y_2',
     'rail_y_3',
+    # Of a tripod whose drives turn arms.
+    'arm_length',  # m
+    'arm_sense',  # 1 where positive angles lift the arms, -1 where they lower them
 )
 DRIVE_ROWS = (
     'gear_stiffness',  # N/m
@@ -54,6 +57,8 @@ DRIVE_ROWS = (
     'friction_slope',  # s/m, derived: one over the regularisation
     'drive_inertia',  # kg m^2, motor_mass over the square of the gear
     'rail_azimuth',  # rad
+    'arm_moment',  # kg m, first moment of an arm about its shaft
+    'arm_zero',  # rad, where it lies level
     'log_delay',  # s
     'log_gain',  # 1
     'log_bias',  # N m

@@ -11,10 +11,12 @@ mu_i = tension / L_i solve
 
 with G the derivative of Phi. A uniform rod of mass m between points of velocity v_c and v_p has
 the kinetic energy m/6 (v_c^2 + v_c v_p + v_p^2), so the mass matrix M stays constant in these
-coordinates.
+coordinates. Where the drives turn arms, S_i is the angle of an arm relative to the frame: the
+joint c_i moves on a circle about a shaft that the frame lifts, which couples S_i, p and y in M.
 """
 
 from collections.abc import Callable
+import math
 
 import numpy as np
 
@@ -59,6 +61,39 @@ def eliminate(a: Array, b: Array) -> None:
 
 
 @compiled
+def joint(i: int, place: float, shared: Array, drive: Array, out: Array) -> None:
+    """Write where the joint of drive i and its rod is, relative to the frame.
+
+    Args:
+        i: Number of the drive.
+        place: Its coordinate S_i.
+        shared: (SHARED_COLUMNS,) the machine's numbers.
+        drive: (D, DRIVE_COLUMNS) the drives' numbers.
+        out: (3, 3) output: the joint [m], its first and its second derivative by S_i.
+    """
+    d = drive[i]
+    out[0, 0], out[0, 1], out[0, 2] = d[at.RAIL_X], d[at.RAIL_Y], place
+    out[1:, :] = 0.0
+    out[1, 2] = 1.0
+    if shared[at.ROTARY] == 1.0:
+        angle = place - d[at.ARM_ZERO]
+        ahead, up = math.cos(angle), math.sin(angle)
+        for j, length in enumerate((d[at.ARM_X], d[at.ARM_Y])):
+            out[0, j] += length * ahead
+            out[1, j] = -length * up
+            out[2, j] = -length * ahead
+        out[0, 2], out[1, 2] = d[at.ARM_RISE] * up, d[at.ARM_RISE] * ahead
+        out[2, 2] = -d[at.ARM_RISE] * up
+
+
+@compiled
+def _height(above: float, q: Array, count: int, shared: Array) -> float:
+    """Return the height of a joint in space [m]: carriages are there already, arms ride along."""
+    height: float = above + q[2 * count + 3] if shared[at.ROTARY] == 1.0 else above
+    return height
+
+
+@compiled
 def mass_and_rods(time: float, q: Array, shared: Array, drive: Array, matrix: Array) -> None:
     """Write the matrix [[M, G^T], [G, 0]] over (S_i, p, y, mu_i).
 
@@ -83,18 +118,88 @@ def mass_and_rods(time: float, q: Array, shared: Array, drive: Array, matrix: Ar
     for j in range(3):
         matrix[count + j, count + j] = tool
     matrix[frame, frame] = shared[at.FRAME_MASS] if shared[at.FRAME_MASS] > 0.0 else 1.0
+    place = np.empty((3, 3))
+    moved = shared[at.FRAME_MASS] > 0.0 and shared[at.ROTARY] == 1.0
     for i in range(count):
-        matrix[i, i] = drive[i, at.CARRIAGE_MASS] + rod * shared[at.ROD_AT_CARRIAGE]
-        matrix[i, height] = matrix[height, i] = rod * shared[at.ROD_BETWEEN]
+        joint(i, q[count + i], shared, drive, place)
+        tangent = place[1]
+        square = tangent[0] ** 2 + tangent[1] ** 2 + tangent[2] ** 2
+        matrix[i, i] = drive[i, at.CARRIAGE_MASS] + rod * shared[at.ROD_AT_CARRIAGE] * square
         row = frame + 1 + i
         along = (
-            q[2 * count] - drive[i, at.RAIL_X],
-            q[2 * count + 1] - drive[i, at.RAIL_Y],
-            q[2 * count + 2] - q[count + i],
+            q[2 * count] - place[0, 0],
+            q[2 * count + 1] - place[0, 1],
+            q[2 * count + 2] - _height(place[0, 2], q, count, shared),
         )
-        matrix[row, i] = matrix[i, row] = -along[2]
+        reach = 0.0
         for j in range(3):
+            reach += along[j] * tangent[j]
+            matrix[i, count + j] = matrix[count + j, i] = rod * shared[at.ROD_BETWEEN] * tangent[j]
             matrix[row, count + j] = matrix[count + j, row] = along[j]
+        matrix[row, i] = matrix[i, row] = -reach
+        if moved:
+            lifted = drive[i, at.ARM_MOMENT] * math.cos(q[count + i] - drive[i, at.ARM_ZERO])
+            lifted += rod * shared[at.ROD_AT_CARRIAGE] * tangent[2]
+            matrix[i, frame] = matrix[frame, i] = lifted
+            matrix[frame, frame] += rod * shared[at.ROD_AT_CARRIAGE]
+            matrix[frame, height] += rod * shared[at.ROD_BETWEEN]
+            matrix[height, frame] = matrix[frame, height]
+            matrix[row, frame] = matrix[frame, row] = -along[2]
+
+
+@compiled
+def weight_of_drive(i: int, place: float, shared: Array, drive: Array) -> float:
+    """Return what gravity does to a drive's own body and its rod's end, per its acceleration.
+
+    Args:
+        i: Number of the drive.
+        place: Its coordinate S_i.
+        shared: (SHARED_COLUMNS,) the machine's numbers.
+        drive: (D, DRIVE_COLUMNS) the drives' numbers.
+
+    Returns:
+        Mass [kg] of a carriage, first moment [kg m] of an arm, against the coordinate.
+    """
+    end = shared[at.ROD_MASS] * (1.0 - shared[at.ROD_CENTRE])
+    d = drive[i]
+    weight: float = d[at.CARRIAGE_MASS] + end
+    if shared[at.ROTARY] == 1.0:
+        weight = (d[at.ARM_MOMENT] + end * d[at.ARM_RISE]) * math.cos(place - d[at.ARM_ZERO])
+    return weight
+
+
+@compiled
+def _turn(x: Array, shared: Array, drive: Array, side: Array) -> None:
+    """Write what the rates make: of the rods' accelerations, and of the loads of turning arms.
+
+    Args:
+        x: (n,) state.
+        shared: (SHARED_COLUMNS,) the machine's numbers.
+        drive: (D, DRIVE_COLUMNS) the drives' numbers.
+        side: (2D + 4,) loads; the rods' part is set, the others' changed.
+    """
+    count = drive.shape[0]
+    m = 2 * count + 4
+    frame = count + 3
+    rod = shared[at.ROD_MASS]
+    place = np.empty((3, 3))
+    for i in range(count):
+        joint(i, x[count + i], shared, drive, place)
+        rate = x[m + count + i]
+        row = frame + 1 + i
+        for j in range(3):
+            along = x[2 * count + j] - place[0, j]
+            speed = x[m + 2 * count + j] - place[1, j] * rate
+            if j == 2:
+                along = x[2 * count + j] - _height(place[0, j], x, count, shared)
+                speed -= x[2 * m - 1] if shared[at.ROTARY] == 1.0 else 0.0
+            side[row] += along * place[2, j] * rate**2 - speed**2
+            side[count + j] -= rod * shared[at.ROD_BETWEEN] * place[2, j] * rate**2
+        if shared[at.ROTARY] == 1.0 and shared[at.FRAME_MASS] > 0.0:
+            up = math.sin(x[count + i] - drive[i, at.ARM_ZERO])
+            swing = -drive[i, at.ARM_MOMENT] * up + rod * shared[at.ROD_AT_CARRIAGE] * place[2, 2]
+            side[frame] -= swing * rate**2
+            side[frame] -= shared[at.GRAVITY] * rod * (1.0 - shared[at.ROD_CENTRE])
 
 
 @compiled
@@ -131,6 +236,7 @@ def derivative(
     y_rate = x[2 * m - 1]
     gravity = shared[at.GRAVITY]
     frame = count + 3
+    rotary = shared[at.ROTARY] == 1.0
     side[:] = 0.0
     frame_load = 0.0
     delivered = 1.0
@@ -147,8 +253,8 @@ def derivative(
         own = slice(2 * m + i * width, 2 * m + (i + 1) * width)
         motion[0] = x[i]
         motion[1] = x[m + i]
-        motion[2] = x[count + i] - y
-        motion[3] = x[m + count + i] - y_rate
+        motion[2] = x[count + i] - (0.0 if rotary else y)
+        motion[3] = x[m + count + i] - (0.0 if rotary else y_rate)
         law(time, held[i], delivered, motion, shared, d, x[own], dx[own], forces)
         torque, friction, load = forces[TORQUE], forces[FRICTION], forces[LOAD]
         beside = forces[BESIDE]
@@ -167,9 +273,9 @@ def derivative(
         else:
             inertia = d[at.MOTOR_MASS] * (1.0 + d[at.SPEED_INERTIA] * motion[1] ** 2)
             dx[m + i] = (d[at.GEAR] * (torque - friction) - forces[LEVER] * load) / inertia
-            weight = d[at.CARRIAGE_MASS] + shared[at.ROD_MASS] * (1.0 - shared[at.ROD_CENTRE])
-            side[i] = load + beside - weight * gravity - pull_of_arm(motion[2], d)
-            frame_load += load + beside
+            held_up = gravity * weight_of_drive(i, x[count + i], shared, drive)
+            side[i] = load + beside - held_up - pull_of_arm(motion[2], d)
+            frame_load += 0.0 if rotary else load + beside
     if shared[at.RIGID] == 1.0:
         return
     if shared[at.PLATFORM] == 0.0:
@@ -191,9 +297,7 @@ def derivative(
             - shared[at.FRAME_STIFFNESS] * y * (1.0 - softer)
             - (shared[at.FRAME_DAMPING] + shared[at.FRAME_QUADRATIC] * abs(y_rate)) * y_rate
         )
-    for i in range(count):
-        across = x[m + 2 * count + 2] - x[m + count + i]
-        side[frame + 1 + i] = -(x[m + 2 * count] ** 2 + x[m + 2 * count + 1] ** 2 + across**2)
+    _turn(x, shared, drive, side)
     eliminate(matrix, side)
     for j in range(count + 4):
         dx[m + count + j] = side[j]
@@ -219,16 +323,18 @@ def project(
     count = drive.shape[0]
     m = 2 * count + 4
     worst = 0.0
+    place = np.empty((3, 3))
     for sweep in range(3):
         mass_and_rods(time, x, shared, drive, matrix)
         side[:] = 0.0
         error = 0.0
         for i in range(count):
             length = drive[i, at.ROD_LENGTH]
+            joint(i, x[count + i], shared, drive, place)
             square = (
-                (x[2 * count] - drive[i, at.RAIL_X]) ** 2
-                + (x[2 * count + 1] - drive[i, at.RAIL_Y]) ** 2
-                + (x[2 * count + 2] - x[count + i]) ** 2
+                (x[2 * count] - place[0, 0]) ** 2
+                + (x[2 * count + 1] - place[0, 1]) ** 2
+                + (x[2 * count + 2] - _height(place[0, 2], x, count, shared)) ** 2
             )
             side[count + 4 + i] = 0.5 * (length * length - square)
             error = max(error, abs(side[count + 4 + i]) / length)
@@ -243,7 +349,7 @@ def project(
     side[:] = 0.0
     for i in range(count):
         row = count + 4 + i
-        for j in range(count + 3):
+        for j in range(count + 4):
             side[row] -= matrix[row, j] * x[m + count + j]
     eliminate(matrix, side)
     for j in range(count + 4):

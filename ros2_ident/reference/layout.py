@@ -124,8 +124,14 @@ zero are never read.
     SQUARE_LOAD,  # 1/(N m), by that of the load's
     SQUARE_SPEED,  # rad/s
     SQUARE_FORM,  # 0 Gaussian, 1 Lorentzian
+    # An arm on a shaft at RAIL_X, RAIL_Y, whose angle takes the place of a carriage's height.
+    ARM_X,  # m, from the shaft outwards
+    ARM_Y,  # m
+    ARM_RISE,  # m, its length, negative where positive angles lower it
+    ARM_MOMENT,  # kg m, its first moment, of the same sign
+    ARM_ZERO,  # rad, where it lies level
     DRIVE_COLUMNS,
-) = range(111)
+) = range(116)
 
 # Shared by the machine.
 (
@@ -150,8 +156,9 @@ zero are never read.
     FRAME_PRELOAD,  # N, what the drives rest on the frame at the start
     SAG,  # 1/W, supply sag
     RELEASE,  # s, from when on servos are switched off; 0: never
+    ROTARY,  # 1: arms on shafts carry the rods, not carriages
     PAYLOAD_FROM,  # s, behind it PAYLOAD_UNTIL [s], and so on for each time it is taken up
-) = range(22)
+) = range(23)
 PAYLOAD_UNTIL = PAYLOAD_FROM + 1
 PAYLOAD_TURNS = 6
 SHARED_COLUMNS = PAYLOAD_FROM + 2 * PAYLOAD_TURNS

@@ -154,6 +154,17 @@ def _dwell(path: Path, space: Space, rng: np.random.Generator, seconds: float) -
         path.rest(float(np.exp(rng.uniform(np.log(0.1), np.log(1.5)))))
 
 
+def _steps(path: Path, space: Space, rng: np.random.Generator, seconds: float) -> None:
+    """Small steps one way, a tenth of the time apart, as in fig. 5 of Ludwig and Gerstmayr."""
+    begin = path.seconds
+    way = 0.1 * space.reach * rng.choice([-1.0, 1.0], space.centre.size)
+    for number in range(1, 10):
+        # At instants that a log of any usual rate holds.
+        at = round(begin + 0.1 * number * (seconds - begin), 2)
+        path.rest(at - path.seconds - path.cycle)
+        path.jump(path.place + way)
+
+
 def _mixed(path: Path, space: Space, rng: np.random.Generator, seconds: float) -> None:
     """Fast moves, slow ones, fast ones: an ordinary working log."""
     begin = path.seconds
@@ -173,6 +184,7 @@ KINDS: Mapping[str, Callable[[Path, Space, np.random.Generator, float], None]] =
     'reversals': _reversals,
     'dwell': _dwell,
     'mixed': _mixed,
+    'steps': _steps,
 }
 
 

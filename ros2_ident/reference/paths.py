@@ -44,6 +44,11 @@ class Path:
             np.repeat(self.place[:, None], count, axis=1), np.zeros((self.place.size, count))
         )
 
+    def jump(self, target: Array) -> None:
+        """Be at a point (M,) [m] with the next cycle, without a speed."""
+        point: Array = np.asarray(target, dtype=float)[:, None]
+        self._append(point, np.zeros_like(point))
+
     def move(self, target: Array, speed: float, acceleration: float) -> None:
         """Go straight to a point by a quintic.
 

@@ -8,16 +8,17 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.reference import layout as at
 from ros2_ident.reference import loop
 from ros2_ident.reference.drive_law import BESIDE, FORCES, LEVER, LOAD, TORQUE
-from ros2_ident.reference.dynamics import mass_and_rods, project
+from ros2_ident.reference.dynamics import joint, mass_and_rods, project, weight_of_drive
 from ros2_ident.reference.plant import Array, Plant
 from ros2_ident.reference.transmission import pull_of_arm, spring_of_load
 
 
-def platform_at(carriage: Array, drive: Array) -> Array:
+def platform_at(carriage: Array, shared: Array, drive: Array) -> Array:
     """Return where three rods carry the platform: the lower meeting point of three spheres [m].
 
     Args:
-        carriage: (3,) carriage heights [m].
+        carriage: (3,) carriage heights [m], or angles of arms [rad].
+        shared: (SHARED_COLUMNS,) numbers of the machine.
         drive: (3, DRIVE_COLUMNS) numbers of the drives.
 
     Returns:
@@ -26,8 +27,22 @@ def platform_at(carriage: Array, drive: Array) -> Array:
     Raises:
         IdentError: BAD_VALUES where the rods do not reach.
     """
-    feet = np.column_stack([drive[:, at.RAIL_X], drive[:, at.RAIL_Y], carriage])
-    lengths = drive[:, at.ROD_LENGTH]
+    places = np.empty((3, 3, 3))
+    for i in range(3):
+        joint(i, float(carriage[i]), shared, drive, places[i])
+    return meeting_point(places[:, 0], drive[:, at.ROD_LENGTH])
+
+
+def meeting_point(feet: Array, lengths: Array) -> Array:
+    """Return the lower meeting point of three spheres (3,) [m].
+
+    Args:
+        feet: (3, 3) their middles [m].
+        lengths: (3,) their radii [m].
+
+    Raises:
+        IdentError: BAD_VALUES where they do not meet.
+    """
     across = feet[1:] - feet[0]
     level = 0.5 * (
         np.sum(feet[1:] ** 2, axis=1) - feet[0] @ feet[0] - lengths[1:] ** 2 + lengths[0] ** 2
@@ -39,7 +54,7 @@ def platform_at(carriage: Array, drive: Array) -> Array:
     if not depth > 0.0:
         raise IdentError(
             ErrorCode.BAD_VALUES,
-            f'the rods do not reach from the carriages {carriage}; keep closer set-points',
+            f'the rods do not reach from joints at {feet.tolist()}; keep closer set-points',
         )
     return np.asarray(base - np.sqrt(depth) * normal, dtype=float)
 
@@ -77,7 +92,8 @@ def static_loads(x: Array, plant: Plant) -> Array:
     count = len(plant.names)
     gravity = shared[at.GRAVITY]
     rod = shared[at.ROD_MASS]
-    load: Array = (drive[:, at.CARRIAGE_MASS] + rod * (1.0 - shared[at.ROD_CENTRE])) * gravity
+    own = [weight_of_drive(i, x[count + i], shared, drive) for i in range(count)]
+    load: Array = gravity * np.array(own)
     load = load + [pull_of_arm(x[count + i], drive[i]) for i in range(count)]
     if shared[at.PLATFORM] == 1.0:
         m = 2 * count + 4
@@ -127,9 +143,12 @@ def carriages_at(plant: Plant, start: Array) -> Array:
     m = 2 * count + 4
     x = np.zeros(2 * m + count * plant.internals)
     x[:count] = x[count : 2 * count] = start
-    if plant.shared[at.PLATFORM] == 1.0:
-        x[2 * count : 2 * count + 3] = platform_at(np.asarray(start, dtype=float), plant.drive)
-        project(0.0, x, plant.shared, plant.drive, np.empty((m, m)), np.empty(m))
+    shared = plant.shared
+    if shared[at.PLATFORM] == 1.0:
+        x[2 * count : 2 * count + 3] = platform_at(
+            np.asarray(start, dtype=float), shared, plant.drive
+        )
+        project(0.0, x, shared, plant.drive, np.empty((m, m)), np.empty(m))
     return x
 
 
@@ -154,6 +173,21 @@ def holding_torque(place: float, rail: float, load: float, plant: Plant, i: int)
     return float((lever * load / d[at.GEAR] - idle) / gain)
 
 
+def _on_frame(plant: Plant, x: Array, load: Array) -> float:
+    """Return what the machine rests on its frame [N]; arms count with the frame.
+
+    Args:
+        plant: The machine.
+        x: (n,) state at rest.
+        load: (D,) gear forces, or torques, at rest.
+    """
+    count, shared = len(plant.names), plant.shared
+    if shared[at.ROTARY] == 1.0:
+        return float(shared[at.GRAVITY] * (shared[at.TOOL_MASS] + count * shared[at.ROD_MASS]))
+    beside = [still(plant, i, x[count + i], x[count + i])[BESIDE] for i in range(count)]
+    return float(sum(load[i] + beside[i] for i in range(count)))
+
+
 def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
     """Return state and controllers' memory of the machine at rest.
 
@@ -176,9 +210,7 @@ def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
     memory = np.zeros((count, loop.MEMORY))
     true_load = static_loads(x, plant)
     load = true_load if plant.settled else static_loads(carriages_at(nominal, start), nominal)
-    shared[at.FRAME_PRELOAD] = sum(
-        true_load[i] + still(plant, i, x[count + i], x[count + i])[BESIDE] for i in range(count)
-    )
+    shared[at.FRAME_PRELOAD] = _on_frame(plant, x, true_load)
     for i in range(count):
         d = drive[i]
         if d[at.LAW] == 1.0:

@@ -213,7 +213,7 @@ TABLE: tuple[Entry, ...] = (
         'string',
         _GENETIC.mutation,
         'Law of the mutation.',
-        choices=('gaussian_root', 'laplace'),
+        choices=('gaussian_root', 'laplace', 'normal'),
     ),
     _count(
         'stagnation_generations',

@@ -58,7 +58,8 @@ class GeneticSettings:
         range_reduction: xi in ]0, 1]; the mutation shrinks with xi^(g-1), eq. 6.
         min_distance: d_min,0; survivors keep d_min,0 xi^(g-1) apart, eq. 7. Where fewer than
             `survivors` candidates do so, fewer survive and the next generation is smaller.
-        mutation: `gaussian_root` (eq. 5 with its root) or `laplace` (without).
+        mutation: `gaussian_root` (eq. 5 with its root), `laplace` (without) or `normal` (as its
+            text says).
         first_step: Factor on xi^(g-1) in eq. 6; 1 in the paper, where the first children are
             spread over the whole box. A tenth lets them search the surroundings of their parents
             at once.

@@ -12,6 +12,7 @@ import math
 from numba import njit
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 from scipy.stats import qmc
 
 Array = NDArray[np.float64]
@@ -51,6 +52,23 @@ def laplace(uniform: Array) -> Array:
     return _steps(uniform, False)
 
 
+def normal(uniform: Array) -> Array:
+    """Return mutation steps of the standard normal law, as the text beside eq. 5 has it.
+
+    Args:
+        uniform: Any shape, uniform in [0, 1].
+
+    Returns:
+        Same shape; the inverse of the normal distribution at x, finite at 0 and 1; variance 1.
+
+    Reference:
+        Ludwig and Gerstmayr (2011), section 2: "related to the inverse formula of standard normal
+        distribution".
+    """
+    steps: Array = ndtri(np.clip(uniform, TINY, 1.0 - 2.0**-53))
+    return steps
+
+
 def _steps(uniform: Array, root: bool) -> Array:
     # Generations are small and calls dear, so loops; the logarithm stays numpy's, to the last bit.
     flat = np.ascontiguousarray(uniform).reshape(-1)
@@ -84,6 +102,7 @@ def _with_sign(uniform: Array, steps: Array, root: bool) -> None:
 MUTATIONS: dict[str, Callable[[Array], Array]] = {
     'gaussian_root': gaussian_root,
     'laplace': laplace,
+    'normal': normal,
 }
 
 
@@ -163,7 +182,7 @@ def mutate(
         parents: (P, N) survivors in the unit cube.
         children: Children of each parent.
         scale: The factor xi^(g-1), g the parents' generation.
-        law: `gaussian_root` or `laplace`.
+        law: `gaussian_root`, `laplace` or `normal`.
         rng: Source of the draws, a fresh one for every component.
 
     Returns:

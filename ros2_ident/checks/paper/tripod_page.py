@@ -236,7 +236,11 @@ def tripod_text(findings: TripodFindings) -> str:
         '![Cost of all candidates over the time delay and the others](paper/figure_11.png)',
         (
             'One drive, noise 0.13 N m, d_min,0 = 0.5. The dots on the bounds of the box are '
-            'children of the first generations, whose steps are as wide as the box.'
+            'children of the first generations, whose steps are as wide as the box. '
+            "The paper's caption says 6 parameters, Tables 3 and 5 have five: the sixth is not "
+            'named there. Of the quantities of eq. 23 only the rail mass is in neither table, so '
+            'we take it '
+            'for the sixth; here the five of Table 3 vary.'
         ),
         f'### Figures 12 and 13: torque over {findings.plan.seconds:g} s and close-up',
         (

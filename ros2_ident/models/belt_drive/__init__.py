@@ -30,19 +30,24 @@ _CONSTANTS = (
     Key('drive', 'axial_stiffness', 'N', 'EA of the belt', 2.0e5, low=1.0, high=1e9),
     Key('drive', 'driving_inertia', 'kg m^2', 'J_1', 2.0e-5, low=1e-9, high=10.0),
     Key('drive', 'driven_inertia', 'kg m^2', 'J_2', 2.0e-5, low=1e-9, high=10.0),
-    Key('controller', 'position_gain', 'N m/rad', 'P', 45.0, low=1e-6, high=1e6),
+    Key('controller', 'position_gain', 'N m/rad', 'P; 0: no controller', 45.0, low=0.0, high=1e6),
+)
+_CYCLE = Key(
+    'controller', 'cycle', 's', 'time between two samples of the log', 2.0e-4, low=1e-6, high=0.05
 )
 _SHOWN = ('axial_stiffness', 'position_gain')
 
 KIND = Kind(
     name='belt_drive',
-    title='two gears, a belt and a mass on it; for Python only',
+    title='two gears, a belt and a mass on it',
     keys=(
         *head('belt_drive', ('driving_gear',), noise=0.0, effort=()),
         *_CONSTANTS,
+        _CYCLE,
         *(key.searched(shown=key.name in _SHOWN) for key in _CONSTANTS),
     ),
-    model=later('ros2_ident.models.belt_drive.model:BeltDrive'),
+    model=later('ros2_ident.models.belt_drive.recorded:RecordedBelt'),
     drives=1,
-    from_bag=False,
+    travel='rad',
+    compares=('effort', 'position'),
 )

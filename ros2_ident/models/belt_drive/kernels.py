@@ -31,10 +31,11 @@ def one_mode_set(c: Array, square: Array, weight: Array) -> bool:
     det(K - w^2 M) = 0 is a cubic in w^2, eq. 22. Its coefficients are written out with the rigid
     motion's cancellation done by hand: without a controller the belt alone has a zero eigenvalue.
     Weight i is the part of mode i in the response of phi1 to a step of phi1d; they add up to 1.
+    Without a controller the rigid motion has them all: phi1 stays where it is.
     """
     k1, k2, k3 = _stiffnesses(c)
     r2 = c[RADIUS] * c[RADIUS]
-    good = c[J1] > 0.0 and c[J2] > 0.0 and c[MASS] > 0.0 and c[P] > 0.0 and r2 > 0.0
+    good = c[J1] > 0.0 and c[J2] > 0.0 and c[MASS] > 0.0 and c[P] >= 0.0 and r2 > 0.0
     if not (good and k1 > 0.0 and k2 > 0.0 and k3 > 0.0):
         for i in range(3):
             square[i] = math.nan
@@ -71,6 +72,10 @@ def one_mode_set(c: Array, square: Array, weight: Array) -> bool:
         for j in range(2 - i):
             if square[j] > square[j + 1]:
                 square[j], square[j + 1] = square[j + 1], square[j]
+    if p == 0.0:
+        square[0] = 0.0
+        weight[0], weight[1], weight[2] = 1.0, 0.0, 0.0
+        return True
     # Squared first component of the unit eigenvectors from the minor without phi1:
     # v_i^2 = (w_i^2 - n1)(w_i^2 - n2) / prod (w_i^2 - w_j^2), n the minor's eigenvalues.
     for i in range(3):
@@ -143,8 +148,9 @@ def matrices(constants: Array) -> tuple[Array, Array]:
         stiffness[s, 1, 1] = r * r * (k2 + k3)
         stiffness[s, 2, 2] = k1 + k2
         stiffness[s, 0, 1] = stiffness[s, 1, 0] = -r * r * k3
-        stiffness[s, 0, 2] = stiffness[s, 2, 0] = -r * k1
-        stiffness[s, 1, 2] = stiffness[s, 2, 1] = -r * k2
+        # The sign of x as eqs. 10 and 21 are printed: the mass moves against the gears.
+        stiffness[s, 0, 2] = stiffness[s, 2, 0] = r * k1
+        stiffness[s, 1, 2] = stiffness[s, 2, 1] = r * k2
     return mass, stiffness
 
 

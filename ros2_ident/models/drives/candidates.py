@@ -56,7 +56,14 @@ CONSTANT_ROWS = {
     'velocity_feedforward': 'feedforward',
     'torque_limit': 'torque_limit',
 }
-_OF_MACHINE = ('gravity', 'rail_radius', 'rod_length')
+_OF_MACHINE = ('gravity', 'rail_radius', 'rod_length', 'arm_length')
+# Of arms on shafts: the constants' rows.
+_OF_ARMS = {
+    'shaft_azimuth': 'rail_azimuth',
+    'arm_inertia': 'rail_mass',
+    'arm_moment': 'arm_moment',
+    'arm_zero': 'arm_zero',
+}
 # Of a servo: constants that have a row of their own name.
 SERVO_ROWS = (
     'torque_constant',
@@ -84,6 +91,8 @@ SLOTS: Mapping[str, Slot] = dict(
     rail_azimuth=Slot('rail_azimuth', False, 'physical', _FILE),
     **{name: Slot(name, True, 'physical', _FILE) for name in _OF_MACHINE},
     **{name: Slot(name, False, 'physical', _FILE) for name in SERVO_ROWS},
+    shaft_radius=Slot('rail_radius', True, 'physical', _FILE),
+    **{name: Slot(row, False, 'physical', _FILE) for name, row in _OF_ARMS.items()},
     armature=Slot('drive_inertia', False, 'physical', _FILE),
     duty_limit=Slot('torque_limit', False, 'physical', _FILE),
 )
@@ -263,11 +272,13 @@ class Candidates:
         turns = travel == 'rad'
         out = []
         for p in get_effect(at.effect).parameters:
-            factor = self._factor(p.unit, effort, force, travel)
+            # What belongs to the machine is no angle, however its drives turn.
+            own = p.target in rows.MACHINE_ROWS
+            factor = 1.0 if own else self._factor(p.unit, effort, force, travel)
             out.append(
                 replace(
                     p,
-                    unit=angular(p.unit) if turns else p.unit,
+                    unit=angular(p.unit) if turns and not own else p.unit,
                     low=p.low * factor,
                     high=p.high * factor,
                     neutral=p.neutral * factor,

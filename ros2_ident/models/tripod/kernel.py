@@ -25,24 +25,14 @@ from ros2_ident.lanes import (
     load,
     parted,
     spread,
-    sqrt,
     store,
     where,
     WIDTH,
 )
+from ros2_ident.models.tripod.linkage import LINKAGE, on_arms, on_rails
 
 W = WIDTH
-RADIUS = row_of('rail_radius')
-INVERSE_RADIUS = row_of('rail_inverse_radius')
-RAIL_X, RAIL_Y = row_of('rail_x'), row_of('rail_y')
-RAIL_2_X, RAIL_2_Y = row_of('rail_2_x'), row_of('rail_2_y')
-RAIL_3_X, RAIL_3_Y = row_of('rail_3_x'), row_of('rail_3_y')
-RAIL_X_2, RAIL_X_3 = row_of('rail_x_2'), row_of('rail_x_3')
-RAIL_Y_2, RAIL_Y_3 = row_of('rail_y_2'), row_of('rail_y_3')
-LENGTH = row_of('rod_length')
 TOOL = row_of('tool_mass')
-ROD = row_of('mass_per_rod')
-GRAVITY = row_of('gravity')
 PAYLOAD = row_of('payload_step')
 PAYLOAD_TIME = row_of('payload_time')
 PAYLOAD_DURATION = row_of('payload_duration')
@@ -53,9 +43,6 @@ FRAME_DAMPING = row_of('frame_damping')
 # Coordinates: motors 0-2, carriages 3-5, frame 6.
 COORDINATES = 7
 MOTOR, CARRIAGE, FRAME = 0, 3, 6
-# Rows of the linkage block: inverse mass matrix 0-5 (11 22 33 12 13 23), load 6-8, coupling of the
-# frame's acceleration 9-11, its own bias 12, the mass it carries 13.
-LINKAGE = 14
 # What goes on from a part of the log to the next: as many numbers of each block.
 STATE = W * ((2 + rk.STAGES) * COORDINATES + 3 * (1 + MEMORY_COUNT + measurement.KEPT))
 ROOM = STATE + W * (
@@ -64,114 +51,12 @@ ROOM = STATE + W * (
 
 
 @inlined
-def _linkage(par, s1, s2, s3, w1, w2, w3, tool, frame, out):
-    """Write mass matrix and load of the linkage at carriages s [m] and rates w [m/s].
-
-    s'' = inverse mass matrix (gear forces - load).
-    """
-    x, y = load(par, RAIL_X * W), load(par, RAIL_Y * W)
-    x_2, x_3 = load(par, RAIL_X_2 * W), load(par, RAIL_X_3 * W)
-    y_2, y_3 = load(par, RAIL_Y_2 * W), load(par, RAIL_Y_3 * W)
-    radius = load(par, RADIUS * W)
-    length = load(par, LENGTH * W)
-    rod = load(par, ROD * W)
-    gravity = load(par, GRAVITY * W)
-    u2 = s2 - s1
-    u3 = s3 - s1
-    inverse = load(par, INVERSE_RADIUS * W)
-    bx = (x_2 * u2 + x_3 * u3) * inverse
-    by = (y_2 * u2 + y_3 * u3) * inverse
-    h2 = 0.5 * u2 * u2
-    h3 = 0.5 * u3 * u3
-    qx = (x_2 * h2 + x_3 * h3) * inverse - radius * x
-    qy = (y_2 * h2 + y_3 * h3) * inverse - radius * y
-    # The rods (x, y, z): |q + b z1|^2 + z1^2 = L^2; the platform hangs below the carriages.
-    a = bx * bx + by * by + 1.0
-    b = bx * qx + by * qy
-    z1 = (sqrt(b * b - a * (qx * qx + qy * qy - length * length)) - b) / a
-    z2 = z1 + u2
-    z3 = z1 + u3
-    x1 = -(qx + bx * z1)
-    y1 = -(qy + by * z1)
-    x2 = x1 + radius * load(par, RAIL_2_X * W)
-    y2 = y1 + radius * load(par, RAIL_2_Y * W)
-    x3 = x1 + radius * load(par, RAIL_3_X * W)
-    y3 = y1 + radius * load(par, RAIL_3_Y * W)
-    # Rows (x, y, z) times the platform's velocity give z s'. The inverse of their matrix, but for
-    # its determinant:
-    cx1 = y2 * z3 - y3 * z2
-    cy1 = z2 * x3 - z3 * x2
-    cz1 = x2 * y3 - x3 * y2
-    cx2 = y3 * z1 - y1 * z3
-    cy2 = z3 * x1 - z1 * x3
-    cz2 = x3 * y1 - x1 * y3
-    cx3 = y1 * z2 - y2 * z1
-    cy3 = z1 * x2 - z2 * x1
-    cz3 = x1 * y2 - x2 * y1
-    over = 1.0 / (x1 * cx1 + y1 * cy1 + z1 * cz1)
-    # Columns of A = dp/ds.
-    k1 = z1 * over
-    k2 = z2 * over
-    k3 = z3 * over
-    ax1 = cx1 * k1
-    ay1 = cy1 * k1
-    az1 = cz1 * k1
-    ax2 = cx2 * k2
-    ay2 = cy2 * k2
-    az2 = cz2 * k2
-    ax3 = cx3 * k3
-    ay3 = cy3 * k3
-    az3 = cz3 * k3
-    vx = ax1 * w1 + ax2 * w2 + ax3 * w3
-    vy = ay1 * w1 + ay2 * w2 + ay3 * w3
-    vz = az1 * w1 + az2 * w2 + az3 * w3
-    # The part of the platform's acceleration that the rates make.
-    square = vx * vx + vy * vy
-    c1 = (square + (w1 - vz) * (w1 - vz)) * over
-    c2 = (square + (w2 - vz) * (w2 - vz)) * over
-    c3 = (square + (w3 - vz) * (w3 - vz)) * over
-    bias_x = cx1 * c1 + cx2 * c2 + cx3 * c3
-    bias_y = cy1 * c1 + cy2 * c2 + cy3 * c3
-    bias_z = cz1 * c1 + cz2 * c2 + cz3 * c3
-    # Each rod's mass is halved between its ends (Codourey 1998).
-    mass = tool + 1.5 * rod
-    r1 = load(par, (MACHINE_COUNT + dk.RAIL_MASS) * W) + 0.5 * rod
-    r2 = load(par, (MACHINE_COUNT + DRIVE_COUNT + dk.RAIL_MASS) * W) + 0.5 * rod
-    r3 = load(par, (MACHINE_COUNT + 2 * DRIVE_COUNT + dk.RAIL_MASS) * W) + 0.5 * rod
-    lift = bias_z + gravity
-    store(out, 6 * W, mass * (ax1 * bias_x + ay1 * bias_y + az1 * lift) + gravity * r1)
-    store(out, 7 * W, mass * (ax2 * bias_x + ay2 * bias_y + az2 * lift) + gravity * r2)
-    store(out, 8 * W, mass * (ax3 * bias_x + ay3 * bias_y + az3 * lift) + gravity * r3)
-    mx1 = mass * ax1
-    my1 = mass * ay1
-    mz1 = mass * az1
-    mx2 = mass * ax2
-    my2 = mass * ay2
-    mz2 = mass * az2
-    m11 = mx1 * ax1 + my1 * ay1 + (mz1 * az1 + r1)
-    m22 = mx2 * ax2 + my2 * ay2 + (mz2 * az2 + r2)
-    m33 = mass * (ax3 * ax3 + ay3 * ay3 + az3 * az3) + r3
-    m12 = mx1 * ax2 + my1 * ay2 + mz1 * az2
-    m13 = mx1 * ax3 + my1 * ay3 + mz1 * az3
-    m23 = mx2 * ax3 + my2 * ay3 + mz2 * az3
-    n11 = m22 * m33 - m23 * m23
-    n12 = m13 * m23 - m12 * m33
-    n13 = m12 * m23 - m13 * m22
-    det = 1.0 / (m11 * n11 + m12 * n12 + m13 * n13)
-    store(out, 0, n11 * det)
-    store(out, W, (m11 * m33 - m13 * m13) * det)
-    store(out, 2 * W, (m11 * m22 - m12 * m12) * det)
-    store(out, 3 * W, n12 * det)
-    store(out, 4 * W, n13 * det)
-    store(out, 5 * W, (m12 * m13 - m11 * m23) * det)
-    if frame:
-        # The frame lifts everything: what its acceleration does to the carriages is what gravity
-        # does.
-        store(out, 9 * W, r1 + mass * az1)
-        store(out, 10 * W, r2 + mass * az2)
-        store(out, 11 * W, r3 + mass * az3)
-        store(out, 12 * W, mass * bias_z)
-        store(out, 13 * W, r1 + r2 + r3 + mass)
+def _linkage(par, arms, s1, s2, s3, w1, w2, w3, tool, frame, out):
+    """Write mass matrix and load of the linkage at the drives' places and rates."""
+    if arms is not None:
+        on_arms(par, s1, s2, s3, w1, w2, w3, tool, frame, out)
+    else:
+        on_rails(par, s1, s2, s3, w1, w2, w3, tool, frame, out)
 
 
 @inlined
@@ -289,6 +174,7 @@ def _build(digest):
         on,
         delayed,
         frame,
+        arms,
         cycle,
         law,
         wanted,
@@ -319,6 +205,7 @@ def _build(digest):
             on: (3,) flags of the effects; with None no hooks are compiled.
             delayed: Whether command delays are on.
             frame: Whether the frame can move.
+            arms: True where the drives turn arms; None where they move carriages on rails.
             cycle: Controller cycle [s].
             law: (3,) VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
             wanted, measured, samples, moving, out: As for `measurement.hand_on`.
@@ -358,6 +245,7 @@ def _build(digest):
                     store(place, (CARRIAGE + d) * W, spread(start))
                 _linkage(
                     par,
+                    arms,
                     load(place, CARRIAGE * W),
                     load(place, (CARRIAGE + 1) * W),
                     load(place, (CARRIAGE + 2) * W),
@@ -428,6 +316,7 @@ def _build(digest):
                     now = where(inside, tool + load(par, PAYLOAD * W), tool)
                 _linkage(
                     par,
+                    arms,
                     load(place, CARRIAGE * W) + half * w1,
                     load(place, (CARRIAGE + 1) * W) + half * w2,
                     load(place, (CARRIAGE + 2) * W) + half * w3,

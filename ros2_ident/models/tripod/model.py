@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tripod of Ludwig and Gerstmayr 2011, section 4: three vertical drives, all coupled."""
 
+from typing import ClassVar
+
 import numpy as np
 
 from ros2_ident.kernel import rows
@@ -19,6 +21,8 @@ class Tripod(DriveModel):
     """Three motors, gears and carriages, and a platform on massless rods; see `DriveModel`."""
 
     features = frozenset({'platform'})
+    # Whether the drives turn arms, as the kernel takes it: a type of its own.
+    arms: ClassVar[bool | None] = None
 
     def _constants(self) -> Array:
         base: Array = rows.neutral_rows(1, 3)[0]
@@ -61,6 +65,7 @@ class Tripod(DriveModel):
             flags,
             self.candidates.delayed,
             self.candidates.frame,
+            self.arms,
             self.cycle,
             self.law,
             *task,

@@ -9,6 +9,22 @@ import numpy.typing as npt
 from ros2_ident.machine.draft import Remark
 from ros2_ident.machine.machine import Machine
 
+Array = npt.NDArray[np.float64]
+
+
+def share_apart(corner: Array, rod: float) -> float:
+    """Return the share of instants at which three rods do not meet.
+
+    Args:
+        corner: (3, K, 3) upper ends of the rods [m], NaN where they are not known.
+        rod: Their length [m].
+    """
+    # The rods meet where the circle through the three carriages is smaller than they are long.
+    side = [np.linalg.norm(corner[i] - corner[i - 1], axis=-1) for i in range(3)]
+    area = np.linalg.norm(np.cross(corner[1] - corner[0], corner[2] - corner[0]), axis=-1)
+    circle: Array = side[0] * side[1] * side[2] / (2.0 * area)
+    return float(np.mean(circle[np.isfinite(circle)] >= rod)) if circle.size else 0.0
+
 
 def check_reach(machine: Machine, height: npt.NDArray[np.float64]) -> Iterator[Remark]:
     """Say where the rods of a tripod cannot meet at the recorded positions.
@@ -23,11 +39,7 @@ def check_reach(machine: Machine, height: npt.NDArray[np.float64]) -> Iterator[R
     corner = np.stack(
         [*np.broadcast_arrays(radius * np.cos(azimuth), radius * np.sin(azimuth), height)], axis=-1
     )
-    # The rods meet where the circle through the three carriages is smaller than they are long.
-    side = [np.linalg.norm(corner[i] - corner[i - 1], axis=-1) for i in range(3)]
-    area = np.linalg.norm(np.cross(corner[1] - corner[0], corner[2] - corner[0]), axis=-1)
-    circle: npt.NDArray[np.float64] = side[0] * side[1] * side[2] / (2.0 * area)
-    share = float(np.mean(circle[np.isfinite(circle)] >= rod)) if circle.size else 0.0
+    share = share_apart(corner, rod)
     if share > 0.0:
         yield Remark(
             'error',

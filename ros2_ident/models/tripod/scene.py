@@ -7,7 +7,13 @@ import numpy.typing as npt
 from ros2_ident.errors import IdentError
 from ros2_ident.machine.figure import Figure
 from ros2_ident.machine.machine import Machine
-from ros2_ident.reference.layout import DRIVE_COLUMNS, RAIL_X, RAIL_Y, ROD_LENGTH
+from ros2_ident.reference.layout import (
+    DRIVE_COLUMNS,
+    RAIL_X,
+    RAIL_Y,
+    ROD_LENGTH,
+    SHARED_COLUMNS,
+)
 from ros2_ident.reference.rest import platform_at
 
 Array = npt.NDArray[np.float64]
@@ -33,7 +39,7 @@ def figure(machine: Machine, position: Array) -> Figure | None:
     rods[:, ROD_LENGTH] = machine.number('rod_length')
     carriage = position.T
     try:
-        tool = np.array([platform_at(row, rods) for row in carriage])
+        tool = np.array([platform_at(row, np.zeros(SHARED_COLUMNS), rods) for row in carriage])
     except IdentError:
         return None
     corner = np.column_stack([0.25 * radius * rail, np.zeros(3)])

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulator of the user's own: an MJCF whose actuators close the loop, stepped by MuJoCo."""
+
+from ros2_ident.machine.keys import head, Key
+from ros2_ident.machine.kind import Kind, later
+from ros2_ident.models.drives import keys
+
+_DESCRIPTION = Key(
+    'geometry',
+    'description',
+    '',
+    "MJCF without files of its own, its way from this file's folder",
+    'robot.xml',
+    file=True,
+)
+
+
+def _named(name: str, meaning: str, example: str, absent: str) -> Key:
+    return Key(
+        'drive', name, '', meaning, example, absent=absent, default='', shown=False, each=True
+    )
+
+
+def _found(
+    name: str, unit: str, meaning: str, example: tuple[float, float], high: float,
+    shown: bool = True, low: float = 0.0,
+) -> Key:  # fmt: skip
+    return Key(
+        'parameters', name, unit, meaning, example, "the description's by default", low=low,
+        high=high, shown=shown, each=True,
+    )  # fmt: skip
+
+
+KIND = Kind(
+    name='mujoco',
+    title="a simulator of the user's own: an MJCF, its actuators following the set-points",
+    keys=(
+        *head('mujoco', ('joint_1',)),
+        _DESCRIPTION,
+        _named('joint', "name of the drive's joint in the description", 'joint_1', "the drive's"),
+        _named('actuator', 'name of its actuator', 'joint_1', 'the one that acts on the joint'),
+        Key(
+            'drive',
+            'direction',
+            '',
+            "forward, or backward where the log's positive direction is the joint's negative",
+            'forward',
+            absent='forward by default',
+            default='forward',
+            each=True,
+            choices=('forward', 'backward'),
+        ),
+        Key('controller', 'cycle', 's', 'how long a set-point holds', 0.01, low=1e-6, high=0.1),
+        keys.DELAY.at((0.0, 0.05), shown=False, absent='none by default'),
+        _found('joint_zero', 'rad', "the log's position where the joint's is 0", (-3.2, 3.2),
+               100.0, shown=False, low=-100.0),
+        _found('armature', 'kg m^2', 'of rotor and gear, at the joint', (0.0, 0.1), 1e4),
+        _found('damping', 'N m s/rad', 'viscous friction of the joint', (0.0, 2.0), 1e5),
+        _found('frictionloss', 'N m', 'dry friction of the joint', (0.0, 0.5), 1e5),
+        _found('stiffness', 'N m/rad', "of the joint's spring", (0.0, 10.0), 1e6, shown=False),
+        _found('kp', 'N m/rad', 'torque of the actuator per position error', (1.0, 1e3), 1e7),
+        _found('kv', 'N m s/rad', 'torque of the actuator per velocity', (0.0, 10.0), 1e6),
+        _found('force_limit', 'N m', 'largest torque of the actuator', (0.1, 10.0), 1e6,
+               shown=False),
+        _found('actuator_gear', '1', 'torque at the joint per torque of the actuator',
+               (0.5, 2.0), 1e4, shown=False, low=-1e4),
+        _found('set_point_delay', 's', 'how late the actuator takes its set-point', (0.0, 0.2),
+               1.0),
+        _found('body_mass', 'kg', "of the joint's body, its inertia in proportion", (0.0, 2.0),
+               1e4, shown=False),
+        _found('body_place', '1', "factor on the body's place in its parent", (0.9, 1.1), 10.0,
+               shown=False),
+        Key('parameters', 'free_fall', 'm/s^2', 'acceleration of free fall', (9.7, 9.9),
+            "the description's by default", low=0.0, high=25.0, shown=False),
+    ),
+    model=later('ros2_ident.models.mujoco.model:Mujoco'),
+    starts_in_motion=True,
+    travel='rad',
+    compares=('position',),
+)  # fmt: skip

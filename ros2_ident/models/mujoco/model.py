@@ -1,0 +1,363 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording beside a simulator of the user's own."""
+
+from collections.abc import Mapping, Sequence
+import functools
+import math
+from typing import Any
+
+import numpy as np
+
+from ros2_ident.effects import CATALOGUE, Context, EffectParameter, get_effect, Hook
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.kernel import rows
+from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.parameter import Parameter
+from ros2_ident.models.drives.candidates import Candidates
+from ros2_ident.models.drives.effort_range import effort_range
+from ros2_ident.models.drives.outputs import chosen_outputs
+from ros2_ident.models.mujoco import KIND
+from ros2_ident.models.mujoco.plant import Array, Plant
+from ros2_ident.models.protocol import EffectAt, FullModel, Output
+from ros2_ident.recording import Dataset
+
+# Rows of the kernels' whose change an MJCF can express, and what they are at their neutral value.
+_FACTORS = ('position_gain', 'velocity_gain', 'log_gain')
+_EXPRESSED = frozenset(
+    (*_FACTORS, 'coulomb', 'viscous', 'set_point_delay', 'torque_limit', 'log_bias', 'log_delay')
+)
+_SHARED = frozenset(('measurement_delay', 'free_fall'))
+# Parameters that are no attribute of the simulator.
+_OUTSIDE = frozenset(('measurement_delay', 'joint_zero', 'set_point_delay'))
+# Samples of the position that show how fast a joint starts.
+_FIRST = 10
+_SENSORS = {'effort': 'jointactuatorfrc', 'position': 'jointpos', 'velocity': 'jointvel'}
+
+
+class Mujoco(FullModel):
+    """Joints of an MJCF under its own actuators, which follow the set-points of a log.
+
+    Args:
+        machine: The machine.
+        data: The recording; its set-point is the actuators' control.
+        drives: Drives that are compared and whose parameters are free; the others move along as
+            described. All by default.
+        effects: Effects besides the description.
+        fixed: Values of parameters that are not to be identified, by name.
+        cutoff: Not read: recorded motion does not drive it.
+        efforts: (D,) size of the drives' efforts, of which bounds of effects are shares.
+        quantities: What is compared: `effort`, `position`, `velocity`.
+        weights: Factor on the errors of each quantity; 1 by default.
+
+    Raises:
+        IdentError: INVALID_GOAL, UNKNOWN_MODEL, UNKNOWN_PARAMETER, MISSING_STREAM or
+        BAD_MACHINE_FILE with the remedy.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        data: Dataset,
+        *,
+        drives: Sequence[str] | None = None,
+        effects: Sequence[EffectAt] = (),
+        fixed: Mapping[str, float] | None = None,
+        cutoff: float = 100.0,
+        efforts: Array | None = None,
+        quantities: Sequence[str] = ('position',),
+        weights: Sequence[float] | None = None,
+    ) -> None:
+        if data.command_position is None:
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                'the recording holds no set-point, which the actuators of the simulator follow; '
+                'record it too',
+            )
+        self._machine, self._data = machine, data
+        self.name = machine.kind
+        self.noise = machine.effort_noise if 'effort' in quantities else 0.0
+        self.plant = _plant(machine)
+        self.drives = tuple(n for n in machine.drives if n in (drives or machine.drives))
+        self.signals = chosen_outputs(machine.drives, self.drives, quantities, weights)
+        self._effects, self._fixed = tuple(effects), dict(fixed or {})
+        self._efforts = self._sizes(efforts)
+        self._parts = self._declared()
+        self._candidates = Candidates(
+            machine, self.drives, effects, self._fixed, self._base, True, self._efforts,
+            ('rad',) * len(machine.drives), self._parts,
+        )  # fmt: skip
+        order = [data.names.index(name) for name in machine.drives]
+        self._command = np.asarray(data.command_position)[order]
+        self._begin = np.array([_beginning(data, row) for row in order]).T
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what is compiled: another process compiles the description itself."""
+        return {name: value for name, value in vars(self).items() if name != 'plant'}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Compile the description again."""
+        vars(self).update(state)
+        self.plant = _plant(self._machine)
+
+    def _sizes(self, efforts: Array | None) -> Array:
+        """Return (D,) sizes of efforts: the log's, else the actuators' limits."""
+        if self._data.effort is not None:
+            return effort_range(self._machine, [self._data]) if efforts is None else efforts
+        limits = [self.plant.stated('force_limit', d) for d in range(len(self._machine.drives))]
+        return np.array([limit if math.isfinite(limit) else 1.0 for limit in limits])
+
+    @property
+    def _base(self) -> Array:
+        """(R,) neutral rows, gains as factors of the description's."""
+        base: Array = rows.neutral_rows(1, len(self._machine.drives))[0]
+        for d in range(len(self._machine.drives)):
+            for name in _FACTORS:
+                base[rows.row_of(name, d)] = 1.0
+            base[rows.row_of('torque_limit', d)] = math.inf
+            base[rows.row_of('gear', d)] = base[rows.row_of('regularisation', d)] = 1.0
+        return base
+
+    def _declared(self) -> dict[str, list[Parameter]]:
+        """Return the parameters of each name in the machine file: one, or one of each drive."""
+        meaning = {key.name: key.meaning for key in KIND.keys if key.section == 'parameters'}
+        found = {}
+        for name in self._machine.bounds:
+            places: tuple[str | None, ...] = (None,) if name in _SHARED else self.drives
+            kind: Any = 'measurement' if name == 'measurement_delay' else 'physical'
+            found[name] = [
+                Parameter(
+                    name if drive is None else f'{drive}.{name}',
+                    self._machine.box(name, drive)[2],
+                    *self._machine.box(name, drive)[:2],
+                    kind,
+                    f'MJCF: {meaning[name]}',
+                )
+                for drive in places
+            ]
+        return found
+
+    # ------------------------------------------------------------------ what it is
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The free parameters, in the order of theta's columns."""
+        return self._candidates.free
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """What is compared: quantity by quantity, drive by drive within."""
+        return self.signals.described(self.effort_unit, 'rad')
+
+    @functools.cached_property
+    def measured(self) -> Array:
+        """(O, K) measured outputs, NaN where there is no sample."""
+        return self.signals.measured(self._data)
+
+    @property
+    def cycle(self) -> float:
+        """Seconds from one set-point to the next."""
+        return self._data.cycle
+
+    @property
+    def data(self) -> Dataset:
+        """The recording."""
+        return self._data
+
+    @property
+    def machine(self) -> Machine:
+        """The machine."""
+        return self._machine
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The drives compared."""
+        return self.drives
+
+    @property
+    def effort_unit(self) -> str:
+        """Unit of efforts."""
+        return 'N m'
+
+    # ------------------------------------------------------------------ effects
+
+    @property
+    def effects(self) -> tuple[EffectAt, ...]:
+        """Effects besides the description."""
+        return self._effects
+
+    def extensions(self) -> tuple[EffectAt, ...]:
+        """Return every effect that an MJCF can express, at every drive it can sit on."""
+        context = self._context
+        return tuple(
+            EffectAt(effect.id, drive)
+            for effect in CATALOGUE.values()
+            if effect.hook is Hook.PARAMETER
+            and effect.place == 'drive'
+            and {p.target for p in effect.parameters} <= _EXPRESSED
+            and effect.applies(context)
+            for drive in self.drives
+        )
+
+    @property
+    def _context(self) -> Context:
+        """What simulator and log offer; what is identified as an attribute is no effect."""
+        rows_of = {'damping': 'viscous', 'frictionloss': 'coulomb', 'kp': 'position_gain',
+                   'kv': 'velocity_gain', 'force_limit': 'torque_limit',
+                   'measurement_delay': 'log_delay'}  # fmt: skip
+        return Context(
+            drives=len(self._machine.drives),
+            identified=frozenset(rows_of.get(name, name) for name in self._machine.bounds),
+            lifted=True,
+            effort='effort' in self.signals.quantities,
+        )
+
+    def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:
+        """Return an effect's parameters with the numbers they have at a place, in their units."""
+        return self._candidates.scaled(at)
+
+    def extended(self, effects: Sequence[EffectAt]) -> 'Mujoco':
+        """Return the model of the same recording with these effects and no others."""
+        for at in effects:
+            targets = {p.target for p in get_effect(at.effect).parameters}
+            if not targets <= _EXPRESSED:
+                raise IdentError(
+                    ErrorCode.INVALID_GOAL,
+                    f'a {self.name} cannot be extended by {at.effect}, which an MJCF has no '
+                    'attribute for',
+                )
+        return type(self)(
+            self._machine, self._data, drives=self.drives, effects=effects, fixed=self._fixed,
+            efforts=self._efforts, quantities=self.signals.quantities,
+            weights=self.signals.weights,
+        )  # fmt: skip
+
+    def effort_limit(self, place: str) -> float:
+        """Return the effort that a share of a drive's limit refers to [N m]."""
+        return self.plant.stated('force_limit', self._machine.drives.index(place))
+
+    # ------------------------------------------------------------------ simulation
+
+    def simulate(self, theta: Array) -> Array:
+        """Return (S, O, K) outputs of candidates (S, N); inf where one diverged."""
+        theta = np.atleast_2d(np.asarray(theta, dtype=float))
+        out = np.empty((len(theta), len(self.signals), self._command.shape[1]))
+        part = self.plant.together(self._command.shape[1])
+        for first in range(0, len(theta), part):
+            out[first : first + part] = self._simulated(theta[first : first + part])
+        diverged = ~np.isfinite(out).all(axis=(1, 2))
+        out[diverged] = math.inf
+        return out
+
+    def _simulated(self, theta: Array) -> Array:
+        own = self._candidates.own_values(theta)
+        block = self._candidates.rows(theta)
+        count = len(self._machine.drives)
+        row = {n: block[:, [rows.row_of(n, d) for d in range(count)]] for n in _EXPRESSED}
+        sense = np.array([at.sense for at in self.plant.places])
+        zero = self._own('joint_zero', own, len(theta))
+        late = self._own('set_point_delay', own, len(theta)) + row['set_point_delay']
+        command = _late(self._command, late / self.cycle)
+        start = np.repeat(self._begin[None], len(theta), axis=0)
+        start[:, 0] = sense * (start[:, 0] - zero)
+        start[:, 1] *= sense
+        values = [self._attributes(own, row, s) for s in range(len(theta))]
+        in_joints = sense[:, None] * (command - zero[:, :, None])
+        told = self.plant.rollout(values, in_joints, start)
+        parts = []
+        places = list(self.signals.places)
+        for quantity in self.signals.quantities:
+            seen = sense[:, None] * told[_SENSORS[quantity]]
+            if quantity == 'position':
+                seen = seen + zero[:, :, None]
+            if quantity == 'effort':
+                seen = _late(seen, row['log_delay'] / self.cycle)
+                seen = row['log_gain'][:, :, None] * seen + row['log_bias'][:, :, None]
+            parts.append(seen[:, places])
+        return np.concatenate(parts, axis=1)
+
+    def _own(self, name: str, own: Mapping[str, Array], count: int) -> Array:
+        """Return (S, D) a parameter of each drive; 0 where it is none."""
+        zero = np.zeros(count)
+        return np.stack([own.get(f'{d}.{name}', zero) for d in self._machine.drives], axis=1)
+
+    def _attributes(
+        self, own: Mapping[str, Array], row: Mapping[str, Array], s: int
+    ) -> dict[str, dict[int, float]]:
+        """Return the simulator's attributes in candidate `s`, effects put in."""
+        found: dict[str, dict[int, float]] = {}
+        for name, several in self._parts.items():
+            if name in _OUTSIDE:
+                continue
+            for parameter in several:
+                drive = parameter.name.rpartition('.')[0]
+                number = self._machine.drives.index(drive) if drive else 0
+                found.setdefault(name, {})[number] = float(own[parameter.name][s])
+        for name, target in (('frictionloss', 'coulomb'), ('damping', 'viscous')):
+            for d in np.flatnonzero(row[target][s]):
+                value = self._attribute(found, name, int(d)) + row[target][s, d]
+                found.setdefault(name, {})[int(d)] = max(float(value), 0.0)
+        for name, target in (('kp', 'position_gain'), ('kv', 'velocity_gain')):
+            for d in np.flatnonzero(row[target][s] != 1.0):
+                value = self._attribute(found, name, int(d)) * row[target][s, d]
+                found.setdefault(name, {})[int(d)] = float(value)
+        for d in np.flatnonzero(np.isfinite(row['torque_limit'][s])):
+            share = row['torque_limit'][s, d] / self._candidates.full_effort(int(d))
+            limit = self._attribute(found, 'force_limit', int(d))
+            whole = limit if math.isfinite(limit) else self._candidates.full_effort(int(d))
+            found.setdefault('force_limit', {})[int(d)] = float(share * whole)
+        return found
+
+    def _attribute(self, found: Mapping[str, Mapping[int, float]], name: str, d: int) -> float:
+        """Return an attribute as a candidate has it so far, else the description's."""
+        return found[name][d] if d in found.get(name, {}) else self.plant.stated(name, d)
+
+
+@functools.lru_cache(maxsize=8)
+def _compiled(key: '_Same') -> Plant:
+    return Plant(key.machine)
+
+
+class _Same:
+    """A machine that is the key of its compiled model: by what the model is made from."""
+
+    def __init__(self, machine: Machine) -> None:
+        self.machine = machine
+        words = ('description', 'joint', 'actuator', 'direction')
+        cycle = machine.number('cycle')
+        self._made = (machine.drives, cycle, *(machine.texts(word) for word in words))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self._made == other._made
+
+    def __hash__(self) -> int:
+        return hash(self._made)
+
+
+def _plant(machine: Machine) -> Plant:
+    """Return the compiled model of a machine, made once in a process."""
+    return _compiled(_Same(machine))
+
+
+def _beginning(data: Dataset, row: int) -> tuple[float, float]:
+    """Return where a joint is at the log's start, and how fast: by its first samples."""
+    assert data.command_position is not None
+    if data.position is None:
+        return float(data.command_position[row, 0]), 0.0
+    there = np.flatnonzero(np.isfinite(data.position[row]))[:_FIRST]
+    if len(there) < _FIRST:
+        return float(data.command_position[row, 0]), 0.0
+    slope, place = np.polyfit(there * data.cycle, data.position[row, there], 1)
+    return float(place), float(slope)
+
+
+def _late(signal: Array, cycles: Array) -> Array:
+    """Return signals (S, D, K) or (D, K) late by (S, D) cycles, linear between two instants."""
+    count = signal.shape[-1]
+    whole = np.broadcast_to(signal, (*cycles.shape, count))
+    if not cycles.any():
+        return np.ascontiguousarray(whole)
+    at = np.clip(np.arange(count) - cycles[..., None], 0.0, count - 1.0)
+    before = np.minimum(at.astype(np.int64), max(count - 2, 0))
+    low = np.take_along_axis(whole, before, axis=2)
+    high = np.take_along_axis(whole, np.minimum(before + 1, count - 1), axis=2)
+    return np.asarray(low + (at - before) * (high - low))

@@ -1,0 +1,332 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An MJCF compiled, its attributes by name, and candidates rolled out.
+
+Nothing else in the package imports MuJoCo. Every thread has models and data of its own.
+"""
+# mypy: disable-error-code="no-any-return"
+
+from collections.abc import Callable, Mapping
+import copy
+import functools
+import math
+import threading
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.machine import Machine
+
+Array = npt.NDArray[np.float64]
+
+# Candidates rolled out at a time: enough that the call costs nothing, few enough for the memory.
+_TOGETHER, _NUMBERS = 64, 4_000_000
+_QUANTITIES = ('jointpos', 'jointvel', 'jointactuatorfrc')
+
+
+def _mujoco() -> Any:
+    try:
+        import mujoco
+        import mujoco.rollout
+    except ImportError as error:
+        raise IdentError(
+            ErrorCode.UNKNOWN_MODEL,
+            'a machine of the kind mujoco needs MuJoCo, which is not installed; '
+            '`pip install "ros2_ident[mujoco]"`',
+        ) from error
+    return mujoco
+
+
+class Place:
+    """Where a drive is in a compiled model.
+
+    Attributes:
+        joint: Number of its joint.
+        position: Where its position is in qpos.
+        dof: Number of its degree of freedom.
+        actuator: Number of its actuator.
+        body: Number of its body.
+        sense: 1, or -1 where the log counts backwards.
+    """
+
+    def __init__(self, model: Any, joint: str, actuator: str, sense: float) -> None:
+        mj = _mujoco()
+        self.joint = _number(model, mj.mjtObj.mjOBJ_JOINT, joint, 'joint')
+        one_axis = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
+        if int(model.jnt_type[self.joint]) not in one_axis:
+            raise IdentError(
+                ErrorCode.BAD_MACHINE_FILE,
+                f'joint {joint} of geometry.description neither turns about nor slides along one '
+                'axis; leave it out of drives',
+            )
+        self.position, self.dof = int(model.jnt_qposadr[self.joint]), int(
+            model.jnt_dofadr[self.joint]
+        )
+        self.body, self.sense = int(model.jnt_bodyid[self.joint]), sense
+        if actuator:
+            self.actuator = _number(model, mj.mjtObj.mjOBJ_ACTUATOR, actuator, 'actuator')
+            return
+        acting = np.flatnonzero(model.actuator_trnid[:, 0] == self.joint)
+        if acting.size != 1:
+            raise IdentError(
+                ErrorCode.BAD_MACHINE_FILE,
+                f'{acting.size} actuators of geometry.description act on joint {joint}; name the '
+                'one that follows the set-point in drive.actuator',
+            )
+        self.actuator = int(acting[0])
+
+
+def _number(model: Any, kind: Any, name: str, word: str) -> int:
+    mj = _mujoco()
+    found = mj.mj_name2id(model, kind, name)
+    if found < 0:
+        count = {'joint': model.njnt, 'actuator': model.nu}[word]
+        known = ', '.join(str(mj.mj_id2name(model, kind, n)) for n in range(count))
+        raise IdentError(
+            ErrorCode.BAD_MACHINE_FILE,
+            f'geometry.description has no {word} {name}; it has {known}',
+        )
+    return int(found)
+
+
+# What a parameter changes in a model, where a drive is.
+_SET: Mapping[str, Callable[[Any, Place, float], None]] = {}
+
+
+def _sets(name: str) -> Callable[[Callable[[Any, Place, float], None]], None]:
+    def keep(change: Callable[[Any, Place, float], None]) -> None:
+        _SET[name] = change  # type: ignore[index]
+
+    return keep
+
+
+@_sets('armature')
+def _armature(model: Any, at: Place, value: float) -> None:
+    model.dof_armature[at.dof] = value
+
+
+@_sets('damping')
+def _damping(model: Any, at: Place, value: float) -> None:
+    model.dof_damping[at.dof] = value
+
+
+@_sets('frictionloss')
+def _frictionloss(model: Any, at: Place, value: float) -> None:
+    model.dof_frictionloss[at.dof] = value
+
+
+@_sets('stiffness')
+def _stiffness(model: Any, at: Place, value: float) -> None:
+    model.jnt_stiffness[at.joint] = value
+
+
+@_sets('kp')
+def _kp(model: Any, at: Place, value: float) -> None:
+    model.actuator_gainprm[at.actuator, 0] = value
+    model.actuator_biasprm[at.actuator, 1] = -value
+
+
+@_sets('kv')
+def _kv(model: Any, at: Place, value: float) -> None:
+    model.actuator_biasprm[at.actuator, 2] = -value
+
+
+@_sets('force_limit')
+def _force_limit(model: Any, at: Place, value: float) -> None:
+    model.actuator_forcelimited[at.actuator] = True
+    model.actuator_forcerange[at.actuator] = -value, value
+
+
+@_sets('actuator_gear')
+def _gear(model: Any, at: Place, value: float) -> None:
+    model.actuator_gear[at.actuator, 0] = value
+
+
+@_sets('body_mass')
+def _mass(model: Any, at: Place, value: float) -> None:
+    model.body_inertia[at.body] *= value / model.body_mass[at.body]
+    model.body_mass[at.body] = value
+
+
+@_sets('body_place')
+def _place(model: Any, at: Place, value: float) -> None:
+    model.body_pos[at.body] *= value
+
+
+_FIELDS = (
+    'dof_armature', 'dof_damping', 'dof_frictionloss', 'jnt_stiffness', 'actuator_gainprm',
+    'actuator_biasprm', 'actuator_forcelimited', 'actuator_forcerange', 'actuator_gear',
+    'body_inertia', 'body_mass', 'body_pos',
+)  # fmt: skip
+
+
+class Plant:
+    """A user's MJCF, ready for candidates.
+
+    Args:
+        machine: A machine of the kind.
+
+    Attributes:
+        places: Where each drive is.
+        substeps: Steps of the simulator in a cycle.
+
+    Raises:
+        IdentError: UNKNOWN_MODEL without MuJoCo, BAD_MACHINE_FILE where the description cannot be
+        read or lacks a joint or actuator.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        mj = _mujoco()
+        joints = [machine.text('joint', name) or name for name in machine.drives]
+        try:
+            spec = mj.MjSpec.from_string(machine.text('description'))
+            for joint in joints:
+                for quantity in _QUANTITIES:
+                    kind = getattr(mj.mjtSensor, f'mjSENS_{_SENSORS[quantity]}')
+                    spec.add_sensor(
+                        name=f'ident {quantity} {joint}', type=kind,
+                        objtype=mj.mjtObj.mjOBJ_JOINT, objname=joint,
+                    )  # fmt: skip
+            self.model = spec.compile()
+        except ValueError as error:
+            plain = mj.MjModel.from_xml_string
+            raise _unreadable(plain, machine, joints, error) from error
+        self.places = [
+            Place(
+                self.model, joint, machine.text('actuator', name),
+                1.0 if machine.text('direction', name) == 'forward' else -1.0,
+            )
+            for joint, name in zip(joints, machine.drives, strict=True)
+        ]  # fmt: skip
+        cycle = machine.number('cycle')
+        self.substeps = max(1, math.ceil(cycle / self.model.opt.timestep - 1e-6))
+        self.model.opt.timestep = cycle / self.substeps
+        self._sensors = {
+            quantity: np.array(
+                [int(self.model.sensor(f'ident {quantity} {j}').adr[0]) for j in joints]
+            )
+            for quantity in _QUANTITIES
+        }
+        self._own = threading.local()
+
+    def changed(self, model: Any, values: Mapping[str, Mapping[int, float]]) -> None:
+        """Write attributes into a copy of the model, from the description's on.
+
+        Args:
+            model: The copy.
+            values: Values by the name of the parameter and the number of the drive.
+        """
+        for name in _FIELDS:
+            getattr(model, name)[:] = getattr(self.model, name)
+        model.opt.gravity[:] = self.model.opt.gravity
+        for name, each in values.items():
+            if name == 'free_fall':
+                size = float(np.linalg.norm(self.model.opt.gravity))
+                down = self.model.opt.gravity / size if size else np.array([0.0, 0.0, -1.0])
+                model.opt.gravity[:] = each[0] * down
+                continue
+            for drive, value in each.items():
+                _SET[name](model, self.places[drive], value)
+        _mujoco().mj_setConst(model, self._data)
+
+    def stated(self, name: str, drive: int) -> float:
+        """Return what the description has in place of a parameter."""
+        at, model = self.places[drive], self.model
+        found = {
+            'damping': model.dof_damping[at.dof],
+            'frictionloss': model.dof_frictionloss[at.dof],
+            'kp': model.actuator_gainprm[at.actuator, 0],
+            'kv': -model.actuator_biasprm[at.actuator, 2],
+            'force_limit': model.actuator_forcerange[at.actuator, 1]
+            if model.actuator_forcelimited[at.actuator]
+            else math.inf,
+        }
+        return float(found[name])
+
+    @property
+    def _data(self) -> Any:
+        """This thread's data."""
+        if not hasattr(self._own, 'data'):
+            mj = _mujoco()
+            self._own.data = mj.MjData(self.model)
+            self._own.roller = mj.rollout.Rollout(nthread=0)
+            self._own.models = []
+        return self._own.data
+
+    def _models(self, count: int) -> list[Any]:
+        data = self._data
+        assert data is not None
+        while len(self._own.models) < count:
+            self._own.models.append(copy.copy(self.model))
+        return self._own.models[:count]
+
+    @functools.cached_property
+    def _state(self) -> int:
+        mj = _mujoco()
+        return int(mj.mj_stateSize(self.model, mj.mjtState.mjSTATE_FULLPHYSICS))
+
+    def together(self, cycles: int) -> int:
+        """Return how many candidates are rolled out in one call."""
+        each = cycles * self.substeps * (self._state + self.model.nsensordata)
+        return max(1, min(_TOGETHER, _NUMBERS // max(1, each)))
+
+    def rollout(
+        self,
+        values: list[dict[str, dict[int, float]]],
+        command: Array,
+        start: Array,
+    ) -> dict[str, Array]:
+        """Simulate candidates.
+
+        Args:
+            values: Of each candidate, as of `changed`.
+            command: (S, D, K) or (1, D, K) set-points in the joints' own coordinates.
+            start: (S, 2, D) positions and rates of the joints at the first cycle.
+
+        Returns:
+            (S, D, K) of `jointpos`, `jointvel` and `jointactuatorfrc`, in the joints' own
+            coordinates and at the instants of the set-points.
+        """
+        mj = _mujoco()
+        models = self._models(len(values))
+        states = np.zeros((len(values), self._state))
+        data = self._data
+        for s, (model, value) in enumerate(zip(models, values, strict=True)):
+            self.changed(model, value)
+            mj.mj_resetData(model, data)
+            for d, at in enumerate(self.places):
+                data.qpos[at.position], data.qvel[at.dof] = start[s, :, d]
+            mj.mj_getState(model, data, states[s], mj.mjtState.mjSTATE_FULLPHYSICS)
+        control = np.zeros((len(command), command.shape[2], self.model.nu))
+        for d, at in enumerate(self.places):
+            control[:, :, at.actuator] = command[:, d]
+        steps = np.repeat(control, self.substeps, axis=1)
+        _, told = self._own.roller.rollout(models, data, states, steps)
+        # What a step's sensors tell is of its beginning.
+        told = told[:, :: self.substeps]
+        return {q: told[:, :, adr].swapaxes(1, 2) for q, adr in self._sensors.items()}
+
+
+_SENSORS = {
+    'jointpos': 'JOINTPOS', 'jointvel': 'JOINTVEL', 'jointactuatorfrc': 'JOINTACTFRC',
+}  # fmt: skip
+
+
+def _unreadable(
+    read: Callable[[str], Any], machine: Machine, joints: list[str], error: ValueError
+) -> IdentError:
+    """Return what is wrong with a description that does not compile with the sensors in it."""
+    try:
+        model = read(machine.text('description'))
+        for joint in joints:
+            Place(model, joint, '', 1.0)
+    except IdentError as found:
+        return found
+    except ValueError:
+        pass
+    reason = str(error).splitlines()[0]
+    return IdentError(
+        ErrorCode.BAD_MACHINE_FILE,
+        f'geometry.description cannot be read ({reason}); give an MJCF without files of its own',
+    )

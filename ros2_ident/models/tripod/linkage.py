@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a platform on three rods makes of its drives: mass matrix and load, a block of candidates.
+
+The drives' coordinates are the heights of carriages, or the angles of arms on shafts. Each drive's
+joint moves along a tangent t; a rod r from the platform to it asks for r . p' = (r . t) s'.
+"""
+# mypy: ignore-errors
+
+from ros2_ident.kernel import drive as dk
+from ros2_ident.kernel.rows import DRIVE_COUNT, DRIVE_ROWS, MACHINE_COUNT, row_of
+from ros2_ident.lanes import inlined, load, sine_and_cosine, sqrt, store, WIDTH
+
+W = WIDTH
+RADIUS = row_of('rail_radius')
+INVERSE_RADIUS = row_of('rail_inverse_radius')
+RAIL_X, RAIL_Y = row_of('rail_x'), row_of('rail_y')
+RAIL_2_X, RAIL_2_Y = row_of('rail_2_x'), row_of('rail_2_y')
+RAIL_3_X, RAIL_3_Y = row_of('rail_3_x'), row_of('rail_3_y')
+RAIL_X_2, RAIL_X_3 = row_of('rail_x_2'), row_of('rail_x_3')
+RAIL_Y_2, RAIL_Y_3 = row_of('rail_y_2'), row_of('rail_y_3')
+LENGTH = row_of('rod_length')
+ROD = row_of('mass_per_rod')
+GRAVITY = row_of('gravity')
+ARM, SENSE = row_of('arm_length'), row_of('arm_sense')
+ARM_MOMENT, ARM_ZERO = DRIVE_ROWS.index('arm_moment'), DRIVE_ROWS.index('arm_zero')
+
+# Rows of the linkage block: inverse mass matrix 0-5 (11 22 33 12 13 23), load 6-8, coupling of the
+# frame's acceleration 9-11, its own bias 12, the mass it carries 13.
+LINKAGE = 14
+
+
+@inlined
+def _platform(par, mass, a1, a2, a3, bias, inertia, weight, frame, out):
+    """Write the drives' mass matrix, inverted, their load and what a lifted frame does to them.
+
+    Args:
+        par: Rows of the candidates.
+        mass: Of the platform with its share of the rods [kg].
+        a1: (3,) the platform's velocity per rate of the first drive.
+        a2: (3,) of the second.
+        a3: (3,) of the third.
+        bias: (3,) the part of the platform's acceleration that the rates make [m/s^2].
+        inertia: (3,) of the drives' own bodies [kg, or kg m^2].
+        weight: (3,) what gravity does to them, per its acceleration [kg, or kg m].
+        frame: Whether the frame can move.
+        out: (LINKAGE * W,) output; all but the last two rows.
+    """
+    gravity = load(par, GRAVITY * W)
+    ax1, ay1, az1 = a1
+    ax2, ay2, az2 = a2
+    ax3, ay3, az3 = a3
+    bias_x, bias_y, bias_z = bias
+    r1, r2, r3 = inertia
+    g1, g2, g3 = weight
+    lift = bias_z + gravity
+    store(out, 6 * W, mass * (ax1 * bias_x + ay1 * bias_y + az1 * lift) + gravity * g1)
+    store(out, 7 * W, mass * (ax2 * bias_x + ay2 * bias_y + az2 * lift) + gravity * g2)
+    store(out, 8 * W, mass * (ax3 * bias_x + ay3 * bias_y + az3 * lift) + gravity * g3)
+    mx1 = mass * ax1
+    my1 = mass * ay1
+    mz1 = mass * az1
+    mx2 = mass * ax2
+    my2 = mass * ay2
+    mz2 = mass * az2
+    m11 = mx1 * ax1 + my1 * ay1 + (mz1 * az1 + r1)
+    m22 = mx2 * ax2 + my2 * ay2 + (mz2 * az2 + r2)
+    m33 = mass * (ax3 * ax3 + ay3 * ay3 + az3 * az3) + r3
+    m12 = mx1 * ax2 + my1 * ay2 + mz1 * az2
+    m13 = mx1 * ax3 + my1 * ay3 + mz1 * az3
+    m23 = mx2 * ax3 + my2 * ay3 + mz2 * az3
+    n11 = m22 * m33 - m23 * m23
+    n12 = m13 * m23 - m12 * m33
+    n13 = m12 * m23 - m13 * m22
+    det = 1.0 / (m11 * n11 + m12 * n12 + m13 * n13)
+    store(out, 0, n11 * det)
+    store(out, W, (m11 * m33 - m13 * m13) * det)
+    store(out, 2 * W, (m11 * m22 - m12 * m12) * det)
+    store(out, 3 * W, n12 * det)
+    store(out, 4 * W, n13 * det)
+    store(out, 5 * W, (m12 * m13 - m11 * m23) * det)
+    if frame:
+        # The frame lifts everything: what its acceleration does to the drives is what gravity
+        # does.
+        store(out, 9 * W, g1 + mass * az1)
+        store(out, 10 * W, g2 + mass * az2)
+        store(out, 11 * W, g3 + mass * az3)
+
+
+@inlined
+def _inverse(rod1, rod2, rod3):
+    """Return the columns of the inverse of the matrix of the rods, less its 1 / det, and that."""
+    x1, y1, z1 = rod1
+    x2, y2, z2 = rod2
+    x3, y3, z3 = rod3
+    first = (y2 * z3 - y3 * z2, z2 * x3 - z3 * x2, x2 * y3 - x3 * y2)
+    second = (y3 * z1 - y1 * z3, z3 * x1 - z1 * x3, x3 * y1 - x1 * y3)
+    third = (y1 * z2 - y2 * z1, z1 * x2 - z2 * x1, x1 * y2 - x2 * y1)
+    return first, second, third, 1.0 / (x1 * first[0] + y1 * first[1] + z1 * first[2])
+
+
+@inlined
+def _depth(bx, by, qx, qy, length):
+    """Return how far the first joint is above the platform, which hangs below all three.
+
+    The rods (x, y, z): |q + b z|^2 + z^2 = L^2.
+    """
+    a = bx * bx + by * by + 1.0
+    b = bx * qx + by * qy
+    return (sqrt(b * b - a * (qx * qx + qy * qy - length * length)) - b) / a
+
+
+@inlined
+def on_rails(par, s1, s2, s3, w1, w2, w3, tool, frame, out):
+    """Write mass matrix and load of the linkage at carriages s [m] and rates w [m/s].
+
+    s'' = inverse mass matrix (gear forces - load).
+    """
+    x, y = load(par, RAIL_X * W), load(par, RAIL_Y * W)
+    x_2, x_3 = load(par, RAIL_X_2 * W), load(par, RAIL_X_3 * W)
+    y_2, y_3 = load(par, RAIL_Y_2 * W), load(par, RAIL_Y_3 * W)
+    radius = load(par, RADIUS * W)
+    length = load(par, LENGTH * W)
+    rod = load(par, ROD * W)
+    u2 = s2 - s1
+    u3 = s3 - s1
+    inverse = load(par, INVERSE_RADIUS * W)
+    bx = (x_2 * u2 + x_3 * u3) * inverse
+    by = (y_2 * u2 + y_3 * u3) * inverse
+    h2 = 0.5 * u2 * u2
+    h3 = 0.5 * u3 * u3
+    qx = (x_2 * h2 + x_3 * h3) * inverse - radius * x
+    qy = (y_2 * h2 + y_3 * h3) * inverse - radius * y
+    z1 = _depth(bx, by, qx, qy, length)
+    z2 = z1 + u2
+    z3 = z1 + u3
+    x1 = -(qx + bx * z1)
+    y1 = -(qy + by * z1)
+    x2 = x1 + radius * load(par, RAIL_2_X * W)
+    y2 = y1 + radius * load(par, RAIL_2_Y * W)
+    x3 = x1 + radius * load(par, RAIL_3_X * W)
+    y3 = y1 + radius * load(par, RAIL_3_Y * W)
+    (cx1, cy1, cz1), (cx2, cy2, cz2), (cx3, cy3, cz3), over = _inverse(
+        (x1, y1, z1), (x2, y2, z2), (x3, y3, z3)
+    )
+    # Columns of A = dp/ds.
+    k1 = z1 * over
+    k2 = z2 * over
+    k3 = z3 * over
+    ax1 = cx1 * k1
+    ay1 = cy1 * k1
+    az1 = cz1 * k1
+    ax2 = cx2 * k2
+    ay2 = cy2 * k2
+    az2 = cz2 * k2
+    ax3 = cx3 * k3
+    ay3 = cy3 * k3
+    az3 = cz3 * k3
+    vx = ax1 * w1 + ax2 * w2 + ax3 * w3
+    vy = ay1 * w1 + ay2 * w2 + ay3 * w3
+    vz = az1 * w1 + az2 * w2 + az3 * w3
+    # The part of the platform's acceleration that the rates make.
+    square = vx * vx + vy * vy
+    c1 = (square + (w1 - vz) * (w1 - vz)) * over
+    c2 = (square + (w2 - vz) * (w2 - vz)) * over
+    c3 = (square + (w3 - vz) * (w3 - vz)) * over
+    bias_x = cx1 * c1 + cx2 * c2 + cx3 * c3
+    bias_y = cy1 * c1 + cy2 * c2 + cy3 * c3
+    bias_z = cz1 * c1 + cz2 * c2 + cz3 * c3
+    # Each rod's mass is halved between its ends (Codourey 1998).
+    mass = tool + 1.5 * rod
+    r1 = load(par, (MACHINE_COUNT + dk.RAIL_MASS) * W) + 0.5 * rod
+    r2 = load(par, (MACHINE_COUNT + DRIVE_COUNT + dk.RAIL_MASS) * W) + 0.5 * rod
+    r3 = load(par, (MACHINE_COUNT + 2 * DRIVE_COUNT + dk.RAIL_MASS) * W) + 0.5 * rod
+    _platform(
+        par, mass, (ax1, ay1, az1), (ax2, ay2, az2), (ax3, ay3, az3), (bias_x, bias_y, bias_z),
+        (r1, r2, r3), (r1, r2, r3), frame, out,
+    )  # fmt: skip
+    if frame:
+        store(out, 12 * W, mass * bias_z)
+        store(out, 13 * W, r1 + r2 + r3 + mass)
+
+
+@inlined
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def _arm(par, d, angle, x, y):
+    """Return foot, tangent and its derivative of an arm in the direction (x, y), and its weight.
+
+    Its own first moment and half a rod's, times the share at which gravity turns it [kg m].
+    """
+    first = MACHINE_COUNT + d * DRIVE_COUNT
+    arm = load(par, ARM * W)
+    sense = load(par, SENSE * W)
+    turned = angle - load(par, (first + ARM_ZERO) * W)
+    up, out = sine_and_cosine(turned)
+    reach = arm * out
+    rise = arm * up
+    far = load(par, RADIUS * W) + reach
+    foot = (far * x, far * y, sense * rise)
+    tangent = (-rise * x, -rise * y, sense * reach)
+    bend = (-reach * x, -reach * y, -sense * rise)
+    moment = load(par, (first + ARM_MOMENT) * W) + 0.5 * load(par, ROD * W) * arm
+    return foot, tangent, bend, sense * moment * out, sense * moment * up
+
+
+@inlined
+def _reaction(rod, tangent, bend, v, w, over):
+    """Return the share of a drive's rate in the platform's, and of its square in its bias."""
+    x, y, z = v[0] - tangent[0] * w, v[1] - tangent[1] * w, v[2] - tangent[2] * w
+    return (x * x + y * y + z * z + _dot(rod, bend) * w * w) * over
+
+
+@inlined
+def on_arms(par, q1, q2, q3, w1, w2, w3, tool, frame, out):
+    """Write mass matrix and load of the linkage at arms' angles q [rad] and rates w [rad/s].
+
+    q'' = inverse mass matrix (gear torques - load).
+    """
+    x1, y1 = load(par, RAIL_X * W), load(par, RAIL_Y * W)
+    x2, y2 = x1 + load(par, RAIL_2_X * W), y1 + load(par, RAIL_2_Y * W)
+    x3, y3 = x1 + load(par, RAIL_3_X * W), y1 + load(par, RAIL_3_Y * W)
+    f1, t1, b1, g1, u1 = _arm(par, 0, q1, x1, y1)
+    f2, t2, b2, g2, u2 = _arm(par, 1, q2, x2, y2)
+    f3, t3, b3, g3, u3 = _arm(par, 2, q3, x3, y3)
+    across2 = (f2[0] - f1[0], f2[1] - f1[1], f2[2] - f1[2])
+    across3 = (f3[0] - f1[0], f3[1] - f1[1], f3[2] - f1[2])
+    # All rods have one length: the first one's product with the way to another foot is known.
+    h2 = 0.5 * _dot(across2, across2)
+    h3 = 0.5 * _dot(across3, across3)
+    inverse = 1.0 / (across2[0] * across3[1] - across2[1] * across3[0])
+    qx = (across3[1] * h2 - across2[1] * h3) * inverse
+    qy = (across2[0] * h3 - across3[0] * h2) * inverse
+    bx = (across3[1] * across2[2] - across2[1] * across3[2]) * inverse
+    by = (across2[0] * across3[2] - across3[0] * across2[2]) * inverse
+    z = _depth(bx, by, qx, qy, load(par, LENGTH * W))
+    rod1 = (-(qx + bx * z), -(qy + by * z), z)
+    rod2 = (rod1[0] + across2[0], rod1[1] + across2[1], z + across2[2])
+    rod3 = (rod1[0] + across3[0], rod1[1] + across3[1], z + across3[2])
+    c1, c2, c3, over = _inverse(rod1, rod2, rod3)
+    k1 = _dot(rod1, t1) * over
+    k2 = _dot(rod2, t2) * over
+    k3 = _dot(rod3, t3) * over
+    a1 = (c1[0] * k1, c1[1] * k1, c1[2] * k1)
+    a2 = (c2[0] * k2, c2[1] * k2, c2[2] * k2)
+    a3 = (c3[0] * k3, c3[1] * k3, c3[2] * k3)
+    v = (
+        a1[0] * w1 + a2[0] * w2 + a3[0] * w3,
+        a1[1] * w1 + a2[1] * w2 + a3[1] * w3,
+        a1[2] * w1 + a2[2] * w2 + a3[2] * w3,
+    )
+    e1 = _reaction(rod1, t1, b1, v, w1, over)
+    e2 = _reaction(rod2, t2, b2, v, w2, over)
+    e3 = _reaction(rod3, t3, b3, v, w3, over)
+    bias = (
+        c1[0] * e1 + c2[0] * e2 + c3[0] * e3,
+        c1[1] * e1 + c2[1] * e2 + c3[1] * e3,
+        c1[2] * e1 + c2[2] * e2 + c3[2] * e3,
+    )
+    # Each rod's mass is halved between its ends (Codourey 1998).
+    rod = load(par, ROD * W)
+    arm = load(par, ARM * W)
+    half = 0.5 * rod * arm * arm
+    mass = tool + 1.5 * rod
+    r1 = load(par, (MACHINE_COUNT + dk.RAIL_MASS) * W) + half
+    r2 = load(par, (MACHINE_COUNT + DRIVE_COUNT + dk.RAIL_MASS) * W) + half
+    r3 = load(par, (MACHINE_COUNT + 2 * DRIVE_COUNT + dk.RAIL_MASS) * W) + half
+    _platform(par, mass, a1, a2, a3, bias, (r1, r2, r3), (g1, g2, g3), frame, out)
+    if frame:
+        # The arms themselves count with the frame, but for what their turning makes.
+        swing = u1 * w1 * w1 + u2 * w2 * w2 + u3 * w3 * w3
+        store(out, 12 * W, mass * bias[2] - swing)
+        store(out, 13 * W, mass + 1.5 * rod)
