@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 import json
+from pathlib import Path
 import threading
 
 import numpy as np
@@ -18,7 +19,7 @@ from ros2_ident.gap.diagnosis import to_mapping
 from ros2_ident.gap.explain import Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.floor import Floor
-from ros2_ident.models import machine_from_mapping
+from ros2_ident.models import load_machine, machine_from_mapping
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.axis import simulate_axis
 from ros2_ident.reference.effects import Effect
@@ -285,3 +286,12 @@ def test_a_nominal_fit_that_had_ended_too_early_goes_on() -> None:
     better = explainer.better_nominal(early, right)
     assert explainer.size(better) < 0.2
     assert explainer.better_nominal(better, early) is better
+
+
+def test_a_kind_that_compares_two_quantities_of_a_drive_is_refused() -> None:
+    belt = load_machine(Path(__file__).parents[1] / 'config/belt_drive.yaml')
+    row = np.sin(np.linspace(0.0, 6.0, 400))[None]
+    data = Dataset(belt.drives, belt.number('cycle'), 0, row, 0.0 * row, row, 0.0 * row, row)
+    with pytest.raises(IdentError, match='compares 2 outputs of 1 drives') as error:
+        diagnose(belt, [data])
+    assert error.value.code is ErrorCode.INVALID_GOAL

@@ -65,12 +65,13 @@ def recordings_of(
         beside: The machine's other recordings: what drives do on them bounds effects, too.
 
     Raises:
-        IdentError: As `make_model`.
+        IdentError: As `make_model`; INVALID_GOAL where a kind compares more than one quantity.
     """
     efforts = efforts_of(machine, [*data, *beside])
-    models = (
+    models = [
         make_model(machine, d, drives=drives, fixed=fixed, efforts=efforts) for d in data
-    )
+    ]
+    _one_output_a_drive(models)
     return Recordings(tuple(models), tuple(labels))
 
 
@@ -81,14 +82,18 @@ def recordings_from(models: Model | Sequence[Model]) -> Recordings:
         IdentError: INVALID_GOAL where one is no model, or compares more than one quantity.
     """
     several = tuple(complete(m) for m in (models if isinstance(models, Sequence) else [models]))
-    for model in several:
+    _one_output_a_drive(several)
+    return Recordings(several)
+
+
+def _one_output_a_drive(models: Sequence[FullModel]) -> None:
+    for model in models:
         if len(model.outputs) != len(model.places):
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
                 f'a {model.name} compares {len(model.outputs)} outputs of '
                 f'{len(model.places)} drives; a diagnosis takes one output of each',
             )
-    return Recordings(several)
 
 
 class Joint:

@@ -73,7 +73,7 @@ class Setup:
             f'{drive}.{name}'
             for drive in machine.drives
             for name in machine.bounds
-            if drive not in drives and not SLOTS[name].shared
+            if drive not in drives and name in SLOTS and not SLOTS[name].shared
         ]
         fixed = _expanded([*known, *followers], machine, dict(self.fixed or {}), 'fixed')
         models = [

@@ -197,4 +197,5 @@ KIND = Kind(
     travel='rad',
     check_motion=later('ros2_ident.models.rotary_tripod.reach:check_reach'),
     scene=later('ros2_ident.models.rotary_tripod.scene:figure'),
+    alike=True,
 )
