@@ -74,7 +74,7 @@ def test_links_ask_what_the_candidate_asks(model) -> None:
     rng = np.random.default_rng(0)
     low, high = np.array([(p.low, p.high) for p in model.parameters]).T
     theta = middle(model) + 0.01 * rng.normal(size=len(low)) * (high - low)
-    found = links_of(model, theta, np.diag((0.05 * (high - low)) ** 2), 0.3)
+    found = links_of(model, theta, np.diag((0.05 * (high - low)) ** -2.0), 0.3)
     assert consistent(found.inertials).all()
     expected = links_alone(model, found.theta)
     asked = effort_of(model, found) + rotors(model, found.theta)
@@ -91,7 +91,7 @@ def test_what_a_fit_knows_stays_and_what_it_does_not_is_the_descriptions(model) 
     theta[[known, unknown]] += [0.3, 2.0]
     sure = np.full(len(names), 1e-4)
     sure[unknown] = 50.0
-    found = links_of(model, theta, np.diag(sure**2), 0.3)
+    found = links_of(model, theta, np.diag(sure**-2.0), 0.3)
     assert found.theta[known] == pytest.approx(theta[known], abs=1e-3)
     assert found.theta[unknown] == pytest.approx(middle(model)[unknown], abs=0.05)
 
@@ -104,7 +104,7 @@ def test_friction_moves_with_what_it_is_correlated_with(model) -> None:
     theta[one] -= 3.0
     covariance = np.diag(np.full(len(names), 0.1**2))
     covariance[one, other] = covariance[other, one] = 0.5 * 0.1**2
-    found = links_of(model, theta, covariance, 0.3)
+    found = links_of(model, theta, np.linalg.inv(covariance), 0.3)
     moved = found.theta - theta
     assert moved[one] > 1.0
     assert moved[other] == pytest.approx(0.5 * moved[one], rel=1e-6)

@@ -145,10 +145,12 @@ def arm_of(machine: Machine) -> Arm:
 
     Raises:
         IdentError: UNKNOWN_MODEL where pinocchio is not installed, BAD_MACHINE_FILE where the
-            description cannot be read or has no such joint.
+            description cannot be read or has no such joint, MISSING_STREAM where it was to be
+            heard.
     """
     pin = _pinocchio()
-    text = machine.text('description')
+    # Only the node hears one in the place of a file.
+    text = machine.described(None).text('description')
     bodies: tuple[Body, ...] = ()
     if text:
         whole = _whole(pin, text, machine.drives)
@@ -162,6 +164,17 @@ def arm_of(machine: Machine) -> Arm:
     # Rotors are parameters of the drives.
     model.armature[:] = 0.0
     return Arm(model, np.array([model.getJointId(name) for name in machine.drives]), bodies)
+
+
+def joints_in(text: str) -> tuple[str, ...]:
+    """Return the joints of a URDF or an MJCF that turn about or slide along one axis.
+
+    Raises:
+        IdentError: As `arm_of`.
+    """
+    model = _whole(_pinocchio(), text, ())
+    names = list(model.names)
+    return tuple(names[j] for j in range(1, model.njoints) if model.joints[j].nv == 1)
 
 
 def _whole(pin: Any, text: str, drives: Sequence[str]) -> Any:

@@ -192,6 +192,11 @@ def nearest(
         while not there[0] <= here[0] - _ENOUGH * length * decrease and length > _DONE:
             length *= 0.5
             there = value(y + length * step)
+        if length <= _DONE:
+            # What is left of the decrease is rounding.
+            return np.asarray(
+                (described.ravel() + change @ (first + free @ y)).reshape(described.shape)
+            )
         y, here = y + length * step, there
     raise IdentError(
         ErrorCode.BAD_VALUES,

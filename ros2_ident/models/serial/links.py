@@ -15,8 +15,6 @@ Array = npt.NDArray[np.float64]
 
 # Of a parameter that is held: its standard deviation, as a share of its box.
 _HELD = 1e-6
-# Least eigenvalue of a correlation, so that two parameters in one are no certainty.
-_LEAST = 1e-9
 
 
 @dataclass(frozen=True)
@@ -36,17 +34,17 @@ class Links:
     mended: tuple[str, ...]
 
 
-def links_of(model: Serial, theta: Array, covariance: Array, spread: float) -> Links:
+def links_of(model: Serial, theta: Array, information: Array, spread: float) -> Links:
     """Return the links that a fit and the description make most probable together.
 
-    The fit says what it knows of base parameters with its covariance; the description says the
-    rest, a link's mass with the standard deviation `spread` and its shape likewise. What else was
-    identified moves with the base parameters as their correlations say.
+    The fit says what it knows of base parameters; the description says the rest, a link's mass
+    with the standard deviation `spread` and its shape likewise. What else was identified moves
+    with the base parameters to where the log wants it then.
 
     Args:
         model: The arm.
         theta: (N,) the fit.
-        covariance: (N, N) its covariance.
+        information: (N, N) the inverse of its covariance, positive definite.
         spread: Share of a link's mass.
 
     Raises:
@@ -71,17 +69,22 @@ def links_of(model: Serial, theta: Array, covariance: Array, spread: float) -> L
     told, held = inertials.changes
     # What was told of a description that no body can have counts from where it is mended.
     moved = (believed - described).ravel()
+    others = np.setdiff1d(np.arange(len(theta)), columns)
+    follow = np.linalg.solve(
+        information[np.ix_(others, others)], information[np.ix_(others, columns)]
+    )
+    known = information[np.ix_(columns, columns)]
     sure = np.zeros((len(names), len(names)))
-    of_fit = covariance[np.ix_(columns, columns)]
-    sure[np.ix_(sought, sought)] = _inverse(of_fit)
+    sure[np.ix_(sought, sought)] = known - information[np.ix_(columns, others)] @ follow
     fixed = np.flatnonzero(~sought)
     sure[fixed, fixed] = _of_fixed(model, [names[n] for n in fixed]) ** -2.0
     wanted = value - middle - told @ moved
     found = nearest(believed, told, wanted, sure, (held, -held @ moved), spread)
     change = told @ (found - described).ravel()
     shift = (middle + change - value)[sought]
-    out = theta + covariance[:, columns] @ (_inverse(of_fit) @ shift)
-    out[columns] = theta[columns] + shift
+    out = theta.copy()
+    out[columns] += shift
+    out[others] -= follow @ shift
     return Links(
         arm.bodies,
         found,
@@ -102,13 +105,3 @@ def effort_of(model: Serial, links: Links) -> Array:
 def _of_fixed(model: Serial, names: list[str]) -> Array:
     boxes = {p.name: p for several in model.inertials.parameters.values() for p in several}
     return np.array([_HELD * (boxes[name].high - boxes[name].low) for name in names])
-
-
-def _inverse(covariance: Array) -> Array:
-    """Return the inverse of a covariance, its correlations kept from being certainties."""
-    if not len(covariance):
-        return covariance
-    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    values, axes = np.linalg.eigh(covariance / np.outer(size, size))
-    inverse = axes @ np.diag(1.0 / np.maximum(values, _LEAST)) @ axes.T
-    return np.asarray(inverse / np.outer(size, size))
