@@ -19,13 +19,14 @@ from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.export.content import Content, content_of  # noqa: E402
 from ros2_ident.export.estimate import Estimate, read_estimate  # noqa: E402
 from ros2_ident.export.targets import fitting, TARGETS, write  # noqa: E402
+from ros2_ident.gap.diagnosis import SCHEMA  # noqa: E402
 from ros2_ident.identify.data import Data  # noqa: E402
 from ros2_ident.identify.run import identify  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.identify.setup import problem_of  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, make_model  # noqa: E402
-from ros2_ident.report.files import write_result  # noqa: E402
+from ros2_ident.report.files import DIAGNOSIS, write_result  # noqa: E402
 
 ROOT = Path(__file__).parents[1]
 BOXES = {
@@ -160,6 +161,17 @@ def test_what_a_urdf_cannot_say_is_as_large_as_stated(tmp_path: Path) -> None:
     assert 'inertia of motors and gears (base, slide, elbow and wrist)' in words[0]
     assert 'a constant in the effort (wrist 2 N m, the largest)' in words[0]
     assert 'it brings' in words[-1]
+
+
+def test_efforts_of_motors_become_those_of_joints(tmp_path: Path) -> None:
+    machine = described(tmp_path, **SMOOTH, **ROTOR).with_constants(gear_factor=50.0)
+    found = content(machine)
+    elbow = found.joints[JOINTS.index('elbow')]
+    # The middle of the boxes, at the motor.
+    assert elbow.armature == pytest.approx(0.5 * 50.0**2, rel=1e-4)
+    assert elbow.viscous == pytest.approx(10.0 * 50.0, rel=1e-4)
+    for row in found.missed(armature=True):
+        assert row.exported < 1e-3 * row.described
 
 
 def test_the_rest_of_a_urdf_stays(tmp_path: Path) -> None:
@@ -350,3 +362,35 @@ def test_an_estimate_comes_back_from_its_files(tmp_path: Path) -> None:
     for name, deviation in estimate.deviations.items():
         assert deviation == pytest.approx(half[name] / 1.96)
     assert estimate.effects(list(half)) == ()
+
+
+def test_a_diagnosis_brings_its_effects(tmp_path: Path) -> None:
+    def value(number: float, high: float | None) -> dict[str, float | str | bool | None]:
+        low = None if high is None else 2.0 * number - high
+        return {'value': number, 'unit': 'N m', 'low': low, 'high': high, 'at_bound': False}
+
+    content = {
+        'schema': SCHEMA,
+        'verdict': {},
+        'parameters': {
+            'elbow.coulomb_torque': value(3.0, 3.5),
+            'elbow.stribeck.size': value(0.4, None),
+            'effort_smoothing.period': value(0.5, 0.6),
+        },
+        'settings': {'drives': ['elbow'], 'fixed': {'payload_mass': 1.0}, 'bags': ['log']},
+        'provenance': {'source': 'log'},
+    }
+    (tmp_path / DIAGNOSIS).write_text(json.dumps(content))
+    estimate = read_estimate(tmp_path)
+    assert estimate.effects(['elbow.coulomb_torque']) == (
+        EffectAt('stribeck', 'elbow'),
+        EffectAt('effort_smoothing', 'all'),
+    )
+    assert estimate.deviations['elbow.coulomb_torque'] == pytest.approx(0.5 / 1.96)
+    assert np.isinf(estimate.deviations['elbow.stribeck.size'])
+    assert estimate.fixed == {'payload_mass': 1.0}
+    # Values of single recordings are none of the machine's.
+    content['parameters']['payload_mass@log'] = value(1.0, 2.0)
+    (tmp_path / DIAGNOSIS).write_text(json.dumps(content))
+    with pytest.raises(IdentError, match='is the value of one recording'):
+        read_estimate(tmp_path)

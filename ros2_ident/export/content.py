@@ -12,7 +12,7 @@ from ros2_ident.export.estimate import Estimate
 from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt
-from ros2_ident.models.drives.joints import Joint, joints_of
+from ros2_ident.models.drives.joints import at_joints, Joint, joints_of
 from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.serial.links import effort_of, Links, links_of
 from ros2_ident.models.serial.model import Serial
@@ -67,8 +67,8 @@ class Content:
         spread: How far links were believed to be from the description, as a share.
         model: The model along the log, without what the log adds.
         theta: (N,) its candidate, links consistent.
-        measured: (D, K) measured effort less what the log adds, NaN where there is no sample.
-        fitted: (D, K) what was identified makes of it.
+        measured: (O, K) measured outputs less what the log adds, NaN where there is no sample.
+        fitted: (O, K) what was identified makes of it.
     """
 
     machine: Machine
@@ -91,17 +91,17 @@ class Content:
         """
         if self.links is None or not isinstance(self.model, Serial):
             return ()
-        whole = self.measured
+        whole, fitted = (self._at_joints(x) for x in (self.measured, self.fitted))
         asked = effort_of(self.model, self.links)
         described = self.model.links_effort(np.zeros((len(asked), 10)))
         _, speed, bend = self.model.motion
-        simulated = self.model.simulate(self.theta)[0]
+        simulated = self._at_joints(self.model.simulate(self.theta)[0])
         rows = [self.machine.drives.index(joint.name) for joint in self.joints]
         return tuple(
             Missed(
                 joint.name,
                 'N m' if joint.travel == 'rad' else 'N',
-                _rms(whole[o] - self.fitted[o]),
+                _rms(whole[o] - fitted[o]),
                 _rms(whole[o] - simulated[o]),
                 _rms(whole[o] - asked[d] - joint.effort(speed[d], bend[d], armature=armature)),
                 _rms(whole[o] - described[d]),
@@ -109,13 +109,16 @@ class Content:
             for o, (joint, d) in enumerate(zip(self.joints, rows, strict=True))
         )
 
+    def _at_joints(self, effort: Array) -> Array:
+        return at_joints(self.model, self.theta, effort)
+
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.nanmean(values**2)))
 
 
 def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
-    """Return what is exported of an estimate.
+    """Return what is exported of an estimate, judged along the first recording.
 
     Args:
         problem: What was solved, effects included.
@@ -208,7 +211,7 @@ def _closest(
     """Return the joints; of those with effects, friction and armature closest to all of it."""
     if links is None or not effects or not isinstance(model, Serial):
         return joints
-    whole = model.simulate(theta)[0]
+    whole = at_joints(model, theta, model.simulate(theta)[0])
     asked = effort_of(model, links)
     _, speed, bend = model.motion
     out = []

@@ -101,6 +101,14 @@ def joints_of(model: DriveModel, theta: Array) -> tuple[Joint, ...]:
     )
 
 
+def at_joints(model: DriveModel, theta: Array, effort: Array) -> Array:
+    """Return (D, K) efforts of the drives compared, as logged, at their joints."""
+    block = model.rows(np.atleast_2d(theta))[0]
+    places = [model.machine.drives.index(name) for name in model.drives]
+    gear = np.array([block[rows.row_of('gear', d)] for d in places])
+    return np.asarray(gear[:, None] * effort)
+
+
 def _joint(model: DriveModel, block: Array, d: int, name: str) -> Joint:
     def of(row: str) -> float:
         return float(block[rows.row_of(row, d)])
