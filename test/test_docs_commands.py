@@ -72,7 +72,7 @@ def says_long(block: Block) -> bool:
 
 
 # Arguments of `ident` that name what has to be there.
-FILES = ('bag', 'list', 'machine')
+FILES = ('bag', 'list', 'machine', 'results')
 
 
 def names_missing_files(block: Block) -> bool:

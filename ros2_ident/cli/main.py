@@ -32,6 +32,10 @@ OWN: dict[str, tuple[str, str]] = {
     ),
     'report': ('ros2_ident.cli.report', 'write one page on a result directory'),
     'simulate': ('ros2_ident.cli.simulate', 'make a bag of a machine with known parameters'),
+    'export': (
+        'ros2_ident.cli.export',
+        'write what was identified for simulators and controllers',
+    ),
     'fleet': ('ros2_ident.cli.fleet', 'identify, diagnose and compare many bags as one job'),
 }
 

@@ -2,17 +2,24 @@
 """`ident new-machine`: a commented machine file to start from."""
 
 import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import names
+from ros2_ident.cli.arguments import add_topics, bags, complete, names, topics_of
 from ros2_ident.models.registry import KINDS, machine_from_mapping
+
+if TYPE_CHECKING:
+    from ros2_ident.recording import Stream
 
 DESCRIPTION = (
     'Write a machine file: every key with its unit, its meaning and the value of an example '
-    "machine. Put your machine's values in their place, then ask `ident check`."
+    "machine. Put your machine's values in their place, then ask `ident check`. Of an arm, a "
+    'description and a bag say all that an identification needs.'
 )
 EXAMPLES = (
     '  ident new-machine --kind linear_axis --drives x_axis --out my_axis.yaml\n'
     '  ident new-machine --kind tripod --drives left,right,rear --out my_tripod.yaml\n'
+    '  ident new-machine --kind serial --description arm.urdf --bag my_bag --out my_arm.yaml\n'
     '  ident check --machine my_axis.yaml\n'
 )
 EXIT_CODES = {0: 'written'}
@@ -29,21 +36,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--drives', type=names, default=(), metavar='A,B', help='joint names in your bags'
     )
+    parser.add_argument(
+        '--description', metavar='FILE', help='URDF or MJCF of the machine; says its joints, too'
+    )
+    bag = parser.add_argument(
+        '--bag', metavar='BAG', help='a log of the machine; says its joints and its period, too'
+    )
+    complete(bag, bags)
     parser.add_argument('--out', metavar='FILE', help='file to write; standard output without it')
+    add_topics(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Write the file."""
-    from pathlib import Path
-
     import yaml
 
     from ros2_ident.errors import ErrorCode, IdentError
     from ros2_ident.files import write_text
     from ros2_ident.machine.template import machine_template
 
-    text = machine_template(KINDS[args.kind], args.drives)
-    machine_from_mapping(yaml.safe_load(text), '--drives')
+    folder = Path(args.out).parent if args.out else Path()
+    known = _described(args, folder)
+    drives = args.drives or _joints(args)
+    if args.bag:
+        known['cycle'] = f'{_period(_states(args)):.4g}'
+    text = machine_template(KINDS[args.kind], drives, known)
+    machine_from_mapping(yaml.safe_load(text), '--drives', folder)
     if args.out is None:
         print(text, end='')
         return 0
@@ -55,3 +73,73 @@ def run(args: argparse.Namespace) -> int:
     write_text(path, text)
     print(f'written: {path}; change its values, then: ident check --machine {path}')
     return 0
+
+
+def _described(args: argparse.Namespace, folder: Path) -> dict[str, str]:
+    """Return the key of the description and its way from the machine file's folder."""
+    import os
+
+    from ros2_ident.errors import ErrorCode, IdentError
+
+    if args.description is None:
+        return {}
+    key = next((key for key in KINDS[args.kind].keys if key.file), None)
+    if key is None:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'a {args.kind} is not described by a URDF or an MJCF; leave out --description',
+        )
+    if not Path(args.description).is_file():
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{args.description}: there is no such file; give a URDF or an MJCF',
+        )
+    return {key.name: os.path.relpath(args.description, folder)}
+
+
+def _joints(args: argparse.Namespace) -> tuple[str, ...]:
+    """Return the joints that description and bag have in common; none where neither is given.
+
+    Raises:
+        IdentError: INVALID_GOAL where there are none.
+    """
+    from ros2_ident.errors import ErrorCode, IdentError
+
+    logged = _states(args).names if args.bag else None
+    joints = KINDS[args.kind].joints
+    if args.description is None or joints is None:
+        return logged or ()
+    known = joints(Path(args.description).read_text(encoding='utf-8'))
+    common = tuple(name for name in known if logged is None or name in logged)
+    if not common:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'the bag holds {", ".join(logged or ())} and the description {", ".join(known)}; '
+            'give both of one machine',
+        )
+    return common
+
+
+def _states(args: argparse.Namespace) -> 'Stream':
+    """Return the measured motion of a bag.
+
+    Raises:
+        IdentError: MISSING_STREAM where there is none.
+    """
+    from ros2_ident.errors import ErrorCode, IdentError
+    from ros2_ident.recording import read_bag
+
+    state = read_bag(args.bag, topics_of(args))[0].state
+    if state is None:
+        raise IdentError(
+            ErrorCode.MISSING_STREAM,
+            f'{args.bag} holds no measured motion; name its topic with --state-topic',
+        )
+    return state
+
+
+def _period(states: 'Stream') -> float:
+    """Return the usual time from one state to the next, s."""
+    import numpy as np
+
+    return float(np.median(np.diff(states.stamp))) * 1e-9

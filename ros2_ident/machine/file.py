@@ -16,7 +16,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
 from ros2_ident.machine.draft import number, Remark
 from ros2_ident.machine.judge import contents, judge, TEMPLATE
-from ros2_ident.machine.keys import Key, Value
+from ros2_ident.machine.keys import DESCRIPTION_TOPIC, Key, Value
 from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.machine import Box, Machine
 from ros2_ident.machine.units import effort_factor
@@ -170,7 +170,7 @@ def _machine(data: Mapping[str, Any], kind: Kind, digest: str, folder: Path) -> 
     """Return the machine of a mapping in which there is no error."""
     present = contents(data)
     for key in kind.constants:
-        if key.file and key.path in present:
+        if key.file and present.get(key.path, DESCRIPTION_TOPIC) != DESCRIPTION_TOPIC:
             text = (folder / str(present[key.path])).read_text(encoding='utf-8')
             present[key.path] = text
             digest = hashlib.sha256(f'{digest}{text}'.encode()).hexdigest()

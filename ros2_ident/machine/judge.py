@@ -9,7 +9,7 @@ from typing import Any
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.draft import Draft, number, Remark
 from ros2_ident.machine.draft import Path as Keys
-from ros2_ident.machine.keys import Key
+from ros2_ident.machine.keys import DESCRIPTION_TOPIC, Key
 from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.units import effort_factor, plain_unit
 
@@ -167,7 +167,7 @@ def _value(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
 
 
 def _file(key: Key, value: Any, folder: Path) -> Iterator[Remark]:
-    if key.file and not (folder / str(value)).is_file():
+    if key.file and value != DESCRIPTION_TOPIC and not (folder / str(value)).is_file():
         yield Remark(
             'error',
             key.path,

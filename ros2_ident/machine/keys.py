@@ -31,6 +31,10 @@ NEUTRAL: Mapping[str, Value] = {
 }
 
 
+# In the place of a description's file: the topic on which the node hears it.
+DESCRIPTION_TOPIC = '/robot_description'
+
+
 @dataclass(frozen=True)
 class Key:
     """One key of a machine file.
@@ -53,7 +57,8 @@ class Key:
         aliases: Other words for a choice.
         remedy: What to do where a value is implausible.
         file: Whether it names a file, by its way from the machine file's folder. What the file
-            holds is then the constant: a machine needs no path.
+            holds is then the constant: a machine needs no path. `DESCRIPTION_TOPIC` stands for
+            what the node hears.
     """
 
     section: Section

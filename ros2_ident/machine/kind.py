@@ -64,6 +64,8 @@ class Kind:
             do is found to be another machine's.
         alike: Whether its drives are of one make and logged alike, so that one noise is that of
             all.
+        joints: Returns the joints of a description, which its key that names a file holds; None
+            where it has no such key.
 
     Raises:
         ValueError: Where two of its constants have one name, or it comes from a bag without
@@ -87,6 +89,7 @@ class Kind:
     scene: Callable[[Machine, Array], Figure | None] | None = None
     coupled: bool = True
     alike: bool = False
+    joints: Callable[[str], tuple[str, ...]] | None = None
 
     def __post_init__(self) -> None:
         names = [key.name for key in self.constants]

@@ -3,6 +3,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+import hashlib
 from types import MappingProxyType
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.keys import NEUTRAL, Value
+from ros2_ident.machine.keys import DESCRIPTION_TOPIC, NEUTRAL, Value
 from ros2_ident.machine.units import angular, effort_factor, plain_unit
 
 Box = tuple[float, float, str]
@@ -169,6 +170,27 @@ class Machine:
         for name, value in changed.items():
             constants[name] = (value,) if isinstance(value, (int, float, str)) else tuple(value)
         return replace(self, constants=constants, given=self.given | set(changed))
+
+    def described(self, text: str | None) -> 'Machine':
+        """Return the machine with a description that was heard, where its file asks for that.
+
+        Args:
+            text: URDF or MJCF; None where nothing was heard.
+
+        Raises:
+            IdentError: MISSING_STREAM where it is asked for and nothing was heard.
+        """
+        asking = [n for n, values in self.constants.items() if values == (DESCRIPTION_TOPIC,)]
+        if not asking:
+            return self
+        if text is None:
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                f'the machine file asks for {DESCRIPTION_TOPIC}, and nothing was heard there; '
+                'start robot_state_publisher, or name the file of a URDF',
+            )
+        digest = hashlib.sha256(f'{self.digest}{text}'.encode()).hexdigest()
+        return replace(self.with_constants(**dict.fromkeys(asking, text)), digest=digest)
 
     def with_values(self, values: Mapping[str, float]) -> 'Machine':
         """Return the same machine with the constants that some of these parameters are.

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A new machine file: every key with unit and meaning, at an example's value."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import groupby
 import textwrap
 
@@ -12,17 +13,25 @@ _WIDTH = 99
 _COMMENT = 42
 
 
-def machine_template(kind: Kind, drives: Sequence[str] = ()) -> str:
+def machine_template(
+    kind: Kind, drives: Sequence[str] = (), known: Mapping[str, str] | None = None
+) -> str:
     """Return the text of a machine file.
 
     Args:
         kind: The kind of machine.
         drives: Joint names; those of the example where there are none.
+        known: Values of keys by name, as YAML. Beside a file that describes it, a machine needs
+            nothing of that section which belongs to single drives or has no default.
 
     Returns:
         YAML that `load_machine` reads. Optional keys that the example does without stand behind
         a `#`.
     """
+    given = {**(known or {})}
+    if drives:
+        given['drives'] = f'[{", ".join(drives)}]'
+    described = {key.section for key in kind.keys if key.file and key.name in given}
     lines = [
         '# SPDX-License-Identifier: Apache-2.0',
         f'# Machine file of a {kind.name}: {kind.title}.',
@@ -40,8 +49,13 @@ def machine_template(kind: Kind, drives: Sequence[str] = ()) -> str:
             lines += ['', f'{section}:{note}']
             indent = '  '
         for key in keys:
-            value = f'[{", ".join(drives)}]' if drives and key.name == 'drives' else None
-            lines += _lines(key, indent, value or literal(key))
+            if key.name in given and key.section != 'parameters':
+                key = replace(key, shown=True)
+                lines += _lines(key, indent, given[key.name])
+                continue
+            if key.section in described and key.absent and (key.each or key.default is None):
+                key = replace(key, shown=False)
+            lines += _lines(key, indent, literal(key))
     return '\n'.join(lines) + '\n'
 
 

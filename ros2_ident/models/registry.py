@@ -124,12 +124,15 @@ def load_machine(path: str | Path) -> Machine:
     return read_machine_file(path).usable()
 
 
-def machine_from_mapping(data: Any, where: object = 'machine file') -> Machine:
+def machine_from_mapping(
+    data: Any, where: object = 'machine file', folder: Path = Path()
+) -> Machine:
     """Build a machine from a parsed machine file.
 
     Args:
         data: The mapping a machine file holds.
         where: What to call it in error messages.
+        folder: Where the files lie that it names.
 
     Returns:
         The machine.
@@ -137,7 +140,7 @@ def machine_from_mapping(data: Any, where: object = 'machine file') -> Machine:
     Raises:
         IdentError: as `load_machine`, without lines.
     """
-    return machine_file.judged(data, KINDS, str(where)).usable()
+    return machine_file.judged(data, KINDS, str(where), folder=folder).usable()
 
 
 def kind_from_bag(machine: Machine) -> Kind:

@@ -98,7 +98,9 @@ class Diagnoser:
     def _begin(self, goal: Any, tell: Says, done: Says) -> None:
         node = self._node
         now = parameters.snapshot(node)
-        request = diagnose_request_of(goal, now, receiving=node.receiving)
+        request = diagnose_request_of(
+            goal, now, receiving=node.receiving, description=node.description
+        )
         buffer = None if request.fit_paths else node.received()
 
         def job(cancel: Any, say: Says) -> tuple[Diagnosed, str, Exception | None]:

@@ -36,20 +36,23 @@ def automatic_goal(parameters: Snapshot) -> Any:
     return Identify.Goal(refine=parameters['refine'])
 
 
-def request_of(goal: Any, parameters: Snapshot, *, receiving: bool = False) -> Request:
+def request_of(
+    goal: Any, parameters: Snapshot, *, receiving: bool = False, description: str | None = None
+) -> Request:
     """Return what a goal asks for, with the node's parameters where it says nothing.
 
     Args:
         goal: An `Identify.Goal`.
         parameters: The node's.
         receiving: Whether messages arrive that must not wait for the simulation.
+        description: What was heard of the robot; None for nothing.
 
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, or what is wrong with the machine file.
     """
     _check_ranges(goal)
     machine_file, text = _machine_file(goal, parameters)
-    machine = load_machine(machine_file)
+    machine = load_machine(machine_file).described(description)
     if goal.model and goal.model != machine.kind:
         raise _refuse(
             f'model is {goal.model!r} and {machine_file} describes a {machine.kind}; '
@@ -74,7 +77,7 @@ def request_of(goal: Any, parameters: Snapshot, *, receiving: bool = False) -> R
 
 
 def diagnose_request_of(
-    goal: Any, parameters: Snapshot, *, receiving: bool = False
+    goal: Any, parameters: Snapshot, *, receiving: bool = False, description: str | None = None
 ) -> DiagnoseRequest:
     """Return what a goal asks for, with the node's parameters where it says nothing.
 
@@ -82,6 +85,7 @@ def diagnose_request_of(
         goal: A `Diagnose.Goal`.
         parameters: The node's.
         receiving: Whether messages arrive that must not wait for the simulation.
+        description: What was heard of the robot; None for nothing.
 
     Raises:
         IdentError: INVALID_GOAL, NO_DATA, UNKNOWN_PARAMETER for a strange effect, or what is wrong
@@ -89,7 +93,7 @@ def diagnose_request_of(
     """
     _check_ranges(goal)
     machine_file, text = _machine_file(goal, parameters)
-    machine = load_machine(machine_file)
+    machine = load_machine(machine_file).described(description)
     for name in goal.without_effects:
         get_effect(name)
     drives = tuple(goal.drives) or tuple(parameters['drives']) or None

@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 from ros2_ident_msgs.action import Identify
 from ros2_ident_msgs.msg import IdentificationResult, Status
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from ros2_ident.errors import ErrorCode, IdentError
@@ -34,7 +35,7 @@ from ros2_ident.ros.diagnoser import Diagnoser
 from ros2_ident.ros.diagnostics import Diagnostics
 from ros2_ident.ros.files import attempted, compare, save_diagnosis, save_result
 from ros2_ident.ros.goals import automatic_goal, request_of
-from ros2_ident.ros.outlet import Outlet
+from ros2_ident.ros.outlet import LATCHED, Outlet
 from ros2_ident.ros.page import PageWriter
 from ros2_ident.ros.run import Finished, run
 from ros2_ident.ros.worker import Worker
@@ -87,6 +88,7 @@ class Identifier(Node):
         self.outlet = Outlet(self)
         self.diagnostics = Diagnostics(self.get_name(), now['missing_warning'])
         self.last: Finished | Diagnosed | None = None
+        self.description: str | None = None
         self.stopping = False
         self.twin = False  # whether another node has its name
         self._due = False  # a stream has ended while a run was going on
@@ -112,6 +114,7 @@ class Identifier(Node):
         )
         # /clock stops with the bag, and every timer on it: these go by the steady clock
         steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_subscription(String, 'robot_description', self._described, LATCHED)
         self._timer = self.create_timer(TICK, self._tick, clock=steady)
         self._series = self.create_timer(0.01, self._publish_series, clock=steady)
         self._series.cancel()
@@ -129,6 +132,10 @@ class Identifier(Node):
         self.add_post_set_parameters_callback(lambda _: self._parameters_changed())
         start.look_at_machine(self, now['machine_file'])
         start.find_again(self)
+
+    def _described(self, message: String) -> None:
+        """Keep what is heard of the robot, for machine files that ask for it."""
+        self.description = message.data
 
     # ------------------------------------------------------------------ runs
 
@@ -149,7 +156,9 @@ class Identifier(Node):
             IdentError: Where the goal is unusable; nothing has been started then.
         """
         now = parameters.snapshot(self)
-        request = request_of(goal, now, receiving=self.receiving)
+        request = request_of(
+            goal, now, receiving=self.receiving, description=self.description
+        )
         buffer = None if request.bag_paths else self.received()
 
         def preview(simulated: list[Stream], residual: list[Stream]) -> None:

@@ -171,7 +171,7 @@ KIND = Kind(
         *_GEOMETRY,
         *_DRIVE,
         Key('controller', 'cycle', 's', 'period of the log', 0.008, low=1e-6, high=0.05),
-        keys.DELAY,
+        keys.DELAY.at((0.0, 0.05), shown=False, absent='none by default'),
         *_LINKS,
         *_PAYLOAD,
         *_OF_DRIVES,
@@ -180,4 +180,5 @@ KIND = Kind(
     model=later('ros2_ident.models.serial.model:Serial'),
     judge=_judge,
     travel='rad',
+    joints=later('ros2_ident.models.serial.arm:joints_in'),
 )

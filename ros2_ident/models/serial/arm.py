@@ -35,16 +35,45 @@ def _pinocchio() -> Any:
 
 
 @dataclass(frozen=True)
+class Body:
+    """The heaviest of the bodies that a joint carries: what else hangs there is left as it is.
+
+    Attributes:
+        name: In the description.
+        turn: (3, 3) from its frame to the joint's.
+        place: (3,) its origin in the joint's frame, m.
+        inertials: (10,) its own in the joint's frame, as described.
+    """
+
+    name: str
+    turn: Array
+    place: Array
+    inertials: Array
+
+    def inertial(self, inertials: Array) -> tuple[float, Array, Array]:
+        """Return mass, centre (3,) and inertia about it (3, 3), in the body's frame.
+
+        Args:
+            inertials: (10,) in the joint's frame, of a mass above 0.
+        """
+        pin = _pinocchio()
+        there = pin.SE3(self.turn, self.place).actInv(pin.Inertia.FromDynamicParameters(inertials))
+        return float(there.mass), np.array(there.lever), np.array(there.inertia)
+
+
+@dataclass(frozen=True)
 class Arm:
     """An arm in the order of the machine's drives.
 
     Attributes:
         model: pinocchio's model, all other joints locked where they are neutral.
         joints: (D,) pinocchio's number of each drive's joint.
+        bodies: (D,) whose inertials each drive's joint shows; none where a table describes it.
     """
 
     model: Any
     joints: npt.NDArray[np.int64]
+    bodies: tuple[Body, ...] = ()
 
     @property
     def prismatic(self) -> npt.NDArray[np.bool_]:
@@ -116,21 +145,40 @@ def arm_of(machine: Machine) -> Arm:
 
     Raises:
         IdentError: UNKNOWN_MODEL where pinocchio is not installed, BAD_MACHINE_FILE where the
-            description cannot be read or has no such joint.
+            description cannot be read or has no such joint, MISSING_STREAM where it was to be
+            heard.
     """
     pin = _pinocchio()
-    text = machine.text('description')
-    model = _described(pin, text, machine.drives) if text else _by_table(pin, machine)
+    # Only the node hears one in the place of a file.
+    text = machine.described(None).text('description')
+    bodies: tuple[Body, ...] = ()
+    if text:
+        whole = _whole(pin, text, machine.drives)
+        bodies = tuple(_body(pin, whole, name) for name in machine.drives)
+        model = _reduced(pin, whole, machine.drives)
+    else:
+        model = _by_table(pin, machine)
     roll, pitch = machine.number('base_roll'), machine.number('base_pitch')
     down = pin.rpy.rpyToMatrix(roll, pitch, 0.0).T @ np.array([0.0, 0.0, -1.0])
     model.gravity.linear = machine.number('free_fall') * down
     # Rotors are parameters of the drives.
     model.armature[:] = 0.0
-    return Arm(model, np.array([model.getJointId(name) for name in machine.drives]))
+    return Arm(model, np.array([model.getJointId(name) for name in machine.drives]), bodies)
 
 
-def _described(pin: Any, text: str, drives: Sequence[str]) -> Any:
-    """Return the model of a URDF or an MJCF in which only the drives' joints move."""
+def joints_in(text: str) -> tuple[str, ...]:
+    """Return the joints of a URDF or an MJCF that turn about or slide along one axis.
+
+    Raises:
+        IdentError: As `arm_of`.
+    """
+    model = _whole(_pinocchio(), text, ())
+    names = list(model.names)
+    return tuple(names[j] for j in range(1, model.njoints) if model.joints[j].nv == 1)
+
+
+def _whole(pin: Any, text: str, drives: Sequence[str]) -> Any:
+    """Return the model of a URDF or an MJCF, all of its joints moving."""
     try:
         whole = pin.buildModelFromXML(text) if '<robot' in text else _from_mjcf(pin, text)
     except Exception as error:
@@ -146,6 +194,33 @@ def _described(pin: Any, text: str, drives: Sequence[str]) -> Any:
             ErrorCode.BAD_MACHINE_FILE,
             f'geometry.description has no joint {missing[0]}; its joints are {known}',
         )
+    return whole
+
+
+def _body(pin: Any, whole: Any, joint: str) -> Body:
+    """Return the heaviest body that a joint carries by itself.
+
+    A frame at which a body is fixed has that body's inertia; the body of the joint itself has what
+    is left.
+    """
+    number = whole.getJointId(joint)
+    here = [f for f in whole.frames if f.parentJoint == number]
+    fixed = [f for f in here if f.inertia.mass > 0.0]
+    rest = whole.inertias[number].toDynamicParameters()
+    for frame in fixed:
+        rest = rest - frame.placement.act(frame.inertia).toDynamicParameters()
+    carrier = max(fixed, key=lambda f: f.inertia.mass, default=None)
+    if carrier is None or rest[0] >= carrier.inertia.mass:
+        frame = next((f for f in here if f.type == pin.FrameType.BODY), here[0])
+        return Body(frame.name, frame.placement.rotation, frame.placement.translation, rest)
+    at = whole.frames.tolist().index(carrier)
+    frame = next(f for f in here if f.type == pin.FrameType.BODY and f.parentFrame == at)
+    own = carrier.placement.act(carrier.inertia).toDynamicParameters()
+    return Body(frame.name, frame.placement.rotation, frame.placement.translation, own)
+
+
+def _reduced(pin: Any, whole: Any, drives: Sequence[str]) -> Any:
+    """Return a model in which only the drives' joints move."""
     locked = [j for j in range(1, whole.njoints) if whole.names[j] not in drives]
     model = pin.buildReducedModel(whole, locked, pin.neutral(whole)) if locked else whole
     for name in drives:

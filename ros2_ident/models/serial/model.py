@@ -32,14 +32,28 @@ class Serial(DriveModel):
         return arm_of(self.machine)
 
     @functools.cached_property
-    def _inertials(self) -> Inertials:
+    def inertials(self) -> Inertials:
+        """What of the links is looked for."""
         return Inertials(self.machine, self.arm)
 
     @functools.cached_property
     def _terms(self) -> Array:
         """(D, K, B) terms along the recorded motion, made once."""
-        drives = len(self.machine.drives)
-        return self._inertials.terms(self.arm.terms(*self._motion.reshape(3, drives, -1)))
+        return self.inertials.terms(self.arm.terms(*self.motion))
+
+    @property
+    def motion(self) -> Array:
+        """(3, D, K) the motion that drives the model: position, velocity, acceleration."""
+        out: Array = self._motion.reshape(3, len(self.machine.drives), -1)
+        return out
+
+    def links_effort(self, change: Array) -> Array:
+        """Return (D, K) what links ask that differ from the description by (D, 10) inertials."""
+        position, velocity, acceleration = self.motion
+        out: Array = self.arm.efforts(position, velocity, acceleration)
+        if change.any():
+            out = out + self.arm.terms(position, velocity, acceleration) @ change.ravel()
+        return out
 
     @functools.cached_property
     def _firsts(self) -> npt.NDArray[np.int64]:
@@ -77,7 +91,7 @@ class Serial(DriveModel):
         return replace(super().context, lifted=True)
 
     def _own(self) -> Mapping[str, Sequence[Parameter]]:
-        return self._inertials.parameters
+        return self.inertials.parameters
 
     def _constants(self) -> Array:
         base: Array = rows.neutral_rows(1, len(self.machine.drives))[0]
@@ -88,7 +102,7 @@ class Serial(DriveModel):
         """Return (S, R + B) kernel rows of (S, N) candidates, coefficients of the links behind."""
         block = self.candidates.rows(theta)
         own = self.candidates.own_values(theta)
-        return np.concatenate([block, self._inertials.coefficients(own, len(block))], axis=1)
+        return np.concatenate([block, self.inertials.coefficients(own, len(block))], axis=1)
 
     def finer(self, theta: Array) -> None:
         """Return None: nothing is integrated."""

@@ -2,6 +2,7 @@
 """The inertial parameters of an arm as parameters of a search, and its coefficients from them."""
 
 from collections.abc import Mapping
+import functools
 
 import numpy as np
 import numpy.typing as npt
@@ -49,7 +50,8 @@ class Inertials:
             ],
             dtype=np.int64,
         )
-        kept, grouping = base_columns(*self._shown(machine, arm))
+        self._shown = _shown(machine, arm)
+        kept, grouping = base_columns(self._shown[0][:, self._listed], self._shown[1])
         self._base = self._listed[kept]
         self._middle = grouping @ self._known[self._listed]
         self._names = [self._name(machine, column) for column in self._base]
@@ -64,21 +66,6 @@ class Inertials:
                 own = Parameter(name, unit, low, high, 'physical', _PAYLOAD_SOURCE)
                 self.parameters[name] = (own,)
         self._carries = any(name in machine.bounds for name in PAYLOAD)
-
-    def _shown(self, machine: Machine, arm: Arm) -> tuple[Array, Array]:
-        """Return terms (M, C) of what is listed, (M, D) of rotors, in motions anywhere."""
-        rng = np.random.default_rng(0)
-        shape = (len(machine.drives), _INSTANTS)
-        place, speed, bend = rng.uniform(-1.0, 1.0, (3, *shape))
-        reach = np.where(arm.prismatic, 1.0, np.pi)[:, None]
-        terms = arm.terms(reach * place, _SPEED * speed, _BEND * bend)
-        rotors = np.eye(shape[0])[:, None, :] * (_BEND * bend)[:, :, None]
-        sought = 'drive_inertia' in machine.bounds
-        rows = shape[0] * shape[1]
-        return (
-            terms.reshape(rows, -1)[:, self._listed],
-            rotors.reshape(rows, -1)[:, : shape[0] if sought else 0],
-        )
 
     @staticmethod
     def _name(machine: Machine, column: int) -> str:
@@ -110,6 +97,31 @@ class Inertials:
             np.concatenate([whole[:, :, self._base], last, known[:, :, None]], axis=2)
         )
 
+    @functools.cached_property
+    def changes(self) -> tuple[Array, Array]:
+        """What the parameters tell of changes of all inertials, and what may not change.
+
+        Returns:
+            (B, 10 D) the base parameters' changes by those of the inertials, and (H, 10 D)
+            combinations that stay: what the file does not list, and what a rotor has already.
+        """
+        terms, rotors = self._shown
+        count = terms.shape[1]
+        others = np.setdiff1d(np.arange(count), self._listed)
+        order = np.concatenate([self._listed, others])
+        first = rotors.shape[1]
+        kept, grouping = base_columns(
+            np.concatenate([rotors, terms[:, order]], axis=1), terms[:, :0]
+        )
+        back = np.argsort(order)
+        whole = grouping[:, first:][:, back]
+        told = np.isin(kept - first, np.arange(len(self._listed)))
+        return whole[told], whole[~told]
+
+    def names_and_middles(self) -> tuple[list[str], Array]:
+        """Return (B,) names of the base parameters and what the file makes of them."""
+        return list(self._names), self._middle
+
     def coefficients(self, values: Mapping[str, Array], count: int) -> Array:
         """Return (S, B) coefficients of candidates.
 
@@ -122,6 +134,22 @@ class Inertials:
             mass, *place = (values.get(name, np.zeros(count)) for name in PAYLOAD)
             columns += point_mass(mass, np.array(place))
         return np.stack([*columns, np.ones(count)], axis=1)
+
+
+def _shown(machine: Machine, arm: Arm) -> tuple[Array, Array]:
+    """Return terms (M, 10 D) of all inertials, (M, E) of rotors, in motions anywhere."""
+    rng = np.random.default_rng(0)
+    shape = (len(machine.drives), _INSTANTS)
+    place, speed, bend = rng.uniform(-1.0, 1.0, (3, *shape))
+    reach = np.where(arm.prismatic, 1.0, np.pi)[:, None]
+    terms = arm.terms(reach * place, _SPEED * speed, _BEND * bend)
+    rotors = np.eye(shape[0])[:, None, :] * (_BEND * bend)[:, :, None]
+    sought = 'drive_inertia' in machine.bounds
+    rows = shape[0] * shape[1]
+    return (
+        terms.reshape(rows, -1),
+        rotors.reshape(rows, -1)[:, : shape[0] if sought else 0],
+    )
 
 
 def point_mass(mass: Array, place: Array) -> list[Array]:

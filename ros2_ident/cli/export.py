@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ident export`: what was identified, in the files of simulators and controllers."""
+
+import argparse
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+from ros2_ident.cli.arguments import (
+    add_effort,
+    add_topics,
+    bags,
+    complete,
+    machine_files,
+    names,
+    positive,
+    topics_of,
+    with_effort,
+)
+from ros2_ident.errors import ErrorCode, IdentError
+
+if TYPE_CHECKING:
+    from ros2_ident.export.estimate import Estimate
+    from ros2_ident.identify.problem import Problem
+
+TARGETS = ('urdf', 'mjcf', 'isaac', 'ros2_control')
+DESCRIPTION = (
+    'Put what was identified into the files of simulators and controllers: links, friction and '
+    'armature into a URDF or an MJCF, actuators for Isaac Lab, gains and limits for ros2_control. '
+    'Says what each file cannot express, and how much of the gap that leaves along the log.'
+)
+EXAMPLES = (
+    '  ident export results --out simulator\n'
+    '  ident export results --out simulator --to urdf --prior 0.1\n'
+    '  ident export results my_bag --machine my_arm.yaml --into my_robot.xml --out simulator\n'
+    '\n'
+    'writes to DIR: robot.urdf or robot.xml, isaac.yaml, ros2_control.yaml, as far as machine\n'
+    'file and description allow, and export.json with what they cannot say\n'
+)
+EXIT_CODES = {0: 'written'}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    parser.add_argument(
+        'results', metavar='RESULTS', help='what `ident identify` or `ident diagnose` wrote'
+    )
+    bag = parser.add_argument(
+        'bag',
+        metavar='BAG',
+        nargs='*',
+        help='the log it was identified from; that of the results by default',
+    )
+    complete(bag, bags)
+    parser.add_argument('--out', required=True, metavar='DIR', help='directory for the files')
+    machine = parser.add_argument(
+        '--machine', metavar='FILE', help='machine file; that of the results by default'
+    )
+    complete(machine, machine_files)
+    parser.add_argument(
+        '--to',
+        type=names,
+        metavar='NAME,..',
+        help=f'of {", ".join(TARGETS)}; all that can be filled by default',
+    )
+    parser.add_argument(
+        '--into',
+        metavar='FILE',
+        help='URDF or MJCF that gets the values; geometry.description of the machine file by '
+        'default',
+    )
+    parser.add_argument(
+        '--prior',
+        type=positive,
+        default=0.3,
+        metavar='X',
+        help="weight of the description's links: a mass is believed to X of it, as a standard "
+        'deviation; 0.3. What the log shows better than that is what the log says',
+    )
+    add_effort(parser)
+    add_topics(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the files, say what they lack."""
+    from ros2_ident.export.content import content_of
+    from ros2_ident.export.estimate import read_estimate
+    from ros2_ident.export.targets import fitting, write
+
+    wrong = [name for name in args.to or () if name not in TARGETS]
+    if wrong:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{wrong[0]} is no target; choose from {", ".join(TARGETS)}',
+        )
+    estimate = read_estimate(args.results)
+    problem = _problem(args, estimate)
+    content = content_of(problem, estimate, args.prior)
+    description = _description(args, problem)
+    files = write(args.out, args.to or fitting(content, description), content, description)
+    links = content.links
+    if links is not None:
+        print(
+            f'links: physically consistent, the description believed to {args.prior:g} of a mass'
+        )
+        if links.mended:
+            print(f'no body can have the described inertials of {", ".join(links.mended)}')
+    for name, (path, words) in files.items():
+        print(f'{name}: {path}')
+        for sentence in words:
+            print(f'  {sentence}')
+    return 0
+
+
+def _description(args: argparse.Namespace, problem: 'Problem') -> str:
+    """Return the text that values are written into; empty where there is none."""
+    if args.into is None:
+        constants = problem.machine.constants
+        return problem.machine.text('description') if 'description' in constants else ''
+    try:
+        return Path(args.into).read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL, f'{args.into} cannot be read ({error}); give a URDF or an MJCF'
+        ) from None
+
+
+def _problem(args: argparse.Namespace, estimate: 'Estimate') -> 'Problem':
+    """Return what was solved, with the effects that were found."""
+    from ros2_ident.identify.run import read_data
+    from ros2_ident.identify.setup import problem_of
+    from ros2_ident.models import load_machine
+
+    settings = estimate.settings
+    machine = with_effort(load_machine(_asked(args.machine, settings.get('machine_file'))), args)
+    logs = args.bag or settings.get('bags') or []
+    missing = next((log for log in logs if not Path(log).exists()), None)
+    if not logs or missing is not None:
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'the log {missing or estimate.source or "of the results"} is not there; give the bag '
+            'behind RESULTS',
+        )
+    topics: dict[str, Any] = {'topics': topics_of(args)}
+    data = read_data(logs, machine, estimate.drives or None, **topics)
+    if settings.get('method') == 'algebraic':
+        data = data.without_command()
+    nominal = problem_of(machine, data, drives=estimate.drives or None, fixed=estimate.fixed)
+    effects = estimate.effects(nominal.names)
+    if not effects:
+        return nominal
+    return problem_of(
+        machine, data, drives=estimate.drives or None, fixed=estimate.fixed, effects=effects
+    )
+
+
+def _asked(given: str | None, before: object) -> str:
+    found = given or (before if isinstance(before, str) else None)
+    if found is None or not Path(found).exists():
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'the machine file {found or "of the results"} is not there; give it with --machine',
+        )
+    return found

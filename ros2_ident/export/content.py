@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What of an estimate goes into a simulator, and what each kind of file leaves of it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.effects import get_effect
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.export.estimate import Estimate
+from ros2_ident.identify.problem import Problem
+from ros2_ident.machine.machine import Machine
+from ros2_ident.models import EffectAt
+from ros2_ident.models.drives.joints import at_joints, Joint, joints_of
+from ros2_ident.models.drives.model import DriveModel
+from ros2_ident.models.serial.links import effort_of, Links, links_of
+from ros2_ident.models.serial.model import Serial
+
+Array = npt.NDArray[np.float64]
+
+# Step of a derivative and least share of the box that counts, in box widths; also the least share
+# of the effort that is ever missed.
+_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class Missed:
+    """RMS of measured less simulated effort of one joint, N m or N.
+
+    Attributes:
+        joint: Its name.
+        unit: N m or N.
+        identified: With all that was identified.
+        consistent: The same with links that bodies can be.
+        exported: With what a target can say.
+        described: With the links as the description has them and no friction.
+    """
+
+    joint: str
+    unit: str
+    identified: float
+    consistent: float
+    exported: float
+    described: float
+
+    @property
+    def closed(self) -> float:
+        """Share of what was identified beyond the description that a target brings, 0 to 1."""
+        before = self.described**2 - self.identified**2
+        after = self.described**2 - self.exported**2
+        return float(np.clip(after / before, 0.0, 1.0)) if before > 0.0 else float('nan')
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """What is exported.
+
+    Attributes:
+        machine: The machine.
+        joints: Its drives as simulators have them; of a joint with effects, the friction that
+            comes closest to all of them.
+        identified: The drives as they were identified.
+        effects: Effects of the machine that no file has.
+        logged: Effects of how it was logged, which a simulator does not want.
+        links: Links that bodies can be; None where there are none.
+        spread: How far links were believed to be from the description, as a share.
+        model: The model along the log, without what the log adds.
+        theta: (N,) its candidate, links consistent.
+        measured: (O, K) measured outputs less what the log adds, NaN where there is no sample.
+        fitted: (O, K) what was identified makes of it.
+    """
+
+    machine: Machine
+    joints: tuple[Joint, ...]
+    identified: tuple[Joint, ...]
+    effects: tuple[EffectAt, ...]
+    logged: tuple[EffectAt, ...]
+    links: Links | None
+    spread: float
+    model: DriveModel
+    theta: Array
+    measured: Array
+    fitted: Array
+
+    def missed(self, *, armature: bool) -> tuple[Missed, ...]:
+        """Return what each joint of an arm misses; none where there are no links.
+
+        Args:
+            armature: Whether the target has a place for it.
+        """
+        if self.links is None or not isinstance(self.model, Serial):
+            return ()
+        whole, fitted = (self._at_joints(x) for x in (self.measured, self.fitted))
+        asked = effort_of(self.model, self.links)
+        described = self.model.links_effort(np.zeros((len(asked), 10)))
+        _, speed, bend = self.model.motion
+        simulated = self._at_joints(self.model.simulate(self.theta)[0])
+        rows = [self.machine.drives.index(joint.name) for joint in self.joints]
+        return tuple(
+            Missed(
+                joint.name,
+                'N m' if joint.travel == 'rad' else 'N',
+                _rms(whole[o] - fitted[o]),
+                _rms(whole[o] - simulated[o]),
+                _rms(whole[o] - asked[d] - joint.effort(speed[d], bend[d], armature=armature)),
+                _rms(whole[o] - described[d]),
+            )
+            for o, (joint, d) in enumerate(zip(self.joints, rows, strict=True))
+        )
+
+    def _at_joints(self, effort: Array) -> Array:
+        return at_joints(self.model, self.theta, effort)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.nanmean(values**2)))
+
+
+def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
+    """Return what is exported of an estimate, judged along the first recording.
+
+    Args:
+        problem: What was solved, effects included.
+        estimate: Its solution.
+        spread: How far links are believed to be from their description, as a share of their mass.
+
+    Raises:
+        IdentError: INVALID_GOAL where the machine is none of joints, or as `links_of`.
+    """
+    model = problem.models[0]
+    if not isinstance(model, DriveModel):
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'a {model.name} has no joints with friction and gains; export machines of drives',
+        )
+    names = [p.name for p in model.parameters]
+    theta = fit = np.array([estimate.values[name] for name in names])
+    links = None
+    if isinstance(model, Serial) and model.arm.bodies:
+        links = links_of(model, theta, information_of(model, theta, estimate), spread)
+        theta = _above_zero(model, links.theta)
+    logged = tuple(at for at in model.effects if get_effect(at.effect).group == 'measurement')
+    effects = tuple(at for at in model.effects if at not in logged)
+    plain = model.extended(effects)
+    own, fit_alone = _without_log(model, plain, theta), _without_log(model, plain, fit)
+    fitted = plain.simulate(fit_alone)[0]
+    identified = joints_of(plain, own)
+    return Content(
+        problem.machine,
+        _closest(plain, own, identified, links, effects),
+        identified,
+        effects,
+        logged,
+        links,
+        spread,
+        plain,
+        own,
+        model.measured - (model.simulate(fit)[0] - fitted),
+        fitted,
+    )
+
+
+def information_of(model: DriveModel, theta: Array, estimate: Estimate) -> Array:
+    """Return (N, N) what the log says of the parameters: the inverse of their covariance.
+
+    Joints count by what is left of them. As a whole it is as sure as the estimate's own intervals,
+    which allow for what the model lacks; the box is all that is known where the log says nothing.
+    """
+    width = np.array([p.high - p.low for p in model.parameters])
+    step = np.diag(_STEP * width)
+    up, down, left = np.split(
+        model.residuals(np.concatenate([theta + step, theta - step, theta[None]])),
+        [len(theta), 2 * len(theta)],
+    )
+    counts = np.isfinite(model.measured).sum(axis=1)
+    parts = np.split(left[0], np.cumsum(counts)[:-1])
+    sizes = [
+        max(_rms(part), _STEP * _rms(row)) for part, row in zip(parts, model.measured, strict=True)
+    ]
+    weights = 1.0 / np.repeat(sizes, counts)
+    slopes = ((up - down) / (2.0 * _STEP * width[:, None]) * weights).T
+    known = slopes.T @ slopes
+    box = np.diag(width**-2.0)
+    alone = np.diag(np.linalg.inv(known + _STEP * box))
+    told = np.array([estimate.deviations[p.name] for p in model.parameters])
+    sure = np.isfinite(told) & (told < width)
+    factor = float(np.median(told[sure] ** 2 / alone[sure])) if sure.any() else 1.0
+    return np.asarray(known / factor + box)
+
+
+def _without_log(model: DriveModel, plain: DriveModel, theta: Array) -> Array:
+    """Return the candidate of the plain model, which adds nothing to the log."""
+    values = {p.name: value for p, value in zip(model.parameters, theta, strict=True)}
+    return np.array([0.0 if p.kind == 'measurement' else values[p.name] for p in plain.parameters])
+
+
+def _above_zero(model: DriveModel, theta: Array) -> Array:
+    """Return a candidate without the negative sizes that links may have made."""
+    low = np.array([p.low for p in model.parameters])
+    return np.where((low >= 0.0) & (theta < 0.0), 0.0, theta)
+
+
+def _closest(
+    model: DriveModel,
+    theta: Array,
+    joints: tuple[Joint, ...],
+    links: Links | None,
+    effects: tuple[EffectAt, ...],
+) -> tuple[Joint, ...]:
+    """Return the joints; of those with effects, friction and armature closest to all of it."""
+    if links is None or not effects or not isinstance(model, Serial):
+        return joints
+    whole = at_joints(model, theta, model.simulate(theta)[0])
+    asked = effort_of(model, links)
+    _, speed, bend = model.motion
+    out = []
+    for o, joint in enumerate(joints):
+        d = model.machine.drives.index(joint.name)
+        if any(at.where in (joint.name, 'all') for at in effects):
+            joint = joint.closest(whole[o] - asked[d], speed[d], bend[d])
+        out.append(joint)
+    return tuple(out)

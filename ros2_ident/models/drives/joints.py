@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A candidate's drives in a simulator's terms: friction, armature and gains at the joint."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+
+from ros2_ident.kernel import drive as drive_kernel
+from ros2_ident.kernel import rows
+from ros2_ident.models.drives.model import Array, DriveModel
+
+
+@dataclass(frozen=True)
+class Gains:
+    """A controller: effort = p e + i int e + d (share v_ref - v), e = x_ref - x, clipped.
+
+    Attributes:
+        p: N m/rad or N/m.
+        i: N m/(rad s) or N/(m s).
+        d: N m s/rad or N s/m.
+        share: Of the set-point's speed that d sees.
+    """
+
+    p: float
+    i: float
+    d: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint; efforts in N m where it turns and in N where it slides.
+
+    Attributes:
+        name: In bags and descriptions.
+        travel: `rad` or `m`.
+        coulomb: Coulomb friction.
+        width: Speed v of its step, tanh(speed / v).
+        viscous: Viscous friction, what a motor brakes by its own voltage included.
+        armature: Inertia of motor and gear, kg m^2 or kg.
+        offset: Constant in the effort.
+        gains: Its controller; None where none is known.
+        limit: Most that the controller asks for; inf where nobody knows.
+    """
+
+    name: str
+    travel: str
+    coulomb: float
+    width: float
+    viscous: float
+    armature: float
+    offset: float
+    gains: Gains | None = None
+    limit: float = math.inf
+
+    def effort(
+        self, velocity: Array, acceleration: Array, *, armature: bool, smooth: bool = False
+    ) -> Array:
+        """Return (K,) what friction takes, and armature where it counts, without the offset.
+
+        Args:
+            velocity: (K,).
+            acceleration: (K,).
+            armature: Whether the armature counts.
+            smooth: Whether friction turns over as it is identified, else at once.
+        """
+        sign = np.tanh(velocity / self.width) if smooth else np.sign(velocity)
+        inertia = self.armature if armature else 0.0
+        return np.asarray(self.coulomb * sign + self.viscous * velocity + inertia * acceleration)
+
+    def closest(self, effort: Array, velocity: Array, acceleration: Array) -> 'Joint':
+        """Return the joint whose friction and armature come closest to an effort, by squares.
+
+        Args:
+            effort: (K,) that motor and gear take, whatever effects make of it.
+            velocity: (K,).
+            acceleration: (K,).
+        """
+        from scipy.optimize import nnls
+
+        columns = np.stack([np.sign(velocity), velocity, acceleration], axis=1)
+        if self.armature == 0.0:
+            columns = columns[:, :2]
+        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        found = nnls(columns / scale, effort - self.offset)[0] / scale
+        return replace(
+            self,
+            coulomb=float(found[0]),
+            viscous=float(found[1]),
+            armature=float(found[2]) if len(found) > 2 else 0.0,
+        )
+
+
+def joints_of(model: DriveModel, theta: Array) -> tuple[Joint, ...]:
+    """Return the drives compared, as a candidate (N,) has them."""
+    block = model.rows(np.atleast_2d(theta))[0]
+    return tuple(
+        _joint(model, block, model.machine.drives.index(name), name) for name in model.drives
+    )
+
+
+def at_joints(model: DriveModel, theta: Array, effort: Array) -> Array:
+    """Return (D, K) efforts of the drives compared, as logged, at their joints."""
+    block = model.rows(np.atleast_2d(theta))[0]
+    places = [model.machine.drives.index(name) for name in model.drives]
+    gear = np.array([block[rows.row_of('gear', d)] for d in places])
+    return np.asarray(gear[:, None] * effort)
+
+
+def _joint(model: DriveModel, block: Array, d: int, name: str) -> Joint:
+    def of(row: str) -> float:
+        return float(block[rows.row_of(row, d)])
+
+    gear = of('gear')
+    braking = of('back_emf')
+    return Joint(
+        name=name,
+        travel=model.travels[d],
+        coulomb=gear * of('coulomb'),
+        width=of('regularisation'),
+        viscous=gear * of('viscous') + braking,
+        armature=of('motor_mass'),
+        offset=gear * of('log_bias'),
+        gains=_gains(model, of, d),
+        limit=gear * of('torque_limit') * (of('drive_gain') if of('drive_gain') else 1.0),
+    )
+
+
+def _gains(model: DriveModel, of: Callable[[str], float], d: int) -> Gains | None:
+    """Return the controller of a drive, its cascade multiplied out; None where it has none."""
+    if not all(model.machine.known(key) for key in model.gains):
+        return None
+    p, d_gain, i, share = (
+        of(row) for row in ('position_gain', 'velocity_gain', 'integral_gain', 'feedforward')
+    )
+    gear = of('gear')
+    if model.law[d] == drive_kernel.POSITION:
+        full = of('drive_gain')
+        return Gains(full * p, 0.0, full * d_gain, share)
+    # The integral of the speed's error is the position's error.
+    return Gains(gear * (d_gain * p + i), gear * i * p, gear * d_gain, share)

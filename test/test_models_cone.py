@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Inertials that bodies can have: the cone, its repair, the point nearest to fit and belief."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from ros2_ident.models.serial.cone import consistent, inertials_of, mended, nearest, pseudo_inertia
+
+NOTHING = (np.empty((0, 30)), np.empty(0))
+FREE = (np.empty((0, 10)), np.empty(0))
+
+
+def of_points(mass: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return the ten inertials of points (P,) at (P, 3), by their sums."""
+    square = (place**2).sum(axis=1)
+    inertia = np.einsum('p,pij->ij', mass, square[:, None, None] * np.eye(3)) - np.einsum(
+        'p,pi,pj->ij', mass, place, place
+    )
+    places = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]
+    return np.array([mass.sum(), *(mass @ place), *inertia[places]])
+
+
+def bodies(count: int, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.array(
+        [of_points(rng.uniform(0.1, 2.0, 6), rng.uniform(-0.3, 0.3, (6, 3))) for _ in range(count)]
+    )
+
+
+def test_a_pseudo_inertia_is_the_second_moments_of_the_points() -> None:
+    mass, place = np.array([1.0, 2.0]), np.array([[0.1, 0.2, 0.3], [-0.5, 0.0, 0.4]])
+    pseudo = pseudo_inertia(of_points(mass, place)[None])[0]
+    whole = np.column_stack([place, np.ones(2)])
+    np.testing.assert_allclose(pseudo, whole.T @ (mass[:, None] * whole), atol=1e-14)
+    np.testing.assert_allclose(inertials_of(pseudo[None])[0], of_points(mass, place), atol=1e-14)
+
+
+def test_the_triangle_of_inertias_and_the_centre_are_asked_for() -> None:
+    fine = bodies(1)[0]
+    flat = np.array([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.5])
+    outside = fine.copy()
+    outside[1] = 10.0 * fine[0]
+    assert consistent(np.array([fine, flat, outside, -fine])).tolist() == [True, *[False] * 3]
+    repaired = mended(np.array([fine, flat]))
+    assert consistent(repaired).all()
+    np.testing.assert_array_equal(repaired[0], fine)
+    assert repaired[1, 0] == 1.0
+
+
+def test_what_a_fit_is_sure_of_is_met_and_the_rest_is_the_description() -> None:
+    described = bodies(3)
+    truth = mended(described * np.random.default_rng(1).uniform(0.95, 1.05, described.shape))
+    told = np.random.default_rng(2).normal(size=(8, 30))
+    wanted = told @ (truth - described).ravel()
+    found = nearest(described, told, wanted, 1e12 * np.eye(8), NOTHING, 0.3)
+    assert consistent(found).all()
+    np.testing.assert_allclose(told @ (found - described).ravel(), wanted, atol=1e-9)
+    # Nothing is told, or nobody is sure: the description.
+    loose = nearest(described, told, wanted, 1e-12 * np.eye(8), NOTHING, 0.3)
+    np.testing.assert_allclose(loose, described, rtol=1e-6, atol=1e-9)
+
+
+def test_a_fit_that_no_body_meets_is_met_as_far_as_it_goes() -> None:
+    described = bodies(1)
+    # Heavier by half and its moment of inertia about z gone: no body.
+    told = np.zeros((2, 10))
+    told[0, 0] = told[1, 9] = 1.0
+    wanted = np.array([0.5 * described[0, 0], -1.2 * described[0, 9]])
+    found = nearest(described, told, wanted, 1e6 * np.eye(2), FREE, 0.3)
+    assert consistent(found).all()
+    assert 0.0 < found[0, 9] < 0.1 * described[0, 9]
+
+
+def test_the_weight_is_a_standard_deviation_of_the_mass() -> None:
+    """A mass alone, told with the same certainty as it is believed: half way, near by."""
+    described = np.array([2.0, 0, 0, 0, 1e-2, 0, 1e-2, 0, 0, 1e-2])[None]
+    told = np.eye(10)[0]
+    spread = 1e-3
+    wanted = np.array([spread * 2.0])
+    # All ten grow together where nothing else is told of them but their ratios.
+    ratios = np.eye(10)[1:] - np.outer(described[0, 1:] / 2.0, told)
+    found = nearest(
+        described,
+        told[None],
+        wanted,
+        np.eye(1) / (spread * 2.0) ** 2,
+        (ratios, np.zeros(9)),
+        spread,
+    )
+    assert found[0, 0] - 2.0 == pytest.approx(0.5 * spread * 2.0, rel=0.01)
+
+
+def test_held_combinations_are_met() -> None:
+    described = bodies(2)
+    rng = np.random.default_rng(5)
+    told, held = rng.normal(size=(4, 20)), rng.normal(size=(3, 20))
+    off = np.array([0.0, 0.01, -0.02])
+    found = nearest(described, told, 0.01 * rng.normal(size=4), 1e6 * np.eye(4), (held, off), 0.3)
+    np.testing.assert_allclose(held @ (found - described).ravel(), off, atol=1e-11)
+    assert np.abs(found - described).max() > 1e-4
+
+
+def test_it_is_the_minimum() -> None:
+    described = bodies(1, seed=3)
+    rng = np.random.default_rng(6)
+    told, wanted = rng.normal(size=(4, 10)), 0.05 * rng.normal(size=4)
+    precision = np.diag([1e2, 1e3, 1e4, 10.0])
+
+    def cost(inertials: np.ndarray) -> float:
+        pseudo, first = pseudo_inertia(np.array([inertials, described[0]]))
+        if np.linalg.eigvalsh(pseudo).min() <= 0.0:
+            return np.inf
+        ratio = np.linalg.solve(first, pseudo)
+        off = told @ (inertials - described[0]) - wanted
+        apart = np.trace(ratio) - np.linalg.slogdet(ratio)[1] - 4.0
+        return float(apart / (4.0 * 0.2**2) + 0.5 * off @ precision @ off)
+
+    found = nearest(described, told, wanted, precision, FREE, 0.2)[0]
+    best = cost(found)
+    for step in rng.normal(size=(200, 10)) * np.abs(described[0]) * 1e-3:
+        assert cost(found + step) >= best
+    better = minimize(cost, found, method='Nelder-Mead', options={'maxiter': 500})
+    assert better.fun >= best - 1e-9
