@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Kill a command at random moments, go on with `--resume`, and look at what comes of it.
+
+The directory holds the results of an earlier run with another seed. A run is killed (SIGKILL, with
+all its threads) and started again until it ends by itself; then another begins, until there were
+as many kills as asked for. After each kill every file has to be whole and of one run, old or new;
+at the end the result has to be the uninterrupted one's to the bit, and nothing else may be left.
+
+Example: python benchmarks/kills.py identify --kills 100
+"""
+
+import argparse
+from collections import Counter
+from collections.abc import Iterator, Sequence
+import json
+import os
+from pathlib import Path
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ros2_ident.recording import read_bag
+from ros2_ident.threads import ONE_THREAD
+
+ROOT = Path(__file__).parents[1]
+MACHINE = ROOT / 'config' / 'emps.yaml'
+# So that a diagnosis has rounds of fits to be killed in.
+LOG = ['--motion', 'reversals', '--seconds', '8', '--seed', '3']
+LOG += ['--effect', 'stribeck@emps_axis:torque=12,speed=0.02']
+# What of a result says when and where it was made, not what was found.
+OCCASION = ('seconds', 'created', 'host', 'settings', 'provenance')
+FILES = {
+    'identify': ('result.json', 'result.yaml', 'history.npz', 'signals.npz'),
+    'diagnose': ('diagnosis.json', 'diagnosis.npz'),
+}
+
+
+def command(name: str, out: Path, seed: int, more: Sequence[str] = ()) -> list[str]:
+    """Return the words of a run on the bag beside its directory."""
+    words = [sys.executable, '-m', 'ros2_ident.cli.main', name, str(out.with_name('bag'))]
+    words += ['--machine', str(MACHINE)]
+    if name == 'simulate':
+        return [*words, *more]
+    return [*words, '--seed', str(seed), '--out', str(out), '--quiet', *more]
+
+
+def start(words: Sequence[str]) -> 'subprocess.Popen[bytes]':
+    """Start a run in a session of its own."""
+    environment = os.environ | dict.fromkeys(ONE_THREAD, '1')
+    return subprocess.Popen(
+        words,
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+
+
+def told(value: Any) -> Any:
+    """Return a result without what tells of the occasion."""
+    if isinstance(value, dict):
+        return {k: told(v) for k, v in value.items() if k not in OCCASION}
+    return [told(x) for x in value] if isinstance(value, list) else value
+
+
+def content(path: Path) -> Any:
+    """Return what a file holds; fails where it is not whole."""
+    if path.suffix == '.npz':
+        with np.load(path, allow_pickle=False) as file:
+            return {k: (file[k].dtype.str, file[k].shape, file[k].tobytes()) for k in file.files}
+    text = path.read_text()
+    return told(yaml.safe_load(text) if path.suffix == '.yaml' else json.loads(text))
+
+
+def results(name: str, out: Path) -> dict[str, Any]:
+    """Return the content of the result files that are there."""
+    return {x: content(out / x) for x in FILES[name] if (out / x).exists()}
+
+
+def overlay(out: Path) -> bytes | None:
+    """Return the bytes of the overlay bag, None where there is none; it has to be readable."""
+    if not (out / 'overlay').exists():
+        return None
+    read_bag(out / 'overlay')
+    data = (out / 'overlay' / 'overlay.mcap').read_bytes()
+    return data
+
+
+class Trial:
+    """One run that is killed again and again.
+
+    Args:
+        name: The command.
+        out: Its directory.
+        old: Result files of the earlier run, which lie there.
+        new: Result files of the run, uninterrupted.
+    """
+
+    def __init__(self, name: str, out: Path, old: Path, new: Path) -> None:
+        self.name, self.out = name, out
+        self.old, self.new = results(name, old), results(name, new)
+        page = old / 'report.html'
+        self.old_page = page.read_bytes() if page.exists() else b''
+        self.old_bag = (old / 'overlay' / 'overlay.mcap').read_bytes()
+        self.found: Counter[str] = Counter()
+        self.wrong: list[str] = []
+
+    def look(self) -> None:
+        """Look at the directory after a kill."""
+        files = results(self.name, self.out)
+        of = {x: 'old' if v == self.old[x] else 'new' for x, v in files.items()}
+        for x, v in files.items():
+            if of[x] == 'new' and v != self.new[x]:
+                self.wrong.append(f'{x} is neither the old one nor the new one')
+        page, bag = self.out / 'report.html', overlay(self.out)
+        if page.exists():
+            text = page.read_bytes()
+            of['page'] = 'old' if text == self.old_page else 'new'
+            if not text.rstrip().endswith(b'</html>'):
+                self.wrong.append('half a page')
+        if bag is not None:
+            of['overlay'] = 'old' if bag == self.old_bag else 'new'
+        if len(set(of.values())) > 1:
+            self.wrong.append(f'old beside new: {of}')
+        checkpoint = self.out / f'{self.name}.checkpoint'
+        self.found['with a checkpoint'] += checkpoint.exists()
+        self.found['with the new result'] += 'new' in of.values()
+
+    def end(self) -> None:
+        """Look at the directory after the end."""
+        if results(self.name, self.out) != self.new:
+            self.wrong.append('another result than that of the uninterrupted run')
+        left = {x.name for x in self.out.iterdir()}
+        left = {x for x in left if not x.endswith('.partial')}
+        expected = {*FILES[self.name], 'overlay'} | ({'report.html'} if self.old_page else set())
+        if left != expected:
+            self.wrong.append(f'left: {sorted(left ^ expected)}')
+
+
+def moments(seconds: float, generator: random.Random) -> Iterator[float]:
+    """Yield moments to kill at: anywhere in a run, more often where it works than imports."""
+    while True:
+        yield generator.uniform(0.0, 1.05) * seconds
+
+
+def main() -> int:
+    """Kill, resume, compare, count."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('command', choices=tuple(FILES))
+    parser.add_argument('--kills', type=int, default=100)
+    parser.add_argument('--seed', type=int, default=1, help='of the moments')
+    parser.add_argument('--words', default='', help='further words of the command')
+    args = parser.parse_args()
+    generator, more = random.Random(args.seed), args.words.split()
+    with tempfile.TemporaryDirectory() as folder:
+        old, new, out = (Path(folder, x) for x in ('old', 'new', 'out'))
+        subprocess.run(command('simulate', old, 1, LOG), capture_output=True, check=True)
+        subprocess.run(command(args.command, old, 2, more), capture_output=True, check=False)
+        begin = time.monotonic()
+        subprocess.run(command(args.command, new, 1, more), capture_output=True, check=False)
+        whole = time.monotonic() - begin
+        trial = Trial(args.command, out, old, new)
+        kills, runs, ended, at = 0, 0, 0, moments(whole, generator)
+        while kills < args.kills or not ended:
+            shutil.rmtree(out, ignore_errors=True)
+            shutil.copytree(old, out)
+            while True:
+                runs += 1
+                process = start(command(args.command, out, 1, [*more, '--resume']))
+                try:
+                    limit = next(at) if kills < args.kills else None
+                    said = process.communicate(timeout=limit)[1].decode()
+                except subprocess.TimeoutExpired:
+                    os.killpg(process.pid, signal.SIGKILL)
+                    process.communicate()
+                    kills += 1
+                    trial.look()
+                    continue
+                ended += 1
+                if process.returncode not in (0, 1):
+                    trial.wrong.append(f'exit code {process.returncode}: {said[-300:]}')
+                trial.end()
+                break
+        print(f'{args.command}: {whole:.1f} s; {kills} kills, {runs} starts, {ended} runs ended')
+        print(', '.join(f'{count} {what}' for what, count in sorted(trial.found.items())))
+        print(f'{len(trial.wrong)} wrong')
+        for sentence in trial.wrong[:20]:
+            print(f'  {sentence}')
+    return bool(trial.wrong)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
