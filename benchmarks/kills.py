@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kill a command at random moments, go on with `--resume`, and look at what comes of it.
+"""Kill a command or the node at random moments, go on, and look at what comes of it.
 
 The directory holds the results of an earlier run with another seed. A run is killed (SIGKILL, with
 all its threads) and started again until it ends by itself; then another begins, until there were
 as many kills as asked for. After each kill every file has to be whole and of one run, old or new;
 at the end the result has to be the uninterrupted one's to the bit, and nothing else may be left.
+The node gets the same goal again after each kill.
 
 Example: python benchmarks/kills.py identify --kills 100
 """
@@ -145,6 +146,85 @@ class Trial:
             self.wrong.append(f'left: {sorted(left ^ expected)}')
 
 
+class Client:
+    """Starts the node, sends it a goal, and waits for the result.
+
+    Args:
+        bag: What to identify from.
+        out: The node's output directory.
+    """
+
+    def __init__(self, bag: Path, out: Path) -> None:
+        import rclpy
+        from rclpy.action import ActionClient
+        from ros2_ident_msgs.action import Identify
+
+        os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 90 + 10))
+        rclpy.init()
+        self.rclpy = rclpy
+        self.node = rclpy.create_node('kills')
+        self.connect = lambda name: ActionClient(self.node, Identify, f'/{name}/identify')
+        self.starts = 0
+        self.goal = Identify.Goal(
+            bag_path=str(bag), data_source=Identify.Goal.DATA_SOURCE_BAG, refine=True
+        )
+        parameters = {'machine_file': MACHINE, 'output_directory': out}
+        words = [sys.executable, '-m', 'ros2_ident.ros.identifier', '--ros-args']
+        self.words = [*words, *(x for k, v in parameters.items() for x in ('-p', f'{k}:={v}'))]
+
+    def attempt(self, seconds: float | None) -> bool:
+        """Return whether the result came before the kill, which comes after so many seconds."""
+        self.starts += 1
+        name = f'identifier_{self.starts}'  # a killed one is on the air for a while
+        process = start([*self.words, '-r', f'__node:={name}'])
+        client = self.connect(name)
+        end = time.monotonic() + (600.0 if seconds is None else seconds)
+        sent, answer = None, None
+        try:
+            while time.monotonic() < end:
+                self.rclpy.spin_once(self.node, timeout_sec=0.02)
+                if sent is None and client.server_is_ready():
+                    sent = client.send_goal_async(self.goal)
+                if sent is not None and answer is None and sent.done():
+                    answer = sent.result().get_result_async()
+                if answer is not None and answer.done():
+                    return True
+            return False
+        finally:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            client.destroy()
+
+
+def kill_the_node(folder: Path, kills: int, generator: random.Random) -> int:
+    """Kill the node in its goals; return how often something was wrong."""
+    subprocess.run(command('simulate', folder / 'out', 1, LOG), capture_output=True, check=True)
+    out, done, ended, wrong = folder / 'out', 0, 0, list[str]()
+    client = Client(folder / 'bag', out)
+    begin = time.monotonic()
+    client.attempt(None)
+    whole = time.monotonic() - begin
+    (first,) = out.glob('*/result.json')
+    reference = {x: content(first.with_name(x)) for x in ('result.json', 'history.npz')}
+    kept = 0
+    while done < kills or not ended:
+        shutil.rmtree(out, ignore_errors=True)
+        while not client.attempt(generator.uniform(0.0, 1.05) * whole if done < kills else None):
+            done += 1
+            kept += any(out.glob('unfinished/*'))
+            for path in (x for x in out.glob('2*/*') if x.suffix in ('.json', '.yaml', '.npz')):
+                content(path)  # fails where it is not whole
+        ended += 1
+        last = max(out.glob('*/result.json'))
+        if {x: content(last.with_name(x)) for x in reference} != reference:
+            wrong.append('another result than that of the uninterrupted run')
+        if list(out.glob('unfinished/*')):
+            wrong.append('a checkpoint is left')
+    print(f'node: {whole:.1f} s; {done} kills, {kept} with a checkpoint, {ended} goals ended')
+    print(f'{len(wrong)} wrong', *wrong[:20], sep='\n  ')
+    return len(wrong)
+
+
 def moments(seconds: float, generator: random.Random) -> Iterator[float]:
     """Yield moments to kill at: anywhere in a run, more often where it works than imports."""
     while True:
@@ -154,13 +234,15 @@ def moments(seconds: float, generator: random.Random) -> Iterator[float]:
 def main() -> int:
     """Kill, resume, compare, count."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('command', choices=tuple(FILES))
+    parser.add_argument('command', choices=(*FILES, 'node'))
     parser.add_argument('--kills', type=int, default=100)
     parser.add_argument('--seed', type=int, default=1, help='of the moments')
     parser.add_argument('--words', default='', help='further words of the command')
     args = parser.parse_args()
     generator, more = random.Random(args.seed), args.words.split()
     with tempfile.TemporaryDirectory() as folder:
+        if args.command == 'node':
+            return bool(kill_the_node(Path(folder), args.kills, generator))
         old, new, out = (Path(folder, x) for x in ('old', 'new', 'out'))
         subprocess.run(command('simulate', old, 1, LOG), capture_output=True, check=True)
         subprocess.run(command(args.command, old, 2, more), capture_output=True, check=False)
