@@ -3,6 +3,8 @@
 
 from dataclasses import replace
 import math
+from pathlib import Path
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -23,6 +25,7 @@ from ros2_ident.gap.verdict import (
 )
 from ros2_ident.models import EffectAt
 
+ROOT = Path(__file__).parents[1]
 DRIVES = ('one', 'two')
 SAMPLES = 1000
 RULES = Rules(
@@ -100,6 +103,18 @@ def found(chain, rounds=(), rivals=(), rests=(), remaining=0.0, complete=True):
 
 
 # ---------------------------------------------------------------------- sizes
+
+
+def test_the_rules_are_those_that_the_docs_state():
+    page = (ROOT / 'docs' / 'diagnosis.md').read_text()
+    stated = {}
+    row = r'^\| ((?:`\w+`(?:, )?)+) \| ([\d., ]+) \|'
+    for names, values in re.findall(row, page, re.MULTILINE):
+        numbers = [float(x) for x in values.split(',')]
+        stated |= dict(zip(re.findall(r'\w+', names), numbers, strict=True))
+    rules = vars(Rules())
+    assert {k: v for k, v in stated.items() if k in rules} == rules
+    assert Temperatures() == Temperatures(0.04, 0.08, 0.2, 0.9, 5.0, 0.02, 0.02)
 
 
 def test_a_gap_is_the_mean_square_beyond_the_noise_on_both_parts(explainer):
@@ -241,6 +256,10 @@ def test_a_bound_that_is_the_neutral_value_is_none():
     (size,) = (p for p in get_effect('stribeck').parameters if p.role == 'size')
     (shape,) = (p for p in get_effect('stribeck').parameters if p.role == 'shape')
     assert at_bound(size, size.high) and not at_bound(size, size.low)
+    near = 0.9e-3 * (size.high - size.low)
+    assert at_bound(size, size.high - near) and not at_bound(size, size.high - 1.2 * near)
+    lower = replace(size, low=-1.0, high=1.0)
+    assert at_bound(lower, -1.0) and not at_bound(lower, -0.5)
     assert not at_bound(shape, shape.high)
     assert at_bound(replace(size, neutral=0.1), size.low)
 
@@ -391,6 +410,40 @@ def test_a_chain_is_fitted_anew_where_a_middle_one_goes(explainer, attribution):
     assert got[1] is first
 
 
+def test_what_a_later_effect_makes_superfluous_is_dropped_on_the_way(explainer, attribution):
+    base, one = made((4.0, 4.0)), made((1.0, 4.0), effects=[STRIBECK])
+    both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
+    alone = made((0.1, 0.1), effects=[DRAG])
+    attribution.refits = {(): base, (DRAG,): alone}
+    rounds_of(attribution, [one], [both])
+    assert explainer.explain(base, [], lambda e: None).chain == (base, alone)
+
+
+def test_what_was_freed_takes_the_place_of_the_nominal_fit(explainer, attribution):
+    base, plain = made((4.0, 0.0)), made((0.1, 0.0))
+    attribution.refits = {(): plain}
+    rounds_of(attribution, [made((0.0, 0.0), effects=[STRIBECK])])
+    got = explainer.explain(base, [], print)
+    assert [e.loss for e in got.chain] == [plain.loss]
+
+
+def test_the_noise_is_looked_at_again_once_an_effect_is_known(attribution):
+    explainer = Explainer(attribution, None, RULES)
+    chain, rounds = [made((4.0, 0.0)), made((0.1, 0.0), effects=[STRIBECK])], []
+    again = made((0.05, 0.0), effects=[STRIBECK])
+    attribution.refits = {(STRIBECK,): again}
+    renewed = []
+    attribution.renew = lambda floor, c, r: renewed.append(floor) or (list(c), list(r))
+    for share, said in ((0.98, False), (0.96, True)):
+        seen = SimpleNamespace(floor=SimpleNamespace(per_drive=np.array([1.0, share])))
+        explainer.noise_of = lambda e, seen=seen: seen
+        got, _ = explainer.looked_again(chain, rounds)
+        assert (got[-1] is again) is said
+        assert (explainer.floor is seen.floor) is said
+        assert len(renewed) == said
+    assert chain[1] is not again
+
+
 def test_an_effect_that_only_freed_a_stuck_fit_is_forgotten(explainer, attribution):
     base = made((4.0, 0.0))
     with_effect = made((0.0, 0.0), effects=[STRIBECK])
@@ -497,6 +550,7 @@ def test_what_closes_nearly_as_much_cannot_be_told_apart(explainer):
     near, far = made((0.19, 0.0), effects=[DRAG]), made((0.21, 0.0), effects=[SPRING])
     said = answered(explainer, [base, one], [one, near, far])
     assert [w.at for w in said.confusable] == [STRIBECK, DRAG]
+    assert all(any(w is x for x in said.ranking) for w in said.confusable)
     refuted = replace(near, law=np.array([2.0, 1.0]))
     said = answered(explainer, [base, one], [one, refuted, far])
     assert [w.at for w in said.confusable] == [STRIBECK]
