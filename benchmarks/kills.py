@@ -12,7 +12,7 @@ Example: python benchmarks/kills.py identify --kills 100
 
 import argparse
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 import json
 import os
 from pathlib import Path
@@ -113,6 +113,34 @@ class Trial:
         self.old_bag = (old / 'overlay' / 'overlay.mcap').read_bytes()
         self.found: Counter[str] = Counter()
         self.wrong: list[str] = []
+        self.until, self.working = 3.0, 2.0  # s, before the work and of it
+
+    def kills(self, process: 'subprocess.Popen[bytes]', generator: random.Random) -> bool:
+        """Kill a run at a random moment; return whether it had not ended before.
+
+        One in five moments lies anywhere before the run begins to work, the others within the
+        time that it then takes, as far as the last run that ended took so long.
+        """
+        checkpoint = self.out / f'{self.name}.checkpoint'
+        size = checkpoint.stat().st_size if checkpoint.exists() else 0
+        early = generator.random() < 0.2
+        begin = time.monotonic()
+        limit = begin + generator.random() * self.until
+        while process.poll() is None and not (early and time.monotonic() >= limit):
+            if checkpoint.exists() and checkpoint.stat().st_size != size:
+                self.until = time.monotonic() - begin
+                break
+            time.sleep(0.005)
+        working = time.monotonic()
+        limit = 0.0 if early else working + generator.random() * self.working
+        while process.poll() is None and time.monotonic() < limit:
+            time.sleep(0.005)
+        if process.poll() is not None:
+            self.working = max(0.1, time.monotonic() - working)
+            return False
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        return True
 
     def look(self) -> None:
         """Look at the directory after a kill."""
@@ -225,12 +253,6 @@ def kill_the_node(folder: Path, kills: int, generator: random.Random) -> int:
     return len(wrong)
 
 
-def moments(seconds: float, generator: random.Random) -> Iterator[float]:
-    """Yield moments to kill at: anywhere in a run, more often where it works than imports."""
-    while True:
-        yield generator.uniform(0.0, 1.05) * seconds
-
-
 def main() -> int:
     """Kill, resume, compare, count."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -250,22 +272,18 @@ def main() -> int:
         subprocess.run(command(args.command, new, 1, more), capture_output=True, check=False)
         whole = time.monotonic() - begin
         trial = Trial(args.command, out, old, new)
-        kills, runs, ended, at = 0, 0, 0, moments(whole, generator)
+        kills, runs, ended = 0, 0, 0
         while kills < args.kills or not ended:
             shutil.rmtree(out, ignore_errors=True)
             shutil.copytree(old, out)
             while True:
                 runs += 1
                 process = start(command(args.command, out, 1, [*more, '--resume']))
-                try:
-                    limit = next(at) if kills < args.kills else None
-                    said = process.communicate(timeout=limit)[1].decode()
-                except subprocess.TimeoutExpired:
-                    os.killpg(process.pid, signal.SIGKILL)
-                    process.communicate()
+                if kills < args.kills and trial.kills(process, generator):
                     kills += 1
                     trial.look()
                     continue
+                said = process.communicate()[1].decode()
                 ended += 1
                 if process.returncode not in (0, 1):
                     trial.wrong.append(f'exit code {process.returncode}: {said[-300:]}')
