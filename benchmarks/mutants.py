@@ -26,7 +26,7 @@ import time
 ROOT = Path(__file__).parents[1]
 # Modules and the tests that are for them.
 TESTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    'gap': (('explain', 'verdict'), ('test_gap_rules',)),
+    'gap': (('criteria', 'explain', 'verdict'), ('test_gap_rules',)),
     'search': (
         (
             'checkpoint',
