@@ -98,8 +98,7 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         '--resume',
         action='store_true',
         help='continue a run of the same command that was cut short, from '
-        'DIR/identify.checkpoint; '
-        'same result',
+        'DIR/identify.checkpoint; same result',
     )
     group.add_argument(
         '--method',
