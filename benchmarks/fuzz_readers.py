@@ -52,9 +52,9 @@ def too_long(*_: object) -> None:
     raise TimeoutError
 
 
-def run_batch(task: tuple[str, Kind, int, int, int, int, float, str]) -> tuple[str, Tally]:
+def run_batch(task: tuple[str, Kind, int, int, int, int, float, str, int]) -> tuple[str, Tally]:
     """Read `count` damaged inputs of one kind."""
-    name, kind, seed, first, count, memory, seconds, keep = task
+    name, kind, seed, first, count, memory, seconds, keep, judge = task
     tally = Tally()
     warnings.simplefilter('ignore')
     signal.signal(signal.SIGALRM, too_long)
@@ -70,7 +70,7 @@ def run_batch(task: tuple[str, Kind, int, int, int, int, float, str]) -> tuple[s
             found, took = 'traceback', 0.0
             signal.setitimer(signal.ITIMER_REAL, seconds)
             try:
-                found, took = timed(path, truth)
+                found, took = timed(path, truth, number % judge == 0)
             except TimeoutError:
                 found, took = 'hang', seconds
             except MemoryError:
@@ -107,7 +107,8 @@ def tasks(args: argparse.Namespace, logs: dict[str, Kind]) -> Iterator[tuple[Any
     for first in range(args.first, args.first + each, BATCH):
         count = min(BATCH, args.first + each - first)
         for name, kind in logs.items():
-            yield name, kind, args.seed, first, count, args.memory << 20, args.seconds, args.keep
+            limits = args.memory << 20, args.seconds
+            yield name, kind, args.seed, first, count, *limits, args.keep, args.judge
 
 
 def guided(kind: Kind, seconds: int) -> None:
@@ -142,11 +143,13 @@ def main() -> None:
     parser.add_argument('--processes', type=int, default=2)
     parser.add_argument('--memory', type=int, default=2048, help='MiB that an input may take')
     parser.add_argument('--seconds', type=float, default=10.0, help='that an input may take')
+    parser.add_argument('--size', type=int, default=120, help='samples of each stream')
+    parser.add_argument('--judge', type=int, default=1, help='judge one of so many that are read')
     parser.add_argument('--keep', default='', help='directory for inputs that went wrong')
     parser.add_argument('--atheris', metavar='KIND', help='search by coverage, for --seconds')
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        logs = kinds(Path(folder))
+        logs = kinds(Path(folder), args.size)
     if args.atheris:
         guided(logs[args.atheris], int(args.seconds))
         return

@@ -121,10 +121,13 @@ class IdentError(Exception):
 
     Args:
         code: The error's number.
-        message: One sentence: what was found, where, and the remedy.
+        message: One sentence: what was found, where, and the remedy. What a terminal would not
+            print but obey, in a name or a path, becomes its escape.
     """
 
     def __init__(self, code: ErrorCode, message: str) -> None:
+        if not message.isprintable():
+            message = ''.join(c if c.isprintable() else ascii(c)[1:-1] for c in message)
         super().__init__(message)
         self.code = code
         self.message = message

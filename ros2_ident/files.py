@@ -111,6 +111,21 @@ def replacing_directory(path: str | Path, *, replace: bool = False) -> Iterator[
     shutil.rmtree(partial, ignore_errors=True)
 
 
+def remove_directory(path: str | Path) -> None:
+    """Remove a directory: it is whole there, or not at all.
+
+    Args:
+        path: It is for the caller to know that it is his own.
+
+    Raises:
+        IdentError: INVALID_GOAL where it cannot be removed.
+    """
+    partial = _beside(Path(path))
+    with _explained(Path(path)):
+        os.rename(path, partial)
+    shutil.rmtree(partial, ignore_errors=True)
+
+
 def _swap(new: Path, path: Path, old: Path, replace: bool) -> None:
     """Put a new directory at a path, and what was there at `old`."""
     if os.path.lexists(path):
@@ -201,6 +216,10 @@ class Growing:
                 os.close(self._number)
                 raise OSError(errno.EBUSY, 'another process writes it') from None
             self.size = os.lseek(self._number, 0, os.SEEK_END)
+
+    def read(self, start: int, count: int) -> bytes:
+        """Return bytes from a place on, fewer at the end of it."""
+        return os.pread(self._number, count, start)
 
     def tail(self, count: int) -> bytes:
         """Return the last bytes of it."""

@@ -177,9 +177,9 @@ class Kind:
         return folder if any(x == 'metadata.yaml' for x, _ in self.beside) else path
 
 
-def kinds(room: Path) -> dict[str, Kind]:
-    """Return the logs that are damaged, by name."""
-    recording = make_recording()
+def kinds(room: Path, size: int = 120) -> dict[str, Kind]:
+    """Return the logs that are damaged, by name; `size` samples a stream."""
+    recording = make_recording(size)
     found = {}
     for storage, suffix in (('mcap', '.mcap'), ('sqlite3', '.db3')):
         bag = write_bag(room / f'own_{storage}', recording, storage=storage)
@@ -280,8 +280,8 @@ def damage(data: bytes, rng: random.Random, times: int | None = None) -> bytes:
 # ---------------------------------------------------------------------- outcomes
 
 
-def outcome(path: Path, truth: list[Recording]) -> str:
-    """Read a log as `ident check` does; return what came of it.
+def outcome(path: Path, truth: list[Recording], judged: bool = True) -> str:
+    """Read a log as `ident check` does, judge it where `judged`; return what came of it.
 
     Returns:
         `same`, `salvaged` (something else, with a warning), `refused` (one sentence with a code)
@@ -295,7 +295,7 @@ def outcome(path: Path, truth: list[Recording]) -> str:
         return 'refused'
     if equal(found, truth):
         return 'same'
-    for sentence in check(found).findings:
+    for sentence in check(found).findings if judged else ():
         assert sentence.sentence.isprintable(), repr(sentence.sentence)
     return 'salvaged' if any(x.warnings for x in found) else 'silent'
 
@@ -304,6 +304,6 @@ def equal(one: list[Recording], two: list[Recording]) -> bool:
     return [x.streams for x in one] == [x.streams for x in two]
 
 
-def timed(path: Path, truth: list[Recording]) -> tuple[str, float]:
+def timed(path: Path, truth: list[Recording], judged: bool = True) -> tuple[str, float]:
     begin = time.perf_counter()
-    return outcome(path, truth), time.perf_counter() - begin
+    return outcome(path, truth, judged), time.perf_counter() - begin

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.cli.main import main
-from ros2_ident.errors import ErrorCode
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import Stream, write_bag
 
 AXIS = ROOT / 'bags' / 'axis_reversals'
@@ -142,3 +142,9 @@ def test_every_code_has_a_meaning_a_remedy_and_an_exit_code():
         assert code.meaning.endswith('.') and code.remedy.endswith('.')
         assert code.exit_code in (0, 1, 2, 3)
         assert ErrorCode(int(code)) is code
+
+
+def test_a_sentence_never_carries_what_a_terminal_obeys():
+    error = IdentError(ErrorCode.NO_DATA, 'bag\x1b[31m\n\0 é: does not exist')
+    assert error.message == r'bag\x1b[31m\n\x00 é: does not exist'
+    assert str(error) == error.message

@@ -265,7 +265,7 @@ def test_a_trifle_on_one_drive_contradicts_nothing() -> None:
         'right': [4.9, 1.10, 1.07], 'wrong': [16.4, 1.0, 1.0], 'clean': [1.0, 1.0, 1.0],
     }.items()}  # fmt: skip
     empty = np.empty(0)
-    e = {name: Explanation((), empty, empty, empty, x, empty, empty, empty)
+    e = {name: Explanation((), empty, empty, empty, x, empty, empty, empty, empty)
          for name, x in law.items()}  # fmt: skip
     assert not explainer.contradicted(e['right'], e['wrong'])
     assert explainer.contradicted(e['wrong'], e['right'])

@@ -12,9 +12,16 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
-from ros2_ident.recording import read_bag, Topics
+from ros2_ident.recording import read_bag, Topics, write_bag
+from ros2_ident.report import files
 from ros2_ident.report.files import load_result, write_result
-from ros2_ident.report.overlay import overlay_streams, RESIDUAL, SIMULATED, write_overlay
+from ros2_ident.report.overlay import (
+    overlay_streams,
+    RESIDUAL,
+    SIMULATED,
+    withdraw_overlay,
+    write_overlay,
+)
 from ros2_ident.report.schema import to_mapping
 
 
@@ -157,3 +164,48 @@ def test_an_overlay_of_two_segments_is_two_bags(tmp_path, result):
     problem = problem_of(axis(), gather([one, one], axis()))
     paths = write_overlay(tmp_path / 'overlay', problem, result.theta)
     assert [p.name for p in paths] == ['overlay', 'overlay_2']
+
+
+@pytest.mark.parametrize('moment', range(5))
+def test_a_crash_leaves_nothing_old_beside_what_is_new(tmp_path, result, monkeypatch, moment):
+    write_result(tmp_path, result, problem_of(axis(), axis_data()))
+    (tmp_path / 'report.html').write_text('<html>old</html>')
+    before = {x.name: x.read_bytes() for x in tmp_path.iterdir()}
+    left = moment
+
+    def die(real):
+        def write(*arguments, **options):
+            nonlocal left
+            left -= 1
+            if left < 0:
+                raise KeyboardInterrupt
+            return real(*arguments, **options)
+
+        return write
+
+    for name in ('write_text', 'write_arrays', 'write_signals'):
+        monkeypatch.setattr(files, name, die(getattr(files, name)))
+    history = replace(result.history, costs=result.history.costs + 1.0)
+    newer = replace(result, seed=7, history=history)
+    if moment < 4:
+        with pytest.raises(KeyboardInterrupt):
+            write_result(tmp_path, newer, problem_of(axis(), axis_data()))
+    else:
+        write_result(tmp_path, newer, problem_of(axis(), axis_data()))
+    after = {x.name: x.read_bytes() for x in tmp_path.iterdir()}
+    old = {name for name, data in after.items() if data == before[name]}
+    assert 'report.html' not in after
+    assert old == ({'result.json'} if moment == 0 else set(after) & {'signals.npz'})
+    if moment:
+        assert load_result(tmp_path).seed == 7
+
+
+def test_overlays_of_an_earlier_run_go_and_recorded_bags_stay(tmp_path):
+    bag = axis_bag()
+    streams = {'/joint_states': bag.streams['/joint_states']}
+    for name in ('overlay', 'overlay_2'):
+        write_bag(tmp_path / name, streams, mark='overlay')
+    write_bag(tmp_path / 'overlay_3', streams)
+    withdraw_overlay(tmp_path / 'overlay')
+    assert [x.name for x in tmp_path.iterdir()] == ['overlay_3']
+    withdraw_overlay(tmp_path / 'none' / 'overlay')

@@ -13,6 +13,7 @@ import yaml
 from ros2_ident.cli import check as cli_check
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
+from ros2_ident.identify.layout import read_conditions
 from ros2_ident.machine.template import machine_template
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.models.belt_drive.model import BeltDrive, CONSTANTS, step_reference
@@ -348,3 +349,49 @@ def test_a_good_pair_has_no_warning(capsys):
         said = capsys.readouterr().out
         assert '\nwarn' not in said
         assert 'identification: ' in said
+
+
+@pytest.mark.parametrize('digits', [309, 400, 5000])
+@pytest.mark.parametrize('place', ['effort_noise', 'bounds', 'cycle'])
+def test_a_number_of_hundreds_of_digits_is_refused_in_a_short_sentence(tmp_path, digits, place):
+    path = tmp_path / 'my.yaml'
+    text = AXIS_FILE.read_text()
+    old = {'bounds': r'moving_mass: *\[[^,]*,'}.get(place, rf'\b{place}: *[\d.e-]+')
+    assert re.search(old, text), place
+    new = f'moving_mass: [1{"0" * digits},' if place == 'bounds' else f'{place}: 1{"0" * digits}'
+    path.write_text(re.sub(old, new, text, count=1))
+    with pytest.raises(IdentError) as info:
+        load_machine(path)
+    assert len(info.value.message) < 300
+    assert 'my.yaml' in info.value.message
+
+
+@pytest.mark.parametrize(
+    ('kind', 'old', 'new'),
+    [
+        ('linear_axis', r'effort_noise: *[\d.e-]+', f'effort_noise: 0x{"f" * 5000}'),
+        ('linear_axis', r'machine: *\w+', 'machine: "\\e[31mred"'),
+        ('linear_axis', r'machine: *\w+', f'machine: {"x" * 5000}'),
+        ('linear_axis', r'effort_noise:', f'"\\e{"y" * 500}": 1\neffort_noise:'),
+        ('linear_axis', r'effort_noise:', f'0x{"f" * 5000}: 1\neffort_noise:'),
+        ('serial', r'geometry:', f'geometry:\n  description: {"é" * 300}.urdf'),
+        ('serial', r'geometry:', 'geometry:\n  description: "a\\0b"'),
+        ('serial', r'geometry:', f'geometry:\n  description: 0x{"f" * 5000}'),
+    ],
+)
+def test_what_a_file_says_is_shown_short_and_without_escapes(tmp_path, kind, old, new):
+    path = tmp_path / 'my.yaml'
+    text = (ROOT / 'config' / 'ur10.yaml' if kind == 'serial' else AXIS_FILE).read_text()
+    assert re.search(old, text)
+    path.write_text(re.sub(old, lambda _: new, text, count=1))
+    with pytest.raises(IdentError) as info:
+        load_machine(path)
+    assert info.value.message.isprintable()
+    assert len(info.value.message) < 500
+
+
+def test_a_known_difference_of_hundreds_of_digits_is_refused(tmp_path):
+    path = tmp_path / 'differences.yaml'
+    path.write_text(f'run_1: {{tool_mass: 1{"0" * 400}}}\n')
+    with pytest.raises(IdentError, match='run_1: tool_mass is'):
+        read_conditions((), path)

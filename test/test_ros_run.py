@@ -2,6 +2,8 @@
 """A run of the worker: needs no rclpy."""
 
 from dataclasses import replace
+import os
+import threading
 
 from identify_cases import AXIS_FILE, ROOT
 import numpy as np
@@ -10,8 +12,12 @@ import pytest
 from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag
+from ros2_ident.ros.diagnose_run import DiagnoseRequest, run_diagnosis
+from ros2_ident.ros.files import save_diagnosis, save_result
 from ros2_ident.ros.run import Preview, PREVIEW_SAMPLES, Request, run
-from ros2_ident.search import GeneticSettings
+from ros2_ident.ros.unfinished import MOST, place_of
+from ros2_ident.search import GeneticSearch, GeneticSettings
+from ros2_ident.search.journal import Journal
 
 BAG = ROOT / 'bags/axis_reversals'
 
@@ -84,3 +90,112 @@ def test_a_preview_waits_for_its_period_and_for_something_better(request_, monke
 
 def test_a_run_without_previews_and_progress(request_):
     assert run(replace(request_, seed=5), None).identification.seed == 5
+
+
+class Killed(BaseException):
+    """The end of the process."""
+
+
+@pytest.fixture
+def dying(monkeypatch):
+    """Return a function after which a run dies at one of its records, and what undoes it."""
+    real = Journal.put
+
+    def at(count):
+        left = count
+
+        def put(self, values, *what):
+            nonlocal left
+            left -= 1
+            if left < 0:
+                raise Killed
+            return real(self, values, *what)
+
+        monkeypatch.setattr(Journal, 'put', put)
+        return lambda: monkeypatch.setattr(Journal, 'put', real)
+
+    return at
+
+
+def left_in(directory):
+    return sorted(x.name for x in (directory / 'unfinished').iterdir())
+
+
+def test_a_goal_that_is_sent_again_after_a_kill_goes_on(request_, tmp_path, dying, monkeypatch):
+    request_ = replace(request_, output_directory=str(tmp_path))
+    whole = run(replace(request_, output_directory=''), None).identification
+    revive = dying(3)
+    with pytest.raises(Killed):
+        run(request_, None)
+    revive()
+    assert len(left_in(tmp_path)) == 1
+    asked = []
+    real = GeneticSearch.ask
+
+    def ask(self):
+        asked.append(self.generation)
+        return real(self)
+
+    monkeypatch.setattr(GeneticSearch, 'ask', ask)
+    finished = run(request_, None)
+    assert asked == [4], 'three generations were kept'
+    assert finished.identification.theta.tobytes() == whole.theta.tobytes()
+    save_result(finished)
+    assert left_in(tmp_path) == []
+
+
+def test_a_diagnosis_goal_goes_on_likewise(tmp_path, dying):
+    wanted = DiagnoseRequest(
+        load_machine(AXIS_FILE), '', ('emps_axis',), (str(BAG),), output_directory=str(tmp_path)
+    )
+
+    def go():
+        return run_diagnosis(wanted, None, threading.Event(), lambda progress: None)
+
+    revive = dying(12)
+    with pytest.raises(Killed):
+        go()
+    revive()
+    (name,) = left_in(tmp_path)
+    size = (tmp_path / 'unfinished' / name).stat().st_size
+    done = go()
+    assert left_in(tmp_path) == [name]
+    assert (tmp_path / 'unfinished' / name).stat().st_size > size > 10_000
+    save_diagnosis(done)
+    assert left_in(tmp_path) == []
+
+
+def test_a_cancelled_goal_keeps_its_checkpoint(request_, tmp_path):
+    request_ = replace(request_, output_directory=str(tmp_path))
+    save_result(run(request_, None, cancel=After(9)))
+    assert len(left_in(tmp_path)) == 1
+
+
+class After:
+    """A cancel event that is set when it was asked so often."""
+
+    def __init__(self, count):
+        self.left = count
+
+    def is_set(self):
+        self.left -= 1
+        return self.left < 0
+
+
+def test_a_directory_that_cannot_be_written_costs_the_checkpoint_only(request_, tmp_path):
+    (tmp_path / 'file').write_text('in the way')
+    request_ = replace(request_, output_directory=str(tmp_path / 'file'))
+    finished = run(request_, None)
+    assert finished.checkpoint is None
+    assert np.isfinite(finished.identification.theta).all()
+
+
+def test_checkpoints_do_not_pile_up_and_none_is_shared(tmp_path):
+    for k in range(2 * MOST):
+        path = place_of(str(tmp_path), f'goal {k}')
+        os.utime(path, (k, k))
+    assert len(left_in(tmp_path)) == MOST
+    with Journal(place_of(str(tmp_path), 'goal'), 'key') as journal:
+        assert place_of(str(tmp_path), 'goal') != journal._path
+    assert place_of(str(tmp_path), 'goal') == journal._path
+    assert place_of('', 'goal') is None

@@ -2,6 +2,9 @@
 """A fit that was cut off goes on from its checkpoint as if it had never been."""
 
 from dataclasses import replace
+import os
+import subprocess
+import sys
 
 from identify_cases import axis, axis_data, AXIS_FILE, QUICK, ROOT, tripod
 import numpy as np
@@ -29,7 +32,7 @@ class After:
 
 @pytest.mark.parametrize('questions', [4, 9, 14, 30])
 def test_a_cancelled_run_goes_on_to_the_same_bits(tmp_path, questions):
-    path = tmp_path / 'fit.npz'
+    path = tmp_path / 'fit.checkpoint'
     whole = identify(axis(), axis_data(), settings=QUICK, seed=3)
     cut = identify(
         axis(), axis_data(), settings=QUICK, seed=3, checkpoint=path, cancel=After(questions)
@@ -43,11 +46,10 @@ def test_a_cancelled_run_goes_on_to_the_same_bits(tmp_path, questions):
     assert again.history.best_costs.tobytes() == whole.history.best_costs.tobytes()
     assert again.history.candidates.tobytes() == whole.history.candidates.tobytes()
     assert again.history.costs.tobytes() == whole.history.costs.tobytes()
-    assert not path.exists()
 
 
 def test_a_run_that_spent_its_budget_goes_on_with_a_larger_one(tmp_path):
-    path = tmp_path / 'fit.npz'
+    path = tmp_path / 'fit.checkpoint'
     whole = identify(axis(), axis_data(), settings=QUICK, seed=3)
     few = replace(QUICK, budget=Budget(evaluations=whole.evaluations // 3))
     identify(axis(), axis_data(), settings=few, seed=3, checkpoint=path)
@@ -65,20 +67,20 @@ def test_a_run_that_spent_its_budget_goes_on_with_a_larger_one(tmp_path):
     ],
 )
 def test_the_checkpoint_of_another_fit_is_refused(tmp_path, other):
-    path = tmp_path / 'fit.npz'
+    path = tmp_path / 'fit.checkpoint'
     few = replace(QUICK, budget=Budget(evaluations=140))
     identify(axis(), axis_data(), settings=few, seed=3, checkpoint=path)
     before = path.read_bytes() if path.exists() else b''
     assert before
-    with pytest.raises(IdentError, match='belongs to a fit of other data'):
+    with pytest.raises(IdentError, match='belongs to a run of other data'):
         again = {'settings': QUICK, 'seed': 3, **other}
         identify(axis(), axis_data(), **again, checkpoint=path)
     assert path.read_bytes() == before
 
 
 def test_a_damaged_checkpoint_is_refused_with_the_remedy(tmp_path):
-    path = tmp_path / 'fit.npz'
-    path.write_bytes(b'PK nothing')
+    path = tmp_path / 'fit.checkpoint'
+    path.write_bytes(b'PK, which is no journal')
     with pytest.raises(IdentError, match='delete it'):
         identify(axis(), axis_data(), settings=QUICK, seed=3, checkpoint=path)
 
@@ -88,7 +90,7 @@ def test_candidates_of_unequal_work_go_on_to_the_same_bits(tmp_path):
     data = read_data(ROOT / 'bags/tripod_mixed', machine)
     settings = replace(QUICK, refine=False)
     whole = identify(machine, data, settings=settings, seed=1)
-    path = tmp_path / 'fit.npz'
+    path = tmp_path / 'fit.checkpoint'
     few = replace(settings, budget=Budget(evaluations=100))
     identify(machine, data, settings=few, seed=1, checkpoint=path)
     assert path.exists()
@@ -102,8 +104,27 @@ def test_the_command_goes_on_where_it_was_cut_off(tmp_path):
     words += ['--no-report', '--no-overlay', '--seed', '5', '--population', '256']
     assert main([*words, '--out', str(tmp_path / 'whole')]) == 0
     assert main([*words, '--out', str(out), '--evaluations', '500']) == 1
-    assert (out / 'checkpoint.npz').exists()
+    assert (out / 'identify.checkpoint').exists()
     assert main([*words, '--out', str(out), '--resume']) == 0
-    assert not (out / 'checkpoint.npz').exists()
+    assert not (out / 'identify.checkpoint').exists()
     whole, again = (load_result(folder) for folder in (tmp_path / 'whole', out))
     assert again.theta.tobytes() == whole.theta.tobytes()
+
+
+def test_another_process_knows_the_checkpoint_for_its_own(tmp_path):
+    code = (
+        'from identify_cases import axis, axis_data; '
+        'from ros2_ident.identify.setup import problem_of; '
+        'print(problem_of(axis(), axis_data()).key)'
+    )
+    keys = {
+        subprocess.run(
+            [sys.executable, '-c', code],
+            env=os.environ | {'PYTHONHASHSEED': seed, 'PYTHONPATH': os.pathsep.join(sys.path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for seed in ('1', '2', '3')
+    }
+    assert len(keys) == 1

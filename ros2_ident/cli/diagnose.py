@@ -29,6 +29,7 @@ from ros2_ident.cli.arguments import (
     whole,
     workers_of,
 )
+from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
     from ros2_ident.gap.diagnose import DiagnoseProgress
@@ -50,7 +51,7 @@ EXAMPLES = (
     'writes to DIR: diagnosis.json, diagnosis.npz (measured and simulated effort), overlay (a\n'
     'bag with the measured effort, that of the model with the effects found, the residual, and\n'
     'the diagnosis), report.html (all of it as a page, with the identification where DIR holds\n'
-    'one)\n'
+    'one); diagnose.checkpoint while it runs, and where it was cut short\n'
 )
 EXIT_CODES = {
     0: 'the diagnosis is complete',
@@ -73,6 +74,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     complete(check, bags)
     add_machine(parser)
     parser.add_argument('--out', metavar='DIR', help='directory for the results')
+    parser.add_argument(
+        '--resume',
+        action='store_true',
+        help='go on where an earlier run of the same command ended, by DIR/diagnose.checkpoint; '
+        'same result',
+    )
     parser.add_argument('--no-report', action='store_true', help='write no report.html')
     without = parser.add_argument(
         '--without',
@@ -120,17 +127,25 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.gap.diagnose import diagnose
     from ros2_ident.gap.verdict import REFUSED
     from ros2_ident.identify.run import read_data
-    from ros2_ident.report.files import write_diagnosis
+    from ros2_ident.report.files import DIAGNOSIS_CHECKPOINT, write_diagnosis
+    from ros2_ident.report.overlay import OVERLAY, require_place, withdraw_overlay
+    from ros2_ident.search.journal import forget
 
+    if args.resume and not args.out:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            '--resume goes on by a file in the directory for the results; give --out, too',
+        )
     machine = machine_of(args)
     topics, conditions = topics_of(args), conditions_of(args)
     fit = read_data(args.bag, machine, args.drives, topics=topics)
     check = read_data(args.check, machine, args.drives, topics=topics) if args.check else None
     out = make_directory(args.out) if args.out else None
     if out is not None and not args.no_overlay:
-        from ros2_ident.report.overlay import OVERLAY, require_place
-
         require_place(out / OVERLAY, fit, [*args.bag, *args.check])
+    checkpoint = None if out is None else out / DIAGNOSIS_CHECKPOINT
+    if checkpoint is not None and not args.resume:
+        forget(checkpoint)
     fixed = once(args.fix, '--fix')
     said = ''
 
@@ -157,6 +172,7 @@ def run(args: argparse.Namespace) -> int:
             cancelled=cancel.is_set,
             on_progress=show,
             workers=workers_of(args),
+            checkpoint=checkpoint,
         )
     files, page = [], ''
     if out is not None:
@@ -168,9 +184,12 @@ def run(args: argparse.Namespace) -> int:
             'fixed': fixed,
             'time_budget': args.seconds,
         }
+        withdraw_overlay(out / OVERLAY)
         files = [*write_diagnosis(out, found, machine, fit, check, settings)]
         files += _overlay(args, out, machine, fit, found)
         page = page_line(out, wanted=not args.no_report)
+    if checkpoint is not None and found.complete:
+        forget(checkpoint)  # all is written that it could lead to
     # last: whoever reads the output may leave early, as `head` does
     print_diagnosis(found)
     if files:

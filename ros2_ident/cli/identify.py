@@ -47,7 +47,8 @@ EXAMPLES = (
     'writes to DIR: result.json and result.yaml (the same content), history.npz (every\n'
     'candidate), signals.npz (measured and simulated effort), overlay (a bag with the measured,\n'
     'simulated and residual effort, the result, and of a tripod its motion as markers for RViz\n'
-    'and Foxglove), report.html (all of it as a page); checkpoint.npz where a run was cut short\n'
+    'and Foxglove), report.html (all of it as a page); identify.checkpoint while it runs, and\n'
+    'where it was cut short\n'
 )
 EXIT_CODES = {
     0: 'identified',
@@ -96,8 +97,8 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--resume',
         action='store_true',
-        help='continue a run of the same command that was cut short, from DIR/checkpoint.npz; '
-        'same result',
+        help='continue a run of the same command that was cut short, from '
+        'DIR/identify.checkpoint; same result',
     )
     group.add_argument(
         '--method',
@@ -174,7 +175,14 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.identify.setup import problem_of
     from ros2_ident.models.registry import compared_of
     from ros2_ident.report.files import CHECKPOINT, write_result
-    from ros2_ident.report.overlay import OVERLAY, require_place, verdict_of, write_overlay
+    from ros2_ident.report.overlay import (
+        OVERLAY,
+        require_place,
+        verdict_of,
+        withdraw_overlay,
+        write_overlay,
+    )
+    from ros2_ident.search.journal import forget
 
     fixed, bounds = once(args.fix, '--fix'), once(args.bounds, '--bounds')
     settings, conditions, outputs = settings_of(args), conditions_of(args), outputs_of(args)
@@ -189,7 +197,7 @@ def run(args: argparse.Namespace) -> int:
         require_place(out / OVERLAY, data, args.bag)
     checkpoint = out / CHECKPOINT
     if not args.resume:
-        checkpoint.unlink(missing_ok=True)
+        forget(checkpoint)
     with interrupts() as cancel, make_meter(quiet=args.quiet) as meter:
         result = identify(
             machine,
@@ -215,6 +223,7 @@ def run(args: argparse.Namespace) -> int:
             outputs=outputs,
         )
         result = replace(result, settings={**result.settings, **asked(args)})
+        withdraw_overlay(out / OVERLAY)
         files = list(write_result(out, result, problem))
         if not args.no_overlay:
             files += write_overlay(
@@ -227,6 +236,8 @@ def run(args: argparse.Namespace) -> int:
                 moving=result.outcome is not Outcome.CANCELLED,
             )
     page = page_line(out, wanted=not args.no_report)
+    if result.outcome not in (Outcome.CANCELLED, Outcome.BUDGET_SPENT):
+        forget(checkpoint)  # all is written that it could lead to
     # last: whoever reads the output may leave early, as `head` does
     print_result(result)
     print('written: ' + ', '.join(str(path) for path in files))

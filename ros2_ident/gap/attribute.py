@@ -6,7 +6,7 @@ the fit part, and scores every fit on the part held out. `explain` runs rounds u
 left or nothing gains.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from ros2_ident.models import EffectAt
 from ros2_ident.search import Threads, Workers
 from ros2_ident.search.evaluators import RunTasks
 from ros2_ident.search.fit import fit
+from ros2_ident.search.journal import Journal
 from ros2_ident.search.settings import FitProgress, FitSettings
 
 Array = npt.NDArray[np.float64]
@@ -67,6 +68,7 @@ class Attribution:
         stopped: Asked often; True ends everything with the best so far.
         on_step: Told the share of the present round that is done and a sentence.
         workers: Who fits; threads of this process, one for each processor, where None.
+        journal: Gets where every fit ended, and knows those of an earlier run.
 
     Attributes:
         limits: Size of the effort at which control laws show drives to be limited.
@@ -80,7 +82,9 @@ class Attribution:
         stopped: Callable[[], bool] = lambda: False,
         on_step: Callable[[float, str], None] = lambda share, text: None,
         workers: Workers | None = None,
+        journal: Journal | None = None,
     ) -> None:
+        self.journal = journal or Journal()
         self.case = case
         self.stopped = stopped
         self.on_step = on_step
@@ -97,7 +101,17 @@ class Attribution:
         self, effects: Sequence[EffectAt], theta: Array, iterations: int = 12
     ) -> Explanation:
         """Fit a set of effects jointly from a start (N,)."""
-        return self.fits.refit(effects, theta, iterations)
+        key = 'refit', self.fits.key(), tuple(effects), theta, iterations
+        kept = self.journal.get(*key)
+        if kept is not None:
+            return self.fits.ended_at(effects, kept['unit'])
+        return self._noted(self.fits.refit(effects, theta, iterations), *key)
+
+    def _noted(self, e: Explanation, *key: object) -> Explanation:
+        """Write down where a fit ended, unless it was stopped on its way."""
+        if not self.stopped():
+            self.journal.put({'unit': e.unit}, *key)
+        return e
 
     def renew(
         self, floor: Array, chain: Sequence[Explanation], rounds: Sequence[Round]
@@ -134,6 +148,7 @@ class Attribution:
             cancel=_Stop(self.stopped),
             on_progress=report,
             workers=self.workers,
+            journal=self.journal,
         )
         theta = found.theta
         if not np.isfinite(theta).all():
@@ -181,9 +196,14 @@ class Attribution:
     ) -> dict[EffectAt, list[Start]]:
         new = [c for c in candidates if c not in base.effects]
         found: dict[EffectAt, list[Start]] = {}
-        for done, (candidate, starts) in enumerate(
-            zip(new, run('starts', [(c,) for c in new]), strict=True), 1
-        ):
+        key = self.fits.key(base)
+        kept = {c: self.journal.get('starts', key, c) for c in new}
+        told = run('starts', [(c,) for c in new if kept[c] is None])
+        for done, candidate in enumerate(new, 1):
+            before = kept[candidate]
+            starts = next(told) if before is None else _unpacked(candidate, before)
+            if before is None and not self.stopped():
+                self.journal.put(_packed(starts), 'starts', key, candidate)
             if starts:
                 found[candidate] = starts
             self.on_step(
@@ -214,7 +234,7 @@ class Attribution:
                 for candidate, start in chosen
             ]
             for finished, ((candidate, _), e) in enumerate(
-                zip(chosen, run('begin', tasks), strict=True), 1
+                zip(chosen, self._begun(run, base, tasks), strict=True), 1
             ):
                 begun += [] if e is None else [e]
                 self.on_step(
@@ -224,7 +244,7 @@ class Attribution:
             best = self._leaders(begun)
             most = max((base.cost - e.cost for e in best), default=0.0)
             ahead = [e for e in best if base.cost - e.cost >= _BEHIND * most]
-            done = {e.effects[-1]: e for e in run('finish', [(e,) for e in ahead])}
+            done = {e.effects[-1]: e for e in self._ended(run, ahead)}
         fitted = [done.get(e.effects[-1], e) for e in best]
         return Round(
             base,
@@ -232,6 +252,35 @@ class Attribution:
             visibility(screened),
             tuple(sorted(fitted, key=lambda e: e.loss)),
         )
+
+    def _begun(
+        self,
+        run: RunTasks,
+        base: Explanation,
+        tasks: Sequence[tuple[EffectAt, Start | Array, int]],
+    ) -> Iterator[Explanation | None]:
+        """Begin joint fits; those that an earlier run began are known."""
+        key = self.fits.key(base)
+        keys = [('begin', key, c, *_numbers(start), count) for c, start, count in tasks]
+        kept = [self.journal.get(*k) for k in keys]
+        told = run('begin', [t for t, k in zip(tasks, kept, strict=True) if k is None])
+        for (candidate, _, _), before, own in zip(tasks, kept, keys, strict=True):
+            if before is not None:
+                yield self.fits.ended_at((*base.effects, candidate), before['unit'])
+                continue
+            e = next(told)
+            yield e if e is None else self._noted(e, *own)
+
+    def _ended(self, run: RunTasks, begun: Sequence[Explanation]) -> Iterator[Explanation]:
+        """Go on with joint fits to their ends; those that an earlier run knows are known."""
+        key = self.fits.key()
+        kept = [self.journal.get('finish', key, e.effects, e.unit) for e in begun]
+        told = run('finish', [(e,) for e, k in zip(begun, kept, strict=True) if k is None])
+        for e, before in zip(begun, kept, strict=True):
+            if before is not None:
+                yield self.fits.ended_at(e.effects, before['unit'])
+            else:
+                yield self._noted(next(told), 'finish', key, e.effects, e.unit)
 
     @staticmethod
     def _leaders(fits: Sequence[Explanation]) -> list[Explanation]:
@@ -269,3 +318,20 @@ class Attribution:
 def visibility(screened: dict[EffectAt, list[Start]]) -> dict[EffectAt, float]:
     """Return for every candidate what the log would show of it, see `screen.Start`."""
     return {c: max(one.visible for one in starts) for c, starts in screened.items()}
+
+
+def _numbers(start: Start | Array) -> tuple[Array, ...]:
+    """Return the numbers that a joint fit starts from."""
+    return (start.theta, start.phi) if isinstance(start, Start) else (start,)
+
+
+def _packed(starts: Sequence[Start]) -> dict[str, Array]:
+    """Return starts of one candidate as arrays."""
+    names = ('theta', 'phi', 'gain', 'visible')
+    return {name: np.array([getattr(one, name) for one in starts]) for name in names}
+
+
+def _unpacked(candidate: EffectAt, kept: dict[str, Array]) -> list[Start]:
+    """Return starts as they were before `_packed`."""
+    rows = zip(*(kept[x] for x in ('theta', 'phi', 'gain', 'visible')), strict=True)
+    return [Start(candidate, a, b, float(gain), float(seen)) for a, b, gain, seen in rows]

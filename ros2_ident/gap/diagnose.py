@@ -3,7 +3,9 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+import hashlib
 import math
+from pathlib import Path
 import time
 
 import numpy as np
@@ -27,10 +29,12 @@ from ros2_ident.gap.refusal import ahead, of_constants, of_gates, of_what_is_lef
 from ros2_ident.gap.verdict import judge, NAMELESS, NONE, REFUSED, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
 from ros2_ident.identify.layout import Conditions
+from ros2_ident.identify.problem import sources
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt, Model
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings, Workers
+from ros2_ident.search.journal import Journal
 from ros2_ident.search.levenberg import DIVERGED
 from ros2_ident.search.settings import FitSettings
 
@@ -123,6 +127,7 @@ def diagnose(
     cancelled: Callable[[], bool] = lambda: False,
     on_progress: Callable[[DiagnoseProgress], None] | None = None,
     workers: Workers | None = None,
+    checkpoint: str | Path | None = None,
 ) -> Diagnosis:
     """Say where the gap lies, which effect causes it, and how far it closes with it.
 
@@ -146,13 +151,16 @@ def diagnose(
         cancelled: Asked often; True ends with the best so far.
         on_progress: Told how far it is.
         workers: Who simulates; threads of this process, one for each processor, where None.
+        checkpoint: File that is written on the way, and from which the same diagnosis goes on
+            where it was cut off, with the same result. It stays: delete it once the result is
+            safe.
 
     Returns:
         The diagnosis.
 
     Raises:
-        IdentError: NO_DATA, MISSING_STREAM, DIVERGED, INVALID_GOAL or UNKNOWN_PARAMETER with the
-            remedy.
+        IdentError: NO_DATA, MISSING_STREAM, DIVERGED, INVALID_GOAL, UNKNOWN_PARAMETER or, where
+            the checkpoint is another one's, BAD_VALUES, with the remedy.
     """
     for name in without:
         get_effect(name)
@@ -177,8 +185,26 @@ def diagnose(
                 'leave the bag to judge on out, or give it with the others: blocks of each are '
                 'held out then',
             )
-    passes = _Passes(conditions, without, rules or Rules(), seed, clock, workers)
-    return passes.run(first, second)
+    key = ''
+    if checkpoint is not None:
+        asked = machine, drives, tuple(without), fixed, conditions, rules, seed, SEARCH
+        key = _key(asked, first, second)
+    with Journal(checkpoint, key) as journal:
+        passes = _Passes(conditions, without, rules or Rules(), seed, clock, workers, journal)
+        return passes.run(first, second)
+
+
+def _key(asked: object, first: Recordings, second: Recordings) -> str:
+    """Return a digest of all that a diagnosis depends on."""
+    total = hashlib.sha256(f'{sources()}{asked!r}'.encode())
+    for part in (first, second):
+        total.update(repr(part.labels).encode())
+        for model in part.models:
+            data = getattr(model, 'data', None)
+            total.update(data.digest if isinstance(data, Dataset) else b'')
+            total.update(repr((model.parameters, model.outputs)).encode())
+            total.update(np.ascontiguousarray(model.measured).data)
+    return total.hexdigest()
 
 
 @dataclass(frozen=True)
@@ -211,7 +237,9 @@ class _Passes:
         seed: int,
         clock: _Clock,
         workers: Workers | None,
+        journal: Journal,
     ) -> None:
+        self.journal = journal
         self.conditions = conditions
         self.without = without
         self.rules = rules
@@ -283,6 +311,7 @@ class _Passes:
             stopped=self.clock.stopped,
             on_step=self.clock.step,
             workers=self.workers,
+            journal=self.journal,
         )
 
     def _nominal_is_enough(self, both: Case, begun: _Pass) -> bool:

@@ -14,7 +14,8 @@ from ros2_ident.gap.case import Case, Joint
 from ros2_ident.gap.screen import screen, Start
 from ros2_ident.models import EffectAt
 from ros2_ident.models.orders import orders_shown
-from ros2_ident.search.levenberg import difference_jacobian, local_fit, LocalFit
+from ros2_ident.search.journal import digest_of
+from ros2_ident.search.levenberg import difference_jacobian, fit_at, local_fit, LocalFit
 
 Array = npt.NDArray[np.float64]
 # Mean square, beyond the noise's, from which a controller misses the log.
@@ -37,6 +38,7 @@ class Explanation:
         jacobian: (R, N) of the weighted residual by the parameters' shares of their box.
         residual: (R,) weighted residual of the fit part: the outputs', then the controllers'.
         check_residual: (R',) weighted residual of the outputs on the part held out.
+        unit: (N,) the parameters in shares of their box, as the fit ended.
     """
 
     effects: tuple[EffectAt, ...]
@@ -47,6 +49,7 @@ class Explanation:
     jacobian: Array = field(repr=False)
     residual: Array = field(repr=False)
     check_residual: Array = field(repr=False)
+    unit: Array = field(repr=False)
 
     @property
     def loss(self) -> float:
@@ -234,6 +237,24 @@ class Fits:
         )
         return self.explanation(joint, found)
 
+    def ended_at(self, effects: Sequence[EffectAt], unit: Array) -> Explanation:
+        """Return what `refit` returned where the fit ended at (N,) shares of the box."""
+        joint = self.case.fit.with_effects(effects)
+        return self.explanation(
+            joint, fit_at(self.evaluate(joint), unit, joint.low, joint.high)
+        )
+
+    def key(self, base: Explanation | None = None) -> bytes:
+        """Return a digest of what a fit depends on beside its effects and start.
+
+        Args:
+            base: What it is tried on top of.
+        """
+        case = self.case
+        before = () if base is None else (base.effects, base.theta, base.residual)
+        held_out = len(case.fit.models), len(case.check.models), case.held_out
+        return digest_of(*held_out, self.floor, self.law_weight, *before)
+
     def explanation(self, joint: Joint, found: LocalFit) -> Explanation:
         """Return a fit of the models of the fit part, scored on the part held out as well."""
         case = self.case
@@ -251,6 +272,7 @@ class Fits:
             found.jacobian,
             found.residual,
             check,
+            found.unit,
         )
 
 

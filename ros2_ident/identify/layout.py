@@ -97,9 +97,10 @@ def read_conditions(each: Sequence[str], path: str | Path | None) -> Conditions:
         for name, value in values.items():
             try:
                 known[str(label)][str(name)] = float(value)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 raise IdentError(
-                    ErrorCode.INVALID_GOAL, f'{path}: {label}: {name} is {value!r}; {_FORMAT}'
+                    ErrorCode.INVALID_GOAL,
+                    f'{path}: {label}: {name} is {str(value)[:40]!r}; {_FORMAT}',
                 ) from None
     return Conditions(tuple(each), known)
 

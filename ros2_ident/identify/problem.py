@@ -144,6 +144,8 @@ class Problem:
         total = hashlib.sha256(sources().encode())
         total.update(repr((self.name, self.names, self.fixed, self.setup)).encode())
         total.update(np.concatenate([self.low, self.high]).tobytes())
+        for data in () if self.setup is None else self.setup.data.datasets:
+            total.update(data.digest)
         for model in self.models:
             total.update(repr(model.outputs).encode())
             total.update(np.ascontiguousarray(model.measured).tobytes())

@@ -27,6 +27,7 @@ from ros2_ident.recording import Dataset, Recording
 from ros2_ident.search import algebraic
 from ros2_ident.search.evaluators import Cancel, Threads, Workers
 from ros2_ident.search.fit import fit
+from ros2_ident.search.journal import Journal
 
 # Time that the intervals take: a share of the refinement's, and so many seconds beside it, as
 # measured on tripods of 7 and 60 s and an axis of 25 s.
@@ -76,7 +77,9 @@ def identify(
         cancel: A `threading.Event` or the like; the best so far is kept.
         on_progress: Called from this thread at most ten times a second.
         workers: Who simulates; `settings.threads` threads of this process where None.
-        checkpoint: File from which the same run goes on where it was cut off, see `search.fit`.
+        checkpoint: File that is written on the way, and from which the same run goes on where it
+            was cut off, with the same result to the bit. It stays: delete it once the result is
+            safe.
 
     Returns:
         The parameters with intervals, and how it ended in words.
@@ -143,15 +146,16 @@ def solve(
     if settings.method == 'algebraic':
         found = algebraic.solve(problem, settings.decimation, settings.level)
     else:
-        found = fit(
-            problem,
-            settings,
-            seed,
-            cancel=cancel,
-            on_progress=watch or on_progress,
-            workers=workers or Threads(settings.threads),
-            checkpoint=checkpoint,
-        )
+        with Journal(checkpoint, f'{problem.key} {seed} {settings.genetic}') as journal:
+            found = fit(
+                problem,
+                settings,
+                seed,
+                cancel=cancel,
+                on_progress=watch or on_progress,
+                workers=workers or Threads(settings.threads),
+                journal=journal,
+            )
     evidence = None
     if found.intervals is not None and not cut_short(found):
         stopped = cancel.is_set if cancel else lambda: False

@@ -101,6 +101,6 @@ def number(value: Any) -> float | None:
         return None
     try:
         found = float(value)  # YAML 1.1 reads 1e-3 as a word
-    except ValueError:
+    except (ValueError, OverflowError):  # the latter of a whole number with 309 digits
         return None
     return found if math.isfinite(found) else None

@@ -3,6 +3,7 @@
 
 from collections.abc import Iterator, Mapping
 import difflib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from ros2_ident.machine.draft import Draft, number, Remark
 from ros2_ident.machine.draft import Path as Keys
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, Key
 from ros2_ident.machine.kind import Kind
+from ros2_ident.machine.shown import name_of, shown
 from ros2_ident.machine.units import effort_factor, plain_unit
 
 SECTIONS = ('geometry', 'drive', 'controller', 'parameters')
@@ -23,9 +25,9 @@ def contents(data: Mapping[str, Any]) -> dict[Keys, Any]:
     present: dict[Keys, Any] = {}
     for name, value in data.items():
         if name in SECTIONS and isinstance(value, Mapping):
-            present |= {(name, str(key)): entry for key, entry in value.items()}
+            present |= {(name, name_of(key)): entry for key, entry in value.items()}
         elif name not in SECTIONS or value is not None:
-            present[str(name),] = value
+            present[name_of(name),] = value
     return present
 
 
@@ -44,7 +46,7 @@ def judge(data: Any, kinds: Mapping[str, Kind], folder: Path) -> Iterator[Remark
         yield Remark(
             'error',
             ('machine',),
-            f'machine is {data.get("machine")!r}; write one of {", ".join(kinds)}',
+            f'machine is {shown(data.get("machine"))}; write one of {", ".join(kinds)}',
             ErrorCode.UNKNOWN_MODEL,
         )
         return
@@ -96,7 +98,7 @@ def _names(draft: Draft) -> Iterator[Remark]:
         yield Remark(
             'error',
             path,
-            f'a {draft.kind} has no key {".".join(path)!r}; {remedy}',
+            f'a {draft.kind} has no key {shown(".".join(path))}; {remedy}',
             ErrorCode.UNKNOWN_PARAMETER if path[0] == 'parameters' else ErrorCode.BAD_MACHINE_FILE,
         )
 
@@ -162,17 +164,19 @@ def _value(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
             yield Remark(
                 'error',
                 key.path,
-                f'{key.name} is {entry!r}; write one of {", ".join(key.choices)}',
+                f'{key.name} is {shown(entry)}; write one of {", ".join(key.choices)}',
             )
 
 
 def _file(key: Key, value: Any, folder: Path) -> Iterator[Remark]:
-    if key.file and value != DESCRIPTION_TOPIC and not (folder / str(value)).is_file():
+    # False, too, for what can be no path
+    there = isinstance(value, str) and os.path.isfile(folder / value)
+    if key.file and value != DESCRIPTION_TOPIC and not there:
         yield Remark(
             'error',
             key.path,
-            f'{key.name} names {value}, and there is no such file; give its way from the folder '
-            'of the machine file',
+            f'{key.name} names {name_of(value)}, and there is no such file; give its way from the '
+            'folder of the machine file',
         )
 
 
@@ -182,7 +186,7 @@ def _quantity(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
         yield Remark(
             'error',
             key.path,
-            f'{".".join(key.path)} is {value!r}; write a number{_in_unit(draft, key)}',
+            f'{".".join(key.path)} is {shown(value)}; write a number{_in_unit(draft, key)}',
         )
     elif not key.low <= found <= key.high:
         yield Remark('warn', key.path, _implausible(draft, key, f'{found:g}'))
@@ -195,13 +199,15 @@ def _interval(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
         yield Remark(
             'error',
             key.path,
-            f'parameter {key.name}: write [min, max, unit], found {value!r}',
+            f'parameter {key.name}: write [min, max, unit], found {shown(value)}',
         )
         return
     low, high = (end for end in ends if end is not None)
     if not low < high:
         yield Remark(
-            'error', key.path, f'parameter {key.name}: min has to be below max, found {value!r}'
+            'error',
+            key.path,
+            f'parameter {key.name}: min has to be below max, found {shown(value)}',
         )
     elif not (key.low <= low and high <= key.high):
         yield Remark('warn', key.path, _implausible(draft, key, f'[{low:g}, {high:g}]'))
@@ -213,8 +219,8 @@ def _interval(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
         yield Remark(
             'error',
             key.path,
-            f'parameter {key.name} is in {value[2]!r} but read as {draft.unit(key)}; convert the '
-            'bounds and write that unit',
+            f'parameter {key.name} is in {shown(value[2])} but read as {draft.unit(key)}; convert '
+            'the bounds and write that unit',
             ErrorCode.WRONG_UNITS,
         )
 

@@ -29,7 +29,8 @@ class Machine:
         bounds: `{name: (low, high, unit)}` of the parameters to be identified.
         own_bounds: The same of single drives, as `drive_2.rail_azimuth`, where the drives differ;
             `bounds` then holds the box that encloses them.
-        given: Names of the constants that the file states.
+        given: Names of the constants that the file states; not in the `repr`, from which keys are
+            made, since the order of a set is another one in every process.
         effort_unit: Unit of the logged effort.
         effort_scale: Factor from the logged effort to N m (or N): a torque constant [N m/A], or
             the rated torque over 100 %.
@@ -47,7 +48,7 @@ class Machine:
     constants: Mapping[str, tuple[Value, ...]]
     bounds: Mapping[str, Box]
     own_bounds: Mapping[str, Box] = field(default_factory=dict)
-    given: frozenset[str] = frozenset()
+    given: frozenset[str] = field(default=frozenset(), repr=False)
     effort_unit: str = 'N m'
     effort_scale: float = 1.0
     effort_noise: float = 0.01

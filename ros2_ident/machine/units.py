@@ -5,6 +5,7 @@ import math
 import re
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.shown import name_of, shown
 
 _ANGULAR = {'kg': 'kg m^2', 'N': 'N m', 'm': 'rad'}
 
@@ -46,17 +47,17 @@ def effort_factor(
     if unit not in needed:
         raise IdentError(
             ErrorCode.WRONG_UNITS,
-            f'effort unit is {unit!r}; write one of N m, N, A, percent',
+            f'effort unit is {shown(unit)}; write one of N m, N, A, percent',
         )
     key, value, share = needed[unit]
     try:
         factor = float(value) if value is not None else 0.0
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         factor = 0.0
     if not math.isfinite(factor) or factor == 0.0:
         raise IdentError(
             ErrorCode.WRONG_UNITS,
-            f'effort unit {unit} needs {key} to become a torque, found {value}; add the line '
-            f'`{key}: ...` to the machine file, or give --{key.replace("_", "-")}',
+            f'effort unit {unit} needs {key} to become a torque, found {name_of(value)}; add the '
+            f'line `{key}: ...` to the machine file, or give --{key.replace("_", "-")}',
         )
     return factor * share

@@ -21,7 +21,7 @@ from rosbags.typesys import get_typestore, Stores
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import replacing_directory
+from ros2_ident.files import remove_directory, replacing_directory
 from ros2_ident.recording import cdr
 from ros2_ident.recording.bag import Topics
 from ros2_ident.recording.db3_scan import CHECKSUM, topic_checksum
@@ -168,6 +168,16 @@ def require_room(path: str | Path, mark: str = '') -> None:
             f'{path}: is no {mark} that ident wrote and will not be replaced; move it away or '
             'give another directory',
         )
+
+
+def remove_bag(path: str | Path, mark: str) -> None:
+    """Remove a bag that has a mark; anything else stays.
+
+    Raises:
+        IdentError: INVALID_GOAL where it cannot be removed.
+    """
+    if _is_marked(Path(path), mark):
+        remove_directory(path)
 
 
 def _is_marked(path: Path, mark: str) -> bool:

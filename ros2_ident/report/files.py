@@ -37,7 +37,7 @@ PAGE = 'report.html'
 # overlay bag.
 MOTION = 'motion.npz'
 # What a run that was cut short goes on from.
-CHECKPOINT = 'checkpoint.npz'
+CHECKPOINT, DIAGNOSIS_CHECKPOINT = 'identify.checkpoint', 'diagnose.checkpoint'
 
 
 def write_diagnosis(
@@ -74,6 +74,7 @@ def write_diagnosis(
         },
     }
     text = json.dumps(plain(content), indent=1, allow_nan=False) + '\n'
+    _withdraw(folder, PAGE, DIAGNOSIS_SIGNALS)
     return (
         write_text(folder / DIAGNOSIS, text),
         write_signals(folder / DIAGNOSIS_SIGNALS, signals_of_diagnosis(found)),
@@ -116,27 +117,30 @@ def write_result(
     folder = make_directory(directory)
     (folder / MOTION).unlink(missing_ok=True)  # that of an older run
     data = to_mapping(result)
-    history = folder / HISTORY
-    write_arrays(
-        history,
-        {
-            'names': np.array([p.name for p in result.parameters]),
-            'best_costs': result.history.best_costs,
-            'candidates': result.history.candidates,
-            'costs': result.history.costs,
-            'generations': result.history.generations,
-        },
-    )
+    _withdraw(folder, PAGE, YAML, HISTORY, SIGNALS)
     files = (
         write_text(folder / JSON, json.dumps(data, indent=2, allow_nan=False) + '\n'),
         write_text(folder / YAML, yaml.safe_dump(data, sort_keys=False, width=99)),
-        history,
+        write_arrays(
+            folder / HISTORY,
+            {
+                'names': np.array([p.name for p in result.parameters]),
+                'best_costs': result.history.best_costs,
+                'candidates': result.history.candidates,
+                'costs': result.history.costs,
+                'generations': result.history.generations,
+            },
+        ),
     )
-    signals = folder / SIGNALS
     if problem is None or not np.isfinite(result.theta).all():
-        signals.unlink(missing_ok=True)  # those of an older result
         return files
-    return (*files, write_signals(signals, signals_of_problem(problem, result.theta)))
+    return (*files, write_signals(folder / SIGNALS, signals_of_problem(problem, result.theta)))
+
+
+def _withdraw(folder: Path, *names: str) -> None:
+    """Remove what an earlier run left, so that a crash leaves nothing old beside the new."""
+    for name in names:
+        (folder / name).unlink(missing_ok=True)
 
 
 def load_result(path: str | Path) -> Identification:

@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import glob
 import json
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from ros2_ident.models import EffectAt
 from ros2_ident.recording import Dataset, Recording, Stream, Topics, write_bag
 from ros2_ident.recording.grid import find_ticks
 from ros2_ident.recording.streams import FloatArray, IntArray
-from ros2_ident.recording.write import require_room, Topic
+from ros2_ident.recording.write import remove_bag, require_room, Topic
 from ros2_ident.report.files import MOTION
 from ros2_ident.report.scene import MARKERS, scene_messages, scene_of, write_scene
 from ros2_ident.report.schema import plain
@@ -192,6 +193,17 @@ def require_place(path: str | Path, data: Data, inputs: Sequence[str | Path | No
                 'the results',
             )
         require_room(place, OVERLAY)
+
+
+def withdraw_overlay(path: str | Path) -> None:
+    """Remove the overlays of an earlier run: what is new shall not lie beside them.
+
+    Args:
+        path: As for `write_overlay`; what is no overlay is left alone.
+    """
+    first = Path(path)
+    for place in (first, *first.parent.glob(f'{glob.escape(first.name)}_[0-9]*')):
+        remove_bag(place, OVERLAY)
 
 
 def _place(path: Path, number: int) -> Path:

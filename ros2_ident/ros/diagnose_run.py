@@ -7,6 +7,7 @@ Knows nothing of rclpy, so that it can be read and tested without.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 import math
+from pathlib import Path
 import time
 
 import yaml
@@ -18,7 +19,8 @@ from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.models import EffectAt, Machine, make_model, Parameter
 from ros2_ident.recording import Dataset, RecordingBuilder, Topics
-from ros2_ident.ros.run import Cancel, recordings_of
+from ros2_ident.ros.run import Cancel, digest_of, recordings_of
+from ros2_ident.ros.unfinished import place_of
 from ros2_ident.search import Threads
 
 
@@ -82,6 +84,7 @@ class Diagnosed:
         declared: Parameters of the nominal model and of every effect in the ranking, by name.
         cancelled: Whether it was cut short by a cancel.
         seconds: From the request to the result, s.
+        checkpoint: What the run could be gone on with; of no use once the result is safe.
     """
 
     request: DiagnoseRequest
@@ -91,6 +94,7 @@ class Diagnosed:
     declared: Mapping[str, Parameter]
     cancelled: bool
     seconds: float
+    checkpoint: Path | None = None
 
 
 def run_diagnosis(
@@ -120,11 +124,16 @@ def run_diagnosis(
 
     tell(DiagnoseProgress('reading the recordings', 0.0, '', 0.0, math.nan))
     machine, drives = request.machine, request.drives
-    fit = gather(recordings_of(request.fit_paths, request.topics, buffer), machine, drives)
+    heard = recordings_of(request.fit_paths, request.topics, buffer)
+    fit = gather(heard, machine, drives)
     check = None
     if request.check_paths:
         recordings = recordings_of(request.check_paths, request.topics, None)
         check = gather(recordings, machine, drives)
+
+    digests = fit.sha256 or digest_of(heard), check.sha256 if check else ''
+    asked = 'diagnose', machine.digest, request.configuration, *digests
+    checkpoint = place_of(request.output_directory, *asked)
 
     def stop() -> bool:
         spent = 0.0 < request.seconds < time.monotonic() - start
@@ -143,6 +152,7 @@ def run_diagnosis(
         cancelled=stop,
         on_progress=tell,
         workers=Threads(request.threads),
+        checkpoint=checkpoint,
     )
     return Diagnosed(
         request=request,
@@ -152,6 +162,7 @@ def run_diagnosis(
         declared=_declared(request, fit.datasets[0], found),
         cancelled=cancel.is_set() and not found.complete,
         seconds=time.monotonic() - start,
+        checkpoint=checkpoint,
     )
 
 

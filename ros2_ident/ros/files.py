@@ -13,6 +13,7 @@ import yaml
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import replacing, write_text
+from ros2_ident.identify.result import Outcome
 from ros2_ident.recording import Stream
 from ros2_ident.report.files import write_diagnosis, write_result
 from ros2_ident.report.overlay import OVERLAY, overlay_streams, verdict_of, write_overlay
@@ -20,6 +21,7 @@ from ros2_ident.report.scene import largest_gap, scene_of
 from ros2_ident.ros.diagnose_run import Diagnosed
 from ros2_ident.ros.paths import expanded
 from ros2_ident.ros.run import Finished
+from ros2_ident.search.journal import forget
 
 CONFIGURATION = 'configuration.yaml'
 
@@ -43,6 +45,9 @@ def save_result(finished: Finished, directory: str | None = None) -> str:
     folder = _folder(base)
     path = write_result(folder, finished.identification, finished.problem())[0]
     write_text(folder / CONFIGURATION, finished.request.configuration)
+    unfinished = finished.identification.outcome in (Outcome.CANCELLED, Outcome.BUDGET_SPENT)
+    if finished.checkpoint is not None and not unfinished:
+        forget(finished.checkpoint)
     return str(path)
 
 
@@ -77,6 +82,8 @@ def save_diagnosis(done: Diagnosed, directory: str | None = None) -> str:
     files = write_diagnosis(
         folder, done.diagnosis, request.machine, done.data, done.check, settings
     )
+    if done.checkpoint is not None and done.diagnosis.complete:
+        forget(done.checkpoint)
     return str(files[0])
 
 

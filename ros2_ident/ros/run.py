@@ -7,6 +7,7 @@ Knows nothing of rclpy, so that it can be read and tested without.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 import hashlib
+from pathlib import Path
 import time
 from typing import Any, Protocol
 
@@ -26,6 +27,7 @@ from ros2_ident.models import Machine
 from ros2_ident.models.registry import compared_of
 from ros2_ident.recording import read_bag, Recording, RecordingBuilder, Stream, Topics
 from ros2_ident.report.overlay import overlay_streams
+from ros2_ident.ros.unfinished import place_of
 
 # Simulating a preview holds the search up; it may for this share of the time.
 PREVIEW_SHARE = 0.05
@@ -119,6 +121,7 @@ class Finished:
         configuration_sha256: Hash of the request's configuration.
         data_sha256: Hash of the bag, or of the buffered samples.
         seconds: From the request to the result, s.
+        checkpoint: What the run could be gone on with; of no use once the result is safe.
     """
 
     request: Request
@@ -127,6 +130,7 @@ class Finished:
     configuration_sha256: str
     data_sha256: str
     seconds: float
+    checkpoint: Path | None = None
 
     def problem(self) -> Problem:
         """Return the model on the data it was identified from."""
@@ -201,6 +205,9 @@ def run(
     recordings = recordings_of(request.bag_paths, request.topics, buffer)
     compared = tuple(checked(request.outputs, compared_of(request.machine)))
     data = gather(recordings, request.machine, request.drives, quantities=compared)
+    data_sha256 = data.sha256 or digest_of(recordings)
+    asked = request.machine.digest, request.configuration, repr(request.settings)
+    checkpoint = place_of(request.output_directory, *asked, data_sha256)
     preview = on_preview and Preview(request.problem(data), on_preview, preview_period)
 
     def report(progress: IdentifyProgress) -> None:
@@ -221,14 +228,16 @@ def run(
         seed=request.seed,
         cancel=cancel,
         on_progress=report,
+        checkpoint=checkpoint,
     )
     return Finished(
         request=request,
         identification=identification,
         data=data,
         configuration_sha256=hashlib.sha256(request.configuration.encode()).hexdigest(),
-        data_sha256=data.sha256 or _digest(recordings),
+        data_sha256=data_sha256,
         seconds=time.monotonic() - start,
+        checkpoint=checkpoint,
     )
 
 
@@ -243,7 +252,7 @@ def recordings_of(
     return buffer.build()
 
 
-def _digest(recordings: Sequence[Recording]) -> str:
+def digest_of(recordings: Sequence[Recording]) -> str:
     """Return a hash of the samples: the same live data can be told to be the same."""
     total = hashlib.sha256()
     for recording in recordings:

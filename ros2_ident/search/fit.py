@@ -4,9 +4,7 @@
 Identification, diagnosis, the paper's experiments and the fleet all fit by this.
 """
 
-from dataclasses import dataclass, replace
-import math
-from pathlib import Path
+from dataclasses import asdict, dataclass, replace
 import time
 from typing import Protocol
 
@@ -14,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.checkpoint import Checkpoint
 from ros2_ident.search.driver import Budget, minimise, Progress, SearchResult
 from ros2_ident.search.evaluators import Cancel, Evaluators, Objective, Threads, Workers
 from ros2_ident.search.genetic import GeneticSearch, StopReason
 from ros2_ident.search.jacobian import Box, finite_differences
+from ros2_ident.search.journal import Journal
 from ros2_ident.search.operators import Array, Flags
 from ros2_ident.search.refine import refine, Refinement
 from ros2_ident.search.settings import FitProgress, FitSettings, OnProgress
@@ -30,8 +28,6 @@ from ros2_ident.threads import free_memory
 REFINEMENT_SHARE = 0.3
 # A residual this close to the effort's own noise leaves nothing to search for.
 DOWN_TO_NOISE = 1.2
-# Checkpoints may take this share of the time.
-CHECKPOINT_SHARE = 0.02
 # Jacobians a refinement takes, for the estimate of the time to go.
 USUAL_STEPS = 12
 # What a candidate costs that is simulated to its end, over one of the search: most are given up.
@@ -123,7 +119,7 @@ def fit(
     cancel: Cancel | None = None,
     on_progress: OnProgress | None = None,
     workers: Workers | None = None,
-    checkpoint: Path | None = None,
+    journal: Journal | None = None,
 ) -> Fitted:
     """Fit a problem.
 
@@ -137,21 +133,22 @@ def fit(
         cancel: A `threading.Event` or the like; the best so far is kept.
         on_progress: Called from this thread at most ten times a second.
         workers: Who evaluates; threads of this process, one for each processor, where None.
-        checkpoint: File that is written after a generation, as far as that takes little time, and
-            gone at the end; a fit of the same problem, settings and seed goes on from it, with
-            the same result to the bit.
+        journal: Gets every generation and every step of the refinement; a fit of the same
+            problem, settings and seed goes on from it, with the same result to the bit.
 
     Returns:
         The estimate with what is known of it.
 
     Raises:
-        IdentError: INVALID_GOAL where the candidates would not fit into the memory, BAD_VALUES
-            where the checkpoint is another fit's, or as the workers.
+        IdentError: INVALID_GOAL where the candidates would not fit into the memory, or as the
+            workers.
     """
     settings = settings or FitSettings()
     _require_memory(settings, len(problem.low))
     with (workers or Threads()).open(problem, cancel) as evaluators:
-        return _Fit(problem, settings, seed, evaluators, cancel, on_progress, checkpoint).solve()
+        return _Fit(
+            problem, settings, seed, evaluators, cancel, on_progress, journal or Journal()
+        ).solve()
 
 
 def _require_memory(settings: FitSettings, dimension: int) -> None:
@@ -203,7 +200,7 @@ class _Fit:
         evaluators: Evaluators,
         cancel: Cancel | None,
         on_progress: OnProgress | None,
-        checkpoint: Path | None,
+        journal: Journal,
     ) -> None:
         self.problem = problem
         self.settings = settings
@@ -220,27 +217,25 @@ class _Fit:
         self.usual = settings.starts * USUAL_STEPS * jacobian if settings.refine else 0
         self.per_start = settings.refine_evaluations or 60 * jacobian
         self.search = GeneticSearch(len(self.names), settings.genetic, seed)
-        self.checkpoint = None
-        self.next_checkpoint = -math.inf
         self.best_costs: list[float] = []
-        if checkpoint is not None:
-            self.checkpoint = Checkpoint(checkpoint, problem.key)
-            self._go_on(self.checkpoint)
+        self.journal = journal
+        self.key = problem.key, seed, asdict(settings.genetic)
+        self._go_on()
         problem.prepare()  # before the clock runs
         self.start = time.monotonic()
 
-    def _go_on(self, checkpoint: Checkpoint) -> None:
+    def _go_on(self) -> None:
         """Take up what an earlier run of the same fit has left."""
-        kept = checkpoint.read(self.search.seed, self.settings.genetic)
-        if kept is None:
-            return
-        self.search = GeneticSearch.from_state(kept.search)
-        self.best_costs = list(kept.best_costs)
-        ends = np.flatnonzero(np.diff(kept.generations)) + 1
-        self.candidates = np.split(kept.candidates, ends)
-        self.told = np.split(kept.costs, ends)
-        self.exact = np.split(kept.exact, ends)
-        self.generations = kept.generations.tolist()
+        kept = None
+        while later := self.journal.get('generation', *self.key, len(self.candidates)):
+            kept = later
+            self.best_costs.append(kept['search']['best_cost'])
+            self.candidates.append(kept['candidates'])
+            self.told.append(kept['costs'])
+            self.exact.append(kept['exact'])
+            self.generations += [len(self.candidates)] * len(kept['costs'])
+        if kept is not None:
+            self.search = GeneticSearch.from_state({**kept['search'], **kept})
 
     @property
     def elapsed(self) -> float:
@@ -264,8 +259,6 @@ class _Fit:
             if ga.stop is not StopReason.CANCELLED:
                 jacobian = self._jacobian(theta, residual)
                 extra += 2 * len(theta)
-        if self.checkpoint is not None and not self._cut(ga):
-            self.checkpoint.remove()
         return Fitted(
             ga=ga,
             refined=refined,
@@ -284,11 +277,6 @@ class _Fit:
             else np.empty(0),
             generations=np.array(self.generations, dtype=np.int64),
         )
-
-    def _cut(self, ga: SearchResult) -> bool:
-        """Whether there is more to do for a later run."""
-        cancelled = self.cancel is not None and self.cancel.is_set()
-        return cancelled or ga.stop in (StopReason.EVALUATIONS, StopReason.SECONDS)
 
     # ------------------------------------------------------------------ genetic algorithm
 
@@ -329,20 +317,23 @@ class _Fit:
         self.generations += [self.search.generation] * len(theta)
 
     def _keep(self, search: GeneticSearch) -> None:
-        """Write the checkpoint of a generation that is complete, where it is worth its time."""
+        """Write down a generation that is complete."""
         self.best_costs.append(search.best_cost)
-        begin = time.monotonic()
-        if self.checkpoint is not None and begin >= self.next_checkpoint:
-            self.checkpoint.write(
-                search,
-                np.array(self.best_costs),
-                np.concatenate(self.candidates),
-                np.concatenate(self.told),
-                np.concatenate(self.exact),
-                np.array(self.generations),
-            )
-            took = time.monotonic() - begin
-            self.next_checkpoint = begin + took / CHECKPOINT_SHARE
+        done = len(self.candidates) - 1
+        state = search.state()
+        arrays = {k: v for k, v in state.items() if isinstance(v, np.ndarray)}
+        self.journal.put(
+            {
+                **arrays,
+                'search': {k: v for k, v in state.items() if k not in arrays},
+                'candidates': self.candidates[done],
+                'costs': self.told[done],
+                'exact': self.exact[done],
+            },
+            'generation',
+            *self.key,
+            done,
+        )
 
     def _report_search(self, progress: Progress) -> None:
         assert self.on_progress is not None
@@ -402,6 +393,8 @@ class _Fit:
             cancel=stop,
             max_evaluations=limit,
             good_enough=DOWN_TO_NOISE * self.problem.noise,
+            journal=self.journal,
+            key=self.problem.key,
         )
 
     # ------------------------------------------------------------------ confidence

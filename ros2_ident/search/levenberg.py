@@ -25,6 +25,7 @@ class LocalFit:
 
     Attributes:
         theta: (N,) parameters.
+        unit: (N,) the same in shares of their box, from which residual and Jacobian follow.
         residual: (R,) weighted residual there.
         jacobian: (R, N) its derivative by the parameters in shares of their box.
         loss: Mean square of the residual.
@@ -32,6 +33,7 @@ class LocalFit:
     """
 
     theta: Array
+    unit: Array
     residual: Array
     jacobian: Array
     loss: float
@@ -51,6 +53,16 @@ def difference_jacobian(
     there = (np.abs(values[1:]) < DIVERGED).all(axis=1, keepdims=True)
     changes = np.where(there, values[1:], values[0]) - values[0]
     return values[0], (changes / step[:, None]).T
+
+
+def fit_at(
+    evaluate: Callable[[Array], Array], unit: Array, low: Array, high: Array
+) -> LocalFit:
+    """Return the fit that ended at (N,) shares of the box, as `local_fit` returned it."""
+    span = high - low
+    residual, jacobian = difference_jacobian(evaluate, unit, low, span)
+    loss = float(_losses(residual[None])[0])
+    return LocalFit(low + span * unit, unit, residual, jacobian, loss, len(unit) + 1)
 
 
 def _losses(values: Array) -> Array:
@@ -124,4 +136,4 @@ def local_fit(
         evaluations += len(unit) + 1
         if gain < tolerance:
             break
-    return LocalFit(low + span * unit, residual, jacobian, loss, evaluations)
+    return LocalFit(low + span * unit, unit, residual, jacobian, loss, evaluations)

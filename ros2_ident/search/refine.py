@@ -13,6 +13,7 @@ from scipy.optimize import least_squares
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.evaluators import Cancel
 from ros2_ident.search.jacobian import Box, finite_differences, Residuals
+from ros2_ident.search.journal import digest_of, Journal
 from ros2_ident.search.operators import Array, select
 
 # What SciPy keeps a start away from its bounds, as a share of the cube.
@@ -90,10 +91,13 @@ class _Start:
         start: Array,
         limit: int,
         cancel: Cancel | None,
-        *,
         central: bool,
         step: float | None,
+        journal: Journal | None = None,
+        key: bytes = b'',
     ) -> None:
+        self.journal = journal or Journal()
+        self.key = key
         self.box = box
         self.residuals = residuals
         self.limit = limit
@@ -113,7 +117,12 @@ class _Start:
         if self.evaluations + len(theta) > self.limit:
             raise _Stop(RefineStatus.EVALUATIONS)
         self.evaluations += len(theta)
-        told = np.asarray(self.residuals(theta), dtype=np.float64)
+        told: Array = self.journal.once(lambda: self._told(theta), 'residuals', self.key, theta)
+        return told
+
+    def _told(self, theta: Array) -> Array:
+        """Return what the residuals say, once it has been looked at."""
+        told = np.ascontiguousarray(self.residuals(theta), dtype=np.float64)
         if told.ndim != 2 or len(told) != len(theta):
             raise IdentError(
                 ErrorCode.BAD_VALUES,
@@ -146,6 +155,21 @@ class _Start:
         )
 
     def solve(self, tolerance: float) -> RefineStatus:
+        """Go from the start to the end, or to where an earlier run of the same start ended."""
+        what = 'start', self.key, self.point, self.limit, self.central, self.step, tolerance
+        kept = self.journal.get(*what)
+        if kept is not None:
+            self.point, self.residual = kept['point'], kept['residual']
+            self.cost, self.evaluations = kept['cost'], kept['evaluations']
+            return RefineStatus[kept['status']]
+        status = self._solve(tolerance)
+        if status is not RefineStatus.CANCELLED:
+            ended = {'cost': self.cost, 'evaluations': self.evaluations, 'status': status.name}
+            arrays = {'point': self.point, 'residual': self.residual}
+            self.journal.put({**arrays, **ended}, *what)
+        return status
+
+    def _solve(self, tolerance: float) -> RefineStatus:
         """Run scipy's trust region and try the bounds that the result leans on."""
         try:
             # The trust region begins strictly inside the cube.
@@ -192,6 +216,8 @@ def refine(
     step: float | None = None,
     tolerance: float = 1e-10,
     good_enough: float = 0.0,
+    journal: Journal | None = None,
+    key: str = '',
 ) -> Refinement:
     """Refine several candidates and keep the best.
 
@@ -209,6 +235,8 @@ def refine(
             `finite_differences`.
         tolerance: Relative change of cost or parameters that counts as converged.
         good_enough: RMS of the residual below which the remaining starts are left out.
+        journal: Gets every step, and what an earlier run has put there is not worked out again.
+        key: Of the residuals, to tell them apart from others in the journal.
 
     Returns:
         The best of all starts.
@@ -230,7 +258,9 @@ def refine(
     left = math.inf if total_evaluations is None else total_evaluations - 2 * len(box.low)
     for row in _without_copies(first):
         limit = int(min(max_evaluations, left))
-        start = _Start(residuals, box, row, limit, cancel, central=central, step=step)
+        start = _Start(
+            residuals, box, row, limit, cancel, central, step, journal, digest_of(key, low, high)
+        )
         ended = start.solve(tolerance)
         theta = box.physical(start.point)
         outcomes.append(StartOutcome(row, theta, start.cost, start.evaluations, ended))
@@ -296,8 +326,10 @@ def _result(
         best.box.physical(best.point),
         10**9,
         None,
-        central=True,
-        step=best.step,
+        True,
+        best.step,
+        best.journal,
+        best.key,
     )
     jacobian = finite_differences(
         counted.evaluate, best.point, best.residual, best.box, central=True, step=best.step

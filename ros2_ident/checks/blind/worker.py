@@ -61,7 +61,7 @@ def diagnose(order: dict[str, str], fence: Fence) -> dict[str, Any]:
     try:
         with contextlib.redirect_stdout(text), contextlib.redirect_stderr(text):
             # Overlay and page are for people; the overlay's scene asks the reference's geometry.
-            quiet = ('--quiet', '--no-overlay', '--no-report')
+            quiet = ('--quiet', '--no-overlay', '--no-report', '--resume')
             code = main([*words, '--out', order['out'], *quiet])
         if code:
             error = f'exit code {code}: {text.getvalue().strip()[-500:]}'

@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Machine files, messages and goals by the hundred thousand: what is made of them.
+
+Machine files from `config/` are damaged in their bytes, or one of their values is replaced by an
+odd one; JointState messages are damaged and given to what the node feeds them to; goals get odd
+values in one to four fields. Each has to be taken, or refused in one printable sentence with a
+code, within ten seconds of CPU time and 2 GiB. Whatever else is raised is printed.
+
+Example: python benchmarks/fuzz_requests.py --machines 200000 --messages 100000 --goals 1000
+"""
+
+import argparse
+from collections import Counter
+from collections.abc import Callable
+import copy
+from pathlib import Path
+import random
+import resource
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from typing import Any
+import warnings
+
+import yaml
+
+sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
+
+from reader_cases import damage, make_recording, raw_messages  # noqa: E402
+
+from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
+from ros2_ident.models import load_machine  # noqa: E402
+from ros2_ident.models.registry import read_machine_file  # noqa: E402
+from ros2_ident.recording import RecordingBuilder  # noqa: E402
+from ros2_ident.recording.cdr import decode  # noqa: E402
+from ros2_ident.recording.limits import Limits  # noqa: E402
+
+ROOT = Path(__file__).parents[1]
+ODD: tuple[Any, ...] = (
+    *(None, True, False, 0, -1, 1, 2, 1e-300, -1e300, 1e308, 10**400, 1 << 63, 0.1),
+    *(float('nan'), float('inf'), -float('inf'), '', ' ', 'x', 'nan', '1e3', '\x1b[31m', '\0'),
+    *('drive_1', 'emps_axis', 'é' * 300, '../..', '/dev/zero', '/dev/stdin', '~', '~nobody/x'),
+    *([], {}, [1.0], [1.0, 'x'], [[]], {'a': 1}, ['drive_1'] * 3, [0.0] * 1000),
+)
+
+
+class Slow(Exception):
+    """An input took too long."""
+
+
+def too_long(*_: object) -> None:
+    """End it."""
+    raise Slow
+
+
+def swapped(value: Any, generator: random.Random) -> Any:
+    """Return nested plain data with one value, somewhere, replaced by an odd one."""
+    places: list[tuple[Any, Any]] = []
+
+    def walk(here: Any) -> None:
+        for key in here if isinstance(here, dict) else range(len(here)):
+            places.append((here, key))
+            if isinstance(here[key], (dict, list)):
+                walk(here[key])
+
+    out = copy.deepcopy(value)
+    walk(out)
+    where, key = generator.choice(places)
+    how = generator.random()
+    if how < 0.15:
+        del where[key]
+    elif how < 0.3 and isinstance(where, dict):
+        where[generator.choice(('x', 1, None, 'kind', '\x1b'))] = where.pop(key)
+    else:
+        where[key] = generator.choice(ODD)
+    return out
+
+
+class Machines:
+    """Damaged machine files."""
+
+    def __init__(self, room: Path) -> None:
+        self.path = room / 'machine.yaml'
+        files = ('emps', 'tripod', 'belt_drive', 'xl330')
+        self.texts = [(ROOT / 'config' / f'{x}.yaml').read_bytes() for x in files]
+        self.plain = [yaml.safe_load(x) for x in self.texts]
+
+    def __call__(self, generator: random.Random) -> str:
+        """Read one."""
+        if generator.random() < 0.4:
+            data = damage(generator.choice(self.texts), generator)
+        else:
+            plain = swapped(generator.choice(self.plain), generator)
+            if generator.random() < 0.3:
+                plain = swapped(plain, generator) if plain else plain
+            data = yaml.safe_dump(plain, allow_unicode=True).encode()
+        self.path.write_bytes(data)
+        if generator.random() < 0.2:
+            read_machine_file(self.path)
+        load_machine(self.path)
+        return 'taken'
+
+
+class Messages:
+    """Damaged JointState messages, a hundred to a recording."""
+
+    def __init__(self, room: Path) -> None:
+        self.whole = [data for _, _, data in raw_messages(make_recording(24))]
+        self.builder = RecordingBuilder()
+        self.fed = 0
+
+    def __call__(self, generator: random.Random) -> str:
+        """Feed one as the node does, and build after a hundred."""
+        data = generator.choice(self.whole)
+        if generator.random() < 0.8:
+            data = damage(data, generator)
+        role = generator.choice(('state', 'effort', 'command'))
+        try:
+            for block in decode([data], Limits()):
+                self.builder.add_block(role, block.stamp, block.names, *block.fields)
+        except (ValueError, IndexError):
+            return 'refused'
+        self.fed += 1
+        if self.fed % 100 == 0:
+            built, self.builder = self.builder, RecordingBuilder()
+            built.build()
+        return 'taken'
+
+
+class Goals:
+    """Goals with odd values."""
+
+    def __init__(self, room: Path) -> None:
+        from ros2_ident_msgs.action import Diagnose, Identify
+
+        from ros2_ident.ros.goals import diagnose_request_of, request_of
+        from ros2_ident.ros.parameter_table import BY_NAME
+        from ros2_ident.ros.parameters import Snapshot
+
+        self.kinds = ((Identify.Goal, request_of), (Diagnose.Goal, diagnose_request_of))
+        values: dict[str, Any] = {name: entry.default for name, entry in BY_NAME.items()}
+        values |= {'machine_file': str(ROOT / 'config' / 'emps.yaml'), 'drives': []}
+        self.parameters = [Snapshot(values), Snapshot(values | {'allowed_directory': str(room)})]
+        paths = (str(ROOT / 'bags' / 'axis_reversals'), str(room), '/proc/self/mem', '/')
+        self.words = (*paths, 'viscous_friction', 'backlash', 'effort', 'linear_axis')
+
+    def __call__(self, generator: random.Random) -> str:
+        """Ask for one."""
+        kind, ask = generator.choice(self.kinds)
+        goal = kind()
+        fields = goal.get_fields_and_field_types()
+        for name in generator.sample(list(fields), generator.randrange(1, 5)):
+            setattr(goal, name, self.value(fields[name], generator))
+        ask(goal, generator.choice(self.parameters))
+        return 'taken'
+
+    def value(self, kind: str, generator: random.Random) -> Any:
+        """Return an odd value of a type, or one that is close to a good one."""
+        if kind.startswith('sequence'):
+            inner = kind[len('sequence<') : -1]
+            return [self.value(inner, generator) for _ in range(generator.choice((0, 1, 2, 50)))]
+        if kind == 'boolean':
+            return generator.random() < 0.5
+        if kind == 'string':
+            return generator.choice((*(x for x in ODD if isinstance(x, str)), *self.words))
+        if kind in ('double', 'float'):
+            odd = [float(x) for x in ODD if isinstance(x, float)]
+            return generator.choice((*odd, 0.0, 1.0, 1e9, -1e-9, 0.5))
+        most = (1 << int(kind.removeprefix('uint'))) - 1
+        return generator.choice((0, 1, 2, 10, most // 2, most))
+
+
+def run(make: Callable[[Path], Any], name: str, count: int, seed: int, minutes: float) -> bool:
+    """Give `count` inputs to what `make` makes; print what came of them."""
+    outcomes: Counter[str] = Counter()
+    slowest, begin = 0.0, time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        take = make(Path(folder))
+        for number in range(count):
+            if time.monotonic() - begin > 60.0 * minutes:
+                break
+            generator = random.Random(f'{name} {seed} {number}')
+            started = time.process_time()
+            signal.setitimer(signal.ITIMER_PROF, 10.0)
+            try:
+                outcomes[take(generator)] += 1
+            except IdentError as error:
+                good = error.message.isprintable() and error.code != ErrorCode.INTERNAL
+                outcomes['refused' if good else 'badly said'] += 1
+                if not good:
+                    print(f'{name} {number}: {error.message!r}', flush=True)
+            except Slow:
+                outcomes['over 10 s'] += 1
+                print(f'{name} {number}: over 10 s', flush=True)
+            except MemoryError:
+                outcomes['over 2 GiB'] += 1
+                print(f'{name} {number}: over 2 GiB', flush=True)
+            except Exception:
+                outcomes['traceback'] += 1
+                print(f'{name} {number}\n{traceback.format_exc(limit=-3)}', flush=True)
+            finally:
+                signal.setitimer(signal.ITIMER_PROF, 0.0)
+            slowest = max(slowest, time.process_time() - started)
+    seconds = time.monotonic() - begin
+    told = ', '.join(f'{n} {what}' for what, n in sorted(outcomes.items()))
+    print(f'{name}: {sum(outcomes.values())} in {seconds:.0f} s, slowest {slowest:.2f} s; {told}')
+    return not set(outcomes) - {'taken', 'refused'}
+
+
+def main() -> int:
+    """Make, give, count."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    for name in ('machines', 'messages', 'goals'):
+        parser.add_argument(f'--{name}', type=int, default=1000)
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--minutes', type=float, default=1e9, help='longest time of each kind')
+    args = parser.parse_args()
+    warnings.simplefilter('ignore')
+    signal.signal(signal.SIGPROF, too_long)
+    used = int(Path('/proc/self/statm').read_text().split()[5]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_DATA, (used + (2 << 30), resource.RLIM_INFINITY))
+    kinds: tuple[tuple[str, Callable[[Path], Any]], ...] = (
+        ('machines', Machines),
+        ('messages', Messages),
+        ('goals', Goals),
+    )
+    good = [run(make, name, getattr(args, name), args.seed, args.minutes) for name, make in kinds]
+    return not all(good)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A run that is killed goes on, and ends with the bits it would have had.
+
+`benchmarks/kills.py` kills commands a hundred times and looks at their files.
+"""
+
+from dataclasses import replace
+import subprocess
+import sys
+
+from identify_cases import axis, axis_data, QUICK, ROOT
+import numpy as np
+import pytest
+
+from ros2_ident.effects import CATALOGUE
+from ros2_ident.gap.diagnose import diagnose
+from ros2_ident.gap.diagnosis import to_mapping
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.run import identify
+from ros2_ident.search import journal as journal_module
+from ros2_ident.search.journal import Journal
+
+WITHOUT = sorted(set(CATALOGUE) - {'asymmetric_friction', 'stribeck', 'cable_spring'})
+
+
+class Killed(BaseException):
+    """The end of a process, as far as one process can play it."""
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch):
+    """Let every record be written, however long that takes."""
+    monkeypatch.setattr(journal_module, 'SHARE', 1e9)
+
+
+@pytest.fixture
+def kill(monkeypatch):
+    """Return a function that lets a run die at a record: before, in, or behind it."""
+    real = Journal.put
+
+    def after(count, cut=None):
+        left = count
+
+        def put(self, values, *what):
+            nonlocal left
+            left -= 1
+            if left >= 0:
+                return real(self, values, *what)
+            if cut is not None:
+                size = self._file.size
+                real(self, values, *what)
+                self._file.cut(int(size + cut * (self._file.size - size)))
+            raise Killed
+
+        monkeypatch.setattr(Journal, 'put', put)
+        return lambda: monkeypatch.setattr(Journal, 'put', real)
+
+    return after
+
+
+def count_puts(monkeypatch, run):
+    """Return what a run returns and how many records it writes."""
+    real, count = Journal.put, 0
+
+    def put(self, values, *what):
+        nonlocal count
+        count += 1
+        return real(self, values, *what)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Journal, 'put', put)
+        return run(), count
+
+
+def gap():
+    """Return data with more friction where the axis is slow: something to find."""
+    (data,) = axis_data().datasets
+    speed = data.command_velocity
+    return [replace(data, effort=data.effort + 4.0 * np.sign(speed) * np.exp(-abs(speed) / 0.03))]
+
+
+def bits(result):
+    return (
+        result.theta.tobytes(),
+        result.evaluations,
+        result.history.best_costs.tobytes(),
+        result.history.candidates.tobytes(),
+        result.history.costs.tobytes(),
+        [(p.low, p.high, p.noise_low, p.noise_high) for p in result.parameters],
+        result.residuals,
+    )
+
+
+def test_an_identification_goes_on_from_every_generation_and_step(tmp_path, kill, monkeypatch):
+    def run(path):
+        return identify(axis(), axis_data(), settings=QUICK, seed=3, checkpoint=path)
+
+    whole, records = count_puts(monkeypatch, lambda: run(tmp_path / 'whole'))
+    assert records > QUICK.genetic.generations + 5
+    for count in range(0, records, 2):
+        path = tmp_path / f'{count}.checkpoint'
+        revive = kill(count, cut=(None, 0.3, 0.99, 1.0)[count // 2 % 4])
+        with pytest.raises(Killed):
+            run(path)
+        revive()
+        again, left = count_puts(monkeypatch, lambda path=path: run(path))
+        assert bits(again) == bits(whole)
+        assert left <= records - count, 'what was written is worked out again'
+
+
+def test_a_refinement_that_was_killed_simulates_only_what_is_left(tmp_path, kill, monkeypatch):
+    simulated = 0
+    machine, data = axis(), axis_data()
+
+    def run(path):
+        nonlocal simulated
+        simulated = 0
+        return identify(machine, data, settings=QUICK, seed=3, checkpoint=path)
+
+    real = Problem.residuals
+
+    def residuals(self, theta):
+        nonlocal simulated
+        simulated += len(theta)
+        return real(self, theta)
+
+    monkeypatch.setattr(Problem, 'residuals', residuals)
+    _, records = count_puts(monkeypatch, lambda: run(tmp_path / 'whole'))
+    most = simulated
+    revive = kill(records - 1)
+    with pytest.raises(Killed):
+        run(tmp_path / 'cut')
+    revive()
+    run(tmp_path / 'cut')
+    assert simulated < 0.5 * most
+
+
+def test_a_diagnosis_goes_on_from_every_fit(tmp_path, kill, monkeypatch):
+    machine, datasets = axis(), gap()
+
+    def run(path):
+        found = diagnose(machine, datasets, without=WITHOUT, checkpoint=path)
+        return {k: v for k, v in to_mapping(found).items() if k != 'seconds'}
+
+    whole, records = count_puts(monkeypatch, lambda: run(tmp_path / 'whole'))
+    assert whole['verdict']['effect'] == 'stribeck'
+    assert records > 30
+    for count in (5, records // 2, records - 2):
+        path = tmp_path / f'{count}.checkpoint'
+        revive = kill(count, cut=0.5 if count % 2 else None)
+        with pytest.raises(Killed):
+            run(path)
+        revive()
+        again, left = count_puts(monkeypatch, lambda path=path: run(path))
+        assert again == whole
+        assert left <= records - count
+
+
+def test_a_diagnosis_that_was_stopped_goes_on_as_if_it_had_not_been(tmp_path):
+    machine, datasets = axis(), gap()
+    asked, most = 0, 10**9
+
+    def tired():
+        nonlocal asked
+        asked += 1
+        return asked > most
+
+    whole = to_mapping(diagnose(machine, datasets, without=WITHOUT, cancelled=tired))
+    asked, most = 0, asked * 2 // 3
+    path = tmp_path / 'cut.checkpoint'
+    cut = diagnose(machine, datasets, without=WITHOUT, cancelled=tired, checkpoint=path)
+    assert not cut.complete
+    again = to_mapping(diagnose(machine, datasets, without=WITHOUT, checkpoint=path))
+    assert {**again, 'seconds': 0.0} == {**whole, 'seconds': 0.0}
+
+
+def test_commands_survive_a_real_kill():
+    for name, kills in (('identify', 2), ('diagnose', 2)):
+        words = [sys.executable, str(ROOT / 'benchmarks' / 'kills.py'), name]
+        more = '--population 128 --generations 4' if name == 'identify' else '--no-report'
+        done = subprocess.run(
+            [*words, '--kills', str(kills), '--seed', '5', f'--words={more}'],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+

@@ -1,0 +1,588 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The rules of the diagnosis, one by one, on fits made of numbers: nothing is simulated here."""
+
+from dataclasses import replace
+import math
+from pathlib import Path
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ros2_ident.effects import get_effect
+from ros2_ident.gap.attribute import Round
+from ros2_ident.gap.criteria import at_bound, Rules
+from ros2_ident.gap.explain import Explained, Explainer
+from ros2_ident.gap.fits import Explanation
+from ros2_ident.gap.verdict import (
+    advice,
+    judge,
+    NONE,
+    Temperatures,
+    UNKNOWN,
+    Verdict,
+    Weighed,
+)
+from ros2_ident.models import EffectAt
+
+ROOT = Path(__file__).parents[1]
+DRIVES = ('one', 'two')
+SAMPLES = 1000
+RULES = Rules(
+    material=0.5,
+    unknown=0.8,
+    step=0.4,
+    later=0.5,
+    share=0.1,
+    part=0.05,
+    closed=0.6,
+    rival=0.1,
+    contradicted=0.3,
+    instead=0.7,
+    most=3,
+)
+STRIBECK, FRICTION = EffectAt('stribeck', 'one'), EffectAt('asymmetric_friction', 'one')
+DRAG, SPRING = EffectAt('quadratic_drag', 'two'), EffectAt('cable_spring', 'two')
+
+
+class Attribution:
+    """Fits by number: what `refit` and `round` return is told beforehand."""
+
+    def __init__(self):
+        part = SimpleNamespace(drive=np.repeat([0, 1], SAMPLES), models=[self])
+        self.case = SimpleNamespace(fit=part, check=part, drives=DRIVES)
+        self.floor = np.ones(2)
+        self.rounds, self.refits, self.asked = [], {}, []
+        self.stop = False
+
+    def scaled(self, at):
+        """Return an effect's parameters, all in shares of one."""
+        return [
+            replace(p, low=-1.0, high=1.0, neutral=0.0) for p in get_effect(at.effect).parameters
+        ]
+
+    def stopped(self):
+        return self.stop
+
+    def round(self, base, candidates, fits):
+        self.asked.append((base, fits))
+        return Round(base, {}, {}, tuple(self.rounds.pop(0)))
+
+    def refit(self, effects, theta, iterations=12):
+        told = self.refits[tuple(effects)]
+        return told if isinstance(told, Explanation) else told(theta)
+
+
+def size_of(effect):
+    return len(get_effect(effect.effect).parameters)
+
+
+def made(gap, check=None, effects=(), law=(1.0, 1.0), own=0.5):
+    """Return a fit that leaves a mean square beyond the noise's on each of two drives."""
+    fit = SAMPLES * (1.0 + np.array(gap, dtype=float))
+    held = SAMPLES * (1.0 + np.array(gap if check is None else check, dtype=float))
+    theta = np.array([1.0, 2.0] + [own] * sum(map(size_of, effects)))
+    empty = np.empty(0)
+    return Explanation(tuple(effects), theta, fit, held, np.array(law), *([empty] * 4))
+
+
+def floor_of(variance):
+    """Return a floor whose noise has a variance that many times its innovation's."""
+    noise = SimpleNamespace(variance=variance, innovation=1.0)
+    return SimpleNamespace(noise=(noise, noise), per_drive=np.ones(2))
+
+
+@pytest.fixture
+def attribution():
+    return Attribution()
+
+
+@pytest.fixture
+def explainer(attribution):
+    made_ = Explainer(attribution, floor_of(1.0), RULES)
+    made_.looked_again = lambda chain, rounds: (chain, rounds)
+    made_.less_noise = lambda chain, rounds, best: None
+    return made_
+
+
+def found(chain, rounds=(), rivals=(), rests=(), remaining=0.0, complete=True):
+    return Explained(tuple(chain), tuple(rounds), tuple(rivals), tuple(rests), remaining, complete)
+
+
+# ---------------------------------------------------------------------- sizes
+
+
+def test_the_rules_are_those_that_the_docs_state():
+    page = (ROOT / 'docs' / 'diagnosis.md').read_text()
+    stated = {}
+    row = r'^\| ((?:`\w+`(?:, )?)+) \| ([\d., ]+) \|'
+    for names, values in re.findall(row, page, re.MULTILINE):
+        numbers = [float(x) for x in values.split(',')]
+        stated |= dict(zip(re.findall(r'\w+', names), numbers, strict=True))
+    rules = vars(Rules())
+    assert {k: v for k, v in stated.items() if k in rules} == rules
+    assert Temperatures() == Temperatures(0.04, 0.08, 0.12, 0.9, 5.0, 0.02, 0.02)
+
+
+def test_a_gap_is_the_mean_square_beyond_the_noise_on_both_parts(explainer):
+    e = made((0.3, -0.1), (0.5, -0.3))
+    assert explainer.gap(e) == pytest.approx([0.4, -0.2])
+    assert explainer.size(e) == pytest.approx(math.sqrt(0.4))
+    assert explainer.size(made((-0.1, -0.2))) == 0.0
+    assert e.loss == pytest.approx(SAMPLES * 4.4)
+    assert e.cost == pytest.approx(SAMPLES * 2.2)
+
+
+def test_a_share_is_of_what_there_is_to_explain_on_the_part_asked_for(explainer):
+    before, after = made((1.0, 0.0), (3.0, 0.0)), made((0.5, 0.0), (0.0, 0.0))
+    assert explainer.share(before, after) == pytest.approx(3.5 / 4.0)
+    assert explainer.share(before, after, 'fit') == pytest.approx(0.5)
+    assert explainer.share(before, after, 'check') == pytest.approx(1.0)
+    assert explainer.share(after, before, 'check') == 0.0
+    assert explainer.share(made((-0.1, 0.0)), made((-0.2, 0.0))) == 0.0
+
+
+def test_bic_penalises_every_parameter(explainer):
+    e = made((1.0, 0.0), effects=[STRIBECK])
+    penalty = math.log(4 * SAMPLES) * (2 + size_of(STRIBECK))
+    assert explainer.score(e) == pytest.approx(e.loss + penalty)
+
+
+# ---------------------------------------------------------------------- what counts
+
+
+@pytest.mark.parametrize(
+    ('fall', 'first', 'counts'),
+    [
+        (0.41**2, True, True),
+        (0.39**2, True, False),
+        (0.49**2, False, False),
+        (0.51**2, False, True),
+    ],
+)
+def test_a_step_has_to_take_enough_away_and_a_later_one_more(explainer, fall, first, counts):
+    before = made((1.0, 0.0), effects=[] if first else [STRIBECK])
+    after = made((1.0 - fall, 0.0), effects=[*before.effects, FRICTION])
+    assert explainer.material(before, after) is counts
+
+
+def test_a_step_has_to_close_a_share_however_much_it_takes_away(explainer):
+    before = made((9.0, 0.0))
+    assert not explainer.material(before, made((9.0 - 0.8, 0.0)))
+    assert explainer.material(before, made((9.0 - 1.0, 0.0)))
+
+
+def test_what_the_data_held_out_refute_does_not_count(explainer):
+    before = made((2.0, 0.0))
+    assert explainer.material(before, made((0.0, 0.0), check=(1.7, 0.0)))
+    assert not explainer.material(before, made((0.0, 0.0), check=(1.9, 0.0)))
+
+
+def test_data_held_out_that_cannot_speak_must_not_speak_against_it(explainer):
+    silent = made((2.0, 0.0), check=(0.2, 0.0))
+    worse = (0.5 * RULES.material) ** 2
+    for change, said in ((0.9 * worse, True), (1.1 * worse, False)):
+        after = made((0.0, 0.0), check=(0.2 + change, 0.0))
+        assert explainer.material(silent, after) is said
+        elsewhere = made((0.0, 0.0), check=(0.2, change))
+        assert explainer.confirmed(silent, elsewhere, 0) is said
+    # Where it has a gap on this drive it can speak; what it says of the other one is no matter.
+    loud = made((2.0, 0.0), check=(0.26, 0.0))
+    assert not explainer.confirmed(loud, made((0.0, 0.0), check=(0.26, 0.0)), 0)
+    assert explainer.confirmed(loud, made((0.0, 0.0), check=(0.26, 0.0)), 1)
+
+
+def test_what_a_chain_closes_is_counted_from_its_beginning(explainer):
+    base, first = made((4.0, 0.0)), made((1.0, 0.0), effects=[STRIBECK])
+    after = made((0.0, 0.0), effects=[STRIBECK, DRAG])
+    assert explainer.closes([base, first], after) == pytest.approx(0.25)
+    assert explainer.closes([made((-1.0, 0.5)), first], after) == 0.0
+
+
+@pytest.mark.parametrize(
+    ('effects', 'said'),
+    [
+        ([STRIBECK], False),
+        ([STRIBECK, FRICTION], True),
+        ([STRIBECK, DRAG], False),
+        ([STRIBECK, EffectAt('rod_mass', 'all')], True),
+        ([EffectAt('rod_mass', 'all'), STRIBECK], True),
+        ([DRAG, STRIBECK, FRICTION], True),
+    ],
+)
+def test_an_effect_beside_another_sits_where_that_one_does(effects, said):
+    assert Explainer.beside(made((0.0, 0.0), effects=effects)) is said
+
+
+@pytest.mark.parametrize(
+    ('before', 'after', 'gap', 'said'),
+    [
+        (41.0, 1.5, 1.0, True),  # 0.5 is less than one and than a twentieth of 40
+        (41.0, 2.1, 1.0, False),
+        (11.0, 1.4, 1.0, True),
+        (11.0, 1.6, 1.0, False),  # more than a twentieth of ten
+        (2.1, 1.04, 1.0, True),
+        (2.0, 1.0, 1.0, False),  # the law was not far off
+        (41.0, 1.5, 1.4, True),
+        (41.0, 1.5, 1.6, False),  # the outputs are much worse
+    ],
+)
+def test_controllers_vouch_for_what_mends_their_law(explainer, before, after, gap, said):
+    explainer.floor = floor_of(1e6)  # noise so slow that the outputs tell nothing
+    base = made((1.0, 0.0), law=(1.0, before))
+    effect = made((gap, 0.0), law=(1.0, after), effects=[STRIBECK])
+    assert explainer.vouched(base, effect) is said
+    assert explainer.material(base, effect) is said
+    later = replace(base, effects=(DRAG,))
+    assert not explainer.material(later, effect), 'only the first effect is vouched for'
+
+
+@pytest.mark.parametrize(
+    ('mine', 'other', 'said'),
+    [
+        ((1.2, 1.0), (1.0, 1.0), True),
+        ((1.08, 1.0), (1.0, 1.0), False),  # below 0.3 squared
+        ((3.0, 1.0), (2.6, 1.0), False),  # a fifth of what it misses anyway
+        ((3.0, 1.0), (1.9, 1.0), True),
+        ((2.0, 1.0), (1.0, 2.0), False),  # no better on the whole
+        ((2.0, 1.0), (1.0, 1.9), True),
+    ],
+)
+def test_controllers_contradict_what_makes_them_disagree(explainer, mine, other, said):
+    one, two = made((0.0, 0.0), law=mine), made((0.0, 0.0), law=other)
+    assert explainer.contradicted(one, two) is said
+
+
+@pytest.mark.parametrize(
+    ('value', 'said'), [(0.9, False), (0.999, True), (-0.999, True), (0.0, False)]
+)
+def test_a_size_at_its_bound_is_implausible(explainer, value, said):
+    assert explainer.plausible(made((0.0, 0.0), effects=[DRAG], own=value)) is not said
+
+
+def test_a_bound_that_is_the_neutral_value_is_none():
+    (size,) = (p for p in get_effect('stribeck').parameters if p.role == 'size')
+    (shape,) = (p for p in get_effect('stribeck').parameters if p.role == 'shape')
+    assert at_bound(size, size.high) and not at_bound(size, size.low)
+    near = 0.9e-3 * (size.high - size.low)
+    assert at_bound(size, size.high - near) and not at_bound(size, size.high - 1.2 * near)
+    lower = replace(size, low=-1.0, high=1.0)
+    assert at_bound(lower, -1.0) and not at_bound(lower, -0.5)
+    assert not at_bound(shape, shape.high)
+    assert at_bound(replace(size, neutral=0.1), size.low)
+
+
+# ---------------------------------------------------------------------- the best of a round
+
+
+def of_round(base, *fitted):
+    return Round(base, {}, {}, fitted)
+
+
+def test_the_best_fit_pays_for_its_parameters(explainer):
+    base = made((2.0, 0.0))
+    assert explainer.best(of_round(base)) is None
+    assert size_of(STRIBECK) == size_of(DRAG) + 1
+    two, one = made((0.2, 0.0), effects=[STRIBECK]), made((0.2015, 0.0), effects=[DRAG])
+    assert two.loss < one.loss
+    assert explainer.best(of_round(base, two, one)) is one
+    better = made((0.19, 0.0), effects=[STRIBECK])
+    assert explainer.best(of_round(base, better, one)) is better
+
+
+def test_a_size_at_its_bound_gives_way_to_what_comes_near(explainer):
+    base = made((2.0, 0.0))
+    edge = made((0.0, 0.0), effects=[STRIBECK], own=1.0)
+    near, far = (made((left, 0.0), effects=[DRAG]) for left in (0.98, 1.02))
+    assert explainer.best(of_round(base, edge, near)) is near
+    assert explainer.best(of_round(base, edge, far)) is edge
+    assert explainer.best(of_round(base, edge)) is edge
+
+
+def test_where_little_closes_the_controllers_choose(explainer):
+    explainer.floor = floor_of(1e6)
+    base = made((2.0, 0.0), law=(41.0, 1.0))
+    strong = made((1.0, 0.0), effects=[STRIBECK], law=(41.0, 1.0))
+    vouched = made((1.9, 0.0), effects=[DRAG], law=(1.2, 1.0))
+    assert explainer.best(of_round(base, strong, vouched)) is vouched
+    assert explainer.best(of_round(replace(base, effects=(SPRING,)), strong, vouched)) is strong
+    enough = made((0.7, 0.0), effects=[STRIBECK], law=(41.0, 1.0))
+    assert explainer.best(of_round(base, enough, vouched)) is enough
+
+
+@pytest.mark.parametrize(('left', 'taken'), [(0.5, True), (0.7, False)])
+def test_what_controllers_contradict_gives_way_to_what_closes_nearly_as_much(
+    explainer, left, taken
+):
+    base = made((2.0, 0.0))
+    strong = made((0.0, 0.0), effects=[STRIBECK], law=(1.5, 1.0))
+    other = made((left, 0.0), effects=[DRAG])
+    assert explainer.best(of_round(base, strong, other)) is (other if taken else strong)
+    edge = made((left, 0.0), effects=[DRAG], own=1.0)
+    assert explainer.best(of_round(base, strong, edge)) is strong
+
+
+# ---------------------------------------------------------------------- rounds
+
+
+def rounds_of(attribution, *rounds):
+    attribution.rounds = [list(r) for r in rounds]
+
+
+def test_where_nothing_is_missing_nothing_is_tried(explainer, attribution):
+    base = made((0.24, 0.0))
+    got = explainer.explain(base, [], print)
+    assert (got.chain, got.rounds, got.complete) == ((base,), (), True)
+    assert (got.rests, got.rivals) == ((), ())
+    assert got.remaining == pytest.approx(math.sqrt(0.24))
+    assert not attribution.asked
+
+
+def test_effects_are_added_while_they_count(explainer, attribution):
+    base = made((4.0, 2.0))
+    one = made((0.1, 2.0), effects=[STRIBECK])
+    both = made((0.1, 0.1), effects=[STRIBECK, DRAG])
+    alone = made((4.0, 0.1), effects=[DRAG])
+    rounds_of(attribution, [one, made((4.0, 1.0), effects=[DRAG])], [both])
+    attribution.refits = {(): base, (DRAG,): alone}
+    heard = []
+    got = explainer.explain(base, [], heard.append)
+    assert got.chain == (base, one, both)
+    assert heard == [one, both]
+    assert [(at is b, fits) for (at, fits), b in zip(attribution.asked, (base, one), strict=True)]
+    assert [fits for _, fits in attribution.asked] == [12, 8]
+    assert got.rests == (alone, one)
+    assert got.remaining == pytest.approx(math.sqrt(0.1))
+
+
+def test_a_step_that_does_not_count_ends_it(explainer, attribution):
+    base = made((4.0, 0.0))
+    rounds_of(attribution, [made((3.9, 0.0), effects=[STRIBECK])])
+    got = explainer.explain(base, [], print)
+    assert got.chain == (base,) and len(got.rounds) == 1
+    rounds_of(attribution, [])
+    attribution.rounds = [[]]
+    assert explainer.explain(base, [], print).chain == (base,)
+
+
+def test_a_small_mend_of_an_effect_that_is_there_is_no_effect(explainer, attribution):
+    base = made((40.0, 0.0))
+    one = made((2.0, 0.0), effects=[STRIBECK])
+    attribution.refits = {(): base, (FRICTION,): base}
+    for left, chain in ((0.2, 2), (-0.2, 3)):  # 4.5 and 5.5 per cent of the first gap
+        mended = made((left, 0.0), effects=[STRIBECK, FRICTION])
+        rounds_of(attribution, [one], [mended], [])
+        assert len(explainer.explain(base, [], lambda e: None).chain) == chain
+    elsewhere = made((0.2, 0.0), effects=[STRIBECK, DRAG])
+    rounds_of(attribution, [one], [elsewhere])
+    attribution.refits |= {(DRAG,): base}
+    assert len(explainer.explain(base, [], lambda e: None).chain) == 3
+
+
+def test_there_are_never_more_effects_than_the_rules_allow(explainer, attribution):
+    base = made((40.0, 40.0))
+    several = (STRIBECK, DRAG, EffectAt('backlash', 'all'), SPRING)
+    fits = [
+        made((40.0 - 10 * k, 40.0 - 10 * k), effects=several[:k]) for k in range(1, 5)
+    ]
+    rounds_of(attribution, *([e] for e in fits))
+    attribution.refits = {(): base}
+    for k in range(len(several)):
+        for rest in (several[1 : k + 1], (several[0], *several[2 : k + 1])):
+            attribution.refits[rest] = base
+    attribution.refits[several[:2]] = fits[1]
+    got = explainer.explain(base, [], lambda e: None)
+    assert len(got.chain) == RULES.most + 1
+
+
+def test_an_effect_that_a_later_one_makes_superfluous_is_dropped(explainer, attribution):
+    base, one = made((4.0, 0.0)), made((2.0, 0.0), effects=[STRIBECK])
+    both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
+    attribution.refits = {(DRAG,): made((0.1, 0.0), effects=[DRAG])}
+    assert [e.effects for e in explainer.prune([base, one, both])] == [(), (DRAG,)]
+    attribution.refits = {(DRAG,): made((1.0, 0.0), effects=[DRAG])}
+    assert explainer.prune([base, one, both]) == [base, one, both]
+
+
+def test_a_chain_is_fitted_anew_where_a_middle_one_goes(explainer, attribution):
+    three = [STRIBECK, FRICTION, DRAG]
+    chain = [made((8.0, 0.0)), made((6.0, 0.0), effects=three[:1])]
+    chain += [made((5.0, 0.0), effects=three[:2]), made((0.0, 0.0), effects=three)]
+    first = made((3.0, 0.0), effects=[STRIBECK])
+    attribution.refits = {
+        (STRIBECK, DRAG): made((0.1, 0.0), effects=[STRIBECK, DRAG]),
+        (DRAG,): made((5.0, 0.0), effects=[DRAG]),
+        (STRIBECK,): first,
+    }
+    got = explainer.prune(chain)
+    assert [e.effects for e in got] == [(), (STRIBECK,), (STRIBECK, DRAG)]
+    assert got[1] is first
+
+
+def test_what_a_later_effect_makes_superfluous_is_dropped_on_the_way(explainer, attribution):
+    base, one = made((4.0, 4.0)), made((1.0, 4.0), effects=[STRIBECK])
+    both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
+    alone = made((0.1, 0.1), effects=[DRAG])
+    attribution.refits = {(): base, (DRAG,): alone}
+    rounds_of(attribution, [one], [both])
+    assert explainer.explain(base, [], lambda e: None).chain == (base, alone)
+
+
+def test_what_was_freed_takes_the_place_of_the_nominal_fit(explainer, attribution):
+    base, plain = made((4.0, 0.0)), made((0.1, 0.0))
+    attribution.refits = {(): plain}
+    rounds_of(attribution, [made((0.0, 0.0), effects=[STRIBECK])])
+    got = explainer.explain(base, [], print)
+    assert [e.loss for e in got.chain] == [plain.loss]
+
+
+def test_the_noise_is_looked_at_again_once_an_effect_is_known(attribution):
+    explainer = Explainer(attribution, None, RULES)
+    chain, rounds = [made((4.0, 0.0)), made((0.1, 0.0), effects=[STRIBECK])], []
+    again = made((0.05, 0.0), effects=[STRIBECK])
+    attribution.refits = {(STRIBECK,): again}
+    renewed = []
+    attribution.renew = lambda floor, c, r: renewed.append(floor) or (list(c), list(r))
+    for share, said in ((0.98, False), (0.96, True)):
+        seen = SimpleNamespace(floor=SimpleNamespace(per_drive=np.array([1.0, share])))
+        explainer.noise_of = lambda e, seen=seen: seen
+        got, _ = explainer.looked_again(chain, rounds)
+        assert (got[-1] is again) is said
+        assert (explainer.floor is seen.floor) is said
+        assert len(renewed) == said
+    assert chain[1] is not again
+
+
+def test_an_effect_that_only_freed_a_stuck_fit_is_forgotten(explainer, attribution):
+    base = made((4.0, 0.0))
+    with_effect = made((0.0, 0.0), effects=[STRIBECK])
+    plain = made((0.1, 0.0), law=(0.9, 1.2))
+    attribution.refits = {(): plain}
+    freed = explainer.freed(base, with_effect)
+    assert freed.loss == plain.loss and freed.law.tolist() == [0.9, 1.0]
+    attribution.refits = {(): made((3.9, 0.0))}  # 2.5 per cent: not worth it
+    assert explainer.freed(base, with_effect) is base
+    attribution.refits = {(): made((4.03, 0.0), check=(0.0, 0.0))}  # worse where it is fitted
+    assert explainer.freed(base, with_effect) is base
+    attribution.refits = {(): made((4.01, 0.0), check=(0.0, 0.0))}
+    assert explainer.freed(base, with_effect) is not base
+
+
+def test_a_stopped_search_says_that_it_is_not_complete(explainer, attribution):
+    attribution.stop = True
+    got = explainer.explain(made((4.0, 0.0)), [], print)
+    assert not got.complete and not attribution.asked
+
+
+def test_rivals_take_the_place_of_each_effect(explainer, attribution):
+    base = made((4.0, 2.0))
+    one = made((0.0, 2.0), effects=[STRIBECK])
+    near, weak = made((1.8, 2.0), effects=[FRICTION]), made((2.2, 2.0), effects=[SPRING])
+    both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
+    rounds = [of_round(base, one, near, weak), of_round(one, both)]
+    instead = made((0.5, 0.0), effects=[DRAG, FRICTION])
+    seen = []
+
+    def refitted(theta):
+        seen.append(theta)
+        return instead
+
+    attribution.refits = {(DRAG, FRICTION): refitted}
+    assert explainer.rivals([base, one, both], rounds) == ((both, instead), (both,))
+    assert len(seen[0]) == 2 + size_of(DRAG) + size_of(FRICTION)
+    assert explainer.rivals([base, one], rounds[:1]) == ((one, near, weak),)
+    assert explainer.rivals([base, one], []) == ((one,),)
+
+
+# ---------------------------------------------------------------------- the answer
+
+
+SHARP = Temperatures(size=1e-3, closed=1e-3)
+
+
+def answered(explainer, chain, fitted=(), rivals=None, rests=None, **more):
+    rounds = [of_round(chain[0], *fitted)] if fitted else []
+    rivals = [tuple(fitted)] if rivals is None else rivals
+    got = found(chain, rounds, rivals, [chain[0]] if rests is None else rests, **more)
+    return judge(explainer, got, temperatures=SHARP)
+
+
+def test_a_gap_that_is_not_material_is_none(explainer):
+    said = answered(explainer, [made((0.2, 0.0))])
+    assert (said.effect, said.where) == (NONE, ())
+    assert said.probability == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_small_gap_that_nothing_explains_is_none_and_a_large_one_unknown(explainer):
+    assert answered(explainer, [made((0.6, 0.0))]).effect == NONE
+    said = answered(explainer, [made((0.7, 0.0))])
+    assert (said.effect, said.where) == (UNKNOWN, ('one',))
+    assert said.probability == pytest.approx(0.88)
+    assert answered(explainer, [made((0.7, 0.34))]).where == ('one',)
+    assert answered(explainer, [made((0.7, 0.36))]).where == ('all',)
+    cut = answered(explainer, [made((0.7, 0.0))], complete=False)
+    assert (cut.effect, cut.probability) == (UNKNOWN, 0.0)
+
+
+@pytest.mark.parametrize(
+    ('left', 'remaining', 'effect'),
+    [(0.7, 0.84, 'stribeck'), (0.9, 0.95, UNKNOWN), (0.9, 0.79, 'stribeck')],
+)
+def test_a_name_is_believed_where_enough_closes_or_little_is_left(
+    explainer, left, remaining, effect
+):
+    base, one = made((2.0, 0.0)), made((left, 0.0), effects=[STRIBECK])
+    said = answered(explainer, [base, one], [one], remaining=remaining)
+    assert said.effect == effect
+    assert said.closed == pytest.approx((2.0 - left) / 2.0)
+    if effect != UNKNOWN:
+        assert said.where == ('one',)
+        assert said.probability > 0.85
+
+
+def test_probabilities_follow_what_is_left_and_what_controllers_say(explainer):
+    base = made((2.0, 0.0))
+    one, two = made((0.2, 0.0), effects=[STRIBECK]), made((0.4, 0.0), effects=[DRAG])
+    said = answered(explainer, [base, one], [one, two])
+    weights = {w.at: w.probability for w in said.ranking}
+    assert weights[STRIBECK] / weights[DRAG] == pytest.approx((0.22 / 0.12) ** 5)
+    assert sum(weights.values()) == pytest.approx(1.0)
+    assert [w.at for w in said.ranking] == [STRIBECK, DRAG]
+    refuted = replace(two, law=np.array([2.0, 1.0]))
+    again = answered(explainer, [base, one], [one, refuted])
+    less = {w.at: w.probability for w in again.ranking}
+    assert less[STRIBECK] / less[DRAG] == pytest.approx(50.0 * (0.22 / 0.12) ** 5)
+
+
+def test_what_closes_nearly_as_much_cannot_be_told_apart(explainer):
+    base, one = made((2.0, 0.0)), made((0.0, 0.0), effects=[STRIBECK])
+    near, far = made((0.19, 0.0), effects=[DRAG]), made((0.21, 0.0), effects=[SPRING])
+    said = answered(explainer, [base, one], [one, near, far])
+    assert [w.at for w in said.confusable] == [STRIBECK, DRAG]
+    assert all(any(w is x for x in said.ranking) for w in said.confusable)
+    refuted = replace(near, law=np.array([2.0, 1.0]))
+    said = answered(explainer, [base, one], [one, refuted, far])
+    assert [w.at for w in said.confusable] == [STRIBECK]
+
+
+def test_further_effects_are_told_in_their_order(explainer):
+    base, one = made((2.0, 2.0)), made((0.0, 2.0), effects=[STRIBECK])
+    both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
+    said = answered(
+        explainer, [base, one, both], [one], [(both,), (both,)], [made((2.0, 0.0)), one]
+    )
+    assert (said.effect, said.also) == ('stribeck', (DRAG,))
+
+
+def test_advice_says_how_to_tell_apart_and_what_was_not_to_be_seen():
+    rows = tuple(Weighed(at, 0.4, made((0.0, 0.0))) for at in (STRIBECK, DRAG))
+    verdict = Verdict('stribeck', ('one',), 0.4, (), rows, rows, 0.9)
+    (one,) = advice(verdict, [])
+    assert 'cannot be told apart' in one and get_effect('quadratic_drag').title in one
+    assert advice(replace(verdict, confusable=rows[:1]), []) == ()
+    (seen,) = advice(replace(verdict, confusable=()), [SPRING, EffectAt('rod_mass', 'all')])
+    assert seen.startswith('This motion cannot show:') and 'the machine' in seen
+    unknown = Verdict(UNKNOWN, ('one',), 0.5, (), (), (), 0.0)
+    assert 'isolate the drive' in advice(unknown, [])[0]
+    assert advice(replace(unknown, probability=0.0), []) == ()
