@@ -101,7 +101,7 @@ def attribution():
 @pytest.fixture
 def explainer(attribution):
     made_ = Explainer(attribution, floor_of(1.0), RULES)
-    made_.looked_again = lambda chain, rounds: (chain, rounds)
+    made_.with_new_floor = lambda chain, rounds: (chain, rounds)
     made_.less_noise = lambda chain, rounds, best: None
     return made_
 
@@ -232,7 +232,7 @@ def test_controllers_vouch_for_what_mends_their_law(explainer, before, after, ga
     explainer.floor = floor_of(1e6)  # noise so slow that the outputs tell nothing
     base = made((1.0, 0.0), law=(1.0, before))
     effect = made((gap, 0.0), law=(1.0, after), effects=[STRIBECK])
-    assert explainer.vouched(base, effect) is said
+    assert explainer.restores_law(base, effect) is said
     assert explainer.material(base, effect) is said
     later = replace(base, effects=(DRAG,))
     assert not explainer.material(later, effect), 'only the first effect is vouched for'
@@ -447,7 +447,7 @@ def test_the_noise_is_looked_at_again_once_an_effect_is_known(attribution):
     for share, said in ((0.98, False), (0.96, True)):
         seen = SimpleNamespace(floor=SimpleNamespace(per_drive=np.array([1.0, share])))
         explainer.noise_of = lambda e, seen=seen: seen
-        got, _ = explainer.looked_again(chain, rounds)
+        got, _ = explainer.with_new_floor(chain, rounds)
         assert (got[-1] is again) is said
         assert (explainer.floor is seen.floor) is said
         assert len(renewed) == said
@@ -459,14 +459,14 @@ def test_an_effect_that_only_freed_a_stuck_fit_is_forgotten(explainer, attributi
     with_effect = made((0.0, 0.0), effects=[STRIBECK])
     plain = made((0.1, 0.0), law=(0.9, 1.2))
     attribution.refits = {(): plain}
-    freed = explainer.freed(base, with_effect)
+    freed = explainer.better_nominal(base, with_effect)
     assert freed.loss == plain.loss and freed.law.tolist() == [0.9, 1.0]
     attribution.refits = {(): made((3.9, 0.0))}  # 2.5 per cent: not worth it
-    assert explainer.freed(base, with_effect) is base
+    assert explainer.better_nominal(base, with_effect) is base
     attribution.refits = {(): made((4.03, 0.0), check=(0.0, 0.0))}  # worse where it is fitted
-    assert explainer.freed(base, with_effect) is base
+    assert explainer.better_nominal(base, with_effect) is base
     attribution.refits = {(): made((4.01, 0.0), check=(0.0, 0.0))}
-    assert explainer.freed(base, with_effect) is not base
+    assert explainer.better_nominal(base, with_effect) is not base
 
 
 def test_a_stopped_search_says_that_it_is_not_complete(explainer, attribution):

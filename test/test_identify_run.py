@@ -239,12 +239,6 @@ def test_wrong_use_is_refused_before_anything_is_simulated(arguments, code, text
     assert text in caught.value.message
 
 
-def test_a_belt_drive_is_no_machine_for_a_recording():
-    machine = replace(axis(), kind='belt_drive')
-    with pytest.raises(IdentError, match='a belt_drive is not identified from a bag of drives'):
-        identify(machine, axis_data(), settings=QUICK)
-
-
 def test_nothing_to_identify_from():
     with pytest.raises(IdentError, match='there is no recording to identify from'):
         identify(axis(), [], settings=QUICK)

@@ -20,6 +20,7 @@ GROUPS = {
 ROLES = {
     'size': 'size',
     'shape': 'shape',
+    'order': 'shape, an order of the turn',
     'position': 'shape, a place',
     'time': 'shape, an instant',
 }
