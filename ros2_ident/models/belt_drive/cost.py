@@ -14,7 +14,7 @@ from numba import njit
 import numpy as np
 
 from ros2_ident.lanes import load, spread, store, WIDTH
-from ros2_ident.models.belt_drive.kernels import Array, Flags, Index, one_mode_set, P
+from ros2_ident.models.belt_drive.kernels import Array, cached, Flags, Index, one_mode_set, P
 
 BLOCK = 16
 # Rows of a block's table: cosines, sines and weights of three modes, then the gain.
@@ -23,7 +23,7 @@ COS, SIN, WEIGHT, GAIN, ROWS = 0, 3 * BLOCK, 6 * BLOCK, 9 * BLOCK, 10
 LEAST_SINE = 1e-2
 
 
-@njit(cache=True, nogil=True)
+@cached
 def _fill(constants: Array, first: int, cycle: float, table: Array, ok: Flags) -> float:
     """Write one block's table and validity; return the least |sine| in it."""
     square = np.empty(3)
@@ -120,7 +120,7 @@ def _rotation(
     store(sums, BLOCK + at, sum_torque)
 
 
-@njit(cache=True, nogil=True)
+@cached
 def modal_cost(
     constants: Array, cycle: float, phi1: Array, torque: Array, step_at: Index, step_by: Array
 ) -> Array:
@@ -168,7 +168,7 @@ def _row(a: Array, at: int, z0: Any, z1: Any, z2: Any, z3: Any, z4: Any, z5: Any
     return left + (right + load(a, at + 6 * WIDTH) * u)
 
 
-@njit(cache=True, nogil=True)
+@cached
 def matrix_cost(
     rows: Array, gain: Array, reference: Array, phi1: Array, torque: Array, start: float
 ) -> Array:

@@ -4,27 +4,35 @@
 Every candidate's numbers depend on itself only, not on its neighbours in the batch.
 """
 
+from functools import partial
 import math
+from pathlib import Path
 
-from numba import njit
 import numpy as np
 from numpy.typing import NDArray
+
+from ros2_ident import lanes
+from ros2_ident.compiled import compiled, digest_of
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Index = NDArray[np.intp]
 
+_SOURCES = digest_of(Path(__file__).parent, Path(lanes.__file__))
+cached = partial(compiled, sources=_SOURCES)
+fused = partial(compiled, sources=_SOURCES, fastmath={'contract'})
+
 # Columns of the constants, in the order of `belt_drive.CONSTANTS`.
 EA, P, J1, J2, MASS, RADIUS, X0, L1, L2, L3 = range(10)
 
 
-@njit(cache=True, nogil=True)
+@cached
 def _stiffnesses(c: Array) -> tuple[float, float, float]:
     """Return k_i r^2-free belt stiffnesses, eq. 11, of one candidate's constants (10,)."""
     return c[EA] / (c[L1] + c[X0]), c[EA] / (c[L2] - c[X0]), c[EA] / c[L3]
 
 
-@njit(cache=True, nogil=True)
+@cached
 def one_mode_set(c: Array, square: Array, weight: Array) -> bool:
     """Write squared angular eigenfrequencies and weights (3,) of one candidate; False if unstable.
 
@@ -86,7 +94,7 @@ def one_mode_set(c: Array, square: Array, weight: Array) -> bool:
     return square[0] > 0.0 and math.isfinite(weight[0] + weight[1] + weight[2])
 
 
-@njit(cache=True, nogil=True)
+@cached
 def modes(constants: Array) -> tuple[Array, Array]:
     """Return squared angular eigenfrequencies [1/s^2] and weights, each (S, 3), of (S, 10)."""
     square = np.empty((constants.shape[0], 3))
@@ -96,7 +104,7 @@ def modes(constants: Array) -> tuple[Array, Array]:
     return square, weight
 
 
-@njit(cache=True, nogil=True, fastmath={'contract'})
+@fused
 def modal_response(
     constants: Array, cycle: float, reference: Array, step_at: Index, step_by: Array
 ) -> Array:
@@ -134,7 +142,7 @@ def modal_response(
     return out
 
 
-@njit(cache=True, nogil=True)
+@cached
 def matrices(constants: Array) -> tuple[Array, Array]:
     """Return the inertias (S, 3) and the stiffness matrix (S, 3, 3) of eq. 21, of (S, 10)."""
     count = constants.shape[0]
@@ -154,7 +162,7 @@ def matrices(constants: Array) -> tuple[Array, Array]:
     return mass, stiffness
 
 
-@njit(cache=True, nogil=True)
+@cached
 def _multiply(a: Array, b: Array, factor: float, out: Array) -> None:
     """Write factor a b, of square matrices; plain loops compile quickest."""
     size = a.shape[0]
@@ -166,7 +174,7 @@ def _multiply(a: Array, b: Array, factor: float, out: Array) -> None:
             out[i, j] = total * factor
 
 
-@njit(cache=True, nogil=True)
+@cached
 def matrix_exponential(matrix: Array) -> Array:
     """Return e^A of (S, n, n) matrices by scaling, a Taylor series and squaring.
 
@@ -208,7 +216,7 @@ def matrix_exponential(matrix: Array) -> Array:
     return result
 
 
-@njit(cache=True, nogil=True)
+@cached
 def transition_rows(constants: Array, cycle: float) -> Array:
     """Return A and b side by side, (S, 6, 7), of z_(k+1) = A z_k + b phi1d_k.
 
@@ -239,7 +247,7 @@ def transition_rows(constants: Array, cycle: float) -> Array:
     return rows
 
 
-@njit(cache=True, nogil=True, fastmath={'contract'})
+@fused
 def matrix_response(rows: Array, gain: Array, reference: Array) -> Array:
     """Return phi1 and M1, (S, 2, K), from `transition_rows` and the gains (S,)."""
     count, samples = rows.shape[0], reference.size

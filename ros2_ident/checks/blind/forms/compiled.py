@@ -5,10 +5,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
+from ros2_ident.compiled import digest_of
 from ros2_ident.reference import compiled as reference
 
 F = TypeVar('F', bound=Callable[..., object])
-SOURCES = reference.digest_of(reference.HERE, Path(__file__).parent)
+SOURCES = digest_of(reference.HERE, Path(__file__).parent)
 
 
 def compiled(function: F) -> F:

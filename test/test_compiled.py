@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A compiled function is made anew when a function of another file that it calls changes."""
+
+import subprocess
+import sys
+
+CALLEE = """
+from pathlib import Path
+from ros2_ident.compiled import compiled, digest_of
+SOURCES = digest_of(Path(__file__).parent)
+def inner(x):
+    return {} * x
+inner = compiled(inner, SOURCES)
+"""
+CALLER = """
+from callee import inner, SOURCES
+from ros2_ident.compiled import compiled
+def outer(x):
+    return inner(x) + 1.0
+outer = compiled(outer, SOURCES)
+print(outer(1.0), outer.stats.cache_hits)
+"""
+
+
+def test_a_changed_callee_is_never_served_from_the_cache(tmp_path):
+    (tmp_path / 'caller.py').write_text(CALLER)
+
+    def run(factor: float) -> list[str]:
+        (tmp_path / 'callee.py').write_text(CALLEE.format(factor))
+        done = subprocess.run(
+            [sys.executable, 'caller.py'], cwd=tmp_path, capture_output=True, text=True, check=True
+        )
+        return done.stdout.split()
+
+    assert run(2.0) == ['3.0', 'Counter()']
+    value, hits = run(2.0)[0], run(2.0)[1:]
+    assert value == '3.0' and '1})' in hits, 'what has not changed comes from the cache'
+    assert run(5.0) == ['6.0', 'Counter()']
