@@ -24,7 +24,6 @@ from ros2_ident.machine.figure import Figure
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Stream
 from ros2_ident.recording.streams import FloatArray, IntArray
-from ros2_ident.reference import twin_of
 
 MARKERS = 'visualization_msgs/msg/MarkerArray'
 # Pictures a second, and how often what stands still is said again, for those who come later.
@@ -172,6 +171,9 @@ def _simulated(
         return None
     order = [dataset.names.index(name) for name in problem.machine.drives]
     try:
+        # The reference is loaded where it is needed: a diagnosis that is judged must not know it.
+        from ros2_ident.reference import twin_of
+
         log = twin_of(problem.machine).simulate(
             problem.machine,
             values,
