@@ -74,7 +74,8 @@ def check_law(
     # Where no other gains explain more than the stated ones the law ran, and something else is
     # between it and the log: an effort that does not belong to it would ask for other gains.
     ran = law.misfit_file <= _AS_GOOD * law.misfit and law.explained > _AT_ALL
-    if math.isfinite(law.limit):
+    # Other gains would explain the effort if the law ran; a drive that is limited follows none.
+    if math.isfinite(law.limit) and law.explained < _ITS_OWN:
         text = (
             f'{drive}: the effort stays at about {law.limit:.3g} {unit} wherever the control law '
             'asks for more; something limits it there'
