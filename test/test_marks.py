@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which tests are marked slow, and what a run makes of those that are not, or are skipped."""
 
+import os
 from pathlib import Path
 import re
 
@@ -37,6 +38,7 @@ def suite(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytest.
     pytester.makeconftest(text.replace('LIMIT = 15.0', 'LIMIT = 0.2'))
     pytester.path.joinpath('slow.txt').write_text('test_it.py::test_listed\n', encoding='utf-8')
     pytester.makeini('[pytest]\nmarkers =\n  slow: slow\n  ros: ros\n')
+    monkeypatch.setenv('PYTHONPATH', str(HERE), prepend=os.pathsep)
     monkeypatch.delenv('CI', raising=False)
     return pytester
 

@@ -95,7 +95,7 @@ KEYS = {
     'zstandard': 'python3-rosbags-pip',
 }
 # What is said to be installed where it is asked for: the extras `cluster` and `arms`.
-OPTIONAL = {'distributed', 'pinocchio'}
+OPTIONAL = {'distributed', 'mujoco', 'pinocchio'}
 
 
 def imported(*folders: str) -> set[str]:
