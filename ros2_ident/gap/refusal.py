@@ -10,12 +10,14 @@ from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.verdict import BOOKKEEPING, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
+from ros2_ident.models.registry import kind_of
 from ros2_ident.search.noise import fast_noise
 
 # A model is another machine's where, with every effect found, a drive's effort is missed by this
 # share of how it varies, and by so many times the floor.
 LARGE, FLOORS = 0.1, 20.0
-# So much, and slow, is no noise of a log either, even where nothing predicts it.
+# So much, and slow, is no noise of a log either, even where nothing predicts it; of drives of one
+# make the others tell what noise is.
 SLOW = 0.5
 # Factors of all drives are one where their logarithms differ by less than this share of them.
 ALIKE = 0.3
@@ -108,13 +110,15 @@ def of_what_is_left(
     varies = np.array([_spread(explainer, d) for d in range(len(case.drives))])
     fast = np.array([_fast(explainer, found.chain[-1], d) for d in range(len(case.drives))])
     whole = np.hypot(left, explainer.attribution.floor)
-    slow_part = (whole >= FLOORS * fast) & (whole >= SLOW * varies)
+    machine = case.fit.models[0].machine
+    like = machine is not None and kind_of(machine).alike
+    slow_part = (whole >= FLOORS * fast) & (whole >= SLOW * varies) & (not like)
     lost = ((gap >= FLOORS) & (left >= LARGE * varies)) | slow_part
     left = np.where(slow_part, whole, left)
     if not lost.any():
         return found, verdict
     names = tuple(name for name, gone in zip(case.drives, lost, strict=True) if gone)
-    worst = int(np.argmax(np.where(lost, gap, 0.0)))
+    worst = int(np.argmax(np.where(lost, left, 0.0)))
     unit = case.fit.models[0].unit
     tried = 'with the effects that close most' if len(found.chain) > 1 else 'with every effect'
     first = (

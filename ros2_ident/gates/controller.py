@@ -204,19 +204,28 @@ def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
 
 
 def of_one_drive(gates: list[Gate], drives: int) -> list[Gate]:
-    """Return findings in which a gain that only some drives have wrong contradicts nothing.
+    """Return findings in which what only some drives show contradicts nothing.
 
-    A file that states one gain for all drives would have it wrong for all: here the drive differs,
-    and the diagnosis looks for why.
+    A file that states one gain for all drives would have it wrong for all, one message holds all
+    drives under one stamp, and a law that explains the others is the one that ran: here the drive
+    differs, and the diagnosis looks for why.
 
     Args:
         gates: What `check_law` found on all drives.
         drives: How many there are.
     """
-    count = Counter(gate.key for gate in gates if gate.key and gate.number > 0.0)
+
+    def kind(gate: Gate) -> tuple[str, str]:
+        return gate.gate, gate.key
+
+    def shared(gate: Gate) -> bool:
+        lost = gate.gate == 'law' and not gate.key and gate.number >= 0.0
+        return gate.contradicts and (gate.gate == 'offset' or lost or gate.number > 0.0)
+
+    count = Counter(kind(gate) for gate in gates if shared(gate))
     return [
         replace(gate, level='warn', contradicts=False)
-        if 0 < count[gate.key] < drives and gate.number > 0.0
+        if shared(gate) and count[kind(gate)] < drives
         else gate
         for gate in gates
     ]

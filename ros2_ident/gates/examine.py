@@ -17,6 +17,9 @@ from ros2_ident.models import Machine
 from ros2_ident.models.registry import compared_of
 from ros2_ident.recording import Dataset
 
+# Share of an effort that the law of its drive explains where the two belong together.
+_MOST = 0.7
+
 NO_COMMAND = Gate(
     'command', '', 'warn', math.nan, '1',
     'there is no command, so the recorded motion drives the model: its noise bends masses and '
@@ -102,7 +105,19 @@ def _of_one(
     if swapped:
         found = [gate for gate in found if gate.gate != 'sign']
         said = [gate for gate in said if gate.gate not in ('law', 'offset')]
+    # A law that explains the effort as it is logged vouches for its sign.
+    upright = {law.drive for law in laws if _upright(law)}
+    found = [
+        gate
+        for gate in found
+        if gate.gate != 'sign' or gate.level == 'ok' or gate.drive not in upright
+    ]
     # The law tells by how much stamps lie apart, and whose.
     known = {gate.drive for gate in said if gate.gate == 'offset'}
     apart = [gate for gate in apart if gate.drive not in known and not swapped]
     return GateReport((*found, *apart, *said, *swapped), tuple(laws))
+
+
+def _upright(law: Law) -> bool:
+    """Return whether a law explains most of the effort, and no gain has to be negative for it."""
+    return law.explained > _MOST and bool(law.gains) and law.gains[0].ratio > 0.0
