@@ -219,8 +219,8 @@ def of_one_drive(gates: list[Gate], drives: int) -> list[Gate]:
         return gate.gate, gate.key
 
     def shared(gate: Gate) -> bool:
-        lost = gate.gate == 'law' and not gate.key and gate.number >= 0.0
-        return gate.contradicts and (gate.gate == 'offset' or lost or gate.number > 0.0)
+        # A gain or scale with the wrong sign is a drive's own wiring.
+        return gate.contradicts and (gate.gate == 'offset' or gate.number > 0.0)
 
     count = Counter(kind(gate) for gate in gates if shared(gate))
     return [

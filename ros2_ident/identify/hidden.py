@@ -4,7 +4,6 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -156,8 +155,9 @@ def weigh_fit(
     """
     first, *_ = models = fitted.models
     candidates = [a for a in first.extensions() if a not in first.effects]
-    count = sum(len(_tried(first, at)[0]) for at in candidates)
-    rows = rows_of(models, _MOST // max(200, count))
+    wide = [first.extended((*first.effects, at)) for at in candidates]
+    tried = sum(len(_tried(w, at)[0]) for w, at in zip(wide, candidates, strict=True))
+    rows = rows_of(models, _MOST // max(200, tried))
     span = fitted.high - fitted.low
     seen = [m.restricted(mask) for m, mask in zip(models, rows.masks, strict=True)]
 
@@ -169,28 +169,25 @@ def weigh_fit(
     basis = np.linalg.qr(jacobian)[0]
     free = residual - basis @ (basis.T @ residual)
 
-    def changed(at: EffectAt, points: Array) -> Array:
-        base = np.repeat(theta[None], len(points), axis=0)
-        out = [
-            model.extended((*model.effects, at))
-            .restricted(mask)
-            .residuals(np.hstack([fitted.own(i, base), points]))
-            for i, (model, mask) in enumerate(zip(models, rows.masks, strict=True))
-        ]
-        return _side_by_side(out) - residual
-
-    def changes(at: EffectAt) -> tuple[Array, Array]:
+    def changes(at: EffectAt, model: FullModel) -> tuple[Array, Array]:
         if stopped():
             return np.empty((0, residual.size)), np.empty(0)
-        model = first.extended((*first.effects, at))
-        orders = orders_shown(model, at, partial(changed, at), free, basis, clear=True)
-        points, most = _tried(first, at, orders)
-        out = changed(at, points)
+        others = [m.extended((*m.effects, at)) for m in models[1:]]
+        masked = [m.restricted(x) for m, x in zip((model, *others), rows.masks, strict=True)]
+
+        def changed(points: Array) -> Array:
+            base = np.repeat(theta[None], len(points), axis=0)
+            rows = [np.hstack([fitted.own(i, base), points]) for i in range(len(masked))]
+            out = [m.residuals(row) for m, row in zip(masked, rows, strict=True)]
+            return _side_by_side(out) - residual
+
+        points, most = _tried(model, at, orders_shown(model, at, changed, free, basis, clear=True))
+        out = changed(points)
         out = out[np.isfinite(out).all(axis=1)]
         return out, np.full(len(out), most)
 
     with ThreadPoolExecutor(threads or processors()) as pool:
-        parts = list(pool.map(changes, candidates))
+        parts = list(pool.map(changes, candidates, wide))
     missing = np.concatenate([np.empty((0, residual.size)), *(change for change, _ in parts)]).T
     most = np.concatenate([np.empty(0), *(limit for _, limit in parts)])
     evidence = weigh(
@@ -202,10 +199,9 @@ def weigh_fit(
 def _tried(
     model: FullModel, at: EffectAt, orders: tuple[float, ...] = ()
 ) -> tuple[Array, float]:
-    """Return (S, P) values of an effect to try, and how many times that its change may be."""
-    extended = model.extended((*model.effects, at))
-    points = np.array([point for group in trials(at, extended, orders) for point in group])
-    itself = any(p.role == 'size' and p.starts for p in extended.scaled(at))
+    """Return (S, P) values of a model's effect to try, and how many times its change may be."""
+    points = np.array([point for group in trials(at, model, orders) for point in group])
+    itself = any(p.role == 'size' and p.starts for p in model.scaled(at))
     return points, 1.0 if itself else LARGE / TRIAL
 
 
