@@ -89,3 +89,14 @@ def axis_data() -> Data:
 def theta_of(names: tuple[str, ...], truth: dict[str, float]) -> np.ndarray:
     """Return true parameters (N,) in the order of their full names."""
     return np.array([truth[name.rpartition('.')[2]] for name in names])
+
+
+class After:
+    """A cancel event that is set when it was asked so often."""
+
+    def __init__(self, count):
+        self.left = count
+
+    def is_set(self):
+        self.left -= 1
+        return self.left < 0

@@ -5,7 +5,7 @@ from dataclasses import replace
 import os
 import threading
 
-from identify_cases import AXIS_FILE, ROOT
+from identify_cases import After, AXIS_FILE, ROOT
 import numpy as np
 import pytest
 
@@ -169,17 +169,6 @@ def test_a_cancelled_goal_keeps_its_checkpoint(request_, tmp_path):
     request_ = replace(request_, output_directory=str(tmp_path))
     save_result(run(request_, None, cancel=After(9)))
     assert len(left_in(tmp_path)) == 1
-
-
-class After:
-    """A cancel event that is set when it was asked so often."""
-
-    def __init__(self, count):
-        self.left = count
-
-    def is_set(self):
-        self.left -= 1
-        return self.left < 0
 
 
 def test_a_directory_that_cannot_be_written_costs_the_checkpoint_only(request_, tmp_path):

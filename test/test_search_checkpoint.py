@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 
-from identify_cases import axis, axis_data, AXIS_FILE, QUICK, ROOT, tripod
+from identify_cases import After, axis, axis_data, AXIS_FILE, QUICK, ROOT, tripod
 import numpy as np
 import pytest
 
@@ -17,17 +17,6 @@ from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
 from ros2_ident.report.files import load_result
 from ros2_ident.search import Budget
-
-
-class After:
-    """A cancel event that is set when it was asked so often."""
-
-    def __init__(self, count):
-        self.left = count
-
-    def is_set(self):
-        self.left -= 1
-        return self.left < 0
 
 
 @pytest.mark.parametrize('questions', [4, 9, 14, 30])

@@ -11,7 +11,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 import math
-from types import TracebackType
 from typing import Any, Protocol
 
 import numpy as np
@@ -184,7 +183,7 @@ class Done:
         """Do nothing."""
 
 
-class ThreadedEvaluator:
+class ThreadedEvaluator(AbstractContextManager['ThreadedEvaluator']):
     """Cuts candidates into equal parts, one for each thread.
 
     Every candidate is evaluated by itself and put back in its place, so the result does not depend
@@ -230,16 +229,7 @@ class ThreadedEvaluator:
         if self._pool is not None:
             self._pool.shutdown()
 
-    def __enter__(self) -> 'ThreadedEvaluator':
-        """Return itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        value: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         """End the threads."""
         self.close()
 

@@ -7,12 +7,12 @@ never another result. That is why a record may be left out, and a damaged end ma
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 import hashlib
 import json
 from pathlib import Path
 import struct
 import time
-from types import TracebackType
 from typing import Any
 import zlib
 
@@ -43,7 +43,7 @@ def digest_of(*what: Any) -> bytes:
     return total.digest()
 
 
-class Journal:
+class Journal(AbstractContextManager['Journal']):
     """A file of results by what they are of; without a path it remembers nothing.
 
     Args:
@@ -166,16 +166,7 @@ class Journal:
             self._file.close()
             self._file = None
 
-    def __enter__(self) -> 'Journal':
-        """Return itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        value: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         """Let go of the file."""
         self.close()
 

@@ -90,70 +90,55 @@ def _number(model: Any, kind: Any, name: str, word: str) -> int:
     return int(found)
 
 
-# What a parameter changes in a model, where a drive is.
-_SET: Mapping[str, Callable[[Any, Place, float], None]] = {}
-
-
-def _sets(name: str) -> Callable[[Callable[[Any, Place, float], None]], None]:
-    def keep(change: Callable[[Any, Place, float], None]) -> None:
-        _SET[name] = change  # type: ignore[index]
-
-    return keep
-
-
-@_sets('armature')
-def _armature(model: Any, at: Place, value: float) -> None:
-    model.dof_armature[at.dof] = value
-
-
-@_sets('damping')
-def _damping(model: Any, at: Place, value: float) -> None:
-    model.dof_damping[at.dof] = value
-
-
-@_sets('frictionloss')
-def _frictionloss(model: Any, at: Place, value: float) -> None:
-    model.dof_frictionloss[at.dof] = value
-
-
-@_sets('stiffness')
-def _stiffness(model: Any, at: Place, value: float) -> None:
-    model.jnt_stiffness[at.joint] = value
-
-
-@_sets('kp')
 def _kp(model: Any, at: Place, value: float) -> None:
     model.actuator_gainprm[at.actuator, 0] = value
     model.actuator_biasprm[at.actuator, 1] = -value
 
 
-@_sets('kv')
 def _kv(model: Any, at: Place, value: float) -> None:
     model.actuator_biasprm[at.actuator, 2] = -value
 
 
-@_sets('force_limit')
 def _force_limit(model: Any, at: Place, value: float) -> None:
     model.actuator_forcelimited[at.actuator] = True
     model.actuator_forcerange[at.actuator] = -value, value
 
 
-@_sets('actuator_gear')
 def _gear(model: Any, at: Place, value: float) -> None:
     model.actuator_gear[at.actuator, 0] = value
 
 
-@_sets('body_mass')
 def _mass(model: Any, at: Place, value: float) -> None:
     model.body_inertia[at.body] *= value / model.body_mass[at.body]
     model.body_mass[at.body] = value
 
 
-@_sets('body_place')
 def _place(model: Any, at: Place, value: float) -> None:
     model.body_pos[at.body] *= value
 
 
+def _field(name: str, index: str) -> Callable[[Any, Place, float], None]:
+    """Return what writes a number where a drive is in one of the model's arrays."""
+
+    def change(model: Any, at: Place, value: float) -> None:
+        getattr(model, name)[getattr(at, index)] = value
+
+    return change
+
+
+# What a parameter changes in a model, where a drive is.
+_SET: Mapping[str, Callable[[Any, Place, float], None]] = {
+    'armature': _field('dof_armature', 'dof'),
+    'damping': _field('dof_damping', 'dof'),
+    'frictionloss': _field('dof_frictionloss', 'dof'),
+    'stiffness': _field('jnt_stiffness', 'joint'),
+    'kp': _kp,
+    'kv': _kv,
+    'force_limit': _force_limit,
+    'actuator_gear': _gear,
+    'body_mass': _mass,
+    'body_place': _place,
+}
 _FIELDS = (
     'dof_armature', 'dof_damping', 'dof_frictionloss', 'jnt_stiffness', 'actuator_gainprm',
     'actuator_biasprm', 'actuator_forcelimited', 'actuator_forcerange', 'actuator_gear',
