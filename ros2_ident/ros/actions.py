@@ -102,9 +102,11 @@ class GoalServer:
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         try:
             result = await self._result_of(handle)
-            if handle.is_cancel_requested:
+            code = self._code(result)
+            # A run that ended before it saw the cancel has its whole result: it succeeded.
+            if handle.is_cancel_requested and code != ErrorCode.OK:
                 handle.canceled()
-            elif self._code(result) in (ErrorCode.OK, ErrorCode.CANCELLED) and not self._given_up:
+            elif code in (ErrorCode.OK, ErrorCode.CANCELLED) and not self._given_up:
                 handle.succeed()
             else:
                 handle.abort()
