@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What of an estimate goes into a simulator, and what each kind of file leaves of it."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +83,13 @@ class Content:
     theta: Array
     measured: Array
     fitted: Array
+
+    def inertials(self) -> Iterator[tuple[str, float, Array, Array]]:
+        """Yield each heavy link: name, mass [kg], centre (3,) [m], inertia (3, 3) [kg m^2]."""
+        links = self.links
+        for body, own in zip(links.bodies, links.inertials, strict=True) if links else ():
+            if own[0] > 0.0:
+                yield body.name, *body.inertial(own)
 
     def missed(self, *, armature: bool) -> tuple[Missed, ...]:
         """Return what each joint of an arm misses; none where there are no links.

@@ -4,9 +4,8 @@
 import math
 import xml.etree.ElementTree as ET
 
-from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.export.content import Content
-from ros2_ident.export.urdf import number, numbers, parsed, written
+from ros2_ident.export.content import Array, Content
+from ros2_ident.export.description import named, number, numbers, parsed, put_inertial, written
 from ros2_ident.models.drives.joints import Joint
 
 
@@ -25,11 +24,8 @@ def with_values(text: str, content: Content) -> str:
         # What is written has to count, whatever shapes the bodies have.
         if compiler.get('inertiafromgeom') == 'true':
             compiler.set('inertiafromgeom', 'auto')
-    if content.links is not None:
-        pairs = zip(content.links.bodies, content.links.inertials, strict=True)
-        for body, inertials in pairs:
-            if inertials[0] > 0.0:
-                _inertial(_found(root, 'body', body.name), *body.inertial(inertials))
+    for name, mass, centre, inertia in content.inertials():
+        _inertial(_found(root, 'body', name), mass, centre, inertia)
     for joint in content.joints:
         element = _found(root, 'joint', joint.name)
         element.set('damping', number(joint.viscous))
@@ -41,24 +37,15 @@ def with_values(text: str, content: Content) -> str:
 
 
 def _found(root: ET.Element, tag: str, name: str) -> ET.Element:
-    for element in root.iter(tag):
-        if element.get('name') == name:
-            return element
-    raise IdentError(
-        ErrorCode.BAD_MACHINE_FILE,
-        f'the description has no {tag} {name}; name it there as the bag does',
-    )
+    return named(root.iter(tag), tag, name, 'name it there as the bag does')
 
 
-def _inertial(body: ET.Element, mass: float, centre: object, inertia: object) -> None:
-    old = body.find('inertial')
-    if old is not None:
-        body.remove(old)
+def _inertial(body: ET.Element, mass: float, centre: Array, inertia: Array) -> None:
     order = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    values = [inertia[place] for place in order]  # type: ignore[index]
+    values = [inertia[place] for place in order]
     new = ET.Element('inertial', pos=numbers(centre), mass=number(mass))
     new.set('fullinertia', numbers(values))
-    body.insert(0, new)
+    put_inertial(body, new)
 
 
 def _actuator(root: ET.Element, joint: Joint) -> None:
