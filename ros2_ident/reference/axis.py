@@ -5,7 +5,8 @@ Elastic: the tripod's drive without rods. Rigid: F = m v' + F_V v + F_C tanh(v /
 the model of the EMPS benchmark (Janot, Gautier, Brunot 2019) with the force as effort.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
@@ -13,17 +14,14 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.reference import layout as at
 from ros2_ident.reference.plant import (
-    Array,
     ELASTIC,
     known_names,
-    Log,
     PARAMETERS,
     Plant,
     read_drives,
     true_machine,
-    Unmodelled,
 )
-from ros2_ident.reference.simulate import simulate
+from ros2_ident.reference.simulate import simulate_machine
 from ros2_ident.reference.space import Space
 from ros2_ident.reference.twin import Twin
 
@@ -69,34 +67,7 @@ def axis_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
     return plant
 
 
-def simulate_axis(
-    machine: Machine,
-    parameters: Mapping[str, float],
-    position: Array,
-    velocity: Array,
-    effects: Sequence[Unmodelled] = (),
-    rtol: float = 1e-11,
-    atol: float = 1e-12,
-    start: tuple[Array, Array] | None = None,
-) -> Log:
-    """Simulate linear axes from their set-points.
-
-    Args:
-        machine: A linear axis.
-        parameters: Parameters by name, see `axis_plant`.
-        position: (D, K) set-point at every controller cycle [m].
-        velocity: (D, K) its derivative [m/s]; not read by a P controller on velocity.
-        effects: Effects beside the nominal physics, from `effects.draw_effect`.
-        rtol: Relative tolerance of an integration step.
-        atol: Absolute tolerance of an integration step.
-        start: Position [m] and speed [m/s], each (D,), where the log begins in motion.
-
-    Returns:
-        The log; `effort` is a force where the machine has no gear factor.
-    """
-    return simulate(
-        axis_plant(machine, parameters), position, velocity, effects, rtol, atol, start
-    )
+simulate_axis = partial(simulate_machine, axis_plant)
 
 
 def _space(machine: Machine) -> Space:

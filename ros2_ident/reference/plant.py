@@ -240,3 +240,29 @@ def set_columns(
         plant.drive[i, column] = number
     if internal:
         plant.internals = max(plant.internals, at.INTERNALS)
+
+
+def platform_plant(
+    machine: Machine, parameters: Mapping[str, float]
+) -> tuple[Machine, Plant]:
+    """Begin the nominal machine of three elastic drives that carry a platform on rods.
+
+    Args:
+        machine: A machine of such a kind.
+        parameters: Parameters by name.
+
+    Returns:
+        The machine with the true values of its constants, and its plant with gravity, platform and
+        tool; drives and geometry are still to be written.
+
+    Raises:
+        IdentError: UNKNOWN_PARAMETER for a name that is missing or not the machine's.
+    """
+    names = machine.drives
+    known_names(parameters, machine, (*PARAMETERS, *ELASTIC, 'tool_mass'))
+    true = true_machine(machine, parameters)
+    plant = Plant(names, np.zeros(at.SHARED_COLUMNS), np.zeros((3, at.DRIVE_COLUMNS)), np.zeros(3))
+    plant.shared[at.GRAVITY] = true.number('gravity')
+    plant.shared[at.PLATFORM] = 1.0
+    plant.shared[at.TOOL_MASS] = value('tool_mass', names[0], parameters)
+    return true, plant

@@ -4,26 +4,16 @@
 See `dynamics` for the equations: an arm's angle takes the place of a carriage's height.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.reference import layout as at
-from ros2_ident.reference.plant import (
-    Array,
-    ELASTIC,
-    known_names,
-    Log,
-    PARAMETERS,
-    Plant,
-    read_drives,
-    true_machine,
-    Unmodelled,
-    value,
-)
-from ros2_ident.reference.simulate import simulate
+from ros2_ident.reference.plant import Array, Plant, platform_plant, read_drives
+from ros2_ident.reference.simulate import simulate_machine
 from ros2_ident.reference.space import Space
 from ros2_ident.reference.twin import Twin
 
@@ -48,14 +38,9 @@ def delta_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
         IdentError: UNKNOWN_PARAMETER for a name that is missing or not the delta's,
         BAD_MACHINE_FILE for a gain that is missing.
     """
-    names = machine.drives
-    known_names(parameters, machine, (*PARAMETERS, *ELASTIC, 'tool_mass'))
-    true = true_machine(machine, parameters)
-    plant = Plant(names, np.zeros(at.SHARED_COLUMNS), np.zeros((3, at.DRIVE_COLUMNS)), np.zeros(3))
-    plant.shared[at.GRAVITY] = true.number('gravity')
-    plant.shared[[at.PLATFORM, at.ROTARY]] = 1.0
-    plant.shared[at.TOOL_MASS] = value('tool_mass', names[0], parameters)
-    inertia = dict(zip(names, true.numbers('arm_inertia'), strict=True))
+    true, plant = platform_plant(machine, parameters)
+    plant.shared[at.ROTARY] = 1.0
+    inertia = dict(zip(machine.drives, true.numbers('arm_inertia'), strict=True))
     masses = {f'{name}.moving_mass': float(arm) for name, arm in inertia.items()}
     read_drives(plant, true, {**parameters, **masses})
     azimuth = true.numbers('shaft_azimuth')
@@ -75,30 +60,7 @@ def _sense(machine: Machine) -> float:
     return 1.0 if machine.text('positive') == 'up' else -1.0
 
 
-def simulate_delta(
-    machine: Machine,
-    parameters: Mapping[str, float],
-    position: Array,
-    velocity: Array,
-    effects: Sequence[Unmodelled] = (),
-    rtol: float = 1e-11,
-    atol: float = 1e-12,
-) -> Log:
-    """Simulate a delta from its set-points.
-
-    Args:
-        machine: A delta.
-        parameters: Parameters by name, see `delta_plant`.
-        position: (3, K) set-point at every controller cycle [rad].
-        velocity: (3, K) its derivative [rad/s].
-        effects: Effects beside the nominal physics, from `effects.draw_effect`.
-        rtol: Relative tolerance of an integration step.
-        atol: Absolute tolerance of an integration step.
-
-    Returns:
-        The log; `carriage` holds the arms' angles [rad].
-    """
-    return simulate(delta_plant(machine, parameters), position, velocity, effects, rtol, atol)
+simulate_delta = partial(simulate_machine, delta_plant)
 
 
 def _space(machine: Machine) -> Space:

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """One simulated log: rest, closed loop, and what the log makes of the torque."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.machine import Machine
 from ros2_ident.reference import layout as at
 from ros2_ident.reference import loop
 from ros2_ident.reference.compiled import settled
@@ -161,3 +162,34 @@ def simulate(
         steps=int(tally[0]),
         rod_error=float(tally[2]),
     )
+
+
+def simulate_machine(
+    plant_of: Callable[[Machine, Mapping[str, float]], Plant],
+    machine: Machine,
+    parameters: Mapping[str, float],
+    position: Array,
+    velocity: Array,
+    effects: Sequence[Unmodelled] = (),
+    rtol: float = 1e-11,
+    atol: float = 1e-12,
+    start: tuple[Array, Array] | None = None,
+) -> Log:
+    """Simulate a machine from its set-points.
+
+    Args:
+        plant_of: Builds its nominal plant.
+        machine: The machine.
+        parameters: Parameters by name, as `plant_of` takes them.
+        position: (D, K) set-point at every controller cycle [m, or rad].
+        velocity: (D, K) its derivative [per second]; not read by a P controller on velocity.
+        effects: Effects beside the nominal physics, from `effects.draw_effect`.
+        rtol: Relative tolerance of an integration step.
+        atol: Absolute tolerance of an integration step.
+        start: Position and speed, each (D,), where the log begins in motion.
+
+    Returns:
+        The log; `carriage` holds what the drives move, carriages or arms, and `effort` is a force
+        where the machine has no gear factor.
+    """
+    return simulate(plant_of(machine, parameters), position, velocity, effects, rtol, atol, start)

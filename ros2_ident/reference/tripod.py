@@ -5,26 +5,16 @@ Equations: Ludwig and Gerstmayr (2011), section 4 and eq. 23, for all three driv
 `dynamics` for the form in which they are solved.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.reference import layout as at
-from ros2_ident.reference.plant import (
-    Array,
-    ELASTIC,
-    known_names,
-    Log,
-    PARAMETERS,
-    Plant,
-    read_drives,
-    true_machine,
-    Unmodelled,
-    value,
-)
-from ros2_ident.reference.simulate import simulate
+from ros2_ident.reference.plant import Array, Plant, platform_plant, read_drives
+from ros2_ident.reference.simulate import simulate_machine
 from ros2_ident.reference.space import Space
 from ros2_ident.reference.twin import Twin
 
@@ -46,13 +36,7 @@ def tripod_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
         IdentError: UNKNOWN_PARAMETER for a name that is missing or not the tripod's,
         BAD_MACHINE_FILE for a gain that is missing.
     """
-    names = machine.drives
-    known_names(parameters, machine, (*PARAMETERS, *ELASTIC, 'tool_mass'))
-    true = true_machine(machine, parameters)
-    plant = Plant(names, np.zeros(at.SHARED_COLUMNS), np.zeros((3, at.DRIVE_COLUMNS)), np.zeros(3))
-    plant.shared[at.GRAVITY] = true.number('gravity')
-    plant.shared[at.PLATFORM] = 1.0
-    plant.shared[at.TOOL_MASS] = value('tool_mass', names[0], parameters)
+    true, plant = platform_plant(machine, parameters)
     read_drives(plant, true, parameters)
     azimuth = true.numbers('rail_azimuth')
     plant.drive[:, at.RAIL_X] = true.number('rail_radius') * np.cos(azimuth)
@@ -61,30 +45,7 @@ def tripod_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
     return plant
 
 
-def simulate_tripod(
-    machine: Machine,
-    parameters: Mapping[str, float],
-    position: Array,
-    velocity: Array,
-    effects: Sequence[Unmodelled] = (),
-    rtol: float = 1e-11,
-    atol: float = 1e-12,
-) -> Log:
-    """Simulate a tripod from its set-points.
-
-    Args:
-        machine: A tripod.
-        parameters: Parameters by name, see `tripod_plant`.
-        position: (3, K) set-point at every controller cycle [m].
-        velocity: (3, K) its derivative [m/s].
-        effects: Effects beside the nominal physics, from `effects.draw_effect`.
-        rtol: Relative tolerance of an integration step.
-        atol: Absolute tolerance of an integration step.
-
-    Returns:
-        The log.
-    """
-    return simulate(tripod_plant(machine, parameters), position, velocity, effects, rtol, atol)
+simulate_tripod = partial(simulate_machine, tripod_plant)
 
 
 def _space(machine: Machine) -> Space:
