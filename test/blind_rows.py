@@ -53,7 +53,7 @@ def row(
         'not_testable': [],
         'gap': {'before': 0.01 * (1 + rho**2) ** 0.5, 'after': 0.0101, 'noise_floor': 0.01},
         'gates': [],
-        'share': {'predicted': 0.95, 'low': 0.9, 'high': 1.0, 'oracle': 0.97},
+        'share': {'predicted': 0.95, 'low': 0.9, 'high': 1.0, 'true': 0.97, 'oracle': 0.99},
         'complete': True,
         'parameters': [],
         'noise': {'size': 0.01, 'memory': 0.0, 'stated': 1.0, 'hard': False},

@@ -145,7 +145,7 @@ def kept_run(tmp_path: Path) -> tuple[Store, Path]:
     kept = tmp_path / 'kept'
     keep.keep_seals(store, kept)
     assert 'not opened yet' in keep.verify(kept)[-1]
-    row = {**make_row(plain, store.case(1)), 'ranking': [{}] * 30}
+    row = {**make_row(plain, store.case(1), store.clean(1)), 'ranking': [{}] * 30}
     keep.keep_all(store, kept, [row])
     return store, kept
 

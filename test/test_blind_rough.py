@@ -24,7 +24,8 @@ def a_log(cycles: int = 16000, cycle: float = 5e-4) -> tuple[Log, Motion]:
 
 def recorded(case: rough.Rough, seed: int = 3):
     log, motion = a_log()
-    return rough.record(log, motion, case, np.random.default_rng(seed))
+    streams, _, noise = rough.record(log, motion, case, np.random.default_rng(seed))
+    return streams, noise
 
 
 @pytest.mark.parametrize('colour', [(), (0.5,), (0.99,), (1.7, -0.9)])

@@ -67,7 +67,7 @@ def test_row_of_a_case_without_diagnosis_counts_as_a_miss(tmp_path) -> None:
             seed=5,
         )
     )
-    row = make_row(seal.unseal(seal.close(plain, 3), 3), store.case(1))
+    row = make_row(seal.unseal(seal.close(plain, 3), 3), store.case(1), store.clean(1))
     assert verdict_of(row) == 'error'
     assert row['rho'] == row['rho_all'] == 2.4
     by_name = {s.name: s for s in score([row])}

@@ -143,6 +143,7 @@ def test_a_case_from_mujoco_is_drawn_sealed_and_diagnosed_by_another_process(
     assert [e['effect'] for e in label['effects']] == ['torque_ripple']
     assert label['rho'] > 2.0 and label['rho_small'] < 0.6
     assert list(ask_all(store, {1: order_of(store, 1)}, 1)) == [1]
-    row = make_row(label, store.case(1))
+    row = make_row(label, store.case(1), store.clean(1))
     assert 'verdict' in row, row['error']
     assert row['generator'] == 'mujoco' and row['share']['oracle'] > 0.8
+    assert abs(row['share']['true'] - row['share']['predicted']) < 0.05

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+import numpy.typing as npt
 from scipy.special import ndtr, ndtri
 from scipy.stats import t as student
 
 from ros2_ident.gap.floor import Floor
 from ros2_ident.search.noise import correlation_time
 
-Array = NDArray[np.float64]
+Array = npt.NDArray[np.float64]
 
 # The closed loop has forgotten what was before after this time, s.
 SETTLING = 0.1
@@ -166,6 +166,12 @@ class Blocks:
             lambda m: (m[..., before, :] - m[..., after, :]).mean(axis=-1), level
         )
 
+    def above(self, floor: Floor, before: int, after: int) -> npt.NDArray[np.bool_]:
+        """Return (D,) which drives show a gap before or after; all where none does."""
+        worst = np.maximum(self.squares[before], self.squares[after])
+        shown: npt.NDArray[np.bool_] = worst > floor.high**2
+        return shown if shown.any() else ~shown
+
     def share_closed(
         self,
         before: int,
@@ -190,9 +196,7 @@ class Blocks:
         """
         pick = np.arange(len(floor.per_drive)) if drive is None else np.array([drive])
         if drive is None:
-            worst = np.maximum(self.squares[before], self.squares[after])
-            shown = worst > floor.high**2
-            pick = np.flatnonzero(shown) if shown.any() else pick
+            pick = np.flatnonzero(self.above(floor, before, after))
         generator = np.random.default_rng((self._seed, 1))
         noise = (floor.draw(len(self.drawn), generator)[:, pick] ** 2).mean(axis=1)
         fixed = float((floor.per_drive[pick] ** 2).mean())

@@ -217,6 +217,7 @@ def _per_drive(
 ) -> dict[str, DriveGap]:
     case = explainer.attribution.case
     models = case.check.models
+    counted = blocks.above(floor, 0, -1)
     out = {}
     for d, name in enumerate(case.drives):
         torque = np.concatenate(
@@ -233,6 +234,7 @@ def _per_drive(
             noise_floor=float(floor.per_drive[d]),
             share_closed=share,
             torque_rms=float(np.sqrt(np.mean(torque**2))),
+            counted=bool(counted[d]),
         )
     return out
 

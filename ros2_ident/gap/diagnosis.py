@@ -78,13 +78,23 @@ class Step:
 
 @dataclass(frozen=True)
 class DriveGap:
-    """A drive's gap on held-out data [output unit]."""
+    """A drive's gap on held-out data [output unit].
+
+    Attributes:
+        before: With the nominal fit, RMS.
+        after: With the effects found.
+        noise_floor: The drive's.
+        share_closed: Share of the explainable gap that closed.
+        torque_rms: RMS of the measured output.
+        counted: Whether the drive shows a gap, and counts in the share of all.
+    """
 
     before: float
     after: float
     noise_floor: float
     share_closed: float
     torque_rms: float
+    counted: bool = True
 
     @property
     def over_floor(self) -> float:
@@ -302,6 +312,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
                     'after': _number(g.after),
                     'noise_floor': _number(g.noise_floor),
                     'share_closed': _number(g.share_closed),
+                    'counted': g.counted,
                     'share_of_torque_before': _number(g.before / g.torque_rms),
                     'share_of_torque_after': _number(g.after / g.torque_rms),
                 }

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A case as files: two bags, and the machine file that the diagnosis is given."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +14,8 @@ from ros2_ident.checks.blind.label import Label
 from ros2_ident.checks.blind.machines import file_text, Plain
 from ros2_ident.checks.blind.rough import record
 from ros2_ident.files import replacing_directory, write_text
-from ros2_ident.recording import write_bag
+from ros2_ident.recording import Stream, write_bag
+from ros2_ident.recording.storage import digest
 
 FIT, CHECK, MACHINE = 'fit', 'check', 'machine.yaml'
 
@@ -46,11 +47,22 @@ def in_true_noise(label: Label, noise: np.ndarray[tuple[int], np.dtype[np.float6
     )
 
 
-def write_case(folder: Path, drawer: Drawer, label: Label, effects: Sequence[Hidden]) -> Label:
+def _written(clean: Path, streams: Mapping[str, Stream]) -> str:
+    """Write a bag; return its digest, which the label seals."""
+    with replacing_directory(clean, replace=True) as new:
+        write_bag(new, streams)
+    return digest(sorted(clean.glob('*.mcap')))
+
+
+def write_case(
+    folder: Path, clean: Path, drawer: Drawer, label: Label, effects: Sequence[Hidden]
+) -> Label:
     """Write a drawn case and complete its label.
 
     Args:
         folder: Of the case; one that is there is of a run that was cut short.
+        clean: Of its bag to be held out with the machine's own effort, for the scores; none is
+            written of a case with a fault.
         drawer: That drew it.
         label: From `Drawer.draw`, as the effects.
         effects: All that is in the machine.
@@ -65,9 +77,11 @@ def write_case(folder: Path, drawer: Drawer, label: Label, effects: Sequence[Hid
         for which, name in enumerate((FIT, CHECK)):
             motion = drawer.probe.motions[which]
             log = drawer.probe.log(which, effects)
-            streams, noise = record(log, motion, label.rough, rng)
+            streams, own, noise = record(log, motion, label.rough, rng)
             squares += 0.5 * noise**2
             write_bag(new / name, in_log(label.fault, streams) if label.fault else streams)
+            if name == CHECK and not label.fault:
+                label = replace(label, clean=_written(clean, own))
         label = in_true_noise(label, np.sqrt(squares))
         write_text(new / MACHINE, file_text(stated_file(label)))
     return label

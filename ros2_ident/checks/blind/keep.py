@@ -118,6 +118,7 @@ def _rows_agree(
 ) -> None:
     for row in rows:
         # A folder without a diagnosis: only what the label says.
-        asked = json.loads(json.dumps(make_row(labels[int(row['case'])], at / 'none')))
+        none = at / 'none'
+        asked = json.loads(json.dumps(make_row(labels[int(row['case'])], none, none)))
         if any(row[key] != asked[key] for key in OF_LABEL):
             raise _broken(f'the row of case {row["case"]} does not say what its label says')

@@ -86,6 +86,7 @@ class Label:
         share: Share of what everything leaves on the recording held out that the machine without
             the listed effects does not leave: what the true model closes.
         seed: Of the logs' noise.
+        clean: SHA-256 of the bag held out as it would be without noise; empty for none.
     """
 
     case: int
@@ -104,6 +105,7 @@ class Label:
     rho_all: float
     share: float | None
     seed: int
+    clean: str = ''
 
 
 def to_mapping(label: Label) -> dict[str, Any]:

@@ -143,7 +143,7 @@ def coloured(rough: Rough, shape: tuple[int, int], rng: np.random.Generator) -> 
 
 def record(
     log: Log, motion: Motion, rough: Rough, rng: np.random.Generator
-) -> tuple[dict[str, Stream], Array]:
+) -> tuple[dict[str, Stream], dict[str, Stream], Array]:
     """Record a simulated log.
 
     Args:
@@ -153,8 +153,8 @@ def record(
         rng: Source of chance.
 
     Returns:
-        Streams by topic, and (D,) the standard deviation of what the logged effort holds beside
-        the machine's own.
+        Streams by topic, the same with the machine's own effort, and (D,) the standard deviation
+        of what the logged effort holds beside it.
     """
     every = max(1, round(rough.period / log.cycle))
     native = np.arange(0, log.effort.shape[1], every)
@@ -174,7 +174,7 @@ def record(
     speed = speed + rough.velocity_noise * rng.standard_normal(speed.shape)
     target, target_speed = taken(motion.position[:, native]), taken(motion.velocity[:, native])
     instants = grid * log.cycle
-    streams = {}
+    streams, own = {}, {}
     for topic, fields in (
         ('/joint_states', {'position': place, 'velocity': speed if rough.with_velocity else None}),
         ('/effort', {'effort': effort}),
@@ -188,8 +188,10 @@ def record(
     ):
         kept, stamp = _stamps(instants, rough, rng)
         there = {name: value[kept] for name, value in fields.items() if value is not None}
-        streams[topic] = Stream(log.names, stamp, **there)
-    return streams, np.asarray(true)
+        streams[topic] = own[topic] = Stream(log.names, stamp, **there)
+        if topic == '/effort':
+            own[topic] = Stream(log.names, stamp, effort=clean[kept])
+    return streams, own, np.asarray(true)
 
 
 def _rounded(values: Array, step: float) -> Array:

@@ -50,12 +50,15 @@ def draw_case(
     """Draw a case, write its bags, return its sealed label."""
     drawer = generator(read_plain(store.machine), seed, wanted)
     label, effects = drawer.draw()
-    label = write_case(store.case(wanted.case), drawer, label, effects)
+    label = write_case(
+        store.case(wanted.case), store.clean(wanted.case), drawer, label, effects
+    )
     return seal.close(to_mapping(label), seed)
 
 
 def _score_case(root: str, number: int, label: dict[str, Any]) -> dict[str, Any]:
-    return make_row(label, Store(root).case(number))
+    store = Store(root)
+    return make_row(label, store.case(number), store.clean(number))
 
 
 @contextmanager

@@ -192,17 +192,23 @@ def _number(name: str, values: Sequence[float], value: float, level: str, most: 
     return Score(name, value, math.nan, math.nan, len(values), level, good, share=False)
 
 
-def shares_near(row: Row) -> float:
-    """Return how far the predicted share is from the generator's own, NaN where not known."""
+def off(row: Row, truth: str = 'true') -> float:
+    """Return how far the predicted share closed is from the truth, NaN where that is not known.
+
+    Args:
+        row: The case.
+        truth: `true`, what the diagnosed model closes of the gap without noise; `oracle`, what the
+            generator's own model with the true effect closes, imperfections left.
+    """
     share = row.get('share', {})
-    if share.get('predicted') is None or share.get('oracle') is None:
+    if share.get('predicted') is None or share.get(truth) is None:
         return math.nan
-    return abs(float(share['predicted']) - float(share['oracle']))
+    return abs(float(share['predicted']) - float(share[truth]))
 
 
 def _inside(row: Row) -> bool:
     share = row['share']
-    return bool(share['low'] <= share['oracle'] <= share['high'])
+    return bool(share['low'] <= share['true'] <= share['high'])
 
 
 def score(rows: Sequence[Row]) -> list[Score]:
@@ -317,12 +323,16 @@ def _hard(row: Row) -> bool:
 
 
 def _shares_closed(singles: Sequence[Row]) -> list[Score]:
-    known = [r for r in singles if named(r) and math.isfinite(shares_near(r))]
+    def near(truth: str) -> Callable[[Row], bool]:
+        return lambda row: off(row, truth) <= SHARE_NEAR
+
+    known = [r for r in singles if named(r) and math.isfinite(off(r))]
     bounded = [r for r in known if None not in (r['share']['low'], r['share']['high'])]
-    name = 'share closed within 0.05 of what the true model closes'
+    alike = [r for r in singles if named(r) and math.isfinite(off(r, 'oracle'))]
     return [
-        _share(name, known, lambda r: shares_near(r) <= SHARE_NEAR, '90 %', 0.9),
-        _within(_share('its interval covers', bounded, _inside, '90 to 98 %', 0.9)),
+        _share('share closed, within 0.05 of the truth', known, near('true'), '90 %', 0.9),
+        _within(_share('its interval covers the truth', bounded, _inside, '90 to 98 %', 0.9)),
+        _share('within 0.05 of what the true effect alone closes', alike, near('oracle'), '', 0.0),
     ]
 
 

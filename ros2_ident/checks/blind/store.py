@@ -13,6 +13,7 @@ from ros2_ident.files import write_text
 from ros2_ident.sources import result_digest
 
 RUN, SEALED, TABLE, MACHINE = 'run.json', 'sealed', 'table.jsonl', 'machine.yaml'
+CLEAN = 'clean'
 # What is committed before the first diagnosis: the hash of every label, and one over these.
 SEALS = 'seals.json'
 
@@ -66,6 +67,10 @@ class Store:
     def case(self, number: int) -> Path:
         """Return the directory of a case."""
         return self.root / 'cases' / f'case_{number:04d}'
+
+    def clean(self, number: int) -> Path:
+        """Return the bag held out of a case as it would be without noise."""
+        return self.root / CLEAN / f'case_{number:04d}'
 
     def begin(self, what: Mapping[str, Any], machine: str | Path) -> None:
         """Begin a run, or go on with the one that is here.

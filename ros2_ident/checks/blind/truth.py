@@ -9,9 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.checks.blind.case import MACHINE
 from ros2_ident.checks.blind.faults import named_by
 from ros2_ident.checks.blind.label import from_mapping, Label
 from ros2_ident.checks.blind.store import read_json
+from ros2_ident.identify.data import read_data
+from ros2_ident.models import load_machine
+from ros2_ident.report.files import DIAGNOSIS_SIGNALS
 
 Array = npt.NDArray[np.float64]
 RANKED = 30
@@ -19,12 +23,13 @@ RANKED = 30
 MEASURED = ('measurement_delay', 'log_bias', 'log_gain')
 
 
-def make_row(label_plain: Mapping[str, Any], case: Path) -> dict[str, Any]:
+def make_row(label_plain: Mapping[str, Any], case: Path, clean: Path) -> dict[str, Any]:
     """Return a case's row.
 
     Args:
         label_plain: The opened label.
         case: Directory of the case, with the diagnosis.
+        clean: Bag held out as it would be without noise; it need not be there.
 
     Returns:
         Plain values.
@@ -41,9 +46,34 @@ def make_row(label_plain: Mapping[str, Any], case: Path) -> dict[str, Any]:
     if diagnosis is None:
         return row
     row |= answer_of(diagnosis)
-    row['share'] |= {'oracle': label.share}
+    row['share'] |= {'oracle': label.share, 'true': _closed(label, case, clean, diagnosis)}
     row['parameters'] = intervals(label, diagnosis)
     return row
+
+
+def _closed(
+    label: Label, case: Path, clean: Path, diagnosis: Mapping[str, Any]
+) -> float | None:
+    """Return the share that the diagnosed model closes of the gap without noise.
+
+    It is of the recording held out and of the drives that the predicted share counts; None where
+    that is not known.
+    """
+    if not clean.exists() or len(diagnosis['gap']['steps']) < 2:
+        return None
+    with np.load(case / 'diagnosis' / DIAGNOSIS_SIGNALS, allow_pickle=False) as found:
+        drives = [str(name) for name in found['drives']]
+        time, simulated = found['time_1'], found['simulated_1'].astype(float)
+    if len(simulated) < 2:
+        return None
+    machine = load_machine(case / MACHINE)
+    data = read_data(clean, machine).datasets[0]
+    assert data.effort is not None
+    at = np.round(time / data.cycle).astype(int)
+    effort = np.array([data.effort[data.names.index(name), at] for name in drives])
+    counted = [diagnosis['gap']['per_drive'][name]['counted'] for name in drives]
+    left = np.nanmean((effort - simulated)[:, counted] ** 2, axis=2).sum(axis=1)
+    return float(1.0 - left[1] / left[0])
 
 
 def _asked(label: Label) -> dict[str, Any]:
