@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.checks.blind.forms import draw_form, FORMS, starts_of, suits
+from ros2_ident.checks.blind.forms.controller import times
 from ros2_ident.checks.blind.forms.form import CLEAR
 from ros2_ident.checks.blind.forms.outside import bad_state
 from ros2_ident.checks.blind.machines import machine_of, read_plain
@@ -162,3 +163,9 @@ def test_forms_of_a_machine_leave_out_what_it_identifies_anyway() -> None:
     assert set(forms['stribeck']) == {'stribeck.exponential', 'stribeck.rational'}
     assert 'coulomb_friction' not in forms and 'gear_flexibility' not in forms
     assert 'loose_part' in forms
+
+
+def test_a_gain_that_is_far_too_small_keeps_its_sign() -> None:
+    hidden = draw_form(FORMS['gain.integral'], MACHINE, 'drive_1', 1.3, 3)
+    assert abs(hidden.values['share']) > 1.0
+    assert times(-abs(hidden.values['share'])) > 0.3 and times(0.4) == 1.4

@@ -30,17 +30,22 @@ def flux(plant: Plant, i: int, values: Values, seed: int) -> None:
     plant.drive[i, at.FLUX_SATURATION] = lost / limit if np.isfinite(limit) else 0.0
 
 
+def times(share: float) -> float:
+    """Return the factor on a gain that is off: never a negative one, however large the share."""
+    return 1.0 + share if share > 0.0 else 1.0 / (1.0 - share)
+
+
 def velocity_gain(plant: Plant, i: int, values: Values, seed: int) -> None:
     """Write a velocity gain whose integral part follows in part: set by a reset time."""
-    plant.drive[i, nominal.VELOCITY_GAIN] *= 1.0 + values['share']
-    plant.drive[i, nominal.INTEGRAL_GAIN] *= 1.0 + values['following'] * values['share']
+    plant.drive[i, nominal.VELOCITY_GAIN] *= times(values['share'])
+    plant.drive[i, nominal.INTEGRAL_GAIN] *= times(values['following'] * values['share'])
 
 
 def gain(column: int) -> object:
     """Return a `write` of a gain that is off."""
 
     def write(plant: Plant, i: int, values: Values, seed: int) -> None:
-        plant.drive[i, column] *= 1.0 + values['share']
+        plant.drive[i, column] *= times(values['share'])
 
     return write
 
@@ -142,7 +147,7 @@ FORMS = (
     Form(
         'gain.integral',
         'integral_gain_error',
-        'k_I (1 + share)',
+        'k_I (1 + share), or k_I / (1 + |share|) where it is too small',
         'Astrom and Hagglund 1995, PID Controllers: a gain has one form; its size is drawn',
         Range('share', '1', 0.05, 0.7, signed=True),
         (),
@@ -152,7 +157,7 @@ FORMS = (
     Form(
         'gain.velocity',
         'velocity_gain_error',
-        'k_v (1 + share), k_I (1 + following share)',
+        'k_v (1 + share), k_I (1 + following share), or their inverse',
         'Astrom and Hagglund 1995, eq. 3.1: a controller set by gain and reset time',
         _SHARE,
         (Range('following', '1', 0.1, 0.55),),
@@ -161,7 +166,7 @@ FORMS = (
     Form(
         'gain.position',
         'position_gain_error',
-        'k_p (1 + share)',
+        'k_p (1 + share), or k_p / (1 + |share|) where it is too small',
         'Astrom and Hagglund 1995: a gain has one form; its size is drawn',
         _SHARE,
         (),
