@@ -24,6 +24,7 @@ from ros2_ident.gap.verdict import (
     Verdict,
     Weighed,
 )
+from ros2_ident.gates.law import Gain
 from ros2_ident.models import EffectAt
 
 ROOT = Path(__file__).parents[1]
@@ -586,3 +587,20 @@ def test_advice_says_how_to_tell_apart_and_what_was_not_to_be_seen():
     unknown = Verdict(UNKNOWN, ('one',), 0.5, (), (), (), 0.0)
     assert 'isolate the drive' in advice(unknown, [])[0]
     assert advice(replace(unknown, probability=0.0), []) == ()
+
+
+@pytest.mark.parametrize(('misfit', 'decides'), [(0.012, True), (0.010002, False)])
+def test_of_two_gains_of_a_drive_the_logged_law_tells_which(
+    explainer, attribution, misfit, decides
+):
+    gains = tuple(
+        Gain(name, 1.0, 0.01, 1.0, left, 4000.0)
+        for name, left in (('position_gain', 0.010), ('integral_gain', misfit))
+    )
+    attribution.laws = lambda drive: [SimpleNamespace(gains=gains)]
+    right = made((0.0, 0.0), effects=[EffectAt('position_gain_error', 'one')])
+    wrong = made((0.0, 0.0), effects=[EffectAt('integral_gain_error', 'one')])
+    assert explainer.contradicted(wrong, right) == decides
+    assert not explainer.contradicted(right, wrong)
+    elsewhere = made((0.0, 0.0), effects=[EffectAt('integral_gain_error', 'two')])
+    assert explainer.odds_by_law(elsewhere, right) == 0.0

@@ -88,3 +88,23 @@ def test_steps_of_an_encoder_are_read_from_what_the_controller_misses(step: floa
     assert found is not None
     assert found.step == pytest.approx(step, abs=2.0 * found.error)
     assert coarse_reading(model, seen, theta, 'drive_1') is None
+
+
+def test_steps_of_an_encoder_show_in_a_log_too_slow_to_replay_the_controllers() -> None:
+    effect = Effect('encoder_quantisation', ('drive_3',), {'step': 6e-5})
+    data = recording(effect, kind='mixed', seconds=6.0)
+    noise = 0.01 * np.random.default_rng(4).standard_normal(data.effort.shape)
+    seldom = np.arange(data.cycles) % 4 == 0
+    data = replace(
+        data,
+        effort=np.where(seldom, data.effort + noise, np.nan),
+        position=np.where(seldom, data.position, np.nan),
+        velocity=None,
+    )
+    model = make_model(MACHINE, data)
+    theta = np.array([TRUTH[p.name.split('.')[-1]] for p in model.parameters])
+    assert model.recorded_motion() is None
+    found = coarse_reading(model, None, theta, 'drive_3')
+    assert found is not None
+    assert found.step == pytest.approx(6e-5, abs=2.0 * found.error)
+    assert coarse_reading(model, None, theta, 'drive_1') is None

@@ -16,6 +16,7 @@ from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.fits import Explanation, Fits, Trials
 from ros2_ident.gap.screen import seen_in_log, Start
+from ros2_ident.gates.law import fit_law, Law
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt
 from ros2_ident.search import Threads, Workers
@@ -90,12 +91,22 @@ class Attribution:
         self.on_step = on_step
         self.workers = workers or Threads()
         self.limits: Mapping[str, float] = {}
+        self._laws: dict[str, tuple[Law, ...]] = {}
         self.fits = Fits(case, floor, stopped)
 
     @property
     def floor(self) -> Array:
         """(D,) noise floor of each drive, output unit."""
         return self.fits.floor
+
+    def laws(self, drive: str) -> tuple[Law, ...]:
+        """Return a drive's controller law as each recording shows it."""
+        if drive not in self._laws:
+            models = [*self.case.fit.models]
+            models += [m for m in self.case.check.models if m not in models]
+            found = [fit_law(m.machine, m.data, drive) for m in models if m.machine is not None]
+            self._laws[drive] = tuple(law for law in found if law is not None)
+        return self._laws[drive]
 
     def refit(
         self, effects: Sequence[EffectAt], theta: Array, iterations: int = 12

@@ -334,7 +334,7 @@ class _Passes:
             clock.enter(low, low + 0.5 * (0.95 - low))
 
         found = explainer.explain(begun.base, begun.candidates, note)
-        readings = _readings(begun.case, found.chain[0], begun.candidates)
+        readings = _readings(explainer, found.chain[0], begun.candidates)
         verdict = judge(explainer, found, readings)
         if not clock.stopped():
             found, verdict = of_what_is_left(explainer, found, verdict, begun.report)
@@ -384,13 +384,19 @@ def _located(begun: _Pass, base: Explanation, seed: int) -> tuple[Finding, ...]:
 
 
 def _readings(
-    case: Case, base: Explanation, candidates: Sequence[EffectAt]
+    explainer: Explainer, base: Explanation, candidates: Sequence[EffectAt]
 ) -> tuple[CoarseReading, ...]:
-    """Return encoders whose steps show, where these are among the effects looked for."""
+    """Return encoders whose steps show, where these are among the effects looked for.
+
+    Only those of drives with a gap.
+    """
     known = shown_by('reading_steps')
     if known is None or known.id not in {at.effect for at in candidates}:
         return ()
-    return coarse_readings(case, base.theta, base.law)
+    case, gap = explainer.attribution.case, explainer.gap(base)
+    least = explainer.rules.material**2
+    drives = [d for d, left in zip(case.drives, gap, strict=True) if left >= least]
+    return coarse_readings(case, base.theta, base.law, drives)
 
 
 def _shows_later(explainer: Explainer, found: Explained) -> bool:

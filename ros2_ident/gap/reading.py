@@ -7,7 +7,9 @@ function of the position alone, periodic with the step: what the controller comm
 should have, taken over the position in the log, has a line there and nowhere else.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +17,7 @@ from scipy.ndimage import uniform_filter1d
 
 from ros2_ident.gap.case import Case, LAW_SETTLE
 from ros2_ident.models import FullModel
-from ros2_ident.models.recorded import RecordedMotion
+from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 
 Array = npt.NDArray[np.float64]
 
@@ -29,6 +31,8 @@ LOST = 2500.0
 # What is slower is no step, s.
 _SLOW = 0.05
 _BINS = 2**20
+# Cycles between the position that a controller read and the one logged beside its effort.
+_LAGS = np.arange(-2.5, 2.5, 0.125)
 
 
 @dataclass(frozen=True)
@@ -50,69 +54,119 @@ class CoarseReading:
     unit: str = 'm'
 
 
-def coarse_readings(case: Case, theta: Array, law: Array) -> tuple[CoarseReading, ...]:
+def coarse_readings(
+    case: Case, theta: Array, law: Array, drives: Sequence[str]
+) -> tuple[CoarseReading, ...]:
     """Return the drives' encoders whose steps show in any recording, the clearest line of each.
 
     Args:
         case: The recordings.
         theta: (N,) the nominal fit.
         law: (D,) mean square, in units of the floor, of what the controllers miss.
+        drives: Those to look at.
     """
     best: dict[str, CoarseReading] = {}
-    trusted = [d for d, missed in zip(case.drives, law, strict=True) if missed < LOST]
+    missed = dict(zip(case.drives, law, strict=True))
+    trusted = [d for d in drives if missed[d] < LOST]
     for part in (case.fit, case.check):
         joint = part.with_effects(())
-        for number, seen in enumerate(part.seen):
-            model, own = joint.models[number], joint.own(number, theta)[0]
+        for number, model in enumerate(joint.models):
+            own = joint.own(number, theta)[0]
+            looks = _Look(model, own, part.seen[number] if part.seen else None)
             for drive in trusted:
-                found = coarse_reading(model, seen, own, drive)
+                found = looks.at(drive)
                 if found and (drive not in best or found.power > best[drive].power):
                     best[drive] = found
     return tuple(best.values())
 
 
 def coarse_reading(
-    model: FullModel, seen: RecordedMotion, theta: Array, drive: str
+    model: FullModel, seen: RecordedMotion | None, theta: Array, drive: str
 ) -> CoarseReading | None:
     """Look for the steps of one drive's encoder.
 
     Args:
         model: The model on a recording.
-        seen: The recording's motion.
+        seen: The motion that its controllers saw; None where they cannot be replayed.
         theta: (N,) a candidate, for how late the effort is logged.
         drive: The drive.
 
     Returns:
         The reading's step where its line stands clear of all others; None else.
     """
-    drives = model.data.names if model.machine is None else model.machine.drives
-    count = model.data.cycles
-    d = drives.index(drive)
-    row = model.places.index(drive)
-    wanted = np.isfinite(model.measured)
-    wanted[np.arange(len(wanted)) != row] = False
-    wanted[:, : int(LAW_SETTLE / model.cycle)] = False
-    there = np.flatnonzero(wanted[row])
-    missed = model.measured[wanted] - model.replay_law(seen, theta[None], wanted)[0]
-    when = there - float(model.effort_delay(theta)[row]) / model.cycle
-    position = np.interp(when, np.arange(count), seen.values[d * count : (d + 1) * count])
-    first = (len(drives) + d) * count
-    velocity = np.interp(when, np.arange(count), seen.values[first : first + count])
-    rate = there.size / (count * model.cycle)
-    fast = missed - uniform_filter1d(missed, max(3, int(_SLOW * rate)))
+    return _Look(model, theta, seen).at(drive)
+
+
+class _Look:
+    """One recording, its motion, and what is missed of its effort.
+
+    Where the controllers cannot be replayed, for too few of their cycles are logged, the nominal
+    fit's residual stands for what they miss: the machine hardly answers to steps.
+    """
+
+    def __init__(self, model: FullModel, theta: Array, seen: RecordedMotion | None) -> None:
+        self.model = model
+        self.theta = theta
+        self.seen = seen
+        data = model.data
+        self.drives = data.names if model.machine is None else model.machine.drives
+        logged = data.position is not None and np.isfinite(data.position).any(axis=1).all()
+        self.motion = seen
+        if seen is None and logged and data.effort is not None:
+            self.motion = recorded_motion(data, self.drives)
+
+    @cached_property
+    def _residual(self) -> Array:
+        """(D, K) what the nominal fit misses."""
+        out: Array = self.model.measured - self.model.simulate(self.theta[None])[0]
+        return out
+
+    def at(self, drive: str) -> CoarseReading | None:
+        """Return the reading of a drive's encoder where its steps show."""
+        if self.motion is None:
+            return None
+        model, row = self.model, self.model.places.index(drive)
+        wanted = np.isfinite(model.measured)
+        wanted[np.arange(len(wanted)) != row] = False
+        wanted[:, : int(LAW_SETTLE / model.cycle)] = False
+        there = np.flatnonzero(wanted[row])
+        unit, per_metre = model.travel
+        if self.seen is None:
+            missed, lags = self._residual[row, there], _LAGS
+        else:
+            missed = (
+                model.measured[wanted] - model.replay_law(self.seen, self.theta[None], wanted)[0]
+            )
+            lags = np.zeros(1)
+        count = model.data.cycles
+        rate = there.size / (count * model.cycle)
+        fast = missed - uniform_filter1d(missed, max(3, int(_SLOW * rate)))
+        logged = there - float(model.effort_delay(self.theta)[row]) / model.cycle
+        number = self.drives.index(drive)
+        positions, velocities = self.motion.values.reshape(2, len(self.drives), count)[:, number]
+        found = []
+        for lag in lags:
+            position = np.interp(logged - lag, np.arange(count), positions)
+            velocity = np.interp(logged - lag, np.arange(count), velocities)
+            if float(np.ptp(position)) >= 3.0 * SMALLEST * per_metre:
+                found.append(_clearest(position, velocity, fast, per_metre))
+        step, power, span = max(found, key=lambda x: x[1], default=(0.0, 0.0, 1.0))
+        if power < CLEAR:
+            return None
+        return CoarseReading(drive, step, step**2 / span, power, unit)
+
+
+def _clearest(
+    position: Array, velocity: Array, fast: Array, per_metre: float
+) -> tuple[float, float, float]:
+    """Return the step of the clearest line, its power, and the span of the positions."""
     span = float(np.ptp(position))
-    unit, per_metre = model.travel
-    smallest, largest = SMALLEST * per_metre, LARGEST * per_metre
-    if span < 3.0 * smallest:
-        return None
     # The step itself, and its difference from cycle to cycle, which turns with the direction.
     lines = [_lines(position, fast), _lines(position, fast * np.sign(velocity))]
     power = np.maximum(*lines)
     order = np.arange(power.size) * (_BINS // 2) / _BINS
-    inside = (order > span / largest) & (order < span / smallest)
+    inside = (order > span / (LARGEST * per_metre)) & (order < span / (SMALLEST * per_metre))
     best = int(np.argmax(np.where(inside, power, 0.0)))
-    if power[best] < CLEAR:
-        return None
     # A sharp step has multiples of its line; the first of them is the step's own.
     for part in (4, 3, 2):
         low = int(round(best / part))
@@ -120,8 +174,7 @@ def coarse_reading(
         if inside[low] and power[near].max() > 0.5 * power[best]:
             best = max(0, low - 2) + int(np.argmax(power[near]))
             break
-    step = span / float(order[best])
-    return CoarseReading(drive, step, step**2 / span, float(power[best]), unit)
+    return span / max(float(order[best]), 1e-300), float(power[best]), span
 
 
 def _lines(position: Array, values: Array) -> Array:

@@ -18,6 +18,8 @@ NONE, UNKNOWN = 'none', 'unknown'
 # said then.
 BOOKKEEPING, WRONG_MODEL = 'bookkeeping', 'model'
 REFUSED = frozenset({BOOKKEEPING, WRONG_MODEL})
+# RMS that a drive shaken by its encoder's steps puts on the others, as a share of its own.
+_SHAKEN = 0.25
 # Answers that name no effect.
 NAMELESS = REFUSED | {NONE, UNKNOWN}
 
@@ -139,7 +141,9 @@ def _with_readings(
     coarse = tuple(_named(r) for r in readings)
     plain = _judge(explainer, found, t)
     chain = found.chain[-1].effects
-    unexplained = float(after[rest].max(initial=0.0)) >= explainer.rules.unknown**2
+    shaken = (_SHAKEN**2) * float(after[drives.index(strongest.drive)])
+    least = max(explainer.rules.unknown**2, shaken)
+    unexplained = float(after[rest].max(initial=0.0)) >= least
     first = _named(strongest)
     closes = float((before - after).sum())
     sure = _sigmoid((float(np.sqrt(before.max())) - explainer.rules.material) / t.size)
@@ -149,9 +153,7 @@ def _with_readings(
     if chain and closes > float(after[drives.index(strongest.drive)]):
         others = tuple(a for a in coarse if a not in chain)
         if plain.effect == UNKNOWN and not unexplained:
-            plain = replace(
-                plain, effect=chain[0].effect, where=(chain[0].where,), also=chain[1:]
-            )
+            plain = replace(plain, effect=chain[0].effect, where=(chain[0].where,), also=chain[1:])
         return replace(plain, also=(*plain.also, *others), readings=tuple(readings))
     also = (*chain, *(a for a in coarse if a != first))
     also = tuple(a for a in also if a != first)

@@ -26,7 +26,7 @@ _MISSED, _TOGETHER = 1.5, 0.6
 # on this share of all; where this share of what the law misses lies there; and where it follows
 # what is asked by less than this power, over demands that spread so far (logarithm).
 _MORE, _FEW, _RARE, _MOSTLY, _FLAT, _SPREAD = 1.2, 20, 0.005, 0.8, 0.3, 0.2
-_GAINS = ('position_gain', 'velocity_gain', 'integral_gain')
+GAINS = ('position_gain', 'velocity_gain', 'integral_gain')
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,7 @@ class Gain:
         error: Standard error.
         expected: The machine file's value.
         misfit: RMS that is left with it, in the effort's unit.
+        count: Samples behind it, over the number that what is left stays alike.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Gain:
     error: float
     expected: float
     misfit: float
+    count: float = 1.0
 
     @property
     def ratio(self) -> float:
@@ -100,9 +102,7 @@ class Law:
         return min(self.misfit_file, self.gains[0].misfit)
 
 
-def fit_law(
-    machine: Machine, data: Dataset, drive: str, tracked: float = 0.0
-) -> Law | None:
+def fit_law(machine: Machine, data: Dataset, drive: str, tracked: float = 0.0) -> Law | None:
     """Compare the law M = k_v e + k_I int e dt + c, e = k_p (z_cmd - z) + f v_cmd - v, with a log.
 
     It is linear in its coefficients: of position error, velocity error, their integrals, and a
@@ -139,14 +139,12 @@ def fit_law(
     return apart if apart.left**2 < _TOGETHER * law.left**2 else law
 
 
-def _law_at(
-    machine: Machine, drive: str, signals: Signals, fit: Fit, delays: Array
-) -> Law:
+def _law_at(machine: Machine, drive: str, signals: Signals, fit: Fit, delays: Array) -> Law:
     """Compare the law with a log at given delays (effort, set-point) in cycles."""
     columns, effort = fit.system(delays)
-    solution, _, free = _solve(columns, effort)
-    sought = [name for name in _GAINS if name in machine.bounds]
-    gains = {name: sane(machine.number(name, drive)) for name in _GAINS}
+    solution, _, free, _ = _solve(columns, effort)
+    sought = [name for name in GAINS if name in machine.bounds]
+    gains = {name: sane(machine.number(name, drive)) for name in GAINS}
     gains |= {name: value for name, value in _gains_of(solution).items() if name in sought}
     known = _law_of(columns, gains)
     alone = []
@@ -159,13 +157,12 @@ def _law_at(
             continue
         # The law is linear in each gain by itself.
         part = known if name == 'scale' else known - _law_of(columns, {**gains, name: 0.0})
-        factor, error, misfit = _solve(
+        factor, error, misfit, count = _solve(
             np.stack([part, np.ones_like(part)], axis=1), effort - (known - part)
         )
         expected = gains.get(name, 1.0)
-        alone.append(
-            Gain(name, float(factor[0]) * expected, error * abs(expected), expected, misfit)
-        )
+        value = float(factor[0]) * expected
+        alone.append(Gain(name, value, error * abs(expected), expected, misfit, count))
     alone.sort(key=lambda g: g.misfit)
     # Steps are multiplied by the gain that ran; quite another one shows.
     slope = next((abs(g.value) for g in alone[:1] if g.name == 'velocity_gain'), 0.0)
@@ -215,7 +212,7 @@ def _gains_of(solution: Array) -> dict[str, float]:
     kv = float(solution[1])
     integral = float(solution[4]) if solution.size > 4 else 0.0
     position = float(solution[0]) / kv if kv else 0.0
-    return dict(zip(_GAINS, (position, kv, integral), strict=True))
+    return dict(zip(GAINS, (position, kv, integral), strict=True))
 
 
 def _law_of(columns: Array, gains: dict[str, float]) -> Array:
@@ -227,12 +224,16 @@ def _law_of(columns: Array, gains: dict[str, float]) -> Array:
     return torque
 
 
-def _solve(columns: Array, effort: Array) -> tuple[Array, float, float]:
-    """Return the coefficients, the first one's standard error and the RMS that is left."""
+def _solve(columns: Array, effort: Array) -> tuple[Array, float, float, float]:
+    """Return the coefficients, the first one's standard error, and what is left.
+
+    That is its RMS, and of how many samples that tell something of their own.
+    """
     scale = np.sqrt((columns**2).mean(axis=0)) + 1e-300
     solution = np.linalg.lstsq(columns / scale, effort, rcond=1e-10)[0]
     left = effort - (columns / scale) @ solution
-    variance = float(left @ left) / max(1, left.size - len(scale)) * correlation_time(left)
+    alike = correlation_time(left)
+    variance = float(left @ left) / max(1, left.size - len(scale)) * alike
     normal = (columns / scale).T @ (columns / scale)
     error = math.sqrt(max(0.0, variance * float(np.linalg.pinv(normal)[0, 0]))) / float(scale[0])
-    return solution / scale, error, math.sqrt(float((left**2).mean()))
+    return solution / scale, error, math.sqrt(float((left**2).mean())), left.size / alike
