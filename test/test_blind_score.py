@@ -55,7 +55,7 @@ def test_wilson_is_the_textbook_one() -> None:
         ('95 % intervals hold the truth, noise AR 0.9 or 0.99, stated off by 2.5', 0.5, 2),
         ('95 % intervals hold the truth, machines ideal', 0.5, 2),
         ('share closed, within 0.05 of the truth', 1.0, 3),
-        ('its interval covers', 1.0, 3),
+        ('its interval covers the truth', 1.0, 3),
         ('diagnoses that failed', 1 / 14, 14),
     ],
 )

@@ -176,7 +176,8 @@ def test_an_effect_at_its_neutral_values_changes_nothing(model: Tripod, effect_i
 def test_an_effect_inside_its_bounds_changes_the_log(model: Tripod, effect_id: str) -> None:
     effect = get_effect(effect_id)
     where = 'all' if effect.place == 'all' else 'drive_2'
-    extended = Tripod(MACHINE, model.data, effects=[EffectAt(effect_id, where)])
+    held = np.ones(model.data.cycles)
+    extended = Tripod(MACHINE, model.data, effects=[EffectAt(effect_id, where)], held=held)
     values = []
     for p in extended.scaled(extended.effects[0]):
         if p.role == 'time':

@@ -10,7 +10,7 @@ Group = Literal['structure', 'drive', 'controller', 'measurement']
 # What of a log can show an effect by itself, before any fit: the logged effort does not go beyond
 # a size; what the controllers miss has the period of an encoder's steps over the position; they
 # take up their set-points late.
-Detector = Literal['flat_top', 'reading_steps', 'late_set_point']
+Detector = Literal['flat_top', 'reading_steps', 'late_set_point', 'load']
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class Context:
         integral: Whether a controller has an integral part.
         features: What the structure has, such as `platform`.
         effort: Whether logged efforts are compared.
+        turns: Whether the log shows when a payload is carried.
     """
 
     drives: int = 1
@@ -37,6 +38,7 @@ class Context:
     integral: bool = False
     features: frozenset[str] = frozenset()
     effort: bool = True
+    turns: bool = False
 
 
 def anywhere(context: Context) -> bool:
@@ -57,6 +59,11 @@ def elastic_gear(context: Context) -> bool:
 def platform(context: Context) -> bool:
     """Need rods and a platform."""
     return 'platform' in context.features
+
+
+def turns(context: Context) -> bool:
+    """Need a platform, and a log that shows when it carries a payload."""
+    return platform(context) and context.turns
 
 
 def motor_torque(context: Context) -> bool:
@@ -184,6 +191,7 @@ class Effect:
             for COMMAND, else zero.
         needs: Whether a machine has what the effect acts on; see `applies`.
         twins: Ids of effects that no log tells from this one: one answer under several names.
+        variant_of: Id of an effect that has the same cause and another course.
         reference: Id of the effect's slow twin in `reference`; its own where not stated.
         shown_by: What of a log shows the effect by itself; `gap` looks for it.
     """
@@ -203,6 +211,7 @@ class Effect:
     keeps: Callable[..., Any] | None = None
     needs: Callable[[Context], bool] = anywhere
     twins: tuple[str, ...] = ()
+    variant_of: str = ''
     reference: str = ''
     shown_by: Detector | None = None
 

@@ -2,7 +2,7 @@
 """The recordings of one machine, and what any extended model makes of them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -303,12 +303,30 @@ class Case:
         check: Recordings | None = None,
         conditions: Conditions | None = None,
     ) -> None:
+        self._given = fit, check or Recordings(()), conditions
         self.drives = fit.models[0].places
         self.noise = fit.models[0].noise
         self.fit, self.check, self.held_out = split(fit, check or Recordings(()), conditions)
         both = fit + check if check and check.models else fit
         masks = tuple(settled(m) for m in both.models)
         self.whole = Part(both.models, masks, (), both.labels, conditions or Conditions())
+
+    def carrying(self, held: Sequence[Array]) -> 'Case':
+        """Return the case whose models know when a payload is carried; itself where nobody does.
+
+        Args:
+            held: For each recording of `whole`, (K,) the share of it that is carried.
+        """
+        if not held:
+            return self
+        fit, check, conditions = self._given
+        models = [m.carrying(h) for m, h in zip(self.whole.models, held, strict=True)]
+        count = len(fit.models)
+        return Case(
+            replace(fit, models=tuple(models[:count])),
+            replace(check, models=tuple(models[count:])),
+            conditions,
+        )
 
     def candidates(self, without: Sequence[str] = (), known: Sequence[str] = ()) -> list[EffectAt]:
         """Return every effect at every place it can sit in this machine.

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution, visibility
-from ros2_ident.gap.case import Case, Recordings, recordings_from, recordings_of
+from ros2_ident.gap.case import Case, Joint, Recordings, recordings_from, recordings_of
 from ros2_ident.gap.compose import compose
 from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.criteria import Rules
@@ -26,6 +26,7 @@ from ros2_ident.gap.localise import Finding, localise
 from ros2_ident.gap.predictability import predictability
 from ros2_ident.gap.reading import coarse_readings, CoarseReading
 from ros2_ident.gap.refusal import ahead, of_constants, of_gates, of_what_is_left
+from ros2_ident.gap.turns import payload_turns
 from ros2_ident.gap.verdict import judge, NAMELESS, NONE, REFUSED, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
 from ros2_ident.identify.layout import Conditions
@@ -292,6 +293,7 @@ class _Passes:
         clock.enter(0.2, 0.35)
         clock.step(0.0, 'telling noise from what the motion predicts')
         floor = predictability(joint, base.theta, clock.stopped).floor
+        case = self._carrying(case, joint, base.theta, floor.per_drive)
         attribution = self._attribution(case, floor.per_drive)
         base = attribution.fits.watch_law(attribution.refit((), base.theta))
         report = GateReport()
@@ -303,6 +305,19 @@ class _Passes:
         }
         candidates = tuple(case.candidates(self.without))
         return _Pass(Explainer(attribution, floor, self.rules), base, report, candidates)
+
+    def _carrying(self, case: Case, joint: Joint, theta: Array, floor: Array) -> Case:
+        """Return the case that knows when a payload is carried, where the log shows that.
+
+        The nominal fit has part of the payload in its masses; without it the instants are sharper.
+        """
+        held = payload_turns(joint, theta, floor)
+        if not held or self.clock.stopped():
+            return case
+        first = case.carrying(held)
+        (load,) = (at for at in first.candidates() if get_effect(at.effect).shown_by == 'load')
+        loaded = self._attribution(first, floor).refit((load,), np.append(theta, 0.0))
+        return case.carrying(payload_turns(joint, loaded.theta[: theta.size], floor) or held)
 
     def _attribution(self, case: Case, floor: Array) -> Attribution:
         return Attribution(

@@ -19,6 +19,7 @@ MACHINE_ROWS = (
     'payload_step',  # kg, added to the tool from payload_time on
     'payload_time',  # s
     'payload_duration',  # s
+    'payload_turned',  # kg, added to the tool while the log shows a load
     'frame_inverse_mass',  # 1/kg, 0 for a frame that does not move
     'frame_frequency',  # Hz, of the frame without the machine
     'frame_damping',  # 1

@@ -266,6 +266,14 @@ class FullModel(ABC):
         """Return an effect's parameters with the numbers they have at a place, in their units."""
         return get_effect(at.effect).parameters
 
+    def carrying(self, held: Array) -> 'FullModel':
+        """Return the model that knows when a payload is carried; itself where it carries none.
+
+        Args:
+            held: (K,) share of the payload at each instant.
+        """
+        return self
+
     def extended(self, effects: Sequence[EffectAt]) -> 'FullModel':
         """Return the model with these effects and no others.
 

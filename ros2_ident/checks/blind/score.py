@@ -57,8 +57,10 @@ def same(name: str, where: Sequence[str], truth: Mapping[str, Any]) -> bool:
 
 
 def alike(name: str, other: str) -> bool:
-    """Whether two ids name the same effect."""
-    return other in twins(name)
+    """Whether two ids name the same effect: one of its twins or variants will do."""
+    same = {name, *twins(name)}
+    same |= {CATALOGUE[n].variant_of for n in same & CATALOGUE.keys()} - {''}
+    return other in same
 
 
 def family(name: str) -> str:

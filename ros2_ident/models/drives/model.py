@@ -63,6 +63,7 @@ class DriveModel(FullModel):
         quantities: What of the drives is compared: `effort`, and where controllers follow a
             set-point `position` and `velocity` of the motors.
         weights: Factor on the errors of each quantity; 1 by default.
+        held: (K,) share of a payload that is carried at each cycle; None where it is not known.
 
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, MISSING_STREAM or BAD_MACHINE_FILE with the
@@ -87,10 +88,12 @@ class DriveModel(FullModel):
         efforts: Array | None = None,
         quantities: Sequence[str] = ('effort',),
         weights: Sequence[float] | None = None,
+        held: Array | None = None,
     ) -> None:
         self._machine = machine
         self._data = data
         self._compared: npt.NDArray[np.bool_] | None = None
+        self.held = held
         self._effects = tuple(effects)
         self.fixed = dict(fixed or {})
         self.substeps = substeps
@@ -175,7 +178,13 @@ class DriveModel(FullModel):
         steps = int(self._steps(self.rows(np.atleast_2d(theta)))[0])
         return self._again(self.effects, 2 * steps)
 
-    def _again(self, effects: Sequence[EffectAt], substeps: int | None) -> 'DriveModel':
+    def carrying(self, held: Array) -> 'DriveModel':
+        """Return the model with a payload that is carried when `held` (K,) says so."""
+        return self._again(self.effects, self.substeps, held)
+
+    def _again(
+        self, effects: Sequence[EffectAt], substeps: int | None, held: Array | None = None
+    ) -> 'DriveModel':
         return type(self)(
             self.machine,
             self.data,
@@ -187,6 +196,7 @@ class DriveModel(FullModel):
             efforts=self.efforts,
             quantities=self.signals.quantities,
             weights=self.signals.weights,
+            held=self.held if held is None else held,
         )
 
     def effort_limit(self, place: str) -> float:
@@ -329,6 +339,7 @@ class DriveModel(FullModel):
             integral=any(base[rows.row_of('integral_gain', d)] for d in drives),
             features=self.features,
             effort='effort' in self.signals.quantities,
+            turns=self.held is not None,
         )
 
     def effort_delay(self, theta: Array) -> Array:

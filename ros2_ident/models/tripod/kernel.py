@@ -36,6 +36,7 @@ TOOL = row_of('tool_mass')
 PAYLOAD = row_of('payload_step')
 PAYLOAD_TIME = row_of('payload_time')
 PAYLOAD_DURATION = row_of('payload_duration')
+PAYLOAD_TURNED = row_of('payload_turned')
 FRAME_INVERSE = row_of('frame_inverse_mass')
 FRAME_FREQUENCY = row_of('frame_frequency')
 FRAME_DAMPING = row_of('frame_damping')
@@ -198,7 +199,8 @@ def _build(digest):
             room: (ROOM,) to work in.
             begin: First cycle of this part of the log, a multiple of `measurement.PIECE`.
             end: Cycle behind its last, likewise, or the number of cycles.
-            command: (6 * K,) set-point positions of the three drives, then their rates.
+            command: (7 * K,) set-point positions of the three drives, their rates, and the share
+                of a payload that is carried.
             motion: (9 * K,) recorded position, velocity and acceleration of prescribed motors,
                 else empty.
             mode: (3,) CLOSED_LOOP or PRESCRIBED; None where all are closed loops.
@@ -212,7 +214,7 @@ def _build(digest):
             weights, limits: As for `measurement.give_up`.
         """
         _ = digest
-        count = command.shape[0] // 6
+        count = command.shape[0] // 7
         coordinates = COORDINATES if frame else FRAME
         # One array for all: the compiler sees then that its parts do not overlap.
         going = room[:STATE]
@@ -314,6 +316,7 @@ def _build(digest):
                     start = load(par, PAYLOAD_TIME * W)
                     inside = (time >= start) & (time < start + load(par, PAYLOAD_DURATION * W))
                     now = where(inside, tool + load(par, PAYLOAD * W), tool)
+                    now = now + command[6 * count + k] * load(par, PAYLOAD_TURNED * W)
                 _linkage(
                     par,
                     arms,
@@ -408,6 +411,7 @@ def payload_on(par):
     found = False
     for lane in range(W):
         found |= par[PAYLOAD * W + lane] != 0.0
+        found |= par[PAYLOAD_TURNED * W + lane] != 0.0
     return found
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tripod of Ludwig and Gerstmayr 2011, section 4: three vertical drives, all coupled."""
 
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -33,6 +34,12 @@ class Tripod(DriveModel):
         self._drive_constants(base)
         return base
 
+    @cached_property
+    def _told(self) -> Array:
+        """(7 * K,) what the kernel is told: set-points, their rates, and the payload carried."""
+        held = np.zeros(self.data.cycles) if self.held is None else self.held
+        return np.concatenate([self._command, held])
+
     def rows(self, theta: Array) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units."""
         block = super().rows(theta)
@@ -59,7 +66,7 @@ class Tripod(DriveModel):
             room(ROOM),
             begin,
             end,
-            self._command,
+            self._told,
             self._motion,
             None if usual else self._mode,
             flags,

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A load that is taken up and put down again and again; the log says when."""
+
+from ros2_ident.effects.effect import Effect, EffectParameter, Hook, turns
+
+EFFECT = Effect(
+    id='payload_turns',
+    group='structure',
+    title='payload taken up and put down',
+    equation='m_t plus dm whenever the log shows a load',
+    source='pick and place',
+    parameters=(
+        EffectParameter('mass', 'kg', -1.0, 1.0, 0.0, target='payload_turned', symbol='dm'),
+    ),
+    hook=Hook.PARAMETER,
+    kernel=None,
+    place='all',
+    family='mass',
+    confusable=('payload_change', 'rod_mass', 'torque_constant_error'),
+    separated_by='hold still before and after each change of payload',
+    needs=turns,
+    reference='payload_change',
+    shown_by='load',
+    variant_of='payload_change',
+)

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When a payload is carried, read from what the nominal fit misses.
+
+A load adds to every drive's effort what the motion makes of its mass, while it is there. So the
+mass that is missing, bin by bin, jumps between two levels: the nominal fit has part of it in the
+tool's mass. When it jumps is found by dynamic programming, and believed where each drive tells the
+same without having been asked.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ros2_ident.effects import shown_by
+from ros2_ident.gap.case import Joint
+from ros2_ident.models import EffectAt, FullModel
+from ros2_ident.models.trials import TRIAL
+
+Array = npt.NDArray[np.float64]
+
+# Length of a bin, and the shortest time that a load stays or is away, s.
+_BIN, _SHORTEST = 0.04, 0.2
+# What a jump has to save of the missing mass's variance; what all jumps have to leave of it.
+_WORTH, _LEFT = 0.005, 0.8
+# Share of the whole jump that each drive has to show at the instants that the others tell.
+_ALIKE = 0.5
+# A drive counts from this share of what all tell of the mass.
+_TELLS = 0.05
+_ROUNDS = 20
+# By how many bins a jump is moved to look for a better place.
+_SHIFTS = (-8, 8, -4, 4, -2, 2, -1, 1)
+# Quantiles of the bins' masses between which they are believed.
+_MIDDLE = (0.05, 0.95)
+
+
+def payload_turns(joint: Joint, theta: Array, floor: Array) -> tuple[Array, ...]:
+    """Return when a payload is carried on each recording, where the log shows that.
+
+    Args:
+        joint: The nominal model on all recordings.
+        theta: (N,) the nominal fit.
+        floor: (D,) noise of each drive.
+
+    Returns:
+        For each recording (K,) 1 at cycles with a load, 0 at those without; empty where no load
+        comes more than once.
+    """
+    effect = shown_by('load')
+    if effect is None:
+        return ()
+    at, seen = EffectAt(effect.id, 'all'), []
+    for number, model in enumerate(joint.models):
+        whole = model.carrying(np.ones(model.measured.shape[1]))
+        if at not in whole.extensions():
+            return ()
+        seen.append(_missing(model, whole.extended([at]), at, joint.own(number, theta)[0], floor))
+    counts = [told.shape[2] for told in seen]
+    told = np.concatenate(seen, axis=2)
+    on = _jumps(told.sum(axis=1))
+    if on is None or not _alike(told, on):
+        return ()
+    parts = np.split(on, np.cumsum(counts)[:-1])
+    if max(_times(part) for part in parts) < 2:
+        return ()
+    levels = _levels(told.sum(axis=1), on)
+    out = []
+    for number, (part, model) in enumerate(zip(parts, joint.models, strict=True)):
+        own = joint.own(number, theta)[0]
+        out.append(_cycles(_sharper(part, model, at, own, levels, floor), model))
+    return tuple(out)
+
+
+def _cycles(bins: Array | npt.NDArray[np.bool_], model: FullModel) -> Array:
+    """Return what bins (B,) hold at each cycle (K,): nothing is taken up at once."""
+    cycles = np.arange(model.measured.shape[1]) * model.cycle
+    out: Array = np.interp(cycles, (np.arange(bins.size) + 0.5) * _BIN, bins.astype(float))
+    return out
+
+
+def _sharper(
+    on: npt.NDArray[np.bool_],
+    model: FullModel,
+    at: EffectAt,
+    theta: Array,
+    levels: tuple[float, float],
+    floor: Array,
+) -> npt.NDArray[np.bool_]:
+    """Return the bins (B,) with a load, its jumps moved to where a simulation fits best.
+
+    Bin by bin the mass is blurred: what a load does to the motion lasts, and friction holds it.
+    """
+    low, high = levels
+
+    def cost(tried: npt.NDArray[np.bool_]) -> float:
+        held = _cycles(np.where(tried, high, low) / (high - low), model)
+        loaded = model.carrying(held).extended([at])
+        missed = model.measured - loaded.simulate(np.append(theta, high - low)[None])[0]
+        total = float(np.nansum((missed / floor[:, None]) ** 2))
+        return total if np.isfinite(total) else np.inf
+
+    best, least = on, cost(on)
+    for _ in range(2):
+        before = best
+        for jump in range(np.count_nonzero(best[1:] != best[:-1])):
+            for shift in _SHIFTS:
+                tried = _moved(best, jump, shift)
+                found = np.inf if tried is None else cost(tried)
+                if tried is not None and found < least:
+                    best, least = tried, found
+        if np.array_equal(best, before):
+            break
+    return best
+
+
+def _moved(
+    on: npt.NDArray[np.bool_], jump: int, shift: int
+) -> npt.NDArray[np.bool_] | None:
+    """Return bins (B,) with one jump moved; None where it would meet another."""
+    jumps = np.flatnonzero(on[1:] != on[:-1]) + 1
+    if jump >= jumps.size:
+        return None
+    ends = np.concatenate([[0], jumps, [on.size]])
+    place = int(jumps[jump]) + shift
+    if not ends[jump] < place < ends[jump + 2]:
+        return None
+    out = on.copy()
+    out[min(place, int(jumps[jump])) : max(place, int(jumps[jump]))] = on[
+        int(jumps[jump]) if shift < 0 else int(jumps[jump]) - 1
+    ]
+    return out
+
+
+def _missing(
+    model: FullModel, whole: FullModel, at: EffectAt, theta: Array, floor: Array
+) -> Array:
+    """Return (2, D, B) what each bin tells of the missing mass: information times mass, and it.
+
+    Args:
+        model: The nominal model.
+        whole: The same with a load all the time.
+        at: The load.
+        theta: (N,) the nominal fit.
+        floor: (D,) noise.
+    """
+    (mass,) = whole.scaled(at)
+    trial = TRIAL * mass.high
+    without = model.simulate(theta[None])[0]
+    change = (whole.simulate(np.append(theta, trial)[None])[0] - without) / trial
+    missed = model.measured - without
+    known = np.isfinite(missed)
+    weight = known / floor[:, None] ** 2
+    parts = np.where(known, missed, 0.0) * change * weight, change**2 * weight
+    each = max(1, round(_BIN / model.cycle))
+    starts = np.arange(0, missed.shape[1], each)
+    return np.stack([np.add.reduceat(part, starts, axis=1) for part in parts])
+
+
+def _jumps(told: Array) -> npt.NDArray[np.bool_] | None:
+    """Return (B,) at which bins the mass is at the higher one of two levels; None for no jump.
+
+    Args:
+        told: (2, B) information times mass, and information.
+    """
+    mass = told[0] / (told[1] + 1e-12 * told[1].max())
+    # What else the model lacks shows most where the motion is violent: no bin counts for many.
+    weight = np.minimum(told[1], float(np.median(told[1])))
+    mass = np.clip(mass, *np.quantile(mass, _MIDDLE))
+    mean = float(np.average(mass, weights=weight))
+    spread = float((weight * (mass - mean) ** 2).sum())
+    low, high = (float(np.quantile(mass, q)) for q in (0.2, 0.8))
+    on: npt.NDArray[np.bool_] | None = None
+    for _ in range(_ROUNDS):
+        costs = np.stack([weight * (mass - low) ** 2, weight * (mass - high) ** 2])
+        path = _cheapest(costs, _WORTH * spread)
+        if path.all() or not path.any():
+            return None
+        if on is not None and np.array_equal(path, on):
+            break
+        on = path
+        low, high = (float(np.average(mass[x], weights=weight[x])) for x in (~on, on))
+    assert on is not None
+    left = float((weight * (mass - np.where(on, high, low)) ** 2).sum())
+    return on if left < _LEFT * spread and _stays(on) else None
+
+
+def _cheapest(costs: Array, jump: float) -> npt.NDArray[np.bool_]:
+    """Return (B,) the path through two states whose costs (2, B) and jumps are least."""
+    count = costs.shape[1]
+    total = costs[:, 0].copy()
+    came = np.zeros((2, count), dtype=np.int64)
+    for k in range(1, count):
+        over = total[::-1] + jump
+        came[:, k] = np.where(over < total, [1, 0], [0, 1])
+        total = np.minimum(total, over) + costs[:, k]
+    path = np.empty(count, dtype=np.int64)
+    path[-1] = int(total.argmin())
+    for k in range(count - 1, 0, -1):
+        path[k - 1] = came[path[k], k]
+    return path.astype(bool)
+
+
+def _times(on: npt.NDArray[np.bool_]) -> int:
+    """Return how often one of the two states comes and goes within a recording."""
+    jumps = int(np.count_nonzero(on[1:] != on[:-1]))
+    return (jumps + 1) // 2
+
+
+def _stays(on: npt.NDArray[np.bool_]) -> bool:
+    """Whether a load stays or is away for a time that a machine could make use of."""
+    lengths = np.diff(np.flatnonzero(np.concatenate([[True], on[1:] != on[:-1], [True]])))
+    return bool(np.median(lengths) * _BIN >= _SHORTEST)
+
+
+def _alike(told: Array, on: npt.NDArray[np.bool_]) -> bool:
+    """Whether each drive shows the jumps at the instants that the others tell.
+
+    Args:
+        told: (2, D, B) what each bin of each drive tells.
+        on: (B,) the jumps that all tell together.
+    """
+    whole = _jump(told.sum(axis=1), on)
+    tells = told[1].sum(axis=1)
+    for drive in np.flatnonzero(tells > _TELLS * tells.sum()):
+        others: Sequence[int] = [d for d in range(told.shape[1]) if d != drive]
+        own = _jumps(told[:, others].sum(axis=1)) if others else on
+        if own is None or _jump(told[:, drive], own) < _ALIKE * whole:
+            return False
+    return True
+
+
+def _levels(told: Array, on: npt.NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the mass (2, B) tells of where it is off and where it is on."""
+    off, carried = (told[0, x].sum() / max(float(told[1, x].sum()), 1e-300) for x in (~on, on))
+    return float(off), float(carried)
+
+
+def _jump(told: Array, on: npt.NDArray[np.bool_]) -> float:
+    """Return by how much the mass (2, B) is more where it is on."""
+    off, carried = _levels(told, on)
+    return carried - off

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A payload that is taken up and put down again and again: when, and how heavy."""
+
+from dataclasses import replace
+
+from identify_cases import recording_of, tripod, TRIPOD_TRUTH
+import numpy as np
+import pytest
+
+from ros2_ident.checks.blind.label import MotionOrder
+from ros2_ident.gap.case import Case, recordings_of
+from ros2_ident.gap.diagnose import diagnose
+from ros2_ident.gap.turns import payload_turns
+from ros2_ident.identify.data import gather
+from ros2_ident.models import EffectAt, make_model
+from ros2_ident.recording import Dataset
+from ros2_ident.reference import layout
+from ros2_ident.reference.bag_making import nuisance_of, simulate_bag
+
+MASS, NOISE = 0.5, tripod().effort_noise
+TIMES = {1: (0.8, 1.9, 2.6, 3.9, 4.6, 5.4), 2: (0.5, 1.2, 2.2, 3.1, 4.0, 5.2)}
+
+
+class Gripped:
+    """A load in the reference's columns: from when to when, in turns."""
+
+    def __init__(self, mass: float, times: tuple[float, ...]) -> None:
+        self.mass, self.times = mass, times
+
+    def apply(self, plant) -> None:
+        plant.shared[layout.PAYLOAD] = self.mass
+        plant.shared[layout.PAYLOAD_RAMP] = 0.06
+        plant.shared[layout.PAYLOAD_FROM : layout.PAYLOAD_FROM + len(self.times)] = self.times
+
+
+def recording(seed: int, mass: float = MASS) -> Dataset:
+    motion = MotionOrder('multi_point', 6.0, seed, 0.5).draw(tripod())
+    effects = [Gripped(mass, TIMES[seed])] if mass else []
+    bag = simulate_bag(
+        tripod(), TRIPOD_TRUTH, motion, seed, replace(nuisance_of(tripod()), drop=0.0), effects
+    )
+    return gather([recording_of(bag)], tripod()).datasets[0]
+
+
+def turns(*data: Dataset) -> tuple[np.ndarray, ...]:
+    models = recordings_of(tripod(), data)
+    joint = Case(models).whole.with_effects(())
+    theta = np.array([TRIPOD_TRUTH[p.name.split('.')[-1]] for p in joint.parameters])
+    return payload_turns(joint, theta, np.full(3, NOISE))
+
+
+def test_the_log_tells_when_a_payload_is_carried() -> None:
+    data = recording(1), recording(2)
+    found = turns(*data)
+    for held, seed, one in zip(found, (1, 2), data, strict=True):
+        jumps = np.flatnonzero(np.diff(held > 0.5)) * one.cycle
+        assert jumps == pytest.approx(TIMES[seed], abs=0.1)
+
+
+def test_without_a_payload_the_log_tells_of_none() -> None:
+    assert turns(recording(1, 0.0), recording(2, 0.0)) == ()
+
+
+def test_a_payload_shared_with_friction_on_one_drive_only_is_none() -> None:
+    data = recording(1, 0.0)
+    time = np.arange(data.cycles) * data.cycle
+    pulses = 0.3 * ((time > 1.0) & (time < 2.0) | (time > 3.0) & (time < 4.0))
+    effort = np.array(data.effort)
+    effort[0] += pulses
+    assert turns(replace(data, effort=effort)) == ()
+
+
+def test_a_load_carried_all_the_time_is_a_heavier_tool() -> None:
+    data = recording(1)
+    at = EffectAt('payload_turns', 'all')
+    plain = make_model(tripod(), data)
+    assert at not in plain.extensions()
+    model = plain.carrying(np.ones(data.cycles)).extended([at])
+    theta = np.array([TRIPOD_TRUTH[p.name.split('.')[-1]] for p in plain.parameters])
+    heavier = theta.copy()
+    heavier[[p.name for p in plain.parameters].index('tool_mass')] += 0.2
+    loaded = model.simulate(np.append(theta, 0.2)[None])
+    assert np.abs(loaded - plain.simulate(heavier[None]))[:, :, 300:].max() < 1e-3
+
+
+def test_a_payload_taken_up_three_times_is_named_with_its_mass() -> None:
+    found = diagnose(tripod(), [recording(1)], [recording(2)], seed=1)
+    assert (found.effect, found.where) == ('payload_turns', ('all',))
+    mass = found.parameters['payload_turns.mass']
+    # Its interval does not know how sharp the instants are.
+    assert mass.value == pytest.approx(MASS, rel=0.03)
+    assert found.share_closed.value > 0.95
