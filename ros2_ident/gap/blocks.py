@@ -172,6 +172,18 @@ class Blocks:
         shown: npt.NDArray[np.bool_] = worst > floor.high**2
         return shown if shown.any() else ~shown
 
+    def falls(self, before: int, after: int, floor: Floor, least: float) -> float:
+        """Return the share of the resamples in which a drive's gap falls by so much.
+
+        Args:
+            before: Number of the residual without an effect.
+            after: Number of the residual with it.
+            floor: The noise floor.
+            least: RMS that counts, in units of the floor.
+        """
+        fall = (self.drawn[:, before] - self.drawn[:, after]) / floor.per_drive**2
+        return float((fall.max(axis=1) >= least**2).mean())
+
     def share_closed(
         self,
         before: int,

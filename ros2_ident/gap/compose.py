@@ -26,6 +26,9 @@ from ros2_ident.search.evidence import Evidence
 
 Array = npt.NDArray[np.float64]
 
+# Share of the resampled blocks in which an effect has to count to be more than a hint.
+_OFTEN = 0.9
+
 
 def compose(
     explainer: Explainer,
@@ -63,6 +66,7 @@ def compose(
     steps = tuple(Step(labels[i], blocks.rms(i)[1]) for i in range(len(found.chain)))
     last = len(found.chain) - 1
     share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
+    again = _again(explainer, found, verdict, blocks)
     evidence = explainer.noise_of(final).evidence if found.complete else None
     values = _values(explainer, final, evidence) | _steps(verdict.readings)
     nominal = {
@@ -107,12 +111,55 @@ def compose(
         nominal=nominal,
         gates=tuple(gates),
         not_testable=testable,
-        advice=(*_doubts(values), *advice(verdict, testable, model.travel)),
+        advice=(
+            *_doubts(values),
+            *_hints(verdict, again),
+            *advice(verdict, testable, model.travel),
+        ),
+        again=again,
         complete=found.complete,
         seconds=seconds,
         seed=seed,
         traces=_traces(case, found),
     )
+
+
+def _again(
+    explainer: Explainer, found: Explained, verdict: Verdict, blocks: Blocks
+) -> tuple[float, ...]:
+    """Return how often each effect named counts again where blocks held out are resampled.
+
+    What the controllers' log vouches for need not show in the outputs.
+
+    Reference:
+        Meinshausen and Bühlmann (2010), Stability selection, JRSS B 72(4).
+    """
+    final, rules = found.chain[-1], explainer.rules
+    if verdict.effect in NAMELESS or len(found.rests) != len(final.effects):
+        return ()
+    case, weight = explainer.attribution.case, explainer.attribution.fits.check_weight
+    rows = [case.check.rows(e.check_residual / weight) for e in (*found.rests, final)]
+    drawn = Blocks(rows, case.fit.models[0].cycle, length=blocks.length, starts=case.check.starts)
+    shares = {
+        at: 1.0
+        if explainer.restores_law(without, final)
+        else drawn.falls(i, -1, explainer.floor, rules.later if i else rules.step)
+        for i, (at, without) in enumerate(zip(final.effects, found.rests, strict=True))
+    }
+    # An encoder's steps are read from a line in the spectrum, not from what a fit closes.
+    named = (EffectAt(verdict.effect, verdict.where[0]), *verdict.also)
+    return tuple(shares.get(at, 1.0) for at in named)
+
+
+def _hints(verdict: Verdict, again: Sequence[float]) -> list[str]:
+    """Return which effects named do not come again often enough to act on them."""
+    named = (EffectAt(verdict.effect, ''.join(verdict.where[:1])), *verdict.also)
+    return [
+        f'{get_effect(at.effect).title} on {at.where} counts in only {100.0 * share:.0f} % of the '
+        'resampled blocks held out: take it for a hint and record another log before acting on it.'
+        for at, share in zip(named, again, strict=False)
+        if share < _OFTEN
+    ]
 
 
 def _traces(case: Case, found: Explained) -> tuple[Trace, ...]:

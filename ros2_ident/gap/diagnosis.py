@@ -166,6 +166,8 @@ class Diagnosis:
         seconds: Time taken [s].
         seed: Of the search.
         traces: The recordings, those fitted to first.
+        again: For the verdict's effect and each of `also`, the share of the resampled blocks held
+            out in which it counts again.
     """
 
     effect: str
@@ -193,6 +195,7 @@ class Diagnosis:
     seconds: float
     seed: int
     traces: tuple[Trace, ...]
+    again: tuple[float, ...] = ()
 
 
 def _number(value: float) -> float | None:
@@ -284,6 +287,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
             'sentence': d.sentence,
         },
         'also': [_at(a) for a in d.also],
+        'again': list(d.again),
         'confusable': [{**_at(r.at), 'probability': _number(r.probability)} for r in d.confusable],
         'ranking': [
             {
