@@ -399,7 +399,9 @@ class DriveModel(FullModel):
                 omega = np.sqrt(block[:, rows.row_of('gear_stiffness', d)] * inverse)
                 rate = block[:, rows.row_of('gear_damping', d)] * inverse
                 need = np.maximum(need, self.cycle * np.maximum(omega / 0.45, rate / 0.9))
-        steps: npt.NDArray[np.int64] = np.clip(np.ceil(need), 1, 64).astype(np.int64)
+        # A candidate that is no number diverges with any count.
+        counts = np.nan_to_num(np.clip(np.ceil(need), 1, 64), nan=1.0)
+        steps: npt.NDArray[np.int64] = counts.astype(np.int64)
         return steps
 
     def _dry(self, block: Array, d: int) -> Array:
