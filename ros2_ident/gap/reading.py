@@ -30,6 +30,8 @@ CLEAR = 45.0
 LOST = 2500.0
 # What is slower is no step, s.
 _SLOW = 0.05
+# How much more than any other line's, so many lines away from its multiples, its power has to be.
+_STANDS, _ASIDE = 2.5, 100
 _BINS = 2**20
 # Cycles between the position that a controller read and the one logged beside its effort.
 _LAGS = np.arange(-2.5, 2.5, 0.125)
@@ -149,7 +151,8 @@ class _Look:
             position = np.interp(logged - lag, np.arange(count), positions)
             velocity = np.interp(logged - lag, np.arange(count), velocities)
             if float(np.ptp(position)) >= 3.0 * SMALLEST * per_metre:
-                found.append(_clearest(position, velocity, fast, per_metre))
+                clearest = _clearest(position, velocity, fast, per_metre)
+                found.append((*clearest, float(np.ptp(position))))
         step, power, span = max(found, key=lambda x: x[1], default=(0.0, 0.0, 1.0))
         if power < CLEAR:
             return None
@@ -158,8 +161,8 @@ class _Look:
 
 def _clearest(
     position: Array, velocity: Array, fast: Array, per_metre: float
-) -> tuple[float, float, float]:
-    """Return the step of the clearest line, its power, and the span of the positions."""
+) -> tuple[float, float]:
+    """Return the step of the clearest line and its power, 0 where others are nearly as clear."""
     span = float(np.ptp(position))
     # The step itself, and its difference from cycle to cycle, which turns with the direction.
     lines = [_lines(position, fast), _lines(position, fast * np.sign(velocity))]
@@ -174,7 +177,12 @@ def _clearest(
         if inside[low] and power[near].max() > 0.5 * power[best]:
             best = max(0, low - 2) + int(np.argmax(power[near]))
             break
-    return span / max(float(order[best]), 1e-300), float(power[best]), span
+    number = np.arange(power.size)
+    apart = np.abs(number - best * np.maximum(np.round(number / max(best, 1)), 1.0)) > _ASIDE
+    others = float(np.max(power, where=inside & apart, initial=0.0))
+    # What comes again at the same places, as in a motion that is repeated, makes many lines.
+    stands = power[best] > _STANDS * others
+    return span / max(float(order[best]), 1e-300), float(power[best]) if stands else 0.0
 
 
 def _lines(position: Array, values: Array) -> Array:
