@@ -105,16 +105,24 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
     sound = solution[0] > 0.0 or weight < small
     friction = columns[:, 1:3] @ solution[1:3]
     loses = float(np.mean(velocity * friction)) >= 0.0 or float(np.std(friction)) < 3.0 * small
+    # Over a log a motor gives more than it takes back; with its sign reversed it would take.
+    gives = float(np.mean(velocity * (effort - effort.mean()))) >= 0.0
     level: Level = 'ok'
     text = (
         f'{drive}: inertia and friction explain {100.0 * share:.0f} % of the effort, '
         f'{1e3 * lag:.0f} ms late'
     )
     if not sound or not loses:
-        level = 'fail' if not sound and (weight > 3.0 * small or not loses) else 'warn'
+        clear = not sound and not gives and (weight > 3.0 * small or not loses)
+        level = 'fail' if clear else 'warn'
         what = 'inertia' if not sound else 'friction'
-        text += f', but {what} comes out negative: the effort has the sign against its motion'
-        text += '; negate effort or position in the driver'
+        text += f', but {what} comes out negative: '
+        text += (
+            'something else than the own motion moves the effort'
+            if gives
+            else 'the effort has the sign against its motion; negate effort or position in '
+            'the driver'
+        )
     known = level == 'fail' and share > _TELLS
     found.append(Gate('sign', drive, level, float(solution[0]), 'effort s^2/m', text, known))
     return found
