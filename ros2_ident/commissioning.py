@@ -49,8 +49,15 @@ def check_both(
         The report; a finding that a line of the machine file can mend names it.
     """
     machine = file.machine
+    aside = machine is not None and not kind_of(machine).follows
+    if aside:
+        recordings = [replace(recording, command=None) for recording in recordings]
     report = check(recordings, machine, ('effort',) if machine is None else compared_of(machine))
-    findings = [_with_line(finding, file, recordings) for finding in report.findings]
+    findings = [
+        _with_line(finding, file, recordings)
+        for finding in report.findings
+        if not (aside and finding.code == 'no_command')
+    ]
     findings += check_machine(file)
     if machine is not None and kind_of(machine).from_bag:
         try:
