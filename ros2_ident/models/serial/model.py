@@ -88,7 +88,8 @@ class Serial(DriveModel):
 
     @property
     def _ahead(self) -> float:
-        return super()._ahead + self._lead / self.cycle
+        # Its cycle is that of the log: an arm's controllers are faster, and hold hardly anything.
+        return self._lead / self.cycle
 
     @functools.cached_property
     def _band(self) -> float:
@@ -100,12 +101,17 @@ class Serial(DriveModel):
         return _WIDER * self._band
 
     @property
+    def thinned(self) -> bool:
+        """Whether a band is compared, not the log as it is."""
+        return bool(np.isfinite(self._band))
+
+    @property
     def _as_a_whole(self) -> bool:
-        return super()._as_a_whole or np.isfinite(self._band)
+        return super()._as_a_whole or self.thinned
 
     def _smoothed(self, theta: Array) -> Array:
         out = super()._smoothed(theta)
-        if np.isfinite(self._band):
+        if self.thinned:
             for log in out:
                 log[:] = low_pass(log, self.cycle, self._band) if np.isfinite(log).all() else log
         return out
@@ -130,7 +136,7 @@ class Serial(DriveModel):
     @property
     def measured(self) -> Array:
         """(O, K) the measured efforts, NaN where nothing is compared."""
-        if not np.isfinite(self._band):
+        if not self.thinned:
             return super().measured
         if self._compared is None:
             return self._in_band
