@@ -33,7 +33,7 @@ BOXES = {
     'viscous_torque': '[0.0, 20.0, N m s/rad]',
 }
 BUILT = """
-  gear_factor: [80.0, 1.0, 100.0, 60.0]
+  gear_factor: [80.0, 1.0, 1.0, 60.0]
   coulomb_regularisation: 0.05
   coupled_to: ['', '', '', elbow]
   coupling: -0.7
@@ -114,15 +114,18 @@ def test_gears_couplings_and_counterbalances_are_those_of_the_reference(tmp_path
     told = model.simulate(theta)[0][:, inside]
     assert data.effort is not None
     plain = data.effort[:, inside]
-    assert np.abs(told - plain).max(axis=1) == pytest.approx(0.0, abs=3e-3)
+    # Splines through samples, here through positions and there through set-points' speeds.
+    size = np.abs(plain).max(axis=1)
+    assert (np.abs(told - plain).max(axis=1) < 1e-3 * size).all()
     for name in ('elbow.balance_force', 'elbow.balance_rate', 'wrist.drive_inertia'):
         other = theta.copy()
         other[[p.name for p in model.parameters].index(name)] *= 1.2
         changed = np.abs(model.simulate(other)[0][:, inside] - plain).max(axis=1)
-        assert (changed > 0.01).tolist()[2 if 'balance' in name else 3]
+        assert (changed > 5e-3 * size)[2 if 'balance' in name else 3]
     # The elbow's motor bears the wrist's: without the coupling its effort is another one.
     free = make_model(arm(tmp_path, BUILT.replace('-0.7', '0.0'), **boxes), data)
-    assert np.abs(free.simulate(theta)[0][2, inside] - plain[2]).max() > 0.1
+    missed = np.abs(free.simulate(theta)[0][:, inside] - plain).max(axis=1)
+    assert (missed[2:] > 2e-3 * size[2:]).all()
 
 
 def test_a_counterbalance_is_found_beside_links_and_friction(tmp_path: Path) -> None:
@@ -163,7 +166,7 @@ def shaken(data: Dataset) -> Dataset:
     shake = np.sin(2.0 * np.pi * 25.0 * time)
     assert data.position is not None
     assert data.effort is not None
-    return replace(data, position=data.position + 3e-4 * shake, effort=data.effort + 6.0 * shake)
+    return replace(data, position=data.position + 1e-4 * shake, effort=data.effort + 6.0 * shake)
 
 
 def test_below_its_bandwidth_an_arm_is_rigid(tmp_path: Path) -> None:
@@ -171,14 +174,14 @@ def test_below_its_bandwidth_an_arm_is_rigid(tmp_path: Path) -> None:
     plain = arm(tmp_path)
     log = shaken(noisy(logged(plain, truth), 0.05))
     bounded = arm(tmp_path, controller='  bandwidth: 6.0\n')
+    clean = make_model(plain, logged(plain, truth, 8.0, seed=2))
     errors = []
     for machine in (plain, bounded):
-        model = make_model(machine, log)
-        found = identify(machine, log, settings=ALGEBRAIC)
-        widths = np.array([p.high - p.low for p in model.parameters])
-        errors.append(np.abs((found.theta - values(model, truth)) / widths).max())
-    assert errors[1] < 0.01
-    assert errors[0] > 5.0 * errors[1]
+        found = identify(machine, log, settings=replace(ALGEBRAIC, decimation=1))
+        missed = clean.residuals(found.theta)[0].reshape(clean.measured.shape)
+        errors.append(missed.std(axis=1) / clean.measured.std(axis=1))
+    assert (errors[1] < 0.03).all()
+    assert (errors[1] < 0.3 * errors[0]).all()
     model = make_model(bounded, log)
     there = np.flatnonzero(np.isfinite(model.measured[0]))
     # Four samples in a period of 6 Hz, none within half a period of the ends.
@@ -219,7 +222,9 @@ def test_a_command_of_torques_is_left_out(tmp_path: Path, capsys) -> None:
     path = write_bag(tmp_path / 'bag', streams)
     report = check_both(read_bag(path), read_machine_file(tmp_path / 'arm.yaml'))
     assert not [f.sentence for f in report.findings if f.level == 'error']
-    assert 'command' not in ' '.join(f.sentence for f in report.findings)
+    said = ' '.join(f.sentence for f in report.findings)
+    assert 'command:' not in said
+    assert 'record the set-point' not in said
     out = str(tmp_path / 'out')
     words = ['identify', str(path), '--machine', str(tmp_path / 'arm.yaml'), '--out', out]
     assert main([*words, '--method', 'algebraic', '--no-report', '--no-overlay', '--quiet']) in (0, 1)
@@ -236,10 +241,11 @@ def found_in(path: Path) -> dict:
 
 def test_intervals_of_a_simulated_arm_hold_the_truth(tmp_path: Path, capsys) -> None:
     # The description that is corrected has other masses than the arm.
-    true = arm(tmp_path / 'true')
+    boxes = {**BOXES, 'link_mass': '[-5.0, 5.0, kg]'}
+    true = arm(tmp_path / 'true', **boxes)
     wrong = URDF.replace('<mass value="3"/>', '<mass value="3.6"/>')
     wrong = wrong.replace('<mass value="1.5"/>', '<mass value="1.2"/>')
-    arm(tmp_path / 'believed', urdf=wrong)
+    believed = arm(tmp_path / 'believed', urdf=wrong, **boxes)
     bag, out = str(tmp_path / 'bag'), tmp_path / 'out'
     file = str(tmp_path / 'true/arm.yaml')
     simulate = ['simulate', bag, '--machine', file, '--motion', 'multisine', '--seconds', '20']
@@ -261,10 +267,9 @@ def test_intervals_of_a_simulated_arm_hold_the_truth(tmp_path: Path, capsys) -> 
     assert found.keys() == truth.keys()
     held = [found[n]['low'] <= value <= found[n]['high'] for n, value in truth.items()]
     assert np.mean(held) >= 0.9
-    moved = make_model(arm(tmp_path / 'believed', urdf=wrong), data)
-    believed = dict(zip(truth, values(moved, {}), strict=True))
+    before = dict(zip(truth, values(make_model(believed, data), {}), strict=True))
     name = 'elbow.link_moment_x'
-    assert abs(believed[name] - truth[name]) > 10.0 * abs(found[name]['value'] - truth[name])
+    assert abs(before[name] - truth[name]) > 10.0 * abs(found[name]['value'] - truth[name])
 
 
 def test_a_load_is_found_by_two_bags(tmp_path: Path) -> None:
