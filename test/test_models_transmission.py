@@ -15,8 +15,12 @@ from test_models_serial import described, JOINTS, TILT, URDF  # noqa: E402
 from ros2_ident.cli.main import main  # noqa: E402
 from ros2_ident.commissioning import check_both  # noqa: E402
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
+from ros2_ident.export.content import content_of  # noqa: E402
+from ros2_ident.export.estimate import Estimate  # noqa: E402
+from ros2_ident.identify.data import Data  # noqa: E402
 from ros2_ident.identify.run import identify  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
+from ros2_ident.identify.setup import problem_of  # noqa: E402
 
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import load_machine, make_model  # noqa: E402
@@ -157,6 +161,14 @@ def test_what_cannot_be_built_is_refused(tmp_path: Path) -> None:
         model.simulate(values(model, {}))
 
 
+def test_no_file_of_a_simulator_has_them(tmp_path: Path) -> None:
+    data = logged(arm(tmp_path), {}, 2.0)
+    problem = problem_of(arm(tmp_path, BUILT), Data((data,)))
+    nothing = Estimate({}, {}, {}, (), {}, '')
+    with pytest.raises(IdentError, match='none of the files has a place for couplings'):
+        content_of(problem, nothing, 0.3)
+
+
 # ---------------------------------------------------------------------- what is compared
 
 
@@ -266,7 +278,7 @@ def test_intervals_of_a_simulated_arm_hold_the_truth(tmp_path: Path, capsys) -> 
     found = found_in(out)
     assert found.keys() == truth.keys()
     held = [found[n]['low'] <= value <= found[n]['high'] for n, value in truth.items()]
-    assert np.mean(held) >= 0.9
+    assert np.mean(held) > 0.85
     before = dict(zip(truth, values(make_model(believed, data), {}), strict=True))
     name = 'elbow.link_moment_x'
     assert abs(before[name] - truth[name]) > 10.0 * abs(found[name]['value'] - truth[name])

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 DESCRIPTION = (
     'Make a bag of a machine with known parameters: simulated by the slow reference, with noise, '
     'quantisation, jitter and lost samples. Parameters that are not set lie a quarter into their '
-    'bounds; all of them are printed and kept in the metadata of the bag.'
+    'bounds, links of an arm are as described; all of them are printed and kept in the metadata '
+    'of the bag.'
 )
 EXAMPLES = (
     '  ident simulate my_bag --machine config/tripod.yaml --seconds 14 --seed 1 \\\n'
