@@ -22,7 +22,8 @@ class Swinging(FullModel):
     """Two drives, each with an inertia on a motion of its own."""
 
     parameters = tuple(
-        Parameter(f'{d}.inertia', 'kg m^2', 0.0, 2.0, 'physical', 'Newton') for d in ('hip', 'knee')
+        Parameter(f'{name}.inertia', 'kg m^2', 0.0, 2.0, 'physical', 'Newton')
+        for name in ('hip', 'knee')
     )
     outputs = (Output('hip', 'N m'), Output('knee', 'N m'))
     measured = np.zeros((2, COUNT))

@@ -42,7 +42,7 @@ class Body:
 
 
 def about(axis: Array, angle: float | Array) -> Array:
-    """Return the (..., 3, 3) rotations by angles (...) [rad] about an axis of length 1 (Rodrigues)."""
+    """Return (..., 3, 3) rotations by angles (...) [rad] about an axis of length 1 (Rodrigues)."""
     cross, turn = skew(axis), np.asarray(angle, dtype=float)[..., None, None]
     out: Array = np.eye(3) + np.sin(turn) * cross + (1.0 - np.cos(turn)) * (cross @ cross)
     return out
@@ -214,7 +214,11 @@ def inverse_dynamics(
     count, instants = len(bodies), position.shape[1:]
     still = np.zeros((*instants, 3))
     frames: list[Array] = []
-    origins, axes, spins, bends, pulls = ([] for _ in range(5))  # type: ignore[var-annotated]
+    origins: list[Array] = []
+    axes: list[Array] = []
+    spins: list[Array] = []
+    bends: list[Array] = []
+    pulls: list[Array] = []
     for n, body in enumerate(bodies):
         if body.parent < 0:
             frame, origin, spin, bend, pull = np.eye(3), still, still, still, still - gravity
@@ -234,8 +238,10 @@ def inverse_dynamics(
             spin = spin + axis * rate
         frames.append(turned)
         origins.append(origin + arm)
-        for several, one in zip((axes, spins, bends, pulls), (axis, spin, bend, pull), strict=True):
-            several.append(one)
+        axes.append(axis)
+        spins.append(spin)
+        bends.append(bend)
+        pulls.append(pull)
     forces, torques = np.zeros((count, *instants, 3)), np.zeros((count, *instants, 3))
     out = np.empty((count, *instants))
     for n in reversed(range(count)):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Arms whose joints follow their set-points: what their motors make, instant by instant.
 
-Of every motor: (what links and counterbalance ask of it + J G^2 theta'') / G + friction, late in the
-log. Links by recursive Newton-Euler (`arm.py`), counterbalances by the way of their two anchors,
-couplings by the work that motors and joints have in common.
+Of every motor: (what links and counterbalance ask of it + J G^2 theta'') / G + friction, late in
+the log. Links by recursive Newton-Euler (`arm.py`), counterbalances by the way of their two
+anchors, couplings by the work that motors and joints have in common.
 """
 
 from collections.abc import Mapping, Sequence

@@ -139,7 +139,7 @@ _COUPLING = (
         shown=False,
         each=True,
     ),
-    Key('drive', 'coupling', 'rad/rad', "how far the motor turns with that joint, at its own's side",
+    Key('drive', 'coupling', 'rad/rad', 'how far it turns with that joint',
         1.0, absent='1 by default', default=1.0, low=-10.0, high=10.0, shown=False, each=True),
 )
 _BALANCE = (
@@ -227,7 +227,7 @@ KIND = Kind(
             shown=False,
             absent='none by default',
             low=-0.2,
-            meaning='how late the effort is in the log; below 0 where it is what a motor was asked',
+            meaning='how late the effort is in the log; below 0 where it is a command',
         ),
         *_LINKS,
         *_PAYLOAD,

@@ -20,10 +20,10 @@ _SOURCE = 'a cylinder or spring between two links, by virtual work'
 class Transmission:
     """The couplings and counterbalances of a machine file.
 
-    A motor's angle is that of its joint and, where a belt or a hollow wrist passes another joint, a
-    share of that joint's: theta = C q. Efforts of motors are C^-T times those of the joints, for the
-    power is the same. A counterbalance pulls at two points, each at a distance from the joint's
-    axis; its length l follows from the cosine rule, and it asks F dl/dq of the joint.
+    A motor's angle is that of its joint and, where a belt or a hollow wrist passes another joint,
+    a share of that joint's: theta = C q. Efforts of motors are C^-T times those of the joints, for
+    the power is the same. A counterbalance pulls at two points, each at a distance from the
+    joint's axis; its length l follows from the cosine rule, and it asks F dl/dq of the joint.
 
     Args:
         machine: The machine.
