@@ -197,7 +197,7 @@ def _motors(
         if other := machine.text('coupled_to', drive):
             ratio[d, drives.index(other)] = machine.number('coupling', drive)
     speed, bend = speed + ratio @ velocity, bend + ratio @ acceleration
-    efforts = np.linalg.solve(np.eye(len(drives)) + ratio.T, efforts)
+    efforts[:] = np.linalg.solve(np.eye(len(drives)) + ratio.T, joints)
     gear = machine.numbers('gear_factor')[:, None]
     gear = np.where(np.isfinite(gear), gear, 1.0)
     inertia, coulomb, viscous, offset = (
