@@ -133,7 +133,7 @@ _COUPLING = (
         'coupled_to',
         '',
         'joint with which the motor turns, too: a belt or a hollow wrist passes it',
-        '',
+        ('', '', 'joint_2'),
         absent='none by default',
         default='',
         shown=False,
