@@ -38,7 +38,7 @@ BOXES = {
 BUILT = '''
   gear_factor: [80.0, 1.0, 1.0, 60.0]
   coulomb_regularisation: 0.05
-  coupled_to: ['', '', '', elbow]
+  coupled_to: [none, none, none, elbow]
   coupling: -0.7
   balance_base: [0.0, 0.0, 0.7, 0.0]
   balance_arm: [0.0, 0.0, 0.15, 0.0]
@@ -148,8 +148,8 @@ def test_what_cannot_be_built_is_refused(tmp_path: Path) -> None:
         assert caught.value.code is ErrorCode.BAD_MACHINE_FILE
         return caught.value
 
-    assert "wrist is coupled_to 'knee'" in refusal("\n  coupled_to: ['', '', '', knee]\n").message
-    both = "\n  coupled_to: ['', '', wrist, elbow]\n"
+    assert "wrist is coupled_to 'knee'" in refusal("\n  coupled_to: [none, none, none, knee]\n").message
+    both = "\n  coupled_to: [none, none, wrist, elbow]\n"
     assert 'a joint that no motor moves' in refusal(both).message
     alone = refusal('', balance_force='[0.0, 1.0, N]').message
     assert 'nothing says where it pulls; add balance_base' in alone

@@ -194,7 +194,7 @@ def _motors(
     efforts, speed, bend = joints.copy(), velocity.copy(), acceleration.copy()
     ratio = np.zeros((len(drives), len(drives)))
     for d, drive in enumerate(drives):
-        if other := machine.text('coupled_to', drive):
+        if (other := machine.text('coupled_to', drive)) != 'none':
             ratio[d, drives.index(other)] = machine.number('coupling', drive)
     speed, bend = speed + ratio @ velocity, bend + ratio @ acceleration
     efforts[:] = np.linalg.solve(np.eye(len(drives)) + ratio.T, joints)

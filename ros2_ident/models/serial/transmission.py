@@ -116,7 +116,7 @@ def _coupled(machine: Machine) -> Array:
     out = np.eye(len(machine.drives))
     for d, drive in enumerate(machine.drives):
         other, share = machine.text('coupled_to', drive), machine.number('coupling', drive)
-        if not other:
+        if other == 'none':
             continue
         if other not in machine.drives or other == drive:
             raise IdentError(
