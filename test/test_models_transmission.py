@@ -148,8 +148,9 @@ def test_what_cannot_be_built_is_refused(tmp_path: Path) -> None:
         assert caught.value.code is ErrorCode.BAD_MACHINE_FILE
         return caught.value
 
-    assert "wrist is coupled_to 'knee'" in refusal("\n  coupled_to: [none, none, none, knee]\n").message
-    both = "\n  coupled_to: [none, none, wrist, elbow]\n"
+    strange = '\n  coupled_to: [none, none, none, knee]\n'
+    assert "wrist is coupled_to 'knee'" in refusal(strange).message
+    both = '\n  coupled_to: [none, none, wrist, elbow]\n'
     assert 'a joint that no motor moves' in refusal(both).message
     alone = refusal('', balance_force='[0.0, 1.0, N]').message
     assert 'nothing says where it pulls; add balance_base' in alone
