@@ -49,8 +49,16 @@ def check_both(
         The report; a finding that a line of the machine file can mend names it.
     """
     machine = file.machine
+    aside = machine is not None and not kind_of(machine).follows
+    if aside:
+        recordings = [replace(recording, command=None) for recording in recordings]
     report = check(recordings, machine, ('effort',) if machine is None else compared_of(machine))
-    findings = [_with_line(finding, file, recordings) for finding in report.findings]
+    findings = [
+        # Other links of an arm may drive a joint against its own inertia.
+        replace(said, level='warn') if aside and said.code == 'effort_sign' else said
+        for said in (_with_line(finding, file, recordings) for finding in report.findings)
+        if not (aside and said.code == 'no_command')
+    ]
     findings += check_machine(file)
     if machine is not None and kind_of(machine).from_bag:
         try:

@@ -18,6 +18,7 @@ from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model  # noqa: E402
 from ros2_ident.models.serial.arm import arm_of  # noqa: E402
+from ros2_ident.models.serial.model import Serial  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
 from ros2_ident.reference import arm as twin  # noqa: E402
 
@@ -310,7 +311,9 @@ REMEMBERING = {e.id for e in CATALOGUE.values() if e.keeps is not None}
 
 
 @pytest.mark.parametrize('effect', sorted(EFFECTS - OTHERWISE))
-def test_an_effect_at_a_joint_is_what_it_is_at_an_axis(effect: str) -> None:
+def test_an_effect_at_a_joint_is_what_it_is_at_an_axis(effect: str, monkeypatch) -> None:
+    # An axis's controller holds its effort for a cycle.
+    monkeypatch.setattr(Serial, '_ahead', 0.5)
     there = [EffectAt(effect, 'joint_0')]
     efforts = np.array([40.0])
     models = [make_model(m, moving(m), effects=there, efforts=efforts) for m in (slide(), axis())]

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 DESCRIPTION = (
     'Make a bag of a machine with known parameters: simulated by the slow reference, with noise, '
     'quantisation, jitter and lost samples. Parameters that are not set lie a quarter into their '
-    'bounds; all of them are printed and kept in the metadata of the bag.'
+    'bounds, links of an arm are as described; all of them are printed and kept in the metadata '
+    'of the bag.'
 )
 EXAMPLES = (
     '  ident simulate my_bag --machine config/tripod.yaml --seconds 14 --seed 1 \\\n'
@@ -95,6 +96,7 @@ def run(args: argparse.Namespace) -> int:
 
     from ros2_ident.cli.table import columns
     from ros2_ident.models import load_machine
+    from ros2_ident.models.registry import kind_of
     from ros2_ident.reference.bag_making import CLEAN, nuisance_of, simulate_bag, write_simulated
     from ros2_ident.reference.effects import parse_effect
     from ros2_ident.reference.motions import draw_motion
@@ -113,14 +115,21 @@ def run(args: argparse.Namespace) -> int:
         bag,
         {'command': shlex.join(['ident', *args.words]), 'parameters': json.dumps(truth)},
     )
-    units = {name: unit for name, (_, _, unit) in machine.bounds.items()}
+    units = {key.name: key.unit for key in kind_of(machine).keys}
+    units |= {name: unit for name, (_, _, unit) in machine.bounds.items()}
     rows = [
-        (name, f'{value:.6g}', units[name.rpartition('.')[2]]) for name, value in truth.items()
+        (name, f'{value:.6g}', _unit(units, name)) for name, value in truth.items()
     ]
     for line in columns(rows, (False, True, False)):
         print(line)
     print(f'written: {path}, {motion.seconds:.4g} s of the motion {args.motion}')
     return 0
+
+
+def _unit(units: dict[str, str], name: str) -> str:
+    """Return the unit of a parameter; `elbow.link_moment_x` has that of `link_moment`."""
+    tail = name.rpartition('.')[2]
+    return units.get(tail) or units[tail.rpartition('_')[0]]
 
 
 def _truth(machine: 'Machine', given: dict[str, float]) -> dict[str, float]:
@@ -131,10 +140,16 @@ def _truth(machine: 'Machine', given: dict[str, float]) -> dict[str, float]:
     """
     from ros2_ident.errors import ErrorCode, IdentError
     from ros2_ident.models.drives.candidates import SLOTS
+    from ros2_ident.reference import twin_of
 
-    truth: dict[str, float] = {}
-    left = dict(given)
+    described = twin_of(machine).described
+    # As described, unless some of it is set: elbow.link_mass, elbow.link_moment_x.
+    links = tuple(f'{drive}.{name}' for drive in machine.drives for name in described)
+    truth = {name: value for name, value in given.items() if name.startswith(links)}
+    left = {name: value for name, value in given.items() if name not in truth}
     for name, (low, high, _) in machine.bounds.items():
+        if name in described:
+            continue
         value = left.pop(name, low + QUARTER * (high - low))
         slot = SLOTS.get(name)
         own = {d: left.pop(f'{d}.{name}') for d in machine.drives if f'{d}.{name}' in left}

@@ -142,6 +142,12 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
             ErrorCode.INVALID_GOAL,
             f'a {model.name} has no joints with friction and gains; export machines of drives',
         )
+    if isinstance(model, Serial) and (model.transmission.coupled or model.transmission.balanced):
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            'none of the files has a place for couplings and counterbalances, and without them '
+            'the arm would be another one; take the result from result.json',
+        )
     names = [p.name for p in model.parameters]
     theta = fit = np.array([estimate.values[name] for name in names])
     links = None

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution, visibility
+from ros2_ident.gap.bursts import bursts
 from ros2_ident.gap.case import Case, Joint, Recordings, recordings_from, recordings_of
 from ros2_ident.gap.compose import compose
 from ros2_ident.gap.coordinates import motion_of
@@ -371,6 +372,8 @@ class _Passes:
         where: tuple[Finding, ...] = ()
         if not clock.stopped():
             where = _located(begun, base, self.seed)
+            if verdict.effect == UNKNOWN:
+                where = (*_in_bursts(begun, base), *where)
         testable = tuple(at for at, seen in visible.items() if seen < VISIBLE)
         return compose(
             begun.explainer,
@@ -396,6 +399,13 @@ def _located(begun: _Pass, base: Explanation, seed: int) -> tuple[Finding, ...]:
     motion = motion_of(model, joint.own(0, base.theta)[0])
     findings = localise(motion, rows, begun.explainer.floor, seed=seed)
     return tuple(f for f in findings if f.significant)
+
+
+def _in_bursts(begun: _Pass, base: Explanation) -> list[Finding]:
+    """Return the instants of the first recording at which something stands out."""
+    joint = begun.case.fit.with_effects(())
+    low, high, theta = (joint.own(0, x)[0] for x in (joint.low, joint.high, base.theta))
+    return bursts(joint.models[0], low, high, theta, begun.explainer.floor)
 
 
 def _readings(

@@ -20,7 +20,7 @@ _BINS = 24
 # A direction of motion with fewer samples has no line.
 _FEWEST = 100
 # Findings without an axis of their own are shown over time.
-_OVER_TIME = ('phase', 'offset', 'other drives')
+_OVER_TIME = ('phase', 'offset', 'other drives', 'instants')
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 """All gates on all recordings of a machine."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -14,7 +15,7 @@ from ros2_ident.gates.law import fit_law, Law
 from ros2_ident.gates.log import check_effort, check_streams
 from ros2_ident.gates.tracking import check_tracking, tracking_of
 from ros2_ident.models import Machine
-from ros2_ident.models.registry import compared_of
+from ros2_ident.models.registry import compared_of, kind_of
 from ros2_ident.recording import Dataset
 
 # Share of an effort that the law of its drive explains where the two belong together.
@@ -77,7 +78,7 @@ def _of_one(
         # law without an integral part may follow late and stop short.
         return GateReport(tuple(found))
     for drive in drives:
-        found += check_effort(machine, data, drive)
+        found += _doubted(machine, check_effort(machine, data, drive))
         found += check_coupling(machine, data, drive)
     tracking = tracking_of(data, drives)
     apart: list[Gate] = []
@@ -89,7 +90,9 @@ def _of_one(
             # A law that is fed with another drive's motion, or in other units, says nothing new.
             return GateReport((*found, *apart))
     if data.command_position is None:
-        return GateReport((*found, NO_COMMAND))
+        # A kind that follows none needs none.
+        missed = (NO_COMMAND,) if kind_of(machine).follows else ()
+        return GateReport((*found, *missed))
     if not (machine.known('position_gain') and machine.known('velocity_gain')):
         return GateReport((*found, *apart))
     laws: list[Law] = []
@@ -116,6 +119,21 @@ def _of_one(
     known = {gate.drive for gate in said if gate.gate == 'offset'}
     apart = [gate for gate in apart if gate.drive not in known and not swapped]
     return GateReport((*found, *apart, *said, *swapped), tuple(laws))
+
+
+def _doubted(machine: Machine, gates: Sequence[Gate]) -> list[Gate]:
+    """Return the findings on a drive's effort as far as its own motion can tell.
+
+    The other links of an arm may drive a joint against its own inertia.
+    """
+    if kind_of(machine).follows:
+        return list(gates)
+    return [
+        replace(gate, level='warn', contradicts=False)
+        if gate.gate == 'sign' and gate.level == 'fail' and math.isfinite(gate.number)
+        else gate
+        for gate in gates
+    ]
 
 
 def _upright(law: Law) -> bool:

@@ -285,6 +285,8 @@ def _aligned(
 ) -> Dataset:
     """Align all drives of the machine; only the chosen ones need what is compared."""
     everyone = chosen == machine.drives
+    if not kind_of(machine).follows:
+        recording = replace(recording, command=None)
     need = tuple(quantities) if everyone else ()
     dataset = align(
         recording,

@@ -144,7 +144,8 @@ def solve(
     report = _examined(problem)
     watch = _Watch(on_progress) if on_progress and settings.budget.seconds is None else None
     if settings.method == 'algebraic':
-        found = algebraic.solve(problem, settings.decimation, settings.level)
+        thinned = any(model.thinned for model in problem.models)
+        found = algebraic.solve(problem, 1 if thinned else settings.decimation, settings.level)
     else:
         with Journal(checkpoint, f'{problem.key} {seed} {settings.genetic}') as journal:
             found = fit(

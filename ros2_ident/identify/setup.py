@@ -75,7 +75,8 @@ class Setup:
             for name in machine.bounds
             if drive not in drives and name in SLOTS and not SLOTS[name].shared
         ]
-        fixed = _expanded([*known, *followers], machine, dict(self.fixed or {}), 'fixed')
+        everywhere, somewhere = self._held()
+        fixed = _expanded([*known, *followers], machine, everywhere, 'fixed')
         models = [
             make_model(
                 machine,
@@ -91,10 +92,30 @@ class Setup:
             for d in datasets
         ]
         layout = Layout(models, self.data.labels, self.conditions)
+        if somewhere:
+            own = [p.name for p in layout.parameters]
+            held = _expanded(own, machine, somewhere, 'fixed')
+            layout = Layout(models, self.data.labels, self.conditions, held)
+            fixed |= held
         names = dict.fromkeys([*(p.name for p in layout.parameters), *known])
         changed = _expanded(list(names), machine, dict(self.bounds or {}), 'bounded')
         _check_overrides(fixed, changed)
         return Problem(models, layout, bounds=changed, fixed=fixed, setup=self)
+
+    def _held(self) -> tuple[dict[str, float], dict[str, float]]:
+        """Return what is held in every recording, and what in one of these."""
+        given = dict(self.fixed or {})
+        somewhere = {name: value for name, value in given.items() if '@' in name}
+        everywhere = {name: value for name, value in given.items() if '@' not in name}
+        if self.data.held_out is not None or len(set(self.data.labels)) > 1:
+            return everywhere, somewhere
+        # A part of one recording knows nothing of the others' values.
+        here = {
+            name: value
+            for name, value in somewhere.items()
+            if name.partition('@')[2] in self.data.labels
+        }
+        return everywhere, here if self.data.labels else somewhere
 
     def lean(self) -> 'Setup':
         """Return it without what only the process that reads the bag needs."""

@@ -64,6 +64,7 @@ class Kind:
             do is found to be another machine's.
         alike: Whether its drives are of one make and logged alike, so that one noise is that of
             all.
+        follows: Whether its controllers follow a set-point; where not, a logged one is left out.
         joints: Returns the joints of a description, which its key that names a file holds; None
             where it has no such key.
 
@@ -89,6 +90,7 @@ class Kind:
     scene: Callable[[Machine, Array], Figure | None] | None = None
     coupled: bool = True
     alike: bool = False
+    follows: bool = True
     joints: Callable[[str], tuple[str, ...]] | None = None
 
     def __post_init__(self) -> None:

@@ -143,6 +143,11 @@ class FullModel(ABC):
         return None
 
     @property
+    def thinned(self) -> bool:
+        """Whether `measured` is what a low-pass left, as often as that needs."""
+        return False
+
+    @property
     def travel(self) -> tuple[str, float]:
         """Unit of the drives' positions, and how many of them stand for a metre."""
         unit = 'm' if self.machine is None else self.machine.travel_unit

@@ -8,7 +8,6 @@ conventions of the table: Craig, Introduction to Robotics, section 3.4.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-import math
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -42,10 +41,10 @@ class Body:
     inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
 
-def about(axis: Array, angle: float) -> Array:
-    """Return the (3, 3) rotation by an angle [rad] about an axis of length 1 (Rodrigues)."""
-    cross = skew(axis)
-    out: Array = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+def about(axis: Array, angle: float | Array) -> Array:
+    """Return (..., 3, 3) rotations by angles (...) [rad] about an axis of length 1 (Rodrigues)."""
+    cross, turn = skew(axis), np.asarray(angle, dtype=float)[..., None, None]
+    out: Array = np.eye(3) + np.sin(turn) * cross + (1.0 - np.cos(turn)) * (cross @ cross)
     return out
 
 
@@ -200,61 +199,70 @@ def gravity_in_base(size: float, roll: float, pitch: float) -> Array:
 def inverse_dynamics(
     bodies: Sequence[Body], gravity: Array, position: Array, velocity: Array, acceleration: Array
 ) -> Array:
-    """Return what the bodies ask of the joints in one instant.
+    """Return what the bodies ask of the joints, in one instant or in several.
 
     Args:
         bodies: Each behind the one that carries it.
         gravity: (3,) acceleration of free fall in the base, m/s^2.
-        position: (D,) rad or m.
-        velocity: (D,).
-        acceleration: (D,).
+        position: (D,) or (D, K), rad or m.
+        velocity: Likewise.
+        acceleration: Likewise.
 
     Returns:
-        (D,) N m or N.
+        (D,) or (D, K) N m or N.
     """
-    count = len(bodies)
-    frames = np.empty((count, 3, 3))
-    origins, axes, spins, bends, pulls = (np.empty((count, 3)) for _ in range(5))
+    count, instants = len(bodies), position.shape[1:]
+    still = np.zeros((*instants, 3))
+    frames: list[Array] = []
+    origins: list[Array] = []
+    axes: list[Array] = []
+    spins: list[Array] = []
+    bends: list[Array] = []
+    pulls: list[Array] = []
     for n, body in enumerate(bodies):
         if body.parent < 0:
-            frame, origin, spin, bend, pull = (
-                np.eye(3),
-                np.zeros(3),
-                np.zeros(3),
-                np.zeros(3),
-                -gravity,
-            )
+            frame, origin, spin, bend, pull = np.eye(3), still, still, still, still - gravity
         else:
             p = body.parent
             frame, origin, spin, bend, pull = frames[p], origins[p], spins[p], bends[p], pulls[p]
+        at, rate, change = (x[n][..., None] for x in (position, velocity, acceleration))
         turned = frame @ body.turn
-        axis = turned @ body.axis
-        arm = frame @ body.place + (axis * position[n] if body.slides else 0.0)
+        axis = turned @ body.axis + still
+        arm = frame @ body.place + (axis * at if body.slides else still)
         pull = pull + np.cross(bend, arm) + np.cross(spin, np.cross(spin, arm))
         if body.slides:
-            pull = pull + axis * acceleration[n] + 2.0 * np.cross(spin, axis) * velocity[n]
+            pull = pull + axis * change + 2.0 * np.cross(spin, axis) * rate
         else:
             turned = turned @ about(body.axis, position[n])
-            bend = bend + axis * acceleration[n] + np.cross(spin, axis) * velocity[n]
-            spin = spin + axis * velocity[n]
-        frames[n], origins[n], axes[n] = turned, origin + arm, axis
-        spins[n], bends[n], pulls[n] = spin, bend, pull
-    forces, torques = np.zeros((count, 3)), np.zeros((count, 3))
-    out = np.empty(count)
+            bend = bend + axis * change + np.cross(spin, axis) * rate
+            spin = spin + axis * rate
+        frames.append(turned)
+        origins.append(origin + arm)
+        axes.append(axis)
+        spins.append(spin)
+        bends.append(bend)
+        pulls.append(pull)
+    forces, torques = np.zeros((count, *instants, 3)), np.zeros((count, *instants, 3))
+    out = np.empty((count, *instants))
     for n in reversed(range(count)):
-        body = bodies[n]
+        body, spin, bend = bodies[n], spins[n], bends[n]
         moment = frames[n] @ body.moment
-        inertia = frames[n] @ body.inertia @ frames[n].T
-        spin, bend = spins[n], bends[n]
+        inertia = frames[n] @ body.inertia @ np.swapaxes(frames[n], -1, -2)
         force = (
             body.mass * pulls[n] + np.cross(bend, moment) + np.cross(spin, np.cross(spin, moment))
         )
-        torque = inertia @ bend + np.cross(spin, inertia @ spin) + np.cross(moment, pulls[n])
+        swung = _times(inertia, spin)
+        torque = _times(inertia, bend) + np.cross(spin, swung) + np.cross(moment, pulls[n])
         forces[n] += force
         torques[n] += torque
-        out[n] = float(axes[n] @ (forces[n] if body.slides else torques[n]))
+        out[n] = (axes[n] * (forces[n] if body.slides else torques[n])).sum(axis=-1)
         if body.parent >= 0:
             p = body.parent
             forces[p] += forces[n]
             torques[p] += torques[n] + np.cross(origins[n] - origins[p], forces[n])
     return out
+
+
+def _times(matrix: Array, vector: Array) -> Array:
+    """Return products of matrices (..., 3, 3) and vectors (..., 3)."""
+    return np.asarray((matrix @ vector[..., None])[..., 0])

@@ -37,6 +37,8 @@ class Twin:
         set_points: `set_points(points, speeds, machine)`: set-points (D, K) and their derivatives
             of a way (M, K) through its space.
         platform: Whether its drives carry a platform on rods.
+        described: Parameters that a description holds: true as described where nobody says
+            otherwise.
     """
 
     kind: str
@@ -45,6 +47,7 @@ class Twin:
     space: Callable[[Machine], Space]
     set_points: Callable[[Array, Array, Machine], tuple[Array, Array]] = _as_they_are
     platform: bool = False
+    described: tuple[str, ...] = ()
 
 
 @functools.cache

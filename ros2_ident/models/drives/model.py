@@ -448,13 +448,24 @@ class DriveModel(FullModel):
 
             # A slow log holds nothing above half its rate, and its smoothing needs some room.
             rate = np.isfinite(data.position[order]).mean() / data.cycle
-            cutoff = min(self.cutoff, 0.2 * float(rate))
-            # A commanded torque holds until the next cycle: what it caused is, on average, the
-            # motion half a cycle later.
-            ahead = 0.0 if self._closed else _HOLD
-            smooth = smooth_motion(data.position[order], data.cycle, cutoff, ahead)
+            cutoff = min(self.cutoff, self._passband, 0.2 * float(rate))
+            smooth = smooth_motion(data.position[order], data.cycle, cutoff, self._ahead)
             motion = np.concatenate([np.asarray(part).ravel() for part in smooth])
         return command, motion, mode
+
+    @property
+    def _passband(self) -> float:
+        """Low-pass of the recorded motion that the machine asks for, Hz."""
+        return math.inf
+
+    @property
+    def _ahead(self) -> float:
+        """Cycles by which the motion that belongs to an effort is later than its cycle begins.
+
+        A commanded torque holds until the next cycle: what it caused is, on average, the motion
+        half a cycle later.
+        """
+        return 0.0 if self._closed else _HOLD
 
     @property
     def _flags(self) -> npt.NDArray[np.int64] | None:
@@ -516,18 +527,20 @@ class DriveModel(FullModel):
         """Return (S, R) what `simulate` does where `there` (O, K) holds, output by output."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
         out = np.empty((len(theta), int(there.sum())))
-        if not self.candidates.smoothed.any():
+        if not self._as_a_whole:
             return self._simulated(theta, self.signals.task(there, out))
         for first in range(0, len(theta), _WHOLE):
             part = slice(first, first + _WHOLE)
             out[part] = self._smoothed(theta[part])[:, there]
         return out
 
-    def _smoothed(self, theta: Array) -> Array:
-        """Return (S, O, K) outputs of candidates (S, N) whose log is smoothed.
+    @property
+    def _as_a_whole(self) -> bool:
+        """Whether outputs are made of the log as a whole, which the kernels never have."""
+        return bool(self.candidates.smoothed.any())
 
-        That takes the log as a whole, which the kernels never have.
-        """
+    def _smoothed(self, theta: Array) -> Array:
+        """Return (S, O, K) outputs of candidates (S, N) whose log is smoothed."""
         every = np.ones((len(self.signals), self._cycles), dtype=bool)
         task = self.signals.task(every, np.empty((len(theta), every.size)))
         out: Array = self._simulated(theta, task).reshape(-1, *every.shape)
@@ -606,7 +619,7 @@ class DriveModel(FullModel):
             it is a lower bound of the cost.
         """
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
-        if self.candidates.smoothed.any():
+        if self._as_a_whole:
             return super().costs(theta, limit, stop)
         limits = np.empty(len(theta))
         limits[:] = limit

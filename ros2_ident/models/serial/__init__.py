@@ -39,6 +39,17 @@ def _of_payload(name: str, unit: str, example: tuple[float, float], meaning: str
     return Key('parameters', name, unit, meaning, example, low=-1e3, high=1e3, shown=False)
 
 
+def _of_balance(
+    name: str, unit: str, meaning: str, example: float, default: float, low: float = 0.0,
+    high: float = math.inf, absent: str = '0 by default',
+) -> Key:
+    """Return a constant of a counterbalance; where both distances are 0 there is none."""
+    return Key(
+        'drive', f'balance_{name}', unit, meaning, example, absent=absent, default=default,
+        low=low, high=high, shown=False, each=True,
+    )  # fmt: skip
+
+
 _GEOMETRY = (
     Key(
         'geometry',
@@ -116,6 +127,33 @@ _DRIVE = (
         each=True,
     ),
 )
+_COUPLING = (
+    Key(
+        'drive',
+        'coupled_to',
+        '',
+        'joint with which the motor turns, too: a belt or a hollow wrist passes it',
+        ('none', 'none', 'joint_2'),
+        absent='none by default',
+        default='none',
+        shown=False,
+        each=True,
+    ),
+    Key('drive', 'coupling', 'rad/rad', 'how far it turns with that joint',
+        1.0, absent='1 by default', default=1.0, low=-10.0, high=10.0, shown=False, each=True),
+)
+_BALANCE = (
+    _of_balance('base', 'm', "a counterbalance's anchor before the joint, from its axis", 0.8,
+                0.0, high=10.0),
+    _of_balance('arm', 'm', 'its anchor behind the joint, from the axis', 0.2, 0.0, high=10.0),
+    _of_balance('angle', 'rad', 'position where it is shortest', -1.57, 0.0, low=-10.0, high=10.0),
+    _of_balance('stroke', 'm', "way from there that would leave its gas no room, of a gas's force "
+                'F/(1 - way/stroke)', 0.6, math.inf, low=1e-3, absent='a spring by default'),
+    _of_balance('force', 'N', 'force with which it pulls where it is shortest', 1e4, 0.0, low=-1e6,
+                high=1e6),
+    _of_balance('rate', 'N/m', 'by which its force grows with its length', 1e4, 0.0, low=-1e8,
+                high=1e8),
+)
 _LINKS = (
     _found(
         'link_mass', 'kg', "of the links, as far from the description's", (-20.0, 20.0),
@@ -155,6 +193,14 @@ def _judge(draft: Draft) -> Iterator[Remark]:
             f'geometry has neither a description nor {missing}; add `description: arm.urdf`, or '
             f'the table of {", ".join(_TABLE)}',
         )
+    sought = [key.name for key in _BALANCE if draft.states('parameters', key.name)]
+    if sought and not all(draft.states('drive', f'balance_{x}') for x in ('base', 'arm')):
+        yield Remark(
+            'error',
+            ('parameters', sought[0]),
+            f'{sought[0]} is to be found, and nothing says where it pulls; add balance_base and '
+            'balance_arm to drive, 0 for joints without a counterbalance',
+        )
     if described and table:
         yield Remark(
             'warn',
@@ -170,15 +216,28 @@ KIND = Kind(
         *head('serial', ('joint_1', 'joint_2', 'joint_3'), noise=0.1),
         *_GEOMETRY,
         *_DRIVE,
+        *_COUPLING,
+        *_BALANCE,
         Key('controller', 'cycle', 's', 'period of the log', 0.008, low=1e-6, high=0.05),
-        keys.DELAY.at((0.0, 0.05), shown=False, absent='none by default'),
+        Key('controller', 'bandwidth', 'Hz', 'compare what is slower; what is faster shakes links '
+            'and gears that are rigid here', 10.0, absent='all of it by default',
+            default=math.inf, low=0.1, high=1e4, shown=False),
+        keys.DELAY.at(
+            (0.0, 0.05),
+            shown=False,
+            absent='none by default',
+            low=-0.2,
+            meaning='how late the effort is in the log; below 0 where it is a command',
+        ),
         *_LINKS,
         *_PAYLOAD,
         *_OF_DRIVES,
         *(key.searched() for key in _DRIVE if key.name == 'coulomb_regularisation'),
+        *(key.searched(0.0) for key in _BALANCE if key.name in ('balance_force', 'balance_rate')),
     ),
     model=later('ros2_ident.models.serial.model:Serial'),
     judge=_judge,
     travel='rad',
+    follows=False,
     joints=later('ros2_ident.models.serial.arm:joints_in'),
 )

@@ -18,6 +18,14 @@ from ros2_ident.models.protocol import Output
 from ros2_ident.models.serial.arm import Arm, arm_of
 from ros2_ident.models.serial.kernel import room_for, simulate, state_for
 from ros2_ident.models.serial.parameters import Inertials
+from ros2_ident.models.serial.transmission import Transmission
+from ros2_ident.recording.motion import fill_gaps
+from ros2_ident.recording.smooth import low_pass
+
+# The motion is kept up to so many times the band in which efforts are compared: friction turns
+# over faster than the efforts. Of what is compared so many samples are kept for a period of the
+# band's end; of both ends so many periods are left out, where nothing tells the acceleration.
+_WIDER, _KEPT, _ENDS = 5.0, 4.0, 0.5
 
 
 class Serial(DriveModel):
@@ -37,15 +45,106 @@ class Serial(DriveModel):
         return Inertials(self.machine, self.arm)
 
     @functools.cached_property
+    def transmission(self) -> Transmission:
+        """What stands between motors and links."""
+        return Transmission(self.machine)
+
+    @property
+    def _followed(self) -> Array:
+        """(3, D, K) the joints' motion that drives the model, by `_lead` ahead of the log."""
+        out: Array = self._motion.reshape(3, len(self.machine.drives), -1)
+        return out
+
+    @functools.cached_property
+    def _driven(self) -> Array:
+        """(3 * D * K,) the motion of the motors."""
+        out: Array = np.einsum('de,xek->xdk', self.transmission.motors, self._followed)
+        return np.ascontiguousarray(out).ravel()
+
+    @functools.cached_property
     def _terms(self) -> Array:
-        """(D, K, B) terms along the recorded motion, made once."""
-        return self.inertials.terms(self.arm.terms(*self.motion))
+        """(D, K, B) terms of the motors' efforts along the recorded motion, made once."""
+        links = self.inertials.terms(self.arm.terms(*self._followed))
+        balance = self.transmission.terms(self._followed[0])
+        joints = np.concatenate([links, balance], axis=2)
+        return np.ascontiguousarray(self.transmission.at_motors(joints))
 
     @property
     def motion(self) -> Array:
-        """(3, D, K) the motion that drives the model: position, velocity, acceleration."""
-        out: Array = self._motion.reshape(3, len(self.machine.drives), -1)
+        """(3, D, K) the joints' motion: position, velocity, acceleration."""
+        if not self._lead:
+            return self._followed
+        time = np.arange(self._followed.shape[2]) * self.cycle
+        rows = self._followed.reshape(-1, len(time))
+        back = [np.interp(time - self._lead, time, row) for row in rows]
+        return np.array(back).reshape(self._followed.shape)
+
+    @functools.cached_property
+    def _lead(self) -> float:
+        """How long before its motion an effort may stand in the log, s."""
+        name = 'measurement_delay'
+        low = self.machine.bounds[name][0] if name in self.machine.bounds else 0.0
+        return max(0.0, -min(low, self.fixed.get(name, 0.0)))
+
+    @property
+    def _ahead(self) -> float:
+        # Its cycle is that of the log: an arm's controllers are faster, and hold hardly anything.
+        return self._lead / self.cycle
+
+    @functools.cached_property
+    def _band(self) -> float:
+        """Frequency up to which efforts are compared, Hz."""
+        return self.machine.number('bandwidth')
+
+    @property
+    def _passband(self) -> float:
+        return _WIDER * self._band
+
+    @property
+    def thinned(self) -> bool:
+        """Whether a band is compared, not the log as it is."""
+        return bool(np.isfinite(self._band))
+
+    @property
+    def _as_a_whole(self) -> bool:
+        return super()._as_a_whole or self.thinned
+
+    def _smoothed(self, theta: Array) -> Array:
+        out = super()._smoothed(theta)
+        if self.thinned:
+            for log in out:
+                log[:] = low_pass(log, self.cycle, self._band) if np.isfinite(log).all() else log
         return out
+
+    @functools.cached_property
+    def _in_band(self) -> Array:
+        """(O, K) the measured efforts below the band's end, as often as they need it."""
+        measured = self.signals.measured(self.data)
+        cycles = measured.shape[1]
+        stride = max(1, int(1.0 / (_KEPT * self._band * self.cycle)))
+        ends = int(_ENDS / (self._band * self.cycle))
+        kept = np.arange(ends, cycles - ends, stride)
+        out = np.full_like(measured, np.nan)
+        for row, own in zip(measured, out, strict=True):
+            samples = np.flatnonzero(np.isfinite(row))
+            smooth = low_pass(fill_gaps(row)[None], self.cycle, self._band)[0]
+            nearest = np.searchsorted(samples, kept - stride)
+            seen = kept[np.searchsorted(samples, kept + stride) > nearest]
+            own[seen] = smooth[seen]
+        return out
+
+    @property
+    def measured(self) -> Array:
+        """(O, K) the measured efforts, NaN where nothing is compared."""
+        if not self.thinned:
+            return super().measured
+        if self._compared is None:
+            return self._in_band
+        return np.where(self._compared, self._in_band, np.nan)
+
+    def effort_delay(self, theta: Array) -> Array:
+        """Return (D,) how late each drive's effort is logged [s], for one candidate (N,)."""
+        return super().effort_delay(theta) - self._lead
 
     def links_effort(self, change: Array) -> Array:
         """Return (D, K) what links ask that differ from the description by (D, 10) inertials."""
@@ -91,7 +190,7 @@ class Serial(DriveModel):
         return replace(super().context, lifted=True)
 
     def _own(self) -> Mapping[str, Sequence[Parameter]]:
-        return self.inertials.parameters
+        return {**self.inertials.parameters, **self.transmission.parameters}
 
     def _constants(self) -> Array:
         base: Array = rows.neutral_rows(1, len(self.machine.drives))[0]
@@ -101,8 +200,11 @@ class Serial(DriveModel):
     def rows(self, theta: Array) -> Array:
         """Return (S, R + B) kernel rows of (S, N) candidates, coefficients of the links behind."""
         block = self.candidates.rows(theta)
-        own = self.candidates.own_values(theta)
-        return np.concatenate([block, self.inertials.coefficients(own, len(block))], axis=1)
+        for d in range(len(self.machine.drives)):
+            block[:, rows.row_of('log_delay', d)] += self._lead
+        own, count = self.candidates.own_values(theta), len(block)
+        balance = np.reshape(self.transmission.coefficients(own, count), (-1, count)).T
+        return np.concatenate([block, self.inertials.coefficients(own, count), balance], axis=1)
 
     def finer(self, theta: Array) -> None:
         """Return None: nothing is integrated."""
@@ -123,7 +225,7 @@ class Serial(DriveModel):
             end,
             self._terms,
             self._firsts,
-            self._motion,
+            self._driven,
             self._flags,
             self.cycle,
             *task,
