@@ -46,8 +46,8 @@ EXAMPLES = (
     '\n'
     'writes to DIR: result.json and result.yaml (the same content), history.npz (every\n'
     'candidate), signals.npz (measured and simulated effort), overlay (a bag with the measured,\n'
-    'simulated and residual effort, the result, and of a tripod its motion as markers for RViz\n'
-    'and Foxglove), report.html (all of it as a page); identify.checkpoint while it runs, and\n'
+    'simulated and residual effort, the result, and of a tripod or an arm its motion as markers for\n'
+    'RViz and Foxglove), report.html (all of it as a page); identify.checkpoint while it runs, and\n'
     'where it was cut short\n'
 )
 EXIT_CODES = {

@@ -180,5 +180,6 @@ KIND = Kind(
     model=later('ros2_ident.models.serial.model:Serial'),
     judge=_judge,
     travel='rad',
+    scene=later('ros2_ident.models.serial.scene:figure'),
     joints=later('ros2_ident.models.serial.arm:joints_in'),
 )
