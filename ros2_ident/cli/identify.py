@@ -28,9 +28,10 @@ from ros2_ident.cli.arguments import (
     whole,
     workers_of,
 )
+from ros2_ident.cli.report import add_page, live_page, page_line
 
 if TYPE_CHECKING:
-    from ros2_ident.identify.settings import IdentifySettings
+    from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
 
 DESCRIPTION = (
     "Identify a machine's parameters from a bag: the paper's genetic algorithm, a local "
@@ -46,9 +47,9 @@ EXAMPLES = (
     '\n'
     'writes to DIR: result.json and result.yaml (the same content), history.npz (every\n'
     'candidate), signals.npz (measured and simulated effort), overlay (a bag with the measured,\n'
-    'simulated and residual effort, the result, and of a tripod or an arm its motion as markers for\n'
-    'RViz and Foxglove), report.html (all of it as a page); identify.checkpoint while it runs, and\n'
-    'where it was cut short\n'
+    'simulated and residual effort, the result, and of a tripod or an arm its motion as markers\n'
+    'for RViz and Foxglove), report.html (all of it as a page); while it runs, progress.js with\n'
+    '--live, and identify.checkpoint, which stays where it was cut short\n'
 )
 EXIT_CODES = {
     0: 'identified',
@@ -84,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     complete(bounds, parameters)
     add_outputs(parser)
     parser.add_argument('--no-overlay', action='store_true', help='write no overlay bag')
-    parser.add_argument('--no-report', action='store_true', help='write no report.html')
+    add_page(parser)
     parser.add_argument('--quiet', action='store_true', help='show no progress')
     _add_search(parser)
     add_effort(parser)
@@ -166,7 +167,6 @@ def run(args: argparse.Namespace) -> int:
     """Identify, write the results, print them."""
     from ros2_ident.cli.interrupt import interrupts
     from ros2_ident.cli.progress import make_meter
-    from ros2_ident.cli.report import page_line
     from ros2_ident.cli.table import print_result
     from ros2_ident.files import make_directory
     from ros2_ident.identify.outputs import checked
@@ -198,7 +198,28 @@ def run(args: argparse.Namespace) -> int:
     checkpoint = out / CHECKPOINT
     if not args.resume:
         forget(checkpoint)
-    with interrupts() as cancel, make_meter(quiet=args.quiet) as meter:
+    shown = None
+    if args.live:
+        shown = problem_of(
+            machine,
+            data,
+            drives=args.drives,
+            fixed=fixed,
+            bounds=bounds,
+            conditions=conditions,
+            outputs=outputs,
+        )
+    with (
+        live_page(args, out, data, shown) as live,
+        interrupts() as cancel,
+        make_meter(quiet=args.quiet) as meter,
+    ):
+
+        def tell(progress: 'IdentifyProgress') -> None:
+            meter(progress)
+            if live is not None:
+                live.identifying(progress)
+
         result = identify(
             machine,
             data,
@@ -210,7 +231,7 @@ def run(args: argparse.Namespace) -> int:
             settings=settings,
             seed=args.seed,
             cancel=cancel,
-            on_progress=meter,
+            on_progress=tell,
             workers=workers_of(args),
             checkpoint=checkpoint,
         )
@@ -235,7 +256,7 @@ def run(args: argparse.Namespace) -> int:
                 # whoever cancels wants it to end
                 moving=result.outcome is not Outcome.CANCELLED,
             )
-    page = page_line(out, wanted=not args.no_report)
+        page = page_line(out, wanted=not args.no_report)
     if result.outcome not in (Outcome.CANCELLED, Outcome.BUDGET_SPENT):
         forget(checkpoint)  # all is written that it could lead to
     # last: whoever reads the output may leave early, as `head` does
