@@ -2,7 +2,9 @@
 """`ident diagnose`: where the gap to the log lies, what causes it, how far it closes."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
+import time
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
@@ -118,12 +120,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose, write the result, print it."""
+    begun = time.monotonic()
     from ros2_ident.effects import add_effect_files
 
     # Before the simulations are composed of the effects there are.
     add_effect_files(args.effect)
     from ros2_ident.cli.interrupt import interrupts
-    from ros2_ident.cli.progress import FractionMeter
+    from ros2_ident.cli.progress import FractionMeter, WRITING
     from ros2_ident.files import make_directory
     from ros2_ident.gap.diagnose import diagnose
     from ros2_ident.gap.verdict import REFUSED
@@ -155,10 +158,12 @@ def run(args: argparse.Namespace) -> int:
         if progress.best_so_far != said:
             said = progress.best_so_far
             meter.note(f'so far: {said}')
-        meter(progress.fraction, progress.stage)
+        progress = replace(progress, eta=progress.eta + writing)
+        meter(progress.fraction, progress.stage, progress.eta)
         if live is not None:
             live.diagnosing(progress)
 
+    writing = WRITING * (time.monotonic() - begun) if out is not None else 0.0
     with (
         live_page(args, out, fit) as live,
         FractionMeter(quiet=args.quiet) as meter,

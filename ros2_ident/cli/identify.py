@@ -3,6 +3,7 @@
 
 import argparse
 from dataclasses import replace
+import time
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
@@ -165,8 +166,9 @@ def settings_of(args: argparse.Namespace) -> 'IdentifySettings':
 
 def run(args: argparse.Namespace) -> int:
     """Identify, write the results, print them."""
+    begun = time.monotonic()
     from ros2_ident.cli.interrupt import interrupts
-    from ros2_ident.cli.progress import make_meter
+    from ros2_ident.cli.progress import make_meter, WRITING
     from ros2_ident.cli.table import print_result
     from ros2_ident.files import make_directory
     from ros2_ident.identify.outputs import checked
@@ -215,7 +217,10 @@ def run(args: argparse.Namespace) -> int:
         make_meter(quiet=args.quiet) as meter,
     ):
 
+        writing = WRITING * (time.monotonic() - begun)
+
         def tell(progress: 'IdentifyProgress') -> None:
+            progress = replace(progress, eta=progress.eta + writing)
             meter(progress)
             if live is not None:
                 live.identifying(progress)
