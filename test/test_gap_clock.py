@@ -48,7 +48,8 @@ def run(sizes: list[float], before: float, lengths: list[float], end: float) -> 
 @pytest.mark.parametrize(
     ('sizes', 'before', 'lengths', 'end'),
     [
-        ([], 3.0, [], 1.2),  # a bundled axis, where nothing is missing
+        ([], 3.0, [], 1.6),  # a bundled axis, where nothing is missing
+        ([], 4.3, [], 3.3),  # a bundled tripod, likewise
         ([3.2], 12.4, [11.5], 3.0),  # a tripod with Stribeck friction
         ([7.4, 5.6, 5.1, 4.5], 7.0, [7.5, 7.6, 7.5, 12.0], 3.0),  # the axis of EMPS
     ],
@@ -66,7 +67,7 @@ def test_the_time_to_go_is_honest_to_a_factor_of_two(
         most = 2.0 if progress in begins else 3.5
         assert left / most <= progress.eta <= most * left, progress
     shares = [p.fraction for _, p in seen]
-    assert shares == sorted(shares) and 0.8 < shares[-1] < 1.0
+    assert shares == sorted(shares) and 0.7 < shares[-1] < 1.0
 
 
 def test_a_round_that_outlasts_the_others_is_not_about_to_end() -> None:

@@ -15,8 +15,9 @@ import time
 KNOWN = 0.05
 # Rounds for each doubling of the gap over the noise floor, as on tripods, axes and arms.
 _ROUNDS = 1.2
-# The end takes this share of what stood before the rounds.
-_END = 0.3
+# The end takes this share of what stood before the rounds; where there are none, the noise is told
+# and all effects are looked at in it.
+_END, _END_ALONE = 0.3, 0.8
 # A round that has outlasted the others takes this share of its time longer.
 _LATE = 0.25
 
@@ -88,12 +89,12 @@ class Clock:
         Args:
             size: The gap that is left, in units of the noise floor; 0 for the end.
         """
-        expected = _ROUNDS * math.log2(max(1.0, size))
+        expected = max(1.0, _ROUNDS * math.log2(max(1.0, size))) if size else 0.0
         if not self._starts:
             self._before, self._expected = self.elapsed, expected
         left = min(expected, self._expected - len(self._starts))
         self._starts.append(self.elapsed)
-        self._left = max(1.0, left) if size else 0.0
+        self._left = max(1.0, left) if expected else 0.0
 
     def step(self, share: float, text: str) -> None:
         """Report a share of the present stage."""
@@ -114,7 +115,7 @@ class Clock:
     def _later(self) -> float:
         """Return the time to go from the rounds on, s."""
         spent = self.elapsed - self._starts[-1]
-        end = _END * self._before
+        end = (_END if self._expected else _END_ALONE) * self._before
         if not self._left:
             return max(end - spent, _LATE * spent)
         past = len(self._starts) - 1
