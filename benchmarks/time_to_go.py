@@ -51,10 +51,11 @@ def main() -> int:
         if now - begin >= FROM * (end - begin) and end - now > 1.0 and not math.isnan(eta)
     ]
     off = [ratio for ratio in ratios if not 1.0 / FACTOR <= ratio <= FACTOR]
+    least, most = min(ratios, default=math.nan), max(ratios, default=math.nan)
+    now, eta = Listener.told[-1]
     print(
         f'time to go: {len(off)} of {len(ratios)} reports outside a factor of {FACTOR:g}, '
-        f'told over true {min(ratios, default=math.nan):.2f} to {max(ratios, default=math.nan):.2f}; the '
-        f'last one {Listener.told[-1][1] / (end - Listener.told[-1][0]):.2f}'
+        f'told over true {least:.2f} to {most:.2f}; the last one {eta / (end - now):.2f}'
     )
     return code
 

@@ -119,6 +119,7 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         ('evaluations', count, 'most candidates to simulate'),
         ('seconds', positive, 'stop after N seconds'),
         ('generations', count, 'generations, the first included; 12 by default'),
+        ('stagnation', count, 'stop after N generations without improvement; never by default'),
         ('population', count, 'candidates of the first generation; 1024 by default'),
         ('survivors', count, 'parents of the next generation; 8 by default'),
         ('children', count, 'children of each parent; 8 by default'),
@@ -152,6 +153,7 @@ def settings_of(args: argparse.Namespace) -> 'IdentifySettings':
         'generations': args.generations,
         'range_reduction': args.range_reduction,
         'min_distance': args.min_distance,
+        'stagnation_generations': args.stagnation,
     }
     more = {name: getattr(args, name) for name in ('starts', 'decimation')}
     return IdentifySettings(
