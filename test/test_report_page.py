@@ -235,6 +235,22 @@ def test_parameters_at_a_bound_or_not_told_apart_are_said():
     assert clear.values[0][0] == first.name and clear.values[0][2].startswith('± ')
 
 
+def test_what_only_the_log_shows_is_not_to_be_simulated(both):
+    data = content(both)
+    late = {'effect': 'effort_delay', 'where': ['all'], 'probability': 0.9}
+    steps = of_diagnosis({**data, 'also': [late]}, 'out').steps
+    assert [law.anchor for law in steps[0].laws] == ['stribeck']
+    assert steps[1].text.startswith('Correct how the log is made')
+    assert [law.anchor for law in steps[1].laws] == ['effort_delay']
+
+
+def test_a_drive_at_its_noise_floor_shows_a_bar_that_remains(both):
+    page = both.read_text(encoding='utf-8')
+    bars = re.findall(r'<div class="bar" aria-hidden="true">(.*?)</div>', page, re.S)[:2]
+    kinds = [re.findall(r'<([ibu]) ', bar) for bar in bars]
+    assert kinds == [['i', 'b', 'u'], ['b', 'u']]  # drive_1 closes; drive_2 is noise only
+
+
 def many(count, **changes):
     """A result of so many parameters, the first known best, the last worst."""
     good = identified()

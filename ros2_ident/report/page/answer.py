@@ -144,8 +144,8 @@ def _chance(probability: float | None) -> str:
 def _sure(data: Mapping[str, Any]) -> Iterator[str]:
     verdict = data['verdict']
     held = {
-        'check bag': 'Judged on a recording that was not used for fitting.',
-        'blocks': 'Judged on every second block of 1 s, which was not used for fitting.',
+        'check bag': 'Judged on data not used for fitting: another recording.',
+        'blocks': 'Judged on data not used for fitting: every second block of 1 s.',
     }
     if verdict['effect'] in steps.REFUSALS:
         yield verdict['sentence']
