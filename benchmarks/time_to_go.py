@@ -4,6 +4,7 @@
 Example: python benchmarks/time_to_go.py diagnose my_bag --machine my.yaml --out build/run
 """
 
+import argparse
 import math
 import sys
 import time
@@ -41,9 +42,12 @@ class Listener:
 
 def main() -> int:
     """Run the command, then print how good it told."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('words', nargs=argparse.REMAINDER, help='what `ident` is called with')
+    words = parser.parse_args().words
     setattr(progress, 'make_meter', Listener)  # noqa: B010
     setattr(progress, 'FractionMeter', Listener)  # noqa: B010
-    code = ident(sys.argv[1:])
+    code = ident(words)
     end, begin = time.monotonic(), Listener.told[0][0]
     ratios = [
         eta / (end - now)
