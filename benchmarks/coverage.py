@@ -17,6 +17,7 @@ import time
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.checks.blind.store import stamp
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
@@ -145,6 +146,7 @@ def page(draws: Draws, motion: str, seconds: float, how: str) -> str:
         'draws of its noise (0.01 N m, steps of 0.002 N m, jitter 10 us, one sample in a thousand',
         'lost).',
         f'Made by `python benchmarks/coverage.py{how}`.',
+        f'Written at commit {stamp()["commit"][:7]}.',
         '',
         f'All intervals together cover the truth in {100.0 * share:.1f} % of '
         f'{draws.covered.size} cases; residual {draws.rms.mean():.5f} N m RMS.',

@@ -3,10 +3,18 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 import shutil
 from typing import Any
 
 import pytest
+
+AXE = Path(__file__).parents[1] / 'build/axe/node_modules/axe-core/axe.min.js'
+JUDGE = '''
+const done = arguments[arguments.length - 1]
+axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'best-practice']}).then(
+  (found) => done(found.violations.flatMap((v) => v.nodes.map((n) => `${v.id}: ${n.html}`))))
+'''
 
 
 @contextmanager
@@ -27,3 +35,10 @@ def chromium() -> Iterator[Any]:
         yield driver
     finally:
         driver.quit()
+
+
+def until(browser: Any, script: str) -> Any:
+    """Wait until a script says yes."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    return WebDriverWait(browser, 30.0).until(lambda b: b.execute_script(script))

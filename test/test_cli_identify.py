@@ -309,3 +309,11 @@ def test_files_are_written_before_anything_is_printed(bag, tmp_path, name, more,
     assert process.wait(120) == 1, 'nobody is there to read'
     assert 'Traceback' not in process.stderr.read()
     assert {*written, 'overlay'} <= {path.name for path in out.iterdir()}
+
+
+def test_a_search_that_stagnates_can_end(command, tmp_path):
+    words = [*SMALL, '--generations', '500', '--stagnation', '1', '--no-refine', '--no-overlay']
+    main([*command, *words, '--no-report', '--quiet'])
+    data = json.loads((tmp_path / 'out' / 'result.json').read_text())
+    assert 'stagnation_generations' in data['search']['stop']
+    assert data['evaluations'] < 64 + 499 * 4 * 8

@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from rosbags.typesys import get_typestore, Stores
 
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
@@ -17,10 +18,19 @@ from ros2_ident.identify.run import identify  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model  # noqa: E402
+from ros2_ident.models.registry import kind_of  # noqa: E402
 from ros2_ident.models.serial.arm import arm_of  # noqa: E402
 from ros2_ident.models.serial.model import Serial  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
 from ros2_ident.reference import arm as twin  # noqa: E402
+from ros2_ident.report.page.machine import moving as on_page  # noqa: E402
+from ros2_ident.report.scene import (  # noqa: E402
+    load_scene,
+    MARKERS,
+    Scene,
+    scene_messages,
+    write_scene,
+)
 
 JOINTS = ('base', 'slide', 'elbow', 'wrist')
 URDF = '''<robot name="bent">
@@ -129,6 +139,58 @@ def test_a_table_in_three_ways() -> None:
     for joint, values in zip(arm.joints, inertials, strict=True):
         arm.model.inertias[int(joint)] = pinocchio.Inertia.FromDynamicParameters(values)
     np.testing.assert_allclose(arm.efforts(*moved), slowly, rtol=0, atol=1e-9)
+
+
+def where(bodies: tuple[twin.Body, ...], position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Origins (D, 3) and orientations (D, 3, 3) of the joints' frames in the base."""
+    places, turns = [], []
+    for body, q in zip(bodies, position, strict=True):
+        place, turn = np.zeros(3), np.eye(3)
+        if body.parent >= 0:
+            place, turn = places[body.parent], turns[body.parent]
+        place, turn = place + turn @ body.place, turn @ body.turn
+        slid = q * body.axis if body.slides else np.zeros(3)
+        places.append(place + turn @ slid)
+        turns.append(turn if body.slides else turn @ twin.about(body.axis, q))
+    return np.array(places), np.array(turns)
+
+
+def test_an_arm_in_space_is_where_its_joints_put_it(tmp_path: Path) -> None:
+    machine = described(tmp_path)
+    position = motion(4, 5)[0]
+    drawn = kind_of(machine).scene(machine, position)
+    upright = twin.roll_pitch_yaw((TILT['base_roll'], TILT['base_pitch'], 0.0))
+    for k in range(5):
+        places, turns = where(twin.read_urdf(URDF, JOINTS), position[:, k])
+        np.testing.assert_allclose(drawn.blocks[k], places @ upright.T, atol=1e-12)
+        tool = places[-1] + turns[-1] @ [0.0, 0.05, 0.15]  # the tool's frame, fixed to the wrist
+        np.testing.assert_allclose(drawn.tool[k], upright @ tool, atol=1e-12)
+        # one line from the base to the first joint, from each to the next, and to the tool
+        chain = np.concatenate([[np.zeros(3)], drawn.blocks[k], [drawn.tool[k]]])
+        np.testing.assert_array_equal(drawn.links[k], np.stack([chain[:-1], chain[1:]], axis=1))
+    assert drawn.size == np.linalg.norm(drawn.links.reshape(-1, 3), axis=1).max()
+
+
+def test_an_arm_without_lengths_is_not_drawn() -> None:
+    flat = dict.fromkeys(('dh_a', 'dh_alpha', 'dh_d', 'dh_theta'), [0.0, 0.0])
+    machine = tabled({**flat, 'joint': ['revolute', 'revolute']})
+    assert kind_of(machine).scene(machine, motion(2, 3)[0]) is None
+
+
+def test_an_arm_moves_on_the_page_and_in_rviz(tmp_path: Path) -> None:
+    machine = described(tmp_path)
+    figure = kind_of(machine).scene(machine, motion(4, 6)[0])
+    stamp = 50_000_000 * np.arange(6)
+    scene = Scene('serial', stamp, figure, None, np.linspace(1.0, 2.0, 6), 'N m')
+    made = on_page(scene)
+    assert made.frames == 6 and made.first == 5 and 'Orange' not in made.note
+    write_scene(tmp_path / 'motion.npz', scene)
+    again = load_scene(tmp_path / 'motion.npz')
+    np.testing.assert_allclose(again.figure.links, figure.links, atol=1e-6)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for _, message in scene_messages(scene):
+        drawn = store.deserialize_cdr(message, MARKERS).markers
+        assert all(len(x.points) for x in drawn if x.type != 9)  # RViz complains of empty lines
 
 
 def test_another_description_is_another_machine(tmp_path: Path) -> None:

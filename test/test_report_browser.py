@@ -7,7 +7,7 @@ from pathlib import Path
 import re
 from typing import Any
 
-from browser_cases import chromium
+from browser_cases import AXE, chromium, JUDGE, until
 from identify_cases import ROOT, tripod
 import pytest
 from report_cases import long_signals, write_diagnosed, write_identified
@@ -35,12 +35,6 @@ const curve = figure.renderers[0].data_source.data
 return {start: figure.x_range.start, end: figure.x_range.end, points: curve.x.length,
   first: Math.min(...curve.x), last: Math.max(...curve.x), most: Math.max(...curve.y)}
 '''
-AXE = Path(__file__).parents[1] / 'build/axe/node_modules/axe-core/axe.min.js'
-JUDGE = '''
-const done = arguments[arguments.length - 1]
-axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'best-practice']}).then(
-  (found) => done(found.violations.flatMap((v) => v.nodes.map((n) => `${v.id}: ${n.html}`))))
-'''
 
 
 @pytest.fixture(scope='module')
@@ -59,12 +53,6 @@ def page(browser, tmp_path_factory) -> Any:
     browser.get(write_report(folder).as_uri())
     until(browser, 'return document.documentElement.dataset.ready')
     return browser
-
-
-def until(browser: Any, script: str) -> Any:
-    from selenium.webdriver.support.ui import WebDriverWait
-
-    return WebDriverWait(browser, 30.0).until(lambda b: b.execute_script(script))
 
 
 def effort(page: Any) -> Any:

@@ -235,6 +235,69 @@ def test_parameters_at_a_bound_or_not_told_apart_are_said():
     assert clear.values[0][0] == first.name and clear.values[0][2].startswith('± ')
 
 
+def test_what_only_the_log_shows_is_not_to_be_simulated(both):
+    data = content(both)
+    late = {'effect': 'effort_delay', 'where': ['all'], 'probability': 0.9}
+    steps = of_diagnosis({**data, 'also': [late]}, 'out').steps
+    assert [law.anchor for law in steps[0].laws] == ['stribeck']
+    assert steps[1].text.startswith('Correct how the log is made')
+    assert [law.anchor for law in steps[1].laws] == ['effort_delay']
+
+
+def test_a_drive_at_its_noise_floor_shows_a_bar_that_remains(both):
+    page = both.read_text(encoding='utf-8')
+    bars = re.findall(r'<div class="bar" aria-hidden="true">(.*?)</div>', page, re.S)[:2]
+    kinds = [re.findall(r'<([ibu]) ', bar) for bar in bars]
+    assert kinds == [['i', 'b', 'u'], ['b', 'u']]  # drive_1 closes; drive_2 is noise only
+
+
+def many(count, **changes):
+    """A result of so many parameters, the first known best, the last worst."""
+    good = identified()
+    one = replace(good.parameters[0], value=1.0, at_bound=False, identifiable=True)
+    parameters = tuple(
+        replace(one, name=f'link_{k}', low=1.0 - 0.05 * (k + 1), high=1.0 + 0.05 * (k + 1))
+        for k in range(count)
+    )
+    return replace(good, parameters=parameters, correlation=np.eye(count), **changes)
+
+
+def test_of_many_parameters_those_known_best_are_on_the_first_screen():
+    result = many(24)
+    said = of_identification(replace(result, parameters=result.parameters[::-1]), 'out')
+    assert [name for name, *_ in said.values] == [f'link_{k}' for k in range(9, -1, -1)]
+    assert said.sure == (
+        'link_0 is known best, to ± 5 %; 4 of 24 have intervals wider than their values '
+        '(95 % intervals).',
+    )
+    assert 'Intervals wider than the values: link_23, link_22, link_21, link_20.' in said.careful
+
+
+def test_several_parameters_at_a_bound_are_one_warning():
+    result = many(9)
+    ends = tuple(replace(p, at_bound=True) for p in result.parameters[:3])
+    said = of_identification(replace(result, parameters=ends + result.parameters[3:]), 'out')
+    (told,) = [text for text in said.careful if 'bound' in text]
+    assert told.startswith('3 parameters are at a bound') and 'link_2 (1' in told
+
+
+def test_a_long_headline_ends_before_its_names():
+    names = ', '.join(f'shoulder_pan_joint.link_{k}' for k in range(4))
+    message = f'This data does not determine 4 of 9 parameters: {names}; hold them.'
+    said = of_identification(many(9, outcome=Outcome.NOT_IDENTIFIABLE, message=message), 'out')
+    assert said.headline == 'This data does not determine 4 of 9 parameters.'
+    assert said.sure[0] == f'Not determined: {names}; hold them.'
+
+
+def test_a_solution_by_least_squares_has_no_search(tmp_path):
+    write_identified(tmp_path)
+    data = json.loads((tmp_path / 'result.json').read_text())
+    assert 'id="search"' in write_report(tmp_path).read_text()
+    data['settings']['method'] = 'algebraic'
+    (tmp_path / 'result.json').write_text(json.dumps(data))
+    assert 'id="search"' not in write_report(tmp_path).read_text()
+
+
 def content(page):
     return json.loads((page.parent / 'diagnosis.json').read_text())
 
@@ -284,8 +347,8 @@ def test_warnings_that_differ_in_drive_and_figures_are_one():
     texts = [f'axis_{n}: the effort lags by {n}.5 ms; shift it.' for n in (1, 2, 3)]
     assert joined([*texts, 'state: 4 samples missing.', 'no set-point was recorded.']) == [
         f'{texts[0]} (likewise axis_2, axis_3)',
-        'state: 4 samples missing.',
-        'no set-point was recorded.',
+        'state: 4 samples missing.',  # begins with a name
+        'No set-point was recorded.',
     ]
 
 

@@ -12,9 +12,10 @@ import pytest
 from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag
+from ros2_ident.report.preview import Preview, SAMPLES
 from ros2_ident.ros.diagnose_run import DiagnoseRequest, run_diagnosis
 from ros2_ident.ros.files import save_diagnosis, save_result
-from ros2_ident.ros.run import Preview, PREVIEW_SAMPLES, Request, run
+from ros2_ident.ros.run import Request, run
 from ros2_ident.ros.unfinished import MOST, place_of
 from ros2_ident.search import GeneticSearch, GeneticSettings
 from ros2_ident.search.journal import Journal
@@ -49,7 +50,7 @@ def test_better_and_better_candidates_are_shown_during_a_run(request_):
     assert costs and costs == sorted(set(costs), reverse=True)
     assert costs[-1] >= finished.identification.cost.ga
     for cost, (simulated,), (residual,) in shown:
-        assert 0.5 * PREVIEW_SAMPLES < simulated.stamp.size <= PREVIEW_SAMPLES
+        assert 0.5 * SAMPLES < simulated.stamp.size <= SAMPLES
         row = np.searchsorted(log.effort.stamp, simulated.stamp)
         np.testing.assert_array_equal(log.effort.stamp[row], simulated.stamp)
         total = simulated.effort + residual.effort
@@ -69,7 +70,7 @@ def progress(cost, theta):
 
 
 def test_a_preview_waits_for_its_period_and_for_something_better(request_, monkeypatch):
-    monkeypatch.setattr('ros2_ident.ros.run.PREVIEW_SHARE', np.inf)
+    monkeypatch.setattr('ros2_ident.report.preview.SHARE', np.inf)
     data = run(request_, None).data
     problem = request_.problem(data)
     theta = 0.5 * (problem.low + problem.high)

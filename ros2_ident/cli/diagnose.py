@@ -2,7 +2,9 @@
 """`ident diagnose`: where the gap to the log lies, what causes it, how far it closes."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
+import time
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
@@ -29,6 +31,7 @@ from ros2_ident.cli.arguments import (
     whole,
     workers_of,
 )
+from ros2_ident.cli.report import add_page, live_page, page_line
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
@@ -51,7 +54,8 @@ EXAMPLES = (
     'writes to DIR: diagnosis.json, diagnosis.npz (measured and simulated effort), overlay (a\n'
     'bag with the measured effort, that of the model with the effects found, the residual, and\n'
     'the diagnosis), report.html (all of it as a page, with the identification where DIR holds\n'
-    'one); diagnose.checkpoint while it runs, and where it was cut short\n'
+    'one); while it runs, progress.js with --live, and diagnose.checkpoint, which stays where it\n'
+    'was cut short\n'
 )
 EXIT_CODES = {
     0: 'the diagnosis is complete',
@@ -80,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='go on where an earlier run of the same command ended, by DIR/diagnose.checkpoint; '
         'same result',
     )
-    parser.add_argument('--no-report', action='store_true', help='write no report.html')
+    add_page(parser)
     without = parser.add_argument(
         '--without',
         type=names,
@@ -116,13 +120,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose, write the result, print it."""
+    begun = time.monotonic()
     from ros2_ident.effects import add_effect_files
 
     # Before the simulations are composed of the effects there are.
     add_effect_files(args.effect)
     from ros2_ident.cli.interrupt import interrupts
-    from ros2_ident.cli.progress import FractionMeter
-    from ros2_ident.cli.report import page_line
+    from ros2_ident.cli.progress import FractionMeter, WRITING
     from ros2_ident.files import make_directory
     from ros2_ident.gap.diagnose import diagnose
     from ros2_ident.gap.verdict import REFUSED
@@ -154,9 +158,17 @@ def run(args: argparse.Namespace) -> int:
         if progress.best_so_far != said:
             said = progress.best_so_far
             meter.note(f'so far: {said}')
-        meter(progress.fraction, progress.stage)
+        progress = replace(progress, eta=progress.eta + writing)
+        meter(progress.fraction, progress.stage, progress.eta)
+        if live is not None:
+            live.diagnosing(progress)
 
-    with FractionMeter(quiet=args.quiet) as meter, interrupts() as cancel:
+    writing = WRITING * (time.monotonic() - begun) if out is not None else 0.0
+    with (
+        live_page(args, out, fit) as live,
+        FractionMeter(quiet=args.quiet) as meter,
+        interrupts() as cancel,
+    ):
         found = diagnose(
             machine,
             fit.datasets,
@@ -174,20 +186,20 @@ def run(args: argparse.Namespace) -> int:
             workers=workers_of(args),
             checkpoint=checkpoint,
         )
-    files, page = [], ''
-    if out is not None:
-        settings = {
-            **asked(args),
-            'check_bags': args.check,
-            'drives': args.drives or machine.drives,
-            'without_effects': args.without,
-            'fixed': fixed,
-            'time_budget': args.seconds,
-        }
-        withdraw_overlay(out / OVERLAY)
-        files = [*write_diagnosis(out, found, machine, fit, check, settings)]
-        files += _overlay(args, out, machine, fit, found)
-        page = page_line(out, wanted=not args.no_report)
+        files, page = [], ''
+        if out is not None:
+            settings = {
+                **asked(args),
+                'check_bags': args.check,
+                'drives': args.drives or machine.drives,
+                'without_effects': args.without,
+                'fixed': fixed,
+                'time_budget': args.seconds,
+            }
+            withdraw_overlay(out / OVERLAY)
+            files = [*write_diagnosis(out, found, machine, fit, check, settings)]
+            files += _overlay(args, out, machine, fit, found)
+            page = page_line(out, wanted=not args.no_report)
     if checkpoint is not None and found.complete:
         forget(checkpoint)  # all is written that it could lead to
     # last: whoever reads the output may leave early, as `head` does

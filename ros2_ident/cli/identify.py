@@ -3,6 +3,7 @@
 
 import argparse
 from dataclasses import replace
+import time
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
@@ -28,9 +29,10 @@ from ros2_ident.cli.arguments import (
     whole,
     workers_of,
 )
+from ros2_ident.cli.report import add_page, live_page, page_line
 
 if TYPE_CHECKING:
-    from ros2_ident.identify.settings import IdentifySettings
+    from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
 
 DESCRIPTION = (
     "Identify a machine's parameters from a bag: the paper's genetic algorithm, a local "
@@ -46,9 +48,9 @@ EXAMPLES = (
     '\n'
     'writes to DIR: result.json and result.yaml (the same content), history.npz (every\n'
     'candidate), signals.npz (measured and simulated effort), overlay (a bag with the measured,\n'
-    'simulated and residual effort, the result, and of a tripod its motion as markers for RViz\n'
-    'and Foxglove), report.html (all of it as a page); identify.checkpoint while it runs, and\n'
-    'where it was cut short\n'
+    'simulated and residual effort, the result, and of a tripod or an arm its motion as markers\n'
+    'for RViz and Foxglove), report.html (all of it as a page); while it runs, progress.js with\n'
+    '--live, and identify.checkpoint, which stays where it was cut short\n'
 )
 EXIT_CODES = {
     0: 'identified',
@@ -84,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     complete(bounds, parameters)
     add_outputs(parser)
     parser.add_argument('--no-overlay', action='store_true', help='write no overlay bag')
-    parser.add_argument('--no-report', action='store_true', help='write no report.html')
+    add_page(parser)
     parser.add_argument('--quiet', action='store_true', help='show no progress')
     _add_search(parser)
     add_effort(parser)
@@ -117,6 +119,7 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         ('evaluations', count, 'most candidates to simulate'),
         ('seconds', positive, 'stop after N seconds'),
         ('generations', count, 'generations, the first included; 12 by default'),
+        ('stagnation', count, 'stop after N generations without improvement; never by default'),
         ('population', count, 'candidates of the first generation; 1024 by default'),
         ('survivors', count, 'parents of the next generation; 8 by default'),
         ('children', count, 'children of each parent; 8 by default'),
@@ -150,6 +153,7 @@ def settings_of(args: argparse.Namespace) -> 'IdentifySettings':
         'generations': args.generations,
         'range_reduction': args.range_reduction,
         'min_distance': args.min_distance,
+        'stagnation_generations': args.stagnation,
     }
     more = {name: getattr(args, name) for name in ('starts', 'decimation')}
     return IdentifySettings(
@@ -164,9 +168,9 @@ def settings_of(args: argparse.Namespace) -> 'IdentifySettings':
 
 def run(args: argparse.Namespace) -> int:
     """Identify, write the results, print them."""
+    begun = time.monotonic()
     from ros2_ident.cli.interrupt import interrupts
-    from ros2_ident.cli.progress import make_meter
-    from ros2_ident.cli.report import page_line
+    from ros2_ident.cli.progress import make_meter, WRITING
     from ros2_ident.cli.table import print_result
     from ros2_ident.files import make_directory
     from ros2_ident.identify.outputs import checked
@@ -198,7 +202,31 @@ def run(args: argparse.Namespace) -> int:
     checkpoint = out / CHECKPOINT
     if not args.resume:
         forget(checkpoint)
-    with interrupts() as cancel, make_meter(quiet=args.quiet) as meter:
+    shown = None
+    if args.live:
+        shown = problem_of(
+            machine,
+            data,
+            drives=args.drives,
+            fixed=fixed,
+            bounds=bounds,
+            conditions=conditions,
+            outputs=outputs,
+        )
+    with (
+        live_page(args, out, data, shown) as live,
+        interrupts() as cancel,
+        make_meter(quiet=args.quiet) as meter,
+    ):
+
+        writing = WRITING * (time.monotonic() - begun)
+
+        def tell(progress: 'IdentifyProgress') -> None:
+            progress = replace(progress, eta=progress.eta + writing)
+            meter(progress)
+            if live is not None:
+                live.identifying(progress)
+
         result = identify(
             machine,
             data,
@@ -210,7 +238,7 @@ def run(args: argparse.Namespace) -> int:
             settings=settings,
             seed=args.seed,
             cancel=cancel,
-            on_progress=meter,
+            on_progress=tell,
             workers=workers_of(args),
             checkpoint=checkpoint,
         )
@@ -235,7 +263,7 @@ def run(args: argparse.Namespace) -> int:
                 # whoever cancels wants it to end
                 moving=result.outcome is not Outcome.CANCELLED,
             )
-    page = page_line(out, wanted=not args.no_report)
+        page = page_line(out, wanted=not args.no_report)
     if result.outcome not in (Outcome.CANCELLED, Outcome.BUDGET_SPENT):
         forget(checkpoint)  # all is written that it could lead to
     # last: whoever reads the output may leave early, as `head` does

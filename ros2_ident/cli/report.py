@@ -2,10 +2,17 @@
 """`ident report`: one page on a result directory."""
 
 import argparse
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 import sys
+from typing import TYPE_CHECKING
 
-from ros2_ident.errors import IdentError
+from ros2_ident.errors import ErrorCode, IdentError
+
+if TYPE_CHECKING:
+    from ros2_ident.identify.data import Data
+    from ros2_ident.identify.problem import Problem
+    from ros2_ident.report.page import LivePage
 
 DESCRIPTION = (
     'Write a page on what a result directory holds: what is wrong with the simulation, how sure '
@@ -52,6 +59,49 @@ def run(args: argparse.Namespace) -> int:
         page = write_comparison(args.directory, args.page)
     print(f'written: {page}')
     return 0
+
+
+def add_page(parser: argparse.ArgumentParser) -> None:
+    """Add what a run does about its page."""
+    parser.add_argument('--no-report', action='store_true', help='write no report.html')
+    parser.add_argument(
+        '--live',
+        action='store_true',
+        help='keep report.html open in a browser and watch the run there; the report takes its '
+        'place at the end',
+    )
+
+
+def live_page(
+    args: argparse.Namespace, out: Path | None, data: 'Data', problem: 'Problem | None' = None
+) -> 'AbstractContextManager[LivePage | None]':
+    """Return the page on a run that goes on; nothing where it is not wanted.
+
+    Args:
+        args: `live`, `no_report`, `bag` and `drives`.
+        out: The directory for the results.
+        data: What was read.
+        problem: Of an identification.
+
+    Raises:
+        IdentError: INVALID_GOAL where there is no place for it.
+    """
+    if not args.live:
+        return nullcontext()
+    if out is None or args.no_report:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            '--live shows the run where its report will be; give --out, and leave out --no-report',
+        )
+    from ros2_ident.report.page import LivePage
+
+    drives = ', '.join(args.drives or data.datasets[0].names)
+    seconds = sum(dataset.duration for dataset in data.datasets)
+    bags = ', '.join('/'.join(Path(bag).resolve().parts[-2:]) for bag in args.bag)
+    doing = 'Identifying' if problem else 'Diagnosing'
+    page = LivePage(out, f'{doing} {bags}', f'{drives}; {seconds:.3g} s', problem)
+    print(f'live: {page.place}', file=sys.stderr)
+    return page
 
 
 def page_line(directory: Path, *, wanted: bool) -> str:

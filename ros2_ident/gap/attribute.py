@@ -255,7 +255,10 @@ class Attribution:
             best = self._leaders(begun)
             most = max((base.cost - e.cost for e in best), default=0.0)
             ahead = [e for e in best if base.cost - e.cost >= _BEHIND * most]
-            done = {e.effects[-1]: e for e in self._ended(run, ahead)}
+            done = {}
+            for e in self._ended(run, ahead):
+                done[e.effects[-1]] = e
+                self.on_step(0.9, f'refining {e.effects[-1].effect} on {e.effects[-1].where}')
         fitted = [done.get(e.effects[-1], e) for e in best]
         return Round(
             base,

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import hashlib
 import math
 from pathlib import Path
-import time
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +15,8 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution, visibility
 from ros2_ident.gap.bursts import bursts
 from ros2_ident.gap.case import Case, Joint, Recordings, recordings_from, recordings_of
+from ros2_ident.gap.clock import Clock
+from ros2_ident.gap.clock import DiagnoseProgress as DiagnoseProgress
 from ros2_ident.gap.compose import compose
 from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.criteria import Rules
@@ -49,65 +50,6 @@ SEARCH = FitSettings(
 # An effect whose largest trial leaves less than this, in units of the floor, cannot be seen in the
 # log.
 VISIBLE = 0.3
-# Share of the work from which on the time to go is told; before, simulations may be compiled. The
-# shares of the stages are those of their time, on tripods of 7 and 60 s and axes of 6 and 25 s.
-KNOWN = 0.05
-
-
-@dataclass(frozen=True)
-class DiagnoseProgress:
-    """How far a diagnosis is.
-
-    Attributes:
-        stage: What is being done.
-        fraction: Share of the work done, 0 to 1.
-        best_so_far: The verdict if it ended now, as a sentence; empty for none yet.
-        elapsed: Seconds since the start.
-        eta: Seconds expected until the end, NaN where unknown.
-    """
-
-    stage: str
-    fraction: float
-    best_so_far: str
-    elapsed: float
-    eta: float
-
-
-class _Clock:
-    """Time, cancel and progress of one diagnosis."""
-
-    def __init__(
-        self,
-        seconds: float,
-        cancelled: Callable[[], bool],
-        on_progress: Callable[[DiagnoseProgress], None] | None,
-    ) -> None:
-        self.begin = time.monotonic()
-        self.seconds = seconds
-        self.cancelled = cancelled
-        self.on_progress = on_progress
-        self.best = ''
-        self.stage = (0.0, 1.0)
-
-    @property
-    def elapsed(self) -> float:
-        return time.monotonic() - self.begin
-
-    def stopped(self) -> bool:
-        return self.cancelled() or 0.0 < self.seconds < self.elapsed
-
-    def step(self, share: float, text: str) -> None:
-        """Report a share of the present stage."""
-        if self.on_progress is None:
-            return
-        low, high = self.stage
-        fraction = low + (high - low) * share
-        eta = self.elapsed * (1.0 - fraction) / fraction if fraction > KNOWN else math.nan
-        self.on_progress(DiagnoseProgress(text, fraction, self.best, self.elapsed, eta))
-
-    def enter(self, low: float, high: float) -> None:
-        """Begin a stage; one never begins before the last one's start."""
-        self.stage = (max(low, self.stage[0]), max(high, self.stage[0]))
 
 
 def diagnose(
@@ -166,7 +108,7 @@ def diagnose(
     """
     for name in without:
         get_effect(name)
-    clock = _Clock(seconds, cancelled, on_progress)
+    clock = Clock(seconds, cancelled, on_progress)
     if model is not None:
         first, second = recordings_from(model), recordings_from(check_model)
     elif machine is None or not fit:
@@ -237,7 +179,7 @@ class _Passes:
         without: Sequence[str],
         rules: Rules,
         seed: int,
-        clock: _Clock,
+        clock: Clock,
         workers: Workers | None,
         journal: Journal,
     ) -> None:
@@ -340,14 +282,13 @@ class _Passes:
     def _explained(self, begun: _Pass) -> tuple[Explained, Verdict]:
         """Look for the effects, and say what follows."""
         clock, explainer = self.clock, begun.explainer
-        clock.enter(0.35, 0.75)
+        clock.rounds(explainer.size(begun.base) if begun.material else 0.0)
 
         def note(e: Explanation) -> None:
             names = ', '.join(f'{get_effect(a.effect).title} on {a.where}' for a in e.effects)
             share = 100 * explainer.share(begun.base, e)
             clock.best = f'{names}: closes {share:.0f} % of the explainable gap'
-            low = clock.stage[1]
-            clock.enter(low, low + 0.5 * (0.95 - low))
+            clock.rounds(explainer.size(e) if explainer.open(e) else 0.0)
 
         found = explainer.explain(begun.base, begun.candidates, note)
         readings = _readings(explainer, found.chain[0], begun.candidates)
@@ -367,7 +308,7 @@ class _Passes:
             visible = found.rounds[0].visible
         elif verdict.effect not in REFUSED:
             visible = visibility(begun.explainer.attribution.look(base, begun.candidates))
-        clock.enter(0.95, 1.0)
+        clock.rounds(0.0)
         clock.step(0.0, 'saying where')
         where: tuple[Finding, ...] = ()
         if not clock.stopped():

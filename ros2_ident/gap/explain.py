@@ -154,6 +154,7 @@ class Explainer(Criteria):
     def noise_of(self, e: Explanation) -> Predictability:
         """Return what can be predicted of what a fit leaves on all recordings, and what cannot."""
         if self._seen is None or self._seen[0] is not e.theta:
+            self.attribution.on_step(1.0, 'telling noise from what the motion predicts')
             joint = self.attribution.case.whole.with_effects(e.effects)
             seen = predictability(joint, e.theta, self.attribution.stopped)
             self._seen = (e.theta, seen)

@@ -30,8 +30,8 @@ from ros2_ident.search.fit import fit
 from ros2_ident.search.journal import Journal
 
 # Time that the intervals take: a share of the refinement's, and so many seconds beside it, as
-# measured on tripods of 7 and 60 s and an axis of 25 s.
-INTERVALS_SHARE, INTERVALS_BESIDE = 0.8, 1.0
+# measured on a tripod of 6 s and axes of 6 and 25 s.
+INTERVALS_SHARE, INTERVALS_BESIDE = 1.5, 0.7
 
 Measured = Data | Dataset | Sequence[Dataset] | Sequence[Recording]
 

@@ -134,7 +134,7 @@ def write_overlay(
 ) -> tuple[Path, ...]:
     """Write bags with the original streams, the simulated and the residual effort.
 
-    A tripod moves in them as markers for RViz and Foxglove, too.
+    A tripod, a delta or an arm moves in them as markers for RViz and Foxglove, too.
 
     Args:
         path: Directory of the bag; further segments get `_2`, `_3` behind it. Overlays there are
@@ -143,7 +143,7 @@ def write_overlay(
         theta: (N,) parameters, physical units.
         topics: Names of the original streams' topics.
         verdict: What was found, for `/diagnostics` and, whole, for `/identifier/verdict`.
-        moving: Whether a tripod moves in them; to simulate that takes seconds.
+        moving: Whether the machine moves in them; to simulate a tripod takes seconds.
 
     Returns:
         The bags' directories; none where the data hold no recordings.

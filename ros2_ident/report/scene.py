@@ -245,9 +245,10 @@ def _moving(scene: Scene, k: int, stamp: int) -> list[Msg]:
     body = (figure.tool[k] + figure.body).reshape(-1, 3)
     markers = [
         draw('measured', 0, _CUBES, 0.05, BLUE, figure.blocks[k]),
-        draw('measured', 1, _LINES, 0.01, BLUE, body),
         draw('measured', 2, _LINES, 0.008, BLUE, figure.links[k].reshape(-1, 3)),
     ]
+    if body.size:
+        markers.append(draw('measured', 1, _LINES, 0.01, BLUE, body))
     if scene.simulated is not None:
         off = scene.magnification * (scene.simulated[k] - figure.tool[k])
         markers.append(draw('simulated', 1, _LINES, 0.01, ORANGE, body + off))

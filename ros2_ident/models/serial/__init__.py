@@ -239,5 +239,6 @@ KIND = Kind(
     judge=_judge,
     travel='rad',
     follows=False,
+    scene=later('ros2_ident.models.serial.scene:figure'),
     joints=later('ros2_ident.models.serial.arm:joints_in'),
 )

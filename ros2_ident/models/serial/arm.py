@@ -127,6 +127,44 @@ class Arm:
         ]
         return np.array(rows).T[np.argsort(order)]
 
+    @property
+    def parents(self) -> npt.NDArray[np.int64]:
+        """(D,) the drive whose joint carries each joint; -1 where that is the base."""
+        places = {int(joint): d for d, joint in enumerate(self.joints)}
+        parents = self.model.parents.tolist()
+        return np.array([places.get(parents[int(joint)], -1) for joint in self.joints])
+
+    @property
+    def last(self) -> int:
+        """The last drive whose joint carries no other: the tool hangs on it."""
+        carriers = set(self.parents.tolist())
+        return max(d for d in range(len(self.joints)) if d not in carriers)
+
+    def stations(self, position: Array) -> tuple[Array, Array]:
+        """Return where the joints and the tool are.
+
+        The tool is the farthest of the frames that the last joint carries, the joint itself where
+        a table describes the arm.
+
+        Args:
+            position: (D, K) of the drives, rad or m.
+
+        Returns:
+            Joints (K, D, 3) and tool (K, 3) in the base's frame, m.
+        """
+        pin = _pinocchio()
+        data = self.model.createData()
+        number = int(self.joints[self.last])
+        carried = [f.placement.translation for f in self.model.frames if f.parentJoint == number]
+        reach = max([np.zeros(3), *carried], key=lambda place: float(np.linalg.norm(place)))
+        joints = np.empty((position.shape[1], len(self.joints), 3))
+        tool = np.empty((position.shape[1], 3))
+        for k, place in enumerate(self._places(position)):
+            pin.forwardKinematics(self.model, data, place)
+            joints[k] = [data.oMi[int(j)].translation for j in self.joints]
+            tool[k] = data.oMi[number].act(reach)
+        return joints, tool
+
     def _places(self, position: Array) -> Array:
         """Return (K, Q) pinocchio's configurations; joints without an end have sine and cosine."""
         out = np.empty((position.shape[1], self.model.nq))
@@ -158,12 +196,17 @@ def arm_of(machine: Machine) -> Arm:
         model = _reduced(pin, whole, machine.drives)
     else:
         model = _by_table(pin, machine)
-    roll, pitch = machine.number('base_roll'), machine.number('base_pitch')
-    down = pin.rpy.rpyToMatrix(roll, pitch, 0.0).T @ np.array([0.0, 0.0, -1.0])
+    down = base_turn(machine).T @ np.array([0.0, 0.0, -1.0])
     model.gravity.linear = machine.number('free_fall') * down
     # Rotors are parameters of the drives.
     model.armature[:] = 0.0
     return Arm(model, np.array([model.getJointId(name) for name in machine.drives]), bodies)
+
+
+def base_turn(machine: Machine) -> Array:
+    """Return the (3, 3) rotation from an arm's base into a frame whose z points upwards."""
+    roll, pitch = machine.number('base_roll'), machine.number('base_pitch')
+    return _pinocchio().rpy.rpyToMatrix(roll, pitch, 0.0)
 
 
 def joints_in(text: str) -> tuple[str, ...]:

@@ -2,4 +2,5 @@
 """The page on a result directory: `report.html`, one file that needs nothing else."""
 
 from ros2_ident.report.page.assemble import write_report as write_report
+from ros2_ident.report.page.live import LivePage as LivePage
 from ros2_ident.report.page.several import write_comparison as write_comparison

@@ -20,7 +20,7 @@ from ros2_ident.report.page.sentences import effect_name, joined, some
 from ros2_ident.report.page.steps import effects_found, places, Step
 
 # Drives that the first screen lists; the table further down has all.
-LISTED = 3
+LISTED = 6
 # Levels of a check of the log that come before any answer.
 GRAVE = ('error', 'fail')
 # Parameters of an identification that it lists.
@@ -144,8 +144,8 @@ def _chance(probability: float | None) -> str:
 def _sure(data: Mapping[str, Any]) -> Iterator[str]:
     verdict = data['verdict']
     held = {
-        'check bag': 'Judged on a recording that was not used for fitting.',
-        'blocks': 'Judged on every second block of 1 s, which was not used for fitting.',
+        'check bag': 'Judged on data not used for fitting: another recording.',
+        'blocks': 'Judged on data not used for fitting: every second block of 1 s.',
     }
     if verdict['effect'] in steps.REFUSALS:
         yield verdict['sentence']
@@ -268,10 +268,11 @@ def of_identification(result: Identification, out: str) -> Answer:
         for x in sorted(result.residuals, key=lambda x: -x.rms)
     ]
     more = len(gaps) - LISTED
+    headline, told = sentences.headline(result)
     return Answer(
         level,
-        sentences.headline(result),
-        tuple(sentences.precision_of(result)),
+        headline,
+        (*filter(None, [told]), *sentences.precision_of(result)),
         tuple(gaps[:LISTED]),
         (f'{more} more in the file `result.json`.',) if more > 0 else (),
         tuple(steps.of_identification(result, out)),
@@ -281,6 +282,9 @@ def of_identification(result: Identification, out: str) -> Answer:
 
 
 def _values(result: Identification) -> Iterator[tuple[str, str, str]]:
-    for p in result.parameters[:PARAMETERS]:
+    """Yield the parameters, of many those known best."""
+    order = {p.name: k for k, p in enumerate(result.parameters)}
+    best = sorted(result.parameters, key=lambda p: (not p.identifiable, sentences.width(p)))
+    for p in sorted(best[:PARAMETERS], key=lambda p: order[p.name]):
         known = precision(sentences.width(p)) if p.identifiable else 'not determined'
         yield p.name, quantity(p.value, p.unit, 4), known

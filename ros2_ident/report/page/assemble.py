@@ -82,6 +82,8 @@ def _render(
         'diagnosis': diagnosis,
         'pictures': _pictures(folder, result, diagnosis),
         'machine': moving(load_scene(folder / MOTION)) if (folder / MOTION).exists() else None,
+        # a solution by least squares looks at no candidate but its own
+        'searched': result is not None and result.settings.get('method') != 'algebraic',
         'effects': '',
         'hero': None,
         'about': [],
@@ -90,7 +92,7 @@ def _render(
         context |= _of_identification(result, str(folder))
     if diagnosis is not None:
         context |= _of_diagnosis(diagnosis, str(folder))
-    shown = {'about': context['about'], 'values': diagnosis, 'parameters': result}
+    shown = {'about': context['about'], 'search': context['searched']}
     context['contents'] = [
         (name, text)
         for name, text, part in CONTENTS

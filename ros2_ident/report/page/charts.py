@@ -35,6 +35,7 @@ class Chart:
         headings: Directions of motion that are drawn apart.
         law: What the thick line is; empty where there is none.
         summary: The same in words, for who cannot see it.
+        bent: Whether its axis is linear near zero and logarithmic beyond.
     """
 
     svg: Markup
@@ -42,6 +43,7 @@ class Chart:
     headings: tuple[str, ...]
     law: str
     summary: str
+    bent: bool = False
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,7 @@ def picture(found: Mapping[str, Any], effects: str = '') -> Chart | None:
     headings = tuple(line['heading'] for line in before)
     verb = 'add' if effects == 'the effects' else 'adds'
     what = f'left with {effects}' if spectrum else f'what {effects} {verb} to the simulation'
-    return Chart(svg, title, headings, what if laws else '', summary)
+    return Chart(svg, title, headings, what if laws else '', summary, x.linear > 0.0)
 
 
 def _laws(found: Mapping[str, Any]) -> list[tuple[str, Array, Array]]:

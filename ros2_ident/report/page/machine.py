@@ -17,6 +17,8 @@ from ros2_ident.report.scene import Scene, TOP
 Array = npt.NDArray[np.float64]
 
 WIDTH, HEIGHT, _MARGIN = 560.0, 420.0, 16.0
+# Width and height of a carriage in pixels; of a joint of an arm, whose links are drawn thick.
+_CARRIAGE, _JOINT = (10.0, 14.0), (8.0, 8.0)
 # Whole numbers of two bytes to a pixel, and instants that the page holds at most.
 FINE, MOST = 50.0, 900
 # Where it is seen from: turned about the vertical, and from above, rad.
@@ -36,6 +38,7 @@ class Moving:
         first: The one that is shown first, of the largest residual.
         summary: What it shows, in words.
         note: What the colours are.
+        arm: Whether its links are bodies of their own, and no platform.
     """
 
     svg: Markup
@@ -44,6 +47,7 @@ class Moving:
     first: int
     summary: str
     note: str
+    arm: bool
 
 
 def moving(scene: Scene) -> Moving:
@@ -62,11 +66,13 @@ def moving(scene: Scene) -> Moving:
         parts['simulated'] = (parts['body'] + off[:, None]).reshape(len(tool), -1, 3)
     view = _View.of([figure.frame, *parts.values()])
     time = 1e-9 * (scene.stamp[here] - scene.stamp[0])
+    arm = not figure.body.size
     content = {
         'time': np.round(time, 3).tolist(),
         'gap': [None if math.isnan(x) else float(f'{x:.3g}') for x in gap.tolist()],
         'unit': unit_of(scene.unit),
         'fine': FINE,
+        'block': _JOINT if arm else _CARRIAGE,
         'parts': {name: _coded(view.seen(points)) for name, points in parts.items()},
     }
     return Moving(
@@ -76,6 +82,7 @@ def moving(scene: Scene) -> Moving:
         int(np.argmax(np.where(np.isnan(gap), -1.0, gap))),
         f'The {scene.machine.replace("_", " ")} in space along the first recording',
         _note(scene),
+        arm,
     )
 
 

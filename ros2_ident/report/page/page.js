@@ -95,15 +95,16 @@ const identPage = {
       const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0))
       const codes = new Int16Array(bytes.buffer)
       const path = figure.querySelector(`path.${name}`)
-      return {path, codes, wide: codes.length / data.time.length, dots: name === 'blocks'}
+      return {path, codes, length: codes.length / data.time.length, dots: name === 'blocks'}
     })
+    const [wide, high] = data.block
     const show = () => {
       const k = Number(slider.value)
-      for (const {path, codes, wide, dots} of parts) {
+      for (const {path, codes, length, dots} of parts) {
         let d = ''
-        for (let i = k * wide; i < (k + 1) * wide; i += dots ? 2 : 4) {
+        for (let i = k * length; i < (k + 1) * length; i += dots ? 2 : 4) {
           const [a, b, e, f] = Array.from(codes.subarray(i, i + 4), (x) => x / data.fine)
-          d += dots ? `M${a - 5} ${b - 7}h10v14h-10z` : `M${a} ${b}L${e} ${f}`
+          d += dots ? `M${a - wide / 2} ${b - high / 2}h${wide}v${high}h${-wide}z` : `M${a} ${b}L${e} ${f}`
         }
         path.setAttribute('d', d)
       }

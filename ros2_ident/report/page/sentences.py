@@ -10,8 +10,8 @@ import numpy as np
 
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.verdict import NAMELESS as NAMELESS
-from ros2_ident.identify.result import Identification, ParameterEstimate
-from ros2_ident.report.page.numbers import change, number, precision, quantity
+from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
+from ros2_ident.report.page.numbers import change, number, precision, quantity, UNKNOWN
 
 Level = Literal['good', 'doubtful', 'bad']
 
@@ -21,6 +21,8 @@ WIDE = 0.2
 CLOSE = 0.95
 # A parameter that an effect moves by so much of its value is named.
 MOVED = 0.05
+# A headline from so many letters on ends at its colon.
+LONG = 90
 # Pairs, parameters or effects that one sentence lists.
 LISTED = 6
 # Places of the gap that are told at once, and the share of a drive's gap that a further one has to
@@ -71,23 +73,33 @@ def joined(texts: Sequence[str]) -> list[str]:
 
 
 def _as_one(group: Sequence[str]) -> str:
+    """Return like warnings as one, which begins as a sentence does."""
     drives = [found[1] for text in group if (found := _DRIVE.match(text))]
     if len(group) == 1 or len(drives) < len(group):
-        return group[0]
+        return _sentence(group[0])
     others = [name for name in dict.fromkeys(drives) if name != drives[0]]
     return f'{group[0]} (likewise {some(others)})' if others else group[0]
+
+
+def _sentence(text: str) -> str:
+    """Return a warning with a capital; what begins with a name or a path stays."""
+    first = text.partition(' ')[0]
+    return f'{text[0].upper()}{text[1:]}' if first.isalpha() else text
 
 
 # ---------------------------------------------------------------------- identifications
 
 
-def headline(result: Identification) -> str:
-    """Return how an identification ended."""
+def headline(result: Identification) -> tuple[str, str]:
+    """Return how an identification ended, and what a long sentence goes on to say."""
     # What follows the first sentence is about bounds, which are said one by one.
     first, _, rest = result.message.partition('. ')
     if rest and not any(p.at_bound for p in result.parameters):
         first = result.message
-    return first.rstrip('.') + '.'
+    short, colon, more = first.rstrip('.').partition(': ')
+    if colon and len(first) > LONG and result.outcome is Outcome.NOT_IDENTIFIABLE:
+        return f'{short}.', f'Not determined: {more}.'
+    return first.rstrip('.') + '.', ''
 
 
 def precision_of(result: Identification) -> Iterator[str]:
@@ -97,29 +109,26 @@ def precision_of(result: Identification) -> Iterator[str]:
         return
     best, worst = min(known, key=width), max(known, key=width)
     text = f'{best.name} is known best, to {precision(width(best))}'
-    if worst is not best:
+    if worst is not best and width(worst) <= UNKNOWN:
         text += f'; {worst.name} least, to {precision(width(worst))}'
+    unknown = sum(width(p) > UNKNOWN for p in known)
+    if unknown:
+        text += f'; {unknown} of {len(result.parameters)} have intervals wider than their values'
     yield f'{text} (95 % intervals).'
 
 
 def doubts(result: Identification) -> Iterator[str]:
     """Yield what to be careful about in the parameters."""
-    for p in result.parameters:
-        if p.at_bound:
-            lower = abs(p.value - p.lower_bound) <= abs(p.value - p.upper_bound)
-            yield (
-                f'{p.name} is at its {"lower" if lower else "upper"} bound, '
-                f'{quantity(p.value, p.unit)}: the true value may lie beyond. Check the bounds '
-                'in the machine file.'
-            )
+    yield from _bounded([p for p in result.parameters if p.at_bound])
     loose = [p.name for p in result.parameters if not p.identifiable and not p.at_bound]
-    if loose:
+    # Of such an outcome the headline says it.
+    if loose and result.outcome is not Outcome.NOT_IDENTIFIABLE:
         yield f'This recording does not determine {some(loose)}.'
-    wide = [
-        f'{p.name} {precision(width(p))}'
-        for p in result.parameters
-        if p.identifiable and not p.at_bound and WIDE < width(p) < math.inf
-    ]
+    known = [p for p in result.parameters if p.identifiable and not p.at_bound]
+    hollow = [p.name for p in known if UNKNOWN < width(p) < math.inf]
+    if hollow:
+        yield f'Intervals wider than the values: {some(hollow)}.'
+    wide = [f'{p.name} {precision(width(p))}' for p in known if WIDE < width(p) <= UNKNOWN]
     if wide:
         yield f'Poorly known: {some(wide)}.'
     pairs = correlated(result)
@@ -128,6 +137,24 @@ def doubts(result: Identification) -> Iterator[str]:
         yield (
             f'This motion hardly separates {some(told)}; correlations in brackets. Record another '
             'motion, or hold one of the two at a known value.'
+        )
+
+
+def _bounded(ends: Sequence[ParameterEstimate]) -> Iterator[str]:
+    """Yield what to say of parameters at a bound."""
+    if len(ends) == 1:
+        (p,) = ends
+        lower = abs(p.value - p.lower_bound) <= abs(p.value - p.upper_bound)
+        yield (
+            f'{p.name} is at its {"lower" if lower else "upper"} bound, '
+            f'{quantity(p.value, p.unit)}: the true value may lie beyond. Check the bounds '
+            'in the machine file.'
+        )
+    elif ends:
+        told = [f'{p.name} ({quantity(p.value, p.unit, 3)})' for p in ends]
+        yield (
+            f'{len(ends)} parameters are at a bound, and their true values may lie beyond: '
+            f'{some(told)}. Check the bounds in the machine file.'
         )
 
 

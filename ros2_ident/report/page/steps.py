@@ -139,7 +139,13 @@ def _steps_of_effects(
     data: Mapping[str, Any], found: Sequence[Mapping[str, Any]], out: str
 ) -> Iterator[Step]:
     laws = [law for at in found if (law := law_of(at, data['parameters'])) is not None]
-    yield Step('Add to your simulation:', laws=tuple(laws))
+    of_log = [law for law in laws if CATALOGUE[law.anchor].group == 'measurement']
+    missing = [law for law in laws if law not in of_log]
+    if missing:
+        yield Step('Add to your simulation:', laws=tuple(missing))
+    if of_log:
+        text = 'Correct how the log is made; a simulation of the machine does not need this:'
+        yield Step(text, laws=tuple(of_log))
     if data['machine_lines']:
         yield Step('Change the machine file:', code='\n'.join(data['machine_lines']))
     values = [_line(name, data) for name in sentences.moved_names(data)]

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Time, cancel and progress of a diagnosis, and how long it will still take.
+
+The nominal fit and the noise take shares of the time that are known roughly. The rounds that
+follow, in each of which one more effect is looked for, are as long as those that went before, the
+first as long as all before it; how many there will be is guessed from the size of the gap.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+import time
+
+# Share of the work from which on the time to go is told; before, simulations may be compiled.
+KNOWN = 0.05
+# Rounds for each doubling of the gap over the noise floor, as on tripods, axes and arms.
+_ROUNDS = 1.2
+# The end takes this share of what stood before the rounds; where there are none, the noise is told
+# and all effects are looked at in it.
+_END, _END_ALONE = 0.3, 0.8
+# A round that has outlasted the others takes this share of its time longer.
+_LATE = 0.25
+
+
+@dataclass(frozen=True)
+class DiagnoseProgress:
+    """How far a diagnosis is.
+
+    Attributes:
+        stage: What is being done.
+        fraction: Share of the time that has gone, 0 to 1; never falls.
+        best_so_far: The verdict if it ended now, as a sentence; empty for none yet.
+        elapsed: Seconds since the start.
+        eta: Seconds expected until the end, NaN where unknown.
+    """
+
+    stage: str
+    fraction: float
+    best_so_far: str
+    elapsed: float
+    eta: float
+
+
+class Clock:
+    """The clock of one diagnosis.
+
+    Args:
+        seconds: What it may take; 0 for no limit.
+        cancelled: Whether it shall end.
+        on_progress: Told how far it is.
+        now: Seconds that never step back.
+    """
+
+    def __init__(
+        self,
+        seconds: float,
+        cancelled: Callable[[], bool],
+        on_progress: Callable[[DiagnoseProgress], None] | None,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.begin = now()
+        self.seconds = seconds
+        self.cancelled = cancelled
+        self.on_progress = on_progress
+        self.best = ''
+        self.stage = (0.0, 1.0)
+        self._now = now
+        self._done = 0.0
+        self._before = 0.0  # what stood before the rounds took, s
+        self._starts: list[float] = []
+        self._expected = self._left = 0.0
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the start."""
+        return self._now() - self.begin
+
+    def stopped(self) -> bool:
+        """Whether it shall end."""
+        return self.cancelled() or 0.0 < self.seconds < self.elapsed
+
+    def enter(self, low: float, high: float) -> None:
+        """Begin a stage before the rounds, by its shares of the time."""
+        self.stage = (low, high)
+
+    def rounds(self, size: float) -> None:
+        """Begin a round, or the end.
+
+        Args:
+            size: The gap that is left, in units of the noise floor; 0 for the end.
+        """
+        expected = max(1.0, _ROUNDS * math.log2(max(1.0, size))) if size else 0.0
+        if not self._starts:
+            self._before, self._expected = self.elapsed, expected
+        left = min(expected, self._expected - len(self._starts))
+        self._starts.append(self.elapsed)
+        self._left = max(1.0, left) if expected else 0.0
+
+    def step(self, share: float, text: str) -> None:
+        """Report a share of the present stage."""
+        if self.on_progress is None:
+            return
+        eta = self._later() if self._starts else self._by_share(share)
+        if self.seconds:
+            eta = min(eta, max(0.0, self.seconds - self.elapsed))
+        if not math.isnan(eta):
+            self._done = max(self._done, self.elapsed / max(self.elapsed + eta, 1e-9))
+        self.on_progress(DiagnoseProgress(text, self._done, self.best, self.elapsed, eta))
+
+    def _by_share(self, share: float) -> float:
+        low, high = self.stage
+        fraction = low + (high - low) * share
+        return self.elapsed * (1.0 - fraction) / fraction if fraction > KNOWN else math.nan
+
+    def _later(self) -> float:
+        """Return the time to go from the rounds on, s."""
+        spent = self.elapsed - self._starts[-1]
+        end = (_END if self._expected else _END_ALONE) * self._before
+        if not self._left:
+            return max(end - spent, _LATE * spent)
+        past = len(self._starts) - 1
+        length = (self._starts[-1] - self._starts[0]) / past if past else self._before
+        length = max(length, spent * (1.0 + _LATE))
+        return self._left * length - spent + end
