@@ -36,7 +36,7 @@ def compose(
     verdict: Verdict,
     gates: Sequence[tuple[str, str, str]],
     where: tuple[Finding, ...],
-    testable: tuple[EffectAt, ...],
+    hidden: tuple[EffectAt, ...],
     seconds: float,
     seed: int,
 ) -> Diagnosis:
@@ -48,7 +48,7 @@ def compose(
         verdict: What follows from it.
         gates: What was checked before, as (name, level, sentence).
         where: Where the gap lies.
-        testable: Effects that the motion cannot show.
+        hidden: Effects that the motion cannot show.
         seconds: Time taken, s.
         seed: Of the resampling.
     """
@@ -110,11 +110,11 @@ def compose(
         moved=moved,
         nominal=nominal,
         gates=tuple(gates),
-        not_testable=testable,
+        not_testable=hidden,
         advice=(
             *_doubts(values),
             *_hints(verdict, again),
-            *advice(verdict, testable, model.travel),
+            *advice(verdict, hidden, model.travel),
         ),
         again=again,
         complete=found.complete,

@@ -315,14 +315,16 @@ class _Passes:
             where = _located(begun, base, self.seed)
             if verdict.effect == UNKNOWN:
                 where = (*_in_bursts(begun, base), *where)
-        testable = tuple(at for at, seen in visible.items() if seen < VISIBLE)
+        # What was found was seen.
+        named = () if verdict.effect in NAMELESS else found.chain[-1].effects
+        hidden = tuple(a for a, seen in visible.items() if seen < VISIBLE and a not in named)
         return compose(
             begun.explainer,
             found,
             verdict,
             tuple((g.gate, g.level, g.sentence) for g in begun.report.gates),
             where,
-            testable,
+            hidden,
             clock.elapsed,
             self.seed,
         )
