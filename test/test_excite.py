@@ -115,6 +115,12 @@ def test_a_motion_begins_and_ends_at_rest_and_touches_a_limit(axis, seed) -> Non
     assert max(loads.values()) == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.parametrize(('seconds', 'harmonics'), [(0.4, 8), (4.0, 1)])
+def test_too_little_for_a_motion(axis, seconds, harmonics) -> None:
+    with pytest.raises(IdentError, match='leave no motion; take 2 harmonics and 0.54 s'):
+        courses_for(axis, limits_of(axis), seconds, harmonics)
+
+
 @pytest.mark.parametrize('file', ['tripod', 'delta'])
 def test_a_tool_stays_in_its_room(file) -> None:
     machine = load_machine(CONFIG / f'{file}.yaml')

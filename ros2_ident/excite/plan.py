@@ -14,7 +14,7 @@ from ros2_ident.excite.course import Courses
 from ros2_ident.excite.information import Sensitivity, Shown
 from ros2_ident.excite.limits import Limits, Moved
 from ros2_ident.machine.parameter import Parameter
-from ros2_ident.search import Budget, GeneticSearch, GeneticSettings, minimise
+from ros2_ident.search import Budget, GeneticSearch, GeneticSettings, minimise, SearchResult
 from ros2_ident.search.driver import Progress
 from ros2_ident.search.evaluators import Cancel
 
@@ -133,34 +133,8 @@ def excite(
     wanted = _wanted(wish, sensitivity.parameters)
     one = replace(courses.series, periods=1, rest=_SHORT_REST)
     cost = _Cost(replace(courses, series=one), sensitivity, wanted, wish)
-    first: list[tuple[Array, Array]] = []
-
-    def note(points: Array, costs: Array, _: npt.NDArray[np.bool_]) -> None:
-        if not first:
-            first.append((points.copy(), costs.copy()))
-
-    search = GeneticSearch(courses.dimension, wish.settings, wish.seed)
-    ends = np.zeros(courses.dimension), np.ones(courses.dimension)
-    with ThreadPoolExecutor(wish.threads) as pool:
-        found = minimise(
-            lambda points: np.array(list(pool.map(cost, points))),
-            search,
-            low=ends[0],
-            high=ends[1],
-            budget=wish.budget,
-            on_progress=on_progress,
-            on_generation=note,
-            cancel=cancel,
-        )
-    if not math.isfinite(found.cost):
-        raise IdentError(
-            ErrorCode.DIVERGED,
-            'the machine runs away in every motion that was tried; give other parameters with '
-            '--set, or lower limits',
-        )
+    found, middling = _searched(cost, on_progress, cancel)
     planned, shown, others = scaled(courses, sensitivity, found.theta)
-    points, costs = first[0]
-    middling = points[np.argsort(costs)[len(costs) // 2]]
     return Excitation(
         planned=planned,
         shown=shown,
@@ -175,6 +149,42 @@ def excite(
         evaluations=found.evaluations,
         stop=found.stop.value,
     )
+
+
+def _searched(
+    cost: '_Cost', on_progress: Callable[[Progress], None] | None, cancel: Cancel | None
+) -> tuple[SearchResult, Array]:
+    """Return what was found, and the middling one (N,) of the first generation.
+
+    Raises:
+        IdentError: DIVERGED where every motion was.
+    """
+    wish, dimension = cost.wish, cost.courses.dimension
+    first: list[tuple[Array, Array]] = []
+
+    def note(points: Array, costs: Array, _: npt.NDArray[np.bool_]) -> None:
+        if not first:
+            first.append((points.copy(), costs.copy()))
+
+    with ThreadPoolExecutor(wish.threads) as pool:
+        found = minimise(
+            lambda points: np.array(list(pool.map(cost, points))),
+            GeneticSearch(dimension, wish.settings, wish.seed),
+            low=np.zeros(dimension),
+            high=np.ones(dimension),
+            budget=wish.budget,
+            on_progress=on_progress,
+            on_generation=note,
+            cancel=cancel,
+        )
+    if not math.isfinite(found.cost):
+        raise IdentError(
+            ErrorCode.DIVERGED,
+            'the machine runs away in every motion that was tried; give other parameters with '
+            '--set, or lower limits',
+        )
+    points, costs = first[0]
+    return found, points[np.argsort(costs)[len(costs) // 2]]
 
 
 def scaled(

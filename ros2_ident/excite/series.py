@@ -13,6 +13,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.errors import ErrorCode, IdentError
+
 Array = npt.NDArray[np.float64]
 
 # A harmonic has at least so many cycles of the controller in its period.
@@ -102,9 +104,18 @@ def series_for(
         rates: Largest speed, acceleration and jerk along each dimension, (M,) each.
         harmonics: How many there are; fewer where the frequencies do not lie apart.
         rest: Rest before and after, s.
+
+    Raises:
+        IdentError: INVALID_GOAL where time or harmonics do not suffice for a motion.
     """
     velocity, acceleration, jerk = rates
     moving = seconds - 2.0 * rest
+    if moving < 2.0 * _FINEST * cycle or harmonics < 2:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{max(moving, 0.0):g} s between two rests and {harmonics} harmonics leave no motion; '
+            f'take 2 harmonics and {2.0 * (rest + _FINEST * cycle):g} s or more',
+        )
     slow = float(np.min(velocity / reach)) / (2.0 * math.pi) / 4.0
     periods = max(1, round(moving * slow))
     period = moving / periods
