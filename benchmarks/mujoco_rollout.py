@@ -2,7 +2,8 @@
 """Steps a second of the `mujoco` machine beside bare `mujoco.rollout`, on one core.
 
 Candidates differ in gain, damping and friction; attributes, set-points and what is made of the
-sensors count. Process time, the best of the rounds; both in turn. Needs MuJoCo.
+sensors count. The bare model has dry friction as well: without it MuJoCo solves no constraints.
+Process time, the best of the rounds; both in turn. Needs MuJoCo.
 
     python benchmarks/mujoco_rollout.py MJCF [--seconds 10] [--candidates 128] [--rounds 3]
 """
@@ -63,6 +64,7 @@ def main():
     parser.add_argument('--rounds', type=int, default=3)
     args = parser.parse_args()
     bare = mujoco.MjModel.from_xml_path(str(args.mjcf))
+    bare.dof_frictionloss[:] = 0.5 * sum(BOXES['frictionloss'][:2])
     joints = [bare.joint(int(bare.actuator_trnid[a, 0])).name for a in range(bare.nu)]
     cycle = 4.0 * bare.opt.timestep
     instants = np.arange(0.0, args.seconds, cycle)

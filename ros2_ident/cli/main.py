@@ -32,6 +32,7 @@ OWN: dict[str, tuple[str, str]] = {
     ),
     'report': ('ros2_ident.cli.report', 'write one page on a result directory'),
     'simulate': ('ros2_ident.cli.simulate', 'make a bag of a machine with known parameters'),
+    'excite': ('ros2_ident.cli.excite', 'plan the motion that determines parameters best'),
     'export': (
         'ros2_ident.cli.export',
         'write what was identified for simulators and controllers',

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A motion in files: a bag of set-points, a trajectory for a controller, a table, its worth."""
+
+from collections.abc import Sequence
+import io
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from rosbags.typesys import get_typestore, Stores
+import yaml
+
+from ros2_ident.excite.plan import Excitation
+from ros2_ident.files import make_directory, replacing, write_text
+from ros2_ident.recording import Stream, write_bag
+from ros2_ident.recording.write import require_room, Topic
+
+Array = npt.NDArray[np.float64]
+
+BAG, TRAJECTORY, TABLE, WORTH, PICTURE = (
+    'set_points', 'trajectory.yaml', 'motion.csv', 'excite.json', 'motion.png',
+)  # fmt: skip
+MARK = 'excitation'
+TOPIC = '/joint_trajectory_controller/joint_trajectory'
+_KIND = 'trajectory_msgs/msg/JointTrajectory'
+# Points of a trajectory in the period of the highest frequency: a quintic between two of them is
+# off by some hundred thousandths of its amplitude.
+_POINTS = 6.0
+# Stamp of the first set-point, ns.
+_START = 1_700_000_000_000_000_000
+
+
+def write_excitation(
+    directory: str | Path,
+    found: Excitation,
+    drives: Sequence[str],
+    highest: float,
+    lead: float,
+    asked: str = '',
+) -> list[Path]:
+    """Write a motion; return the files.
+
+    Args:
+        directory: Where to; it is made.
+        found: The motion.
+        drives: Names of the drives.
+        highest: Highest frequency of the set-points, Hz.
+        lead: Time that the controller of a trajectory has to reach its first point, s.
+        asked: The command, for the bag's metadata.
+
+    Raises:
+        IdentError: INVALID_GOAL where something is in the way.
+    """
+    folder = make_directory(directory)
+    bag = folder / BAG
+    require_room(bag, MARK)
+    message = _trajectory(found, drives, highest, lead)
+    _write_bag(bag, found, drives, message, asked)
+    text = yaml.safe_dump(message, default_flow_style=None, sort_keys=False, width=1 << 20)
+    files = [write_text(folder / TRAJECTORY, text)]
+    files.append(write_text(folder / TABLE, _table(found, drives)))
+    files.append(write_text(folder / WORTH, json.dumps(worth(found), indent=1) + '\n'))
+    from ros2_ident.excite.picture import picture
+
+    with replacing(folder / PICTURE) as file:
+        picture(found, drives).savefig(file, format='png', dpi=110)
+    return [bag, *files, folder / PICTURE]
+
+
+def _write_bag(
+    path: Path, found: Excitation, drives: Sequence[str], message: dict[str, Any], asked: str
+) -> None:
+    position, velocity = found.planned.position.T, found.planned.velocity.T
+    stamp = _START + np.round(1e9 * found.cycle * np.arange(len(position))).astype(np.int64)
+    stream = Stream(tuple(drives), stamp, position=position, velocity=velocity)
+    trajectory = Topic(TOPIC, _KIND, [(_START, _serialised(message))])
+    write_bag(
+        path,
+        {'/joint_command': stream},
+        mark=MARK,
+        custom={'command': asked},
+        others=[trajectory],
+    )
+
+
+def _trajectory(
+    found: Excitation, drives: Sequence[str], highest: float, lead: float
+) -> dict[str, Any]:
+    """Return a JointTrajectory as plain data."""
+    every = max(1, int(1.0 / (_POINTS * highest * found.cycle)))
+    last = found.planned.position.shape[1] - 1
+    points = []
+    for k in sorted({*range(0, last, every), last}):
+        seconds, fraction = divmod(round(1e9 * (lead + k * found.cycle)), 1_000_000_000)
+        rows = (found.planned.position, found.planned.velocity, found.planned.acceleration)
+        position, velocity, acceleration = ([round(float(x), 9) for x in r[:, k]] for r in rows)
+        points.append(
+            {
+                'positions': position,
+                'velocities': velocity,
+                'accelerations': acceleration,
+                'time_from_start': {'sec': seconds, 'nanosec': fraction},
+            }
+        )
+    return {'joint_names': list(drives), 'points': points}
+
+
+def _serialised(message: dict[str, Any]) -> bytes:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = store.types
+    duration = types['builtin_interfaces/msg/Duration']
+    points = [
+        types['trajectory_msgs/msg/JointTrajectoryPoint'](
+            positions=np.array(p['positions']),
+            velocities=np.array(p['velocities']),
+            accelerations=np.array(p['accelerations']),
+            effort=np.empty(0),
+            time_from_start=duration(**p['time_from_start']),
+        )
+        for p in message['points']
+    ]
+    stamp = types['builtin_interfaces/msg/Time'](sec=0, nanosec=0)
+    header = types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
+    whole = types[_KIND](header=header, joint_names=message['joint_names'], points=points)
+    return bytes(store.serialize_cdr(whole, _KIND))
+
+
+def _table(found: Excitation, drives: Sequence[str]) -> str:
+    """Return set-points as CSV: time, and position, velocity and acceleration of each drive."""
+    rows = (found.planned.position, found.planned.velocity, found.planned.acceleration)
+    words = ('position', 'velocity', 'acceleration')
+    head = ['time', *(f'{drive}.{word}' for word in words for drive in drives)]
+    time = found.cycle * np.arange(rows[0].shape[1])
+    out = io.StringIO()
+    np.savetxt(out, np.column_stack([time, *(row.T for row in rows)]), '%.9g', ',')
+    return ','.join(head) + '\n' + out.getvalue()
+
+
+def worth(found: Excitation) -> dict[str, Any]:
+    """Return what a motion is worth, as plain data."""
+    rows = zip(
+        found.parameters, found.values, found.half_widths, found.chance, found.wanted, strict=True
+    )
+    return {
+        'version': 1,
+        'seconds': (found.planned.position.shape[1] - 1) * found.cycle,
+        'parameters': {
+            p.name: {
+                'unit': p.unit,
+                'expected': float(value),
+                'half_width': _finite(half),
+                'half_width_of_a_random_motion': _finite(chance),
+                'wanted': bool(wanted),
+            }
+            for p, value, half, chance, wanted in rows
+        },
+        'largest_share_of_a_limit': {n: round(x, 6) for n, x in found.loads.items()},
+        'evaluations': found.evaluations,
+        'stop': found.stop,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

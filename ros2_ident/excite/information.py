@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a log of a motion will tell of a machine's parameters, before it is recorded."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+import functools
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import norm
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.excite.course import derived, tool_of
+from ros2_ident.excite.limits import Moved
+from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.parameter import Parameter
+from ros2_ident.models import make_model
+from ros2_ident.models.protocol import FullModel
+from ros2_ident.models.registry import compared_of
+from ros2_ident.recording import Dataset
+from ros2_ident.search import finite_differences
+from ros2_ident.search.jacobian import Box
+
+Array = npt.NDArray[np.float64]
+
+# Noise of outputs for which a machine file states none, their unit.
+_NOISE = 1e-3
+# What is known without any log: the box, as an even distribution over it (variance 1/12).
+_BOX = 12.0
+# How far a machine may be off what is expected, and still has to keep to its limits.
+_OFF = 0.25
+# What models tell of a motion, the more the better.
+_TOLD = (('effort', 'position', 'velocity'), ('effort', 'position'))
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What a motion shows.
+
+    Attributes:
+        matrix: (N, N) Fisher information of the parameters, in widths of their boxes.
+        moved: What the drives do, efforts included; set-points where nothing follows them.
+    """
+
+    matrix: Array
+    moved: Moved
+
+    @functools.cached_property
+    def covariance(self) -> Array:
+        """(N, N) covariance that an estimate will have at best, in widths of the boxes."""
+        known = self.matrix + _BOX * np.eye(len(self.matrix))
+        scale = 1.0 / np.sqrt(np.diag(known))
+        out: Array = np.linalg.inv(known * np.outer(scale, scale)) * np.outer(scale, scale)
+        return out
+
+
+class Sensitivity:
+    """A machine whose parameters have the values that are expected.
+
+    Args:
+        machine: The machine.
+        values: Expected parameters by name, `gear_stiffness` meaning that of every drive; the
+            machine file's, or the middle of the box, where not given.
+        drives: Drives that are identified; all where None.
+        fixed: Parameters that are known, by name.
+        rate: Samples of the log a second; one in every cycle where None.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        *,
+        values: Mapping[str, float] | None = None,
+        drives: Sequence[str] | None = None,
+        fixed: Mapping[str, float] | None = None,
+        rate: float | None = None,
+    ) -> None:
+        self.machine = machine
+        self._drives, self._fixed = drives, fixed
+        self._compared = compared_of(machine)
+        cycle = machine.number('cycle')
+        self._every = 1 if rate is None else max(1, round(1.0 / (rate * cycle)))
+        still = np.zeros((len(machine.drives), 8))
+        self._quantities, model = self._widest(derived(still, still, cycle))
+        self.parameters: tuple[Parameter, ...] = model.parameters
+        self.values = self._expected(values or {})
+        self.box = Box.of([p.low for p in self.parameters], [p.high for p in self.parameters])
+
+    def _widest(self, planned: Moved) -> tuple[tuple[str, ...], FullModel]:
+        """Return all that the model can tell of a motion, and the model."""
+        for wanted in _TOLD:
+            with suppress(IdentError):
+                return wanted, self._model(planned, wanted)
+        return self._compared, self._model(planned, self._compared)
+
+    def _expected(self, given: Mapping[str, float]) -> Array:
+        """Return (N,) the values at which the information is worked out."""
+        left = set(given)
+        out = np.empty(len(self.parameters))
+        for n, p in enumerate(self.parameters):
+            drive, _, base = p.name.rpartition('.')
+            named = next((name for name in (p.name, base) if name in given), None)
+            left -= {p.name, base}
+            if named is not None:
+                out[n] = given[named]
+            elif base in self.machine.constants and self.machine.stated(base):
+                out[n] = self.machine.number(base, drive or None)
+            else:
+                out[n] = 0.5 * (p.low + p.high)
+        if left:
+            raise IdentError(
+                ErrorCode.UNKNOWN_PARAMETER,
+                f'{min(left)!r} is no parameter that is looked for; choose from '
+                f'{", ".join(p.name for p in self.parameters)}',
+            )
+        return out
+
+    def _model(self, planned: Moved, quantities: Sequence[str]) -> FullModel:
+        position, velocity = planned.position, planned.velocity
+        data = Dataset(
+            self.machine.drives,
+            self.machine.number('cycle'),
+            0,
+            position,
+            velocity,
+            position,
+            velocity,
+            np.zeros_like(position),
+        )
+        return make_model(
+            self.machine, data, drives=self._drives, fixed=self._fixed, quantities=quantities
+        )
+
+    def of(self, planned: Moved) -> Shown:
+        """Return what a log of set-points shows.
+
+        Raises:
+            IdentError: DIVERGED where the machine cannot be simulated at the expected values.
+        """
+        model = self._model(planned, self._quantities)
+        told = model.simulate(self.values[None])[0]
+        if not np.isfinite(told).all():
+            raise IdentError(
+                ErrorCode.DIVERGED,
+                'the machine runs away at the expected parameters; give others with --set',
+            )
+        moved = self._moved(model, planned, told)
+        there = np.zeros(told.shape, dtype=bool)
+        compared = [o.quantity in self._compared for o in model.outputs]
+        there[compared, :: self._every] = True
+        slopes = finite_differences(
+            lambda theta: model.simulate_at(theta, there),
+            self.box.inside(self.values),
+            told[there],
+            self.box,
+        )
+        noise = self._noise(model)[compared]
+        slopes /= np.repeat(noise, there[compared].sum(axis=1))[:, None]
+        return Shown(slopes.T @ slopes, moved)
+
+    def elsewhere(self, planned: Moved) -> tuple[Moved, ...]:
+        """Return what the drives do where all parameters are a quarter lower, and higher."""
+        model = self._model(planned, self._quantities)
+        low, high = self.box.low, self.box.low + self.box.width
+        both = [np.clip(x * self.values, low, high) for x in (1.0 - _OFF, 1.0 + _OFF)]
+        told = model.simulate(np.array(both))
+        return tuple(self._moved(model, planned, one) for one in told if np.isfinite(one).all())
+
+    def _noise(self, model: FullModel) -> Array:
+        """Return (O,) the expected noise of the outputs."""
+        efforts = self.machine.effort_noise or _NOISE
+        return np.array([efforts if o.quantity == 'effort' else _NOISE for o in model.outputs])
+
+    def _moved(self, model: FullModel, planned: Moved, told: Array) -> Moved:
+        """Return what the drives do: what the model does not tell is as planned."""
+        rows = {
+            'position': planned.position.copy(),
+            'velocity': planned.velocity.copy(),
+            'effort': np.zeros_like(planned.position),
+        }
+        for output, row in zip(model.outputs, told, strict=True):
+            rows[output.quantity][self.machine.drives.index(output.place or output.name)] = row
+        seen = derived(rows['position'], rows['velocity'], model.cycle)
+        tool = tool_of(self.machine, planned, rows['position'])
+        return replace(seen, jerk=None, effort=rows['effort'], tool=tool)
+
+    def half_widths(self, shown: Shown, level: float = 0.95) -> Array:
+        """Return (N,) half the intervals that a log of a motion will give at best."""
+        quantile = float(norm.ppf(0.5 + 0.5 * level))
+        out: Array = quantile * np.sqrt(np.diag(shown.covariance)) * self.box.width
+        return out
