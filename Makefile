@@ -4,7 +4,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint bench docs lock clean
+.PHONY: help setup demo test lint bench docs lock sbom clean
 
 help: ## this list
 	@sed -nE 's/^([a-z]+):[^#]*## (.*)/  make \1\t\2/p' Makefile | expand -t 16
@@ -26,6 +26,9 @@ bench: setup ## benchmarks, beside other programs too, 9 minutes; ARGS=peers for
 
 docs: setup ## the documentation as a site, build/docs/index.html
 	@. ./env.sh; tools/docs.sh
+
+sbom: setup ## what the environment consists of, CycloneDX, build/sbom.cdx.json
+	@. ./env.sh; python tools/sbom.py build/sbom.cdx.json
 
 lock: ## newest versions of everything into requirements.lock
 	@tools/lock.sh

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kill a command or the node at random moments, go on, and look at what comes of it.
 
-The directory holds the results of an earlier run with another seed. A run is killed (SIGKILL, with
-all its threads) and started again until it ends by itself; then another begins, until there were
-as many kills as asked for. After each kill every file has to be whole and of one run, old or new;
-at the end the result has to be the uninterrupted one's to the bit, and nothing else may be left.
-The node gets the same goal again after each kill.
+A run that has everything before it is killed (SIGKILL, with all its threads) at a moment drawn
+evenly from the processor time that it takes undisturbed, the import of its modules excepted: runs
+are forked from a process that has them. Then it is started again, and in one of four cases killed
+again; at last it may end. Its directory holds the results of an earlier run with another seed.
+After each kill every file has to be whole and of one run, old or new; at the end the result has to
+be the uninterrupted one's to the bit, and nothing else may be left. The node gets the same goal
+again after each kill.
 
 Example: python benchmarks/kills.py identify --kills 100
 """
@@ -14,12 +16,11 @@ import argparse
 from collections import Counter
 from collections.abc import Sequence
 import json
+import multiprocessing
 import os
 from pathlib import Path
 import random
 import shutil
-import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -28,6 +29,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from ros2_ident.cli.main import main as ident
 from ros2_ident.recording import read_bag
 from ros2_ident.threads import ONE_THREAD
 
@@ -38,31 +40,81 @@ LOG = ['--motion', 'reversals', '--seconds', '8', '--seed', '3']
 LOG += ['--effect', 'stribeck@emps_axis:torque=12,speed=0.02']
 # What of a result says when and where it was made, not what was found.
 OCCASION = ('seconds', 'created', 'host', 'settings', 'provenance')
+AGAIN = 0.25  # share of the runs started again that are killed, too
 FILES = {
     'identify': ('result.json', 'result.yaml', 'history.npz', 'signals.npz'),
     'diagnose': ('diagnosis.json', 'diagnosis.npz'),
 }
 
 
+# Modules that the commands and the node load while they run.
+LOADED = [
+    'ros2_ident.cli.main', 'ros2_ident.gap.diagnose', 'ros2_ident.identify.run',
+    'ros2_ident.report.overlay', 'ros2_ident.report.page', 'ros2_ident.reference.bag_making',
+]
+FORKED = multiprocessing.get_context('forkserver')
+
+
 def command(name: str, out: Path, seed: int, more: Sequence[str] = ()) -> list[str]:
     """Return the words of a run on the bag beside its directory."""
-    words = [sys.executable, '-m', 'ros2_ident.cli.main', name, str(out.with_name('bag'))]
-    words += ['--machine', str(MACHINE)]
+    words = [name, str(out.with_name('bag')), '--machine', str(MACHINE)]
     if name == 'simulate':
         return [*words, *more]
     return [*words, '--seed', str(seed), '--out', str(out), '--quiet', *more]
 
 
-def start(words: Sequence[str]) -> 'subprocess.Popen[bytes]':
-    """Start a run in a session of its own."""
-    environment = os.environ | dict.fromkeys(ONE_THREAD, '1')
-    return subprocess.Popen(
-        words,
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
+def play(words: Sequence[str], said: str) -> None:
+    """Be a run: `ident`, or the node where the words are its."""
+    file = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(file, 1)
+    os.dup2(file, 2)
+    if '--ros-args' not in words:
+        sys.exit(ident(words))
+    from ros2_ident.ros.identifier import main as identifier
+
+    sys.argv = ['identifier', *words]
+    sys.exit(identifier())
+
+
+class Run:
+    """A process that runs `ident` or the node.
+
+    Args:
+        words: What it is called with.
+        said: File for what it prints.
+    """
+
+    def __init__(self, words: Sequence[str], said: Path) -> None:
+        self.process = FORKED.Process(target=play, args=(list(words), str(said)))
+        self.process.start()
+        # clock_getcpuclockid(3): the clock of another process's processor time
+        self._clock = (~int(self.process.pid or 0) << 3) | 2
+        self.used = 0.0
+
+    def lives(self, moment: float | None = None) -> bool:
+        """Return whether it still runs, 5 ms later or once it has used so many seconds."""
+        self.process.join(0.005)
+        if self.process.is_alive():
+            try:
+                self.used = time.clock_gettime(self._clock)
+            except OSError:
+                self.process.join()
+        return self.process.is_alive() and (moment is None or self.used < moment)
+
+    def kill(self) -> None:
+        """Kill it."""
+        self.process.kill()
+        self.process.join()
+
+
+def seconds(words: Sequence[str], said: Path) -> float:
+    """Let a run end; return the processor time it took, s."""
+    run = Run(words, said)
+    while run.lives():
+        pass
+    if run.process.exitcode not in (0, 1):
+        raise RuntimeError(said.read_text())
+    return run.used
 
 
 def told(value: Any) -> Any:
@@ -106,41 +158,39 @@ class Trial:
     """
 
     def __init__(self, name: str, out: Path, old: Path, new: Path) -> None:
-        self.name, self.out = name, out
+        self.name, self.out, self.said = name, out, out.with_name('said')
         self.old, self.new = results(name, old), results(name, new)
         page = old / 'report.html'
         self.old_page = page.read_bytes() if page.exists() else b''
         self.old_bag = (old / 'overlay' / 'overlay.mcap').read_bytes()
         self.found: Counter[str] = Counter()
         self.wrong: list[str] = []
-        self.until, self.working = 3.0, 2.0  # s, before the work and of it
 
-    def kills(self, process: 'subprocess.Popen[bytes]', generator: random.Random) -> bool:
-        """Kill a run at a random moment; return whether it had not ended before.
+    def run(self, words: Sequence[str], whole: float, generator: random.Random) -> int:
+        """Kill a run, go on with it to its end; return how often it was killed.
 
-        One in five moments lies anywhere before the run begins to work, the others within the
-        time that it then takes, as far as the last run that ended took so long.
+        Args:
+            words: The command.
+            whole: The processor time that it takes, s.
+            generator: Draws the moments.
         """
-        checkpoint = self.out / f'{self.name}.checkpoint'
-        size = checkpoint.stat().st_size if checkpoint.exists() else 0
-        early = generator.random() < 0.2
-        begin = time.monotonic()
-        limit = begin + generator.random() * self.until
-        while process.poll() is None and not (early and time.monotonic() >= limit):
-            if checkpoint.exists() and checkpoint.stat().st_size != size:
-                self.until = time.monotonic() - begin
+        kills = 0
+        moment: float | None = generator.uniform(0.0, whole)
+        while True:
+            run = Run(words, self.said)
+            while run.lives(moment):
+                pass
+            if not run.process.is_alive():
                 break
-            time.sleep(0.005)
-        working = time.monotonic()
-        limit = 0.0 if early else working + generator.random() * self.working
-        while process.poll() is None and time.monotonic() < limit:
-            time.sleep(0.005)
-        if process.poll() is not None:
-            self.working = max(0.1, time.monotonic() - working)
-            return False
-        os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
-        return True
+            run.kill()
+            kills += 1
+            self.look()
+            moment = generator.uniform(0.0, whole) if generator.random() < AGAIN else None
+        if run.process.exitcode not in (0, 1):
+            text = self.said.read_text()
+            self.wrong.append(f'exit code {run.process.exitcode}: {text[-300:]}')
+        self.end()
+        return kills
 
     def look(self) -> None:
         """Look at the directory after a kill."""
@@ -160,8 +210,8 @@ class Trial:
         if len(set(of.values())) > 1:
             self.wrong.append(f'old beside new: {of}')
         checkpoint = self.out / f'{self.name}.checkpoint'
-        self.found['with a checkpoint'] += checkpoint.exists()
-        self.found['with the new result'] += 'new' in of.values()
+        written = 'with the new result' if 'new' in of.values() else 'before its work'
+        self.found['in its work' if checkpoint.exists() else written] += 1
 
     def end(self) -> None:
         """Look at the directory after the end."""
@@ -197,58 +247,63 @@ class Client:
             bag_path=str(bag), data_source=Identify.Goal.DATA_SOURCE_BAG, refine=True
         )
         parameters = {'machine_file': MACHINE, 'output_directory': out}
-        words = [sys.executable, '-m', 'ros2_ident.ros.identifier', '--ros-args']
-        self.words = [*words, *(x for k, v in parameters.items() for x in ('-p', f'{k}:={v}'))]
+        self.said = out.with_name('said')
+        words = (x for k, v in parameters.items() for x in ('-p', f'{k}:={v}'))
+        self.words = ['--ros-args', *words]
 
-    def attempt(self, seconds: float | None) -> bool:
-        """Return whether the result came before the kill, which comes after so many seconds."""
+    def attempt(self, moment: float | None) -> float:
+        """Return the processor time at which the result came, s, or 0 where the kill was first.
+
+        Args:
+            moment: Kill after this processor time, s; after the result where None.
+        """
         self.starts += 1
         name = f'identifier_{self.starts}'  # a killed one is on the air for a while
-        process = start([*self.words, '-r', f'__node:={name}'])
+        run = Run([*self.words, '-r', f'__node:={name}'], self.said)
         client = self.connect(name)
-        end = time.monotonic() + (600.0 if seconds is None else seconds)
         sent, answer = None, None
         try:
-            while time.monotonic() < end:
+            while run.lives(moment):
                 self.rclpy.spin_once(self.node, timeout_sec=0.02)
                 if sent is None and client.server_is_ready():
                     sent = client.send_goal_async(self.goal)
                 if sent is not None and answer is None and sent.done():
                     answer = sent.result().get_result_async()
                 if answer is not None and answer.done():
-                    return True
-            return False
+                    return run.used
+            if not run.process.is_alive():
+                raise RuntimeError(self.said.read_text())
+            return 0.0
         finally:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
+            run.kill()
             client.destroy()
 
 
-def kill_the_node(folder: Path, kills: int, generator: random.Random) -> int:
+def kill_the_node(folder: Path, kills: int, generator: random.Random, end: float) -> int:
     """Kill the node in its goals; return how often something was wrong."""
-    subprocess.run(command('simulate', folder / 'out', 1, LOG), capture_output=True, check=True)
+    seconds(command('simulate', folder / 'out', 1, LOG), folder / 'said')
     out, done, ended, wrong = folder / 'out', 0, 0, list[str]()
     client = Client(folder / 'bag', out)
-    begin = time.monotonic()
-    client.attempt(None)
-    whole = time.monotonic() - begin
+    whole = client.attempt(None)
     (first,) = out.glob('*/result.json')
     reference = {x: content(first.with_name(x)) for x in ('result.json', 'history.npz')}
     kept = 0
-    while done < kills or not ended:
+    while done < kills and time.monotonic() < end:
         shutil.rmtree(out, ignore_errors=True)
-        while not client.attempt(generator.uniform(0.0, 1.05) * whole if done < kills else None):
+        moment: float | None = generator.uniform(0.0, whole)
+        while not client.attempt(moment):
             done += 1
             kept += any(out.glob('unfinished/*'))
             for path in (x for x in out.glob('2*/*') if x.suffix in ('.json', '.yaml', '.npz')):
                 content(path)  # fails where it is not whole
+            moment = generator.uniform(0.0, whole) if generator.random() < AGAIN else None
         ended += 1
         last = max(out.glob('*/result.json'))
         if {x: content(last.with_name(x)) for x in reference} != reference:
             wrong.append('another result than that of the uninterrupted run')
         if list(out.glob('unfinished/*')):
             wrong.append('a checkpoint is left')
-    print(f'node: {whole:.1f} s; {done} kills, {kept} with a checkpoint, {ended} goals ended')
+    print(f'node: {whole:.2f} s; {done} kills, {kept} with a checkpoint, {ended} goals ended')
     print(f'{len(wrong)} wrong', *wrong[:20], sep='\n  ')
     return len(wrong)
 
@@ -259,37 +314,29 @@ def main() -> int:
     parser.add_argument('command', choices=(*FILES, 'node'))
     parser.add_argument('--kills', type=int, default=100)
     parser.add_argument('--seed', type=int, default=1, help='of the moments')
+    parser.add_argument('--minutes', type=float, default=1e9, help='end after this time')
     parser.add_argument('--words', default='', help='further words of the command')
     args = parser.parse_args()
+    os.environ.update(dict.fromkeys(ONE_THREAD, '1'))
+    FORKED.set_forkserver_preload(LOADED)
     generator, more = random.Random(args.seed), args.words.split()
+    end = time.monotonic() + 60.0 * args.minutes
     with tempfile.TemporaryDirectory() as folder:
         if args.command == 'node':
-            return bool(kill_the_node(Path(folder), args.kills, generator))
+            return bool(kill_the_node(Path(folder), args.kills, generator, end))
         old, new, out = (Path(folder, x) for x in ('old', 'new', 'out'))
-        subprocess.run(command('simulate', old, 1, LOG), capture_output=True, check=True)
-        subprocess.run(command(args.command, old, 2, more), capture_output=True, check=False)
-        begin = time.monotonic()
-        subprocess.run(command(args.command, new, 1, more), capture_output=True, check=False)
-        whole = time.monotonic() - begin
+        said = Path(folder, 'said')
+        seconds(command('simulate', old, 1, LOG), said)
+        seconds(command(args.command, old, 2, more), said)
+        whole = seconds(command(args.command, new, 1, more), said)
         trial = Trial(args.command, out, old, new)
-        kills, runs, ended = 0, 0, 0
-        while kills < args.kills or not ended:
+        words, kills, ended = command(args.command, out, 1, [*more, '--resume']), 0, 0
+        while kills < args.kills and time.monotonic() < end:
             shutil.rmtree(out, ignore_errors=True)
             shutil.copytree(old, out)
-            while True:
-                runs += 1
-                process = start(command(args.command, out, 1, [*more, '--resume']))
-                if kills < args.kills and trial.kills(process, generator):
-                    kills += 1
-                    trial.look()
-                    continue
-                said = process.communicate()[1].decode()
-                ended += 1
-                if process.returncode not in (0, 1):
-                    trial.wrong.append(f'exit code {process.returncode}: {said[-300:]}')
-                trial.end()
-                break
-        print(f'{args.command}: {whole:.1f} s; {kills} kills, {runs} starts, {ended} runs ended')
+            kills += trial.run(words, whole, generator)
+            ended += 1
+        print(f'{args.command}: {whole:.2f} s; {kills} kills, {ended} runs ended')
         print(', '.join(f'{count} {what}' for what, count in sorted(trial.found.items())))
         print(f'{len(trial.wrong)} wrong')
         for sentence in trial.wrong[:20]:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import os
 from pathlib import Path
+import re
 import shlex
 import subprocess
 import sys
@@ -169,6 +170,17 @@ def test_check_of_a_bag_with_the_sign_of_the_effort_reversed_ends_with_1(tmp_pat
     turned = Stream(effort.names, effort.stamp, effort=-np.asarray(effort.effort))
     bag = write_bag(tmp_path / 'turned', {**axis_bag().streams, '/effort': turned})
     assert main(['check', str(bag), '--machine', str(AXIS_FILE)]) == 1
+
+
+@pytest.mark.parametrize('factor', [2.0, 0.5])
+def test_check_says_that_an_effort_is_not_what_the_machine_makes(tmp_path, capsys, factor):
+    effort = axis_bag().streams['/effort']
+    other = Stream(effort.names, effort.stamp, effort=factor * np.asarray(effort.effort))
+    bag = write_bag(tmp_path / 'other', {**axis_bag().streams, '/effort': other})
+    main(['check', str(bag), '--machine', str(AXIS_FILE)])
+    said = capsys.readouterr().out
+    found = re.search(r'warn .*the effort is logged ([\d.]+) times as large as it is', said)
+    assert found and float(found[1]) == pytest.approx(factor, rel=0.03)
 
 
 def test_check_of_no_bag_ends_with_2(capsys):

@@ -246,3 +246,52 @@ def test_an_overlay_that_was_changed_is_kept(tmp_path, command, capsys, harm):
     assert main(command) == 2
     assert 'is no overlay that ident wrote' in capsys.readouterr().err
     assert content(tmp_path) == before
+
+
+class Killed(BaseException):
+    """The end of a process, as far as one process can play it."""
+
+
+def test_a_kill_leaves_nothing_old_beside_something_new(tmp_path, command, monkeypatch):
+    """The process dies behind each step that puts a file or a directory into its place."""
+    out, steps, dead = tmp_path / 'out', 10**9, False
+    command[command.index('--out') + 1] = str(out)
+    main([x for x in command if x != '--no-report'])
+    old = content(out)
+    assert {'report.html', 'result.json', 'overlay/overlay.mcap'} <= set(old)
+
+    def dying(real):
+        def call(*arguments, **options):
+            nonlocal steps, dead
+            if dead:
+                raise Killed
+            real(*arguments, **options)
+            if real in (replace, rename):
+                steps -= 1
+                if steps < 0:
+                    dead = True
+                    raise Killed
+
+        return call
+
+    replace, rename = os.replace, os.rename
+    for name in ('replace', 'rename', 'unlink', 'rmdir'):
+        monkeypatch.setattr(os, name, dying(getattr(os, name)))
+    looked = 0
+    while True:
+        shutil.copytree(tmp_path / 'out', again := tmp_path / f'again_{looked}')
+        steps, dead = looked, False
+        words = [x if x != str(out) else str(again) for x in command]
+        try:
+            main([*words, '--seed', '7'])
+        except Killed:
+            pass
+        else:
+            break
+        found = content(again)
+        found = {k: v for k, v in found.items() if not re.search('partial|checkpoint', k)}
+        new = {k for k, v in found.items() if v != old.get(k)}
+        left = set(found) - new - {'overlay/metadata.yaml'}  # it names no run
+        assert not new or not left, (looked, left)
+        looked += 1
+    assert looked > 4

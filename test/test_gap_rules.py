@@ -10,11 +10,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ros2_ident.effects import get_effect
+from ros2_ident.effects import CATALOGUE, get_effect
 from ros2_ident.gap.attribute import Round
 from ros2_ident.gap.criteria import at_bound, Rules
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
+from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.gap.verdict import (
     advice,
     judge,
@@ -604,3 +605,168 @@ def test_of_two_gains_of_a_drive_the_logged_law_tells_which(
     assert not explainer.contradicted(right, wrong)
     elsewhere = made((0.0, 0.0), effects=[EffectAt('integral_gain_error', 'two')])
     assert explainer.odds_by_law(elsewhere, right) == 0.0
+
+
+# ---------------------------------------------------------------------- steps of encoders
+
+
+STEPS = EffectAt('encoder_quantisation', 'one')
+
+
+def read_coarsely(explainer, chain, *drives, remaining=0.0):
+    readings = [CoarseReading(drive, 1e-4, 1e-6, 100.0) for drive in drives]
+    rests = tuple(chain[:-1])[-len(chain[-1].effects) :] or (chain[0],)
+    got = found(chain, [], [(chain[-1],)] * len(rests), rests, remaining)
+    return judge(explainer, got, readings, SHARP)
+
+
+def test_steps_of_an_encoder_are_the_answer_where_its_drive_has_the_gap(explainer):
+    said = read_coarsely(explainer, [made((2.0, 0.1))], 'one')
+    assert (said.effect, said.where, said.also) == (STEPS.effect, ('one',), ())
+    assert said.probability == pytest.approx(0.95)
+    assert [r.drive for r in said.readings] == ['one']
+    small = found([made((0.54**2, 0.0))])
+    unsure = judge(explainer, small, [CoarseReading('one', 1e-4, 1e-6, 100.0)])
+    assert unsure.probability == pytest.approx(0.95 / (1.0 + math.exp(-1.0)))
+    both = read_coarsely(explainer, [made((2.0, 3.0))], 'one', 'two')
+    assert (both.where, both.also) == (('two',), (STEPS,))
+
+
+def test_steps_on_a_drive_without_a_gap_are_no_answer(explainer):
+    for chain in ([made((2.0, 0.2))], [made((0.2, 0.0))]):
+        said = read_coarsely(explainer, chain, 'two')
+        assert said.effect in (UNKNOWN, NONE) and said.readings == ()
+
+
+def test_more_than_steps_is_missing_where_another_drive_has_a_gap(explainer):
+    assert read_coarsely(explainer, [made((2.0, 0.6))], 'one').effect == STEPS.effect
+    said = read_coarsely(explainer, [made((2.0, 0.7))], 'one')  # 0.8 squared is 0.64
+    assert (said.effect, said.readings) == (UNKNOWN, ())
+
+
+def test_an_effect_that_closes_more_than_the_steps_leave_comes_first(explainer):
+    base = made((0.0, 4.0))
+    one = made((1.0, 0.0), effects=[DRAG])
+    said = read_coarsely(explainer, [base, one], 'one')
+    assert (said.effect, said.where, said.also) == ('quadratic_drag', ('two',), (STEPS,))
+    assert [r.drive for r in said.readings] == ['one']
+    # It closes two, and the steps leave three.
+    less = read_coarsely(explainer, [made((3.0, 2.0)), made((3.0, 0.0), effects=[DRAG])], 'one')
+    assert (less.effect, less.where, less.also) == (STEPS.effect, ('one',), (DRAG,))
+
+
+def test_an_effect_is_named_where_only_steps_are_left(explainer):
+    """It closes too little to be believed, for the steps' part of the gap cannot be closed."""
+    base, one = made((1.9, 2.0)), made((1.9, 0.0), effects=[DRAG])
+    assert answered(explainer, [base, one], [one], remaining=1.9).effect == UNKNOWN
+    said = read_coarsely(explainer, [base, one], 'one', remaining=1.9)
+    assert (said.effect, said.where, said.also) == ('quadratic_drag', ('two',), (STEPS,))
+
+
+# ---------------------------------------------------------------------- what is left to tell
+
+
+def test_how_sure_an_answer_is_follows_how_far_it_is_from_the_other(explainer):
+    base = made((0.46**2, 0.0))
+    said = judge(explainer, found([base]))
+    assert said.effect == NONE
+    assert said.probability == pytest.approx(1.0 / (1.0 + math.exp(-1.0)))
+    small = judge(explainer, found([made((0.76**2, 0.0))]))
+    assert small.effect == NONE
+    assert small.probability == pytest.approx(1.0 / (1.0 + math.exp(-1.0)))
+
+
+def test_the_one_effect_left_is_weighed_by_its_last_fit(explainer):
+    base, first = made((2.0, 0.0)), made((0.6, 0.0), effects=[STRIBECK])
+    other = made((0.4, 0.0), effects=[DRAG])
+    last = made((0.2, 0.0), effects=[STRIBECK])
+    said = answered(explainer, [base, last], [first, other])
+    assert said.ranking[0].at == STRIBECK and said.ranking[0].model is last
+    weights = {w.at: w.probability for w in said.ranking}
+    assert weights[STRIBECK] / weights[DRAG] == pytest.approx((0.22 / 0.12) ** 5)
+
+
+def test_what_controllers_contradict_gives_way_by_its_share_of_what_the_best_closes(explainer):
+    base = made((2.0, 0.0))
+    strong = made((0.4, 0.0), effects=[STRIBECK], law=(1.5, 1.0))  # closes 0.8
+    for left, taken in ((0.86, True), (0.9, False)):  # 0.7 of that is 0.56, or 0.88 left
+        other = made((left, 0.0), effects=[DRAG])
+        assert explainer.best(of_round(base, strong, other)) is (other if taken else strong)
+
+
+def test_what_is_needed_most_comes_first(explainer, attribution):
+    effects = (STRIBECK, DRAG)
+    base, one = made((9.0, 9.0)), made((4.0, 9.0), effects=effects[:1])
+    theta = np.arange(2.0 + size_of(STRIBECK) + size_of(DRAG))
+    both = replace(made((0.0, 0.0), effects=effects), theta=theta)
+    alone, turned = made((9.0, 0.0), effects=[DRAG]), made((0.0, 0.0), effects=effects[::-1])
+    seen = []
+    attribution.refits = {
+        (DRAG,): lambda theta: seen.append(theta) or alone,
+        (DRAG, STRIBECK): lambda theta: seen.append(theta) or turned,
+    }
+    rests = (made((1.0, 0.0)), made((3.0, 0.0)))
+    chain, left = explainer.ordered([base, one, both], rests)
+    assert chain == [base, alone, turned] and left == rests[::-1]
+    size = size_of(DRAG)
+    assert seen[0].tolist() == [0.0, 1.0, *theta[-size:]]
+    assert seen[1].tolist() == [0.0, 1.0, *theta[-size:], *theta[2:-size]]
+    nearly = (made((1.6, 0.0)), made((3.0, 0.0)))  # less than twice as much
+    assert explainer.ordered([base, one, both], nearly) == ([base, one, both], nearly)
+
+
+def test_an_effect_counts_by_the_noise_that_is_left_with_it(attribution):
+    explainer = Explainer(attribution, old := floor_of(1.0), RULES)
+    base, one = made((4.0, 4.0)), made((0.0, 4.0), effects=[STRIBECK])
+    best = made((0.0, 3.9), effects=[STRIBECK, DRAG])
+    attribution.fits = 'old'
+
+    def renew(floor, chain, rounds):
+        attribution.fits = 'new'
+        return list(chain), list(rounds)
+
+    attribution.renew = renew
+    for left, counts in ((0.0, True), (3.9, False)):
+        again = made((0.0, left), effects=[STRIBECK, DRAG])
+        attribution.refits = {(STRIBECK, DRAG): again}
+        floor = SimpleNamespace(per_drive=np.array([1.0, 0.5]), noise=old.noise)
+        explainer.noise_of = lambda e, floor=floor: SimpleNamespace(floor=floor)
+        got = explainer.less_noise([base, one], ['round'], best)
+        assert got == (([base, one], ['round'], again) if counts else None)
+        assert explainer.floor is (floor if counts else old)
+        assert attribution.fits == ('new' if counts else 'old')
+        explainer.floor, attribution.fits = old, 'old'
+    explainer.noise_of = lambda e: SimpleNamespace(floor=floor_of(1.0))
+    assert explainer.less_noise([base, one], [], best) is None
+    assert attribution.fits == 'old'
+
+
+def test_at_most_four_others_are_tried_in_the_place_of_an_effect(explainer, attribution):
+    base, both = made((4.0, 2.0)), made((0.0, 0.0), effects=[STRIBECK, DRAG])
+    one = made((0.0, 2.0), effects=[STRIBECK])
+    names = ('asymmetric_friction', 'cable_spring', 'backlash', 'cogging', 'viscous_error')
+    known = [x for x in names if x in CATALOGUE] + sorted(set(CATALOGUE) - set(names))
+    others = [EffectAt(x, 'two') for x in known if x not in ('stribeck', 'quadratic_drag')][:6]
+    fitted = [made((1.0, 2.0), effects=[at]) for at in others]
+    attribution.refits = {(DRAG, at): made((0.5, 0.0), effects=[DRAG, at]) for at in others}
+    rounds = [of_round(base, one, *fitted), of_round(one, both)]
+    first, _ = explainer.rivals([base, one, both], rounds)
+    assert [e.effects for e in first[1:]] == [(DRAG, at) for at in others[:4]]
+
+
+@pytest.mark.parametrize(
+    ('gap', 'slow', 'said'),
+    [
+        (4.0, 399.0, False),
+        (4.0, 401.0, True),
+        (8.9, 1.0, False),
+        (9.1, 1.0, True),
+    ],
+)
+def test_controllers_vouch_where_outputs_are_too_violent_or_their_noise_too_slow(
+    explainer, gap, slow, said
+):
+    explainer.floor = floor_of(slow)
+    base = made((gap, 0.0), law=(41.0, 1.0))
+    worse = made((1.05 * gap, 0.0), law=(1.2, 1.0), effects=[STRIBECK])
+    assert explainer.restores_law(base, worse) is said

@@ -155,9 +155,12 @@ def test_what_the_tests_import_is_declared() -> None:
 
 
 def test_every_locked_package_has_one_exact_version() -> None:
-    lines = (ROOT / 'requirements.lock').read_text(encoding='utf-8').splitlines()
-    pins = [line for line in lines if not line.startswith('#')]
-    assert all(re.fullmatch(r'[\w.-]+==[\w.]+', pin) for pin in pins)
+    text = (ROOT / 'requirements.lock').read_text(encoding='utf-8')
+    entries = re.sub(r'^#.*\n', '', text, flags=re.MULTILINE).replace('\\\n', '').splitlines()
+    assert all(
+        re.fullmatch(r'[\w.-]+==[\w.]+( +--hash=sha256:[0-9a-f]{64})+ *', x) for x in entries
+    )
+    pins = [entry.split()[0] for entry in entries]
     names = {re.sub(r'[-_.]+', '-', pin.split('==')[0]).lower() for pin in pins}
     assert len(names) == len(pins)
     for path in ROOT.glob('requirements*.in'):
@@ -165,6 +168,13 @@ def test_every_locked_package_has_one_exact_version() -> None:
             if line and not line.startswith('#'):
                 wanted = re.match(r'[\w.-]+', line)
                 assert wanted and re.sub(r'[-_.]+', '-', wanted[0]).lower() in names
+
+
+def test_what_is_installed_from_the_lock_is_held_against_its_hashes() -> None:
+    script = (ROOT / 'tools' / 'setup.sh').read_text(encoding='utf-8')
+    assert 'words=(install --no-deps --require-hashes -r)' in script
+    installs = re.findall(r'pip .*(?:requirements|uv)\.lock', script)
+    assert len(installs) == 3 and all('"${words[@]}"' in x for x in installs), installs
 
 
 @pytest.mark.ros

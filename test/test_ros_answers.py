@@ -201,6 +201,25 @@ def test_what_a_callback_raises_does_not_end_the_node(start) -> None:
     assert len(node.node.board._stumbled) == before + 1
 
 
+@pytest.mark.parametrize('raised', [ZeroDivisionError, OSError, RecursionError])
+def test_the_end_of_a_stream_does_not_end_the_node(start, monkeypatch, raised) -> None:
+    from ros2_ident.errors import ErrorCode
+    from ros2_ident.ros import node as module
+
+    def fail(*arguments, **options):
+        raise raised('of a test')
+
+    monkeypatch.setattr(module, 'automatic_goal', fail)
+    node, listener = start(auto_start=True)
+    node.executor.create_task(node.node._stream_ended)
+    told = listener.until(
+        lambda: [x for x in listener.statuses if 'of a test' in x.error_message], 'the failure'
+    )
+    assert told[0].error_code == ErrorCode.INTERNAL
+    found = answer(listener, bag_path='').result.identification
+    assert found.error_code == ErrorCode.INVALID_GOAL
+
+
 def test_a_full_disk_leaves_the_result_on_the_topic_and_to_be_saved(start, monkeypatch) -> None:
     from std_srvs.srv import Trigger
 

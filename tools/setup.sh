@@ -138,21 +138,32 @@ make_venv() {
   echo "$mode $root" > .venv/.made_for
 }
 
+# Every file is held against its hash. uv takes a fraction of pip's time, but does not know pip's
+# settings, by which another index may be the only one within reach. Its cache is not linked to:
+# fix_wheels.py changes files.
+install_locked() {
+  sed -n '/^uv==/,/[^\\]$/p' requirements.lock > build/uv.lock
+  local words=(install --no-deps --require-hashes -r)
+  .venv/bin/python -m pip "${words[@]}" build/uv.lock --no-input || return
+  .venv/bin/uv pip "${words[@]}" requirements.lock --python .venv/bin/python \
+    --link-mode copy --compile-bytecode ||
+    .venv/bin/python -m pip "${words[@]}" requirements.lock --no-input
+}
+
 if ! is .venv/.stamp "$venv_stamp"; then
   rm -f .venv/.stamp
   if [ "$mode" = wheels ]; then
     say "installing ROS 2 Jazzy and $(grep -c == requirements.lock) packages into .venv"
     make_venv
-    step 'Some packages could not be installed; check the network and try again.' \
-      .venv/bin/python -m pip install --no-input --no-deps -r requirements.lock
+    step 'Some packages could not be installed; check the network and try again.' install_locked
     .venv/bin/python tools/fix_wheels.py
   else
     say 'installing what ROS 2 Jazzy does not bring into .venv'
     make_venv --system-site-packages
     # ROS's own extensions are compiled for the NumPy they came with: keep it, and with it whatever
     # else of the numeric packages is installed.
-    grep -vE '^(#|numpy|scipy|matplotlib|contourpy|setuptools|empy|ros-)' requirements.lock \
-      > build/constraints.txt
+    sed -n 's/^\([^ ]*==[^ ]*\).*/\1/p' requirements.lock |
+      grep -vE '^(numpy|scipy|matplotlib|contourpy|setuptools|empy|ros-)' > build/constraints.txt
     "$python" -c 'import numpy; print("numpy==" + numpy.__version__)' >> build/constraints.txt ||
       die 'ROS 2 Jazzy is sourced but numpy is missing; install it (Ubuntu: apt install python3-numpy).'
     step 'Some packages could not be installed; check the network and try again.' \

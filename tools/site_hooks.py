@@ -16,6 +16,7 @@ OUTSIDE = {
     'README.md': 'readme.md',
     'CONTRIBUTING.md': 'contributing.md',
     'QUALITY_DECLARATION.md': 'quality.md',
+    'SECURITY.md': 'security.md',
     'bags/README.md': 'bags.md',
 }
 LINK = re.compile(r'\[([^\]]*)\]\(([^)#\s:]+)(#[^)\s]*)?\)')

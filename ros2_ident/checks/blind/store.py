@@ -25,7 +25,10 @@ def stamp() -> dict[str, str]:
     def git(*words: str) -> str:
         try:
             done = subprocess.run(
-                ['git', '-C', str(here), *words], capture_output=True, text=True, check=True
+                ['git', '-C', str(here), *words],  # noqa: S607 - whichever is on the path
+                capture_output=True,
+                text=True,
+                check=True,
             )
         except (OSError, subprocess.CalledProcessError):
             return ''

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What SECURITY.md says: who may do what, what the environment consists of, what files may do."""
+
+import html
+from html.parser import HTMLParser
+import importlib.util
+import json
+from pathlib import Path
+import re
+import time
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+from report_cases import write_diagnosed, write_identified
+from ros_helpers import MACHINE, new_domain, Station
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.export.description import parsed
+from ros2_ident.report.page import write_report
+
+ROOT = Path(__file__).parents[1]
+QUERIES = ('publisher', 'subscriber', 'service')
+
+
+def allowed(node: str) -> dict[tuple[str, str], set[str]]:
+    """Return full names by kind and right, of the policy's profile of a node."""
+    tree = ElementTree.parse(ROOT / 'config/sros2/policy.xml')
+    (profile,) = tree.iterfind(f'.//profile[@node="{node}"]')
+    out: dict[tuple[str, str], set[str]] = {}
+    for group in profile:
+        ((right, rule),) = group.attrib.items()
+        assert rule == 'ALLOW'
+        names = [str(x.text) for x in group]
+        full = {f'/{node}{x[1:]}' if x[0] == '~' else f'/{x}' for x in names}
+        assert len(full) == len(names) and (group.tag, right) not in out
+        out[group.tag, right] = full
+    return out
+
+
+def without_actions(names: set[str]) -> set[str]:
+    return {x for x in names if '/_action/' not in x}
+
+
+@pytest.mark.ros
+@pytest.mark.timeout(120)
+def test_the_policy_allows_what_the_node_does_and_nothing_else(tmp_path):
+    from rclpy.parameter import Parameter
+
+    from ros2_ident.ros.node import Identifier
+
+    values = {'machine_file': str(MACHINE), 'output_directory': str(tmp_path)}
+    given = [Parameter(name, value=value) for name, value in values.items()]
+    station = Station(
+        lambda context: Identifier(context=context, parameter_overrides=given), new_domain()
+    )
+    try:
+        ask = {x: getattr(station.node, f'get_{x}_names_and_types_by_node') for x in QUERIES}
+        expected = {'/identifier/status', '/identifier/diagnose/_action/status'}
+        station.until(
+            lambda: expected <= {x for x, _ in ask['publisher']('identifier', '/')}, 'its topics'
+        )
+        used = {kind: {x for x, _ in ask[kind]('identifier', '/')} for kind in QUERIES}
+    finally:
+        station.node.stop()
+        station.close()
+    assert allowed('identifier') == {
+        ('topics', 'publish'): without_actions(used['publisher']),
+        ('topics', 'subscribe'): used['subscriber'] | {'/clock'},
+        ('services', 'reply'): without_actions(used['service']),
+        ('actions', 'execute'): {
+            x.split('/_action/')[0] for x in used['service'] if '/_action/' in x
+        },
+    }
+
+
+def test_an_operator_may_ask_for_what_the_node_answers():
+    node, operator = allowed('identifier'), allowed('operator')
+    assert operator['actions', 'call'] == node['actions', 'execute']
+    assert operator['topics', 'subscribe'] <= node['topics', 'publish']
+    assert operator['services', 'request'] <= node['services', 'reply']
+
+
+def test_the_inventory_names_every_locked_package():
+    spec = importlib.util.spec_from_file_location('sbom', ROOT / 'tools/sbom.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    found = module.inventory()
+    assert (found['bomFormat'], found['specVersion']) == ('CycloneDX', '1.5')
+    entries = {x['bom-ref']: x for x in found['components']}
+    lock = (ROOT / 'requirements.lock').read_text(encoding='utf-8')
+    pins = dict(re.findall(r'^([\w.-]+)==(\S+)', lock, re.MULTILINE))
+    assert {x['name']: x['version'] for x in entries.values()} == pins
+    numpy = entries[f'pkg:pypi/numpy@{pins["numpy"]}']
+    assert 'BSD' in str(numpy['licenses'])
+    edges = {x['ref']: x['dependsOn'] for x in found['dependencies']}
+    assert numpy['bom-ref'] in edges[f'pkg:pypi/scipy@{pins["scipy"]}']
+    own = found['metadata']['component']
+    assert set(edges) == {own['bom-ref'], *entries}
+    assert {y for x in edges.values() for y in x} <= set(entries)
+
+
+def test_entities_of_a_description_do_not_multiply():
+    """Ten thousand million letters from a kilobyte."""
+    lines = ['<!ENTITY e0 "0123456789">']
+    lines += [f'<!ENTITY e{k} "{f"&e{k - 1};" * 10}">' for k in range(1, 10)]
+    begin = time.process_time()
+    with pytest.raises(IdentError, match='is no XML .*amplification') as caught:
+        parsed(f'<?xml version="1.0"?><!DOCTYPE r [{"".join(lines)}]><r>&e9;</r>')
+    assert caught.value.code == ErrorCode.BAD_MACHINE_FILE
+    assert time.process_time() - begin < 5.0
+
+
+class Tags(HTMLParser):
+    """The tags of a page, with their attributes."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.found = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append((tag, sorted(name for name, _ in attrs)))
+
+
+def renamed(value, old, new):
+    """Return nested plain data with a word replaced in every text, keys too."""
+    if isinstance(value, dict):
+        return {renamed(k, old, new): renamed(v, old, new) for k, v in value.items()}
+    if isinstance(value, list):
+        return [renamed(x, old, new) for x in value]
+    return value.replace(old, new) if isinstance(value, str) else value
+
+
+@pytest.mark.parametrize('evil', ['</script><img src=x onerror=alert(1)>', '"><svg onload=x>'])
+def test_names_in_a_result_are_only_text_on_its_page(tmp_path, evil):
+    pages = {}
+    for name in ('drive_x', evil):
+        folder = tmp_path / str(len(pages))
+        write_identified(folder)
+        write_diagnosed(folder)
+        for path in folder.glob('*.json'):
+            data = json.loads(path.read_text())
+            for old in ('drive_1', 'emps_axis'):
+                data = renamed(data, old, name)
+            path.write_text(json.dumps(data))
+        for path in folder.glob('*.npz'):
+            with np.load(path) as file:
+                arrays = {k: file[k] for k in file.files}
+            for key, array in arrays.items():
+                if array.dtype.kind == 'U':
+                    for old in ('drive_1', 'emps_axis'):
+                        array = np.array([x.replace(old, name) for x in array.ravel().tolist()])
+                    arrays[key] = array.reshape(arrays[key].shape)
+            np.savez(path, **arrays)
+        pages[name] = write_report(folder).read_text(encoding='utf-8')
+    assert evil not in pages[evil]
+    assert Tags(pages[evil]).found == Tags(pages['drive_x']).found
+    assert html.escape(evil) in pages[evil]
