@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What SECURITY.md says: who may do what, what the environment consists of, what files may do."""
 
-import html
 from html.parser import HTMLParser
 import importlib.util
 import json
@@ -10,6 +9,7 @@ import re
 import time
 import xml.etree.ElementTree as ElementTree
 
+import markupsafe
 import numpy as np
 import pytest
 from report_cases import write_diagnosed, write_identified
@@ -156,4 +156,4 @@ def test_names_in_a_result_are_only_text_on_its_page(tmp_path, evil):
         pages[name] = write_report(folder).read_text(encoding='utf-8')
     assert evil not in pages[evil]
     assert Tags(pages[evil]).found == Tags(pages['drive_x']).found
-    assert html.escape(evil) in pages[evil]
+    assert markupsafe.escape(evil) in pages[evil]
