@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Is the controller in the log the machine file's: gains, scale and sign of the effort, stamps?"""
 
-from collections import Counter
 from dataclasses import replace
 import math
 
@@ -44,6 +43,10 @@ _LATE = 3e-3
 _LOST = 0.3
 # A reversed sign leaves the size within this factor.
 _REVERSED = 1.4
+# A factor on the whole effort fits as well as a gain where it leaves so little more.
+_AS_WELL = 1.3
+# Factors of all drives are one where they differ by less than this, logarithm.
+_ALIKE = 0.1
 # How near to a conversion's factor a ratio has to be to be taken for it.
 _CLOSE = 0.03
 
@@ -130,7 +133,7 @@ def _gains(machine: Machine, law: Law, noise: float | None, clean: bool) -> Gate
     another = not 1.0 / _ANOTHER < abs(best.ratio) < _ANOTHER
     if best.ratio < 0.0:
         # A sign that is reversed leaves the size; another size is another cause.
-        another = 1.0 / _REVERSED < -best.ratio < _REVERSED
+        another = _of_all(law, best) and 1.0 / _REVERSED < -best.ratio < _REVERSED
     return Gate(
         'law', drive, 'fail' if another else 'warn', best.ratio, '1',
         f'{drive}: {_correction(law, best, unit, machine.travel_unit)}',
@@ -139,10 +142,15 @@ def _gains(machine: Machine, law: Law, noise: float | None, clean: bool) -> Gate
     )  # fmt: skip
 
 
+def _of_all(law: Law, best: Gain) -> bool:
+    """Whether a gain is a factor on the whole effort, not on a part of it."""
+    return best.name == 'scale' or all(gain.name != 'scale' for gain in law.gains)
+
+
 def _correction(law: Law, best: Gain, unit: str, travel: str) -> str:
     """Return what is to be written where, in words."""
     fits = f'fits the log to {best.misfit:.2g} {unit}'
-    if best.ratio < 0.0:
+    if best.ratio < 0.0 and _of_all(law, best):
         return (
             'the effort has the sign that drives the controller away from its set-point; negate '
             f'the effort, or position and set-point, in the driver ({best.ratio:.4g} times the '
@@ -160,8 +168,10 @@ def _correction(law: Law, best: Gain, unit: str, travel: str) -> str:
             f'{fits}; correct effort_unit and its constant in the machine file'
         )
     other = ''
-    if not any(gain.name == 'scale' for gain in law.gains) and best.name == 'velocity_gain':
-        other = f', or the effort is logged {best.ratio:.3g} times as large as it is'
+    scales = [gain for gain in law.gains if gain.name == 'scale']
+    if best.name == 'velocity_gain' and all(g.misfit < _AS_WELL * best.misfit for g in scales):
+        factor = scales[0].ratio if scales else best.ratio
+        other = f', or the effort is logged {factor:.3g} times as large as it is: check its unit'
     return f'your {best.name} is {best.expected:.4g}; {best.value:.4g} {fits}{other}'
 
 
@@ -222,13 +232,22 @@ def of_one_drive(gates: list[Gate], drives: int) -> list[Gate]:
         # A gain or scale with the wrong sign is a drive's own wiring.
         return gate.contradicts and (gate.gate == 'offset' or gate.number > 0.0)
 
-    count = Counter(kind(gate) for gate in gates if shared(gate))
-    return [
-        replace(gate, level='warn', contradicts=False)
-        if shared(gate) and count[kind(gate)] < drives
-        else gate
-        for gate in gates
-    ]
+    alike: dict[tuple[str, str], list[float]] = {}
+    for gate in gates:
+        if shared(gate):
+            alike.setdefault(kind(gate), []).append(gate.number)
+
+    def judged(gate: Gate) -> Gate:
+        if not shared(gate):
+            return gate
+        numbers = alike[kind(gate)]
+        if len(numbers) < drives:
+            return replace(gate, level='warn', contradicts=False)
+        # By one factor on every drive of several, it is the file that has it wrong.
+        by_one = gate.gate == 'law' and drives > 1 and np.ptp(np.log(numbers)) < _ALIKE
+        return replace(gate, level='fail') if by_one else gate
+
+    return [judged(gate) for gate in gates]
 
 
 def check_swapped(machine: Machine, data: Dataset, laws: list[Law]) -> list[Gate]:
