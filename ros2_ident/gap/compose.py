@@ -348,7 +348,9 @@ def _answer(
     rest = ''
     if found.remaining >= explainer.rules.unknown:
         rest = f' {found.remaining:.2f} times the noise floor remains unexplained.'
+    # The data held out may show no gap at all; then the figure is of all data.
+    share = closed if math.isfinite(closed) else min(max(verdict.closed, 0.0), 1.0)
     return (
-        f'{effect.title} on {", ".join(verdict.where)}{more}: closes {100 * closed:.0f} % '
+        f'{effect.title} on {", ".join(verdict.where)}{more}: closes {100 * share:.0f} % '
         f'of a gap of {size:.2f} times the noise floor.{steps or rest}'
     )
