@@ -146,7 +146,11 @@ def _usual(machine: Machine) -> dict[str, Array]:
     out = {'effort': np.array([machine.number('torque_limit', d) for d in machine.drives])}
     if machine.kind not in own_twins():
         return out
-    space = twin_of(machine).space(machine)
+    twin = twin_of(machine)
+    if twin.described:
+        # How fast an arm may move only its owner knows.
+        return out
+    space = twin.space(machine)
     if not carries(machine):
         out |= {'low': space.centre - space.reach, 'high': space.centre + space.reach}
     fast = np.linalg.norm(transmission(machine), axis=1)
