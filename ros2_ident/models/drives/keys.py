@@ -200,7 +200,7 @@ INERTIA = _sought(
     'of motor and gear, at the motor shaft',
     (2e-5, 3e-4),
     low=0.0,
-    high=1e3,
+    high=1e4,
     force_unit='kg',
 )
 FRICTION = _all_sought(
