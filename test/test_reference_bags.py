@@ -121,8 +121,8 @@ def test_nuisance_follows_the_machine_file():
 
 
 def test_a_kind_without_a_reference_says_so(bag):
-    with pytest.raises(IdentError, match='no reference of a serial'):
-        simulate_bag(replace(MACHINE, kind='serial'), TRUTH, bag.motion)
+    with pytest.raises(IdentError, match='no reference of a mujoco'):
+        simulate_bag(replace(MACHINE, kind='mujoco'), TRUTH, bag.motion)
 
 
 def test_written_and_read(bag, tmp_path):

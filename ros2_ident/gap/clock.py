@@ -107,6 +107,11 @@ class Clock:
             self._done = max(self._done, self.elapsed / max(self.elapsed + eta, 1e-9))
         self.on_progress(DiagnoseProgress(text, self._done, self.best, self.elapsed, eta))
 
+    def ended(self) -> None:
+        """Report the end."""
+        if self.on_progress is not None:
+            self.on_progress(DiagnoseProgress('done', 1.0, self.best, self.elapsed, 0.0))
+
     def _by_share(self, share: float) -> float:
         low, high = self.stage
         fraction = low + (high - low) * share

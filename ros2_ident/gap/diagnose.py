@@ -135,7 +135,9 @@ def diagnose(
         key = _key(asked, first, second)
     with Journal(checkpoint, key) as journal:
         passes = _Passes(conditions, without, rules or Rules(), seed, clock, workers, journal)
-        return passes.run(first, second)
+        found = passes.run(first, second)
+    clock.ended()
+    return found
 
 
 def _key(asked: object, first: Recordings, second: Recordings) -> str:
