@@ -49,12 +49,13 @@ def payload_turns(joint: Joint, theta: Array, floor: Array) -> tuple[Array, ...]
     effect = shown_by('load')
     if effect is None:
         return ()
-    at, seen = EffectAt(effect.id, 'all'), []
+    at, loaded, seen = EffectAt(effect.id, 'all'), [], []
     for number, model in enumerate(joint.models):
-        whole = model.carrying(np.ones(model.measured.shape[1]))
-        if at not in whole.extensions():
+        always = model.carrying(np.ones(model.measured.shape[1]))
+        if at not in always.extensions():
             return ()
-        seen.append(_missing(model, whole.extended([at]), at, joint.own(number, theta)[0], floor))
+        loaded.append(always.extended([at]))
+        seen.append(_missing(model, loaded[-1], at, joint.own(number, theta)[0], floor))
     counts = [told.shape[2] for told in seen]
     told = np.concatenate(seen, axis=2)
     on = _jumps(told.sum(axis=1))
@@ -65,23 +66,27 @@ def payload_turns(joint: Joint, theta: Array, floor: Array) -> tuple[Array, ...]
         return ()
     levels = _levels(told.sum(axis=1), on)
     out = []
-    for number, (part, model) in enumerate(zip(parts, joint.models, strict=True)):
+    for number, (part, model) in enumerate(zip(parts, loaded, strict=True)):
         own = joint.own(number, theta)[0]
-        out.append(_cycles(_sharper(part, model, at, own, levels, floor), model))
+        out.append(_cycles(_sharper(part, model, own, levels, floor), model))
     return tuple(out)
+
+
+def _each(model: FullModel) -> int:
+    """Return the cycles of a bin."""
+    return max(1, round(_BIN / model.cycle))
 
 
 def _cycles(bins: Array | npt.NDArray[np.bool_], model: FullModel) -> Array:
     """Return what bins (B,) hold at each cycle (K,): nothing is taken up at once."""
-    cycles = np.arange(model.measured.shape[1]) * model.cycle
-    out: Array = np.interp(cycles, (np.arange(bins.size) + 0.5) * _BIN, bins.astype(float))
+    middles = (np.arange(bins.size) + 0.5) * _each(model)
+    out: Array = np.interp(np.arange(model.measured.shape[1]), middles, bins.astype(float))
     return out
 
 
 def _sharper(
     on: npt.NDArray[np.bool_],
-    model: FullModel,
-    at: EffectAt,
+    loaded: FullModel,
     theta: Array,
     levels: tuple[float, float],
     floor: Array,
@@ -93,9 +98,8 @@ def _sharper(
     low, high = levels
 
     def cost(tried: npt.NDArray[np.bool_]) -> float:
-        held = _cycles(np.where(tried, high, low) / (high - low), model)
-        loaded = model.carrying(held).extended([at])
-        missed = model.measured - loaded.simulate(np.append(theta, high - low)[None])[0]
+        carrying = loaded.carrying(_cycles(np.where(tried, high, low) / (high - low), loaded))
+        missed = loaded.measured - carrying.simulate(np.append(theta, high - low)[None])[0]
         total = float(np.nansum((missed / floor[:, None]) ** 2))
         return total if np.isfinite(total) else np.inf
 
@@ -151,8 +155,7 @@ def _missing(
     known = np.isfinite(missed)
     weight = known / floor[:, None] ** 2
     parts = np.where(known, missed, 0.0) * change * weight, change**2 * weight
-    each = max(1, round(_BIN / model.cycle))
-    starts = np.arange(0, missed.shape[1], each)
+    starts = np.arange(0, missed.shape[1], _each(model))
     return np.stack([np.add.reduceat(part, starts, axis=1) for part in parts])
 
 
