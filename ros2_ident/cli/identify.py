@@ -202,17 +202,14 @@ def run(args: argparse.Namespace) -> int:
     checkpoint = out / CHECKPOINT
     if not args.resume:
         forget(checkpoint)
-    shown = None
-    if args.live:
-        shown = problem_of(
-            machine,
-            data,
-            drives=args.drives,
-            fixed=fixed,
-            bounds=bounds,
-            conditions=conditions,
-            outputs=outputs,
-        )
+    what: dict[str, Any] = {
+        'drives': args.drives,
+        'fixed': fixed,
+        'bounds': bounds,
+        'conditions': conditions,
+        'outputs': outputs,
+    }
+    shown = problem_of(machine, data, **what) if args.live else None
     with (
         live_page(args, out, data, shown) as live,
         interrupts() as cancel,
@@ -230,11 +227,7 @@ def run(args: argparse.Namespace) -> int:
         result = identify(
             machine,
             data,
-            drives=args.drives,
-            fixed=fixed,
-            bounds=bounds,
-            conditions=conditions,
-            outputs=outputs,
+            **what,
             settings=settings,
             seed=args.seed,
             cancel=cancel,

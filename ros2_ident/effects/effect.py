@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 Group = Literal['structure', 'drive', 'controller', 'measurement']
 # What of a log can show an effect by itself, before any fit: the logged effort does not go beyond
 # a size; what the controllers miss has the period of an encoder's steps over the position; they
-# take up their set-points late.
+# take up their set-points late; the mass that is missing jumps, for a load comes and goes.
 Detector = Literal['flat_top', 'reading_steps', 'late_set_point', 'load']
 
 

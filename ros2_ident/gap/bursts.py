@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks, peak_widths
 from scipy.special import ndtr
+from scipy.stats import median_abs_deviation
 
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
@@ -26,7 +27,6 @@ _LONGEST, _SHARE = 1.0, 0.25
 _MOST = 4
 # Rounds in which what stands out loses its weight, and where half of it is gone, in deviations.
 _ROUNDS, _HALF = 15, 2.0
-_NORMAL = 0.6744897501960817  # median of the size of a normal number
 
 
 def bursts(model: FullModel, low: Array, high: Array, theta: Array, floor: Floor) -> list[Finding]:
@@ -81,7 +81,7 @@ def _weights(part: Array) -> Array:
 
 def _size(part: Array) -> float:
     """Return the standard deviation of what does not stand out."""
-    return float(np.median(np.abs(part - np.median(part)))) / _NORMAL if part.size else 0.0
+    return float(median_abs_deviation(part, scale='normal')) if part.size else 0.0
 
 
 def _of_drive(

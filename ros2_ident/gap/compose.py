@@ -135,7 +135,7 @@ def _again(
         Meinshausen and Bühlmann (2010), Stability selection, JRSS B 72(4).
     """
     final, rules = found.chain[-1], explainer.rules
-    if verdict.effect in NAMELESS or len(found.rests) != len(final.effects):
+    if not verdict.named or len(found.rests) != len(final.effects):
         return ()
     case, weight = explainer.attribution.case, explainer.attribution.fits.check_weight
     rows = [case.check.rows(e.check_residual / weight) for e in (*found.rests, final)]
@@ -147,17 +147,15 @@ def _again(
         for i, (at, without) in enumerate(zip(final.effects, found.rests, strict=True))
     }
     # An encoder's steps are read from a line in the spectrum, not from what a fit closes.
-    named = (EffectAt(verdict.effect, verdict.where[0]), *verdict.also)
-    return tuple(shares.get(at, 1.0) for at in named)
+    return tuple(shares.get(at, 1.0) for at in verdict.named)
 
 
 def _hints(verdict: Verdict, again: Sequence[float]) -> list[str]:
     """Return which effects named do not come again often enough to act on them."""
-    named = (EffectAt(verdict.effect, ''.join(verdict.where[:1])), *verdict.also)
     return [
         f'{get_effect(at.effect).title} on {at.where} counts in only {100.0 * share:.0f} % of the '
         'resampled blocks held out: take it for a hint and record another log before acting on it.'
-        for at, share in zip(named, again, strict=False)
+        for at, share in zip(verdict.named, again, strict=False)
         if share < _OFTEN
     ]
 

@@ -318,8 +318,9 @@ class _Passes:
             if verdict.effect == UNKNOWN:
                 where = (*_in_bursts(begun, base), *where)
         # What was found was seen.
-        named = () if verdict.effect in NAMELESS else found.chain[-1].effects
-        hidden = tuple(a for a, seen in visible.items() if seen < VISIBLE and a not in named)
+        hidden = tuple(
+            at for at, seen in visible.items() if seen < VISIBLE and at not in verdict.named
+        )
         return compose(
             begun.explainer,
             found,

@@ -9,7 +9,6 @@ should have, taken over the position in the log, has a line there and nowhere el
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -74,9 +73,9 @@ def coarse_readings(
         joint = part.with_effects(())
         for number, model in enumerate(joint.models):
             own = joint.own(number, theta)[0]
-            looks = _Look(model, own, part.seen[number] if part.seen else None)
+            seen = part.seen[number] if part.seen else None
             for drive in trusted:
-                found = looks.at(drive)
+                found = coarse_reading(model, seen, own, drive)
                 if found and (drive not in best or found.power > best[drive].power):
                     best[drive] = found
     return tuple(best.values())
@@ -87,6 +86,9 @@ def coarse_reading(
 ) -> CoarseReading | None:
     """Look for the steps of one drive's encoder.
 
+    Where the controllers cannot be replayed, for too few of their cycles are logged, the nominal
+    fit's residual stands for what they miss: the machine hardly answers to steps.
+
     Args:
         model: The model on a recording.
         seen: The motion that its controllers saw; None where they cannot be replayed.
@@ -96,67 +98,45 @@ def coarse_reading(
     Returns:
         The reading's step where its line stands clear of all others; None else.
     """
-    return _Look(model, theta, seen).at(drive)
+    drives = model.data.names if model.machine is None else model.machine.drives
+    motion = seen or _logged(model, drives)
+    if motion is None:
+        return None
+    row = model.places.index(drive)
+    wanted = np.isfinite(model.measured)
+    wanted[np.arange(len(wanted)) != row] = False
+    wanted[:, : int(LAW_SETTLE / model.cycle)] = False
+    there = np.flatnonzero(wanted[row])
+    if seen is None:
+        made, lags = model.simulate_at(theta[None], wanted)[0], _LAGS
+    else:
+        made, lags = model.replay_law(seen, theta[None], wanted)[0], np.zeros(1)
+    missed = model.measured[wanted] - made
+    count = model.data.cycles
+    rate = there.size / (count * model.cycle)
+    fast = missed - uniform_filter1d(missed, max(3, int(_SLOW * rate)))
+    logged = there - float(model.effort_delay(theta)[row]) / model.cycle
+    ways = motion.values.reshape(2, len(drives), count)[:, drives.index(drive)]
+    unit, per_metre = model.travel
+    found = []
+    for lag in lags:
+        position, velocity = (np.interp(logged - lag, np.arange(count), way) for way in ways)
+        span = float(np.ptp(position))
+        if span >= 3.0 * SMALLEST * per_metre:
+            found.append((*_clearest(position, velocity, fast, per_metre), span))
+    step, power, span = max(found, key=lambda x: x[1], default=(0.0, 0.0, 1.0))
+    if power < CLEAR:
+        return None
+    return CoarseReading(drive, step, step**2 / span, power, unit)
 
 
-class _Look:
-    """One recording, its motion, and what is missed of its effort.
-
-    Where the controllers cannot be replayed, for too few of their cycles are logged, the nominal
-    fit's residual stands for what they miss: the machine hardly answers to steps.
-    """
-
-    def __init__(self, model: FullModel, theta: Array, seen: RecordedMotion | None) -> None:
-        self.model = model
-        self.theta = theta
-        self.seen = seen
-        data = model.data
-        self.drives = data.names if model.machine is None else model.machine.drives
-        logged = data.position is not None and np.isfinite(data.position).any(axis=1).all()
-        self.motion = seen
-        if seen is None and logged and data.effort is not None:
-            self.motion = recorded_motion(data, self.drives)
-
-    @cached_property
-    def _residual(self) -> Array:
-        """(D, K) what the nominal fit misses."""
-        out: Array = self.model.measured - self.model.simulate(self.theta[None])[0]
-        return out
-
-    def at(self, drive: str) -> CoarseReading | None:
-        """Return the reading of a drive's encoder where its steps show."""
-        if self.motion is None:
-            return None
-        model, row = self.model, self.model.places.index(drive)
-        wanted = np.isfinite(model.measured)
-        wanted[np.arange(len(wanted)) != row] = False
-        wanted[:, : int(LAW_SETTLE / model.cycle)] = False
-        there = np.flatnonzero(wanted[row])
-        unit, per_metre = model.travel
-        if self.seen is None:
-            missed, lags = self._residual[row, there], _LAGS
-        else:
-            missed = (
-                model.measured[wanted] - model.replay_law(self.seen, self.theta[None], wanted)[0]
-            )
-            lags = np.zeros(1)
-        count = model.data.cycles
-        rate = there.size / (count * model.cycle)
-        fast = missed - uniform_filter1d(missed, max(3, int(_SLOW * rate)))
-        logged = there - float(model.effort_delay(self.theta)[row]) / model.cycle
-        number = self.drives.index(drive)
-        positions, velocities = self.motion.values.reshape(2, len(self.drives), count)[:, number]
-        found = []
-        for lag in lags:
-            position = np.interp(logged - lag, np.arange(count), positions)
-            velocity = np.interp(logged - lag, np.arange(count), velocities)
-            if float(np.ptp(position)) >= 3.0 * SMALLEST * per_metre:
-                clearest = _clearest(position, velocity, fast, per_metre)
-                found.append((*clearest, float(np.ptp(position))))
-        step, power, span = max(found, key=lambda x: x[1], default=(0.0, 0.0, 1.0))
-        if power < CLEAR:
-            return None
-        return CoarseReading(drive, step, step**2 / span, power, unit)
+def _logged(model: FullModel, drives: Sequence[str]) -> RecordedMotion | None:
+    """Return the motion as it was logged, None where a drive's is not."""
+    data = model.data
+    if data.position is None or data.effort is None:
+        return None
+    known = np.isfinite(data.position).any(axis=1).all()
+    return recorded_motion(data, drives) if known else None
 
 
 def _clearest(

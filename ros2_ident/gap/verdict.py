@@ -94,6 +94,13 @@ class Verdict:
     readings: tuple[CoarseReading, ...] = ()
     first: str = ''
 
+    @property
+    def named(self) -> tuple[EffectAt, ...]:
+        """The effects that are named, in order; none where the answer names none."""
+        if self.effect in NAMELESS:
+            return ()
+        return (EffectAt(self.effect, self.where[0]), *self.also)
+
 
 def _sigmoid(x: float) -> float:
     return float(1.0 / (1.0 + np.exp(-np.clip(x, -60.0, 60.0))))

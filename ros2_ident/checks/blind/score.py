@@ -58,9 +58,8 @@ def same(name: str, where: Sequence[str], truth: Mapping[str, Any]) -> bool:
 
 def alike(name: str, other: str) -> bool:
     """Whether two ids name the same effect: one of its twins or variants will do."""
-    same = {name, *twins(name)}
-    same |= {CATALOGUE[n].variant_of for n in same & CATALOGUE.keys()} - {''}
-    return other in same
+    variants = {CATALOGUE[twin].variant_of for twin in twins(name) & CATALOGUE.keys()}
+    return other in twins(name) | variants
 
 
 def family(name: str) -> str:

@@ -46,14 +46,12 @@ def make_row(label_plain: Mapping[str, Any], case: Path, clean: Path) -> dict[st
     if diagnosis is None:
         return row
     row |= answer_of(diagnosis)
-    row['share'] |= {'oracle': label.share, 'true': _closed(label, case, clean, diagnosis)}
+    row['share'] |= {'oracle': label.share, 'true': _closed(case, clean, diagnosis)}
     row['parameters'] = intervals(label, diagnosis)
     return row
 
 
-def _closed(
-    label: Label, case: Path, clean: Path, diagnosis: Mapping[str, Any]
-) -> float | None:
+def _closed(case: Path, clean: Path, diagnosis: Mapping[str, Any]) -> float | None:
     """Return the share that the diagnosed model closes of the gap without noise.
 
     It is of the recording held out and of the drives that the predicted share counts; None where
