@@ -5,14 +5,17 @@ from dataclasses import replace
 from functools import cache
 
 from gap_signals import motion as moves
-from identify_cases import recording_of, tripod, TRIPOD_TRUTH
+from identify_cases import axis, AXIS_TRUTH, recording_of, tripod, TRIPOD_TRUTH
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from ros2_ident.effects import get_effect
+from ros2_ident.effects import CATALOGUE, get_effect
 from ros2_ident.errors import IdentError
+from ros2_ident.gap.attribute import Attribution
+from ros2_ident.gap.case import Case, recordings_of
 from ros2_ident.gap.coordinates import coordinates, Motion
-from ros2_ident.gap.diagnose import diagnose
+from ros2_ident.gap.diagnose import _Passes, diagnose
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.gates import examine
 from ros2_ident.gates.law import fit_law
@@ -167,3 +170,55 @@ def test_a_friction_that_lags_behind_the_motion_is_predicted() -> None:
 def test_the_catalogue_says_which_parameter_is_an_order() -> None:
     roles = [p.role for p in get_effect('torque_ripple').parameters]
     assert roles == ['size', 'size', 'order']
+
+
+def slow(data: Dataset, size: float, seed: int, memory: float = 0.99) -> Dataset:
+    """Return a log with noise that forgets slowly."""
+    effort = np.array(data.effort)
+    white = np.random.default_rng(seed).standard_normal(effort.shape)
+    coloured = lfilter([size * np.sqrt(1.0 - memory**2)], [1.0, -memory], white, axis=1)
+    return replace(data, effort=effort + coloured)
+
+
+@pytest.mark.parametrize(('bias', 'low', 'high'), [(0.0, 0.0, 3.5), (0.09, 4.0, np.inf)])
+def test_a_constant_stands_out_of_slow_noise_only_where_it_is_there(
+    bias: float, low: float, high: float
+) -> None:
+    size, at = 0.06, EffectAt('effort_bias', 'drive_1')
+    plain = slow(recording(1), size, 4)
+    effort = np.array(plain.effort)
+    effort[0] += bias
+    case = Case(recordings_of(tripod(), [replace(plain, effort=effort)]))
+    fits = Attribution(case, np.full(3, size))
+    names = [p.name.rpartition('.')[2] for p in case.fit.with_effects(()).parameters]
+    base = fits.refit((), np.array([TRIPOD_TRUTH[n] for n in names]))
+    best = fits.refit((at,), np.append(base.theta, 0.0))
+    assert abs(best.theta[-1] - bias) < 0.05
+    # Taken one by one, the samples say that it is there in any case.
+    assert best.cost < base.cost - 400.0
+    errors = fits.standing(base, best)
+    assert low <= errors < high
+
+
+@pytest.mark.parametrize(('share', 'held_out'), [(0.45, 'blocks'), (0.55, 'check bag')])
+def test_what_one_recording_does_not_show_is_fitted_on_both(
+    monkeypatch: pytest.MonkeyPatch, share: float, held_out: str
+) -> None:
+    # As where the first motion hardly excites some parameters, and the second one does.
+    monkeypatch.setattr(
+        _Passes,
+        '_nominal_leaves',
+        lambda self, both, begun: share * begun.explainer.size(begun.base),
+    )
+    machine = axis()
+    motions = [draw_motion('mixed', machine, 3.0, seed) for seed in (1, 2)]
+    springs = (Effect('cable_spring', ('emps_axis',), {'stiffness': 100.0, 'place': 0.1}, 'same'),)
+    bags = [
+        simulate_bag(machine, AXIS_TRUTH, m, seed, nuisance_of(machine), springs)
+        for seed, m in enumerate(motions)
+    ]
+    fit, check = (gather([recording_of(bag)], machine).datasets[0] for bag in bags)
+    others = sorted(set(CATALOGUE) - {'cable_spring'})
+    found = diagnose(machine, [fit], [check], seed=1, without=others)
+    assert found.held_out == held_out
+    assert found.effect == 'cable_spring'

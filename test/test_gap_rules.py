@@ -57,6 +57,10 @@ class Attribution:
         self.floor = np.ones(2)
         self.rounds, self.refits, self.asked = [], {}, []
         self.stop = False
+        self.errors = np.inf
+
+    def standing(self, before, after):
+        return self.errors
 
     def scaled(self, at):
         """Return an effect's parameters, all in shares of one."""
@@ -92,7 +96,7 @@ def made(gap, check=None, effects=(), law=(1.0, 1.0), own=0.5):
 def floor_of(variance):
     """Return a floor whose noise has a variance that many times its innovation's."""
     noise = SimpleNamespace(variance=variance, innovation=1.0)
-    return SimpleNamespace(noise=(noise, noise), per_drive=np.ones(2))
+    return SimpleNamespace(noise=(noise, noise), per_drive=np.ones(2), high=np.ones(2))
 
 
 @pytest.fixture
@@ -739,6 +743,31 @@ def test_an_effect_counts_by_the_noise_that_is_left_with_it(attribution):
     explainer.noise_of = lambda e: SimpleNamespace(floor=floor_of(1.0))
     assert explainer.less_noise([base, one], [], best) is None
     assert attribution.fits == 'old'
+
+
+@pytest.mark.parametrize(('errors', 'counts'), [(np.inf, True), (5.0, True), (3.0, False)])
+def test_a_step_that_slow_noise_may_make_does_not_count(explainer, attribution, errors, counts):
+    # It takes away 0.8 of the noise, 0.28 at the lower end of an interval of 3 standard errors.
+    base, one = made((0.64, 0.0)), made((0.0, 0.0), effects=[STRIBECK])
+    attribution.errors = errors
+    assert explainer.material(base, one)
+    assert explainer.counts(base, one) == counts
+
+
+@pytest.mark.parametrize(('high', 'said'), [(1.05, 'unknown'), (1.2, 'none')])
+def test_what_noise_may_be_is_nothing_unknown(attribution, high, said):
+    # 0.9 of the noise are left, and what is called noise may be larger.
+    floor = floor_of(1.0)
+    floor.high = np.full(2, high)
+    verdict = answered(Explainer(attribution, floor, RULES), [made((0.81, 0.0))])
+    assert verdict.effect == said
+
+
+def test_what_mends_the_controllers_law_counts_in_any_noise(explainer, attribution):
+    base = made((0.64, 0.0), law=(9.0, 1.0))
+    mended = made((0.0, 0.0), effects=[STRIBECK])
+    attribution.errors = 0.0
+    assert explainer.counts(base, mended)
 
 
 def test_at_most_four_others_are_tried_in_the_place_of_an_effect(explainer, attribution):

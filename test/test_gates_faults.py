@@ -13,6 +13,7 @@ import pytest
 
 from ros2_ident.gates import examine, GateReport
 from ros2_ident.gates.log import check_effort
+from ros2_ident.gates.tracking import check_tracking, Tracking
 from ros2_ident.identify.data import gather
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset, Recording, Stream
@@ -115,7 +116,7 @@ def test_a_sound_log_contradicts_nothing(kind):
         ('tripod', times('command', 1e3), 'set_point', 'drive_1', 'set-point is logged in mm'),
         (
             'axis', both(times('state', 1e3), times('command', 1e3)), 'law', 'emps_axis',
-            'position and set-point look logged in mm',
+            'position and set-point look logged in another unit, mm',
         ),
         (
             'axis', times('effort', 100.0 / 5.0), 'limit', 'emps_axis',
@@ -156,7 +157,7 @@ def test_a_joint_that_turns_logged_in_degrees():
     report = report_of('axis', times('state', 57.29578), turning)
     assert 'the position is logged in degrees; log rad' in report.headline
     report = report_of('axis', both(*(times(x, 57.29578) for x in ('state', 'command'))), turning)
-    assert 'position and set-point look logged in degrees' in report.headline
+    assert 'position and set-point look logged in another unit, degrees' in report.headline
     assert report.blocked
 
 
@@ -208,3 +209,14 @@ def test_a_motor_that_gives_power_has_its_sign_though_inertia_comes_out_negative
     (gate,) = [g for g in check_effort(axis_machine(), back, 'emps_axis') if g.gate == 'sign']
     # Reversed, friction takes power back; inertia comes out positive.
     assert gate.level == 'warn' and 'friction comes out negative' in gate.sentence
+
+
+def test_set_points_of_a_straight_path_are_told_apart_by_their_size() -> None:
+    # Drives on a straight path move alike but for a factor; two topics have their names exchanged.
+    drives, size = ('one', 'two', 'three'), np.array([1.0, 0.9, -0.4])
+    slope = size[:, None] / size[[2, 1, 0]]
+    share = np.full((3, 3), 0.985)
+    share[[0, 1, 2], [2, 1, 0]] = 0.998
+    (found,) = check_tracking(Tracking(drives, share, np.zeros((3, 3)), slope), 0.001, 'm')
+    assert (found.gate, found.level) == ('names', 'fail')
+    assert "one follows three's, three follows one's" in found.sentence

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case
+from ros2_ident.gap.chance import standing
 from ros2_ident.gap.fits import Explanation, Fits, Trials
 from ros2_ident.gap.screen import seen_in_log, Start
 from ros2_ident.gates.law import fit_law, Law
@@ -123,6 +124,12 @@ class Attribution:
         if not self.stopped():
             self.journal.put({'unit': e.unit}, *key)
         return e
+
+    def standing(self, before: Explanation, after: Explanation) -> float:
+        """Return how many standard errors of coloured noise a step stands out, on all data."""
+        whole = self.case.whole
+        joints = whole.with_effects(before.effects), whole.with_effects(after.effects)
+        return standing(*joints, before.theta, after.theta)
 
     def renew(
         self, floor: Array, chain: Sequence[Explanation], rounds: Sequence[Round]

@@ -112,6 +112,11 @@ class Criteria:
         """Return the RMS of the worst drive's gap in units of the floor."""
         return float(np.sqrt(np.maximum(self.gap(e), 0.0)).max())
 
+    def certain_size(self, e: Explanation) -> float:
+        """Return `size` where the noise is at the upper end of its 95 % interval."""
+        lower = (self.gap(e) + 1.0) * (self.floor.per_drive / self.floor.high) ** 2 - 1.0
+        return float(np.sqrt(np.maximum(lower, 0.0)).max())
+
     def share(self, before: Explanation, after: Explanation, part: str = 'both') -> float:
         """Return the share of the gap of `before` that `after` closes; 0 where there is none."""
         counts = {'fit': self.fit_count, 'check': self.check_count}.get(
@@ -130,12 +135,20 @@ class Criteria:
         """Whether a step closes enough to count, on all data and on the data held out."""
         if not before.effects and self.restores_law(before, after):
             return True
-        fall = self.gap(before) - self.gap(after)
-        reduced = float(np.sqrt(np.maximum(fall, 0.0)).max())
-        least = self.rules.step if not before.effects else self.rules.later
-        if reduced < least or self.share(before, after) < self.rules.share:
+        small = self.reduced(before, after) < self.least(before)
+        if small or self.share(before, after) < self.rules.share:
             return False
+        fall = self.gap(before) - self.gap(after)
         return self.confirmed(before, after, int(fall.argmax()))
+
+    def reduced(self, before: Explanation, after: Explanation) -> float:
+        """Return the RMS that a step takes away from the drive it helps most, in floors."""
+        fall = self.gap(before) - self.gap(after)
+        return float(np.sqrt(np.maximum(fall, 0.0)).max())
+
+    def least(self, before: Explanation) -> float:
+        """Return the RMS that a step has to take away at least."""
+        return self.rules.later if before.effects else self.rules.step
 
     def confirmed(self, before: Explanation, after: Explanation, drive: int) -> bool:
         """Whether the data held out speak for a step that gains most on a drive.

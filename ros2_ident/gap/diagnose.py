@@ -47,6 +47,9 @@ Array = npt.NDArray[np.float64]
 SEARCH = FitSettings(
     genetic=GeneticSettings(initial_population=512, survivors=8, children=8, generations=8)
 )
+# Parameters that leave less than this share of the gap once they are fitted to the recording held
+# out, too, were chance on the one fitted on.
+_MOSTLY = 0.5
 # An effect whose largest trial leaves less than this, in units of the floor, cannot be seen in the
 # log.
 VISIBLE = 0.3
@@ -203,10 +206,13 @@ class _Passes:
             # Where the recording fitted on does not show a parameter, its value is chance, and
             # wrong on the one held out.
             together = Case(both, conditions=self.conditions)
-            if self._nominal_is_enough(together, begun):
+            left = self._nominal_leaves(together, begun)
+            if left < self.rules.material:
                 second = self._ended(self._begin(together))
                 if second.effect == NONE and second.complete:
                     return second
+            elif left < _MOSTLY * begun.explainer.size(begun.base):
+                begun = self._begin(together)
         found, verdict = self._explained(begun)
         lost = verdict.effect in (UNKNOWN, WRONG_MODEL) and not begun.report.blocked
         misled = lost and _shows_later(begun.explainer, found)
@@ -274,12 +280,12 @@ class _Passes:
             journal=self.journal,
         )
 
-    def _nominal_is_enough(self, both: Case, begun: _Pass) -> bool:
-        """Whether the nominal parameters leave nothing once they are fitted to all recordings."""
+    def _nominal_leaves(self, both: Case, begun: _Pass) -> float:
+        """Return the gap that the nominal parameters leave once fitted to all recordings."""
         floor = begun.explainer.floor
         fits = self._attribution(both, floor.per_drive)
         judge_of_both = Explainer(fits, floor, self.rules)
-        return judge_of_both.size(fits.refit((), begun.base.theta)) < self.rules.material
+        return judge_of_both.size(fits.refit((), begun.base.theta))
 
     def _explained(self, begun: _Pass) -> tuple[Explained, Verdict]:
         """Look for the effects, and say what follows."""

@@ -17,6 +17,8 @@ from ros2_ident.models import EffectAt
 
 Array = npt.NDArray[np.float64]
 
+# Half a 95 % interval in standard errors.
+_NORMAL = 1.96
 # Sum of squares, in units of the noise's, that two fits of one model may differ by chance.
 _TIE = 20.0
 # A floor that falls below this share of what it was is taken over.
@@ -73,7 +75,7 @@ class Explainer(Criteria):
             best = self.best(round_)
             if best is None:
                 break
-            if not self.material(chain[-1], best):
+            if not self.counts(chain[-1], best):
                 again = None if stopped() else self.less_noise(chain, rounds, best)
                 again = again or self.confirmed_one(chain, rounds, best)
                 if again is None:
@@ -99,6 +101,19 @@ class Explainer(Criteria):
             tuple(chain), tuple(rounds), rivals, rests, self.size(chain[-1]), not stopped()
         )
 
+    def counts(self, before: Explanation, after: Explanation) -> bool:
+        """Whether a step is material, and would be at the lower end of its 95 % interval.
+
+        The interval is that of noise as slow as what is left: under it chance closes a lot.
+        """
+        if not self.material(before, after):
+            return False
+        if not before.effects and self.restores_law(before, after):
+            return True
+        errors = self.attribution.standing(before, after)
+        lower = self.reduced(before, after) * (1.0 - _NORMAL / max(errors, _NORMAL))
+        return lower >= self.least(before)
+
     def less_noise(
         self, chain: list[Explanation], rounds: list[Round], best: Explanation
     ) -> tuple[list[Explanation], list[Round], Explanation] | None:
@@ -115,7 +130,7 @@ class Explainer(Criteria):
             seen.floor.per_drive, [*chain, best], rounds
         )
         best = attribution.refit(best.effects, best.theta)
-        if self.material(renewed[-1], best):
+        if self.counts(renewed[-1], best):
             return renewed, rounds, best
         self.floor, attribution.fits = floor, fits
         return None
@@ -123,18 +138,16 @@ class Explainer(Criteria):
     def confirmed_one(
         self, chain: list[Explanation], rounds: list[Round], best: Explanation
     ) -> tuple[list[Explanation], list[Round], Explanation] | None:
-        """Return chain, rounds and the best fit that counts where the data held out refute `best`.
+        """Return chain, rounds and the best fit that counts where `best` does not.
 
-        None where none comes near it.
+        One whose size is at its bound only where no other does; None where none comes near.
         """
         base = chain[-1]
         least = _NEAR * self.share(base, best)
-        counts = [
-            e
-            for e in rounds[-1].fitted
-            if self.share(base, e) >= least and self.plausible(e) and self.material(base, e)
-        ]
-        return (chain, rounds, min(counts, key=self.score)) if counts else None
+        near = [e for e in rounds[-1].fitted if self.share(base, e) >= least]
+        counts = [e for e in near if self.counts(base, e)]
+        inside = [e for e in counts if self.plausible(e)]
+        return (chain, rounds, min(inside or counts, key=self.score)) if counts else None
 
     def with_new_floor(
         self, chain: list[Explanation], rounds: list[Round]

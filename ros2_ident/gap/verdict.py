@@ -206,9 +206,11 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     if len(found.chain) == 1 and not found.complete:
         # Cut short before anything was found: no answer, said with no confidence.
         return Verdict(UNKNOWN, _where(explainer, final), 0.0, (), (), ranking, closed)
-    if len(found.chain) == 1 and size < rules.unknown:
-        # Too small to be sure of it, and nothing explains it: small imperfections look like this.
-        sure = _sigmoid((rules.unknown - size) / t.size)
+    certain = explainer.certain_size(base)
+    if len(found.chain) == 1 and certain < rules.unknown:
+        # Too small to be sure of it, and nothing explains it: small imperfections look like this,
+        # and so does noise that was slow enough to be quiet where it was measured.
+        sure = _sigmoid((rules.unknown - certain) / t.size)
         return Verdict(NONE, (), sure, (), (), ranking, closed)
     if len(found.chain) == 1 or (closed < rules.closed and not believed):
         return Verdict(

@@ -159,8 +159,8 @@ def _correction(law: Law, best: Gain, unit: str, travel: str) -> str:
     for factor, name in _UNITS.get(travel, ()):
         if abs(best.ratio * factor - 1.0) <= _CLOSE and best.name in ('velocity_gain', 'scale'):
             return (
-                f'position and set-point look logged in {name}: the stated law times '
-                f'{best.ratio:.4g} {fits}; log {travel}'
+                f'position and set-point look logged in another unit, {name}: the stated law '
+                f'times {best.ratio:.4g} {fits}; log {travel}'
             )
     if best.name == 'scale':
         return (

@@ -31,8 +31,8 @@ _STRANGE = 2.0
 _SWAPPED = 0.1
 # A drive that leads its set-point by more than two cycles and this, s, saw it before the log did.
 _LEADS = 3e-3
-# A drive of which its own set-point explains so much is its own.
-_OWN = 0.99
+# A drive of whose speed its own set-point leaves so little is its own.
+_SAME = 0.01
 # Positions of a drive below which nothing is compared.
 _FEWEST = 100
 # Names of more drives than these are not looked through.
@@ -50,7 +50,7 @@ class Tracking:
         drives: The drives.
         share: (D, D) share of drive i's speed that set-point j's, at the best lag, explains.
         lag: (D, D) that lag, s; positive where the drive is late.
-        slope: (D, D) drive's speed over the set-point's there.
+        slope: (D, D) drive's speed over the set-point's there, by least squares.
     """
 
     drives: tuple[str, ...]
@@ -173,10 +173,12 @@ def _of_another_unit(drive: str, slope: float, unit: str) -> Gate:
 def _mixed(tracking: Tracking) -> list[Gate]:
     """Return what to say where the drives follow each other's set-points."""
     count = len(tracking.drives)
-    own = np.diag(tracking.share)
-    if count < 2 or count > _MOST or (own >= _OWN).all():
+    # What a set-point leaves of a drive's speed, as it is and not scaled: drives on a straight
+    # path all move alike, but for a factor.
+    slope = np.where(tracking.slope == 0.0, np.inf, tracking.slope)
+    left = 1.0 - tracking.share * (2.0 / slope - 1.0 / slope**2)
+    if count < 2 or count > _MOST or (np.diag(left) <= _SAME).all():
         return []
-    left = 1.0 - tracking.share
     orders = list(permutations(range(count)))
     best = min(orders, key=lambda order: float(left[range(count), order].sum()))
     moved = [d for d in range(count) if best[d] != d]

@@ -139,6 +139,32 @@ class Weighed:
     slopes: Array
 
 
+def slopes_of(fitted: Fitted, theta: Array, rows: Rows) -> tuple[Array, Array]:
+    """Return (R,) the residual of a fit, and (R, N) its derivative by shares of the box.
+
+    Args:
+        fitted: The models.
+        theta: (N,) their parameters.
+        rows: The R samples that are looked at.
+    """
+    span = fitted.high - fitted.low
+    residuals = _residuals(fitted, rows)
+    return difference_jacobian(residuals, (theta - fitted.low) / span, fitted.low, span)
+
+
+def residual_of(fitted: Fitted, theta: Array, rows: Rows) -> Array:
+    """Return (R,) the residual alone; see `slopes_of`."""
+    out: Array = _residuals(fitted, rows)(theta[None])[0]
+    return out
+
+
+def _residuals(fitted: Fitted, rows: Rows) -> Callable[[Array], Array]:
+    seen = [m.restricted(mask) for m, mask in zip(fitted.models, rows.masks, strict=True)]
+    return lambda theta: _side_by_side(
+        [m.residuals(fitted.own(i, theta)) for i, m in enumerate(seen)]
+    )
+
+
 def weigh_fit(
     fitted: Fitted,
     theta: Array,
@@ -158,14 +184,7 @@ def weigh_fit(
     wide = [first.extended((*first.effects, at)) for at in candidates]
     tried = sum(len(_tried(w, at)[0]) for w, at in zip(wide, candidates, strict=True))
     rows = rows_of(models, _MOST // max(200, tried))
-    span = fitted.high - fitted.low
-    seen = [m.restricted(mask) for m, mask in zip(models, rows.masks, strict=True)]
-
-    def residuals(theta: Array) -> Array:
-        return _side_by_side([m.residuals(fitted.own(i, theta)) for i, m in enumerate(seen)])
-
-    unit = (theta - fitted.low) / span
-    residual, jacobian = difference_jacobian(residuals, unit, fitted.low, span)
+    residual, jacobian = slopes_of(fitted, theta, rows)
     basis = np.linalg.qr(jacobian)[0]
     free = residual - basis @ (basis.T @ residual)
 

@@ -11,6 +11,8 @@ from scipy.signal import lfilter
 from ros2_ident.search.operators import Array
 
 MOST_COEFFICIENTS = 20
+# Points of a spectral density, for sums over it.
+_SPECTRUM = 1 << 14
 # Differences of fourth order keep the noise and lose the motion; their gain on white noise.
 _ORDER = 4
 _GAIN = math.sqrt(math.comb(2 * _ORDER, _ORDER))
@@ -56,9 +58,11 @@ class NoiseModel:
     @property
     def independent_squares(self) -> float:
         """Share of the samples whose squares, were they independent, would tell as much."""
-        # Squares of a Gaussian process correlate by the square of its own correlation.
-        rho = self.correlation**2
-        return (1.0 - rho) / (1.0 + rho)
+        # Squares of a Gaussian process correlate by the square of its own correlation; the sum of
+        # these over all lags is the mean square of its spectral density over the squared mean.
+        whitening = np.fft.rfft(np.concatenate(([1.0], -self.coefficients)), _SPECTRUM)
+        density = 1.0 / np.abs(whitening) ** 2
+        return float(np.mean(density) ** 2 / np.mean(density**2))
 
     def scaled(self, factor: float) -> 'NoiseModel':
         """Return noise of the same colour whose standard deviation is `factor` times this one."""
