@@ -91,6 +91,7 @@ def answer(listener, **changes):
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_the_end_of_the_node_answers_its_goal(tmp_path, number) -> None:
+    from action_msgs.msg import GoalStatus
     from ros2_ident_msgs.msg import IdentificationResult
 
     domain = new_domain()
@@ -102,7 +103,9 @@ def test_the_end_of_the_node_answers_its_goal(tmp_path, number) -> None:
             done = listener.asked(handle.get_result_async)
             listener.until(lambda: feedback, 'feedback')
             process.send_signal(number)
-            result = listener.wait_future(done, 'the result', 20.0).result.identification
+            answered = listener.wait_future(done, 'the result', 20.0)
+            assert answered.status == GoalStatus.STATUS_ABORTED
+            result = answered.result.identification
             assert result.outcome == IdentificationResult.OUTCOME_CANCELLED
             assert result.error_message and len(result.parameters) == 7
         finally:

@@ -106,9 +106,10 @@ class GoalServer:
             # A run that ended before it saw the cancel has its whole result: it succeeded.
             if handle.is_cancel_requested and code != ErrorCode.OK:
                 handle.canceled()
-            elif code in (ErrorCode.OK, ErrorCode.CANCELLED) and not self._given_up:
+            elif code == ErrorCode.OK and not self._given_up:
                 handle.succeed()
             else:
+                # The end of the node stops a run, too, but no client has asked for it.
                 handle.abort()
             return result
         finally:
