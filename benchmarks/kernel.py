@@ -3,14 +3,14 @@
 
 Compares, in turn within one run, the kernel with the same by hand in C (`tripod_limit.c`, built
 with gcc; needs AVX-512) and with one compiled with the hooks of effects; then times the paper's
-Table 4 schedule, the first compilation and a second start. Figures are medians, with the least in
-brackets; CPU time unless wall time is said.
+Table 4 schedule, the first compilation and a second start, and the delta's kernel beside the
+tripod's. Figures are medians, with the least in brackets; CPU time unless wall time is said.
 
-    python benchmarks/kernel.py [--seconds 10] [--rounds 9]
+    python benchmarks/kernel.py [--seconds 10] [--rounds 9] [--delta]
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import ctypes
 import functools
 import os
@@ -26,6 +26,7 @@ import numpy as np
 from ros2_ident.kernel import rows
 from ros2_ident.lanes import WIDTH
 from ros2_ident.models import load_machine
+from ros2_ident.models.rotary_tripod.model import Delta
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.motions import draw_motion
@@ -40,6 +41,16 @@ TABLE_5 = {
     'drive_inertia': 89.0817e-6,
     'coulomb_torque': 0.05,
     'viscous_torque': 0.05,
+}
+DELTA = {
+    'measurement_delay': 0.0021,
+    'gear_stiffness': 6000.0,
+    'gear_damping_ratio': 0.2,
+    'tool_mass': 0.7,
+    'drive_inertia': 4e-5,
+    'arm_inertia': 0.02,
+    'coulomb_torque': 0.03,
+    'viscous_torque': 0.004,
 }
 # Rows of the C kernel's blocks, as its enumerations have them.
 MACHINE = ('rail_radius', 'rod_length', 'tool_mass', 'gravity')
@@ -75,31 +86,37 @@ print(time.perf_counter() - wall, time.process_time() - cpu)
 '''
 
 
-def synthetic(seconds: float) -> Tripod:
-    """Return the tripod on a log of that length, its effort simulated at Table 5's values."""
-    machine = load_machine(ROOT / 'config' / 'tripod.yaml')
+def synthetic(
+    seconds: float,
+    kind: type[Tripod] = Tripod,
+    values: Mapping[str, float] = TABLE_5,
+    substeps: int | None = None,
+) -> Tripod:
+    """Return a machine on a log of that length, its effort simulated at values of its own."""
+    machine = load_machine(ROOT / 'config' / f'{kind.__name__.lower()}.yaml')
     motion = draw_motion('pick_and_place', machine, seconds, 7)
     cycle = machine.number('cycle')
     blank = np.zeros(motion.position.shape)
 
     def model(effort: np.ndarray) -> Tripod:
-        return Tripod(
+        return kind(
             machine,
             Dataset(
                 machine.drives, cycle, 0, motion.position, motion.velocity, None, None, effort
             ),
+            substeps=substeps,
         )
 
     plain = model(blank)
-    effort = plain.simulate(table_5(plain)[None])[0]
+    effort = plain.simulate(at(plain, values)[None])[0]
     effort += machine.effort_noise * np.random.default_rng(1).standard_normal(effort.shape)
     effort[:, 1::2] = np.nan  # a log of 1 kHz
     return model(effort)
 
 
-def table_5(model: Tripod) -> np.ndarray:
-    """Return (N,) the model's parameters at Table 5's values."""
-    return np.array([TABLE_5[p.name.split('.')[-1]] for p in model.parameters])
+def at(model: Tripod, values: Mapping[str, float]) -> np.ndarray:
+    """Return (N,) the model's parameters at values by name."""
+    return np.array([values[p.name.split('.')[-1]] for p in model.parameters])
 
 
 class Limit:
@@ -213,7 +230,7 @@ class Hooked(Tripod):
 def compare(model: Tripod, limit: Limit, rounds: int) -> None:
     """Print times of one core, and what they are of the limits."""
     rng = np.random.default_rng(0)
-    true = table_5(model)
+    true = at(model, TABLE_5)
     low = np.array([p.low for p in model.parameters])
     high = np.array([p.high for p in model.parameters])
     near = true * (1.0 + 0.02 * rng.standard_normal((64, len(true))))
@@ -249,6 +266,30 @@ def compare(model: Tripod, limit: Limit, rounds: int) -> None:
             f'the kernel has {ratio:.2f} of its speed; costs differ by {difference:.1e}\n'
             f'  with hooks    {middle[2]:.3f} ms ({least[2]:.3f}), all of them off: '
             f'{hooks - 1.0:+.1%}'
+        )
+
+
+def beside_the_delta(seconds: float, rounds: int) -> None:
+    """Print how much longer a candidate of the delta takes than one of the tripod."""
+    rng = np.random.default_rng(0)
+    for substeps in (3, None):
+        made = [(kind, values) for kind, values in ((Tripod, TABLE_5), (Delta, DELTA))]
+        models = [synthetic(seconds, kind, values, substeps) for kind, values in made]
+        calls = []
+        for model, (_, values) in zip(models, made, strict=True):
+            near = at(model, values)
+            theta = near * (1.0 + 0.02 * rng.standard_normal((64, len(near))))
+            assert np.isfinite(model.costs(theta)).all()
+            steps = model._steps(model.rows(theta)).mean()
+            calls.append(functools.partial(model.costs, theta))
+            print(f'  {type(model).__name__}: {steps:.2f} steps a cycle at most')
+        took = 1e3 / 64 * in_turn(rounds, *calls)
+        tripod, delta = np.median(took, axis=0)
+        print(
+            f'delta {delta:.3f} ms, tripod {tripod:.3f} ms a candidate: '
+            f'{np.median(took[:, 1] / took[:, 0]) - 1.0:+.1%} (least of each: '
+            f'{took[:, 1].min() / took[:, 0].min() - 1.0:+.1%})',
+            flush=True,
         )
 
 
@@ -307,9 +348,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--seconds', type=float, default=10.0, help='length of the log')
     parser.add_argument('--rounds', type=int, default=9, help='repetitions')
+    parser.add_argument('--delta', action='store_true', help='only the delta beside the tripod')
     args = parser.parse_args()
     load = ', '.join(f'{x:.1f}' for x in os.getloadavg())
     print(f'{processor()}, {os.cpu_count()} cores, load {load}; {WIDTH} lanes')
+    beside_the_delta(args.seconds, args.rounds)
+    if args.delta:
+        return
     model = synthetic(args.seconds)
     with tempfile.TemporaryDirectory() as name:
         compare(model, Limit(model, Path(name)), args.rounds)

@@ -16,7 +16,7 @@ from ros2_ident.checks.blind.draw import Drawer
 from ros2_ident.checks.blind.faults import Fault
 from ros2_ident.checks.blind.forms import draw_form, FORMS
 from ros2_ident.checks.blind.label import from_mapping, Label, MotionOrder, Part, to_mapping
-from ros2_ident.checks.blind.machines import machine_of, read_plain
+from ros2_ident.checks.blind.machines import draw_machine, machine_of, read_plain
 from ros2_ident.checks.blind.planning import forms_of, plan, Shares, Wanted
 from ros2_ident.checks.blind.probe import Probe
 from ros2_ident.checks.blind.rough import Rough
@@ -222,6 +222,31 @@ def test_a_drawn_case_is_what_was_wanted_and_the_same_again() -> None:
     assert len(effects) == 1 + len(label.imperfections)
     assert label.share is not None and 0.9 < label.share < 1.0
     assert label.rough.hard and label.machine != PLAIN
+
+
+def test_deltas_are_drawn_about_the_one_of_the_file() -> None:
+    plain = read_plain(TRIPOD.with_name('delta.yaml'))
+    drawn = [draw_machine(plain, np.random.default_rng(seed), False) for seed in range(20)]
+    assert len({m['geometry']['arm_length'] for m in drawn}) == 20
+    for other in drawn:
+        machine_of(other)  # no gain out of range, nothing left out
+        share = [other['geometry'][n] / plain['geometry'][n] for n in ('arm_length', 'rod_length')]
+        assert share[0] / share[1] == pytest.approx(1.0, abs=0.09)
+        drive, boxes = other['drive'], other['parameters']
+        load = sum(boxes['tool_mass'][:2]) / 6.0 * other['geometry']['arm_length'] ** 2
+        motor = 0.5 * sum(boxes['drive_inertia'][:2]) * drive['gear_factor'] ** 2
+        loop = other['controller']['velocity_gain'] * drive['gear_factor']
+        assert 99.0 < loop / (motor + drive['arm_inertia'] + load) < 201.0  # rad/s
+
+
+def test_a_case_of_a_delta_holds_what_was_wanted() -> None:
+    plain = read_plain(TRIPOD.with_name('delta.yaml'))
+    label, effects = Drawer(plain, 1, Wanted(2, 'single', ('stribeck',), (2.0,), False)).draw()
+    (part,) = label.effects
+    assert part.effect == 'stribeck' and part.rho == pytest.approx(2.0, rel=0.5)
+    assert label.machine['machine'] == 'rotary_tripod' and label.machine != plain
+    assert {p.where for p in label.imperfections} >= set(plain['drives'])
+    assert len(effects) == 1 + len(label.imperfections) and 0.9 < label.share <= 1.0
 
 
 def test_what_the_logger_hides_is_not_counted_as_seen() -> None:

@@ -142,6 +142,21 @@ def expected(machine) -> dict[str, float]:
 # ------------------------------------------------------------------ what a log will show
 
 
+def test_the_tools_slopes_are_worked_out_once(tripod, monkeypatch) -> None:
+    from ros2_ident.excite import information
+
+    asked = []
+    slopes = information.transmission
+    monkeypatch.setattr(information, 'transmission', lambda m: asked.append(m) or slopes(m))
+    sensitivity = Sensitivity(tripod)
+    planned = drawn(courses_for(tripod, limits_of(tripod), 1.5), 0)
+    for _ in range(2):
+        moved = sensitivity.of(planned).moved
+        there = twin_of(tripod).set_points(moved.tool, 0.0 * moved.tool, tripod)[0]
+        assert there == pytest.approx(moved.position, abs=1e-7)
+    assert len(asked) == 1
+
+
 def test_the_intervals_come_true(axis) -> None:
     sensitivity = Sensitivity(axis, rate=250.0)
     courses = courses_for(axis, limits_of(axis), 6.0)

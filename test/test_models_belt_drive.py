@@ -177,6 +177,16 @@ def test_the_mass_moves_against_the_gears_as_printed():
     np.testing.assert_allclose(stiffness[0] @ [1.0, 1.0, -r], 0.0, atol=1e-9)
 
 
+def test_figure_4_is_of_the_stiffness_and_gain_that_were_found():
+    from ros2_ident.checks.paper.belt import eigenfrequencies_over_position
+
+    found = np.array([2.1e5, 41.0])
+    belt = BeltDrive(MACHINE, step_reference())
+    there = eigenfrequencies_over_position(np.array([0.2, 0.5]), found)
+    np.testing.assert_allclose(there[0], belt.eigenfrequencies(found[None])[0], rtol=1e-12)
+    assert there[1, 0] < there[0, 0]
+
+
 def bag_of(folder, seed, *more):
     from ros2_ident.cli.main import main
 

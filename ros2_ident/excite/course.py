@@ -94,15 +94,20 @@ class Courses:
         return replace(derived(*at, self.series.cycle), tool=points)
 
 
-def tool_of(machine: Machine, planned: Moved, position: Array) -> Array | None:
+def tool_of(machine: Machine, back: Array, planned: Moved, position: Array) -> Array | None:
     """Return (M, K) where the tool is while drives that should follow a plan are at (D, K).
 
     From the plan on by Newton's method, with the slopes in the middle of the room.
+
+    Args:
+        machine: The machine.
+        back: (M, D) the inverse of its `transmission`.
+        planned: The plan.
+        position: (D, K).
     """
     if planned.tool is None:
         return None
     twin, place = twin_of(machine), planned.tool
-    back = np.linalg.inv(transmission(machine))
     for _ in range(_NEAR):
         there = twin.set_points(place, np.zeros_like(place), machine)[0]
         place = place + back @ (position - there)

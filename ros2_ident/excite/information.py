@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.excite.course import derived, tool_of
-from ros2_ident.excite.limits import Moved
+from ros2_ident.excite.limits import carries, Moved, transmission
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models import make_model
@@ -86,6 +86,14 @@ class Sensitivity:
         self.parameters: tuple[Parameter, ...] = model.parameters
         self.values = self._expected(values or {})
         self.box = Box.of([p.low for p in self.parameters], [p.high for p in self.parameters])
+
+    @functools.cached_property
+    def _back(self) -> Array:
+        """(M, D) speeds of the tool by those of the drives, in the middle of the room."""
+        if not carries(self.machine):
+            return np.empty((0, len(self.machine.drives)))
+        out: Array = np.linalg.inv(transmission(self.machine))
+        return out
 
     def _widest(self, planned: Moved) -> tuple[tuple[str, ...], FullModel]:
         """Return all that the model can tell of a motion, and the model."""
@@ -182,7 +190,7 @@ class Sensitivity:
         for output, row in zip(model.outputs, told, strict=True):
             rows[output.quantity][self.machine.drives.index(output.place or output.name)] = row
         seen = derived(rows['position'], rows['velocity'], model.cycle)
-        tool = tool_of(self.machine, planned, rows['position'])
+        tool = tool_of(self.machine, self._back, planned, rows['position'])
         return replace(seen, jerk=None, effort=rows['effort'], tool=tool)
 
     def half_widths(self, shown: Shown, level: float = 0.95) -> Array:

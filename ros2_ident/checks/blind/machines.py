@@ -20,6 +20,8 @@ from ros2_ident.models.registry import KINDS
 Plain = dict[str, Any]
 
 CYCLES = (4e-4, 5e-4, 1e-3)
+# Regularisation of friction where drives move carriages [m/s], and where they turn arms [rad/s].
+ON_RAILS, ON_ARMS = (2e-3, 8e-3), (8e-3, 3e-2)
 # Share of machines whose drives have a P controller on velocity.
 PROPORTIONAL = 0.2
 
@@ -77,19 +79,35 @@ def _scale(part: Plain, rng: np.random.Generator, names: tuple[str, ...], most: 
 
 
 def _geometry(part: Plain, rng: np.random.Generator) -> None:
-    part['rod_length'] = float(f'{part["rod_length"] * _between(rng, 0.75, 1.35):.4g}')
+    size = _between(rng, 0.75, 1.35)
+    if 'arm_length' in part:
+        _arms(part, rng, size)
+        return
+    part['rod_length'] = float(f'{part["rod_length"] * size:.4g}')
     part['rail_radius'] = float(f'{part["rod_length"] * rng.uniform(0.42, 0.58):.4g}')
     part['rail_azimuth'] = [float(f'{a + rng.uniform(-0.06, 0.06):.4f}') for a in
                             part['rail_azimuth']]  # fmt: skip
 
 
+def _arms(part: Plain, rng: np.random.Generator, size: float) -> None:
+    """Draw where the shafts of a delta stand, and its lengths: alike, but for a few percent."""
+    for name in ('shaft_radius', 'arm_length', 'rod_length'):
+        part[name] = float(f'{part[name] * size * rng.uniform(0.96, 1.04):.4g}')
+    part['shaft_azimuth'] = [float(f'{a + rng.uniform(-0.06, 0.06):.4f}') for a in
+                             part['shaft_azimuth']]  # fmt: skip
+
+
 def _drive(out: Plain, rng: np.random.Generator) -> float:
-    """Draw gear, carriage and boxes; return by how much more the motor turns."""
+    """Draw gear, carriage or arm, and boxes; return by how much more the motor turns."""
     turn = _between(rng, 0.65, 1.5)
     drive, boxes = out['drive'], out['parameters']
     drive['gear_factor'] = float(f'{drive["gear_factor"] * turn:.6g}')
-    drive['rail_mass'] = float(f'{drive["rail_mass"] * _between(rng, 0.7, 1.8):.4g}')
-    drive['coulomb_regularisation'] = _between(rng, 2e-3, 8e-3)
+    heavy = _between(rng, 0.7, 1.8)
+    for name in ('rail_mass', 'arm_inertia', 'arm_moment'):
+        if name in drive:
+            drive[name] = float(f'{drive[name] * heavy:.4g}')
+    ends = ON_RAILS if 'rail_mass' in drive else ON_ARMS
+    drive['coulomb_regularisation'] = _between(rng, *ends)
     # A motor that turns more needs less torque and less inertia for the same machine.
     for name, power in (('drive_inertia', 2), ('coulomb_torque', 1), ('viscous_torque', 1)):
         low, high, unit = boxes[name]
@@ -99,9 +117,12 @@ def _drive(out: Plain, rng: np.random.Generator) -> float:
 
 def _controller(out: Plain, rng: np.random.Generator, turn: float, pi_only: bool) -> None:
     part, boxes = out['controller'], out['parameters']
-    gear, carriage = out['drive']['gear_factor'], out['drive']['rail_mass']
+    drive, lever = out['drive'], out['geometry'].get('arm_length', 1.0)
+    gear = drive['gear_factor']
+    carriage = drive['rail_mass'] if 'rail_mass' in drive else drive['arm_inertia']
     inertia = 0.5 * sum(boxes['drive_inertia'][:2])
-    moved = inertia * gear**2 + carriage + 0.5 * sum(boxes['tool_mass'][:2]) / 3.0
+    load = 0.5 * sum(boxes['tool_mass'][:2]) / 3.0 * lever**2
+    moved = inertia * gear**2 + carriage + load
     part['cycle'] = float(rng.choice(CYCLES))
     bandwidth = _between(rng, 100.0, 200.0)  # rad/s, of the velocity loop
     part['velocity_gain'] = float(f'{bandwidth * moved / gear:.5g}')

@@ -94,10 +94,17 @@ def box(belt: BeltDrive) -> tuple[Array, Array]:
     )
 
 
-def eigenfrequencies_over_position(positions: Array) -> Array:
-    """Return the eigenfrequencies (X, 3) [Hz] at rail positions x0 (X,) [m], Fig. 4."""
+def eigenfrequencies_over_position(positions: Array, found: Array = TRUTH) -> Array:
+    """Return the eigenfrequencies (X, 3) [Hz] at rail positions x0 (X,) [m], Fig. 4.
+
+    Args:
+        positions: (X,).
+        found: (2,) EA [N] and P [Nm/rad].
+    """
     bounds = {'rail_position': (0.0, 0.7, 'm')}
-    machine = belt_machine().with_bounds(bounds)
+    stiffness, gain = (float(x) for x in found)
+    machine = belt_machine().with_constants(axial_stiffness=stiffness, position_gain=gain)
+    machine = machine.with_bounds(bounds)
     return BeltDrive(machine, step_reference()).eigenfrequencies(positions[:, None])
 
 
