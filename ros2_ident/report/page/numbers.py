@@ -12,6 +12,9 @@ LEAST, MOST = 1e-4, 10.0
 # Half an interval over the value from which on the value is not known.
 UNKNOWN = 1.0
 
+# Units that sentences give numbers in.
+_UNITS = 'N|m|s|ms|kg|rad|Hz|A|K|V'
+
 _GREEK = {
     'tau': 'τ', 'zeta': 'ζ', 'omega': 'ω', 'mu': 'μ', 'delta': 'δ', 'pi': 'π', 'dm': 'Δm',
 }
@@ -109,8 +112,8 @@ def equation(text: str) -> Markup:
 def prose(text: str) -> Markup:
     """Return a sentence with what stands between backticks as code.
 
-    No line ends before a % or after a ±.
+    No line ends between a number and its unit, or after a ±.
     """
     html = str(escape(text)).replace('^2', '²').replace('^3', '³')
-    html = re.sub(r'(?<=\d) (?=%)|(?<=±) (?=\d)', '\N{NO-BREAK SPACE}', html)
+    html = re.sub(rf'(?<=\d) (?=%|(?:{_UNITS})\b)|(?<=±) (?=\d)', '\N{NO-BREAK SPACE}', html)
     return Markup(re.sub('`([^`]*)`', r'<code>\1</code>', html))
