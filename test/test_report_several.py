@@ -106,7 +106,7 @@ def test_the_page_of_a_fleet_says_who_drifted_and_who_failed(tmp_path):
     assert 'b_1: Stribeck friction &lt;axis&gt;. Probability 93 %.' in text
     assert '<section id="answer" class="answer bad"' in text, 'one recording failed'
     assert text.count('Inspect a: mass changed.') == 1, 'once, with its latest recording'
-    assert 'ident diagnose &#39;bags/a 2&#39; --machine a.yaml' in text
+    assert 'ident diagnose &#39;bags/a 2&#39; <span class="shown">--machine</span> a.yaml' in text
     assert 'Correct what the table says of c_1, and run the same command again' in text
     assert 'DAMAGED_BAG' in text and 'is damaged; record it again' in text
     assert 'Stribeck friction &lt;axis&gt;.' in text and '5 recordings of 3 machines' in text

@@ -166,7 +166,9 @@ def solve(
             watch.intervals()
         weighed = weigh_fit(problem, found.theta, stopped, settings.threads)
     result = judged(
-        assemble(problem, found, seed, _plain(settings), weighed and weighed.evidence),
+        assemble(
+            problem, found, seed, _plain(settings), None if weighed is None else weighed.evidence
+        ),
         report,
         poorly_fitted(problem, found.residual),
     )

@@ -71,8 +71,8 @@ def _write(
     parameters = folder / f'{before}parameters.csv'
     yield write_text(parameters, _text([['parameter', *fields], *rows]))
     if signals.exists():
-        rows = list(_signal_rows(load_signals(signals)))
-        yield write_text(folder / f'{before}signals.csv', _text(rows))
+        curves = list(_signal_rows(load_signals(signals)))
+        yield write_text(folder / f'{before}signals.csv', _text(curves))
 
 
 def _signal_rows(signals: Signals) -> Iterator[Sequence[object]]:

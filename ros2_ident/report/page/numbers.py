@@ -70,6 +70,8 @@ def change(share: float | None) -> str:
         return f'× {number(factor, 2)}' if factor < 1000.0 else '× over 1000'
     if share <= -1.0:
         return 'changes its sign'
+    if abs(share) < 5e-4:
+        return '0.0 %'
     return f'{100.0 * share:+.1f} %'.replace('-', '−')
 
 
@@ -117,3 +119,9 @@ def prose(text: str) -> Markup:
     html = str(escape(text)).replace('^2', '²').replace('^3', '³')
     html = re.sub(rf'(?<=\d) (?=%|(?:{_UNITS})\b)|(?<=±) (?=\d)', '\N{NO-BREAK SPACE}', html)
     return Markup(re.sub('`([^`]*)`', r'<code>\1</code>', html))
+
+
+def command(text: str) -> Markup:
+    """Return lines to paste; where one is too long, it does not end within an option's name."""
+    html = str(escape(text))
+    return Markup(re.sub(r'(?<!\S)(--[\w-]+)', r'<span class="shown">\1</span>', html))
