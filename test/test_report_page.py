@@ -581,6 +581,18 @@ def test_the_command(tmp_path, capsys):
     assert 'give a directory that `ident identify`' in capsys.readouterr().err
 
 
+def test_the_first_screen_of_an_identification_tells_the_held_out_error():
+    result = identified()
+    unseen = tuple(replace(x, rms=2.0 * x.rms, share=0.07) for x in result.residuals)
+    told = of_identification(
+        replace(result, validation=unseen, validated_on='bags/other'), 'runs/one'
+    )
+    assert {gap.note for gap in told.gaps} == {'held out 7 %'}
+    assert told.closes[0] == 'Held out: bags/other.'
+    none = of_identification(replace(result, validation=()), 'runs/one')
+    assert {gap.note for gap in none.gaps} == {''} and none.closes == ()
+
+
 def test_shares_that_say_nothing_are_words():
     assert percent(2.7e-11) == 'below 0.01 %'
     assert percent(280.0) == 'over 1000 %'

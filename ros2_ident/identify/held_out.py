@@ -104,7 +104,7 @@ def quarters(problem: Problem, weighed: Weighed, theta: Array) -> Array:
     blocks = weighed.rows.blocks
     part = (blocks - blocks.min()) * PARTS // (int(np.ptp(blocks)) + 1)
     left = weighed.residual.copy()
-    for rows, step in _steps(weighed, [part == k for k in range(PARTS)]):
+    for rows, step in _steps(weighed, [part == k for k in np.unique(part)]):
         left[rows] += weighed.slopes[rows] @ (np.clip(unit + step, 0.0, 1.0) - unit)
     return left
 
@@ -112,7 +112,7 @@ def quarters(problem: Problem, weighed: Weighed, theta: Array) -> Array:
 def _steps(
     weighed: Weighed, parts: Sequence[npt.NDArray[np.bool_]]
 ) -> Iterator[tuple[npt.NDArray[np.bool_], Array]]:
-    """Yield parts (R,) that have rows, with the step (N,) to the estimate from all others."""
+    """Yield parts (R,), each with the step (N,) to the estimate from all others."""
     count = weighed.slopes.shape[1]
     # A triangular factor says all that a part does, in few rows.
     factors = [
@@ -122,6 +122,5 @@ def _steps(
     size = float(np.sqrt(np.mean(weighed.residual**2)))
     box = np.column_stack([np.eye(count) * size / _BOX, np.zeros(count)])
     for k, rows in enumerate(parts):
-        if rows.any():
-            others = np.vstack([*factors[:k], *factors[k + 1 :], box])
-            yield rows, np.linalg.lstsq(others[:, :count], -others[:, count])[0]
+        others = np.vstack([*factors[:k], *factors[k + 1 :], box])
+        yield rows, np.linalg.lstsq(others[:, :count], -others[:, count])[0]
