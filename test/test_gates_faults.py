@@ -204,7 +204,7 @@ def test_a_motor_that_gives_power_has_its_sign_though_inertia_comes_out_negative
     data = Dataset(('emps_axis',), cycle, 0, None, None, *rows)
     (gate,) = [g for g in check_effort(axis_machine(), data, 'emps_axis') if g.gate == 'sign']
     assert (gate.level, gate.contradicts) == ('warn', False)
-    assert 'something else than the own motion' in gate.sentence
+    assert 'something other than the drive' in gate.sentence
     back = replace(data, effort=-data.effort)
     (gate,) = [g for g in check_effort(axis_machine(), back, 'emps_axis') if g.gate == 'sign']
     # Reversed, friction takes power back; inertia comes out positive.

@@ -172,7 +172,7 @@ def test_excitation():
     one_way = check([recording(position=0.1 * TIME**2, velocity=None)])
     assert 'one_way' in codes(one_way, 'warn')
     once = check([recording(position=np.sin(0.4 * TIME), velocity=None)])
-    assert 'turns round only once' in once.of('few_reversals')[0].sentence
+    assert 'reverses only once' in once.of('few_reversals')[0].sentence
 
 
 def test_missing_samples():

@@ -8,6 +8,7 @@ import math
 import re
 
 from bokeh.models import GlyphRenderer
+from bokeh.plotting import figure
 import numpy as np
 import pytest
 from report_cases import (
@@ -31,11 +32,13 @@ from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot
 from ros2_ident.report.page.numbers import (
     change,
+    command,
     equation,
     from_to,
     number,
     percent,
     precision,
+    prose,
     shares,
 )
 from ros2_ident.report.page.plots import one_a_cell
@@ -402,7 +405,7 @@ def test_many_findings_of_one_drive_leave_room_for_another():
 def test_the_picture_of_the_first_screen_draws_the_law_through_the_residual(both):
     data = content(both)
     hero, others = charts.all_of(data, 'Stribeck friction on drive_1')
-    assert hero.title == 'drive_1: measured minus simulated effort over the speed'
+    assert hero.title == 'drive_1: measured minus simulated effort over the velocity'
     assert hero.svg.count('class="law ') == 1 and hero.svg.count('class="dot ') > 10
     assert hero.law == 'what Stribeck friction on drive_1 adds to the simulation'
     # The law is what the effect takes away: the two residuals' difference.
@@ -502,6 +505,20 @@ def test_a_drive_without_samples_and_one_that_diverged():
     assert all(np.isfinite(c['y']).all() for c in curves if 'y' in c)
 
 
+def test_a_drive_behind_its_tab_takes_no_room_until_it_is_asked_for():
+    figures = effort_plot(long_signals(2000, drives=6)).plot.select({'type': figure})
+    sizes = {
+        made.name: sum(
+            len(r.data_source.data['x'])
+            for r in made.select({'type': GlyphRenderer})
+            if 'x' in r.data_source.data
+        )
+        for made in figures
+    }
+    assert [name for name, size in sizes.items() if size] == ['drive-0']
+    assert set(sizes) == {f'drive-{d}' for d in range(6)}
+
+
 def test_one_dot_stands_for_many():
     x, y = np.array([0.0, 0.0, 1.0, 1.0]), np.array([0.0, 1e-9, 1.0, 0.5])
     assert one_a_cell(x, y).tolist() == [1, 2, 3]
@@ -564,12 +581,28 @@ def test_the_command(tmp_path, capsys):
     assert 'give a directory that `ident identify`' in capsys.readouterr().err
 
 
+def test_the_first_screen_of_an_identification_tells_the_held_out_error():
+    result = identified()
+    unseen = tuple(replace(x, rms=2.0 * x.rms, share=0.07) for x in result.residuals)
+    told = of_identification(
+        replace(result, validation=unseen, validated_on='bags/other'), 'runs/one'
+    )
+    assert {gap.note for gap in told.gaps} == {'held out 7 %'}
+    assert told.closes[0] == 'Held out: bags/other.'
+    none = of_identification(replace(result, validation=()), 'runs/one')
+    assert {gap.note for gap in none.gaps} == {''} and none.closes == ()
+
+
 def test_shares_that_say_nothing_are_words():
     assert percent(2.7e-11) == 'below 0.01 %'
     assert percent(280.0) == 'over 1000 %'
     assert precision(280.0) == 'not determined' and precision(0.034) == '± 3.4 %'
     assert change(280.0) == '× 280' and change(-0.375) == '−37.5 %'
     assert change(-2.98) == 'changes its sign'
+    assert change(-2e-4) == change(2e-4) == '0.0 %'
+    told = '<span class="shown">--out</span> a&lt;b'
+    assert command('ident report --out a<b') == f'ident report {told}'
+    assert prose('0.5 m/s, 1 s, 3 N, 4 sets') == '0.5\xa0m/s, 1\xa0s, 3\xa0N, 4 sets'
 
 
 def test_pairs_of_numbers_have_the_same_decimals():

@@ -91,6 +91,7 @@ def row(machine: str, number: int, mass: float, **more) -> dict:
 
 def test_the_page_of_a_fleet_says_who_drifted_and_who_failed(tmp_path):
     found = {'effect': 'stribeck', 'where': ['axis'], 'verdict': 'Stribeck friction <axis>.'}
+    found['probability'] = 0.93
     lost = {
         'name': 'c_1', 'machine': 'c', 'date': '', 'state': 'failed', 'code': 'DAMAGED_BAG',
         'message': 'c_1: is damaged; record it again',
@@ -100,15 +101,30 @@ def test_the_page_of_a_fleet_says_who_drifted_and_who_failed(tmp_path):
     write_summary(tmp_path, rows)
     text = write_report(tmp_path).read_text()
     assert '1 machine has drifted, 1 machine differs from the others' in text
-    assert 'a: mass drifted from 2 kg (a_1) to 3 kg (a_2) (+50.0' in text
-    assert 'an effect is missing in 1 recording' in text
+    assert 'a: mass drifted from 2\xa0kg (a_1) to 3\xa0kg (a_2) (+50.0' in text
+    assert 'the simulation lacks Stribeck friction in 1 recording' in text
+    assert 'b_1: Stribeck friction &lt;axis&gt;. Probability 93 %.' in text
+    assert '<section id="answer" class="answer bad"' in text, 'one recording failed'
     assert text.count('Inspect a: mass changed.') == 1, 'once, with its latest recording'
-    assert 'ident diagnose &#39;bags/a 2&#39; --machine a.yaml' in text
+    assert 'ident diagnose &#39;bags/a 2&#39; <span class="shown">--machine</span> a.yaml' in text
     assert 'Correct what the table says of c_1, and run the same command again' in text
     assert 'DAMAGED_BAG' in text and 'is damaged; record it again' in text
     assert 'Stribeck friction &lt;axis&gt;.' in text and '5 recordings of 3 machines' in text
     summary = json.loads((tmp_path / 'fleet.json').read_text())
     assert list(differences(summary))[-1] == 'Stribeck friction: found once (b_1: axis)'
+
+
+def test_what_chance_may_explain_does_not_differ_on_the_page_of_a_fleet(tmp_path):
+    # beyond its own 95 % interval, but not over all comparisons of the fleet
+    rows = [row(name, 1, mass) for name, mass in zip('abcdefgh', [2.0] * 7 + [2.15], strict=True)]
+    write_summary(tmp_path, rows)
+    text = write_report(tmp_path).read_text()
+    assert 'none differs from the others' in text and ', differs' not in text
+    assert 'class="answer good"' in text
+    write_summary(tmp_path, [*rows[:-1], row('h', 1, 3.0)])
+    text = write_report(tmp_path).read_text()
+    assert '1 machine differs from the others' in text and text.count(', differs') == 1
+    assert 'class="answer doubtful"' in text
 
 
 def test_a_fleet_of_equal_machines_has_nothing_to_say(tmp_path):

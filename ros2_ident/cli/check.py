@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     if args.bag is None:
         if file is None:
             raise IdentError(
-                ErrorCode.INVALID_GOAL, 'nothing is to be checked; give a bag, --machine, or both'
+                ErrorCode.INVALID_GOAL, 'there is nothing to check; give a bag, --machine, or both'
             )
         report = Report(file.name, findings=check_machine(file))
         recordings = []

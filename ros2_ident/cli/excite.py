@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 DESCRIPTION = (
     'Plan a motion that determines the parameters of a machine best, within limits on position, '
-    'velocity, acceleration, jerk and effort, of set-points and of what the machine makes of '
-    'them. Needs no bag: what a log will show is worked out at the expected parameters. '
-    'Collisions are not looked at.'
+    'velocity, acceleration, jerk and effort, of the set-points and of the simulated machine. '
+    'Needs no bag: what a log will show is computed at the expected parameters. '
+    'Collisions are not checked.'
 )
 EXAMPLES = (
     '  ident excite motion --machine config/tripod.yaml --seconds 10\n'

@@ -23,18 +23,24 @@ if TYPE_CHECKING:
     from ros2_ident.identify.problem import Problem
 
 TARGETS = ('urdf', 'mjcf', 'isaac', 'ros2_control')
+TABLES = 'csv'
 DESCRIPTION = (
     'Put what was identified into the files of simulators and controllers: links, friction and '
     'armature into a URDF or an MJCF, actuators for Isaac Lab, gains and limits for ros2_control. '
-    'Says what each file cannot express, and how much of the gap that leaves along the log.'
+    'Says what each file cannot express, and how much of the gap that leaves along the log. '
+    'Also writes results, or a log, as CSV tables.'
 )
 EXAMPLES = (
     '  ident export results --out simulator\n'
     '  ident export results --out simulator --to urdf --prior 0.1\n'
     '  ident export results my_bag --machine my_arm.yaml --into my_robot.xml --out simulator\n'
+    '  ident export results --to csv --out tables\n'
+    '  ident export bags/axis_reversals --to csv --out tables\n'
     '\n'
     'writes to DIR: robot.urdf or robot.xml, isaac.yaml, ros2_control.yaml, as far as machine\n'
-    'file and description allow, and export.json with what they cannot say\n'
+    'file and description allow, and export.json with what they cannot say; with --to csv,\n'
+    'parameters.csv and signals.csv (measured and simulated effort) of results, and of a bag a\n'
+    'table NAME.csv with the column map that reads it back\n'
 )
 EXIT_CODES = {0: 'written'}
 
@@ -42,7 +48,9 @@ EXIT_CODES = {0: 'written'}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument(
-        'results', metavar='RESULTS', help='what `ident identify` or `ident diagnose` wrote'
+        'results',
+        metavar='RESULTS',
+        help='what `ident identify` or `ident diagnose` wrote; for --to csv also a bag',
     )
     bag = parser.add_argument(
         'bag',
@@ -60,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--to',
         type=names,
         metavar='NAME,..',
-        help=f'of {", ".join(TARGETS)}; all that can be filled by default',
+        help=f'of {", ".join((*TARGETS, TABLES))}; by default all but {TABLES} that can be filled',
     )
     parser.add_argument(
         '--into',
@@ -86,12 +94,17 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.export.estimate import read_estimate
     from ros2_ident.export.targets import fitting, write
 
-    wrong = [name for name in args.to or () if name not in TARGETS]
+    wrong = [name for name in args.to or () if name not in (*TARGETS, TABLES)]
     if wrong:
         raise IdentError(
             ErrorCode.INVALID_GOAL,
-            f'{wrong[0]} is no target; choose from {", ".join(TARGETS)}',
+            f'{wrong[0]} is no target; choose from {", ".join((*TARGETS, TABLES))}',
         )
+    if args.to and TABLES in args.to:
+        print(f'{TABLES}: {", ".join(map(str, _tables(args)))}')
+        args.to = tuple(name for name in args.to if name != TABLES)
+        if not args.to:
+            return 0
     estimate = read_estimate(args.results)
     problem = _problem(args, estimate)
     content = content_of(problem, estimate, args.prior)
@@ -109,6 +122,18 @@ def run(args: argparse.Namespace) -> int:
         for sentence in words:
             print(f'  {sentence}')
     return 0
+
+
+def _tables(args: argparse.Namespace) -> tuple[Path, ...]:
+    """Write results, or else a log, as CSV."""
+    from ros2_ident.recording import read_bag
+    from ros2_ident.recording.table_write import write_table
+    from ros2_ident.report.tables import holds_results, write_tables
+
+    log = Path(args.results)
+    if holds_results(log):
+        return write_tables(log, args.out)
+    return write_table(Path(args.out) / f'{log.stem}.csv', read_bag(log, topics_of(args)))
 
 
 def _description(args: argparse.Namespace, problem: 'Problem') -> str:

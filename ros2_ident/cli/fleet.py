@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 DESCRIPTION = (
     'Identify and diagnose many bags as one job, and compare the machines. The same command goes '
-    'on where the last one ended; a bad bag costs its own row.'
+    'on where the last one ended; a bad bag fails alone.'
 )
 EXAMPLES = (
     '  ident fleet bags --machine config/tripod.yaml --out fleet\n'
@@ -22,7 +22,10 @@ EXAMPLES = (
     'writes to DIR: fleet.json, fleet.csv, report.html (the machines on a page), and rows/ with\n'
     'a file for each bag\n'
 )
-EXIT_CODES = {0: 'every bag is done', 1: 'some failed, are left, or contradict their machine file'}
+EXIT_CODES = {
+    0: 'every bag is done',
+    1: 'some failed, are unfinished, or contradict their machine file',
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,6 +16,7 @@ from ros2_ident.cli.arguments import (
     add_topics,
     asked,
     assignment,
+    bags,
     complete,
     conditions_of,
     count,
@@ -45,6 +46,8 @@ EXAMPLES = (
     '      --bounds drive_1.gear_stiffness=1e4:1e5 --seed 7 --seconds 60 --out results\n'
     '  ident identify bags/tripod_mixed bags/tripod_pick_and_place --each tool_mass \\\n'
     '      --machine config/tripod.yaml --out results\n'
+    '  ident identify bags/tripod_mixed --check bags/tripod_pick_and_place \\\n'
+    '      --machine config/tripod.yaml --out results\n'
     '\n'
     'writes to DIR: result.json and result.yaml (the same content), history.npz (every\n'
     'candidate), signals.npz (measured and simulated effort), overlay (a bag with the measured,\n'
@@ -62,6 +65,15 @@ EXIT_CODES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_bags(parser)
+    check = parser.add_argument(
+        '--check',
+        action='append',
+        default=[],
+        metavar='BAG',
+        help='recording that the held-out error is judged on, more than once for several; '
+        'without it, each quarter of the log is predicted from the other three',
+    )
+    complete(check, bags)
     add_machine(parser)
     parser.add_argument('--out', required=True, metavar='DIR', help='directory for the results')
     add_drives(parser)
@@ -173,6 +185,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.progress import make_meter, WRITING
     from ros2_ident.cli.table import print_result
     from ros2_ident.files import make_directory
+    from ros2_ident.identify.held_out import check_problem
     from ros2_ident.identify.outputs import checked
     from ros2_ident.identify.result import Outcome
     from ros2_ident.identify.run import identify, read_data
@@ -196,6 +209,10 @@ def run(args: argparse.Namespace) -> int:
     data = read_data(args.bag, machine, args.drives, topics=topics_of(args), **read)
     if settings.method == 'algebraic':
         data = data.without_command()
+    check = None
+    if args.check:
+        check = read_data(args.check, machine, args.drives, topics=topics_of(args), **read)
+        check = check.without_command() if settings.method == 'algebraic' else check
     out = make_directory(args.out)
     if not args.no_overlay:
         require_place(out / OVERLAY, data, args.bag)
@@ -234,6 +251,7 @@ def run(args: argparse.Namespace) -> int:
             on_progress=tell,
             workers=workers_of(args),
             checkpoint=checkpoint,
+            check=check,
         )
         problem = problem_of(
             machine,
@@ -243,9 +261,11 @@ def run(args: argparse.Namespace) -> int:
             conditions=conditions,
             outputs=outputs,
         )
-        result = replace(result, settings={**result.settings, **asked(args)})
+        settled = {**result.settings, **asked(args), 'check_bags': args.check}
+        result = replace(result, settings=settled)
         withdraw_overlay(out / OVERLAY)
-        files = list(write_result(out, result, problem))
+        held_out = None if check is None else check_problem(problem, check)
+        files = list(write_result(out, result, problem, held_out))
         if not args.no_overlay:
             files += write_overlay(
                 out / OVERLAY,

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 DESCRIPTION = (
     'Write a machine file: every key with its unit, its meaning and the value of an example '
-    "machine. Put your machine's values in their place, then ask `ident check`. Of an arm, a "
+    "machine. Put your machine's values in their place, then ask `ident check`. For an arm, a "
     'description and a bag say all that an identification needs.'
 )
 EXAMPLES = (
@@ -37,10 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--drives', type=names, default=(), metavar='A,B', help='joint names in your bags'
     )
     parser.add_argument(
-        '--description', metavar='FILE', help='URDF or MJCF of the machine; says its joints, too'
+        '--description', metavar='FILE', help='URDF or MJCF of the machine; also gives its joints'
     )
     bag = parser.add_argument(
-        '--bag', metavar='BAG', help='a log of the machine; says its joints and its period, too'
+        '--bag', metavar='BAG', help='a log of the machine; also gives its joints and period'
     )
     complete(bag, bags)
     parser.add_argument('--out', metavar='FILE', help='file to write; standard output without it')

@@ -63,16 +63,16 @@ def print_result(result: Identification) -> None:
     refined = '' if math.isnan(cost.refined) else f', refined {cost.refined:.5g} {cost.unit}'
     by = 'genetic algorithm' if result.generations else 'least squares'
     print(f'cost: {by} {cost.ga:.5g} {cost.unit}{refined}')
+    held_out = {left.drive: left for left in result.validation}
     for left in result.residuals:
+        unit = left.unit or cost.unit
+        unseen = f'; held out {held_out[left.drive].rms:.5g} {unit}' if held_out else ''
         print(
-            f'{left.drive}: residual {left.rms:.5g} {left.unit or cost.unit} RMS, '
-            f"{100.0 * left.share:.3g} % of the {'log' if left.unit else 'effort'}'s"
+            f'{left.drive}: residual {left.rms:.5g} {unit} RMS, '
+            f"{100.0 * left.share:.3g} % of the {'log' if left.unit else 'effort'}'s{unseen}"
         )
-    for left in result.validation:
-        print(
-            f'{left.drive}: residual {left.rms:.5g} {left.unit or cost.unit} RMS over '
-            f'{left.samples} samples that were not fitted on'
-        )
+    if held_out:
+        print(f'held out: {result.validated_on}')
     print(f'{result.evaluations} candidates in {duration(result.seconds)}, seed {result.seed}')
     for warning in result.quality.warnings:
         print(f'warning: {warning}')

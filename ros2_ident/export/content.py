@@ -102,7 +102,7 @@ class Content:
         whole, fitted = (self._at_joints(x) for x in (self.measured, self.fitted))
         asked = effort_of(self.model, self.links)
         described = self.model.links_effort(np.zeros((len(asked), 10)))
-        _, speed, bend = self.model.motion
+        _, speed, accel = self.model.motion
         simulated = self._at_joints(self.model.simulate(self.theta)[0])
         rows = [self.machine.drives.index(joint.name) for joint in self.joints]
         return tuple(
@@ -111,7 +111,7 @@ class Content:
                 'N m' if joint.travel == 'rad' else 'N',
                 _rms(whole[o] - fitted[o]),
                 _rms(whole[o] - simulated[o]),
-                _rms(whole[o] - asked[d] - joint.effort(speed[d], bend[d], armature=armature)),
+                _rms(whole[o] - asked[d] - joint.effort(speed[d], accel[d], armature=armature)),
                 _rms(whole[o] - described[d]),
             )
             for o, (joint, d) in enumerate(zip(self.joints, rows, strict=True))
@@ -227,11 +227,11 @@ def _closest(
         return joints
     whole = at_joints(model, theta, model.simulate(theta)[0])
     asked = effort_of(model, links)
-    _, speed, bend = model.motion
+    _, speed, accel = model.motion
     out = []
     for o, joint in enumerate(joints):
         d = model.machine.drives.index(joint.name)
         if any(at.where in (joint.name, 'all') for at in effects):
-            joint = joint.closest(whole[o] - asked[d], speed[d], bend[d])
+            joint = joint.closest(whole[o] - asked[d], speed[d], accel[d])
         out.append(joint)
     return tuple(out)

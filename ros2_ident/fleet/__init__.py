@@ -3,7 +3,7 @@
 
 A bag is a row. What a row says is kept in a file of the output directory under a key of everything
 that it depends on, so that the same call goes on where the last one ended, and does anew what has
-changed. A bad bag costs its own row.
+changed. A bad bag fails alone.
 """
 
 from ros2_ident.fleet.entries import Entry as Entry

@@ -67,8 +67,8 @@ def check_law(
     """
     if law is None:
         text = (
-            f'{drive}: the controller law cannot be checked, that takes a command that moves, '
-            'position and effort'
+            f'{drive}: the control law cannot be checked: that needs a moving set-point, position '
+            'and effort'
         )
         return [Gate('law', drive, 'warn', math.nan, '1', text)]
     level = _STATED * machine.effort_noise if noise is None else noise
@@ -185,7 +185,7 @@ def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
             return []
         text = (
             f'{law.drive}: the controller takes up its set-point {1e3 * late:.2f} ms '
-            f'late; a {effect.title} belongs into the model'
+            f'late; a {effect.title} has to be in the model'
         )
         return [Gate(effect.id, law.drive, 'warn', late, 's', text)]
     if -_EARLY <= lag <= LATEST_EFFORT and -_EARLY <= late <= LATEST_COMMAND:

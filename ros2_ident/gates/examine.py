@@ -23,7 +23,7 @@ _MOST = 0.7
 
 NO_COMMAND = Gate(
     'command', '', 'warn', math.nan, '1',
-    'there is no command, so the recorded motion drives the model: its noise bends masses and '
+    'there is no command, so the recorded motion drives the model: its noise biases masses and '
     'friction, and the controller stays unchecked; record the set-point too',
 )  # fmt: skip
 

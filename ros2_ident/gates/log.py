@@ -42,7 +42,7 @@ def check_streams(data: Dataset) -> list[Gate]:
         loose = stream.jitter > 0.15 * period
         text = f'{stream.role}: stamps scatter by {1e3 * stream.jitter:.2g} ms about the grid'
         if loose:
-            text += '; a delay below that cannot be told, stamp where the sample is taken'
+            text += '; a shorter delay cannot be seen: stamp samples where they are taken'
         if stream.role == 'state':
             found += _slow(stream.rate)
         found.append(
@@ -118,9 +118,9 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
         what = 'inertia' if not sound else 'friction'
         text += f', but {what} comes out negative: '
         text += (
-            'something else than the own motion moves the effort'
+            "something other than the drive's own motion moves the effort"
             if gives
-            else 'the effort has the sign against its motion; negate effort or position in '
+            else "the effort's sign is reversed against the motion; negate effort or position in "
             'the driver'
         )
     known = level == 'fail' and share > _TELLS

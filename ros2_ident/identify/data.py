@@ -187,9 +187,9 @@ def gather(
         )
         seconds = sum(end - begin for _, begin, end in windows.fit) * 1e-9
         warnings.append(
-            f'the log has {windows.samples} effort samples: fitted on the {len(windows.fit)} '
-            f'windows that tell most, {seconds:.0f} s of {sum(x.duration for x in recordings):.0f}'
-            ' s; --samples takes more of it'
+            f'the log has {windows.samples} effort samples: fitted to the {len(windows.fit)} most '
+            f'informative windows, {seconds:.0f} s of '
+            f'{sum(x.duration for x in recordings):.0f} s; --samples takes more of it'
         )
         recordings = [recordings[n].between(begin, end) for n, begin, end in windows.fit]
         labels = tuple(labels[n] for n, _, _ in windows.fit)

@@ -132,11 +132,13 @@ class Weighed:
             are the outputs, in the unit of the weighted residual.
         rows: The R samples that were weighed.
         slopes: (R, N) derivative of the residual by the parameters' shares of their box.
+        residual: (R,) the residual, weighted.
     """
 
     evidence: Evidence
     rows: Rows
     slopes: Array
+    residual: Array
 
 
 def slopes_of(fitted: Fitted, theta: Array, rows: Rows) -> tuple[Array, Array]:
@@ -212,7 +214,7 @@ def weigh_fit(
     evidence = weigh(
         residual, jacobian, missing, rows.runs, rows.blocks, most=most, share=rows.share
     )
-    return Weighed(evidence, rows, jacobian)
+    return Weighed(evidence, rows, jacobian, residual)
 
 
 def _tried(

@@ -33,7 +33,7 @@ Array = npt.NDArray[np.float64]
 
 PACKAGE = 'ros2_ident'
 # Of a parameter that noise alone would leave determined.
-HIDDEN = 'not determined beside what the model may lack'
+HIDDEN = 'not determined once model error is allowed for'
 
 
 def assemble(

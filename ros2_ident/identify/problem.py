@@ -54,6 +54,10 @@ class Origin(Protocol):
         """Make the problem of each part of a long log that is held out, one at a time."""
         ...
 
+    def judged_on(self, data: Data) -> 'Problem':
+        """Make the problem of recordings to judge on, for which all share every parameter."""
+        ...
+
 
 class Problem:
     """Models of one machine on several recordings or segments, as one fit with its box.
@@ -253,15 +257,25 @@ class Problem:
             total += float(weight) * (sum(parts) / len(parts) if parts else 0.0)
         return total if np.isfinite(total) else float('inf')
 
-    def left(self, residual: Array) -> tuple[DriveResidual, ...]:
-        """Return what a residual vector (R,) leaves of each output, in the output's own unit."""
+    def left(
+        self, residual: Array, masks: Sequence[npt.NDArray[np.bool_]] | None = None
+    ) -> tuple[DriveResidual, ...]:
+        """Return what a residual leaves of each output, in the output's own unit.
+
+        Args:
+            residual: (R,) weighted.
+            masks: For each model (O, K) which samples it is of; all there are where None.
+        """
         outputs = self.models[0].outputs
         square, whole = np.zeros(len(outputs)), np.zeros(len(outputs))
         count = np.zeros(len(outputs), dtype=int)
         start = 0
-        for model in self.models:
-            for o, (output, row) in enumerate(zip(outputs, model.measured, strict=True)):
-                there = row[~np.isnan(row)]
+        for model, mask in zip(
+            self.models, masks or [~np.isnan(m.measured) for m in self.models], strict=True
+        ):
+            rows = zip(outputs, model.measured, mask, strict=True)
+            for o, (output, row, seen) in enumerate(rows):
+                there = row[seen]
                 left = residual[start : start + there.size] / output.weight
                 square[o] += float(np.sum(left**2))
                 whole[o] += float(np.sum(there**2))

@@ -191,7 +191,8 @@ class Identification:
         quality: What the data were like.
         provenance: Where the numbers came from.
         settings: Settings in force, as plain data.
-        validation: What is left in parts of a long log that were not fitted on, for each drive.
+        validation: Held-out error: what is left of data that was not fitted on, for each drive.
+        validated_on: Which data that is: a bag, or how parts of the log were left out.
         gates: What log and machine file say of each other before any fit, the worst first.
     """
 
@@ -215,6 +216,7 @@ class Identification:
     provenance: Provenance
     settings: Mapping[str, object] = field(default_factory=dict)
     validation: tuple[DriveResidual, ...] = ()
+    validated_on: str = ''
     gates: tuple[Gate, ...] = ()
 
     @property

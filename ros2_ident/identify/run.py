@@ -5,12 +5,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
-import numpy as np
-
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import examine, GateReport
 from ros2_ident.identify.data import chosen_drives, Data, gather
 from ros2_ident.identify.data import read_data as read_data
+from ros2_ident.identify.held_out import check_problem, with_held_out
 from ros2_ident.identify.hidden import weigh_fit
 from ros2_ident.identify.judgement import judged, poorly_fitted
 from ros2_ident.identify.layout import Conditions
@@ -53,6 +52,7 @@ def identify(
     on_progress: OnProgress | None = None,
     workers: Workers | None = None,
     checkpoint: str | Path | None = None,
+    check: Data | None = None,
 ) -> Identification:
     """Identify the parameters of a machine, or of any model.
 
@@ -127,6 +127,7 @@ def identify(
         on_progress=on_progress,
         workers=workers,
         checkpoint=None if checkpoint is None else Path(checkpoint),
+        check=None if check is None else check_problem(problem, check),
     )
 
 
@@ -139,6 +140,7 @@ def solve(
     on_progress: OnProgress | None = None,
     workers: Workers | None = None,
     checkpoint: Path | None = None,
+    check: Problem | None = None,
 ) -> Identification:
     """Solve a problem; arguments and result as for `identify`."""
     report = _examined(problem)
@@ -157,20 +159,20 @@ def solve(
                 workers=workers or Threads(settings.threads),
                 journal=journal,
             )
-    evidence = None
+    weighed = None
     if found.intervals is not None and not cut_short(found):
         stopped = cancel.is_set if cancel else lambda: False
         if watch:
             watch.intervals()
-        evidence = weigh_fit(problem, found.theta, stopped, settings.threads).evidence
+        weighed = weigh_fit(problem, found.theta, stopped, settings.threads)
     result = judged(
-        assemble(problem, found, seed, _plain(settings), evidence),
+        assemble(
+            problem, found, seed, _plain(settings), None if weighed is None else weighed.evidence
+        ),
         report,
         poorly_fitted(problem, found.residual),
     )
-    if found.cancelled or not np.isfinite(result.theta).all():
-        return result
-    return replace(result, validation=problem.validate(result.theta))
+    return result if found.cancelled else with_held_out(result, problem, weighed, check)
 
 
 class _Watch:

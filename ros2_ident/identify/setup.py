@@ -123,11 +123,18 @@ class Setup:
 
     def held_out(self) -> Iterator[Problem]:
         """Make the problem of each part of a long log that is held out, one at a time."""
+        for dataset, label in self.data.held_out or ():
+            yield self._on(Data((dataset,), labels=(label,))).problem()
+
+    def judged_on(self, data: Data) -> Problem:
+        """Make the problem of recordings to judge on, for which all share every parameter."""
+        shared = {n: value for n, value in (self.fixed or {}).items() if '@' not in n}
+        return replace(self._on(data), fixed=shared, conditions=Conditions()).problem()
+
+    def _on(self, data: Data) -> 'Setup':
         # With the weights of what was fitted, so that all of it is in one unit.
         outputs = dict(zip(self.outputs, self._weights(), strict=True))
-        for dataset, label in self.data.held_out or ():
-            part = Data((dataset,), labels=(label,))
-            yield replace(self, data=part, bounds=None, outputs=outputs).problem()
+        return replace(self, data=data, bounds=None, outputs=outputs)
 
     def _weights(self) -> tuple[float, ...]:
         drives = chosen_drives(self.machine, self.drives)

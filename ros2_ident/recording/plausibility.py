@@ -114,7 +114,7 @@ def _judge_motion(name: str, motion: Motion, stroke: float, reversals: int) -> F
             'warn',
             'few_reversals',
             name,
-            f'{name}: turns round only {("once", "twice")[reversals - 1]}; four or more reversals '
+            f'{name}: reverses only {("once", "twice")[reversals - 1]}; four or more reversals '
             'at different speeds tell friction, inertia and offset apart',
         )
     return Finding(

@@ -183,7 +183,7 @@ def _judge_stream(x: StreamSummary) -> list[Finding]:
                     'warn',
                     'nan',
                     x.role,
-                    f'{x.role}: every value of {name} is NaN; nothing is known there',
+                    f'{x.role}: every value of {name} is NaN: it was not measured',
                 )
             )
         else:
@@ -205,7 +205,7 @@ def _judge_stream(x: StreamSummary) -> list[Finding]:
                     'nan',
                     x.role,
                     f'{x.role}: {100.0 * share:.2g} % of the values of {name} are missing or NaN; '
-                    'they are left out, look into the driver if that is not meant',
+                    'they are left out; check the driver if you expected them',
                 )
             )
     return found

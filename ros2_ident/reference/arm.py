@@ -216,43 +216,47 @@ def inverse_dynamics(
     frames: list[Array] = []
     origins: list[Array] = []
     axes: list[Array] = []
-    spins: list[Array] = []
-    bends: list[Array] = []
-    pulls: list[Array] = []
+    # Angular velocity and acceleration of each frame, and its origin's acceleration less gravity.
+    omegas: list[Array] = []
+    alphas: list[Array] = []
+    accels: list[Array] = []
     for n, body in enumerate(bodies):
         if body.parent < 0:
-            frame, origin, spin, bend, pull = np.eye(3), still, still, still, still - gravity
+            frame, origin, omega, alpha, accel = np.eye(3), still, still, still, still - gravity
         else:
             p = body.parent
-            frame, origin, spin, bend, pull = frames[p], origins[p], spins[p], bends[p], pulls[p]
+            frame, origin = frames[p], origins[p]
+            omega, alpha, accel = omegas[p], alphas[p], accels[p]
         at, rate, change = (x[n][..., None] for x in (position, velocity, acceleration))
         turned = frame @ body.turn
         axis = turned @ body.axis + still
         arm = frame @ body.place + (axis * at if body.slides else still)
-        pull = pull + np.cross(bend, arm) + np.cross(spin, np.cross(spin, arm))
+        accel = accel + np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm))
         if body.slides:
-            pull = pull + axis * change + 2.0 * np.cross(spin, axis) * rate
+            accel = accel + axis * change + 2.0 * np.cross(omega, axis) * rate
         else:
             turned = turned @ about(body.axis, position[n])
-            bend = bend + axis * change + np.cross(spin, axis) * rate
-            spin = spin + axis * rate
+            alpha = alpha + axis * change + np.cross(omega, axis) * rate
+            omega = omega + axis * rate
         frames.append(turned)
         origins.append(origin + arm)
         axes.append(axis)
-        spins.append(spin)
-        bends.append(bend)
-        pulls.append(pull)
+        omegas.append(omega)
+        alphas.append(alpha)
+        accels.append(accel)
     forces, torques = np.zeros((count, *instants, 3)), np.zeros((count, *instants, 3))
     out = np.empty((count, *instants))
     for n in reversed(range(count)):
-        body, spin, bend = bodies[n], spins[n], bends[n]
+        body, omega, alpha = bodies[n], omegas[n], alphas[n]
         moment = frames[n] @ body.moment
         inertia = frames[n] @ body.inertia @ np.swapaxes(frames[n], -1, -2)
         force = (
-            body.mass * pulls[n] + np.cross(bend, moment) + np.cross(spin, np.cross(spin, moment))
+            body.mass * accels[n]
+            + np.cross(alpha, moment)
+            + np.cross(omega, np.cross(omega, moment))
         )
-        swung = _times(inertia, spin)
-        torque = _times(inertia, bend) + np.cross(spin, swung) + np.cross(moment, pulls[n])
+        swung = _times(inertia, omega)
+        torque = _times(inertia, alpha) + np.cross(omega, swung) + np.cross(moment, accels[n])
         forces[n] += force
         torques[n] += torque
         out[n] = (axes[n] * (forces[n] if body.slides else torques[n])).sum(axis=-1)

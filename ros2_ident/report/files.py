@@ -98,7 +98,10 @@ def load_diagnosis(directory: str | Path) -> dict[str, Any]:
 
 
 def write_result(
-    directory: str | Path, result: Identification, problem: Problem | None = None
+    directory: str | Path,
+    result: Identification,
+    problem: Problem | None = None,
+    check: Problem | None = None,
 ) -> tuple[Path, ...]:
     """Write a result.
 
@@ -106,6 +109,7 @@ def write_result(
         directory: Is made where it does not exist; older results in it are replaced.
         result: The result.
         problem: What it solves, to write measured and simulated effort as well.
+        check: The same problem on recordings that were held out.
 
     Returns:
         The files: JSON and YAML of the same content, the candidates of the search as NPZ, and the
@@ -134,7 +138,8 @@ def write_result(
     )
     if problem is None or not np.isfinite(result.theta).all():
         return files
-    return (*files, write_signals(folder / SIGNALS, signals_of_problem(problem, result.theta)))
+    signals = signals_of_problem(problem, result.theta, check)
+    return (*files, write_signals(folder / SIGNALS, signals))
 
 
 def _withdraw(folder: Path, *names: str) -> None:

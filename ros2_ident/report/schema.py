@@ -61,6 +61,7 @@ def to_mapping(result: Identification) -> dict[str, Any]:
         'cost': asdict(result.cost),
         'residual': _residuals(result.residuals),
         'validation': _residuals(result.validation),
+        'validated_on': result.validated_on,
         'gates': [asdict(gate) for gate in result.gates],
         'evaluations': result.evaluations,
         'seconds': result.seconds,
@@ -197,6 +198,7 @@ def _result(data: Mapping[str, Any]) -> Identification:
         provenance=Provenance(**data['provenance']),
         settings=dict(data['settings']),
         validation=_read_residuals(data.get('validation', {})),
+        validated_on=str(data.get('validated_on', '')),
         gates=tuple(
             Gate(**{**gate, 'number': _number(gate['number'])}) for gate in data.get('gates', ())
         ),

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measured effort beside what models make of it, as a file: `signals.npz`, `diagnosis.npz`."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +77,7 @@ def _curves(
     )
 
 
-def signals_of_problem(problem: Problem, theta: Array) -> Signals:
+def signals_of_problem(problem: Problem, theta: Array, check: Problem | None = None) -> Signals:
     """Simulate every segment with an estimate, and in the middle of the bounds, where it began.
 
     Only the first quantity compared of every drive is kept.
@@ -85,19 +85,28 @@ def signals_of_problem(problem: Problem, theta: Array) -> Signals:
     Args:
         problem: The problem.
         theta: (N,) parameters, physical units, finite.
+        check: The same problem on recordings that were held out.
     """
-    count, drives = len(problem.models), len(problem.drives)
     middle = np.array([0.5 * (p.low + p.high) for p in problem.parameters])
-    recordings = []
-    for number, model in enumerate(problem.models, 1):
-        both = np.concatenate([problem.own(number - 1, values) for values in (middle, theta)])
-        title = f'segment {number} of {count}' if count > 1 else ''
-        measured, simulated = model.measured[:drives], model.simulate(both)[:, :drives]
-        recordings.append(
-            _curves(title, model.cycle, measured, simulated, following_error(model))
-        )
+    both = np.stack([middle, theta])
+    count = len(problem.models)
+    parts = [f'segment {n} of {count}' if count > 1 else '' for n in range(1, count + 1)]
+    recordings = list(_simulated(problem, both, parts))
+    if check is not None:
+        recordings = [replace(r, title=r.title or 'fitted to') for r in recordings]
+        own = np.stack([check.taken_from(problem, values) for values in both])
+        recordings += _simulated(check, own, ['held out'] * len(check.models))
     models = ('middle of the bounds', 'identified')
     return Signals(problem.unit, problem.drives, models, tuple(recordings), _travel(problem), 1)
+
+
+def _simulated(problem: Problem, theta: Array, titles: Sequence[str]) -> Iterator[Curves]:
+    """Yield each segment with what candidates (M, N) make of it."""
+    drives = len(problem.drives)
+    for number, (model, title) in enumerate(zip(problem.models, titles, strict=True)):
+        measured = model.measured[:drives]
+        simulated = model.simulate(problem.own(number, theta))[:, :drives]
+        yield _curves(title, model.cycle, measured, simulated, following_error(model))
 
 
 def _travel(problem: Problem) -> str:

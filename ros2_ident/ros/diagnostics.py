@@ -121,7 +121,8 @@ class Diagnostics:
                 poor.append(drive)
         if poor:
             text = (
-                f'{", ".join(poor)} reversed less than {_REVERSALS} times; friction is told badly'
+                f'{", ".join(poor)} reversed fewer than {_REVERSALS} times; friction is poorly '
+                'determined'
             )
             return _status(name, DiagnosticStatus.WARN, text, values)
         return _status(name, DiagnosticStatus.OK, 'sufficient', values)

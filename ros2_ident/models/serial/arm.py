@@ -104,12 +104,12 @@ class Arm:
         # pinocchio's order, as a permutation of ours.
         order = np.argsort(self.joints)
         places = self._places(position)
-        speeds, bends = velocity[order].T, acceleration[order].T
+        speeds, accelerations = velocity[order].T, acceleration[order].T
         drives, count = position.shape
         out = np.empty((count, drives, INERTIALS * drives))
         for k in range(count):
             out[k] = pin.computeJointTorqueRegressor(
-                self.model, data, places[k], speeds[k], bends[k]
+                self.model, data, places[k], speeds[k], accelerations[k]
             )
         back = np.argsort(order)
         links = out.reshape(count, drives, drives, INERTIALS)[:, back][:, :, back]

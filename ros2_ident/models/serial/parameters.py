@@ -25,7 +25,7 @@ _SOURCE = 'Gautier and Khalil, IEEE T-RA 6(3), 1990'
 _PAYLOAD_SOURCE = 'Newton; a point mass in the frame of the last joint'
 
 # Instants, speeds (rad/s or m/s) and accelerations of the motion that shows all that can be shown.
-_INSTANTS, _SPEED, _BEND = 60, 2.0, 5.0
+_INSTANTS, _SPEED, _ACCELERATION = 60, 2.0, 5.0
 
 
 class Inertials:
@@ -140,10 +140,10 @@ def _shown(machine: Machine, arm: Arm) -> tuple[Array, Array]:
     """Return terms (M, 10 D) of all inertials, (M, E) of rotors, in motions anywhere."""
     rng = np.random.default_rng(0)
     shape = (len(machine.drives), _INSTANTS)
-    place, speed, bend = rng.uniform(-1.0, 1.0, (3, *shape))
+    place, speed, acceleration = rng.uniform(-1.0, 1.0, (3, *shape))
     reach = np.where(arm.prismatic, 1.0, np.pi)[:, None]
-    terms = arm.terms(reach * place, _SPEED * speed, _BEND * bend)
-    rotors = np.eye(shape[0])[:, None, :] * (_BEND * bend)[:, :, None]
+    terms = arm.terms(reach * place, _SPEED * speed, _ACCELERATION * acceleration)
+    rotors = np.eye(shape[0])[:, None, :] * (_ACCELERATION * acceleration)[:, :, None]
     sought = 'drive_inertia' in machine.bounds
     rows = shape[0] * shape[1]
     return (

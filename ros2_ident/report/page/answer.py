@@ -255,8 +255,29 @@ def of_identification(result: Identification, out: str) -> Answer:
     level: sentences.Level = 'bad'
     if result.outcome is Outcome.IDENTIFIED:
         level = 'doubtful' if doubts else 'good'
+    gaps = _left(result)
+    more = len(gaps) - LISTED
+    closes = [f'Held out: {result.validated_on}.'] if result.validation else []
+    if more > 0:
+        closes.append(f'{more} more in the file `result.json`.')
+    headline, told = sentences.headline(result)
+    return Answer(
+        level,
+        headline,
+        (*filter(None, [told]), *sentences.precision_of(result)),
+        tuple(gaps[:LISTED]),
+        tuple(closes),
+        tuple(steps.of_identification(result, out)),
+        tuple(doubts),
+        tuple(_values(result)),
+    )
+
+
+def _left(result: Identification) -> list[Gap]:
+    """Return what an identification leaves of each drive, the largest first."""
     longest = max((x.rms for x in result.residuals), default=1.0) or 1.0
-    gaps = [
+    unseen = {x.drive: x for x in result.validation}
+    return [
         Gap(
             x.drive,
             quantity(x.rms, x.unit or result.cost.unit, 3),
@@ -264,21 +285,10 @@ def of_identification(result: Identification, out: str) -> Answer:
             x.rms / longest,
             None,
             None,
+            f'held out {percent(unseen[x.drive].share)}' if x.drive in unseen else '',
         )
         for x in sorted(result.residuals, key=lambda x: -x.rms)
     ]
-    more = len(gaps) - LISTED
-    headline, told = sentences.headline(result)
-    return Answer(
-        level,
-        headline,
-        (*filter(None, [told]), *sentences.precision_of(result)),
-        tuple(gaps[:LISTED]),
-        (f'{more} more in the file `result.json`.',) if more > 0 else (),
-        tuple(steps.of_identification(result, out)),
-        tuple(doubts),
-        tuple(_values(result)),
-    )
 
 
 def _values(result: Identification) -> Iterator[tuple[str, str, str]]:

@@ -22,7 +22,7 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 70.0, 10.0, 10.0, 52.0
 # A picture over the speed is read at once: it goes before one that shows hardly more.
 FAMILIAR = 1.25
 # What stands for a coordinate in a sentence.
-NAMES = {'velocity': 'speed', 'load': 'transmitted load', 'torque': 'simulated effort'}
+NAMES = {'load': 'transmitted load', 'torque': 'simulated effort'}
 
 
 @dataclass(frozen=True)

@@ -92,14 +92,16 @@ def effort_plot(
         group.add_efforts(data, measured[d], simulated[:, d])
         if np.isfinite(tracking[d]).any():
             group.add_tracking(data, tracking[d])
+        shown = len(signals.drives) < TABS or d == first
         for view in group.views:
             there = data[view['column']] != NOTHING
             view['bounds'] = breaks(time, there, bounds)
-            view['source'].data = _first_view(data, view)
+            # A drive behind its tab is drawn once it is asked for, by `refill`.
+            view['source'].data = _first_view(data, view) if shown else {'x': [], 'y': []}
         for made in group.figures:
             for start in starts[1:]:
                 made.vspan(start, line_color=GREY)
-            made.visible = len(signals.drives) < TABS or d == first
+            made.visible = shown
         group.figures[-1].xaxis.axis_label = 'time [s]' + (
             ', one recording after another' if len(starts) > 1 else ''
         )
@@ -110,6 +112,7 @@ def effort_plot(
     refill = CustomJS(
         args={'full': ColumnDataSource(data), 'views': views, 'range': whole, 'tick': TICK},
         code='identPage.refill(full.data, views, range, tick)',
+        name='refill',
     )
     whole.js_on_change('start', refill)
     whole.js_on_change('end', refill)

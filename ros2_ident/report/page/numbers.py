@@ -12,6 +12,9 @@ LEAST, MOST = 1e-4, 10.0
 # Half an interval over the value from which on the value is not known.
 UNKNOWN = 1.0
 
+# Units that sentences give numbers in.
+_UNITS = 'N|m|s|ms|kg|rad|Hz|A|K|V'
+
 _GREEK = {
     'tau': 'τ', 'zeta': 'ζ', 'omega': 'ω', 'mu': 'μ', 'delta': 'δ', 'pi': 'π', 'dm': 'Δm',
 }
@@ -67,6 +70,8 @@ def change(share: float | None) -> str:
         return f'× {number(factor, 2)}' if factor < 1000.0 else '× over 1000'
     if share <= -1.0:
         return 'changes its sign'
+    if abs(share) < 5e-4:
+        return '0.0 %'
     return f'{100.0 * share:+.1f} %'.replace('-', '−')
 
 
@@ -109,8 +114,14 @@ def equation(text: str) -> Markup:
 def prose(text: str) -> Markup:
     """Return a sentence with what stands between backticks as code.
 
-    No line ends before a % or after a ±.
+    No line ends between a number and its unit, or after a ±.
     """
     html = str(escape(text)).replace('^2', '²').replace('^3', '³')
-    html = re.sub(r'(?<=\d) (?=%)|(?<=±) (?=\d)', '\N{NO-BREAK SPACE}', html)
+    html = re.sub(rf'(?<=\d) (?=%|(?:{_UNITS})\b)|(?<=±) (?=\d)', '\N{NO-BREAK SPACE}', html)
     return Markup(re.sub('`([^`]*)`', r'<code>\1</code>', html))
+
+
+def command(text: str) -> Markup:
+    """Return lines to paste; where one is too long, it does not end within an option's name."""
+    html = str(escape(text))
+    return Markup(re.sub(r'(?<!\S)(--[\w-]+)', r'<span class="shown">\1</span>', html))

@@ -70,6 +70,10 @@ const identPage = {
       for (const figure of identPage.models(name, 'Figure')) {
         figure.visible = figure.name === `drive-${value}`
       }
+      // Curves behind a tab are empty until then.
+      for (const callback of identPage.models(name, 'CustomJS')) {
+        if (callback.name === 'refill') callback.execute(callback)
+      }
     },
     // Shows the curves of one simulation, or of all.
     model(name, value) {

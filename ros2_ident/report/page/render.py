@@ -39,6 +39,7 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
     environment.filters |= {
         'change': numbers.change,
         'closes': _closes,
+        'command': numbers.command,
         'equation': numbers.equation,
         'item': _item,
         'number': numbers.number,

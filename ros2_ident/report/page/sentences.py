@@ -145,16 +145,18 @@ def _bounded(ends: Sequence[ParameterEstimate]) -> Iterator[str]:
     if len(ends) == 1:
         (p,) = ends
         lower = abs(p.value - p.lower_bound) <= abs(p.value - p.upper_bound)
+        inside = p.lower_bound <= p.value <= p.upper_bound
+        where = 'at' if inside else 'beyond'
+        beyond = 'the true value may lie beyond' if inside else 'least squares keep to no bounds'
         yield (
-            f'{p.name} is at its {"lower" if lower else "upper"} bound, '
-            f'{quantity(p.value, p.unit)}: the true value may lie beyond. Check the bounds '
-            'in the machine file.'
+            f'{p.name} is {where} its {"lower" if lower else "upper"} bound, '
+            f'{quantity(p.value, p.unit)}: {beyond}. Check the bounds in the machine file.'
         )
     elif ends:
         told = [f'{p.name} ({quantity(p.value, p.unit, 3)})' for p in ends]
         yield (
-            f'{len(ends)} parameters are at a bound, and their true values may lie beyond: '
-            f'{some(told)}. Check the bounds in the machine file.'
+            f'{len(ends)} parameters are at or beyond a bound: {some(told)}. Check the bounds in '
+            'the machine file.'
         )
 
 

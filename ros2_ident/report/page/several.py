@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pages on several runs: two or more result directories side by side, and a fleet."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import json
 import math
@@ -21,8 +21,9 @@ from ros2_ident.report.files import (
     YAML,
 )
 from ros2_ident.report.page import answer, sentences, steps
-from ros2_ident.report.page.numbers import change, quantity
+from ros2_ident.report.page.numbers import change, percent, quantity
 from ros2_ident.report.page.render import render
+from ros2_ident.report.page.sentences import effect_name
 
 COMPARISON = 'comparison.html'
 # Parameters of a fleet that are shown at once; the others are folded away.
@@ -58,22 +59,31 @@ class Strip:
     differs: bool
 
 
-def strips(runs: Sequence[tuple[str, Mapping[str, Any]]]) -> list[Strip]:
+# Label and parameter of a value that differs.
+Told = Collection[tuple[str, str]]
+
+
+def strips(
+    runs: Sequence[tuple[str, Mapping[str, Any]]], told: Told | None = None
+) -> list[Strip]:
     """Return a strip for each parameter, those that differ first.
 
     Args:
         runs: Label and parameters of each run; a parameter has value, low, high (None where not
             known) and unit.
+        told: Which values differ; those that differ from the first run's where None.
     """
     names = dict.fromkeys(name for _, values in runs for name in values)
     made = [
-        _strip(name, [(label, values[name]) for label, values in runs if name in values])
+        _strip(name, [(label, values[name]) for label, values in runs if name in values], told)
         for name in names
     ]
     return sorted((s for s in made if s is not None), key=lambda s: not s.differs)
 
 
-def _strip(name: str, values: Sequence[tuple[str, Mapping[str, Any]]]) -> Strip | None:
+def _strip(
+    name: str, values: Sequence[tuple[str, Mapping[str, Any]]], told: Told | None
+) -> Strip | None:
     known = [(label, v) for label, v in values if v['value'] is not None]
     if not known:
         return None
@@ -82,18 +92,28 @@ def _strip(name: str, values: Sequence[tuple[str, Mapping[str, Any]]]) -> Strip 
     spread = max(sizes) - min(sizes)
     # An interval as wide as all of the values twice over would hide how they lie.
     reach = 2.0 * spread if spread else math.inf
-    ends = [v[k] for _, v in known for k in ('low', 'high') if v[k] is not None]
-    ends = [e for e in ends if min(sizes) - reach <= e <= max(sizes) + reach]
-    low, high = min([*sizes, *ends]), max([*sizes, *ends])
+    limits = [v[k] for _, v in known for k in ('low', 'high') if v[k] is not None]
+    limits = [e for e in limits if min(sizes) - reach <= e <= max(sizes) + reach]
+    low, high = min([*sizes, *limits]), max([*sizes, *limits])
     span = (high - low) or abs(high) or 1.0
     first = known[0][1]
-    marks = tuple(_mark(label, v, first, low, span) for label, v in known)
-    told = (quantity(low, unit, 4), quantity(low + span, unit, 4))
-    return Strip(name, told, marks, any(_differ(first, v) for _, v in known[1:]))
+    differs = {
+        label
+        for label, v in known
+        if (_differ(first, v) if told is None else (label, name) in told)
+    }
+    marks = tuple(_mark(label, v, first, low, span, label in differs) for label, v in known)
+    ends = (quantity(low, unit, 4), quantity(low + span, unit, 4))
+    return Strip(name, ends, marks, bool(differs))
 
 
 def _mark(
-    label: str, v: Mapping[str, Any], first: Mapping[str, Any], low: float, span: float
+    label: str,
+    v: Mapping[str, Any],
+    first: Mapping[str, Any],
+    low: float,
+    span: float,
+    differs: bool,
 ) -> Mark:
     def place(value: float) -> float:
         return round(100.0 * min(1.0, max(0.0, (value - low) / span)), 2)
@@ -102,7 +122,8 @@ def _mark(
     note = ''
     if v is not first and first['value']:
         note = change(v['value'] / first['value'] - 1.0)
-        note += ', differs' if _differ(first, v) else ''
+    if differs:
+        note = f'{note}, differs' if note else 'differs'
     if None in (v['low'], v['high']):
         return Mark(label, text, at, note=note)
     left = place(v['low'])
@@ -218,8 +239,19 @@ def differences(summary: Mapping[str, Any]) -> Iterator[str]:
             yield f'{x["machine"]}: {x["parameter"]} is {value}; {against}{rest}'
     for effect, places in summary['effects'].items():
         count = 'once' if len(places) == 1 else f'{len(places)} times'
-        name = sentences.effect_name({'effect': effect, 'where': ['all']})
+        name = effect_name({'effect': effect, 'where': ['all']})
         yield f'{name}: found {count} ({"; ".join(places)})'
+
+
+def verdicts(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield what is missing in which recording, how sure that is, and how far the gap closes."""
+    found = [row for row in rows if row.get('effect') in CATALOGUE]
+    for row in found[:OPEN]:
+        chance = row.get('probability')
+        sure = '' if chance is None else f' Probability {percent(chance)}.'
+        yield f'{row["name"]}: {row.get("verdict") or effect_name(row)}{sure}'
+    if len(found) > OPEN:
+        yield f'{len(found) - OPEN} more in the table below.'
 
 
 def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
@@ -239,20 +271,22 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
     path = Path(directory) / FLEET
     data = _fleet(path)
     done = [row for row in data['rows'] if row['state'] == 'done']
-    made = strips([(row['name'], row['parameters']) for row in done])
-    told = {x['parameter'] for kind in ('drifts', 'machines') for x in data[kind]}
-    made.sort(key=lambda s: s.name not in told)
+    differ = {**data, 'effects': {}}
+    told = {(x['bag'], x['parameter']) for kind in ('drifts', 'machines') for x in data[kind]}
+    made = strips([(row['name'], row['parameters']) for row in done], told)
     machines = {row['machine'] for row in data['rows']}
     lost = len(data['rows']) - len(done)
     context = {
         'title': f'Fleet: {Path(directory).resolve().name}',
         'lead': f'{len(data["rows"])} recordings of {len(machines)} machines'
         + (f', {lost} not done' if lost else ''),
+        'level': _fleet_level(data),
         'headline': _fleet_headline(data),
-        'differences': list(differences(data)),
+        'differences': list(differences(differ)),
+        'verdicts': list(verdicts(data['rows'])),
         'steps': list(steps.of_fleet(data, str(directory))),
         'rows': data['rows'],
-        'open': [s for s in made if s.name in told][:OPEN] or made[:OPEN],
+        'open': [s for s in made if s.differs][:OPEN] or made[:OPEN],
         'strips': made,
         'contents': [('answer', 'Answer'), ('recordings', 'Recordings'),
                      ('parameters', 'Parameters')],
@@ -276,17 +310,28 @@ def _fleet(path: Path) -> dict[str, Any]:
     return data
 
 
+def _fleet_level(data: Mapping[str, Any]) -> sentences.Level:
+    """Return the colour of the answer's edge."""
+    if any(row['state'] != 'done' or row['code'] != 'OK' for row in data['rows']):
+        return 'bad'
+    found = any(row.get('effect', 'none') != 'none' for row in data['rows'])
+    return 'doubtful' if found or data['drifts'] or data['machines'] else 'good'
+
+
 def _fleet_headline(data: Mapping[str, Any]) -> str:
     drifted = {x['machine'] for x in data['drifts']}
     other = {x['machine'] for x in data['machines']}
-    found = sum(row.get('effect', 'none') in CATALOGUE for row in data['rows'])
+    found = [row for row in data['rows'] if row.get('effect', 'none') in CATALOGUE]
     parts = []
     if drifted:
         parts.append(f'{_many(len(drifted), "machine has", "machines have")} drifted')
     if other:
         parts.append(f'{_many(len(other), "machine differs", "machines differ")} from the others')
     if found:
-        parts.append(f'an effect is missing in {_many(found, "recording", "recordings")}')
+        kinds = {effect_name({**row, 'where': ['all']}) for row in found}
+        # a single name is told at once, several are listed below
+        what = f'the simulation lacks {kinds.pop()}' if len(kinds) == 1 else 'effects are missing'
+        parts.append(f'{what} in {_many(len(found), "recording", "recordings")}')
     text = ', '.join(parts) or 'no machine has drifted, none differs from the others'
     return f'{text[0].upper()}{text[1:]}.'
 

@@ -17,6 +17,8 @@ from ros2_ident.report.page.sentences import effect_name, some
 VALUES = 6
 # Machines of a fleet, and effects, that its page has steps for.
 FLEET = 3
+# Of a number whose interval is wider than itself.
+LOOSE = 'not determined'
 # Answers that say nothing of physics: what is wrong, and what to do.
 REFUSALS = {
     'bookkeeping': (
@@ -62,6 +64,11 @@ class Step:
     laws: tuple[Law, ...] = ()
     code: str = ''
 
+    @property
+    def loose(self) -> bool:
+        """Whether a number of an equation is not determined."""
+        return any(LOOSE in value for law in self.laws for *_, value in law.numbers)
+
 
 def effects_found(data: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the effects of a verdict at their places, the first first; none where unnamed."""
@@ -101,7 +108,7 @@ def _value(v: Mapping[str, Any]) -> str:
         return text
     half = 0.5 * (v['high'] - v['low'])
     if half > abs(v['value']):
-        return f'{text}, not determined'
+        return f'{text}, {LOOSE}'
     return f'{number(v["value"], 3)} ± {quantity(half, v["unit"], 2)}'
 
 

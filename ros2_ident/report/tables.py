@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a run found, as tables (CSV) for spreadsheets and plotting programs."""
+
+from collections.abc import Iterator, Sequence
+import csv
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import make_directory, write_text
+from ros2_ident.report.files import (
+    DIAGNOSIS,
+    DIAGNOSIS_SIGNALS,
+    JSON,
+    load_diagnosis,
+    load_result,
+    SIGNALS,
+    YAML,
+)
+from ros2_ident.report.schema import to_mapping
+from ros2_ident.report.signals import load_signals, Signals
+
+# Of a parameter, in this order, where it is known.
+_FIELDS = ('value', 'low', 'high', 'unit', 'at_bound', 'identifiable', 'note')
+
+
+def holds_results(path: str | Path) -> bool:
+    """Return whether a directory holds what an identification or a diagnosis wrote."""
+    return any((Path(path) / name).exists() for name in (JSON, YAML, DIAGNOSIS))
+
+
+def write_tables(results: str | Path, directory: str | Path) -> tuple[Path, ...]:
+    """Write parameters and signals of a result directory as tables.
+
+    Args:
+        results: What `ident identify` or `ident diagnose` wrote; one table each where both did.
+        directory: Is made where it does not exist.
+
+    Returns:
+        The files: `parameters.csv` and `signals.csv`, those of a diagnosis with `diagnosis_`
+        before their names.
+
+    Raises:
+        IdentError: NO_DATA where there is neither, BAD_VALUES where a file cannot be read.
+    """
+    source, folder = Path(results), make_directory(directory)
+    files: list[Path] = []
+    if any((source / name).exists() for name in (JSON, YAML)):
+        found = to_mapping(load_result(source))['parameters']
+        files += _write(folder, '', found, source / SIGNALS)
+    if (source / DIAGNOSIS).exists():
+        found = load_diagnosis(source)['parameters']
+        files += _write(folder, 'diagnosis_', found, source / DIAGNOSIS_SIGNALS)
+    if not files:
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{source}: holds neither {JSON} nor {DIAGNOSIS}; give a directory that '
+            '`ident identify` or `ident diagnose` wrote',
+        )
+    return tuple(files)
+
+
+def _write(
+    folder: Path, before: str, found: dict[str, dict[str, Any]], signals: Path
+) -> Iterator[Path]:
+    fields = [f for f in _FIELDS if any(f in entry for entry in found.values())]
+    rows = [[name, *(entry.get(f) for f in fields)] for name, entry in found.items()]
+    parameters = folder / f'{before}parameters.csv'
+    yield write_text(parameters, _text([['parameter', *fields], *rows]))
+    if signals.exists():
+        curves = list(_signal_rows(load_signals(signals)))
+        yield write_text(folder / f'{before}signals.csv', _text(curves))
+
+
+def _signal_rows(signals: Signals) -> Iterator[Sequence[object]]:
+    """Yield the names, then a row for each instant of each recording."""
+    models = [f'simulated, {name}' for name in signals.models]
+    yield [
+        'recording',
+        'time [s]',
+        *(
+            f'{drive} {what} [{unit}]'
+            for drive in signals.drives
+            for what, unit in [
+                *((name, signals.unit) for name in ('measured', *models)),
+                ('following error', signals.travel),
+            ]
+        ),
+    ]
+    for number, curves in enumerate(signals.recordings, 1):
+        # (D, M + 2, T): what stands side by side for each drive
+        blocks = np.concatenate(
+            [
+                curves.measured[:, None],
+                curves.simulated.swapaxes(0, 1),
+                curves.tracking[:, None],
+            ],
+            axis=1,
+        )
+        title = f'{number}: {curves.title}' if curves.title else str(number)
+        values = blocks.reshape(-1, curves.time.size).T
+        for time, row in zip(curves.time.tolist(), values.tolist(), strict=True):
+            yield [title, f'{time:.9g}', *('' if x != x else f'{x:.9g}' for x in row)]
+
+
+def _text(rows: Sequence[Sequence[object]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator='\n').writerows(rows)
+    return text.getvalue()
