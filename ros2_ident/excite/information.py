@@ -92,7 +92,7 @@ class Sensitivity:
         """(M, D) speeds of the tool by those of the drives, in the middle of the room."""
         if not carries(self.machine):
             return np.empty((0, len(self.machine.drives)))
-        out: Array = np.linalg.inv(transmission(self.machine))
+        out: Array = np.linalg.inv(transmission(self.machine)).astype(np.float64)
         return out
 
     def _widest(self, planned: Moved) -> tuple[tuple[str, ...], FullModel]:
