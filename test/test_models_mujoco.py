@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.run import identify
 from ros2_ident.models import EffectAt, load_machine
@@ -209,6 +210,32 @@ def test_effects_change_attributes_where_an_mjcf_has_them(folder) -> None:
     assert told == pytest.approx(expected, abs=1e-12)
     with pytest.raises(IdentError, match='an MJCF has no attribute'):
         model.extended([EffectAt('backlash', 'two')])
+
+
+def a_log(machine, seed, change):
+    """Return 4 s of sines with noise on positions and efforts."""
+    rng = np.random.default_rng(seed)
+    phase, rate = rng.uniform(0, 6, (2, 4)), rng.uniform(0.3, 2.5, (2, 4))
+    time = CYCLE * np.arange(1000)
+    waves = [np.sin(2 * np.pi * rate[:, [k]] * time + phase[:, [k]]) for k in range(4)]
+    command = 0.25 * sum(waves)
+    command = (command - command[:, :1]) * np.minimum(time, 1)
+    position, effort = plain(command, change)
+    position = position + 5e-4 * rng.standard_normal(position.shape)
+    effort = effort + 0.01 * rng.standard_normal(effort.shape)
+    return data_with(machine, position, effort, command)
+
+
+def test_hidden_friction_is_named_where_it_is(folder) -> None:
+    def true(model):
+        model.dof_frictionloss[1] = 0.12
+
+    machine = machine_of(folder, {'kp': BOXES['kp'], 'armature': [0.001, 0.05, 'kg m^2']})
+    fit, check = (a_log(machine, seed, true) for seed in (1, 2))
+    found = diagnose(machine, (fit,), (check,))
+    assert (found.effect, found.where) == ('coulomb_friction', ('two',))
+    (size,) = found.ranking[0].parameters.values()
+    assert size.value == pytest.approx(0.07, rel=0.02)  # 0.12 less the 0.05 described
 
 
 @pytest.mark.parametrize(
