@@ -14,7 +14,7 @@ from ros2_ident.checks.blind import keep, seal
 from ros2_ident.checks.blind.command import numbers
 from ros2_ident.checks.blind.draw import Drawer
 from ros2_ident.checks.blind.faults import Fault
-from ros2_ident.checks.blind.forms import draw_form, FORMS
+from ros2_ident.checks.blind.forms import draw_form, FORMS, suits
 from ros2_ident.checks.blind.label import from_mapping, Label, MotionOrder, Part, to_mapping
 from ros2_ident.checks.blind.machines import draw_machine, machine_of, read_plain
 from ros2_ident.checks.blind.planning import forms_of, plan, Shares, Wanted
@@ -237,6 +237,32 @@ def test_deltas_are_drawn_about_the_one_of_the_file() -> None:
         motor = 0.5 * sum(boxes['drive_inertia'][:2]) * drive['gear_factor'] ** 2
         loop = other['controller']['velocity_gain'] * drive['gear_factor']
         assert 99.0 < loop / (motor + drive['arm_inertia'] + load) < 201.0  # rad/s
+
+
+def test_lengths_of_a_form_are_angles_where_a_drive_turns() -> None:
+    delta = machine_of(read_plain(TRIPOD.with_name('delta.yaml')))
+    metre = 2.0 * np.pi / 0.08 / 30.0  # rad, for which the motor turns as far
+    torque, force = 3.0 / 6.0, 3.0 * 30.0 / (6.0 * 2.0 * np.pi / 0.08)
+    expected = {
+        '1': 1.0, 's': 1.0, 'm': metre, 'm/s': metre, '1/m': 1.0 / metre, 'N m': torque,
+        'N': force, 'N/m': force / metre, 'N/m^1.5': force / metre**1.5,
+        'N m s/m': torque / metre, 'N m s^2/m^2': torque / metre**2,
+    }  # fmt: skip
+    seen = set()
+    for form in FORMS.values():
+        if not (suits(form, delta) and suits(form, MACHINE)):
+            continue
+        turning, straight = (draw_form(form, m, 'drive_1', 0.4, 3) for m in (delta, MACHINE))
+        for number in (form.size, *form.others):
+            # What belongs to the structure stays as it is.
+            wanted = expected.get(number.unit) if form.place == 'drive' else None
+            if wanted is not None and straight.values[number.name]:
+                ratio = turning.values[number.name] / straight.values[number.name]
+                assert ratio == pytest.approx(wanted), (form.name, number.unit)
+                seen.add(number.unit)
+            elif number.unit == 'm':
+                assert turning.values[number.name] == straight.values[number.name]
+    assert {'m', 'm/s', 'N m', 'N'} <= seen
 
 
 def test_a_case_of_a_delta_holds_what_was_wanted() -> None:

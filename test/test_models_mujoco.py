@@ -1,20 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """A user's own MJCF as the model: MuJoCo's numbers, its attributes, what is missing in it."""
 
+import importlib.util
 from pathlib import Path
 import pickle
 import sys
 
+from mujoco_mjcf import tripod_mjcf
 import numpy as np
 import pytest
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.run import identify
 from ros2_ident.models import EffectAt, load_machine
 from ros2_ident.models.mujoco.model import Mujoco
 from ros2_ident.recording import Dataset
+from ros2_ident.reference.motions import draw_motion
+from ros2_ident.reference.tripod import simulate_tripod
 
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT / 'build/peers'))
@@ -207,11 +212,38 @@ def test_effects_change_attributes_where_an_mjcf_has_them(folder) -> None:
         model.extended([EffectAt('backlash', 'two')])
 
 
+def a_log(machine, seed, change):
+    """Return 4 s of sines with noise on positions and efforts."""
+    rng = np.random.default_rng(seed)
+    phase, rate = rng.uniform(0, 6, (2, 4)), rng.uniform(0.3, 2.5, (2, 4))
+    time = CYCLE * np.arange(1000)
+    waves = [np.sin(2 * np.pi * rate[:, [k]] * time + phase[:, [k]]) for k in range(4)]
+    command = 0.25 * sum(waves)
+    command = (command - command[:, :1]) * np.minimum(time, 1)
+    position, effort = plain(command, change)
+    position = position + 5e-4 * rng.standard_normal(position.shape)
+    effort = effort + 0.01 * rng.standard_normal(effort.shape)
+    return data_with(machine, position, effort, command)
+
+
+def test_hidden_friction_is_named_where_it_is(folder) -> None:
+    def true(model):
+        model.dof_frictionloss[1] = 0.12
+
+    machine = machine_of(folder, {'kp': BOXES['kp'], 'armature': [0.001, 0.05, 'kg m^2']})
+    fit, check = (a_log(machine, seed, true) for seed in (1, 2))
+    found = diagnose(machine, (fit,), (check,))
+    assert (found.effect, found.where) == ('coulomb_friction', ('two',))
+    (size,) = found.ranking[0].parameters.values()
+    assert size.value == pytest.approx(0.07, rel=0.02)  # 0.12 less the 0.05 described
+
+
 @pytest.mark.parametrize(
     ('changed', 'what'),
     [
         ({'drives': ('one', 'three')}, 'no joint three; it has one, two'),
         ({'actuator': ['first', 'third']}, 'no actuator third; it has first, second'),
+        ({'body': ['', 'hand']}, 'no body hand; it has world, upper, lower'),
     ],
 )
 def test_what_the_description_lacks_is_said(folder, changed, what) -> None:
@@ -231,6 +263,94 @@ def test_an_mjcf_that_is_none_and_a_log_without_set_points_are_refused(folder) -
     data = Dataset(machine.drives, CYCLE, 0, None, None, COMMAND, None, None)
     with pytest.raises(IdentError, match='holds no set-point'):
         Mujoco(machine, data)
+
+
+TOOL = {'tool_mass': 1.4, 'drive_inertia': 9e-5, 'coulomb_torque': 0.05, 'viscous_torque': 0.05}
+
+
+@pytest.fixture(scope='module')
+def looped(tmp_path_factory):
+    """The linear tripod as MJCF, a log of it by the reference, and where its platform is."""
+    tripod = load_machine(ROOT / 'config/tripod.yaml').with_constants(
+        law='cascade_p', integral_gain=0.0, velocity_feedforward=0.0
+    )
+    gears = {'gear_stiffness': 3e6, 'gear_damping_ratio': 0.5, 'measurement_delay': 0.0}
+    motion = draw_motion('multi_point', tripod, 1.2, 3)
+    log = simulate_tripod(tripod, {**TOOL, **gears}, motion.position, motion.velocity)
+    made = tmp_path_factory.mktemp('loop')
+    (made / 'robot.xml').write_text(tripod_mjcf(tripod, TOOL))
+    content = {
+        'machine': 'mujoco',
+        'drives': list(tripod.drives),
+        'geometry': {'description': 'robot.xml'},
+        'drive': {'body': ['tool', '', '']},
+        'controller': {'cycle': motion.cycle},
+        'parameters': {'body_mass': [0.5, 3.0, 'kg']},
+    }
+    (made / 'machine.yaml').write_text(yaml.safe_dump(content))
+    machine = load_machine(made / 'machine.yaml')
+    data = Dataset(
+        machine.drives, motion.cycle, 0, motion.position, motion.velocity, log.position, None,
+        None,
+    )  # fmt: skip
+    return machine, data, log
+
+
+def test_a_tripod_as_mjcf_follows_the_reference_from_where_it_is(looped) -> None:
+    machine, data, log = looped
+    model = Mujoco(machine, data, drives=['drive_1'])
+    assert [p.name for p in model.parameters] == ['drive_1.body_mass']
+    told = model.simulate(np.array([[TOOL['tool_mass']], [2.4]]))
+    error = np.sqrt(np.mean((told[0, 0] - log.position[0]) ** 2))
+    # The gear gives a little, and MuJoCo's law is continuous over a cycle.
+    assert np.ptp(log.position[0]) > 0.05 and error < 1e-4
+    # Of a kilogram more on the platform a third hangs on this drive's P law: 0.15 mm.
+    assert np.sqrt(np.mean((told[1, 0] - log.position[0]) ** 2)) > 1.4e-4
+
+
+@pytest.fixture(scope='module')
+def blind():
+    file = ROOT / 'benchmarks/mujoco_machine_blind.py'
+    spec = importlib.util.spec_from_file_location('mujoco_machine_blind', file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_blind_cases_are_what_the_machine_simulates_and_can_be_asked_for(folder, blind) -> None:
+    arm = blind.Arm(folder / 'robot.xml')
+    command = blind.motion(2, 2.0, np.random.default_rng(2))
+    plain = arm.run([0.02, 0.03], None, command)
+    machine = machine_of(folder, {'armature': [0.0, 1.0, 'kg m^2']})
+    # The model steps as the description says; its set-points come every 4 ms here.
+    both = [np.repeat(x, 2, axis=1) for x in (plain, command)]
+    model = Mujoco(machine, data_with(machine, *both[:1], command=both[1]))
+    model._begin[:] = np.stack([command[:, 0], np.zeros(2)])
+    told = model.simulate(np.array([[0.02, 0.03]]))[0][:, ::2]
+    assert told == pytest.approx(plain, abs=1e-9)
+    offered = {at.effect for at in model.extensions()}
+    assert set(blind.HIDDEN) <= offered
+    for effect, (size, _) in blind.HIDDEN.items():
+        size = 12.0 if effect == 'torque_saturation' else 0.1 * size  # of 6 N m, 0.5 are left
+        other = arm.run([0.02, 0.03], (effect, 'one', size), command)
+        assert not np.array_equal(other[0], plain[0]), effect
+
+
+def test_a_blind_case_is_sealed_and_judged(folder, blind, tmp_path) -> None:
+    arm = blind.Arm(folder / 'robot.xml')
+    closed = blind.write_case(tmp_path / 'case', arm, 3, 5)
+    assert sorted(p.name for p in (tmp_path / 'case').iterdir()) == [
+        'check', 'fit', 'machine.yaml', 'robot.xml',
+    ]  # fmt: skip
+    load_machine(tmp_path / 'case/machine.yaml')
+    label = blind.seal.unseal(closed, 5)
+    effect, joint, _ = label['change']
+    verdict = {'effect': effect, 'where': [joint]}
+    found = {'verdict': verdict, 'confusable': [{**verdict, 'probability': 1.0}]}
+    assert all(blind.judged(label, found).values())
+    found = {'verdict': {'effect': 'none', 'where': []}, 'confusable': []}
+    assert not any(blind.judged(label, found).values())
+    assert blind.judged({'change': None}, found) == {'no false alarm': True}
 
 
 def test_a_model_goes_to_another_process_and_simulates_the_same(folder) -> None:

@@ -322,7 +322,7 @@ class _Same:
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
-        words = ('description', 'joint', 'actuator', 'direction')
+        words = ('description', 'joint', 'actuator', 'direction', 'body')
         cycle = machine.number('cycle')
         self._made = (machine.drives, cycle, *(machine.texts(word) for word in words))
 

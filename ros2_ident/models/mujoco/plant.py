@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
+from ros2_ident.models.mujoco.loops import close_loops
 
 Array = npt.NDArray[np.float64]
 
@@ -46,11 +47,13 @@ class Place:
         position: Where its position is in qpos.
         dof: Number of its degree of freedom.
         actuator: Number of its actuator.
-        body: Number of its body.
+        body: Number of the body whose mass and place are parameters.
         sense: 1, or -1 where the log counts backwards.
     """
 
-    def __init__(self, model: Any, joint: str, actuator: str, sense: float) -> None:
+    def __init__(
+        self, model: Any, joint: str, actuator: str, sense: float, body: str = ''
+    ) -> None:
         mj = _mujoco()
         self.joint = _number(model, mj.mjtObj.mjOBJ_JOINT, joint, 'joint')
         one_axis = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
@@ -63,7 +66,9 @@ class Place:
         self.position, self.dof = int(model.jnt_qposadr[self.joint]), int(
             model.jnt_dofadr[self.joint]
         )
-        self.body, self.sense = int(model.jnt_bodyid[self.joint]), sense
+        own = int(model.jnt_bodyid[self.joint])
+        self.body = _number(model, mj.mjtObj.mjOBJ_BODY, body, 'body') if body else own
+        self.sense = sense
         if actuator:
             self.actuator = _number(model, mj.mjtObj.mjOBJ_ACTUATOR, actuator, 'actuator')
             return
@@ -81,7 +86,7 @@ def _number(model: Any, kind: Any, name: str, word: str) -> int:
     mj = _mujoco()
     found = mj.mj_name2id(model, kind, name)
     if found < 0:
-        count = {'joint': model.njnt, 'actuator': model.nu}[word]
+        count = {'joint': model.njnt, 'actuator': model.nu, 'body': model.nbody}[word]
         known = ', '.join(str(mj.mj_id2name(model, kind, n)) for n in range(count))
         raise IdentError(
             ErrorCode.BAD_MACHINE_FILE,
@@ -181,6 +186,7 @@ class Plant:
             Place(
                 self.model, joint, machine.text('actuator', name),
                 1.0 if machine.text('direction', name) == 'forward' else -1.0,
+                machine.text('body', name),
             )
             for joint, name in zip(joints, machine.drives, strict=True)
         ]  # fmt: skip
@@ -282,6 +288,8 @@ class Plant:
             mj.mj_resetData(model, data)
             for d, at in enumerate(self.places):
                 data.qpos[at.position], data.qvel[at.dof] = start[s, :, d]
+            if model.neq:
+                close_loops(mj, model, data, [at.dof for at in self.places])
             mj.mj_getState(model, data, states[s], mj.mjtState.mjSTATE_FULLPHYSICS)
         control = np.zeros((len(command), command.shape[2], self.model.nu))
         for d, at in enumerate(self.places):

@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping
 import functools
+import re
 
 import numpy as np
 
@@ -14,10 +15,15 @@ from ros2_ident.checks.blind.forms import (
     structure,
     transmission,
 )
-from ros2_ident.checks.blind.forms.form import Form, Hidden
+from ros2_ident.checks.blind.forms.form import Form, Hidden, Range
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.machine.machine import Machine
+from ros2_ident.models.registry import KINDS
+from ros2_ident.reference.effect_kind import TRIPOD_FORCE, TRIPOD_LIMIT
 from ros2_ident.reference.effects import machine_has
+
+# Motor angle per travel of the tripod that the ranges suit, rad/m.
+TRIPOD_GEAR = TRIPOD_FORCE / TRIPOD_LIMIT
 
 _MODULES = (friction, transmission, controller, structure, measurement, outside)
 FORMS: Mapping[str, Form] = {form.name: form for part in _MODULES for form in part.FORMS}
@@ -57,13 +63,36 @@ def draw_form(
     values = {}
     for number in form.others:
         starts = starts_of(form.effect, number.counterpart)
-        values[number.name] = number.draw(rng, starts) * number.scale(machine)
+        values[number.name] = number.draw(rng, starts) * _scale(form, number, machine)
     noise = int(rng.integers(2**31))
     magnitude = form.size.low * (form.size.high / form.size.low) ** size
     for start in starts_of(form.effect, form.size.counterpart):
         magnitude = _clear_of(magnitude, start)
-    values[form.size.name] = sign * magnitude * form.size.scale(machine)
+    values[form.size.name] = sign * magnitude * _scale(form, form.size, machine)
     return Hidden(form, 'all' if form.place == 'all' else where, values, size, noise)
+
+
+def _scale(form: Form, number: Range, machine: Machine) -> float:
+    """Return the factor from the tripod's number to that of another machine.
+
+    Where a drive turns a joint, a metre is the angle for which its motor turns as far.
+    """
+    scale = number.scale(machine)
+    turns = KINDS[machine.kind].travel == 'rad' and machine.known('gear_factor')
+    if form.place == 'all' or not turns:
+        return scale
+    metre = TRIPOD_GEAR / float(machine.numbers('gear_factor').max())
+    return float(scale * metre ** _metres(number.unit))
+
+
+def _metres(unit: str) -> float:
+    """Return the power of metres of travel in a unit; those of a torque are none."""
+    above, _, below = unit.replace('N m', 'N').partition('/')
+    return sum(
+        sign * float(power or 1.0)
+        for sign, part in ((1.0, above), (-1.0, below))
+        for power in re.findall(r'\bm\b(?:\^([\d.]+))?', part)
+    )
 
 
 def _clear_of(value: float, start: float, clear: float = 0.05) -> float:
