@@ -194,10 +194,11 @@ def test_nan_is_counted():
     effort = EFFORT.copy()
     effort[::10] = np.nan
     report = check([recording(effort=effort)])
-    assert '10 % of the values of effort a are missing or NaN' in report.of('nan')[0].sentence
+    found, *_ = report.of('nan')
+    assert '10 % of the values of the effort of a are missing or NaN' in found.sentence
     assert report.streams[0].nan == (('effort a', 800),)
     report = check([recording(effort=EFFORT * np.nan)], Machine())
-    assert 'every value of effort a is NaN; name the topic' in report.of('nan')[0].sentence
+    assert 'every value of the effort of a is NaN; name the topic' in report.of('nan')[0].sentence
     assert 'bad_values' in codes(report, 'error')
 
 

@@ -103,7 +103,7 @@ def test_the_page_of_a_fleet_says_who_drifted_and_who_failed(tmp_path):
     assert '1 machine has drifted, 1 machine differs from the others' in text
     assert 'a: mass drifted from 2\xa0kg (a_1) to 3\xa0kg (a_2) (+50.0' in text
     assert 'the simulation lacks Stribeck friction in 1 recording' in text
-    assert 'b_1: Stribeck friction &lt;axis&gt;. Probability 93 %.' in text
+    assert 'b_1: Stribeck friction &lt;axis&gt;. Probability 93\xa0%.' in text
     assert '<section id="answer" class="answer bad"' in text, 'one recording failed'
     assert text.count('Inspect a: mass changed.') == 1, 'once, with its latest recording'
     assert 'ident diagnose &#39;bags/a 2&#39; <span class="shown">--machine</span> a.yaml' in text

@@ -183,7 +183,7 @@ def _judge_stream(x: StreamSummary) -> list[Finding]:
                     'warn',
                     'nan',
                     x.role,
-                    f'{x.role}: every value of {name} is NaN: it was not measured',
+                    f'{x.role}: every value of the {_of(name)} is NaN: it was not measured',
                 )
             )
         else:
@@ -192,8 +192,8 @@ def _judge_stream(x: StreamSummary) -> list[Finding]:
                     'warn',
                     'nan',
                     x.role,
-                    f'{x.role}: every value of {name} is NaN; name the topic that carries the '
-                    'effort, or switch its measurement on',
+                    f'{x.role}: every value of the {_of(name)} is NaN; name the topic that '
+                    'carries the effort, or switch its measurement on',
                 )
             )
     for name, count in x.nan:
@@ -204,11 +204,16 @@ def _judge_stream(x: StreamSummary) -> list[Finding]:
                     'warn',
                     'nan',
                     x.role,
-                    f'{x.role}: {100.0 * share:.2g} % of the values of {name} are missing or NaN; '
-                    'they are left out; check the driver if you expected them',
+                    f'{x.role}: {100.0 * share:.2g} % of the values of the {_of(name)} are '
+                    'missing or NaN; they are left out; check the driver if you expected them',
                 )
             )
     return found
+
+
+def _of(name: str) -> str:
+    """Return `effort of a` for `effort a`, a field and its joint."""
+    return name.replace(' ', ' of ', 1)
 
 
 def _judge_recording(
