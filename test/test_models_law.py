@@ -74,7 +74,7 @@ def test_the_replay_is_the_same_for_any_batch() -> None:
     assert np.array_equal(model.replay_law(seen, theta, there), alone)
 
 
-@pytest.mark.parametrize('step', [1.7e-5, 6e-5])
+@pytest.mark.parametrize('step', [1.7e-5, 6e-5, 1.8e-4])
 def test_steps_of_an_encoder_are_read_from_what_the_controller_misses(step: float) -> None:
     effect = Effect('encoder_quantisation', ('drive_3',), {'step': step})
     data = recording(effect, kind='mixed', seconds=5.0)

@@ -31,9 +31,12 @@ LOST = 2500.0
 _SLOW = 0.05
 # How much more than any other line's, so many lines away from its multiples, its power has to be.
 _STANDS, _ASIDE = 2.5, 100
+# Share of its power in the line half as far on, from which on the clearest line is a second one.
+_HALVED = 0.25
 _BINS = 2**20
-# Cycles between the position that a controller read and the one logged beside its effort.
-_LAGS = np.arange(-2.5, 2.5, 0.125)
+# Cycles between the position that a controller read and the one logged beside its effort; what the
+# steps do to the nominal fit bends the delay that it finds.
+_LAGS = np.arange(-2.5, 2.5, 0.25)
 
 
 @dataclass(frozen=True)
@@ -108,9 +111,9 @@ def coarse_reading(
     wanted[:, : int(LAW_SETTLE / model.cycle)] = False
     there = np.flatnonzero(wanted[row])
     if seen is None:
-        made, lags = model.simulate_at(theta[None], wanted)[0], _LAGS
+        made = model.simulate_at(theta[None], wanted)[0]
     else:
-        made, lags = model.replay_law(seen, theta[None], wanted)[0], np.zeros(1)
+        made = model.replay_law(seen, theta[None], wanted)[0]
     missed = model.measured[wanted] - made
     count = model.data.cycles
     rate = there.size / (count * model.cycle)
@@ -119,7 +122,7 @@ def coarse_reading(
     ways = motion.values.reshape(2, len(drives), count)[:, drives.index(drive)]
     unit, per_metre = model.travel
     found = []
-    for lag in lags:
+    for lag in _LAGS:
         position, velocity = (np.interp(logged - lag, np.arange(count), way) for way in ways)
         span = float(np.ptp(position))
         if span >= 3.0 * SMALLEST * per_metre:
@@ -157,12 +160,16 @@ def _clearest(
         if inside[low] and power[near].max() > 0.5 * power[best]:
             best = max(0, low - 2) + int(np.argmax(power[near]))
             break
-    number = np.arange(power.size)
-    apart = np.abs(number - best * np.maximum(np.round(number / max(best, 1)), 1.0)) > _ASIDE
+    # A step beyond those looked for shows by its second line: then halves are multiples, too.
+    turns = np.arange(power.size) / max(best, 1)
+    apart = np.abs(turns - np.maximum(np.round(2.0 * turns), 1.0) / 2.0) * best > _ASIDE
     others = float(np.max(power, where=inside & apart, initial=0.0))
     # What comes again at the same places, as in a motion that is repeated, makes many lines.
     stands = power[best] > _STANDS * others
-    return span / max(float(order[best]), 1e-300), float(power[best]) if stands else 0.0
+    third = int(round(1.5 * best))
+    halved = power[third - 3 : third + 4].max(initial=0.0) > _HALVED * power[best]
+    step = span / max(float(order[best]), 1e-300) * (2.0 if halved else 1.0)
+    return step, float(power[best]) if stands else 0.0
 
 
 def _lines(position: Array, values: Array) -> Array:
