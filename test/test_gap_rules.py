@@ -12,6 +12,7 @@ import pytest
 
 from ros2_ident.effects import CATALOGUE, get_effect
 from ros2_ident.gap.attribute import Round
+from ros2_ident.gap.compose import _hidden_by_noise
 from ros2_ident.gap.criteria import at_bound, Rules
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
@@ -761,6 +762,15 @@ def test_what_noise_may_be_is_nothing_unknown(attribution, high, said):
     floor.high = np.full(2, high)
     verdict = answered(Explainer(attribution, floor, RULES), [made((0.81, 0.0))])
     assert verdict.effect == said
+
+
+@pytest.mark.parametrize(('effect', 'told'), [(NONE, 1), (UNKNOWN, 0)])
+def test_nothing_is_missing_says_what_slow_noise_may_hide(effect, told):
+    floor = SimpleNamespace(per_drive=np.array([0.5, 0.5]), low=np.array([0.3, 0.45]))
+    verdict = Verdict(effect, (), 0.9, (), (), (), 0.0)
+    said = list(_hidden_by_noise(verdict, floor, DRIVES, 'N m'))
+    assert len(said) == told and all('What is left on one is so slow' in x for x in said)
+    assert all('up to 0.4 N m' in x for x in said)
 
 
 def test_what_mends_the_controllers_law_counts_in_any_noise(explainer, attribution):

@@ -281,7 +281,7 @@ def test_several_parameters_at_a_bound_are_one_warning():
     ends = tuple(replace(p, at_bound=True) for p in result.parameters[:3])
     said = of_identification(replace(result, parameters=ends + result.parameters[3:]), 'out')
     (told,) = [text for text in said.careful if 'bound' in text]
-    assert told.startswith('3 parameters are at a bound') and 'link_2 (1' in told
+    assert told.startswith('3 parameters are at or beyond a bound') and 'link_2 (1' in told
 
 
 def test_a_long_headline_ends_before_its_names():
@@ -309,7 +309,7 @@ def test_the_first_screen_answers_four_questions(both):
     """What is wrong, how sure, how far it closes in the machine's unit, what to do now."""
     said = of_diagnosis(content(both), 'runs/one')
     assert said.headline == 'Stribeck friction on drive_1 is missing in the simulation.'
-    assert said.sure[0] == '93 % that this is the cause, and at this place.'
+    assert said.sure[0] == '93 % that this is the cause, and drive_1 the place.'
     first, second = said.gaps
     assert (first.drive, first.size, first.share) == (
         'drive_1', '0.0310 → 0.0101 N m', '10.3 → 3.4 %',
@@ -317,7 +317,9 @@ def test_the_first_screen_answers_four_questions(both):
     # drive_2 is at its noise floor: nothing there could close.
     assert (second.drive, second.after, second.note) == ('drive_2', None, 'noise only')
     (closes,) = said.closes
-    assert closes == '97 % of the gap above the noise closes (95 % interval: 95 % to 98 %).'
+    assert closes == (
+        '97 % of the squared residual above the noise goes (95 % interval: 95 % to 98 %).'
+    )
     law, values, motion = said.steps
     (stribeck,) = law.laws
     assert stribeck.numbers == (('M_S', 'torque', '0.08 ± 0.01 N m'),)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From what the rounds found to the diagnosis as a value."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import math
 
 import numpy as np
@@ -28,6 +28,8 @@ Array = npt.NDArray[np.float64]
 
 # Share of the resampled blocks in which an effect has to count to be more than a hint.
 _OFTEN = 0.9
+# A noise floor that is so many times the lower end of its interval may hide a gap.
+_VAGUE = 1.2
 
 
 def compose(
@@ -114,6 +116,7 @@ def compose(
         advice=(
             *_doubts(values),
             *_hints(verdict, again),
+            *_hidden_by_noise(verdict, floor, case.drives, model.unit),
             *advice(verdict, hidden, model.travel),
         ),
         again=again,
@@ -122,6 +125,21 @@ def compose(
         seed=seed,
         traces=_traces(case, found),
     )
+
+
+def _hidden_by_noise(
+    verdict: Verdict, floor: Floor, drives: Sequence[str], unit: str
+) -> Iterator[str]:
+    """Say how large a gap slow noise may hide where nothing is called missing."""
+    if verdict.effect != NONE:
+        return
+    for name, value, low in zip(drives, floor.per_drive, floor.low, strict=True):
+        if value > _VAGUE * low:
+            hidden = math.sqrt(value**2 - low**2)
+            yield (
+                f'What is left on {name} is so slow that it can be noise or a gap of up to '
+                f'{hidden:.2g} {unit}: record longer, or the same motion twice.'
+            )
 
 
 def _again(

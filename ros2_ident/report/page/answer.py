@@ -153,7 +153,7 @@ def _sure(data: Mapping[str, Any]) -> Iterator[str]:
         that = {
             'none': 'that nothing is missing',
             'unknown': 'that the cause is none of the effects tried',
-        }.get(verdict['effect'], f'that {_first(data)} the cause, and at this place')
+        }.get(verdict['effect'], _cause(data))
         yield f'{_chance(verdict["probability"])} {that}.'
     rivals = [effect_name(x) for x in data['confusable'][1:]]
     if rivals:
@@ -161,8 +161,10 @@ def _sure(data: Mapping[str, Any]) -> Iterator[str]:
     yield held.get(data['gap']['held_out'], str(data['gap']['held_out']))
 
 
-def _first(data: Mapping[str, Any]) -> str:
-    return 'the first of these is' if data['also'] else 'this is'
+def _cause(data: Mapping[str, Any]) -> str:
+    if data['also']:
+        return f'that {effect_name(data["verdict"])}, the first of these, is a cause'
+    return f'that this is the cause, and {steps.places(data["verdict"]["where"])} the place'
 
 
 def _gaps(gap: Mapping[str, Any], material: float) -> tuple[Gap, ...]:
@@ -214,7 +216,7 @@ def _closes(data: Mapping[str, Any]) -> Iterator[str]:
         told = ''
         if None not in (low, high) and low < NEARLY_ALL:
             told = f' (95 % interval: {percent(low)} to {percent(high)})'
-        yield f'{said} of the gap above the noise closes{told}.'
+        yield f'{said} of the squared residual above the noise goes{told}.'
         if _unexplained(data):
             yield 'No effect of the catalogue explains the rest.'
     more = len(gap['per_drive']) - LISTED
