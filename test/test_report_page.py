@@ -420,6 +420,20 @@ def test_the_picture_of_the_first_screen_draws_the_law_through_the_residual(both
     assert nothing.law == '' and 'class="law' not in nothing.svg
 
 
+def test_no_line_is_drawn_where_there_are_no_data(both):
+    data = content(both)
+    velocity = next(m for m in data['maps'] if m['coordinate'] == 'velocity')
+    drawn = charts.picture(velocity, 'Stribeck friction on drive_1').svg
+    assert drawn.count('class="law ') == drawn.count('class="band ') == 1
+    for line in (velocity['before'][0], velocity['after'][0]):
+        count = len(line['place'])
+        middle = np.linspace(0.1, 0.2, count - count // 2)
+        line['place'] = [*np.linspace(-0.2, -0.1, count // 2), *middle]
+    velocity['linear'] = 0.0
+    drawn = charts.picture(velocity, 'Stribeck friction on drive_1').svg
+    assert drawn.count('class="law ') == drawn.count('class="band ') == 2
+
+
 def test_the_edge_of_the_answer_is_green_only_where_nothing_is_to_be_careful_about(both):
     data = content(both)
     assert of_diagnosis(data, '').level == 'good'

@@ -6,6 +6,7 @@ It is text of the page: there before any script runs, in the page's colours, and
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import itertools
 import math
 from typing import Any
 
@@ -19,6 +20,8 @@ Array = npt.NDArray[np.float64]
 
 WIDTH, HEIGHT = 560.0, 330.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 70.0, 10.0, 10.0, 52.0
+# Nothing is drawn across a gap of this share of the width.
+_EMPTY = 0.3
 # A picture over the speed is read at once: it goes before one that shows hardly more.
 FAMILIAR = 1.25
 # What stands for a coordinate in a sentence.
@@ -136,7 +139,8 @@ def picture(found: Mapping[str, Any], effects: str = '') -> Chart | None:
     for line in before:
         parts += _measured(line, x, y, spectrum)
     for heading, place, values in laws:
-        parts.append(_path(f'law {heading}', x(place), y(values)))
+        drawn = [slice(None)] if spectrum else _stretches(x(place))
+        parts += [_path(f'law {heading}', x(place[s]), y(values[s])) for s in drawn]
     name = NAMES.get(found['coordinate'], found['coordinate'])
     title = f'{found["drive"]}: measured minus simulated effort over the {name}'
     summary = _summary(found, before, laws, effects, title)
@@ -250,9 +254,10 @@ def _measured(line: Mapping[str, Any], x: _Axis, y: _Axis, spectrum: bool) -> li
     out = []
     half = np.array(line['half'], dtype=np.float64)
     if np.isfinite(half).all():
-        edge = np.concatenate([y(mean + half), y(mean - half)[::-1]])
-        around = np.concatenate([places, places[::-1]])
-        out.append(_path(f'band {heading}', around, edge, closed=True))
+        for s in _stretches(places):
+            edge = np.concatenate([y(mean + half)[s], y(mean - half)[s][::-1]])
+            around = np.concatenate([places[s], places[s][::-1]])
+            out.append(_path(f'band {heading}', around, edge, closed=True))
     for px, py in zip(places, y(mean), strict=True):
         if line['heading'] == 'backwards':
             out.append(
@@ -262,6 +267,16 @@ def _measured(line: Mapping[str, Any], x: _Axis, y: _Axis, spectrum: bool) -> li
         else:
             out.append(f'<circle class="dot {heading}" cx="{px:.1f}" cy="{py:.1f}" r="3.4"/>')
     return out
+
+
+def _stretches(xs: Array) -> list[slice]:
+    """Return the stretches of places, in the picture's units, between which there are no data."""
+    if len(xs) < 2:
+        return [slice(None)]
+    apart = np.diff(xs)
+    wide = apart > max(_EMPTY * WIDTH, 3.0 * float(np.median(apart)))
+    ends = [0, *(np.flatnonzero(wide) + 1), len(xs)]
+    return [slice(a, b) for a, b in itertools.pairwise(ends)]
 
 
 def _path(style: str, xs: Array, ys: Array, *, closed: bool = False) -> str:
