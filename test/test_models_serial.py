@@ -19,7 +19,7 @@ from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model  # noqa: E402
 from ros2_ident.models.registry import kind_of  # noqa: E402
-from ros2_ident.models.serial.arm import arm_of  # noqa: E402
+from ros2_ident.models.serial.arm import Arm, arm_of  # noqa: E402
 from ros2_ident.models.serial.model import Serial  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
 from ros2_ident.reference import arm as twin  # noqa: E402
@@ -432,6 +432,25 @@ def test_a_joint_has_every_effect_that_prescribed_motion_shows(tmp_path: Path) -
     offered = {at.effect for at in make_model(machine, moving(machine)).extensions()}
     nominal = {'coulomb_friction', 'viscous_friction'}
     assert offered == (EFFECTS | nominal | {'effort_crosstalk'}) - {'gear_flexibility'}
+
+
+def test_what_links_ask_is_computed_once_for_all_effects(tmp_path: Path, monkeypatch) -> None:
+    boxes = {'link_moment': [-5.0, 5.0, 'kg m'], 'coulomb_torque': [0.0, 4.0, 'N m']}
+    machine = described(tmp_path, **boxes)
+    data = moving(machine)
+    model = make_model(machine, data)
+    low, high = np.array([(p.low, p.high) for p in model.parameters]).T
+    model.costs(np.array([0.5 * (low + high)]))
+    asked = []
+    terms = Arm.terms
+    monkeypatch.setattr(Arm, 'terms', lambda *given: asked.append(given) or terms(*given))
+    wide = [model.extended([EffectAt('degressive_friction', name)]) for name in JOINTS]
+    theta = np.concatenate([0.3 * low + 0.7 * high, [0.8, 0.5]])
+    seen = [one.simulate(theta) for one in wide]
+    assert not asked
+    for one, again in zip(wide, seen, strict=True):
+        apart = make_model(machine, data, effects=one.effects)
+        np.testing.assert_array_equal(again, apart.simulate(theta))
 
 
 def test_an_arm_with_a_hidden_effect_is_found_again(tmp_path: Path) -> None:

@@ -64,6 +64,8 @@ class DriveModel(FullModel):
             set-point `position` and `velocity` of the motors.
         weights: Factor on the errors of each quantity; 1 by default.
         held: (K,) share of a payload that is carried at each cycle; None where it is not known.
+        like: A model of the same machine, recording, drives, fixed values and cutoff, whose
+            preparations are taken over.
 
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, MISSING_STREAM or BAD_MACHINE_FILE with the
@@ -89,7 +91,10 @@ class DriveModel(FullModel):
         quantities: Sequence[str] = ('effort',),
         weights: Sequence[float] | None = None,
         held: Array | None = None,
+        like: 'DriveModel | None' = None,
     ) -> None:
+        if like is not None:
+            self._take_over(like)
         self._machine = machine
         self._data = data
         self._compared: npt.NDArray[np.bool_] | None = None
@@ -197,7 +202,11 @@ class DriveModel(FullModel):
             quantities=self.signals.quantities,
             weights=self.signals.weights,
             held=self.held if held is None else held,
+            like=self,
         )
+
+    def _take_over(self, like: 'DriveModel') -> None:
+        """Take over what effects, steps and payload change nothing of."""
 
     def effort_limit(self, place: str) -> float:
         """Return the effort that a share of a drive's limit refers to [`unit`]."""
