@@ -4,27 +4,33 @@
 In turn within one run: the model; the same cost in NumPy, by one matrix product of all candidates;
 and inverse dynamics anew for each candidate, by pinocchio. Then the model on all threads. Needs
 pinocchio (`pip install "ros2_ident[arms]"`). Times are processor time, by medians, with the least
-in brackets; the last is by the clock.
+in brackets; the last is by the clock. With --diagnose instead: how long a diagnosis takes of a log
+whose second joint has Stribeck friction.
 
-    python benchmarks/serial.py [--seconds 20] [--rounds 5] [--candidates 10000]
+    python benchmarks/serial.py [--seconds 20] [--rounds 5] [--candidates 10000] [--diagnose]
 """
 
 import argparse
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 import os
 import time
 
 from measure import interleaved, machine, ratio
 import numpy as np
 
-from ros2_ident.models import machine_from_mapping
+from ros2_ident.gap.diagnose import diagnose
+from ros2_ident.models import EffectAt, machine_from_mapping
 from ros2_ident.models.serial.model import Serial
 from ros2_ident.recording import Dataset
+from ros2_ident.search import Threads
 
 HALF = 0.5 * np.pi
 CYCLE = 1e-3
 # Candidates of a round; pinocchio is timed on one.
 BATCH = 64
+# What is hidden for a diagnosis: torque and speed of the Stribeck friction, and the noise, N m.
+STRIBECK, NOISE = (1.5, 0.15), 0.1
 # Franka Emika's table of the Panda, in modified Denavit-Hartenberg parameters.
 PANDA = {
     'dh_a': [0.0, 0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088],
@@ -75,13 +81,38 @@ def plain_costs(model: Serial, theta: np.ndarray) -> np.ndarray:
     return total / drives
 
 
+def diagnosis_of(model: Serial) -> None:
+    """Diagnose a log of the arm with Stribeck friction on its second joint, and say how long."""
+    wide = model.extended((EffectAt('stribeck', 'joint_2'),))
+    rng = np.random.default_rng(5)
+    truth = np.array(
+        [rng.uniform(p.low, p.high) * (0.3 if 'link' in p.name else 1.0) for p in wide.parameters]
+    )
+    truth[-2:] = STRIBECK
+    effort = wide.simulate(truth[None])[0]
+    effort += rng.normal(0.0, NOISE, effort.shape)
+    data = replace(model.data, effort=effort)
+    begin, used = time.perf_counter(), time.process_time()
+    found = diagnose(model.machine, [data], workers=Threads(os.cpu_count() or 1))
+    print(
+        f'{len(truth) - 2} parameters, {found.effect} on {", ".join(found.where)}: '
+        f'{time.perf_counter() - begin:.0f} s by the clock, '
+        f'{time.process_time() - used:.0f} s of processor time'
+    )
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--seconds', type=float, default=20.0, help='length of the log')
     parser.add_argument('--rounds', type=int, default=5)
     parser.add_argument('--candidates', type=int, default=10000)
+    parser.add_argument('--diagnose', action='store_true', help='time a diagnosis instead')
     args = parser.parse_args()
+    if args.diagnose:
+        print(f'{machine()}\n')
+        diagnosis_of(panda(args.seconds))
+        return
     begin = time.perf_counter()
     model = panda(args.seconds)
     drives = len(model.drives)
