@@ -130,16 +130,19 @@ def compose(
 def _hidden_by_noise(
     verdict: Verdict, floor: Floor, drives: Sequence[str], unit: str
 ) -> Iterator[str]:
-    """Say how large a gap slow noise may hide where nothing is called missing."""
-    if verdict.effect != NONE:
+    """Say how large a gap slow noise may hide."""
+    if verdict.effect in (UNKNOWN, *REFUSED):
         return
-    for name, value, low in zip(drives, floor.per_drive, floor.low, strict=True):
-        if value > _VAGUE * low:
-            hidden = math.sqrt(value**2 - low**2)
-            yield (
-                f'What is left on {name} is so slow that it can be noise or a gap of up to '
-                f'{hidden:.2g} {unit}: record longer, or the same motion twice.'
-            )
+    hidden = {
+        name: f'{math.sqrt(value**2 - low**2):.2g} {unit}'.strip()
+        for name, value, low in zip(drives, floor.per_drive, floor.low, strict=True)
+        if value > _VAGUE * low
+    }
+    if hidden:
+        yield (
+            f'What is left on {", ".join(hidden)} is so slow that it can be noise or a gap of up '
+            f'to {", ".join(hidden.values())}: record longer, or the same motion twice.'
+        )
 
 
 def _again(
