@@ -773,6 +773,13 @@ def test_nothing_is_missing_says_what_slow_noise_may_hide(effect, told):
     assert all('up to 0.4 N m' in x for x in said)
 
 
+def test_what_takes_away_more_than_the_noise_holds_is_none(explainer, attribution):
+    base, one = made((9.0, 0.0)), made((7.9, 0.0), effects=[STRIBECK])
+    attribution.errors = 0.0
+    assert explainer.counts(base, one)
+    assert not explainer.counts(base, made((8.1, 0.0), effects=[STRIBECK]))
+
+
 def test_what_mends_the_controllers_law_counts_in_any_noise(explainer, attribution):
     base = made((0.64, 0.0), law=(9.0, 1.0))
     mended = made((0.0, 0.0), effects=[STRIBECK])

@@ -104,15 +104,18 @@ class Explainer(Criteria):
     def counts(self, before: Explanation, after: Explanation) -> bool:
         """Whether a step is material, and would be at the lower end of its 95 % interval.
 
-        The interval is that of noise as slow as what is left: under it chance closes a lot.
+        The interval is that of noise as slow as what is left: under it chance closes a lot, but
+        never more than the noise itself.
         """
         if not self.material(before, after):
             return False
         if not before.effects and self.restores_law(before, after):
             return True
+        reduced = self.reduced(before, after)
+        if reduced > 1.0:
+            return True
         errors = self.attribution.standing(before, after)
-        lower = self.reduced(before, after) * (1.0 - _NORMAL / max(errors, _NORMAL))
-        return lower >= self.least(before)
+        return reduced * (1.0 - _NORMAL / max(errors, _NORMAL)) >= self.least(before)
 
     def less_noise(
         self, chain: list[Explanation], rounds: list[Round], best: Explanation
