@@ -105,7 +105,10 @@ def test_a_sound_log_contradicts_nothing(kind):
 @pytest.mark.parametrize(
     ('kind', 'change', 'gate', 'drive', 'said'),
     [
-        ('axis', times('effort', -1.0), 'sign', 'emps_axis', 'sign is reversed against the motion'),
+        (
+            'axis', times('effort', -1.0), 'sign', 'emps_axis',
+            'sign is reversed against the motion',
+        ),
         ('tripod', times('effort', -1.0, 'drive_2'), 'sign', 'drive_2', 'negate effort'),
         ('axis', both(silent, times('effort', -1.0)), 'sign', 'emps_axis', 'negate effort'),
         (

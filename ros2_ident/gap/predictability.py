@@ -147,7 +147,9 @@ def _quiet(seen: Evidence, regions: Sequence[Coordinate]) -> float:
     position, load), the rest is no noise, though no function predicts its course.
     """
     square = seen.left**2
-    told = seen.noise[0].independent_squares
+    # By neighbours alone: where loud stretches are a gap, their memory is not that of the noise.
+    rho = seen.noise[0].correlation ** 2
+    told = (1.0 - rho) / (1.0 + rho)
     best = 1.0
     for region in regions:
         if region.name == 'time':
