@@ -43,6 +43,7 @@ RULES = Rules(
     rival=0.1,
     contradicted=0.3,
     instead=0.7,
+    alike=0.02,
     most=3,
 )
 STRIBECK, FRICTION = EffectAt('stribeck', 'one'), EffectAt('asymmetric_friction', 'one')
@@ -59,6 +60,7 @@ class Attribution:
         self.rounds, self.refits, self.asked = [], {}, []
         self.stop = False
         self.errors = np.inf
+        self.limits = {}
 
     def standing(self, before, after):
         return self.errors
@@ -129,7 +131,7 @@ def test_the_rules_are_those_that_the_docs_state():
         stated |= dict(zip(re.findall(r'\w+', names), numbers, strict=True))
     rules = vars(Rules())
     assert {k: v for k, v in stated.items() if k in rules} == rules
-    assert Temperatures() == Temperatures(0.04, 0.08, 0.12, 0.9, 5.0, 0.02, 0.02)
+    assert Temperatures() == Temperatures(0.04, 0.1, 0.12, 0.9, 5.0, 0.02, 0.02)
 
 
 def test_a_gap_is_the_mean_square_beyond_the_noise_on_both_parts(explainer):
@@ -294,8 +296,58 @@ def test_the_best_fit_pays_for_its_parameters(explainer):
     two, one = made((0.2, 0.0), effects=[STRIBECK]), made((0.2015, 0.0), effects=[DRAG])
     assert two.loss < one.loss
     assert explainer.best(of_round(base, two, one)) is one
-    better = made((0.19, 0.0), effects=[STRIBECK])
+    better = made((0.16, 0.0), effects=[STRIBECK])
     assert explainer.best(of_round(base, better, one)) is better
+
+
+@pytest.mark.parametrize(
+    ('gap', 'simple', 'taken'),
+    [
+        (2.0, 0.239, True),  # closes less by 0.0195 of the gap
+        (2.0, 0.241, False),
+        (10.0, 0.359, True),  # 0.016 of the gap, 0.159 floors squared
+        (10.0, 0.361, False),
+    ],
+)
+def test_of_two_laws_that_close_alike_the_simpler_is_taken(explainer, gap, simple, taken):
+    base = made((gap, 0.0))
+    two, one = made((0.2, 0.0), effects=[SPRING]), made((simple, 0.0), effects=[DRAG])
+    assert explainer.best(of_round(base, two, one)) is (one if taken else two)
+
+
+def test_one_more_number_makes_a_rival_no_likelier(explainer):
+    base = made((2.0, 0.0))
+    simple, rival = made((0.23, 0.0), effects=[DRAG]), made((0.2, 0.0), effects=[SPRING])
+    said = answered(explainer, [base, simple], [simple, rival])
+    assert said.effect == DRAG.effect
+    weights = {w.at: w.probability for w in said.ranking}
+    assert weights[DRAG] == pytest.approx(weights[SPRING])
+
+
+def test_what_comes_near_makes_unknown_less_sure(explainer):
+    base, near = made((2.0, 0.0)), made((1.2, 0.0), effects=[STRIBECK])
+    said = judge(explainer, found([base], [of_round(base, near)]))
+    odds = 0.88 / (1.0 + math.exp((RULES.closed - 0.4) / 0.1))
+    assert said.effect == UNKNOWN
+    assert said.probability == pytest.approx(1.0 - 0.12 - odds, abs=1e-6)
+
+
+# ---------------------------------------------------------------------- limits
+
+
+def test_an_effort_that_stays_below_what_is_asked_names_its_limit(explainer):
+    chain = [made((2.0, 2.0)), made((1.5, 1.5), effects=[DRAG])]
+    assert answered(explainer, chain, [chain[-1]], remaining=1.2).effect == UNKNOWN
+    explainer.attribution.limits = {'one': 0.4}
+    said = answered(explainer, chain, [chain[-1]], remaining=1.2)
+    assert said.named == (EffectAt('torque_saturation', 'one'), DRAG)
+    assert (said.probability, said.limits) == (0.9, {'one': 0.4})
+
+
+def test_a_limit_on_a_drive_without_a_gap_is_no_answer(explainer):
+    explainer.attribution.limits = {'two': 0.4}
+    said = answered(explainer, [made((2.0, 0.0))])
+    assert (said.effect, said.where, said.limits) == (UNKNOWN, ('one',), {})
 
 
 def test_a_size_at_its_bound_gives_way_to_what_comes_near(explainer):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.checks.blind.label import MotionOrder
+from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.case import Case, recordings_of
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.turns import payload_turns
@@ -90,3 +91,17 @@ def test_a_payload_taken_up_three_times_is_named_with_its_mass() -> None:
     # Its interval does not know how sharp the instants are.
     assert mass.value == pytest.approx(MASS, rel=0.03)
     assert found.share_closed.value > 0.95
+
+
+def test_a_tool_whose_bounds_are_with_the_load_loses_it() -> None:
+    machine = tripod()
+    low = TRIPOD_TRUTH['tool_mass'] + 0.8 * MASS
+    machine = replace(machine, bounds=machine.bounds | {'tool_mass': (low, 2.0 * low, 'kg')})
+    others = [name for name in CATALOGUE if name != 'payload_turns']
+    found = diagnose(machine, [recording(1)], [recording(2)], without=others, seed=1)
+    assert (found.effect, found.where) == ('payload_turns', ('all',))
+    assert found.share_closed.value > 0.95
+    # Neither interval knows how sharp the instants are.
+    mass, tool = found.parameters['payload_turns.mass'], found.parameters['tool_mass']
+    assert mass.value == pytest.approx(-MASS, rel=0.06)
+    assert tool.value == pytest.approx(TRIPOD_TRUTH['tool_mass'] + MASS, rel=0.01)

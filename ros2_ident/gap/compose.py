@@ -363,6 +363,11 @@ def _answer(
         'any simulation, so it does not count as closed.'
         for r in verdict.readings
     )
+    steps += ''.join(
+        f' The logged effort of {drive} stays at about {size:.3g} {unit} wherever its control law '
+        'asks for more. No constant limit repeats its course, so it does not count as closed.'
+        for drive, size in verdict.limits.items()
+    )
     more = ''.join(f', then {get_effect(a.effect).title} on {a.where}' for a in verdict.also)
     rest = ''
     if found.remaining >= explainer.rules.unknown:

@@ -62,13 +62,16 @@ class Rules:
             catalogue's, and that difference is no effect of its own.
         share: Least share of the explainable gap, on held-out data, that an effect has to close.
         part: Least share of the nominal fit's gap that a further effect has to close.
-        closed: Least share that all effects together have to close for their names to be believed.
+        closed: Least share that all effects together have to close for their names to be believed:
+            most of the gap is theirs.
         rival: How much less of the gap than the best an effect may close and still be taken for
             confusable.
         contradicted: RMS by which an explanation has to miss the controllers' log more than
             another one does to be taken as contradicted by it.
         instead: Least share of the best's gain that one has to close which the controllers' log
             prefers to be taken instead.
+        alike: Share of the gap by which two laws may differ and be taken for forms of one effect:
+            then the one with fewer numbers is named.
         most: Most effects.
     """
 
@@ -78,10 +81,11 @@ class Rules:
     later: float = 0.5
     share: float = 0.10
     part: float = 0.025
-    closed: float = 0.62
+    closed: float = 0.5
     rival: float = 0.12
     contradicted: float = 0.3
     instead: float = 0.7
+    alike: float = 0.02
     most: int = 4
 
 
@@ -258,13 +262,28 @@ class Criteria:
             # A size at its bound is a reason to doubt, unless nothing else comes near.
             usable = min(inside, key=self.score)
             close = self.share(round_.base, usable) > 0.5 * self.share(round_.base, best)
-            best = usable if close else best
+            best = self._simpler(round_.base, usable, inside) if close else best
         # So is the controllers' log.
         least = self.rules.instead * self.share(round_.base, best)
         rivals = [
             e for e in inside if self.contradicted(best, e) and self.share(round_.base, e) >= least
         ]
         return min(rivals, key=self.score) if rivals else best
+
+    def _simpler(
+        self, base: Explanation, best: Explanation, others: Sequence[Explanation]
+    ) -> Explanation:
+        """Return what closes as much as the best for all that counts, and has fewer numbers.
+
+        No law of the catalogue is exactly the machine's: one more number closes a little more.
+        """
+        share = self.share(base, best) - self.rules.alike
+        alike = [
+            e
+            for e in others
+            if self.share(base, e) >= share and self.reduced(e, best) < self.rules.step
+        ]
+        return min([best, *alike], key=lambda e: (len(e.theta), self.score(e)))
 
     def open(self, e: Explanation) -> bool:
         """Whether more may be missing: by what is left, or by how slow what is called noise is.

@@ -2,7 +2,7 @@
 """The diagnosis of one machine's recordings, from the nominal fit to the advice."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import hashlib
 import math
 from pathlib import Path
@@ -50,6 +50,8 @@ SEARCH = FitSettings(
 # Parameters that leave less than this share of the gap once they are fitted to the recording held
 # out, too, were chance on the one fitted on.
 _MOSTLY = 0.5
+# Sum of squares, in units of the noise's, by which one of two equal models has to be the better.
+_TURNED = 20.0
 # An effect whose largest trial leaves less than this, in units of the floor, cannot be seen in the
 # log.
 VISIBLE = 0.3
@@ -265,10 +267,24 @@ class _Passes:
         held = payload_turns(joint, theta, floor)
         if not held or self.clock.stopped():
             return case
-        first = case.carrying(held)
-        (load,) = (at for at in first.candidates() if get_effect(at.effect).shown_by == 'load')
-        loaded = self._attribution(first, floor).refit((load,), np.append(theta, 0.0))
-        return case.carrying(payload_turns(joint, loaded.theta[: theta.size], floor) or held)
+        # The tool's mass in the machine file may be with the load or without: its bounds tell.
+        comes, goes = (self._loaded(case, h, theta, floor) for h in (held, _away(held)))
+        turned = goes.loss + _TURNED < comes.loss
+        best = goes if turned else comes
+        sharper = payload_turns(joint, best.theta[: theta.size], floor)
+        if sharper:
+            sharper = _away(sharper) if turned else sharper
+            if self._loaded(case, sharper, best.theta[: theta.size], floor).loss < best.loss:
+                return case.carrying(sharper)
+        return case.carrying(_away(held) if turned else held)
+
+    def _loaded(
+        self, case: Case, held: tuple[Array, ...], theta: Array, floor: Array
+    ) -> Explanation:
+        """Return the fit with a load that is carried when each recording (K,) says so."""
+        there = case.carrying(held)
+        (load,) = (at for at in there.candidates() if get_effect(at.effect).shown_by == 'load')
+        return self._attribution(there, floor).refit((load,), np.append(theta, 0.0))
 
     def _attribution(self, case: Case, floor: Array) -> Attribution:
         return Attribution(
@@ -301,6 +317,10 @@ class _Passes:
         found = explainer.explain(begun.base, begun.candidates, note)
         readings = _readings(explainer, found.chain[0], begun.candidates)
         verdict = judge(explainer, found, readings)
+        if verdict.limits and not set(found.chain[-1].effects) <= set(verdict.named):
+            # What stood in for the limit is no finding.
+            found = replace(found, chain=found.chain[:1], rivals=(), rests=())
+            verdict = replace(verdict, closed=0.0)
         if not clock.stopped():
             found, verdict = of_what_is_left(explainer, found, verdict, begun.report)
             found, verdict = of_constants(explainer, found, verdict)
@@ -337,6 +357,11 @@ class _Passes:
             clock.elapsed,
             self.seed,
         )
+
+
+def _away(held: tuple[Array, ...]) -> tuple[Array, ...]:
+    """Return for each recording (K,) the share of a load that is away."""
+    return tuple(1.0 - share for share in held)
 
 
 def _located(begun: _Pass, base: Explanation, seed: int) -> tuple[Finding, ...]:

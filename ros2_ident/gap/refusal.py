@@ -101,8 +101,8 @@ def of_what_is_left(
     """
     slow = report.of('rate') and report.of('command')
     # Steps of an encoder, and what only the controllers' log shows, are not closed by any fit.
-    known = verdict.readings or explainer.restores_law(found.chain[0], found.chain[-1])
-    if slow or known:
+    known = verdict.readings or verdict.limits
+    if slow or known or explainer.restores_law(found.chain[0], found.chain[-1]):
         return found, verdict
     case = explainer.attribution.case
     gap = np.sqrt(np.maximum(explainer.gap(found.chain[-1]), 0.0))

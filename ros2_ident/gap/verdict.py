@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is said in the end: verdict, probability, what it may be confused with, advice."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -44,7 +44,7 @@ class Temperatures:
     """
 
     size: float = 0.04
-    closed: float = 0.08
+    closed: float = 0.1
     escaped: float = 0.12
     believed: float = 0.9
     power: float = 5.0
@@ -82,6 +82,8 @@ class Verdict:
         readings: Encoders whose steps cause what is left on their drives.
         first: What has to be said before it: where log and machine file contradict each other, or
             why the model is not the machine's.
+        limits: Drives whose logged effort stays below what the control law asks for, and at what
+            size, where no fit repeats it.
     """
 
     effect: str
@@ -93,6 +95,7 @@ class Verdict:
     closed: float
     readings: tuple[CoarseReading, ...] = ()
     first: str = ''
+    limits: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def named(self) -> tuple[EffectAt, ...]:
@@ -134,7 +137,36 @@ def judge(
     left = [r for r in readings if gap[drives.index(r.drive)] >= explainer.rules.material]
     if left:
         return _with_readings(explainer, found, left, t)
-    return _judge(explainer, found, t)
+    return _with_limits(explainer, found, _judge(explainer, found, t), t)
+
+
+def _with_limits(
+    explainer: Explainer, found: Explained, plain: Verdict, t: Temperatures
+) -> Verdict:
+    """Answer where an effort stays below what its control law asks for, and no fit repeats that.
+
+    A limit that is no constant leaves nearly all of its gap, and the log shows it all the same.
+    """
+    effect = shown_by('flat_top')
+    of_all = 'all' in plain.where
+    shown = {
+        drive: size
+        for drive, size in explainer.attribution.limits.items()
+        if of_all or drive in plain.where
+    }
+    if effect is None or plain.effect != UNKNOWN or not found.complete or not shown:
+        return plain
+    first, *others = (EffectAt(effect.id, drive) for drive in shown)
+    # On such a drive anything may stand in for the limit.
+    beside = [at for at in found.chain[-1].effects if at.where not in shown]
+    return replace(
+        plain,
+        effect=first.effect,
+        where=(first.where,),
+        probability=t.believed,
+        also=(*others, *beside),
+        limits=shown,
+    )
 
 
 def _with_readings(
@@ -189,10 +221,13 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     size = explainer.size(base)
     closed = explainer.share(base, final) if len(found.chain) > 1 else 0.0
     missing = _sigmoid((size - rules.material) / t.size)
-    named = t.escaped
+    # Where none counts, the one that comes nearest may still be it in another form.
+    tried = found.rounds[0].fitted if found.rounds else ()
+    alone = max((explainer.share(base, e) for e in tried), default=0.0)
+    nearest = closed if len(found.chain) > 1 else alone
+    named = t.escaped + (1.0 - t.escaped) * _sigmoid((nearest - rules.closed) / t.closed)
     believed = violent = False
     if len(found.chain) > 1:
-        named += (1.0 - t.escaped) * _sigmoid((closed - rules.closed) / t.closed)
         # What is left may be immaterial however small its share. And where the outputs are too
         # violent to be repeated, the controllers' log still says it.
         restored = explainer.restores_law(base, final)
@@ -248,14 +283,19 @@ def _weigh(
     best = {e.effects[-1]: e for e in found.rounds[0].fitted}
     # Beside the other effects found a candidate says more than alone.
     for e in found.rivals[0] if found.rivals else ():
-        leads = len(e.effects) > 1 and e.effects[0] == final.effects[0]
-        best[e.effects[0] if leads else e.effects[-1]] = e
+        same = len(e.effects) > 1 and e.effects[0] == final.effects[0]
+        best[e.effects[0] if same else e.effects[-1]] = e
     if len(final.effects) == 1:
         # What came first may have been dropped since: the one left is fitted better than it was.
         best[final.effects[0]] = final
     weights = {}
+    leads = 1.0 - explainer.share(base, best.get(final.effects[0], base)) if final.effects else 1.0
     for at, e in best.items():
-        left = max(1.0 - explainer.share(base, e), 0.0) + t.mismatch
+        left = 1.0 - explainer.share(base, e)
+        if leads - explainer.rules.alike <= left < leads:
+            # One more number closes a little more, and is no evidence.
+            left = leads
+        left = max(left, 0.0) + t.mismatch
         weights[at] = 1.0 if violent else left**-t.power
         # The controllers' log is evidence of its own.
         if len(found.chain) > 1 and explainer.contradicted(e, final):
