@@ -34,7 +34,8 @@ def test_an_entry_holds_what_a_reader_needs(effect) -> None:
     for part in (effect.equation, effect.source, effect.family, *effect.confusable):
         assert part in text
     for parameter in effect.parameters:
-        assert f'| `{parameter.name}` | {parameter.unit} |' in text
+        told = parameter.meaning or '-'
+        assert f'| `{parameter.name}` | {told} | {parameter.unit} |' in text
     assert '{drive}' not in text
 
 

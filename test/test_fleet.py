@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from ros2_ident import fleet, sources
@@ -175,6 +176,29 @@ def test_one_machine_that_is_off_does_not_make_the_others_differ() -> None:
     (told,) = summary['machines']
     assert (told['machine'], told['against']) == ('d', 'median of the machines')
     assert told['reference'] == pytest.approx(100.015)
+
+
+def test_a_value_that_is_hardly_known_does_not_hide_how_the_others_differ() -> None:
+    rows = [row(name, name, '', mass) for name, mass in zip('abc', (100, 100.1, 104), strict=True)]
+    vague = row('d', 'd', '', 60.0)
+    vague['parameters']['mass'].update(low=0.0, high=120.0)
+    assert {x['machine'] for x in fleet.summarise([*rows, vague])['machines']} == {'c'}
+    unknown = row('d', 'd', '', 60.0)
+    unknown['parameters']['mass'].update(low=None, high=None)
+    assert fleet.summarise([*rows, unknown])['machines'] == []
+
+
+def test_of_equal_machines_known_unequally_well_hardly_any_differs() -> None:
+    random = np.random.default_rng(3)
+    told = 0
+    for _ in range(200):
+        rows = []
+        for name, half in zip('abcd', 10.0 ** random.uniform(-1, 1, 4), strict=True):
+            rows.append(row(name, name, '', 100.0 + float(random.normal()) * half / 1.96))
+            value = rows[-1]['parameters']['mass']
+            value.update(low=value['value'] - half, high=value['value'] + half)
+        told += bool(fleet.summarise(rows)['machines'])
+    assert told <= 20
 
 
 def test_effects_after_the_first_are_in_the_summary_too() -> None:

@@ -6,6 +6,7 @@ from html.parser import HTMLParser
 import json
 import math
 import re
+from types import SimpleNamespace
 
 from bokeh.models import GlyphRenderer
 from bokeh.plotting import figure
@@ -23,6 +24,7 @@ from ros2_ident.cli.main import main
 from ros2_ident.cli.report import page_line
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.compose import _hidden_by_noise
 from ros2_ident.gap.diagnosis import DriveGap, to_mapping
 from ros2_ident.gap.maps import chosen
 from ros2_ident.identify.result import Outcome
@@ -37,6 +39,7 @@ from ros2_ident.report.page.numbers import (
     from_to,
     number,
     percent,
+    plus_minus,
     precision,
     prose,
     shares,
@@ -318,11 +321,11 @@ def test_the_first_screen_answers_four_questions(both):
     assert (second.drive, second.after, second.note) == ('drive_2', None, 'noise only')
     (closes,) = said.closes
     assert closes == (
-        '97 % of the squared residual above the noise goes (95 % interval: 95 % to 98 %).'
+        '97 % of the squared gap above the noise closes (95 % interval: 95 to 98 %).'
     )
     law, values, motion = said.steps
     (stribeck,) = law.laws
-    assert stribeck.numbers == (('M_S', 'torque', '0.08 ± 0.01 N m'),)
+    assert stribeck.numbers == (('M_S', 'friction added at rest', '0.080 ± 0.010 N m'),)
     assert values.code == 'drive_1.coulomb_torque: 0.05  # N m; 0.08 before'
     assert motion.code == (
         'ident diagnose bags/fit --check NEW_BAG --machine MACHINE.yaml --out runs/one_next'
@@ -330,6 +333,71 @@ def test_the_first_screen_answers_four_questions(both):
     # The noise floor's multiples are detail, not the answer.
     everything = ' '.join([said.headline, *said.sure, *said.closes])
     assert 'times' not in everything
+
+
+def test_a_fault_of_the_log_is_no_fault_of_the_simulation(both):
+    data = content(both)
+    smoothed = {'effect': 'effort_smoothing', 'where': ['all']}
+    verdict = {**data['verdict'], **smoothed}
+    said = of_diagnosis({**data, 'verdict': verdict}, 'out')
+    assert said.headline == 'The logged effort is off, not the simulation: smoothed effort.'
+    also = [{'effect': 'stribeck', 'where': ['drive_1']}]
+    said = of_diagnosis({**data, 'verdict': verdict, 'also': also}, 'out')
+    assert said.headline == (
+        'Stribeck friction on drive_1 is missing in the simulation; '
+        'the logged effort is off, too: smoothed effort.'
+    )
+
+
+def test_where_nothing_is_found_the_headline_says_what_could_hide(both):
+    data = content(both)
+    verdict = {**data['verdict'], 'effect': 'none', 'where': [], 'probability': 1.0}
+    evidence = {**data['evidence'], 'size': 0.1, 'material': 0.45}
+    none = {**data, 'verdict': verdict, 'also': [], 'confusable': [], 'evidence': evidence}
+    said = of_diagnosis(none, 'out')
+    largest = max(d['noise_floor'] for d in data['gap']['per_drive'].values())
+    assert said.headline == (
+        f'Nothing found missing above {0.45 * largest:.2g} N m: what is left is noise.'
+    )
+    assert said.sure[0] == 'Over 99 % that nothing larger is missing.'
+    # The sentence of the diagnosis itself, for noise that may be a gap.
+    floor = SimpleNamespace(per_drive=(0.3, 0.1), low=(0.1, 0.1))
+    advice = list(_hidden_by_noise(SimpleNamespace(effect='none'), floor, ('a', 'b'), 'N m'))
+    assert len(advice) == 1
+    said = of_diagnosis({**none, 'advice': advice}, 'out')
+    assert said.headline.endswith('but slow noise may hide more.')
+    assert 'noise' in said.sure[0]
+    assert said.careful[0] == advice[0] and said.level == 'doubtful'
+
+
+def test_numbers_that_are_known_together_only_are_given_together(both):
+    data = content(both)
+    wide = {n: dict(v) for n, v in data['parameters'].items()}
+    (size,) = [n for n in wide if n.endswith('stribeck.torque')]
+    wide[size].update(low=-9.0, high=9.0)
+    name = 'drive_1.viscous_torque'
+    wide[name] = {'value': 1.01, 'low': 0.9, 'high': 1.1, 'unit': 'N m s/m', 'at_bound': False}
+    nominal = {**data['nominal'], name: 1.0}
+    moved = {**data['moved'], name: 0.01}
+    known = {**data, 'parameters': {**data['parameters'], name: wide[name]}, 'moved': moved}
+    assert name not in of_diagnosis({**known, 'nominal': nominal}, 'out').steps[1].code
+    loose = {**known, 'nominal': nominal, 'parameters': wide}
+    law, values, *_ = of_diagnosis(loose, 'out').steps
+    assert law.loose and 'not determined' in law.laws[0].numbers[0][2]
+    assert values.text.startswith('Set these parameters with them')
+    assert name in values.code
+
+
+def test_dots_that_would_overlap_are_one():
+    axis = charts._Axis(0.0, 1.0, 0.0, 100.0)
+    line = {
+        'heading': 'both', 'place': [0.1, 0.12, 0.5], 'mean': [1.0, 3.0, 5.0],
+        'half': [0.3, 0.4, 0.1],
+    }
+    merged = charts._merged(line, axis)
+    assert merged['place'] == pytest.approx([0.11, 0.5])
+    assert merged['mean'] == pytest.approx([2.0, 5.0])
+    assert merged['half'] == pytest.approx([0.25, 0.1])
 
 
 def test_a_rival_brings_the_motion_that_tells_it_apart(both):
@@ -345,7 +413,9 @@ def test_a_rival_brings_the_motion_that_tells_it_apart(both):
 def test_a_diagnosis_says_what_moves_and_what_cannot_be_seen(both):
     data = content(both)
     assert 'drive_1.coulomb_torque (−37.5 %)' in moved(data)
-    assert hidden(data) == 'This motion cannot show: rod-length error.'
+    assert hidden(data) == [('rod-length error', 'the machine')]
+    everywhere = [{'effect': 'backlash', 'where': [d]} for d in data['gap']['per_drive']]
+    assert hidden({**data, 'not_testable': everywhere}) == [('backlash', 'any drive')]
 
 
 def test_warnings_that_differ_in_drive_and_figures_are_one():
@@ -415,7 +485,10 @@ def test_the_picture_of_the_first_screen_draws_the_law_through_the_residual(both
     ((_, places, law),) = charts._laws(velocity)
     gone = np.subtract(velocity['before'][0]['mean'], velocity['after'][0]['mean'])
     assert law == pytest.approx(gone) and np.abs(law).max() > 0.02
-    assert len(others) == len(data['maps']) - 1
+    # What lags behind the motion and what depends on time are one picture, over the time.
+    titles = [c.title for c in others]
+    assert titles == ['drive_1: measured minus simulated effort over the time']
+    assert len(data['maps']) == 3
     nothing, _ = charts.all_of(data, '')
     assert nothing.law == '' and 'class="law' not in nothing.svg
 
@@ -619,6 +692,25 @@ def test_shares_that_say_nothing_are_words():
     told = '<span class="shown">--out</span> a&lt;b'
     assert command('ident report --out a<b') == f'ident report {told}'
     assert prose('0.5 m/s, 1 s, 3 N, 4 sets') == '0.5\xa0m/s, 1\xa0s, 3\xa0N, 4 sets'
+
+
+@pytest.mark.parametrize(
+    ('value', 'half', 'text'),
+    [
+        (0.99962, 0.00044, '0.99962 ± 0.00044'),
+        (-0.93, 0.2, '−0.93 ± 0.20'),
+        (12345.0, 1234.0, '12300 ± 1200'),
+        (2.4e-6, 3.1e-7, '(2.40 ± 0.31)·10⁻⁶'),
+        (2.0, 0.0, '2 ± 0'),
+    ],
+)
+def test_a_value_ends_where_its_interval_does(value, half, text):
+    assert plus_minus(value, half, '1') == text
+    assert plus_minus(value, half, 'N m') == f'{text} N m'
+
+
+def test_no_zero_has_a_sign():
+    assert number(-0.0) == '0' and change(-1e-4) == '0.0 %' and change(-4e-3, 0) == '0 %'
 
 
 def test_pairs_of_numbers_have_the_same_decimals():

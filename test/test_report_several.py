@@ -103,7 +103,15 @@ def test_the_page_of_a_fleet_says_who_drifted_and_who_failed(tmp_path):
     assert '1 machine has drifted, 1 machine differs from the others' in text
     assert 'a: mass drifted from 2\xa0kg (a_1) to 3\xa0kg (a_2) (+50.0' in text
     assert 'the simulation lacks Stribeck friction in 1 recording' in text
-    assert 'b_1: Stribeck friction &lt;axis&gt;. Probability 93\xa0%.' in text
+    assert 'b_1: Stribeck friction &lt;axis&gt;, probability 93\xa0%.' in text
+    rows[3]['gap'] = {
+        'axis': {'before': 1.39, 'after': 0.303, 'share_before': 0.026, 'share_after': 0.0057}
+    }
+    write_summary(tmp_path, rows)
+    assert (
+        'b_1: Stribeck friction on axis, probability 93\xa0%. '
+        'axis: residual 1.39 → 0.30\xa0N, 2.60 → 0.57\xa0% of the effort'
+    ) in write_report(tmp_path).read_text()
     assert '<section id="answer" class="answer bad"' in text, 'one recording failed'
     assert text.count('Inspect a: mass changed.') == 1, 'once, with its latest recording'
     assert 'ident diagnose &#39;bags/a 2&#39; <span class="shown">--machine</span> a.yaml' in text
@@ -116,7 +124,7 @@ def test_the_page_of_a_fleet_says_who_drifted_and_who_failed(tmp_path):
 
 def test_what_chance_may_explain_does_not_differ_on_the_page_of_a_fleet(tmp_path):
     # beyond its own 95 % interval, but not over all comparisons of the fleet
-    rows = [row(name, 1, mass) for name, mass in zip('abcdefgh', [2.0] * 7 + [2.15], strict=True)]
+    rows = [row(name, 1, mass) for name, mass in zip('abcdefgh', [2.0] * 7 + [2.14], strict=True)]
     write_summary(tmp_path, rows)
     text = write_report(tmp_path).read_text()
     assert 'none differs from the others' in text and ', differs' not in text

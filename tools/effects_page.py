@@ -61,6 +61,7 @@ def _row(parameter: EffectParameter, hook: Hook) -> str:
     starts = ', '.join(map(_number, parameter.starts)) or '-'
     cells = [
         f'`{parameter.name}`',
+        parameter.meaning or '-',
         parameter.unit,
         parameter.symbol or '-',
         f'{_number(parameter.low)} to {_number(parameter.high)}',
@@ -75,7 +76,7 @@ def _row(parameter: EffectParameter, hook: Hook) -> str:
 
 
 def _table(effect: Effect) -> list[str]:
-    head = ['parameter', 'unit', 'symbol', 'bounds', 'neutral', 'role', 'starts']
+    head = ['parameter', 'meaning', 'unit', 'symbol', 'bounds', 'neutral', 'role', 'starts']
     if effect.hook is Hook.PARAMETER:
         head.append('acts on')
     return [

@@ -20,7 +20,11 @@ EFFECT = Effect(
     title='backlash',
     equation='gear force from the deflection less its part within +-b/2',
     source='Nordin and Gutman, Automatica 38(10), 2002',
-    parameters=(EffectParameter('gap', 'm', 0.0, 2e-3, 0.0, starts=(1e-4, 5e-4), symbol='b'),),
+    parameters=(
+        EffectParameter(
+            'gap', 'm', 0.0, 2e-3, 0.0, starts=(1e-4, 5e-4), symbol='b', meaning='whole play'
+        ),
+    ),
     hook=Hook.DEFLECTION,
     kernel=_kernel,
     place='drive',

@@ -20,7 +20,16 @@ EFFECT = Effect(
     source='Khatib/FloBaRoID catalogue of disturbance forces; Hooke',
     parameters=(
         EffectParameter('stiffness', 'N/m', -300.0, 300.0, 0.0, symbol='k'),
-        EffectParameter('rest', 'm', -1.0, 2.0, 0.5, role='position', symbol='s_0'),
+        EffectParameter(
+            'rest',
+            'm',
+            -1.0,
+            2.0,
+            0.5,
+            role='position',
+            symbol='s_0',
+            meaning='position without force',
+        ),
     ),
     hook=Hook.CARRIAGE_FORCE,
     kernel=_kernel,

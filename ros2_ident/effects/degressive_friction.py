@@ -19,9 +19,25 @@ EFFECT = Effect(
     equation='M_D tanh(v/v_D) added to the friction torque, v_D well above the regularisation',
     source='Weigand, Ulmen, Janot, Ruskowski 2021, friction model of the KR 300',
     parameters=(
-        EffectParameter('torque', 'effort', 0.0, 0.5, 0.0, symbol='M_D'),
         EffectParameter(
-            'velocity', 'm/s', 0.01, 1.0, 0.1, starts=(0.03, 0.1, 0.3), role='shape', symbol='v_D'
+            'torque',
+            'effort',
+            0.0,
+            0.5,
+            0.0,
+            symbol='M_D',
+            meaning='friction once it has levelled off',
+        ),
+        EffectParameter(
+            'velocity',
+            'm/s',
+            0.01,
+            1.0,
+            0.1,
+            starts=(0.03, 0.1, 0.3),
+            role='shape',
+            symbol='v_D',
+            meaning='speed at which it levels off',
         ),
     ),
     hook=Hook.FRICTION,

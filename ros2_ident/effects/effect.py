@@ -153,6 +153,7 @@ class EffectParameter:
             does.
         how: With a target: whether it is added to the row, multiplied with it, or replaces it.
         symbol: Its sign in the effect's equation; empty where it has none there.
+        meaning: What it is, in words, where its name alone does not say it.
     """
 
     name: str
@@ -165,6 +166,7 @@ class EffectParameter:
     target: str = ''
     how: Literal['add', 'scale', 'set'] = 'add'
     symbol: str = ''
+    meaning: str = ''
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,15 @@ EFFECT = Effect(
     source='Gustafsson, IEEE TSP 44(4), 1996; usual for published identification data',
     parameters=(
         EffectParameter(
-            'period', 's', 0.0, 1.5, 0.0, target='log_smoothing', starts=(0.05, 0.2, 0.6)
+            'period',
+            's',
+            0.0,
+            1.5,
+            0.0,
+            target='log_smoothing',
+            starts=(0.05, 0.2, 0.6),
+            symbol='T',
+            meaning='period of the cut-off',
         ),
     ),
     hook=Hook.PARAMETER,

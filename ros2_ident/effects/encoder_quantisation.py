@@ -19,7 +19,11 @@ EFFECT = Effect(
     title='encoder quantisation',
     equation='position rounded to whole steps',
     source='least significant bit of an encoder',
-    parameters=(EffectParameter('step', 'm', 0.0, 5e-4, 0.0, starts=(2e-5, 1e-4)),),
+    parameters=(
+        EffectParameter(
+            'step', 'm', 0.0, 5e-4, 0.0, starts=(2e-5, 1e-4), meaning='step of the encoder'
+        ),
+    ),
     hook=Hook.READING,
     kernel=_kernel,
     place='drive',

@@ -14,7 +14,14 @@ EFFECT = Effect(
     source='structural dynamics, one mode',
     parameters=(
         EffectParameter(
-            'inverse_mass', '1/kg', 0.0, 0.2, 0.0, target='frame_inverse_mass', symbol='q'
+            'inverse_mass',
+            '1/kg',
+            0.0,
+            0.2,
+            0.0,
+            target='frame_inverse_mass',
+            symbol='q',
+            meaning="inverse of the frame's modal mass",
         ),
         EffectParameter(
             'frequency',

@@ -31,8 +31,24 @@ EFFECT = Effect(
     equation='friction times (1 + a (1 - exp(-t/T))) exp(b w); T dw/dt = friction power - w',
     source='Bittencourt and Gunnarsson, J. Dyn. Syst. Meas. Control 134(5), 2012',
     parameters=(
-        EffectParameter('share', '1', -0.9, 1.0, 0.0, symbol='a'),
-        EffectParameter('heating', '1/W', -300.0, 100.0, 0.0, symbol='b'),
+        EffectParameter(
+            'share',
+            '1',
+            -0.9,
+            1.0,
+            0.0,
+            symbol='a',
+            meaning='share by which friction ends up changed',
+        ),
+        EffectParameter(
+            'heating',
+            '1/W',
+            -300.0,
+            100.0,
+            0.0,
+            symbol='b',
+            meaning='change per power of friction',
+        ),
         EffectParameter(
             'time_constant',
             's',

@@ -16,7 +16,15 @@ EFFECT = Effect(
     equation='a share of the moved mass hangs on a spring-damper behind the motor',
     source='Spong, J. Dyn. Syst. Meas. Control 109(4), 1987',
     parameters=(
-        EffectParameter('share', '1', 0.0, 0.95, 0.0, target='load_share'),
+        EffectParameter(
+            'share',
+            '1',
+            0.0,
+            0.95,
+            0.0,
+            target='load_share',
+            meaning='share of the mass behind the spring',
+        ),
         EffectParameter(
             'frequency',
             'Hz',
@@ -27,9 +35,18 @@ EFFECT = Effect(
             role='shape',
             target='load_frequency',
             how='set',
+            meaning='frequency with the motor held',
         ),
         EffectParameter(
-            'damping', '1', 0.001, 1.0, 0.05, role='shape', target='load_damping', how='set'
+            'damping',
+            '1',
+            0.001,
+            1.0,
+            0.05,
+            role='shape',
+            target='load_damping',
+            how='set',
+            meaning='damping ratio',
         ),
     ),
     hook=Hook.PARAMETER,

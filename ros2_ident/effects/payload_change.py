@@ -12,7 +12,15 @@ EFFECT = Effect(
     parameters=(
         EffectParameter('mass', 'kg', -1.0, 1.0, 0.0, target='payload_step', symbol='dm'),
         EffectParameter(
-            'time', 's', 0.0, 3600.0, 0.0, role='time', target='payload_time', symbol='t_0'
+            'time',
+            's',
+            0.0,
+            3600.0,
+            0.0,
+            role='time',
+            target='payload_time',
+            symbol='t_0',
+            meaning='when it is taken up',
         ),
         EffectParameter(
             'duration',
@@ -25,6 +33,7 @@ EFFECT = Effect(
             target='payload_duration',
             how='set',
             symbol='T',
+            meaning='how long it is carried',
         ),
     ),
     hook=Hook.PARAMETER,

@@ -21,7 +21,16 @@ EFFECT = Effect(
     equation='friction direction h instead of sgn v: dh/dx = (1 - h sgn v)/delta',
     source='Dahl, A solid friction model, 1968',
     parameters=(
-        EffectParameter('way', 'm', 2e-6, 2e-3, 2e-6, starts=(5e-5, 3e-4), symbol='delta'),
+        EffectParameter(
+            'way',
+            'm',
+            2e-6,
+            2e-3,
+            2e-6,
+            starts=(5e-5, 3e-4),
+            symbol='delta',
+            meaning='distance over which friction builds up',
+        ),
     ),
     hook=Hook.SIGN,
     kernel=_kernel,

@@ -18,7 +18,11 @@ EFFECT = Effect(
     title='quadratic drag',
     equation='Q v |v| added to the friction torque',
     source='MuJoCo dcmotor note; nonlinear viscous friction',
-    parameters=(EffectParameter('torque', 'effort s^2/m^2', 0.0, 5.0, 0.0, symbol='Q'),),
+    parameters=(
+        EffectParameter(
+            'torque', 'effort s^2/m^2', 0.0, 5.0, 0.0, symbol='Q', meaning='coefficient'
+        ),
+    ),
     hook=Hook.FRICTION,
     kernel=_kernel,
     place='drive',

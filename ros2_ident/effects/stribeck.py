@@ -20,7 +20,9 @@ EFFECT = Effect(
     equation='M_S exp(-(v/v_S)^2) sgn v added to the friction torque',
     source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
     parameters=(
-        EffectParameter('torque', 'effort', 0.0, 0.25, 0.0, symbol='M_S'),
+        EffectParameter(
+            'torque', 'effort', 0.0, 0.25, 0.0, symbol='M_S', meaning='friction added at rest'
+        ),
         EffectParameter(
             'velocity',
             'm/s',
@@ -30,6 +32,7 @@ EFFECT = Effect(
             starts=(0.01, 0.03, 0.08),
             role='shape',
             symbol='v_S',
+            meaning='speed over which it fades',
         ),
     ),
     hook=Hook.FRICTION,

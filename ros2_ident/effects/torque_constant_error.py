@@ -19,8 +19,20 @@ EFFECT = Effect(
     equation='logged effort times g; motor torque a times the commanded one',
     source='MuJoCo dcmotor note; gap between current and torque',
     parameters=(
-        EffectParameter('factor', '1', 0.7, 1.4, 1.0, target='log_gain', how='scale', symbol='g'),
-        EffectParameter('actuator', '1', 0.7, 1.4, 1.0, symbol='a'),
+        EffectParameter(
+            'factor',
+            '1',
+            0.7,
+            1.4,
+            1.0,
+            target='log_gain',
+            how='scale',
+            symbol='g',
+            meaning='factor on the logged effort',
+        ),
+        EffectParameter(
+            'actuator', '1', 0.7, 1.4, 1.0, symbol='a', meaning='factor on the motor torque'
+        ),
     ),
     hook=Hook.COMMAND,
     kernel=_kernel,

@@ -20,8 +20,8 @@ EFFECT = Effect(
     equation='A sin(n gear z) + B cos(n gear z) added to the motor torque',
     source='Holtz and Springob, IEEE TIE 43(2), 1996',
     parameters=(
-        EffectParameter('sine', 'effort', -0.25, 0.25, 0.0, symbol='A'),
-        EffectParameter('cosine', 'effort', -0.25, 0.25, 0.0, symbol='B'),
+        EffectParameter('sine', 'effort', -0.25, 0.25, 0.0, symbol='A', meaning='sine part'),
+        EffectParameter('cosine', 'effort', -0.25, 0.25, 0.0, symbol='B', meaning='cosine part'),
         EffectParameter(
             'order',
             '1',
@@ -47,6 +47,7 @@ EFFECT = Effect(
             ),
             role='order',
             symbol='n',
+            meaning='periods per motor turn',
         ),
     ),
     hook=Hook.TORQUE,

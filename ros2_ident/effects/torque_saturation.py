@@ -19,6 +19,7 @@ EFFECT = Effect(
             target='torque_limit',
             how='scale',
             starts=(0.04, 0.06, 0.09, 0.13, 0.2, 0.3, 0.45),
+            meaning='share of the torque limit',
         ),
     ),
     hook=Hook.PARAMETER,

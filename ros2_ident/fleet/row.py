@@ -113,6 +113,16 @@ def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
         'also': [{'effect': x.effect, 'where': x.where} for x in verdict.also],
         'probability': verdict.probability,
         'verdict': verdict.sentence,
+        'gap': {
+            name: {
+                'before': g.before,
+                'after': g.after,
+                'share_before': g.before / g.torque_rms,
+                'share_after': g.after / g.torque_rms,
+            }
+            for name, g in verdict.per_drive.items()
+            if g.torque_rms > 0.0
+        },
         'complete': verdict.complete,
     }
 

@@ -10,6 +10,8 @@ from pathlib import Path
 import statistics
 from typing import Any
 
+import numpy as np
+
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import write_text
 from ros2_ident.fleet.row import Row
@@ -17,6 +19,8 @@ from ros2_ident.gap.verdict import REFUSED
 
 # Probability that a drift is said where there is none, over all comparisons of a fleet.
 LEVEL = 0.05
+# Fleets of equal machines that the interval of a median is taken from.
+DRAWS = 2000
 
 
 def sound(row: Row) -> bool:
@@ -50,6 +54,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         if name in of_one[0]['parameters']
     ]
     latest = [of_one[-1] for of_one in by_machine.values()]
+    medians = _medians(latest)
     machines = []
     for number, row in enumerate(latest):
         for name in row['parameters']:
@@ -57,9 +62,8 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
             # What one of two machines is against the other has been said by the first.
             if others and not (len(others) == 1 and others[0] in latest[:number]):
                 against, other = others[0]['machine'], others[0]['parameters'][name]
-                if len(others) > 1:
-                    all_of = [r['parameters'][name] for r in (row, *others)]
-                    against, other = 'median of the machines', _median(all_of)
+                if name in medians:
+                    against, other = 'median of the machines', medians[name]
                 machines.append(_difference(name, row, other, against))
     effects: dict[str, list[str]] = {}
     for row in done:
@@ -82,10 +86,27 @@ def _half(value: Mapping[str, Any]) -> float:
     return 0.5 * (float(value['high']) - float(value['low']))
 
 
+def _medians(rows: Sequence[Row]) -> dict[str, Row]:
+    """Return the median of each parameter that three machines or more have."""
+    values: dict[str, list[Row]] = {}
+    for row in rows:
+        for name, value in row['parameters'].items():
+            values.setdefault(name, []).append(value)
+    return {name: _median(of) for name, of in values.items() if len(of) > 2}
+
+
 def _median(values: Sequence[Mapping[str, Any]]) -> Row:
-    """Return the median, as sure as that of many normal values is: sqrt(pi / 2) of the mean."""
+    """Return the median with the 95 % interval that it has among equal machines.
+
+    It is drawn from their intervals: no formula holds for few values that are known unequally
+    well. One that is hardly known does not hide how the others differ.
+    """
     middle = statistics.median(float(v['value']) for v in values)
-    half = math.sqrt(0.5 * math.pi * sum(_half(v) ** 2 for v in values)) / len(values)
+    halves = np.array([_half(v) for v in values])
+    if not np.isfinite(halves).all():
+        return {'value': middle, 'low': None, 'high': None}
+    draws = np.random.default_rng(0).normal(size=(DRAWS, len(values))) * halves / 1.96
+    half = float(np.quantile(np.abs(np.median(draws, axis=1)), 0.95))
     return {'value': middle, 'low': middle - half, 'high': middle + half}
 
 

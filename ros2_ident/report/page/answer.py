@@ -10,6 +10,7 @@ from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.report.page import sentences, steps
 from ros2_ident.report.page.numbers import (
     from_to,
+    number,
     percent,
     precision,
     quantity,
@@ -27,6 +28,8 @@ GRAVE = ('error', 'fail')
 PARAMETERS = 10
 # A gap left above the noise, in units of the noise floor, that wants a cause of its own.
 UNEXPLAINED = 1.0
+# What the advice on a gap that noise may hide says, of all advice.
+_SLOW_NOISE = 'so slow that it can be noise'
 # A share that is as good as all.
 NEARLY_ALL = 0.995
 
@@ -114,12 +117,7 @@ def of_diagnosis(data: Mapping[str, Any], out: str) -> Answer:
 def _headline(data: Mapping[str, Any]) -> str:
     verdict = data['verdict']
     if verdict['effect'] == 'none':
-        small = (data['evidence']['size'] or 0.0) < (data['evidence']['material'] or 0.0)
-        return (
-            'Nothing is missing in the simulation: what is left is noise.'
-            if small
-            else 'Nothing can be named: what is left is too small to tell its cause.'
-        )
+        return _nothing(data)
     if verdict['effect'] in steps.REFUSALS:
         return steps.REFUSALS[verdict['effect']][0]
     if verdict['effect'] == 'unknown':
@@ -130,9 +128,36 @@ def _headline(data: Mapping[str, Any]) -> str:
             f'Something is missing in the simulation of {where}, and no known effect explains it.'
         )
     found = effects_found(data)
-    said = sentences.effects_named(found)
-    verb = 'is' if len(found) == 1 else 'are'
-    return f'{said[0].upper()}{said[1:]} {verb} missing in the simulation.'
+    of_log = [at for at in found if sentences.of_log(at['effect'])]
+    missing = [at for at in found if at not in of_log]
+    distorted = sentences.effects_named(of_log) if of_log else ''
+    if not missing:
+        return f'The logged effort is off, not the simulation: {distorted}.'
+    said = sentences.effects_named(missing)
+    verb = 'is' if len(missing) == 1 else 'are'
+    too = f'; the logged effort is off, too: {distorted}' if of_log else ''
+    return f'{said[0].upper()}{said[1:]} {verb} missing in the simulation{too}.'
+
+
+def _nothing(data: Mapping[str, Any]) -> str:
+    """Return the headline where no effect is named: how large one could be and not be found."""
+    if (data['evidence']['size'] or 0.0) >= (data['evidence']['material'] or 0.0):
+        return 'Nothing can be named: what is left is too small to tell its cause.'
+    limit = quantity(_limit(data), data['gap']['unit'], 2)
+    if _hidden_by_noise(data):
+        return f'Nothing found missing above {limit}, but slow noise may hide more.'
+    return f'Nothing found missing above {limit}: what is left is noise.'
+
+
+def _limit(data: Mapping[str, Any]) -> float:
+    """Return the gap, RMS, that counts on every drive."""
+    floors = [d['noise_floor'] or 0.0 for d in data['gap']['per_drive'].values()]
+    return float(data['evidence']['material'] or 0.0) * max(floors, default=0.0)
+
+
+def _hidden_by_noise(data: Mapping[str, Any]) -> list[str]:
+    """Return the advice on a gap that noise may hide."""
+    return [text for text in data['advice'] if _SLOW_NOISE in text]
 
 
 def _chance(probability: float | None) -> str:
@@ -151,7 +176,9 @@ def _sure(data: Mapping[str, Any]) -> Iterator[str]:
         yield verdict['sentence']
     elif data['complete'] or verdict['probability']:
         that = {
-            'none': 'that nothing is missing',
+            'none': 'that nothing larger is missing, as far as noise can tell'
+            if _hidden_by_noise(data)
+            else 'that nothing larger is missing',
             'unknown': 'that the cause is none of the effects tried',
         }.get(verdict['effect'], _cause(data))
         yield f'{_chance(verdict["probability"])} {that}.'
@@ -163,7 +190,7 @@ def _sure(data: Mapping[str, Any]) -> Iterator[str]:
 
 def _cause(data: Mapping[str, Any]) -> str:
     if data['also']:
-        return f'that {effect_name(data["verdict"])}, the first of these, is a cause'
+        return f'that {effect_name(data["verdict"])}, found first, is a cause'
     return f'that this is the cause, and {steps.places(data["verdict"]["where"])} the place'
 
 
@@ -215,8 +242,8 @@ def _closes(data: Mapping[str, Any]) -> Iterator[str]:
         said = 'Nearly all' if share >= NEARLY_ALL else percent(share)
         told = ''
         if None not in (low, high) and low < NEARLY_ALL:
-            told = f' (95 % interval: {percent(low)} to {percent(high)})'
-        yield f'{said} of the squared residual above the noise goes{told}.'
+            told = f' (95 % interval: {number(100.0 * low, 2)} to {percent(high)})'
+        yield f'{said} of the squared gap above the noise closes{told}.'
         if _unexplained(data):
             yield 'No effect of the catalogue explains the rest.'
     more = len(gap['per_drive']) - LISTED
@@ -231,6 +258,7 @@ def _unexplained(data: Mapping[str, Any]) -> bool:
 def _careful(data: Mapping[str, Any]) -> Iterator[str]:
     if not data['complete']:
         yield 'The run was cut short: effects not tried by then may close more of the gap.'
+    yield from _hidden_by_noise(data)
     odd = [g['sentence'] for g in data['gates'] if g['level'] not in ('ok', *GRAVE)]
     yield from joined([text for text in odd if text not in data['verdict']['sentence']])
     ends = [name for name, v in data['parameters'].items() if v['at_bound']]

@@ -36,7 +36,7 @@ Facts = list[tuple[str, str]]
 
 # How the noise floor was found, in words.
 FLOORS = {
-    'prediction': 'what nothing predicts, neither the motion nor the samples before',
+    'prediction': 'what neither the motion nor the samples before predict',
     'repeats': 'what differs between repeats of the same motion',
     'high frequency': 'what lies above the band of the motion',
 }
@@ -72,9 +72,7 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
     return write_text(target, _render(folder, result, diagnosis))
 
 
-def _render(
-    folder: Path, result: Identification | None, diagnosis: dict[str, Any] | None
-) -> str:
+def _render(folder: Path, result: Identification | None, diagnosis: dict[str, Any] | None) -> str:
     context: dict[str, Any] = {
         'title': _title(result, diagnosis),
         'lead': _lead(result, diagnosis),

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ros2_ident.report.page.numbers import number, unit_of
+from ros2_ident.report.page.numbers import change, number, unit_of
 from ros2_ident.report.page.sentences import effect_name
 
 # Effects that are listed.
@@ -47,7 +47,7 @@ def steps(gap: Mapping[str, Any]) -> list[Bar]:
         name = 'nominal simulation' if k == 0 else f'with {step["label"]}'
         text = f'{number(step["value"], 3)} {unit}'
         if k:
-            text += f' ({100.0 * (step["value"] / known[k - 1]["value"] - 1.0):+.0f} %)'
+            text += f' ({change(step["value"] / known[k - 1]["value"] - 1.0, 0)})'
         ends = None
         if None not in (step['low'], step['high']):
             ends = (step['low'] / longest, step['high'] / longest)

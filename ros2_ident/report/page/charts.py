@@ -19,13 +19,16 @@ from ros2_ident.report.page.numbers import number, unit_of
 Array = npt.NDArray[np.float64]
 
 WIDTH, HEIGHT = 560.0, 330.0
-_LEFT, _RIGHT, _TOP, _BOTTOM = 70.0, 10.0, 10.0, 52.0
+_SIDES = ('before', 'after')
+_LEFT, _RIGHT, _TOP, _BOTTOM = 84.0, 10.0, 10.0, 52.0
 # Nothing is drawn across a gap of this share of the width.
 _EMPTY = 0.3
+# Dots nearer to each other than this, in pixels, are drawn as one.
+_NEAR = 9.0
 # A picture over the speed is read at once: it goes before one that shows hardly more.
 FAMILIAR = 1.25
 # What stands for a coordinate in a sentence.
-NAMES = {'load': 'transmitted load', 'torque': 'simulated effort'}
+NAMES = {'load': 'transmitted load', 'torque': 'simulated effort', 'lagging friction': 'time'}
 
 
 @dataclass(frozen=True)
@@ -132,8 +135,11 @@ def picture(found: Mapping[str, Any], effects: str = '') -> Chart | None:
     if not before:
         return None
     spectrum = found['coordinate'] == 'frequency'
-    laws = _laws(found) if effects else []
     x = _x_axis(before, -1.0 if spectrum else float(found['linear']))
+    if not spectrum:
+        found = {**found, **{k: [_merged(line, x) for line in found[k]] for k in _SIDES}}
+        before = [line for line in found['before'] if line['place']]
+    laws = _laws(found) if effects else []
     y = _y_axis(found, before, laws, spectrum)
     parts = [*_frame(found, x, y, spectrum)]
     for line in before:
@@ -152,6 +158,29 @@ def picture(found: Mapping[str, Any], effects: str = '') -> Chart | None:
     verb = 'add' if effects == 'the effects' else 'adds'
     what = f'left with {effects}' if spectrum else f'what {effects} {verb} to the simulation'
     return Chart(svg, title, headings, what if laws else '', summary, x.linear > 0.0)
+
+
+def _merged(line: Mapping[str, Any], x: _Axis) -> Mapping[str, Any]:
+    """Return a line whose bins lie apart on the picture: those that would overlap as their mean.
+
+    Bins hold equally many samples, so that means of bins are means of samples.
+    """
+    if not line['place']:
+        return line
+    at = x(line['place'])
+    groups = [[0]]
+    for k in range(1, len(at)):
+        if at[k] - at[groups[-1][0]] < _NEAR:
+            groups[-1].append(k)
+        else:
+            groups.append([k])
+    place, mean, half = (np.array(line[k], dtype=np.float64) for k in ('place', 'mean', 'half'))
+    return {
+        **line,
+        'place': [float(np.mean(place[g])) for g in groups],
+        'mean': [float(np.mean(mean[g])) for g in groups],
+        'half': [float(np.sqrt(np.sum(half[g] ** 2)) / len(g)) for g in groups],
+    }
 
 
 def _laws(found: Mapping[str, Any]) -> list[tuple[str, Array, Array]]:
@@ -318,14 +347,21 @@ def all_of(data: Mapping[str, Any], effects: str) -> tuple[Chart | None, list[Ch
     maps = data['maps']
     if not maps:
         return None, []
+    # what goes on the data fitted to convinces only where it goes on held-out data, too
+    closed = {name: d['share_closed'] for name, d in data['gap']['per_drive'].items()}
     where = {w for at in (data['verdict'], *data['also']) for w in at['where']}
     best = max(
         maps,
-        key=lambda m: (effects != '' and m['drive'] in where, _explained(m) if effects else 0.0),
+        key=lambda m: (
+            effects != '' and bool({m['drive'], 'all'} & where),
+            _explained(m) * (closed.get(m['drive']) or 0.0) if effects else 0.0,
+        ),
     )
-    others = [m for m in maps if m is not best]
-    drawn = [picture(m, effects) for m in others]
-    return picture(best, effects), [c for c in drawn if c is not None]
+    drawn = [picture(m, effects) for m in (best, *maps)]
+    # what lags behind the motion is shown over time, as what depends on time
+    titled = {c.title: c for c in drawn[::-1] if c is not None}
+    hero = drawn[0]
+    return hero, [c for c in titled.values() if hero is None or c.title != hero.title][::-1]
 
 
 def _explained(found: Mapping[str, Any]) -> float:

@@ -58,9 +58,7 @@ TABS = 4
 Floors = Mapping[str, float | None]
 
 
-def effort_plot(
-    signals: Signals, floor: Floors | None = None, *, most: int = MOST
-) -> Picture:
+def effort_plot(signals: Signals, floor: Floors | None = None, *, most: int = MOST) -> Picture:
     """Draw each drive's measured and simulated effort, below it residual and following error.
 
     Args:
@@ -81,9 +79,7 @@ def effort_plot(
     tracking = np.concatenate([r.tracking[:, k] for r, k in parts], axis=1)
     data: dict[str, Any] = {'time': np.round(time / TICK).astype(np.int32)}
     whole = Range1d(start=float(time[0]), end=float(time[-1]), bounds='auto', name='whole')
-    cursor = CrosshairTool(
-        dimensions='height', overlay=Span(dimension='height', line_color=GREY)
-    )
+    cursor = CrosshairTool(dimensions='height', overlay=Span(dimension='height', line_color=GREY))
     views: list[dict[str, Any]] = []
     figures = []
     first = _worst(signals, measured, simulated, floor)
@@ -192,7 +188,7 @@ def _choices(
     ]
     yield Choice('Largest residuals', 'view', tuple(views))
     ends = [*starts[1:], float(time[-1])]
-    parts = [Button('all', f'{time[0]},{time[-1]}')]
+    parts = [Button('all' if len(recordings) > 1 else 'whole', f'{time[0]},{time[-1]}')]
     if len(recordings) > 1:
         parts += [
             Button(f'{n}: {r.title}' if r.title else str(n), f'{a},{b}')
@@ -279,9 +275,7 @@ class _Group:
                 'visible': self._signals.judged in (-1, m),
             }
             self._line(top, column, (offset, step), **look)
-            self._line(
-                below, f'measured_{d}', (0.0, step), minus=column, line_width=0.7, **look
-            )
+            self._line(below, f'measured_{d}', (0.0, step), minus=column, line_width=0.7, **look)
 
     def add_tracking(self, data: dict[str, Any], tracking: npt.NDArray[Any]) -> None:
         """Add the following error (T,), in thousandths of the unit of travel."""

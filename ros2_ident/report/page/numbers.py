@@ -16,7 +16,13 @@ UNKNOWN = 1.0
 _UNITS = 'N|m|s|ms|kg|rad|Hz|A|K|V'
 
 _GREEK = {
-    'tau': 'τ', 'zeta': 'ζ', 'omega': 'ω', 'mu': 'μ', 'delta': 'δ', 'pi': 'π', 'dm': 'Δm',
+    'tau': 'τ',
+    'zeta': 'ζ',
+    'omega': 'ω',
+    'mu': 'μ',
+    'delta': 'δ',
+    'pi': 'π',
+    'dm': 'Δm',
 }
 
 
@@ -24,7 +30,7 @@ def number(value: float | None, digits: int = 5) -> str:
     """Return a number for people, powers of ten where it is far from one; a dash for none."""
     if value is None or not math.isfinite(value):
         return '–'
-    rounded = float(f'{value:.{digits - 1}e}')
+    rounded = float(f'{value:.{digits - 1}e}') + 0.0  # no negative zero
     exponent = math.floor(math.log10(abs(rounded))) if rounded else 0
     if not -5 < exponent < 7:
         text = f'{rounded / 10.0**exponent:.{digits}g}·{raised(exponent)}'
@@ -61,7 +67,7 @@ def percent(share: float | None) -> str:
     return f'{number(100.0 * share, 2)} %'
 
 
-def change(share: float | None) -> str:
+def change(share: float | None, decimals: int = 1) -> str:
     """Return by how much a value changed, as a share of it; a large one as a factor."""
     if share is None or not math.isfinite(share):
         return '–'
@@ -70,9 +76,9 @@ def change(share: float | None) -> str:
         return f'× {number(factor, 2)}' if factor < 1000.0 else '× over 1000'
     if share <= -1.0:
         return 'changes its sign'
-    if abs(share) < 5e-4:
-        return '0.0 %'
-    return f'{100.0 * share:+.1f} %'.replace('-', '−')
+    if abs(100.0 * share) < 0.5 * 10.0**-decimals:
+        return f'{0.0:.{decimals}f} %'
+    return f'{100.0 * share:+.{decimals}f} %'.replace('-', '−')
 
 
 def precision(half: float | None) -> str:
@@ -80,6 +86,18 @@ def precision(half: float | None) -> str:
     if half is None or math.isnan(half):
         return '–'
     return f'± {percent(half)}' if half <= UNKNOWN else 'not determined'
+
+
+def plus_minus(value: float, half: float, unit: str) -> str:
+    """Return a value with half its interval, both to the second digit of the latter."""
+    top = math.floor(math.log10(max(abs(value), half))) if half > 0.0 else 0
+    if not half > 0.0 or not math.isfinite(half):
+        return f'{number(value, 3)} ± {quantity(half, unit, 2)}'
+    power = 0 if -5 < top < 7 else top
+    decimals = power + 1 - math.floor(math.log10(half))
+    ends = [f'{round(x / 10.0**power, decimals):.{max(0, decimals)}f}' for x in (value, half)]
+    text = ' ± '.join(ends).replace('-', '−')
+    return f'{f"({text})·{raised(power)}" if power else text} {unit_of(unit)}'.rstrip()
 
 
 def from_to(before: float, after: float, scale: float = 1.0) -> str:

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from ros2_ident.identify.outcome import package_version
 from ros2_ident.identify.result import ParameterEstimate
-from ros2_ident.report.page import numbers, sentences
+from ros2_ident.report.page import numbers, sentences, steps
 from ros2_ident.report.page.answer import above
 from ros2_ident.report.page.look import Picture
 
@@ -47,6 +47,7 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
         'places': _places,
         'precision': numbers.precision,
         'prose': numbers.prose,
+        'undetermined': steps.undetermined,
         'unit': numbers.unit_of,
         'width': sentences.width,
     }

@@ -19,8 +19,9 @@ Level = Literal['good', 'doubtful', 'bad']
 WIDE = 0.2
 # Correlations from here on are said in words.
 CLOSE = 0.95
-# A parameter that an effect moves by so much of its value is named.
-MOVED = 0.05
+# A parameter that an effect moves by so much of its value is named; where only all numbers
+# together are determined, one that moves by so much.
+MOVED, MOVED_TOGETHER = 0.05, 0.005
 # A headline from so many letters on ends at its colon.
 LONG = 90
 # Pairs, parameters or effects that one sentence lists.
@@ -45,6 +46,11 @@ def effect_name(at: Mapping[str, Any]) -> str:
     title = effect.title if effect else str(at['effect'])
     where = [w for w in at['where'] if w != 'all']
     return f'{title} on {", ".join(where)}' if where else title
+
+
+def of_log(effect: str) -> bool:
+    """Whether an effect sits in the log: the machine does not feel it."""
+    return effect in CATALOGUE and CATALOGUE[effect].group == 'measurement'
 
 
 def effects_named(found: Sequence[Mapping[str, Any]]) -> str:
@@ -165,27 +171,27 @@ def correlated(result: Identification) -> list[tuple[str, str, float]]:
     names = [p.name for p in result.parameters]
     upper = np.triu(result.correlation, 1)
     rows, columns = np.nonzero(np.abs(np.nan_to_num(upper)) >= CLOSE)
-    pairs = [
-        (names[i], names[j], float(upper[i, j])) for i, j in zip(rows, columns, strict=True)
-    ]
+    pairs = [(names[i], names[j], float(upper[i, j])) for i, j in zip(rows, columns, strict=True)]
     return sorted(pairs, key=lambda pair: -abs(pair[2]))
 
 
 # ---------------------------------------------------------------------- diagnoses
 
 
-def moved_names(data: Mapping[str, Any]) -> list[str]:
+def moved_names(data: Mapping[str, Any], *, together: bool = False) -> list[str]:
     """Return the nominal parameters that had made up for the effects.
 
     Args:
         data: The content of `diagnosis.json`.
+        together: Whether to return all that moved, for they are determined together only.
     """
     if data['verdict']['effect'] in NAMELESS:
         return []
+    least = MOVED_TOGETHER if together else MOVED
     return [
         name
         for name, share in data['moved'].items()
-        if share is not None and abs(share) >= MOVED and _left(name, data)
+        if share is not None and abs(share) >= least and (together or _left(name, data))
     ]
 
 
@@ -194,7 +200,7 @@ def moved(data: Mapping[str, Any]) -> str:
     told = [f'{name} ({change(data["moved"][name])})' for name in moved_names(data)]
     if not told:
         return ''
-    return f'Without the effects, these parameters were off and made up for them: {some(told)}.'
+    return f'Without the effects, these parameters compensated for them: {some(told)}.'
 
 
 def _left(name: str, data: Mapping[str, Any]) -> bool:
@@ -204,15 +210,18 @@ def _left(name: str, data: Mapping[str, Any]) -> bool:
     return None in ends or not found['low'] <= before <= found['high']
 
 
-def hidden(data: Mapping[str, Any]) -> str:
-    """Return which effects the motion cannot show, each with its places; empty where none."""
+def hidden(data: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return which effects the motion cannot show, each with its places."""
     places: dict[str, list[str]] = {}
     for at in data['not_testable']:
         effect = CATALOGUE.get(at['effect'])
         title = effect.title if effect else str(at['effect'])
         places.setdefault(title, []).extend(w for w in at['where'] if w != 'all')
-    told = [f'{t} ({", ".join(w)})' if w else t for t, w in places.items()]
-    return f'This motion cannot show: {", ".join(told)}.' if told else ''
+    drives = len(data['gap']['per_drive'])
+    return [
+        (title, 'any drive' if len(set(where)) == drives > 1 else some(where) or 'the machine')
+        for title, where in places.items()
+    ]
 
 
 def leading(data: Mapping[str, Any]) -> tuple[list[str], list[str]]:

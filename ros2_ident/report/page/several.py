@@ -21,7 +21,14 @@ from ros2_ident.report.files import (
     YAML,
 )
 from ros2_ident.report.page import answer, sentences, steps
-from ros2_ident.report.page.numbers import change, percent, quantity
+from ros2_ident.report.page.numbers import (
+    change,
+    from_to,
+    percent,
+    quantity,
+    shares,
+    unit_of,
+)
 from ros2_ident.report.page.render import render
 from ros2_ident.report.page.sentences import effect_name
 
@@ -248,10 +255,24 @@ def verdicts(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     found = [row for row in rows if row.get('effect') in CATALOGUE]
     for row in found[:OPEN]:
         chance = row.get('probability')
-        sure = '' if chance is None else f' Probability {percent(chance)}.'
-        yield f'{row["name"]}: {row.get("verdict") or effect_name(row)}{sure}'
+        sure = '' if chance is None else f', probability {percent(chance)}'
+        also = [{**x, 'where': [x['where']]} for x in row.get('also', ())]
+        named = sentences.effects_named([row, *also])
+        closes = '; '.join(_closes(row))
+        first = named if closes else (row.get('verdict') or named).rstrip('.')
+        yield f'{row["name"]}: {first}{sure}. {closes}'.rstrip()
     if len(found) > OPEN:
         yield f'{len(found) - OPEN} more in the table below.'
+
+
+def _closes(row: Mapping[str, Any]) -> Iterator[str]:
+    """Yield how far the gap of each drive closes that an effect was found on."""
+    where = {*row['where'], *(x['where'] for x in row.get('also', ()))}
+    for name, gap in row.get('gap', {}).items():
+        if {name, 'all'} & where and None not in gap.values():
+            part = shares(gap['share_before'], gap['share_after'])
+            size = f'{from_to(gap["before"], gap["after"])} {unit_of(row["unit"])}'
+            yield f'{name}: residual {size}, {part} of the effort'
 
 
 def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
@@ -285,7 +306,8 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
         'differences': list(differences(differ)),
         'verdicts': list(verdicts(data['rows'])),
         'steps': list(steps.of_fleet(data, str(directory))),
-        'rows': data['rows'],
+        'rows': [{**row, 'found': _found(row)} for row in data['rows']],
+        'dated': any(row['date'] for row in data['rows']),
         'open': [s for s in made if s.differs][:OPEN] or made[:OPEN],
         'strips': made,
         'contents': [('answer', 'Answer'), ('recordings', 'Recordings'),
@@ -294,6 +316,13 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
     target = Path(directory) / PAGE if page is None else Path(page)
     make_directory(target.parent)
     return write_text(target, render('fleet.html', context))
+
+
+def _found(row: Mapping[str, Any]) -> str:
+    """Return a row's verdict in short."""
+    if row.get('effect') == 'none' and row['code'] == 'OK':
+        return 'nothing found missing above the noise'
+    return str(row.get('verdict') or row['message'])
 
 
 def _fleet(path: Path) -> dict[str, Any]:
@@ -326,7 +355,7 @@ def _fleet_headline(data: Mapping[str, Any]) -> str:
     if drifted:
         parts.append(f'{_many(len(drifted), "machine has", "machines have")} drifted')
     if other:
-        parts.append(f'{_many(len(other), "machine differs", "machines differ")} from the others')
+        parts.append(f'{_many(len(other), "machine differs from the others", "machines differ")}')
     if found:
         kinds = {effect_name({**row, 'where': ['all']}) for row in found}
         # a single name is told at once, several are listed below

@@ -10,11 +10,9 @@ from ros2_ident.effects import CATALOGUE, Effect
 from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.machine.keys import digits
 from ros2_ident.report.page import sentences
-from ros2_ident.report.page.numbers import number, quantity
+from ros2_ident.report.page.numbers import plus_minus, quantity
 from ros2_ident.report.page.sentences import effect_name, some
 
-# Parameters that the first screen offers to paste.
-VALUES = 6
 # Machines of a fleet, and effects, that its page has steps for.
 FLEET = 3
 # Of a number whose interval is wider than itself.
@@ -98,7 +96,7 @@ def law_of(at: Mapping[str, Any], parameters: Mapping[str, Any]) -> Law | None:
     for p in effect.parameters:
         v = parameters.get(f'{place}{effect.id}.{p.name}')
         if v is not None:
-            rows.append((p.symbol, p.name.replace('_', ' '), _value(v)))
+            rows.append((p.symbol, p.meaning or p.name.replace('_', ' '), _value(v)))
     return Law(effect.id, effect_name(at), effect.equation, tuple(rows))
 
 
@@ -106,10 +104,15 @@ def _value(v: Mapping[str, Any]) -> str:
     text = quantity(v['value'], v['unit'], 3)
     if None in (v['low'], v['high'], v['value']):
         return text
-    half = 0.5 * (v['high'] - v['low'])
-    if half > abs(v['value']):
+    if undetermined(v):
         return f'{text}, {LOOSE}'
-    return f'{number(v["value"], 3)} ± {quantity(half, v["unit"], 2)}'
+    return plus_minus(v['value'], 0.5 * (v['high'] - v['low']), v['unit'])
+
+
+def undetermined(v: Mapping[str, Any]) -> bool:
+    """Whether a parameter's interval is wider than its value."""
+    known = None not in (v['low'], v['high'], v['value'])
+    return known and 0.5 * (v['high'] - v['low']) > abs(v['value'])
 
 
 def of_diagnosis(data: Mapping[str, Any], out: str) -> Iterator[Step]:
@@ -123,8 +126,8 @@ def of_diagnosis(data: Mapping[str, Any], out: str) -> Iterator[Step]:
     if found:
         yield from _steps_of_effects(data, found, out)
     elif data['verdict']['effect'] == 'none':
-        yield Step('Use the parameters: no effect has to be added to the simulation.')
-        yield Step('Identify them on all of the recording:', code=_identify(data, out))
+        yield Step('Use the parameters; no effect has to be added to the simulation.')
+        yield Step('Identify them from the whole recording:', code=_identify(data, out))
     elif data['verdict']['effect'] in REFUSALS:
         settings = data['settings']
         check = f'{_bags(settings, data["provenance"]["source"])} {_machine(settings)}'
@@ -146,23 +149,25 @@ def _steps_of_effects(
     data: Mapping[str, Any], found: Sequence[Mapping[str, Any]], out: str
 ) -> Iterator[Step]:
     laws = [law for at in found if (law := law_of(at, data['parameters'])) is not None]
-    of_log = [law for law in laws if CATALOGUE[law.anchor].group == 'measurement']
+    of_log = [law for law in laws if sentences.of_log(law.anchor)]
     missing = [law for law in laws if law not in of_log]
+    effects = []
     if missing:
-        yield Step('Add to your simulation:', laws=tuple(missing))
+        effects.append(Step('Add to your simulation:', laws=tuple(missing)))
     if of_log:
         text = 'Correct how the log is made; a simulation of the machine does not need this:'
-        yield Step(text, laws=tuple(of_log))
+        effects.append(Step(text, laws=tuple(of_log)))
+    yield from effects
     if data['machine_lines']:
         yield Step('Change the machine file:', code='\n'.join(data['machine_lines']))
-    values = [_line(name, data) for name in sentences.moved_names(data)]
+    loose = any(step.loose for step in effects)
+    values = [_line(name, data) for name in sentences.moved_names(data, together=loose)]
     if values:
         them = 'it' if len(found) == 1 else 'them'
-        more = '' if len(values) <= VALUES else ' (all of them in the table below)'
-        yield Step(
-            f'Correct the parameters, which were off without {them}{more}:',
-            code='\n'.join(values[:VALUES]),
-        )
+        told = f'Update these parameters, which had compensated for {them}:'
+        if loose:
+            told = 'Set these parameters with them; they belong to the numbers above:'
+        yield Step(told, code='\n'.join(values))
     motions = list(dict.fromkeys(_motions(data)))
     if motions:
         rivals = '; from '.join(motions)
@@ -249,7 +254,7 @@ def of_fleet(data: Mapping[str, Any], out: str) -> Iterator[Step]:
     for row in list(first.values())[::-1][:FLEET]:
         if row['name'] not in changed:
             yield Step(
-                f'See what {effect_name(row)} on {row["machine"]} is, and what to do:',
+                f'{row["machine"]}: diagnose {effect_name(row)} in full, with its numbers:',
                 code=_diagnose_row(row, out),
             )
     failed = [row['name'] for row in data['rows'] if row['state'] != 'done']
