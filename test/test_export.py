@@ -160,7 +160,7 @@ def test_what_a_urdf_cannot_say_is_as_large_as_stated(tmp_path: Path) -> None:
         assert told[name]['missed_as_exported'] == pytest.approx(missed, rel=1e-6)
     assert 'inertia of motors and gears (base, slide, elbow and wrist)' in words[0]
     assert 'a constant in the effort (wrist 2 N m, the largest)' in words[0]
-    assert 'it brings' in words[-1]
+    assert 'of the improvement on each joint' in words[-1]
 
 
 def test_efforts_of_motors_become_those_of_joints(tmp_path: Path) -> None:
@@ -285,7 +285,7 @@ def test_effects_become_the_closest_friction_and_are_named(tmp_path: Path) -> No
     found = content(machine, effects=there)
     path, words = into_urdf(tmp_path, found)
     assert 'load_dependent_friction of elbow' in words[0]
-    assert 'friction is the closest' in words[-1]
+    assert 'best approximation of friction and effects' in words[-1]
     elbow = JOINTS.index('elbow')
     assert found.joints[elbow].coulomb > 1.05 * found.identified[elbow].coulomb
     assert found.joints[0].coulomb == pytest.approx(plain.joints[0].coulomb, rel=1e-6)

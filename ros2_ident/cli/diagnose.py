@@ -263,13 +263,10 @@ def print_diagnosis(d: 'Diagnosis') -> None:
         print(f'share of the explainable gap closed: {s.value:.3f} [{s.low:.3f}, {s.high:.3f}]')
     nominal = set(d.moved)
     for name, v in d.parameters.items():
-        moved = (
-            f'  moved {100 * d.moved[name]:+.1f} %'
-            if name in nominal and abs(d.moved[name]) >= 0.01
-            else ''
-        )
+        moves = name in nominal and abs(d.moved[name]) >= 0.01
+        before = f'  {d.nominal[name]:.5g} before' if moves else ''
         end = '  at its bound' if v.at_bound else ''
-        print(f'  {name:45s} {v.value:12.5g} [{v.low:.5g}, {v.high:.5g}] {v.unit}{moved}{end}')
+        print(f'  {name:45s} {v.value:12.5g} [{v.low:.5g}, {v.high:.5g}] {v.unit}{before}{end}')
     for text in d.advice:
         print(f'advice: {text}')
     print(f'{d.seconds:.0f} s, seed {d.seed}')

@@ -35,6 +35,11 @@ def _number(value: float) -> str:
     return f'{value:.5g}' if math.isfinite(value) else '-'
 
 
+def _two(value: float) -> str:
+    """Return two digits, without a power of ten where the number is not small."""
+    return f'{float(f"{value:.2g}"):.6g}'
+
+
 def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
     half = 0.5 * (estimate.high - estimate.low)
     noise = 0.5 * (estimate.noise_high - estimate.noise_low)
@@ -43,9 +48,9 @@ def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
     return (
         estimate.name,
         _number(estimate.value),
-        f'± {half:.2g}' if math.isfinite(half) else '-',
-        f'{share:.2g} %' if small else '',
-        f'± {noise:.2g}' if half > WIDER * noise else '',
+        f'± {_two(half)}' if math.isfinite(half) else '-',
+        f'{_two(share)} %' if small else '',
+        f'± {_two(noise)}' if half > WIDER * noise else '',
         estimate.unit if estimate.unit != '1' else '',
         estimate.note,
     )

@@ -152,21 +152,21 @@ def sentences(content: Content, target: Target) -> Iterator[str]:
         worse = max(rows, key=lambda m: m.consistent - _WORSE * m.identified)
         if worse.consistent > _WORSE * worse.identified + _NOTHING * worse.described:
             yield (
-                f'links that bodies can be miss more than the fit did, most on {worse.joint}: '
-                f'{worse.consistent:.3g} {worse.unit} RMS instead of {worse.identified:.3g}'
+                'physically consistent links miss more than the fit, most on '
+                f'{worse.joint}: {worse.consistent:.3g} instead of {worse.identified:.3g} '
+                f'{worse.unit} RMS'
             )
         yield (
-            f'of what was identified beyond the description it brings {100 * least.closed:.1f} % '
-            f'or more on every joint: {least.joint}, where it brings least, misses '
-            f'{least.exported:.3g} {least.unit} RMS, all that was identified '
-            f'{least.identified:.3g}, the description alone {least.described:.3g}'
+            f'it keeps {100 * least.closed:.1f} % or more of the improvement on each joint; '
+            f'least on {least.joint}, RMS in {least.unit}: {least.described:.3g} as described, '
+            f'{least.exported:.3g} exported, {least.identified:.3g} identified'
         )
     if content.logged:
         names = _listed(sorted({at.effect for at in content.logged}))
-        yield f'{names}: how the log was made, which a simulator does not want; left out'
+        yield f'{names}: left out, as it describes the log, not the machine'
     if content.effects and content.links is not None and target.described:
         yield (
-            'of joints with effects, friction is the closest to what friction and effects take '
+            'friction of joints with effects is the best approximation of friction and effects '
             'together along this log'
         )
 
