@@ -50,7 +50,7 @@ def test_the_results_know_their_machine_file_and_their_log(identified, capsys) -
     assert main(['export', str(identified / 'out'), '--out', str(out)]) == 0
     said = capsys.readouterr().out
     assert f'urdf: {out / "robot.urdf"}' in said
-    assert 'the description believed to 0.3 of a mass' in said
+    assert 'masses of the description ± 30 %' in said
     assert sorted(path.name for path in out.iterdir()) == [
         'export.json',
         'isaac.yaml',

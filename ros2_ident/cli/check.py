@@ -28,7 +28,7 @@ EXAMPLES = (
     '  ident check bags/tripod_mixed --machine config/tripod.yaml\n'
     '  ident check my_bag --machine my.yaml --effort-topic /drives/torque\n'
 )
-EXIT_CODES = {0: 'nothing wrong, warnings included', 1: 'errors found'}
+EXIT_CODES = {0: 'no errors, perhaps warnings', 1: 'errors found'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

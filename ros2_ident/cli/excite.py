@@ -58,8 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=names,
         default=(),
         metavar='NAME,..',
-        help='what is to be determined, gear_stiffness meaning that of every drive; the others '
-        'are unknown as well, but may stay vague; all by default',
+        help='parameters to determine, all by default; gear_stiffness means that of every '
+        'drive. The others count as unknown, but their intervals do not matter',
     )
     complete(wanted, parameters)
     parser.add_argument(
@@ -97,7 +97,7 @@ def _add_expected(parser: argparse.ArgumentParser) -> None:
 def _add_motion(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('motion')
     group.add_argument(
-        '--harmonics', type=whole, default=8, help='frequencies at most; 8 by default'
+        '--harmonics', type=whole, default=8, help='largest number of frequencies; 8 by default'
     )
     group.add_argument(
         '--rest', type=not_negative, default=0.25, help='rest before and after, s; 0.25'

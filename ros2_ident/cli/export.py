@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--to',
         type=names,
         metavar='NAME,..',
-        help=f'of {", ".join((*TARGETS, TABLES))}; by default all but {TABLES} that can be filled',
+        help=f'of {", ".join((*TARGETS, TABLES))}; by default all that apply, but {TABLES}',
     )
     parser.add_argument(
         '--into',
@@ -81,8 +81,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=positive,
         default=0.3,
         metavar='X',
-        help="weight of the description's links: a mass is believed to X of it, as a standard "
-        'deviation; 0.3. What the log shows better than that is what the log says',
+        help="relative standard deviation of the description's masses; 0.3 by default, smaller "
+        'stays closer to the description',
     )
     add_effort(parser)
     add_topics(parser)
@@ -113,10 +113,11 @@ def run(args: argparse.Namespace) -> int:
     links = content.links
     if links is not None:
         print(
-            f'links: physically consistent, the description believed to {args.prior:g} of a mass'
+            f'links: physically consistent; masses of the description ± {100 * args.prior:g} %'
         )
         if links.mended:
-            print(f'no body can have the described inertials of {", ".join(links.mended)}')
+            impossible = ', '.join(links.mended)
+            print(f'the description gives {impossible} inertials that no body can have')
     for name, (path, words) in files.items():
         print(f'{name}: {path}')
         for sentence in words:

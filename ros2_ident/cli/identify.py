@@ -125,10 +125,10 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         '--decimation',
         type=count,
         metavar='N',
-        help='least squares: take one sample of N; 10 by default',
+        help='least squares: take every Nth sample; 10 by default',
     )
     for name, kind, what in (
-        ('evaluations', count, 'most candidates to simulate'),
+        ('evaluations', count, 'simulate at most N candidates'),
         ('seconds', positive, 'stop after N seconds'),
         ('generations', count, 'generations, the first included; 12 by default'),
         ('stagnation', count, 'stop after N generations without improvement; never by default'),
@@ -143,11 +143,11 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         (
             'min-distance',
             positive,
-            'least distance of survivors in the unit cube; 0 by default',
+            'minimum distance of survivors in the unit cube; 0 by default',
         ),
-        ('starts', count, 'most candidates to refine; 4 by default'),
+        ('starts', count, 'refine at most N candidates; 4 by default'),
         ('threads', count, 'threads; by default one for each processor'),
-        ('samples', count, 'most effort samples to fit to, of a long log; 180000 by default'),
+        ('samples', count, 'fit at most N effort samples of a long log; 180000 by default'),
     ):
         group.add_argument(f'--{name}', type=kind, metavar='N', help=what)
     add_scheduler(group)

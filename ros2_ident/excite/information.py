@@ -151,7 +151,7 @@ class Sensitivity:
         if not np.isfinite(told).all():
             raise IdentError(
                 ErrorCode.DIVERGED,
-                'the machine runs away at the expected parameters; give others with --set',
+                'the simulation diverges at the expected parameters; give others with --set',
             )
         moved = self._moved(model, planned, told)
         there = np.zeros(told.shape, dtype=bool)

@@ -180,7 +180,7 @@ def _searched(
     if not math.isfinite(found.cost):
         raise IdentError(
             ErrorCode.DIVERGED,
-            'the machine runs away in every motion that was tried; give other parameters with '
+            'the simulation diverges in every motion that was tried; give other parameters with '
             '--set, or lower limits',
         )
     points, costs = first[0]

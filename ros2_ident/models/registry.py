@@ -73,7 +73,7 @@ def _others(name: str) -> Kind:
         except (ImportError, AttributeError) as error:
             raise IdentError(
                 ErrorCode.UNKNOWN_MODEL,
-                f'the machine kind {name} of {point.value} cannot be loaded ({error}); mend or '
+                f'the machine kind {name} of {point.value} cannot be loaded ({error}); repair or '
                 'remove the package that registers it',
             ) from error
         if isinstance(kind, Kind) and kind.name == name:

@@ -137,7 +137,7 @@ def simulate(
     if done < cycles or not np.isfinite(states).all():
         raise IdentError(
             ErrorCode.DIVERGED,
-            f'the reference ran away after {done * cycle:.3f} s; use milder parameters',
+            f'the reference diverged after {done * cycle:.3f} s; use milder parameters',
         )
     effort: Array = torque
     for effort_filter in plant.effort_filters:

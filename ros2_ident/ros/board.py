@@ -88,8 +88,8 @@ class Board:
         """Say that the files of a run could not be written; return what the user is told."""
         fault = self.fault(error)
         self._node.get_logger().error(
-            f'{fault.message}; the result is published, and ~/save_result writes it when that '
-            'is mended'
+            f'{fault.message}; the result is published; correct that, then call ~/save_result to '
+            'write it'
         )
         return fault
 

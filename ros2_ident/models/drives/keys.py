@@ -311,7 +311,7 @@ def _units(draft: Draft) -> Iterator[Remark]:
             'error',
             ('parameters', 'moving_mass'),
             f'moving_mass in kg m^2 says that the joint turns, {other} that it travels; state the '
-            'mass in kg, or mend the other',
+            'mass in kg, or correct the other',
         )
     if unit == 'N m' and not geared and not draft.turns:
         yield Remark(
