@@ -278,7 +278,7 @@ def test_a_small_file_that_stands_for_a_large_one_is_refused(tmp_path, text, sai
 def test_a_file_that_is_no_yaml_names_the_line(tmp_path):
     path = tmp_path / 'my.yaml'
     path.write_text('machine: tripod\ndrives: [a, b\ngeometry:\n')
-    with pytest.raises(IdentError, match=r'my.yaml:3: is not valid YAML'):
+    with pytest.raises(IdentError, match=r'my.yaml:3: is no YAML'):
         load_machine(path)
 
 

@@ -141,7 +141,7 @@ def test_a_button_shows_the_worst_moment_and_all_again(page: Any) -> None:
     seen = page.execute_script(RANGE)
     assert seen['start'] < 61.8 < seen['end'] < seen['start'] + 5.0
     assert seen['most'] == pytest.approx(4.0, abs=0.01)
-    press(page, 'effort-plot', 'all')
+    press(page, 'effort-plot', 'whole')
     assert page.execute_script(RANGE)['end'] > 99.0
 
 

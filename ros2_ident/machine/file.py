@@ -95,7 +95,7 @@ def read(path: str | Path, kinds: Mapping[str, Kind]) -> MachineFile:
         problem = getattr(exc, 'problem', None) or str(exc).replace('\n', ' ')
         raise IdentError(
             ErrorCode.BAD_MACHINE_FILE,
-            f'{where}: is not valid YAML ({problem}); correct this line or {TEMPLATE}',
+            f'{where}: is no YAML ({problem}); correct this line or {TEMPLATE}',
         ) from None
     lines: dict[tuple[str, ...], int] = {}
     twice = [
