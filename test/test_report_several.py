@@ -43,6 +43,12 @@ def test_a_value_without_an_interval_is_shown_and_never_differs():
     assert strips([('a', lost), ('b', lost)]) == []
 
 
+def test_a_scale_is_no_finer_than_the_finest_interval():
+    (strip,) = strips([('a', {'mass': value(1.0, 0.1)}), ('b', {'mass': value(1.000001, 0.2)})])
+    assert strip.ends == ('0.9 kg', '1.1 kg')
+    assert abs(strip.marks[1].at - strip.marks[0].at) < 0.01
+
+
 def test_an_endless_interval_does_not_hide_the_values():
     (strip,) = strips([('a', {'mass': value(1.0, 500.0)}), ('b', {'mass': value(2.0, 0.1)})])
     assert abs(strip.marks[1].at - strip.marks[0].at) > 10.0

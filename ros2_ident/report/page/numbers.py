@@ -139,6 +139,11 @@ def prose(text: str) -> Markup:
     return Markup(re.sub('`([^`]*)`', r'<code>\1</code>', html))
 
 
+def name(text: str) -> Markup:
+    """Return a name that may end a line after a point or an underscore."""
+    return Markup(re.sub(r'([._])', r'\1<wbr>', str(escape(text))))
+
+
 def command(text: str) -> Markup:
     """Return lines to paste; where one is too long, it does not end within an option's name."""
     html = str(escape(text))

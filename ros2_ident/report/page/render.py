@@ -42,6 +42,7 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
         'command': numbers.command,
         'equation': numbers.equation,
         'item': _item,
+        'name': numbers.name,
         'number': numbers.number,
         'percent': numbers.percent,
         'places': _places,

@@ -97,8 +97,12 @@ def _strip(
     unit = known[0][1]['unit']
     sizes = [v['value'] for _, v in known]
     spread = max(sizes) - min(sizes)
-    # An interval as wide as all of the values twice over would hide how they lie.
-    reach = 2.0 * spread if spread else math.inf
+    halves = [
+        0.5 * (v['high'] - v['low']) for _, v in known if None not in (v['low'], v['high'])
+    ]
+    # An interval as wide as all of the values twice over would hide how they lie; a scale finer
+    # than the finest of them would show what no run knows.
+    reach = max(2.0 * spread, 1.01 * min(halves, default=0.0)) or math.inf
     limits = [v[k] for _, v in known for k in ('low', 'high') if v[k] is not None]
     limits = [e for e in limits if min(sizes) - reach <= e <= max(sizes) + reach]
     low, high = min([*sizes, *limits]), max([*sizes, *limits])
