@@ -513,7 +513,7 @@ def test_mistakes_are_told_with_the_remedy(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, 'pinocchio', None)
     error = refused(arm_of, machine)
     assert error.code is ErrorCode.UNKNOWN_MODEL
-    assert 'pip install "ros2_ident[arms]"' in error.message
+    assert 'pip install pin' in error.message
 
 
 @pytest.mark.parametrize(

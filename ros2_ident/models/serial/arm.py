@@ -22,8 +22,8 @@ Array = npt.NDArray[np.float64]
 
 INERTIALS = 10
 _NO_PINOCCHIO = (
-    'an arm needs pinocchio, which is not installed; `pip install "ros2_ident[arms]"`, or the '
-    'package ros-jazzy-pinocchio'
+    'an arm needs pinocchio, which is not installed; `pip install pin`, or the package '
+    'ros-jazzy-pinocchio'
 )
 
 
