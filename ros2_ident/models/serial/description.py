@@ -6,6 +6,7 @@ import math
 import xml.etree.ElementTree as ElementTree
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.shown import name_of
 
 _INERTIAS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
@@ -35,7 +36,7 @@ def _problems(text: str) -> Iterator[str]:
     elif root.tag == 'robot':
         yield from _of_urdf(root)
     elif root.tag != 'mujoco':
-        yield f'has the root element {root.tag}; give a URDF (robot) or an MJCF file (mujoco)'
+        yield f'has the root element {name_of(root.tag)}; give a URDF (robot) or an MJCF file (mujoco)'
 
 
 def _of_urdf(root: ElementTree.Element) -> Iterator[str]:
@@ -49,8 +50,8 @@ def _of_urdf(root: ElementTree.Element) -> Iterator[str]:
                 for name in names:
                     if not _number(given.get(name)):
                         yield (
-                            f'has no number as {place} {name} of link {link.get("name")} '
-                            f'({given.get(name)}); mend it, or leave out the whole inertial'
+                            f'has no number as {place} {name} of link {name_of(link.get("name"))} '
+                            f'({name_of(given.get(name))}); mend it, or leave out the whole inertial'
                         )
     for joint in root.iterfind('joint'):
         if joint.get('type') not in ('revolute', 'continuous', 'prismatic'):
@@ -59,7 +60,10 @@ def _of_urdf(root: ElementTree.Element) -> Iterator[str]:
         given_axis = '1 0 0' if axis is None else axis.get('xyz', '1 0 0')
         parts = given_axis.split()
         if len(parts) != 3 or not all(map(_number, parts)) or not any(map(float, parts)):
-            yield f'has the axis "{given_axis}" of joint {joint.get("name")}; give its direction'
+            yield (
+                f'has the axis "{name_of(given_axis)}" of joint {name_of(joint.get("name"))}; '
+                'give its direction'
+            )
 
 
 def _number(text: str | None) -> bool:
