@@ -36,7 +36,10 @@ def _problems(text: str) -> Iterator[str]:
     elif root.tag == 'robot':
         yield from _of_urdf(root)
     elif root.tag != 'mujoco':
-        yield f'has the root element {name_of(root.tag)}; give a URDF (robot) or an MJCF file (mujoco)'
+        yield (
+            f'has the root element {name_of(root.tag)}; give a URDF (robot) or an MJCF file '
+            '(mujoco)'
+        )
 
 
 def _of_urdf(root: ElementTree.Element) -> Iterator[str]:
@@ -44,26 +47,30 @@ def _of_urdf(root: ElementTree.Element) -> Iterator[str]:
         yield 'has no link; give the whole URDF'
     for link in root.iterfind('link'):
         for inertial in link.iterfind('inertial'):
-            for place, names in (('mass', ('value',)), ('inertia', _INERTIAS)):
-                part = inertial.find(place)
-                given = dict(part.attrib) if part is not None else {}
-                for name in names:
-                    if not _number(given.get(name)):
-                        yield (
-                            f'has no number as {place} {name} of link {name_of(link.get("name"))} '
-                            f'({name_of(given.get(name))}); mend it, or leave out the whole inertial'
-                        )
+            yield from _of_inertial(inertial, f'link {name_of(link.get("name"))}')
     for joint in root.iterfind('joint'):
-        if joint.get('type') not in ('revolute', 'continuous', 'prismatic'):
-            continue  # an axis of 0 stands in many a fixed one
-        axis = joint.find('axis')
-        given_axis = '1 0 0' if axis is None else axis.get('xyz', '1 0 0')
-        parts = given_axis.split()
-        if len(parts) != 3 or not all(map(_number, parts)) or not any(map(float, parts)):
-            yield (
-                f'has the axis "{name_of(given_axis)}" of joint {name_of(joint.get("name"))}; '
-                'give its direction'
-            )
+        # An axis of 0 stands in many a fixed one.
+        if joint.get('type') in ('revolute', 'continuous', 'prismatic'):
+            yield from _of_axis(joint.find('axis'), f'joint {name_of(joint.get("name"))}')
+
+
+def _of_inertial(inertial: ElementTree.Element, where: str) -> Iterator[str]:
+    for place, names in (('mass', ('value',)), ('inertia', _INERTIAS)):
+        part = inertial.find(place)
+        given = dict(part.attrib) if part is not None else {}
+        for name in names:
+            if not _number(given.get(name)):
+                yield (
+                    f'has no number as {place} {name} of {where} ({name_of(given.get(name))}); '
+                    'mend it, or leave out the whole inertial'
+                )
+
+
+def _of_axis(axis: ElementTree.Element | None, where: str) -> Iterator[str]:
+    given = '1 0 0' if axis is None else axis.get('xyz', '1 0 0')
+    parts = given.split()
+    if len(parts) != 3 or not all(map(_number, parts)) or not any(map(float, parts)):
+        yield f'has the axis "{name_of(given)}" of {where}; give its direction'
 
 
 def _number(text: str | None) -> bool:
