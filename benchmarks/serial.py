@@ -3,7 +3,7 @@
 
 In turn within one run: the model; the same cost in NumPy, by one matrix product of all candidates;
 and inverse dynamics anew for each candidate, by pinocchio. Then the model on all threads. Needs
-pinocchio (`pip install "ros2_ident[arms]"`). Times are processor time, by medians, with the least
+pinocchio (`pip install pin`). Times are processor time, by medians, with the least
 in brackets; the last is by the clock. With --diagnose instead: how long a diagnosis takes of a log
 whose second joint has Stribeck friction.
 

@@ -513,4 +513,34 @@ def test_mistakes_are_told_with_the_remedy(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, 'pinocchio', None)
     error = refused(arm_of, machine)
     assert error.code is ErrorCode.UNKNOWN_MODEL
-    assert 'pip install "ros2_ident[arms]"' in error.message
+    assert 'pip install pin' in error.message
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'said'),
+    [
+        ('</robot>', '', 'is no XML (no element found: line'),
+        ('<robot', '<model', 'is no XML'),
+        ('robot', 'model', 'has the root element model'),
+        ('name="bent"', 'name="bent" xmlns:xacro="http://x.org/xacro"><xacro:arm/', 'is a xacro'),
+        ('"7.5"', '"${m}"', 'mass value of link column (${m})'),
+        ('ixx="0.2" ', '', 'inertia ixx of link column (None)'),
+        ('xyz="0 0.6 0.8"', 'xyz="0 0 0"', 'the axis "0 0 0" of joint slide'),
+    ],
+)
+def test_a_description_that_lost_something_is_refused_in_a_sentence(
+    tmp_path: Path, capfd, old: str, new: str, said: str
+) -> None:
+    machine = described(tmp_path)
+    assert old in URDF
+    error = refused(arm_of, machine.with_constants(description=URDF.replace(old, new)))
+    assert error.code is ErrorCode.BAD_MACHINE_FILE
+    assert said in error.message and '; ' in error.message
+    assert capfd.readouterr() == ('', '')
+
+
+def test_a_description_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    described(tmp_path)
+    (tmp_path / 'arm.urdf').write_bytes(b'\xff\xfe<robot')
+    error = refused(load_machine, tmp_path / 'arm.yaml')
+    assert error.code is ErrorCode.BAD_MACHINE_FILE and 'no text in UTF-8' in error.message

@@ -49,18 +49,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the file."""
+    import os
+
     import yaml
 
     from ros2_ident.errors import ErrorCode, IdentError
     from ros2_ident.files import write_text
-    from ros2_ident.machine.template import machine_template
+    from ros2_ident.machine.file import description_text
+    from ros2_ident.models.new_file import description_key, new_machine_file
 
     folder = Path(args.out).parent if args.out else Path()
-    known = _described(args, folder)
-    drives = args.drives or _joints(args)
-    if args.bag:
-        known['cycle'] = f'{_period(_states(args)):.4g}'
-    text = machine_template(KINDS[args.kind], drives, known)
+    known = {}
+    if args.description is not None:
+        description_key(KINDS[args.kind])
+        if not Path(args.description).is_file():
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{args.description}: there is no such file; give a URDF or an MJCF',
+            )
+        known['description'] = description_text(Path(args.description))
+        known['named'] = os.path.relpath(args.description, folder)
+    states = _states(args) if args.bag else None
+    text = new_machine_file(KINDS[args.kind], args.drives, states=states, **known)
     machine_from_mapping(yaml.safe_load(text), '--drives', folder)
     if args.out is None:
         print(text, end='')
@@ -73,51 +83,6 @@ def run(args: argparse.Namespace) -> int:
     write_text(path, text)
     print(f'written: {path}; change its values, then: ident check --machine {path}')
     return 0
-
-
-def _described(args: argparse.Namespace, folder: Path) -> dict[str, str]:
-    """Return the key of the description and its way from the machine file's folder."""
-    import os
-
-    from ros2_ident.errors import ErrorCode, IdentError
-
-    if args.description is None:
-        return {}
-    key = next((key for key in KINDS[args.kind].keys if key.file), None)
-    if key is None:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'a {args.kind} is not described by a URDF or an MJCF; leave out --description',
-        )
-    if not Path(args.description).is_file():
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{args.description}: there is no such file; give a URDF or an MJCF',
-        )
-    return {key.name: os.path.relpath(args.description, folder)}
-
-
-def _joints(args: argparse.Namespace) -> tuple[str, ...]:
-    """Return the joints that description and bag have in common; none where neither is given.
-
-    Raises:
-        IdentError: INVALID_GOAL where there are none.
-    """
-    from ros2_ident.errors import ErrorCode, IdentError
-
-    logged = _states(args).names if args.bag else None
-    joints = KINDS[args.kind].joints
-    if args.description is None or joints is None:
-        return logged or ()
-    known = joints(Path(args.description).read_text(encoding='utf-8'))
-    common = tuple(name for name in known if logged is None or name in logged)
-    if not common:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'the bag holds {", ".join(logged or ())} and the description {", ".join(known)}; '
-            'give both of one machine',
-        )
-    return common
 
 
 def _states(args: argparse.Namespace) -> 'Stream':
@@ -136,10 +101,3 @@ def _states(args: argparse.Namespace) -> 'Stream':
             f'{args.bag} holds no measured motion; name its topic with --state-topic',
         )
     return state
-
-
-def _period(states: 'Stream') -> float:
-    """Return the usual time from one state to the next, s."""
-    import numpy as np
-
-    return float(np.median(np.diff(states.stamp))) * 1e-9

@@ -21,6 +21,8 @@ from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.machine import Box, Machine
 from ros2_ident.machine.units import effort_factor
 
+_LARGEST_DESCRIPTION = 1 << 24  # bytes
+
 
 @dataclass(frozen=True)
 class MachineFile:
@@ -163,6 +165,22 @@ def judged(
     return MachineFile(name, lines or {}, tuple(remarks), machine)
 
 
+def description_text(path: Path) -> str:
+    """Return what a description's file holds.
+
+    Raises:
+        IdentError: BAD_MACHINE_FILE where it cannot be read or is no text.
+    """
+    try:
+        return read_small(path, _LARGEST_DESCRIPTION).decode()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or 'it is no text in UTF-8'
+        raise IdentError(
+            ErrorCode.BAD_MACHINE_FILE,
+            f'{path}: cannot be read ({reason}); give a URDF or an MJCF file',
+        ) from None
+
+
 # ---------------------------------------------------------------------- the value
 
 
@@ -171,7 +189,7 @@ def _machine(data: Mapping[str, Any], kind: Kind, digest: str, folder: Path) -> 
     present = contents(data)
     for key in kind.constants:
         if key.file and present.get(key.path, DESCRIPTION_TOPIC) != DESCRIPTION_TOPIC:
-            text = (folder / str(present[key.path])).read_text(encoding='utf-8')
+            text = description_text(folder / str(present[key.path]))
             present[key.path] = text
             digest = hashlib.sha256(f'{digest}{text}'.encode()).hexdigest()
     drives = tuple(map(str, data['drives']))

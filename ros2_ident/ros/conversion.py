@@ -146,8 +146,9 @@ def _estimate(found: Any) -> ParameterEstimate:
         lower_bound=found.lower_bound,
         upper_bound=found.upper_bound,
         genetic_value=found.ga_value,
-        at_bound=found.at_bound,
-        identifiable=found.identifiable,
+        # A flag of NumPy's would end the process: rosidl asserts Python's.
+        at_bound=bool(found.at_bound),
+        identifiable=bool(found.identifiable),
         kind=KINDS[found.kind],
         note=found.note,
     )

@@ -41,6 +41,7 @@ class DiagnoseRequest:
         seconds: Time budget, s; 0 for none.
         seed: Of the random generator.
         output_directory: Where to make the run's folder; empty to write nothing.
+        description: What was heard of the robot in the place of a file; None where it has one.
     """
 
     machine: Machine
@@ -55,6 +56,7 @@ class DiagnoseRequest:
     seconds: float = 0.0
     seed: int = 1
     output_directory: str = ''
+    description: str | None = None
 
     @property
     def configuration(self) -> str:

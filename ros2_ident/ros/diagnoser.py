@@ -99,7 +99,7 @@ class Diagnoser:
         node = self._node
         now = parameters.snapshot(node)
         request = diagnose_request_of(
-            goal, now, receiving=node.receiving, description=node.description
+            goal, now, receiving=node.receiving, heard=node.heard
         )
         buffer = None if request.fit_paths else node.received()
 

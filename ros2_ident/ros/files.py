@@ -14,16 +14,18 @@ from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import replacing, write_text
 from ros2_ident.identify.result import Outcome
+from ros2_ident.machine.keys import DESCRIPTION_TOPIC
 from ros2_ident.recording import Stream
 from ros2_ident.report.files import write_diagnosis, write_result
 from ros2_ident.report.overlay import OVERLAY, overlay_streams, verdict_of, write_overlay
 from ros2_ident.report.scene import largest_gap, scene_of
-from ros2_ident.ros.diagnose_run import Diagnosed
+from ros2_ident.ros.diagnose_run import Diagnosed, DiagnoseRequest
 from ros2_ident.ros.paths import expanded
-from ros2_ident.ros.run import Finished
+from ros2_ident.ros.run import Finished, Request
 from ros2_ident.search.journal import forget
 
 CONFIGURATION = 'configuration.yaml'
+ROBOT, MACHINE = 'robot.urdf', 'machine.yaml'
 
 
 def save_result(finished: Finished, directory: str | None = None) -> str:
@@ -44,7 +46,7 @@ def save_result(finished: Finished, directory: str | None = None) -> str:
         return ''
     folder = _folder(base)
     path = write_result(folder, finished.identification, finished.problem())[0]
-    write_text(folder / CONFIGURATION, finished.request.configuration)
+    _write_configuration(folder, finished.request)
     unfinished = finished.identification.outcome in (Outcome.CANCELLED, Outcome.BUDGET_SPENT)
     if finished.checkpoint is not None and not unfinished:
         forget(finished.checkpoint)
@@ -76,8 +78,8 @@ def save_diagnosis(done: Diagnosed, directory: str | None = None) -> str:
     if not base:
         return ''
     folder = _folder(base)
-    write_text(folder / CONFIGURATION, done.request.configuration)
     request = done.request
+    _write_configuration(folder, request)
     settings = yaml.safe_load(request.configuration)['settings']
     files = write_diagnosis(
         folder, done.diagnosis, request.machine, done.data, done.check, settings
@@ -157,6 +159,14 @@ def compare(finished: Finished, result_file: str) -> Compared:
         [x['residual'] for x in streams],
         None if scene is None else largest_gap(scene),
     )
+
+
+def _write_configuration(folder: Path, request: Request | DiagnoseRequest) -> None:
+    """Write what a run was asked, and a robot that was heard so that `ident` can read it."""
+    write_text(folder / CONFIGURATION, request.configuration)
+    if request.description is not None:
+        write_text(folder / ROBOT, request.description)
+        write_text(folder / MACHINE, request.machine_text.replace(DESCRIPTION_TOPIC, ROBOT))
 
 
 def _folder(directory: str) -> Path:

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a goal to a request: everything a run needs, checked before it starts."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 import math
 from typing import Any
 
 from ros2_ident_msgs.action import Identify
+import yaml
 
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
@@ -15,7 +17,9 @@ from ros2_ident.identify.layout import Conditions, read_conditions
 from ros2_ident.identify.outputs import read_outputs
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine, Machine
-from ros2_ident.recording import Topics
+from ros2_ident.models.new_file import arm_from_topic
+from ros2_ident.models.registry import machine_from_mapping
+from ros2_ident.recording import Stream, Topics
 from ros2_ident.ros.diagnose_run import DiagnoseRequest
 from ros2_ident.ros.parameter_table import BY_NAME
 from ros2_ident.ros.parameters import Snapshot
@@ -31,13 +35,29 @@ def _refuse(text: str) -> IdentError:
     return IdentError(ErrorCode.INVALID_GOAL, text)
 
 
+@dataclass(frozen=True)
+class Heard:
+    """What the node has heard of a robot, for where no file says what it is.
+
+    Attributes:
+        description: URDF or MJCF; None for nothing.
+        states: Returns its motion.
+    """
+
+    description: str | None = None
+    states: Callable[[], Stream | None] = lambda: None
+
+
+_NOTHING = Heard()
+
+
 def automatic_goal(parameters: Snapshot) -> Any:
     """Return the goal of a run that starts by itself."""
     return Identify.Goal(refine=parameters['refine'])
 
 
 def request_of(
-    goal: Any, parameters: Snapshot, *, receiving: bool = False, description: str | None = None
+    goal: Any, parameters: Snapshot, *, receiving: bool = False, heard: Heard = _NOTHING
 ) -> Request:
     """Return what a goal asks for, with the node's parameters where it says nothing.
 
@@ -45,17 +65,16 @@ def request_of(
         goal: An `Identify.Goal`.
         parameters: The node's.
         receiving: Whether messages arrive that must not wait for the simulation.
-        description: What was heard of the robot; None for nothing.
+        heard: What was heard of the robot.
 
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, or what is wrong with the machine file.
     """
     _check_ranges(goal)
-    machine_file, text = _machine_file(goal, parameters)
-    machine = load_machine(machine_file).described(description)
+    machine, text, description = _machine(goal, parameters, heard)
     if goal.model and goal.model != machine.kind:
         raise _refuse(
-            f'model is {goal.model!r} and {machine_file} describes a {machine.kind}; '
+            f'model is {goal.model!r} and the machine file describes a {machine.kind}; '
             'leave model empty or give another machine file'
         )
     drives = tuple(goal.drives) or tuple(parameters['drives']) or None
@@ -63,6 +82,7 @@ def request_of(
     return Request(
         machine=machine,
         machine_text=text,
+        description=description,
         drives=chosen_drives(machine, drives),
         bag_paths=_bag_paths(goal, 'bag_path', parameters),
         conditions=_conditions(goal, parameters),
@@ -77,7 +97,7 @@ def request_of(
 
 
 def diagnose_request_of(
-    goal: Any, parameters: Snapshot, *, receiving: bool = False, description: str | None = None
+    goal: Any, parameters: Snapshot, *, receiving: bool = False, heard: Heard = _NOTHING
 ) -> DiagnoseRequest:
     """Return what a goal asks for, with the node's parameters where it says nothing.
 
@@ -85,21 +105,21 @@ def diagnose_request_of(
         goal: A `Diagnose.Goal`.
         parameters: The node's.
         receiving: Whether messages arrive that must not wait for the simulation.
-        description: What was heard of the robot; None for nothing.
+        heard: What was heard of the robot.
 
     Raises:
         IdentError: INVALID_GOAL, NO_DATA, UNKNOWN_PARAMETER for a strange effect, or what is wrong
             with the machine file.
     """
     _check_ranges(goal)
-    machine_file, text = _machine_file(goal, parameters)
-    machine = load_machine(machine_file).described(description)
+    machine, text, description = _machine(goal, parameters, heard)
     for name in goal.without_effects:
         get_effect(name)
     drives = tuple(goal.drives) or tuple(parameters['drives']) or None
     return DiagnoseRequest(
         machine=machine,
         machine_text=text,
+        description=description,
         drives=chosen_drives(machine, drives),
         fit_paths=_bag_paths(goal, 'fit_bag_path', parameters),
         check_paths=_paths(
@@ -127,14 +147,32 @@ def _check_ranges(goal: Any) -> None:
             raise _refuse(f'{name} is {value}, its range is {entry.range}; give one inside it')
 
 
+def _machine(goal: Any, parameters: Snapshot, heard: Heard) -> tuple[Machine, str, str | None]:
+    """Return the machine, its file's content, and what was heard of it in the place of a file."""
+    if goal.machine_file or parameters['machine_file']:
+        path, text = _machine_file(goal, parameters)
+        machine = load_machine(path)
+    elif heard.description is None:
+        raise _refuse(
+            'no machine file is given, and no robot_description was heard; set the parameter '
+            'machine_file, name one in the goal, or start robot_state_publisher'
+        )
+    elif goal.data_source == goal.DATA_SOURCE_BAG or (states := heard.states()) is None:
+        raise _refuse(
+            'no machine file is given, and a robot_description takes its place only beside live '
+            'joint_states; make one with `ident new-machine --description --bag`'
+        )
+    else:
+        text = arm_from_topic(heard.description, states)
+        machine = machine_from_mapping(yaml.safe_load(text), 'robot_description')
+    known = machine.described(heard.description)
+    return known, text, None if known is machine else heard.description
+
+
 def _machine_file(goal: Any, parameters: Snapshot) -> tuple[str, str]:
     """Return path and content of the machine file."""
     given: str = goal.machine_file
     path = given or parameters['machine_file']
-    if not path:
-        raise _refuse(
-            'no machine file is given; set the parameter machine_file or name one in the goal'
-        )
     try:
         found = allowed(path, parameters['allowed_directory'] if given else '')
         return str(found), read_small(found).decode(errors='replace')

@@ -34,7 +34,7 @@ from ros2_ident.ros.diagnose_run import Diagnosed
 from ros2_ident.ros.diagnoser import Diagnoser
 from ros2_ident.ros.diagnostics import Diagnostics
 from ros2_ident.ros.files import attempted, compare, save_diagnosis, save_result
-from ros2_ident.ros.goals import automatic_goal, request_of
+from ros2_ident.ros.goals import automatic_goal, Heard, request_of
 from ros2_ident.ros.outlet import LATCHED, Outlet
 from ros2_ident.ros.page import PageWriter
 from ros2_ident.ros.run import Finished, run
@@ -156,9 +156,7 @@ class Identifier(Node):
             IdentError: Where the goal is unusable; nothing has been started then.
         """
         now = parameters.snapshot(self)
-        request = request_of(
-            goal, now, receiving=self.receiving, description=self.description
-        )
+        request = request_of(goal, now, receiving=self.receiving, heard=self.heard)
         buffer = None if request.bag_paths else self.received()
 
         def preview(simulated: list[Stream], residual: list[Stream]) -> None:
@@ -209,6 +207,11 @@ class Identifier(Node):
         if self.capture.empty:
             raise IdentError(ErrorCode.NO_DATA, f'{self.capture.silence()}; or name a bag to read')
         return self.capture.snapshot()
+
+    @property
+    def heard(self) -> Heard:
+        """What has been heard of the robot."""
+        return Heard(self.description, lambda: self.received().build()[0].state)
 
     def _begin_goal(self, goal: Any, tell: Says, done: Says) -> None:
         self.begin(

@@ -79,7 +79,8 @@ TABLE: tuple[Entry, ...] = (
         'string',
         '',
         'Path of the machine file: what is known of the machine and the box of what is not. '
-        'A goal may name another one; without either no run can start.',
+        'A goal may name another one. Without either, what is heard live is taken for an arm that '
+        'robot_description describes.',
     ),
     Entry(
         'drives',

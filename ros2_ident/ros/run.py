@@ -55,6 +55,7 @@ class Request:
         settings: How to search.
         seed: Of the random generator.
         output_directory: Where to make the run's folder; empty to write nothing.
+        description: What was heard of the robot in the place of a file; None where it has one.
     """
 
     machine: Machine
@@ -69,6 +70,7 @@ class Request:
     settings: IdentifySettings = field(default_factory=IdentifySettings)
     seed: int = 1
     output_directory: str = ''
+    description: str | None = None
 
     def problem(self, data: Data) -> Problem:
         """Return the model on some data."""

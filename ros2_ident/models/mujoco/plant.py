@@ -34,7 +34,7 @@ def _mujoco() -> Any:
         raise IdentError(
             ErrorCode.UNKNOWN_MODEL,
             'a machine of the kind mujoco needs MuJoCo, which is not installed; '
-            '`pip install "ros2_ident[mujoco]"`',
+            '`pip install mujoco`',
         ) from error
     return mujoco
 

@@ -16,13 +16,14 @@ import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
+from ros2_ident.models.serial.description import require_readable
 
 Array = npt.NDArray[np.float64]
 
 INERTIALS = 10
 _NO_PINOCCHIO = (
-    'an arm needs pinocchio, which is not installed; `pip install "ros2_ident[arms]"`, or the '
-    'package ros-jazzy-pinocchio'
+    'an arm needs pinocchio, which is not installed; `pip install pin`, or the package '
+    'ros-jazzy-pinocchio'
 )
 
 
@@ -222,6 +223,7 @@ def joints_in(text: str) -> tuple[str, ...]:
 
 def _whole(pin: Any, text: str, drives: Sequence[str]) -> Any:
     """Return the model of a URDF or an MJCF, all of its joints moving."""
+    require_readable(text)
     try:
         whole = pin.buildModelFromXML(text) if '<robot' in text else _from_mjcf(pin, text)
     except Exception as error:

@@ -75,7 +75,8 @@ class Inertials:
     def _declared(self, machine: Machine, name: str) -> list[Parameter]:
         """Return the base parameters of one kind; boxes are about what the file makes of them."""
         out = []
-        for full, column, middle in zip(self._names, self._base, self._middle, strict=True):
+        middles = self._middle.tolist()
+        for full, column, middle in zip(self._names, self._base, middles, strict=True):
             if NAMES[column % INERTIALS][0] == name:
                 low, high, unit = machine.box(name, machine.drives[column // INERTIALS])
                 out.append(Parameter(full, unit, middle + low, middle + high, 'physical', _SOURCE))
