@@ -180,6 +180,10 @@ def test_a_step_has_to_close_a_share_however_much_it_takes_away(explainer):
     before = made((9.0, 0.0))
     assert not explainer.material(before, made((9.0 - 0.8, 0.0)))
     assert explainer.material(before, made((9.0 - 1.0, 0.0)))
+    # Of all data, however much of those held out.
+    before = made((9.0, 0.0), check=(1.0, 0.0))
+    assert not explainer.material(before, made((9.0, 0.0), check=(0.2, 0.0)))
+    assert explainer.material(before, made((8.7, 0.0), check=(0.2, 0.0)))
 
 
 def test_what_the_data_held_out_refute_does_not_count(explainer):
@@ -623,6 +627,16 @@ def test_what_closes_nearly_as_much_cannot_be_told_apart(explainer):
     refuted = replace(near, law=np.array([2.0, 1.0]))
     said = answered(explainer, [base, one], [one, refuted, far])
     assert [w.at for w in said.confusable] == [STRIBECK]
+
+
+def test_twins_are_one_answer_under_two_names(explainer):
+    force, bias = EffectAt('constant_force', 'one'), EffectAt('effort_bias', 'one')
+    base, one = made((2.0, 0.0)), made((0.0, 0.0), effects=[force])
+    said = answered(explainer, [base, one], [one, made((0.3, 0.0), effects=[bias])])
+    assert (said.effect, [w.at for w in said.confusable]) == ('constant_force', [force, bias])
+    each = [w.probability for w in said.ranking]
+    assert each[0] == each[1]
+    assert said.probability == sum(each) > 0.85
 
 
 def test_further_effects_are_told_in_their_order(explainer):
