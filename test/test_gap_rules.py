@@ -483,6 +483,19 @@ def test_a_chain_is_fitted_anew_where_a_middle_one_goes(explainer, attribution):
     assert got[1] is first
 
 
+def test_the_first_of_three_goes_too(explainer, attribution):
+    three = [STRIBECK, FRICTION, DRAG]
+    chain = [made((8.0, 0.0)), made((6.0, 0.0), effects=three[:1])]
+    chain += [made((5.0, 0.0), effects=three[:2]), made((0.0, 0.0), effects=three)]
+    attribution.refits = {
+        (STRIBECK, DRAG): made((5.0, 0.0), effects=[STRIBECK, DRAG]),
+        (FRICTION, DRAG): made((0.1, 0.0), effects=[FRICTION, DRAG]),
+        (FRICTION,): made((3.0, 0.0), effects=[FRICTION]),
+    }
+    got = explainer.prune(chain)
+    assert [e.effects for e in got] == [(), (FRICTION,), (FRICTION, DRAG)]
+
+
 def test_what_a_later_effect_makes_superfluous_is_dropped_on_the_way(explainer, attribution):
     base, one = made((4.0, 4.0)), made((1.0, 4.0), effects=[STRIBECK])
     both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
@@ -646,6 +659,8 @@ def test_further_effects_are_told_in_their_order(explainer):
         explainer, [base, one, both], [one], [(both,), (both,)], [made((2.0, 0.0)), one]
     )
     assert (said.effect, said.also) == ('stribeck', (DRAG,))
+    # The first one is weighed by the fit that has both.
+    assert [(w.at, w.model) for w in said.ranking] == [(STRIBECK, both)]
 
 
 def test_advice_says_how_to_tell_apart_and_what_was_not_to_be_seen():
@@ -732,6 +747,10 @@ def test_an_effect_is_named_where_only_steps_are_left(explainer):
     assert answered(explainer, [base, one], [one], remaining=1.9).effect == UNKNOWN
     said = read_coarsely(explainer, [base, one], 'one', remaining=1.9)
     assert (said.effect, said.where, said.also) == ('quadratic_drag', ('two',), (STEPS,))
+    # Not where the other drive keeps a gap of its own.
+    base, one = made((1.9, 4.0)), made((1.9, 0.9), effects=[DRAG])
+    said = read_coarsely(explainer, [base, one], 'one', remaining=1.9)
+    assert (said.effect, said.also) == (UNKNOWN, (STEPS,))
 
 
 # ---------------------------------------------------------------------- what is left to tell
@@ -810,6 +829,14 @@ def test_an_effect_counts_by_the_noise_that_is_left_with_it(attribution):
     explainer.noise_of = lambda e: SimpleNamespace(floor=floor_of(1.0))
     assert explainer.less_noise([base, one], [], best) is None
     assert attribution.fits == 'old'
+    # Lower by less than three per cent is the same.
+    attribution.floor = np.full(2, 2.0)
+    for share, lower in ((0.98, False), (0.96, True)):
+        floor = SimpleNamespace(per_drive=np.array([2.0, 2.0 * share]), noise=old.noise)
+        explainer.noise_of = lambda e, floor=floor: SimpleNamespace(floor=floor)
+        attribution.refits = {(STRIBECK, DRAG): made((0.0, 0.0), effects=[STRIBECK, DRAG])}
+        assert (explainer.less_noise([base, one], [], best) is not None) is lower
+        explainer.floor = old
 
 
 @pytest.mark.parametrize(('errors', 'counts'), [(np.inf, True), (5.0, True), (3.0, False)])
