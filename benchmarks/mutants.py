@@ -216,6 +216,9 @@ class Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         node = places(tree)[self.mutant.place]
         new = list(changes(node))[self.mutant.change][1]
         tree = ast.fix_missing_locations(_Replace(node, new).visit(tree))
+        for keyword in (x for x in ast.walk(tree) if isinstance(x, ast.keyword)):
+            if keyword.arg == 'cache':  # Numba's does not see a changed number
+                keyword.value = ast.copy_location(ast.Constant(False), keyword.value)
         exec(compile(tree, str(self.path), 'exec'), module.__dict__)
 
 

@@ -6,7 +6,7 @@ to the disk, and put in its place in one step. What a crash leaves therefore end
 nothing reads it, the next run does not mind it, and it may be deleted.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 import errno
 import fcntl
@@ -46,6 +46,49 @@ def make_directory(path: str | Path) -> Path:
             f'{path}: cannot be written to; give another directory for the results',
         )
     return path
+
+
+@contextmanager
+def sole_writer(path: str | Path, names: Iterable[str] = ()) -> Iterator[Path]:
+    """Make the directory results go to; no other run writes there meanwhile.
+
+    Two runs at once would leave files of both side by side.
+
+    Args:
+        path: The directory.
+        names: Files that the run will write.
+
+    Yields:
+        The directory.
+
+    Raises:
+        IdentError: INVALID_GOAL where it cannot be made, a directory stands where a file has to
+            go, or another run writes there.
+    """
+    path = make_directory(path)
+    taken = next((path / name for name in names if (path / name).is_dir()), None)
+    if taken is not None:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{taken}: is a directory where a file has to go; move it away, or give another '
+            'directory for the results',
+        )
+    with _explained(path):
+        number = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{path}: another run writes its results there; wait for its end, or give '
+                'another directory',
+            ) from None
+        except OSError:
+            pass  # some network file systems lock no directories
+        yield path
+    finally:
+        os.close(number)
 
 
 @contextmanager
@@ -109,6 +152,16 @@ def replacing_directory(path: str | Path, *, replace: bool = False) -> Iterator[
             raise
         _sync(path.parent)
     shutil.rmtree(partial, ignore_errors=True)
+
+
+def remove_file(path: str | Path) -> None:
+    """Remove a file, or the link that is there; nothing need be.
+
+    Raises:
+        IdentError: INVALID_GOAL where it cannot be removed.
+    """
+    with _explained(Path(path)):
+        Path(path).unlink(missing_ok=True)
 
 
 def remove_directory(path: str | Path) -> None:

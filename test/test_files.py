@@ -15,6 +15,7 @@ from ros2_ident import files
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import read_bag
+from ros2_ident.report.files import OF_DIAGNOSIS, OF_RESULT
 
 BAG = ROOT / 'bags/axis_reversals'
 SEARCH = ['--population', '32', '--survivors', '4', '--generations', '2', '--no-report', '--quiet']
@@ -246,6 +247,39 @@ def test_an_overlay_that_was_changed_is_kept(tmp_path, command, capsys, harm):
     assert main(command) == 2
     assert 'is no overlay that ident wrote' in capsys.readouterr().err
     assert content(tmp_path) == before
+
+
+@pytest.mark.parametrize('name', ['identify', 'diagnose'])
+def test_two_runs_do_not_write_to_one_directory(tmp_path, command, capsys, name):
+    """The second one removed the first one's checkpoint, and left its files among the other's."""
+    words = command if name == 'identify' else ['diagnose', *command[1:6], '--quiet']
+    checkpoint = tmp_path / f'{name}.checkpoint'
+    checkpoint.write_bytes(b'of the first run')
+    with files.sole_writer(tmp_path):
+        assert main(words) == 2
+    assert 'another run writes its results there; wait for its end' in capsys.readouterr().err
+    assert content(tmp_path) == {checkpoint.name: b'of the first run'}
+    with files.sole_writer(tmp_path):  # and when it has ended, the next one may
+        pass
+
+
+@pytest.mark.parametrize('name', [*OF_RESULT, *OF_DIAGNOSIS])
+def test_a_directory_where_a_file_has_to_go_is_said_before_the_search(
+    tmp_path, command, capsys, name
+):
+    (tmp_path / name).mkdir()
+    words = command if name in OF_RESULT else ['diagnose', *command[1:6], '--quiet']
+    assert main(words) == 2
+    said = f'{tmp_path / name}: is a directory where a file has to go; move it away, or give'
+    assert said in capsys.readouterr().err
+    assert [x.name for x in tmp_path.iterdir()] == [name]
+
+
+def test_a_file_that_cannot_be_removed_is_said(tmp_path):
+    with pytest.raises(IdentError, match='cannot be written .Is a directory') as caught:
+        files.remove_file(tmp_path)
+    assert caught.value.code == ErrorCode.INVALID_GOAL
+    files.remove_file(tmp_path / 'none')
 
 
 class Killed(BaseException):

@@ -180,6 +180,10 @@ def test_a_step_has_to_close_a_share_however_much_it_takes_away(explainer):
     before = made((9.0, 0.0))
     assert not explainer.material(before, made((9.0 - 0.8, 0.0)))
     assert explainer.material(before, made((9.0 - 1.0, 0.0)))
+    # Of all data, however much of those held out.
+    before = made((9.0, 0.0), check=(1.0, 0.0))
+    assert not explainer.material(before, made((9.0, 0.0), check=(0.2, 0.0)))
+    assert explainer.material(before, made((8.7, 0.0), check=(0.2, 0.0)))
 
 
 def test_what_the_data_held_out_refute_does_not_count(explainer):
@@ -479,6 +483,19 @@ def test_a_chain_is_fitted_anew_where_a_middle_one_goes(explainer, attribution):
     assert got[1] is first
 
 
+def test_the_first_of_three_goes_too(explainer, attribution):
+    three = [STRIBECK, FRICTION, DRAG]
+    chain = [made((8.0, 0.0)), made((6.0, 0.0), effects=three[:1])]
+    chain += [made((5.0, 0.0), effects=three[:2]), made((0.0, 0.0), effects=three)]
+    attribution.refits = {
+        (STRIBECK, DRAG): made((5.0, 0.0), effects=[STRIBECK, DRAG]),
+        (FRICTION, DRAG): made((0.1, 0.0), effects=[FRICTION, DRAG]),
+        (FRICTION,): made((3.0, 0.0), effects=[FRICTION]),
+    }
+    got = explainer.prune(chain)
+    assert [e.effects for e in got] == [(), (FRICTION,), (FRICTION, DRAG)]
+
+
 def test_what_a_later_effect_makes_superfluous_is_dropped_on_the_way(explainer, attribution):
     base, one = made((4.0, 4.0)), made((1.0, 4.0), effects=[STRIBECK])
     both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
@@ -625,6 +642,16 @@ def test_what_closes_nearly_as_much_cannot_be_told_apart(explainer):
     assert [w.at for w in said.confusable] == [STRIBECK]
 
 
+def test_twins_are_one_answer_under_two_names(explainer):
+    force, bias = EffectAt('constant_force', 'one'), EffectAt('effort_bias', 'one')
+    base, one = made((2.0, 0.0)), made((0.0, 0.0), effects=[force])
+    said = answered(explainer, [base, one], [one, made((0.3, 0.0), effects=[bias])])
+    assert (said.effect, [w.at for w in said.confusable]) == ('constant_force', [force, bias])
+    each = [w.probability for w in said.ranking]
+    assert each[0] == each[1]
+    assert said.probability == sum(each) > 0.85
+
+
 def test_further_effects_are_told_in_their_order(explainer):
     base, one = made((2.0, 2.0)), made((0.0, 2.0), effects=[STRIBECK])
     both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
@@ -632,6 +659,8 @@ def test_further_effects_are_told_in_their_order(explainer):
         explainer, [base, one, both], [one], [(both,), (both,)], [made((2.0, 0.0)), one]
     )
     assert (said.effect, said.also) == ('stribeck', (DRAG,))
+    # The first one is weighed by the fit that has both.
+    assert [(w.at, w.model) for w in said.ranking] == [(STRIBECK, both)]
 
 
 def test_advice_says_how_to_tell_apart_and_what_was_not_to_be_seen():
@@ -718,6 +747,10 @@ def test_an_effect_is_named_where_only_steps_are_left(explainer):
     assert answered(explainer, [base, one], [one], remaining=1.9).effect == UNKNOWN
     said = read_coarsely(explainer, [base, one], 'one', remaining=1.9)
     assert (said.effect, said.where, said.also) == ('quadratic_drag', ('two',), (STEPS,))
+    # Not where the other drive keeps a gap of its own.
+    base, one = made((1.9, 4.0)), made((1.9, 0.9), effects=[DRAG])
+    said = read_coarsely(explainer, [base, one], 'one', remaining=1.9)
+    assert (said.effect, said.also) == (UNKNOWN, (STEPS,))
 
 
 # ---------------------------------------------------------------------- what is left to tell
@@ -796,6 +829,14 @@ def test_an_effect_counts_by_the_noise_that_is_left_with_it(attribution):
     explainer.noise_of = lambda e: SimpleNamespace(floor=floor_of(1.0))
     assert explainer.less_noise([base, one], [], best) is None
     assert attribution.fits == 'old'
+    # Lower by less than three per cent is the same.
+    attribution.floor = np.full(2, 2.0)
+    for share, lower in ((0.98, False), (0.96, True)):
+        floor = SimpleNamespace(per_drive=np.array([2.0, 2.0 * share]), noise=old.noise)
+        explainer.noise_of = lambda e, floor=floor: SimpleNamespace(floor=floor)
+        attribution.refits = {(STRIBECK, DRAG): made((0.0, 0.0), effects=[STRIBECK, DRAG])}
+        assert (explainer.less_noise([base, one], [], best) is not None) is lower
+        explainer.floor = old
 
 
 @pytest.mark.parametrize(('errors', 'counts'), [(np.inf, True), (5.0, True), (3.0, False)])

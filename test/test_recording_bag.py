@@ -360,7 +360,9 @@ def test_a_cut_bag_gives_what_is_whole(bag, recording, tmp_path):
 
 
 @settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=40,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(cut=st.floats(0.0, 1.0), flips=st.lists(st.floats(0.0, 1.0), max_size=3))
 def test_damage_anywhere_gives_true_samples_or_one_sentence(bag, recording, tmp_path, cut, flips):

@@ -131,6 +131,6 @@ def test_a_single_sample():
 
 
 def test_a_cycle_that_is_none():
-    for cycle in (0.0, -1.0, float('nan')):
+    for cycle in (0.0, -1.0, float('nan'), float('inf'), 1e300, 1e-320):
         with pytest.raises(IdentError, match='give a positive time in the machine file'):
             find_ticks(np.arange(3), 0, cycle)

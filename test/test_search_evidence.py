@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noise of any size and colour, what is missing, and intervals that allow for it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -58,6 +60,29 @@ def test_what_no_column_predicts_on_other_blocks_is_noise():
     seen = weigh(residual, waves(rng, 2), columns, RUNS, BLOCKS)
     assert seen.rest[0] < 0.012
     assert seen.unseen[0] == pytest.approx(seen.rms[0], rel=0.01)
+
+
+def test_what_is_not_clear_counts_where_it_comes_true_on_other_blocks():
+    rng = np.random.default_rng(3)
+    missing = waves(rng, 60)
+    residual = noise(rng, 0.01, 0.0) + 0.2 * missing[:, 7]
+    seen = weigh(residual, waves(rng, 5), missing, RUNS, BLOCKS)
+    # Each block is predicted by the others alone, and as well as they can.
+    assert seen.unseen[0] == pytest.approx(0.01, rel=0.1)
+    assert seen.unseen[0] > seen.rest[0]
+    assert replace(seen, gain=31.0).floor[0] == seen.rest[0]
+    assert replace(seen, gain=29.0).floor[0] == seen.unseen[0]
+
+
+def test_what_chance_gains_is_no_evidence():
+    gains = []
+    for seed in (3, 5, 6):
+        rng = np.random.default_rng(seed)
+        residual = noise(rng, 0.01, 0.0)
+        seen = weigh(residual, waves(rng, 5), waves(rng, 60), RUNS, BLOCKS)
+        gains.append(seen.gain)
+        assert seen.size == pytest.approx(1e-5 * np.sqrt(np.mean(residual**2)))
+    assert min(gains) > 1.0 and max(gains) < 3.0
 
 
 def test_intervals_hold_the_truth_though_the_model_lacks_something():

@@ -45,6 +45,13 @@ def test_several_starts_find_the_best_of_several_minima(central):
     assert result.evaluations == sum(s.evaluations for s in result.starts) + 4
 
 
+def test_the_best_start_counts_wherever_it_stands():
+    good, poor = [5.0, 2200.0], [3.0, 40000.0]
+    for starts in ([good, poor], [poor, good]):
+        result = refine(residuals, starts, LOW, HIGH)
+        np.testing.assert_allclose(result.theta, TRUTH, rtol=1e-8)
+
+
 def test_good_enough_spares_the_other_starts():
     starts = [[2.9, 2010.0], [3.0, 9000.0], [3.0, 40000.0]]
     result = refine(residuals, starts, LOW, HIGH, good_enough=1e-6)
@@ -238,3 +245,15 @@ def test_a_fit_beside_a_cliff_ends_without_a_word_of_numpy(size):
 
     fitted = local_fit(evaluate, np.array([0.3]), np.array([0.0]), np.array([1.0]))
     assert 0.5 < fitted.theta[0] <= 0.6
+
+
+@pytest.mark.parametrize('start', [0.3, 0.29])
+def test_a_local_fit_is_never_worse_than_its_start(start):
+    """At a kink every step that the slope suggests leads uphill."""
+
+    def evaluate(theta):
+        return (1.0 + np.abs(theta - 0.3)) * np.ones(4)
+
+    fitted = local_fit(evaluate, np.array([start]), np.array([0.0]), np.array([1.0]))
+    assert fitted.loss <= (1.0 + abs(start - 0.3)) ** 2
+    assert fitted.loss == pytest.approx(1.0, abs=2e-3)

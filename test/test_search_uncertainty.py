@@ -46,6 +46,15 @@ def test_white_noise_gives_the_classical_interval():
     assert found.noise[0] == pytest.approx(1.0, rel=0.1)
 
 
+def test_few_samples_of_slow_noise_widen_the_interval():
+    noise = coloured(np.random.default_rng(4), 0.98)
+    theta, found = fit(noise)
+    told = fit_noise(noise + JACOBIAN @ (TRUTH - theta)).effective_samples
+    assert found.effective_samples == told < 0.1 * COUNT
+    quantile = student.ppf(0.975, told - 3)
+    np.testing.assert_allclose(found.half_width, quantile * found.standard_error, rtol=1e-10)
+
+
 @pytest.mark.parametrize('rho', [0.0, 0.5, 0.9, -0.5])
 def test_intervals_cover_the_truth(rho):
     rng = np.random.default_rng(11)

@@ -2,6 +2,7 @@
 """`ident diagnose`: where the gap to the log lies, what causes it, how far it closes."""
 
 import argparse
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 import time
@@ -127,11 +128,11 @@ def run(args: argparse.Namespace) -> int:
     add_effect_files(args.effect)
     from ros2_ident.cli.interrupt import interrupts
     from ros2_ident.cli.progress import FractionMeter, WRITING
-    from ros2_ident.files import make_directory
+    from ros2_ident.files import sole_writer
     from ros2_ident.gap.diagnose import diagnose
     from ros2_ident.gap.verdict import REFUSED
     from ros2_ident.identify.run import read_data
-    from ros2_ident.report.files import DIAGNOSIS_CHECKPOINT, write_diagnosis
+    from ros2_ident.report.files import DIAGNOSIS_CHECKPOINT, OF_DIAGNOSIS, write_diagnosis
     from ros2_ident.report.overlay import OVERLAY, require_place, withdraw_overlay
     from ros2_ident.search.journal import forget
 
@@ -144,64 +145,64 @@ def run(args: argparse.Namespace) -> int:
     topics, conditions = topics_of(args), conditions_of(args)
     fit = read_data(args.bag, machine, args.drives, topics=topics)
     check = read_data(args.check, machine, args.drives, topics=topics) if args.check else None
-    out = make_directory(args.out) if args.out else None
-    if out is not None and not args.no_overlay:
-        require_place(out / OVERLAY, fit, [*args.bag, *args.check])
-    checkpoint = None if out is None else out / DIAGNOSIS_CHECKPOINT
-    if checkpoint is not None and not args.resume:
-        forget(checkpoint)
-    fixed = once(args.fix, '--fix')
-    said = ''
+    with sole_writer(args.out, OF_DIAGNOSIS) if args.out else nullcontext() as out:
+        if out is not None and not args.no_overlay:
+            require_place(out / OVERLAY, fit, [*args.bag, *args.check])
+        checkpoint = None if out is None else out / DIAGNOSIS_CHECKPOINT
+        if checkpoint is not None and not args.resume:
+            forget(checkpoint)
+        fixed = once(args.fix, '--fix')
+        said = ''
 
-    def show(progress: 'DiagnoseProgress') -> None:
-        nonlocal said
-        if progress.best_so_far != said:
-            said = progress.best_so_far
-            meter.note(f'so far: {said}')
-        progress = replace(progress, eta=progress.eta + writing)
-        meter(progress.fraction, progress.stage, progress.eta)
-        if live is not None:
-            live.diagnosing(progress)
+        def show(progress: 'DiagnoseProgress') -> None:
+            nonlocal said
+            if progress.best_so_far != said:
+                said = progress.best_so_far
+                meter.note(f'so far: {said}')
+            progress = replace(progress, eta=progress.eta + writing)
+            meter(progress.fraction, progress.stage, progress.eta)
+            if live is not None:
+                live.diagnosing(progress)
 
-    writing = WRITING * (time.monotonic() - begun) if out is not None else 0.0
-    with (
-        live_page(args, out, fit) as live,
-        FractionMeter(quiet=args.quiet) as meter,
-        interrupts() as cancel,
-    ):
-        found = diagnose(
-            machine,
-            fit.datasets,
-            check.datasets if check else (),
-            labels=fit.labels,
-            check_labels=check.labels if check else (),
-            conditions=conditions,
-            drives=args.drives,
-            without=args.without,
-            fixed=fixed,
-            seed=args.seed,
-            seconds=args.seconds,
-            cancelled=cancel.is_set,
-            on_progress=show,
-            workers=workers_of(args),
-            checkpoint=checkpoint,
-        )
-        files, page = [], ''
-        if out is not None:
-            settings = {
-                **asked(args),
-                'check_bags': args.check,
-                'drives': args.drives or machine.drives,
-                'without_effects': args.without,
-                'fixed': fixed,
-                'time_budget': args.seconds,
-            }
-            withdraw_overlay(out / OVERLAY)
-            files = [*write_diagnosis(out, found, machine, fit, check, settings)]
-            files += _overlay(args, out, machine, fit, found)
-            page = page_line(out, wanted=not args.no_report)
-    if checkpoint is not None and found.complete:
-        forget(checkpoint)  # all is written that it could lead to
+        writing = WRITING * (time.monotonic() - begun) if out is not None else 0.0
+        with (
+            live_page(args, out, fit) as live,
+            FractionMeter(quiet=args.quiet) as meter,
+            interrupts() as cancel,
+        ):
+            found = diagnose(
+                machine,
+                fit.datasets,
+                check.datasets if check else (),
+                labels=fit.labels,
+                check_labels=check.labels if check else (),
+                conditions=conditions,
+                drives=args.drives,
+                without=args.without,
+                fixed=fixed,
+                seed=args.seed,
+                seconds=args.seconds,
+                cancelled=cancel.is_set,
+                on_progress=show,
+                workers=workers_of(args),
+                checkpoint=checkpoint,
+            )
+            files, page = [], ''
+            if out is not None:
+                settings = {
+                    **asked(args),
+                    'check_bags': args.check,
+                    'drives': args.drives or machine.drives,
+                    'without_effects': args.without,
+                    'fixed': fixed,
+                    'time_budget': args.seconds,
+                }
+                withdraw_overlay(out / OVERLAY)
+                files = [*write_diagnosis(out, found, machine, fit, check, settings)]
+                files += _overlay(args, out, machine, fit, found)
+                page = page_line(out, wanted=not args.no_report)
+        if checkpoint is not None and found.complete:
+            forget(checkpoint)  # all is written that it could lead to
     # last: whoever reads the output may leave early, as `head` does
     print_diagnosis(found)
     if files:

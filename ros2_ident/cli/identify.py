@@ -184,14 +184,14 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.interrupt import interrupts
     from ros2_ident.cli.progress import make_meter, WRITING
     from ros2_ident.cli.table import print_result
-    from ros2_ident.files import make_directory
+    from ros2_ident.files import sole_writer
     from ros2_ident.identify.held_out import check_problem
     from ros2_ident.identify.outputs import checked
     from ros2_ident.identify.result import Outcome
     from ros2_ident.identify.run import identify, read_data
     from ros2_ident.identify.setup import problem_of
     from ros2_ident.models.registry import compared_of
-    from ros2_ident.report.files import CHECKPOINT, write_result
+    from ros2_ident.report.files import CHECKPOINT, OF_RESULT, write_result
     from ros2_ident.report.overlay import (
         OVERLAY,
         require_place,
@@ -213,72 +213,72 @@ def run(args: argparse.Namespace) -> int:
     if args.check:
         check = read_data(args.check, machine, args.drives, topics=topics_of(args), **read)
         check = check.without_command() if settings.method == 'algebraic' else check
-    out = make_directory(args.out)
-    if not args.no_overlay:
-        require_place(out / OVERLAY, data, args.bag)
-    checkpoint = out / CHECKPOINT
-    if not args.resume:
-        forget(checkpoint)
-    what: dict[str, Any] = {
-        'drives': args.drives,
-        'fixed': fixed,
-        'bounds': bounds,
-        'conditions': conditions,
-        'outputs': outputs,
-    }
-    shown = problem_of(machine, data, **what) if args.live else None
-    with (
-        live_page(args, out, data, shown) as live,
-        interrupts() as cancel,
-        make_meter(quiet=args.quiet) as meter,
-    ):
-
-        writing = WRITING * (time.monotonic() - begun)
-
-        def tell(progress: 'IdentifyProgress') -> None:
-            progress = replace(progress, eta=progress.eta + writing)
-            meter(progress)
-            if live is not None:
-                live.identifying(progress)
-
-        result = identify(
-            machine,
-            data,
-            **what,
-            settings=settings,
-            seed=args.seed,
-            cancel=cancel,
-            on_progress=tell,
-            workers=workers_of(args),
-            checkpoint=checkpoint,
-            check=check,
-        )
-        problem = problem_of(
-            machine,
-            data,
-            drives=result.drives,
-            fixed=result.fixed,
-            conditions=conditions,
-            outputs=outputs,
-        )
-        settled = {**result.settings, **asked(args), 'check_bags': args.check}
-        result = replace(result, settings=settled)
-        withdraw_overlay(out / OVERLAY)
-        held_out = None if check is None else check_problem(problem, check)
-        files = list(write_result(out, result, problem, held_out))
+    with sole_writer(args.out, OF_RESULT) as out:
         if not args.no_overlay:
-            files += write_overlay(
-                out / OVERLAY,
-                problem,
-                result.theta,
-                topics=topics_of(args),
-                verdict=verdict_of(result),
-                # whoever cancels wants it to end
-                moving=result.outcome is not Outcome.CANCELLED,
+            require_place(out / OVERLAY, data, args.bag)
+        checkpoint = out / CHECKPOINT
+        if not args.resume:
+            forget(checkpoint)
+        what: dict[str, Any] = {
+            'drives': args.drives,
+            'fixed': fixed,
+            'bounds': bounds,
+            'conditions': conditions,
+            'outputs': outputs,
+        }
+        shown = problem_of(machine, data, **what) if args.live else None
+        with (
+            live_page(args, out, data, shown) as live,
+            interrupts() as cancel,
+            make_meter(quiet=args.quiet) as meter,
+        ):
+
+            writing = WRITING * (time.monotonic() - begun)
+
+            def tell(progress: 'IdentifyProgress') -> None:
+                progress = replace(progress, eta=progress.eta + writing)
+                meter(progress)
+                if live is not None:
+                    live.identifying(progress)
+
+            result = identify(
+                machine,
+                data,
+                **what,
+                settings=settings,
+                seed=args.seed,
+                cancel=cancel,
+                on_progress=tell,
+                workers=workers_of(args),
+                checkpoint=checkpoint,
+                check=check,
             )
-        page = page_line(out, wanted=not args.no_report)
-    if result.outcome not in (Outcome.CANCELLED, Outcome.BUDGET_SPENT):
-        forget(checkpoint)  # all is written that it could lead to
+            problem = problem_of(
+                machine,
+                data,
+                drives=result.drives,
+                fixed=result.fixed,
+                conditions=conditions,
+                outputs=outputs,
+            )
+            settled = {**result.settings, **asked(args), 'check_bags': args.check}
+            result = replace(result, settings=settled)
+            withdraw_overlay(out / OVERLAY)
+            held_out = None if check is None else check_problem(problem, check)
+            files = list(write_result(out, result, problem, held_out))
+            if not args.no_overlay:
+                files += write_overlay(
+                    out / OVERLAY,
+                    problem,
+                    result.theta,
+                    topics=topics_of(args),
+                    verdict=verdict_of(result),
+                    # whoever cancels wants it to end
+                    moving=result.outcome is not Outcome.CANCELLED,
+                )
+            page = page_line(out, wanted=not args.no_report)
+        if result.outcome not in (Outcome.CANCELLED, Outcome.BUDGET_SPENT):
+            forget(checkpoint)  # all is written that it could lead to
     # last: whoever reads the output may leave early, as `head` does
     print_result(result)
     print('written: ' + ', '.join(str(path) for path in files))

@@ -114,14 +114,15 @@ def page_line(directory: Path, *, wanted: bool) -> str:
     Returns:
         The line that says where it is; empty where none was written.
     """
+    from ros2_ident.files import remove_file
     from ros2_ident.report.files import PAGE
 
-    (directory / PAGE).unlink(missing_ok=True)
-    if not wanted:
-        return ''
-    from ros2_ident.report.page import write_report
-
     try:
+        remove_file(directory / PAGE)
+        if not wanted:
+            return ''
+        from ros2_ident.report.page import write_report
+
         return f'page: {write_report(directory)}\n'
     except IdentError as error:
         print(f'no page is written: {error.message}', file=sys.stderr)

@@ -15,7 +15,7 @@ from ros2_ident.recording import (
     align,
     choose_windows,
     Dataset,
-    read_bag,
+    read_bags,
     Recording,
     SAMPLES,
     Topics,
@@ -135,10 +135,10 @@ def read_data(
         The segments.
 
     Raises:
-        IdentError: As `read_bag`, `align` and `gather`.
+        IdentError: As `read_bags`, `align` and `gather`.
     """
     several = [bags] if isinstance(bags, str | Path) else bags
-    recordings = [recording for bag in several for recording in read_bag(bag, topics)]
+    recordings = read_bags(several, topics)
     return gather(recordings, machine, drives, samples=samples, quantities=quantities)
 
 

@@ -17,6 +17,9 @@ from ros2_ident.machine.units import effort_factor, plain_unit
 
 SECTIONS = ('geometry', 'drive', 'controller', 'parameters')
 TEMPLATE = 'start from one that `ident new-machine` writes'
+# What others are divided by; a gear may turn the other way round.
+_ABOVE_ZERO = ('cycle', 'torque_limit')
+_NOT_ZERO = (*_ABOVE_ZERO, 'gear_factor')
 _WORDS = ('no', 'one', 'two', 'three', 'four', 'five', 'six')
 
 
@@ -187,6 +190,13 @@ def _quantity(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
             'error',
             key.path,
             f'{".".join(key.path)} is {shown(value)}; write a number{_in_unit(draft, key)}',
+        )
+    elif found == 0.0 and key.name in _NOT_ZERO or found < 0.0 and key.name in _ABOVE_ZERO:
+        yield Remark(
+            'error',
+            key.path,
+            f'{".".join(key.path)} is {found:g}, by which nothing can be divided; write a number '
+            f'above 0{_in_unit(draft, key)}',
         )
     elif not key.low <= found <= key.high:
         yield Remark('warn', key.path, _implausible(draft, key, f'{found:g}'))

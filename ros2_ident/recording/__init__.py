@@ -12,6 +12,7 @@ from ros2_ident.recording.findings import Finding as Finding
 from ros2_ident.recording.findings import render as render
 from ros2_ident.recording.findings import Report as Report
 from ros2_ident.recording.quality import check as check
+from ros2_ident.recording.several import read_bags as read_bags
 from ros2_ident.recording.smooth import smooth_motion as smooth_motion
 from ros2_ident.recording.streams import Recording as Recording
 from ros2_ident.recording.streams import scale_effort as scale_effort

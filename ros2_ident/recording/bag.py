@@ -16,7 +16,14 @@ from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.metadata import Metadata, NAME, read_metadata
 from ros2_ident.recording.ros2_control import ARRAY, CONTROLLER_STATE, JOINT_STATE, ROLES_OF
 from ros2_ident.recording.shown import listed, printable
-from ros2_ident.recording.storage import damaged, digest, storage_files, SUFFIXES, unpacked
+from ros2_ident.recording.storage import (
+    damaged,
+    digest,
+    readable,
+    storage_files,
+    SUFFIXES,
+    unpacked,
+)
 from ros2_ident.recording.streams import Recording, ROLES
 from ros2_ident.recording.table import read_table
 from ros2_ident.recording.table import SUFFIXES as TABLES
@@ -84,18 +91,26 @@ def read_bag(
     path = Path(path)
     topics = topics or Topics()
     limits = limits or Limits.from_environment()
-    if path.suffix.lower() in TABLES:
-        return read_table(path, topics.columns, limits)
+    with readable(path):
+        if path.suffix.lower() in TABLES:
+            return read_table(path, topics.columns, limits)
+        return _read(path, topics, limits)
+
+
+def _read(path: Path, topics: Topics, limits: Limits) -> list[Recording]:
+    """Read a bag; see `read_bag`."""
     roles = topics.roles()
     files, warnings = storage_files(path)
     metadata = read_metadata(path)
     if (path / NAME).exists() and not warnings:
         listed_files = [path / x for x in metadata.files] if metadata else []
+        if sorted(listed_files) != sorted(files):
+            warnings.append(_unfit(path))
         if listed_files and all(x.is_file() for x in listed_files):
-            files = listed_files
+            files = list(dict.fromkeys(listed_files))
         else:
             metadata = None
-            warnings.append(_unfit(path))
+
     def scanned(topics: Topics) -> Content:
         content = Content(topics.roles(), limits, topics.names)
         _scan_all(path, files, content, metadata)
@@ -204,14 +219,13 @@ def _scan_all(path: Path, files: list[Path], content: Content, metadata: Metadat
     if refused and not any(losses.whole for _, losses in scanned):
         raise refused[0]
     content.warnings += [x.message for x in refused]
-    if metadata is not None and len(files) == 1 and scanned:
+    if metadata is not None and len(files) == 1 and scanned and not scanned[0][1].counted:
         scanned[0][1].expect(metadata.counts, content.counts)
     for file, losses in scanned:
         _account(file, losses, content, alone=len(files) == 1)
-    if metadata is not None and len(files) > 1 and not refused:
-        lost = sum((Counter(metadata.counts) - Counter(content.counts)).values())
-        if lost and not content.warnings:
-            content.warnings.append(_unfit(path))
+    stated = None if metadata is None else +Counter(metadata.counts)
+    if stated not in (None, +Counter(content.counts)) and not content.warnings:
+        content.warnings.append(_unfit(path))
 
 
 def _account(file: Path, losses: Losses, content: Content, *, alone: bool) -> None:

@@ -3,7 +3,7 @@
 
 from array import array
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ from ros2_ident.recording.streams import (
     Stream,
 )
 
+# builtin_interfaces/Time counts seconds in 32 bits, until 2038.
+_LAST_ROS_TIME = (1 << 31) * 1_000_000_000
 # Nothing that is measured is larger; its square would overflow soon.
 _ABSURD = 1e30
 
@@ -241,7 +243,7 @@ class RecordingBuilder:
         groups = []
         for group in match_segments(pieces):
             parts = split_pauses(group)
-            groups += parts
+            groups += [_in_range(part, warnings) for part in parts]
             if len(parts) > 1:
                 warnings.append(_paused(parts))
         return [
@@ -388,6 +390,24 @@ def _strayed(role: str, stamp: IntArray, rows: IntArray) -> str:
         f'{role}: {rows.size} {what} up to {float(off):.3g} s apart from those before and after, '
         f'the first is number {int(rows[0]) + 1}, and {"is" if rows.size == 1 else "are"} left out'
     )
+
+
+def _in_range(group: dict[str, Stream], warnings: list[str]) -> dict[str, Stream]:
+    """Return a recording whose stamps a bag can hold: from 0 on where they cannot be ROS times.
+
+    A scope counts from its trigger on, negative before it, and LabVIEW from 1904.
+    """
+    begin = min(int(x.stamp[0]) for x in group.values())
+    end = max(int(x.stamp[-1]) for x in group.values())
+    if begin >= 0 and end < _LAST_ROS_TIME:
+        return group
+    whole = begin // 1_000_000_000
+    warnings.append(
+        f'the stamps begin at {begin * 1e-9:.6g} s, which no ROS time can be: {whole} s are taken '
+        'from all of them'
+    )
+    shift = whole * 1_000_000_000
+    return {role: replace(x, stamp=x.stamp - shift) for role, x in group.items()}
 
 
 def _paused(parts: list[dict[str, Stream]]) -> str:

@@ -21,6 +21,7 @@ class Losses:
         blocks: Compressed blocks inside the file that are damaged.
         skipped: Bytes between the blocks that make no sense.
         unknown: Messages of a topic that is described nowhere.
+        counted: The file itself states how many messages it holds.
         said: Whatever else was found, without subject.
     """
 
@@ -31,6 +32,7 @@ class Losses:
     blocks: int = 0
     skipped: int = 0
     unknown: int = 0
+    counted: bool = False
     said: list[str] = field(default_factory=list)
 
     def say(self, text: str) -> None:

@@ -22,6 +22,8 @@ _RATE_TOLERANCE = 0.02
 _DRIFT_LIMIT = 1e-3
 # Cycles of one recording: 28 hours at 1 kHz.
 _MOST_CYCLES = 1e8
+# No controller is faster or slower, s.
+_SHORTEST_CYCLE, _LONGEST_CYCLE = 1e-12, 1e3
 # Length of the mean phase vector below which the stamps do not cluster on the grid.
 _CLUSTERED = 0.1
 # From this length on rounding to the next cycle is right to five standard deviations.
@@ -86,7 +88,7 @@ def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
     Raises:
         IdentError: BAD_VALUES where the cycle is no positive time.
     """
-    if not np.isfinite(cycle) or cycle <= 0.0:
+    if not _SHORTEST_CYCLE < cycle < _LONGEST_CYCLE:
         raise IdentError(
             ErrorCode.BAD_VALUES,
             f'controller cycle is {cycle} s; give a positive time in the machine file',

@@ -339,6 +339,7 @@ class _Walk:
         self.losses.whole = sum(found.values())
         self.losses.unknown = sum(self.strange.values())
         if self.summary.counts is not None and not self.summary.damaged:
+            self.losses.counted = True
             stated: Counter[str] = Counter()
             for number, count in self.summary.counts.items():
                 if number in self.ways:

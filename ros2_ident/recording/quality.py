@@ -164,7 +164,7 @@ def _judge_stream(x: StreamSummary) -> list[Finding]:
                 level,
                 'missing',
                 x.role,
-                f'{text}, {100.0 * x.missing_share:.2g} % of the samples are missing, the longest '
+                f'{text}, {100.0 * x.missing_share:.3g} % of the samples are missing, the longest '
                 f'gap lasts {x.longest_gap:.3g} s; record on the machine itself, or with a larger '
                 'cache',
             )
@@ -204,7 +204,7 @@ def _judge_stream(x: StreamSummary) -> list[Finding]:
                     'warn',
                     'nan',
                     x.role,
-                    f'{x.role}: {100.0 * share:.2g} % of the values of the {_of(name)} are '
+                    f'{x.role}: {100.0 * share:.3g} % of the values of the {_of(name)} are '
                     'missing or NaN; they are left out; check the driver if you expected them',
                 )
             )

@@ -12,8 +12,26 @@ from tempfile import TemporaryDirectory
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.inflate import stated_size, unpack_zstd
 from ros2_ident.recording.limits import Limits, size_text, variable_of
+from ros2_ident.recording.shown import printable
 
 SUFFIXES = ('.mcap', '.db3', '.bag')
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """Turn the system's refusal to read into a sentence with the remedy.
+
+    Raises:
+        IdentError: NO_DATA where the system may not or cannot read something there.
+    """
+    try:
+        yield
+    except OSError as exc:
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{printable(str(path))}: cannot be read ({exc.strerror or exc}); give the path of a '
+            'log that this user may read',
+        ) from exc
 
 
 def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:

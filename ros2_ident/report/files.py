@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import make_directory, write_arrays, write_text
+from ros2_ident.files import make_directory, remove_file, write_arrays, write_text
 from ros2_ident.gap.diagnosis import Diagnosis, SCHEMA
 from ros2_ident.gap.diagnosis import to_mapping as diagnosis_mapping
 from ros2_ident.identify.data import Data
@@ -38,6 +38,9 @@ PAGE = 'report.html'
 MOTION = 'motion.npz'
 # What a run that was cut short goes on from.
 CHECKPOINT, DIAGNOSIS_CHECKPOINT = 'identify.checkpoint', 'diagnose.checkpoint'
+# What the two commands write, beside the overlay bag.
+OF_RESULT = (JSON, YAML, HISTORY, SIGNALS, MOTION, PAGE, CHECKPOINT)
+OF_DIAGNOSIS = (DIAGNOSIS, DIAGNOSIS_SIGNALS, MOTION, PAGE, DIAGNOSIS_CHECKPOINT)
 
 
 def write_diagnosis(
@@ -62,7 +65,7 @@ def write_diagnosis(
         `diagnosis.json`, and `diagnosis.npz` with measured and simulated effort.
     """
     folder = Path(directory)
-    (folder / MOTION).unlink(missing_ok=True)  # that of an older run
+    remove_file(folder / MOTION)  # that of an older run
     content = {
         **diagnosis_mapping(found),
         'machine_lines': list(machine_lines(found, machine)),
@@ -119,7 +122,7 @@ def write_result(
         IdentError: INVALID_GOAL where the directory cannot be written to.
     """
     folder = make_directory(directory)
-    (folder / MOTION).unlink(missing_ok=True)  # that of an older run
+    remove_file(folder / MOTION)  # that of an older run
     data = to_mapping(result)
     _withdraw(folder, PAGE, YAML, HISTORY, SIGNALS)
     files = (
@@ -145,7 +148,7 @@ def write_result(
 def _withdraw(folder: Path, *names: str) -> None:
     """Remove what an earlier run left, so that a crash leaves nothing old beside the new."""
     for name in names:
-        (folder / name).unlink(missing_ok=True)
+        remove_file(folder / name)
 
 
 def load_result(path: str | Path) -> Identification:

@@ -25,7 +25,7 @@ from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings, OnP
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import compared_of
-from ros2_ident.recording import read_bag, Recording, RecordingBuilder, Topics
+from ros2_ident.recording import read_bags, Recording, RecordingBuilder, Topics
 from ros2_ident.report.preview import Preview, Series
 from ros2_ident.ros.unfinished import place_of
 
@@ -202,7 +202,7 @@ def recordings_of(
 ) -> list[Recording]:
     """Return the recordings of bags, or what the node has received where no bag is named."""
     if bag_paths:
-        return [recording for path in bag_paths for recording in read_bag(path, topics)]
+        return read_bags(bag_paths, topics)
     if buffer is None:
         raise IdentError(ErrorCode.NO_DATA, 'there is no live data; replay a bag or name its path')
     return buffer.build()

@@ -19,7 +19,7 @@ import zlib
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import Growing
+from ros2_ident.files import Growing, remove_file
 
 Values = Mapping[str, Any]
 # The last character is the version of what follows: digest of the run's key, records.
@@ -177,4 +177,4 @@ def _is_array(value: Any) -> bool:
 
 def forget(path: str | Path) -> None:
     """Remove a journal: what it led to is safe."""
-    Path(path).unlink(missing_ok=True)
+    remove_file(path)

@@ -405,7 +405,8 @@ class DriveModel(FullModel):
                 need = np.maximum(need, self.cycle * slope / 1.5)
             if not self.stiff[d]:
                 inverse = 1.0 / motor + 1.0 / np.maximum(rail, 1e-9)
-                omega = np.sqrt(block[:, rows.row_of('gear_stiffness', d)] * inverse)
+                with np.errstate(invalid='ignore'):  # below 0 it diverges
+                    omega = np.sqrt(block[:, rows.row_of('gear_stiffness', d)] * inverse)
                 rate = block[:, rows.row_of('gear_damping', d)] * inverse
                 need = np.maximum(need, self.cycle * np.maximum(omega / 0.45, rate / 0.9))
         # A candidate that is no number diverges with any count.

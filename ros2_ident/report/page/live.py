@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from ros2_ident.errors import IdentError
-from ros2_ident.files import write_text
+from ros2_ident.files import remove_file, write_text
 from ros2_ident.gap.diagnose import DiagnoseProgress
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.settings import IdentifyProgress
@@ -77,7 +77,7 @@ class LivePage:
     ) -> None:
         """Give way to the report; where none was written, say why."""
         if error is None and (self._folder / PAGE).exists():
-            (self._folder / NEWS).unlink(missing_ok=True)
+            remove_file(self._folder / NEWS)
             return
         why = 'it could not be written' if error is None else type(error).__name__
         if isinstance(error, IdentError):
