@@ -172,6 +172,15 @@ def test_check_of_a_bag_with_the_sign_of_the_effort_reversed_ends_with_1(tmp_pat
     assert main(['check', str(bag), '--machine', str(AXIS_FILE)]) == 1
 
 
+def test_check_of_a_drive_that_stands_still_ends_with_1(tmp_path, capsys):
+    """It was a traceback: a frozen encoder beside a set-point that moves."""
+    state = axis_bag().streams['/joint_states']
+    still = Stream(state.names, state.stamp, np.zeros_like(state.position))
+    bag = write_bag(tmp_path / 'still', {**axis_bag().streams, '/joint_states': still})
+    assert main(['check', str(bag), '--machine', str(AXIS_FILE)]) == 1
+    assert 'does not move; move it through its working range' in capsys.readouterr().out
+
+
 @pytest.mark.parametrize('factor', [2.0, 0.5])
 def test_check_says_that_an_effort_is_not_what_the_machine_makes(tmp_path, capsys, factor):
     effort = axis_bag().streams['/effort']

@@ -147,7 +147,8 @@ class Fit:
         """Return the mean square that is left, as a share of the effort's variance."""
         columns, effort = self.system(delays)
         normal, right = columns.T @ columns, columns.T @ effort
-        size = np.sqrt(np.diag(normal)) + 1e-300
+        # a drive that stands still has a column of zeros; the square has to be a number, too
+        size = np.maximum(np.sqrt(np.diag(normal)), 1e-150)
         solution = np.linalg.lstsq(normal / np.outer(size, size), right / size, rcond=1e-12)[0]
         rest = effort - columns @ (solution / size)
         return float(rest @ rest) / max(float(effort.var()) * effort.size, 1e-300)
