@@ -10,7 +10,7 @@ import pytest
 from ros2_ident.errors import IdentError
 from ros2_ident.search import finite_differences, refine, RefineStatus, spread_starts
 from ros2_ident.search.jacobian import Box, steps
-from ros2_ident.search.levenberg import local_fit
+from ros2_ident.search.levenberg import difference_jacobian, local_fit
 
 TIME = np.linspace(0.0, 1.0, 200)
 TRUTH = np.array([3.0, 2000.0])
@@ -245,6 +245,16 @@ def test_a_fit_beside_a_cliff_ends_without_a_word_of_numpy(size):
 
     fitted = local_fit(evaluate, np.array([0.3]), np.array([0.0]), np.array([1.0]))
     assert 0.5 < fitted.theta[0] <= 0.6
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_start_that_diverges_ends_without_a_word_of_numpy():
+    def lost(theta):
+        return np.where(theta[:, :1] < 0.5, np.inf, theta[:, :1]) * np.ones(5)
+
+    residual, jacobian = difference_jacobian(lost, np.array([0.2]), np.zeros(1), np.ones(1))
+    assert np.isinf(residual).all()
+    assert jacobian.shape == (5, 1)
 
 
 @pytest.mark.parametrize('start', [0.3, 0.29])

@@ -51,7 +51,8 @@ def difference_jacobian(
     points = np.vstack([unit, unit + np.diag(step)])
     values = evaluate(low + span * points)
     there = (np.abs(values[1:]) < DIVERGED).all(axis=1, keepdims=True)
-    changes = np.where(there, values[1:], values[0]) - values[0]
+    with np.errstate(invalid='ignore'):  # a base that diverges has no slope either
+        changes = np.where(there, values[1:], values[0]) - values[0]
     return values[0], (changes / step[:, None]).T
 
 
