@@ -188,6 +188,13 @@ def test_a_value_that_is_hardly_known_does_not_hide_how_the_others_differ() -> N
     assert fleet.summarise([*rows, unknown])['machines'] == []
 
 
+@pytest.mark.parametrize(('mass', 'told'), [(101.9, set()), (102.1, {'d'})])
+def test_a_difference_smaller_than_a_warm_day_makes_is_not_told(mass, told) -> None:
+    values = {'a': 100.0, 'b': 100.0, 'c': 100.0, 'd': mass}
+    rows = [row(name, name, '', value) for name, value in values.items()]
+    assert {x['machine'] for x in fleet.summarise(rows)['machines']} == told
+
+
 def test_of_equal_machines_known_unequally_well_hardly_any_differs() -> None:
     random = np.random.default_rng(3)
     told = 0

@@ -474,12 +474,34 @@ def test_many_findings_of_one_drive_leave_room_for_another():
     )
 
 
+@pytest.mark.parametrize(
+    ('again', 'said'),
+    [
+        ([1.0, 1.0], 'Each counts again in all resamples of those data.'),
+        ([0.99, 0.95], 'Each counts again in 95 % or more of the resamples of those data.'),
+        (
+            [0.99, 0.61],
+            'Of resamples of those data, current-loop lag on drive_2 counts in only 61 %.',
+        ),
+    ],
+)
+def test_the_first_screen_says_how_sure_every_effect_is(both, again, said):
+    late = {'effect': 'current_loop_lag', 'where': ['drive_2']}
+    data = {**content(both), 'also': [late]}
+    assert said in of_diagnosis({**data, 'again': again}, 'out').sure
+    assert len(of_diagnosis({**data, 'again': []}, 'out').sure) == len(
+        of_diagnosis({**data, 'again': again}, 'out').sure
+    ) - 1
+
+
 def test_the_picture_of_the_first_screen_draws_the_law_through_the_residual(both):
     data = content(both)
     hero, others = charts.all_of(data, 'Stribeck friction on drive_1')
     assert hero.title == 'drive_1: measured minus simulated effort over the velocity'
     assert hero.svg.count('class="law ') == 1 and hero.svg.count('class="dot ') > 10
-    assert hero.law == 'what Stribeck friction on drive_1 adds to the simulation'
+    assert hero.law == (
+        'what Stribeck friction on drive_1 adds to the simulation, with its parameters refitted'
+    )
     # The law is what the effect takes away: the two residuals' difference.
     velocity = next(m for m in data['maps'] if m['coordinate'] == 'velocity')
     ((_, places, law),) = charts._laws(velocity)

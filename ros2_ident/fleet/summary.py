@@ -19,6 +19,10 @@ from ros2_ident.gap.verdict import REFUSED
 
 # Probability that a drift is said where there is none, over all comparisons of a fleet.
 LEVEL = 0.05
+# Differences below this share are not said: friction moves by more than that with a few kelvin, so
+# one log a machine cannot tell the machine from the day (Bittencourt and Gunnarsson 2012, Static
+# Friction in a Robot Joint, ASME J. Dyn. Syst. Meas. Control 134(5)).
+LEAST = 0.02
 # Fleets of equal machines that the interval of a median is taken from.
 DRAWS = 2000
 
@@ -34,7 +38,8 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
 
     Two values differ where their difference is beyond its own interval: with half widths a and b
     the standard deviation of it is sqrt(a^2 + b^2) / 1.96. The level is shared among all
-    comparisons (Holm 1979), so that in a fleet of equal machines one in twenty says anything.
+    comparisons (Holm 1979), so that in a fleet of equal machines one in twenty says anything. What
+    differs by less than `LEAST` is left out.
 
     Returns:
         `drifts`: parameters of a machine against its earliest bag; `machines`: latest values of a
@@ -129,14 +134,14 @@ def _difference(name: str, row: Row, other: Mapping[str, Any], against: str) -> 
 
 
 def _told(differences: list[Row]) -> list[Row]:
-    """Return those that Holm's procedure tells, the surest first."""
+    """Return those that Holm's procedure tells and that are not too small, the surest first."""
     ordered = sorted(differences, key=lambda x: float(x['p']))
     told: list[Row] = []
     for number, difference in enumerate(ordered):
         if difference['p'] > LEVEL / (len(ordered) - number):
             break
         told.append(difference)
-    return told
+    return [x for x in told if x['change'] is None or abs(x['change']) >= LEAST]
 
 
 def write_summary(out: Path, rows: Sequence[Row]) -> None:

@@ -32,6 +32,8 @@ UNEXPLAINED = 1.0
 _SLOW_NOISE = 'so slow that it can be noise'
 # A share that is as good as all.
 NEARLY_ALL = 0.995
+# An effect that counts in fewer of the resamples is a hint, as the diagnosis' advice says.
+_OFTEN = 0.9
 
 
 @dataclass(frozen=True)
@@ -186,6 +188,22 @@ def _sure(data: Mapping[str, Any]) -> Iterator[str]:
     if rivals:
         yield f'This recording cannot tell it from {some(rivals)}.'
     yield held.get(data['gap']['held_out'], str(data['gap']['held_out']))
+    yield from _again(data)
+
+
+def _again(data: Mapping[str, Any]) -> Iterator[str]:
+    """Say of several effects how often they count where the data held out are resampled."""
+    again = data.get('again') or ()
+    found = effects_found(data)
+    if len(found) < 2 or len(again) != len(found):
+        return
+    seldom = [(x, share) for x, share in zip(found, again, strict=True) if share < _OFTEN]
+    if not seldom:
+        least = min(again)
+        share = 'all' if least >= NEARLY_ALL else f'{percent(least)} or more of the'
+        yield f'Each counts again in {share} resamples of those data.'
+    for x, share in seldom:
+        yield f'Of resamples of those data, {effect_name(x)} counts in only {percent(share)}.'
 
 
 def _cause(data: Mapping[str, Any]) -> str:

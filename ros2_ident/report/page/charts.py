@@ -156,7 +156,8 @@ def picture(found: Mapping[str, Any], effects: str = '') -> Chart | None:
     )
     headings = tuple(line['heading'] for line in before)
     verb = 'add' if effects == 'the effects' else 'adds'
-    what = f'left with {effects}' if spectrum else f'what {effects} {verb} to the simulation'
+    adds = f'what {effects} {verb} to the simulation, with its parameters refitted'
+    what = f'left with {effects}' if spectrum else adds
     return Chart(svg, title, headings, what if laws else '', summary, x.linear > 0.0)
 
 

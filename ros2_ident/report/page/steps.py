@@ -151,9 +151,11 @@ def _steps_of_effects(
     laws = [law for at in found if (law := law_of(at, data['parameters'])) is not None]
     of_log = [law for law in laws if sentences.of_log(law.anchor)]
     missing = [law for law in laws if law not in of_log]
-    effects = []
+    effects: list[Step] = []
+    moved = bool(sentences.moved_names(data, together=False))
     if missing:
-        effects.append(Step('Add to your simulation:', laws=tuple(missing)))
+        both = ', together with the parameters below' if moved else ''
+        effects.append(Step(f'Add to your simulation{both}:', laws=tuple(missing)))
     if of_log:
         text = 'Correct how the log is made; a simulation of the machine does not need this:'
         effects.append(Step(text, laws=tuple(of_log)))
