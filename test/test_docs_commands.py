@@ -152,6 +152,8 @@ def check_python(words: list[str]) -> None:
 def check_ros2(words: list[str]) -> None:
     from ros2_ident.ros.parameter_table import TABLE
 
+    if words[1:3] == ['run', 'robot_state_publisher']:
+        return  # of another package
     if words[1] in ('run', 'launch'):
         assert words[2] == 'ros2_ident'
         name = words[3]
@@ -180,7 +182,7 @@ CHECKS: dict[str, Callable[[list[str]], None]] = {
     'python': check_python,
     'ros2': check_ros2,
     # nothing of this package is in them
-    **dict.fromkeys(('cd', 'git', 'ln', 'rosdep', 'colcon', 'dask', '.'), lambda words: None),
+    **dict.fromkeys(('cd', 'git', 'ln', 'rosdep', 'colcon', 'dask', 'xacro', '.'), lambda words: None),
 }
 
 
