@@ -182,7 +182,9 @@ CHECKS: dict[str, Callable[[list[str]], None]] = {
     'python': check_python,
     'ros2': check_ros2,
     # nothing of this package is in them
-    **dict.fromkeys(('cd', 'git', 'ln', 'rosdep', 'colcon', 'dask', 'xacro', '.'), lambda words: None),
+    **dict.fromkeys(
+        ('cd', 'git', 'ln', 'rosdep', 'colcon', 'dask', 'xacro', '.'), lambda words: None
+    ),
 }
 
 
