@@ -8,12 +8,14 @@ import pytest
 
 from ros2_ident.gap.floor import noise_floor
 from ros2_ident.gap.gates import run_gates
+from ros2_ident.gates import controller
 from ros2_ident.gates.controller import check_law
 from ros2_ident.gates.law import fit_law, Gain, Law
 from ros2_ident.gates.log import check_effort, check_streams
 from ros2_ident.identify.run import read_data
 from ros2_ident.models import load_machine
 from ros2_ident.recording import AlignQuality, StreamQuality
+from ros2_ident.recording.dataset import Dataset
 
 ROOT = Path(__file__).parents[1]
 MACHINE = load_machine(ROOT / 'config/tripod.yaml')
@@ -76,6 +78,62 @@ def test_a_log_of_the_package_passes_its_own_law():
     assert [g.level for g in check_law(machine, law, 'emps_axis', 0.3)] == ['ok']
     moved = np.array(data.position) + 1e-7 * np.random.default_rng(0).standard_normal(data.cycles)
     assert fit_law(machine, replace(data, position=moved), 'emps_axis').steps < 1e-6
+
+
+def _rubbing_joint(way, gain=1.0, late=0.025):
+    """Return 6 s of a joint with dry friction under a PI law; its effort is noisy and late."""
+    names = ('cycle', 'position_gain', 'velocity_gain', 'integral_gain')
+    cycle, kp, kv, ki = (MACHINE.number(name, 'drive_1') for name in names)
+    time = cycle * np.arange(12000)
+    goal = way * np.sin(0.8 * np.pi * time) * np.sin(0.14 * np.pi * time)
+    rate = np.gradient(goal, cycle)
+    position, velocity, effort = np.empty((3, 1, time.size))
+    place = speed = total = 0.0
+    for k in range(time.size):
+        slip = kp * (goal[k] - place) + rate[k] - speed
+        total += cycle * slip
+        torque = gain * kv * slip + ki * total
+        position[0, k], velocity[0, k], effort[0, k] = place, speed, torque
+        for _ in range(5):
+            speed += 0.2 * cycle * (torque - 0.1 * np.tanh(speed / 5e-3)) / 0.03
+            place += 0.2 * cycle * speed
+    effort = np.interp(time - late, time, effort[0])
+    effort += 0.01 * np.random.default_rng(0).standard_normal(time.size)
+    command = goal[None], rate[None]
+    return Dataset(('drive_1',), cycle, 0, *command, position, velocity, effort[None])
+
+
+@pytest.mark.parametrize('way', [0.002, 0.01])
+def test_a_slow_motion_does_not_make_a_late_effort_a_wrong_gain(way):
+    law = fit_law(MACHINE, _rubbing_joint(way), 'drive_1')
+    assert law.effort_delay == pytest.approx(0.025, abs=2e-3)
+    assert law.misfit_file == pytest.approx(0.01, rel=0.02)
+    (gate,) = check_law(MACHINE, law, 'drive_1', 0.01)
+    assert (gate.gate, gate.level) == ('law', 'ok')
+
+
+@pytest.mark.parametrize('gain', [0.5, 1.3])
+def test_a_gain_that_no_delay_makes_right_is_named(gain):
+    law = fit_law(MACHINE, _rubbing_joint(0.1, gain), 'drive_1')
+    (gate,) = check_law(MACHINE, law, 'drive_1', 0.01)
+    assert (gate.key, gate.contradicts) == ('velocity_gain', True)
+    assert gate.number == pytest.approx(gain, rel=0.05)
+
+
+@pytest.mark.parametrize(('misfit', 'swapped'), [(0.9, True), (2.0, False)])
+def test_efforts_are_swapped_only_where_the_other_law_explains_them(monkeypatch, misfit, swapped):
+    data = _rubbing_joint(0.002)
+    effort = np.repeat(data.effort, 2, axis=0)
+    data = replace(
+        data, names=('drive_1', 'drive_2'), effort=effort, command_position=effort,
+        command_velocity=effort, position=effort, velocity=effort,
+    )  # fmt: skip
+    own = _law(explained=0.7, misfit=0.8, misfit_file=40.0)
+    other = replace(own, misfit_file=misfit)
+    assert (other.followed > 0.5, own.followed < -100.0) == (swapped, True)
+    monkeypatch.setattr(controller, 'fit_law', lambda *about: other)
+    gates = controller.check_swapped(MACHINE, data, [own, replace(own, drive='drive_2')])
+    assert [g.gate for g in gates] == (['names'] if swapped else [])
 
 
 def test_without_a_command_there_is_nothing_to_check():

@@ -257,6 +257,39 @@ UR10 = {
 }
 
 
+def test_a_rotor_may_be_less_than_nothing_where_it_stands_for_its_link_too() -> None:
+    """The first joint's rotor takes up what its link is described too heavy by."""
+    parameters = {
+        'link_moment': [-2.0, 2.0, 'kg m'],
+        'link_inertia': [-3.0, 4.0, 'kg m^2'],
+        'drive_inertia': [0.0, 5.0, 'kg m^2'],
+    }
+    machine = tabled(UR10, {}, **parameters)
+    model = make_model(machine, moving(machine))
+    boxes = {p.name: (p.low, p.high) for p in model.parameters}
+    assert boxes['joint_0.drive_inertia'] == (-3.0, 9.0)
+    assert boxes['joint_5.drive_inertia'] == (0.0, 5.0)
+    del parameters['link_inertia']
+    machine = tabled(UR10, {}, **parameters)
+    model = make_model(machine, moving(machine))
+    rotors = [p for p in model.parameters if 'drive_inertia' in p.name]
+    assert {(p.low, p.high) for p in rotors} == {(0.0, 5.0)}
+
+
+def test_a_log_may_begin_and_end_on_the_move(tmp_path: Path) -> None:
+    """Where it is cut nothing tells the acceleration, so nothing is compared there."""
+    machine = described(tmp_path)
+    time = machine.number('cycle') * np.arange(500)
+    rates, phases = np.array([[3.0], [4.0], [5.0], [6.0]]), np.array([[0.0], [1.0], [2.0], [3.0]])
+    angle = rates * time + phases
+    moved = 0.5 * np.sin(angle), 0.5 * rates * np.cos(angle), -0.5 * rates**2 * np.sin(angle)
+    effort = arm_of(machine).efforts(*moved)
+    model = make_model(machine, replace(moving(machine, 500), position=moved[0], effort=effort))
+    missed = model.measured - model.simulate(middle(model))[0]
+    assert np.isfinite(missed).sum() == 4 * (500 - 2 * 10)
+    assert np.nanmax(np.abs(missed)) < 0.02 * effort.std()
+
+
 def test_six_joints_of_a_ur10_have_36_base_parameters() -> None:
     machine = tabled(UR10, {})
     names = [p.name for p in make_model(machine, moving(machine)).parameters]

@@ -42,8 +42,8 @@ def left(halves: tuple[Dataset, Dataset], *effects: EffectAt, **fixed: float) ->
     found = identify(MACHINE, first, effects=effects, fixed=fixed, settings=settings)
     efforts = make_model(MACHINE, first).efforts
     model = make_model(MACHINE, second, effects=effects, fixed=fixed, efforts=efforts)
-    error = model.residuals(found.theta)[0].reshape(model.measured.shape)
-    return 100.0 * error.std(axis=1) / model.measured.std(axis=1)
+    error = model.residuals(found.theta)[0].reshape(len(model.outputs), -1)
+    return 100.0 * error.std(axis=1) / np.nanstd(model.measured, axis=1)
 
 
 def test_least_squares_leave_no_more_than_a_plain_regression(halves) -> None:
@@ -57,5 +57,7 @@ def test_with_smoothed_efforts_every_joint_is_left_with_less(halves) -> None:
     smoothed = left(
         halves, EffectAt('effort_smoothing', 'all'), **{'effort_smoothing.period': 0.53}
     )
-    assert (smoothed < plain + 0.1).all()
+    # The last wrist misses its friction, with and without.
+    assert (smoothed[:5] < plain[:5]).all()
+    assert smoothed[5] < 1.01 * plain[5]
     assert (smoothed[[0, 2, 3]] < 0.7 * plain[[0, 2, 3]]).all()

@@ -10,6 +10,9 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import RecordingBuilder
+from ros2_ident.recording.limits import Limits
+from ros2_ident.recording.shown import listed
+from ros2_ident.recording.streams import LATEST_STAMP
 
 MS = 1_000_000
 
@@ -232,3 +235,118 @@ def test_a_block_is_the_same_as_its_messages(stamps, seed):
             return exc.message
 
     assert outcome(single) == outcome(block)
+
+
+# ---------------------------------------------------------------------- each rule at its edge
+
+
+def built(stamps, values=None, role='state', limits=None, names=('a',)):
+    builder = RecordingBuilder('log', limits=limits)
+    stamps = np.array(stamps, dtype=np.int64)
+    values = np.zeros((stamps.size, len(names))) if values is None else np.array(values)
+    builder.add_block(role, stamps, names, values)
+    return builder.build()
+
+
+def test_values_beyond_anything_measured_are_none():
+    (read,) = built(np.arange(4) * MS, [[1e30], [1.1e30], [-np.inf], [-1e30]])
+    assert np.isnan(read.state.position[:, 0]).tolist() == [False, True, True, False]
+    assert read.warnings == ('state: 2 infinite values are taken as not measured',)
+
+
+@pytest.mark.parametrize(
+    ('begin', 'end', 'moved'),
+    [
+        (0, 5, 0),
+        (-1, 5, 1),
+        ((1 << 31) * 10**9 - 10, (1 << 31) * 10**9 - 1, 0),
+        ((1 << 31) * 10**9 - 10, (1 << 31) * 10**9, (1 << 31) - 1),
+    ],
+)
+def test_stamps_that_no_ros_time_can_be_count_from_0(begin, end, moved):
+    (read,) = built([begin, end])
+    shift = -(10**9) if begin < 0 else moved * 10**9
+    assert read.state.stamp.tolist() == [begin - shift, end - shift]
+    assert bool(read.warnings) is bool(moved)
+    if moved:
+        assert f'{shift // 10**9} s are taken from all of them' in read.warnings[0]
+
+
+def test_pauses_are_told_with_the_longest():
+    s = 10**9
+    parts = built([0, s, 2 * s, 100 * s, 101 * s, 400 * s, 401 * s])
+    assert [x.state.stamp.size for x in parts] == [3, 2, 2]
+    (said,) = parts[0].warnings
+    assert said.startswith('nothing came for up to 299 s') and 'the 3 stretches' in said
+
+
+def test_a_stray_stamp_is_told_with_its_number():
+    stamps = np.arange(40) * MS
+    stamps[20] += 5 * 10**9
+    (read,) = built(stamps)
+    (said,) = read.warnings
+    assert said == (
+        'state: 1 message has a stamp up to 5 s apart from those before and after, the first is '
+        'number 21, and is left out'
+    )
+    stamps[30] += 3 * 10**9
+    (said,) = built(stamps)[0].warnings
+    assert said.startswith('state: 2 messages have stamps up to 5 s') and 'and are left' in said
+
+
+def test_joints_and_names_are_limited_and_those_known_are_not_counted_twice():
+    limits = Limits(joints=3, name=4)
+    builder = RecordingBuilder('log', limits=limits)
+    builder.add('state', 0, ('a', 'b'), (1.0, 2.0))
+    builder.add('state', MS, ('b', 'cccc'), (1.0, 2.0))
+    with pytest.raises(IdentError, match='log: state names more than 3 joints'):
+        builder.add('state', 2 * MS, ('a', 'd'), (1.0, 2.0))
+    with pytest.raises(IdentError, match='a name of 5 characters, more than the 4 allowed'):
+        builder.add('effort', 2 * MS, ('eeeee',), (1.0,))
+    builder.add('effort', 2 * MS, ('d', 'e', 'f'), (), (), (1.0, 2.0, 3.0))
+    assert builder.counts == {'state': 2, 'effort': 1, 'command': 0}
+    (read,) = builder.build()
+    assert read.state.names == ('a', 'b', 'cccc') and read.effort.names == ('d', 'e', 'f')
+    builder.clear()
+    assert builder.counts == {'state': 0, 'effort': 0, 'command': 0}
+
+
+def test_memory_is_estimated_before_it_is_taken():
+    stamps = np.arange(100) * MS
+    needed = 3 * 1 * 2 * 100 * 8
+    assert built(stamps, limits=Limits(memory=needed), names=('a', 'b'))
+    with pytest.raises(IdentError, match='log: state with 2 joints takes'):
+        built(stamps, limits=Limits(memory=needed - 1), names=('a', 'b'))
+
+
+@pytest.mark.parametrize('stamp', [LATEST_STAMP, -LATEST_STAMP])
+def test_a_stamp_a_century_off_is_none(stamp):
+    inside = stamp - int(np.sign(stamp))
+    builder = RecordingBuilder()
+    builder.add('state', inside, ('a',), (1.0,))
+    builder.add_block('state', np.array([inside]), ('a',), np.zeros((1, 1)))
+    for add in (
+        lambda: builder.add('state', stamp, ('a',), (1.0,)),
+        lambda: builder.add_block('state', np.array([stamp]), ('a',), np.zeros((1, 1))),
+    ):
+        with pytest.raises(IdentError, match='no time'):
+            add()
+    assert builder.counts['state'] == 2
+
+
+def test_what_comes_twice_is_merged_joint_by_joint():
+    nan = np.nan
+    values = [[1.0, nan], [nan, 2.0], [3.0, 4.0], [5.0, nan], [nan, nan], [6.0, 7.0]]
+    (read,) = built([0, 0, MS, MS, 2 * MS, 3 * MS], values, names=('a', 'b'))
+    np.testing.assert_array_equal(
+        read.state.position, [[1.0, 2.0], [5.0, 4.0], [nan, nan], [6.0, 7.0]]
+    )
+    assert read.state.stamp.tolist() == [0, MS, 2 * MS, 3 * MS]
+    assert read.warnings[0].startswith('state: 1 values came twice with the same stamp')
+
+
+def test_long_lists_of_names_are_cut():
+    assert listed(['a', 'b']) == 'a, b'
+    assert listed(map(str, range(12))) == ', '.join(map(str, range(12)))
+    said = listed(map(str, range(15)))
+    assert said.startswith(', '.join(map(str, range(12)))) and '3 more' in said

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Damaged and crafted logs: what is whole is read and what is lost is said, within bounds."""
 
+import json
 from pathlib import Path
 import random
 import re
@@ -26,6 +27,7 @@ from reader_cases import (
     record,
     ros_1_file,
     START,
+    TOPICS,
 )
 import zstandard
 
@@ -34,6 +36,7 @@ from ros2_ident.recording import align, check, read_bag, RecordingBuilder, Strea
 from ros2_ident.recording.cdr import encode
 from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.shown import printable
+from ros2_ident.recording.streams import FIELDS
 
 ROOT = Path(__file__).parents[1]
 BAGS = ('axis_reversals', 'tripod_mixed', 'tripod_pick_and_place')
@@ -112,6 +115,19 @@ def test_a_flip_in_a_bundled_bag_is_said(tmp_path):
         other = bytearray(data)
         other[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
         assert outcome(file_of(tmp_path, bytes(other)), truth) != 'silent'
+
+
+def test_a_sound_db3_is_read_by_sqlite_without_a_word(tmp_path):
+    recording = make_recording()
+    bag = write_bag(tmp_path / 'log', recording, storage='sqlite3')
+    for path in (bag, bag / 'log.db3'):
+        (read,) = read_bag(path)
+        assert read.warnings == () and read.state == recording.state
+    # With a name that a URI would read otherwise.
+    odd = (bag / 'log.db3').rename(bag / 'a b?c#%41.db3')
+    assert read_bag(odd)[0].warnings == ()
+    odd.with_name(odd.name + '-wal').write_bytes(b'x')
+    assert 'holds messages that were never moved into it' in read_bag(odd)[0].warnings[0]
 
 
 def test_a_db3_of_ours_tells_a_flip_in_a_message(tmp_path):
@@ -216,6 +232,38 @@ def test_one_unreadable_file_of_a_split_bag(tmp_path):
     (read,) = read_bag(bag)
     assert read.state == recording.state
     assert any('b.mcap: cannot be read' in x for x in read.warnings)
+
+
+def test_files_of_a_bag_follow_each_other_as_its_metadata_say(tmp_path):
+    builder, early = RecordingBuilder('x'), make_recording(seed=1)
+    for role, stream in make_recording().streams.items():
+        later = stream.stamp + 1000 * MS
+        builder.add_block(role, later, stream.names, *map(stream.values, FIELDS))
+    (moved,) = builder.build()
+    for name, recording in (('log_0.mcap', moved), ('log_1.mcap', early)):
+        (tmp_path / name).write_bytes(mcap_bytes(recording, crc=False))
+    topics = [{'topic_metadata': {'name': t}, 'message_count': 240} for t in TOPICS]
+    notes = {'topics_with_message_count': topics}
+    notes['relative_file_paths'] = ['log_0.mcap', 'log_1.mcap']
+    (tmp_path / 'metadata.yaml').write_text(json.dumps({'rosbag2_bagfile_information': notes}))
+    one, two = read_bag(tmp_path)
+    assert one.state == moved.state and two.state == early.state
+    assert one.warnings == ()
+    # Without them, all messages stand in the order of their times.
+    (tmp_path / 'metadata.yaml').unlink()
+    (read,) = read_bag(tmp_path)
+    assert read.state.stamp[0] == early.state.stamp[0] and read.state.stamp.size == 240
+
+
+def test_a_compressed_file_that_is_cut_is_read_as_far_as_it_goes(tmp_path):
+    whole = mcap_bytes(make_recording(), chunk=30)
+    frames = [whole[:20_000], whole[20_000:]]
+    packed = b''.join(map(zstandard.ZstdCompressor().compress, frames))
+    path = file_of(tmp_path, packed, 'a.mcap.zstd')
+    assert read_bag(path)[0].warnings == ()
+    path.write_bytes(packed[:-3])
+    (said,) = read_bag(path)[0].warnings
+    assert 'it cannot be unpacked to its end' in said and 'the file breaks off' in said
 
 
 # ---------------------------------------------------------------------- bombs

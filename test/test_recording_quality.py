@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The check: what it finds in recordings that are fine, and in those that are not."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+import math
 import re
 
 import numpy as np
 import pytest
 
 from ros2_ident.recording import check, Recording, render, Stream
+from ros2_ident.recording.findings import DriveSummary, Finding, Report
+from ros2_ident.recording.quality import _judge_recording, _judge_stream, _judge_weight, summarise
 
 MS = 1_000_000
 TIME = np.arange(8000) * 1e-3
@@ -227,3 +230,161 @@ def test_without_positions():
 def test_five_samples_are_no_crash():
     for size in (1, 2, 5, 12):
         assert check([recording(slice(0, size))], Machine()).level in ('warn', 'error')
+
+
+# ---------------------------------------------------------------------- each rule at its edge
+
+
+def stream(ms, effort=None):
+    stamp = np.array(ms, dtype=np.int64) * MS
+    return Stream(('a', 'b'), stamp, np.zeros((stamp.size, 2)), effort=effort)
+
+
+def test_how_a_stream_arrived_is_counted():
+    ms = [0, 10, 20, 30, 44, 58, 78, 88, 138, 148, 158, 168]
+    effort = np.zeros((12, 2))
+    effort[:3, 0] = np.nan
+    effort[:, 1] = np.nan
+    found = summarise(3, 'state', stream(ms, effort))
+    assert (found.recording, found.role, found.joints) == (3, 'state', ('a', 'b'))
+    assert found.fields == ('position', 'effort')
+    assert (found.samples, found.duration) == (12, pytest.approx(0.168))
+    # Steps of 14 ms are late, of 20 and 50 ms one and four samples are missing.
+    assert (found.gaps, found.missing, found.longest_gap) == (2, 5, pytest.approx(0.05))
+    usual = np.array([10, 10, 10, 14, 14, 10, 10, 10, 10])
+    assert found.rate == pytest.approx(1e3 / usual.mean())
+    assert found.jitter == pytest.approx(1e-3 * usual.std())
+    assert found.missing_share == pytest.approx(5 / 17)
+    assert found.nan == (('effort a', 3),) and found.silent == ('effort b',)
+    single = summarise(0, 'state', stream([5]))
+    assert (single.rate, single.jitter, single.gaps, single.missing) == (0.0, 0.0, 0, 0)
+    assert (single.longest_gap, single.missing_share) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'level', 'code'),
+    [
+        ({}, 'ok', 'rate'),
+        ({'missing': 10}, 'ok', 'rate'),
+        ({'missing': 11}, 'warn', 'missing'),
+        ({'missing': 247}, 'warn', 'missing'),
+        ({'missing': 253}, 'error', 'missing'),
+        ({'jitter': 1.6e-3, 'gaps': 21}, 'warn', 'irregular'),
+        ({'jitter': 1.4e-3, 'gaps': 21}, 'ok', 'rate'),
+        ({'jitter': 1.6e-3, 'gaps': 20}, 'ok', 'rate'),
+        ({'rate': 0.0, 'jitter': 1.0, 'gaps': 500}, 'ok', 'rate'),
+    ],
+)
+def test_missing_and_irregular_samples_at_the_edge(changes, level, code):
+    base = summarise(0, 'state', stream(range(0, 10_000, 10)))
+    kept = {'missing': 0, 'jitter': 1e-5, 'gaps': 0, 'rate': 100.0} | changes
+    (found,) = _judge_stream(replace(base, **kept))
+    assert (found.level, found.code) == (level, code)
+    assert found.sentence.startswith(f'state: 1000 samples at {kept["rate"]:.6g} Hz')
+    if changes == {'missing': 11}:
+        assert '1.09 % of the samples are missing' in found.sentence
+    if code == 'irregular':
+        assert 'scatter by 1.6 ms and 21 are far longer' in found.sentence
+    if level == 'ok':
+        scatter = f'scatter by {kept["jitter"] * 1e3:.3g} ms'
+        assert scatter in found.sentence
+        assert (', none missing' in found.sentence) is (not kept['missing'])
+
+
+def test_values_that_were_not_measured_at_the_edge():
+    base = summarise(0, 'state', stream(range(0, 10_000, 10)))
+
+    def said(**changes):
+        _, *more = _judge_stream(replace(base, **changes))
+        return [x.sentence for x in more]
+
+    assert said(nan=(('effort a', 10),)) == []
+    assert '1.1 % of the values of the effort of a' in said(nan=(('effort a', 11),))[0]
+    assert said(silent=('velocity a',)) == [
+        'state: every value of the velocity of a is NaN: it was not measured'
+    ]
+    assert 'name the topic that carries the effort' in said(silent=('effort a',))[0]
+    assert said(role='effort', silent=('effort a',))[0].endswith('it was not measured')
+
+
+@pytest.mark.parametrize(('last', 'said'), [(1_990, True), (2_010, False)])
+def test_a_short_recording_is_told(last, said):
+    state = stream(range(0, last + 1, 10))
+    found = _judge_recording(Recording(state, command=state), None, ())
+    assert [x.code for x in found] == (['short'] if said else [])
+
+
+def test_an_effort_beyond_the_limit_is_no_torque():
+    for top, said in ((7.1, False), (-7.1, False), (7.3, True), (-7.3, True)):
+        effort = EFFORT.copy()
+        effort[500:600] = np.linspace(0.0, top, 100)
+        found = check([recording(effort=effort)], Machine()).of('effort_unit')
+        assert bool(found) is said
+    endless = Machine(constants=Machine().constants | {'torque_limit': math.inf})
+    assert not check([recording(effort=1e6 * EFFORT)], endless).of('effort_unit')
+
+
+def held(rest, drive='a'):
+    return DriveSummary(0, drive, *([0.0] * 3), 0, *([0.0] * 3), rest, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ('times', 'level'),
+    [
+        (1.55, None), (1.65, 'warn'), (2.95, 'warn'), (3.05, 'error'),
+        (1 / 1.55, None), (1 / 1.65, 'warn'), (1 / 2.95, 'warn'), (1 / 3.05, 'error'),
+        (0.06, 'error'), (0.04, None), (-1.0, None),
+    ],
+)  # fmt: skip
+def test_efforts_at_rest_are_held_against_the_weight(times, level):
+    # 0.05 kg and 0.12 to 0.17 kg; ten radians are a metre.
+    weight = 9.81 * ((0.05 + 0.17) if times > 1.0 else (0.05 + 0.12))
+    found = _judge_weight([held(times * weight / 10.0), held(99.0, 'other')], Machine())
+    assert [x.level for x in found] == ([] if level is None else [level])
+    if found:
+        assert f'the effort is {times:.2g} times a torque' in found[0].sentence
+        assert 'weighs 1.67 to 2.16 N' in found[0].sentence
+
+
+def test_a_weight_needs_every_drive_and_gravity():
+    assert _judge_weight([held(math.nan)], Machine()) == []
+    assert _judge_weight([held(9.0)], Machine(drives=('a', 'b'))) == []
+    both = Machine(drives=('a', 'b'))
+    assert _judge_weight([held(9.0), held(math.nan, 'b')], both) == []
+    two = _judge_weight([held(9.0), held(9.0, 'b')], both)
+    assert 'hold 180 N, the machine weighs 2.16 to 2.65 N' in two[0].sentence
+    level = Machine(constants=Machine().constants | {'gravity': 0.0})
+    assert _judge_weight([held(9.0)], level) == []
+    # Where gravity points against the drives' direction, so do the efforts.
+    down = Machine(constants=Machine().constants | {'gravity': -9.81})
+    assert _judge_weight([held(9.0)], down) == []
+    for force, times in ((-9.0, '42'), (-0.05, '0.3')):
+        (found,) = _judge_weight([held(force)], down)
+        assert found.level == 'error' and f'is {times} times a torque' in found.sentence
+
+
+def test_findings_stand_worst_first_and_once():
+    ok, warn, error = (Finding(x, x, '', x) for x in ('ok', 'warn', 'error'))
+    report = Report('log', (), (), (ok, warn, ok, error, warn))
+    assert report.findings == (error, warn, ok)
+    assert (report.level, report.of('warn')) == ('error', (warn,))
+    assert Report('log').level == 'ok'
+
+
+def test_a_table_of_what_was_found_is_aligned():
+    drive = replace(held(0.2), recording=1, stroke=0.5, rest_share=0.256, effort_lag=0.0123)
+    silent = replace(drive, effort_low=math.nan, effort_lag=math.nan, explained=math.nan)
+    lines = render(Report('', (), (drive, silent), (Finding('warn', 'x', '', 'look'),)))
+    assert lines[0] == 'recording' and lines[-1] == 'warn  look'
+    head, one, two = lines[2:5]
+    assert one.split()[:2] == ['2', 'a']
+    for title, value in (('at rest', '26 %'), ('effort', '0 .. 0'), ('late', '12 ms')):
+        assert one[head.index(title) :].startswith(value)
+    for title in ('effort', 'late', 'explained'):
+        assert two[head.index(title)] == '-'
+    rows = summarise(0, 'state', stream([0, 10, 20, 30, 60]))
+    found = render(Report('log', (rows,)))
+    assert found[0] == 'log'
+    assert found[3].split() == [
+        '1', 'state', '2', 'position', '5', '0.06', 's', '100', 'Hz', '0', 'ms', '29', '%',
+    ]  # fmt: skip

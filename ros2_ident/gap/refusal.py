@@ -8,7 +8,7 @@ import numpy as np
 from ros2_ident.effects import Effect, get_effect
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
-from ros2_ident.gap.verdict import BOOKKEEPING, Verdict, WRONG_MODEL
+from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
 from ros2_ident.models.registry import kind_of
 from ros2_ident.search.noise import fast_noise
@@ -128,6 +128,36 @@ def of_what_is_left(
     )
     plain = replace(found, chain=found.chain[:1], rivals=(), rests=())
     return plain, _without_effects(WRONG_MODEL, names, first)
+
+
+def of_pushes(verdict: Verdict, report: GateReport, unit: str) -> Verdict:
+    """Return the answer, or that efforts were made which the command did not ask for.
+
+    Args:
+        verdict: What would follow from the efforts as they were made.
+        report: What the gates found.
+        unit: Unit of an effort.
+    """
+    pushed: dict[str, str] = {}
+    for number, recording in enumerate(report.asked, 1):
+        for found in recording:
+            if found.pushes:
+                said = ', '.join(p.said(unit) for p in found.pushes)
+                said += f' in recording {number}' if len(report.asked) > 1 else ''
+                before = pushed.get(found.drive)
+                pushed[found.drive] = f'{before}, {said}' if before else said
+    if not pushed or verdict.effect == BOOKKEEPING:
+        return verdict
+    return replace(
+        verdict,
+        effect=UNKNOWN,
+        where=tuple(pushed),
+        probability=_SURE,
+        also=(),
+        confusable=(),
+        first='',
+        pushed=pushed,
+    )
 
 
 def ahead(verdict: Verdict, report: GateReport) -> Verdict:

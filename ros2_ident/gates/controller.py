@@ -18,8 +18,8 @@ from ros2_ident.recording import Dataset
 
 Array = NDArray[np.float64]
 
-# A gain has to be off by this share, and leave this share of the law's misfit, to be spoken of.
-GAIN_OFF, EXCESS = 0.02, 0.3
+# A gain has to be off by this share to be spoken of.
+GAIN_OFF = 0.02
 # A gain off by more than this factor is no other tuning but another unit or another drive's.
 _ANOTHER = 3.0
 # The free law may leave so much more than the noise floor.
@@ -114,7 +114,7 @@ def _gains(machine: Machine, law: Law, noise: float | None, clean: bool) -> Gate
         text = f'{drive}: the gains are to be found, so the log cannot contradict them'
         return Gate('law', drive, 'ok', law.explained, '1', text)
     best = law.gains[0]
-    if law.excess <= EXCESS * law.misfit or abs(best.ratio - 1.0) <= GAIN_OFF:
+    if not law.stray or abs(best.ratio - 1.0) <= GAIN_OFF:
         text = (
             f'{drive}: the effort follows the stated control law to within '
             f'{law.misfit_file:.3g} {unit} RMS'
@@ -122,7 +122,7 @@ def _gains(machine: Machine, law: Law, noise: float | None, clean: bool) -> Gate
         if noise is not None and law.misfit > NOISY * noise and law.steps > noise:
             text += f', no more than the steps of the logged position make ({law.steps:.3g})'
         return Gate('law', drive, 'ok', best.ratio, '1', text)
-    if best.misfit**2 - law.misfit**2 >= (EXCESS * law.misfit) ** 2:
+    if not law.by_one:
         text = (
             f'{drive}: with the gains of the machine file the control law misses the logged '
             f'effort by {law.misfit_file:.3g} {unit}, with its gains free by {law.misfit:.3g}; no '
@@ -273,7 +273,9 @@ def check_swapped(machine: Machine, data: Dataset, laws: list[Law]) -> list[Gate
             law = fit_law(machine, replace(data, effort=effort), drive)
             if law is None:
                 continue
-            stated = law.misfit_file < _BETTER * own[drive].misfit_file
+            # What is far off on its own drive need not be near on the other one's.
+            better = law.misfit_file < _BETTER * own[drive].misfit_file
+            stated = better and law.followed > _AT_ALL
             rest = 1.0 - own[drive].explained
             if stated or 1.0 - law.explained < min(1.0 - _ITS_OWN, 0.5 * rest):
                 owner[drive] = other

@@ -3,7 +3,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 from ros2_ident.gates.signals import APART, Fit, LATEST_EFFORT, Signals
 
@@ -55,6 +55,34 @@ def usual_delays(signals: Signals) -> list[Array]:
     plain, in_time = polish((lag, 0.0), False)
     none = np.zeros(2)
     return [none, in_time] if plain < COUNTS * best or delays[1] < 0.5 else [none, in_time, delays]
+
+
+def delay_as_stated(signals: Signals, weights: Array, late: float) -> Array:
+    """Return the delays (effort, set-point) in cycles at which known gains leave least.
+
+    Args:
+        signals: The drive.
+        weights: (C,) what the law multiplies the columns of `Fit.system` by; further ones of a
+            law with an integral part are left out where this one has none.
+        late: Delay of the set-point in cycles, held.
+    """
+    rough, fine = (
+        Fit(signals, every=max(1, signals.effort.size // some)) for some in (1500, 4000)
+    )
+
+    def left(fit: Fit, lag: float) -> float:
+        columns, effort = fit.system(np.array([lag, late]))
+        return float((effort - columns @ weights[: columns.shape[1]]).var())
+
+    high, wide = LATEST_EFFORT / signals.cycle, max(1.0, round(0.002 / signals.cycle))
+    lag = min(np.arange(0.0, high + 1.0, wide), key=lambda lag: left(rough, lag))
+    found = minimize_scalar(
+        lambda lag: left(fine, lag),
+        bounds=(max(0.0, lag - wide), min(high, lag + wide)),
+        method='bounded',
+        options={'xatol': 1e-2},
+    )
+    return np.array([float(found.x), late])
 
 
 def delays_apart(signals: Signals, fit: Fit, tracked: float, gain: float) -> Array:

@@ -8,11 +8,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ros2_ident.gates.asked import fit_asked
 from ros2_ident.gates.controller import check_law, check_swapped, of_one_drive
 from ros2_ident.gates.coupling import check_coupling
 from ros2_ident.gates.finding import Gate, GateReport, ORDER
 from ros2_ident.gates.law import fit_law, Law
-from ros2_ident.gates.log import check_effort, check_streams
+from ros2_ident.gates.log import check_asked, check_effort, check_streams
 from ros2_ident.gates.tracking import check_tracking, tracking_of
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import compared_of, kind_of
@@ -51,18 +52,23 @@ def examine(
     streams: list[Gate] = []
     # A drive that is limited follows neither its set-point nor its law.
     limited = {gate.drive for report in reports for gate in report.of('limited')}
-    for report in reports:
+    for number, report in enumerate(reports, 1):
         for gate in report.gates:
             if gate.drive in limited and gate.gate in ('law', 'law_noise', 'offset'):
                 continue
             if gate.gate in ('missing', 'jitter'):
                 streams.append(gate)
                 continue
+            if gate.gate == 'not_asked':
+                place = f'recording {number}: ' if len(reports) > 1 else ''
+                streams.append(replace(gate, sentence=place + gate.sentence))
+                continue
             other = gates.setdefault((gate.gate, gate.drive), gate)
             if ORDER[gate.level] < ORDER[other.level]:
                 gates[gate.gate, gate.drive] = gate
     laws = {law.drive: law for report in reversed(reports) for law in report.laws}
-    return GateReport((*streams, *gates.values()), tuple(laws.values()))
+    asked = tuple(report.asked[0] if report.asked else () for report in reports)
+    return GateReport((*streams, *gates.values()), tuple(laws.values()), asked)
 
 
 def _of_one(
@@ -72,6 +78,21 @@ def _of_one(
     noise: NDArray[np.float64] | None,
 ) -> GateReport:
     """Ask every gate about one recording."""
+    report = _of_motion(machine, data, drives, noise)
+    if 'effort' not in compared_of(machine):
+        return report
+    asked = [found for drive in drives if (found := fit_asked(machine, data, drive))]
+    said = [gate for found in asked for gate in check_asked(found, machine.model_unit)]
+    return GateReport((*report.gates, *said), report.laws, (tuple(asked),))
+
+
+def _of_motion(
+    machine: Machine,
+    data: Dataset,
+    drives: Sequence[str],
+    noise: NDArray[np.float64] | None,
+) -> GateReport:
+    """Ask what belongs to set-points of position, and to the log as a whole."""
     found = check_streams(data)
     if 'effort' not in compared_of(machine):
         # Signs, sizes and laws below are those of efforts, which such a log need not hold; and a

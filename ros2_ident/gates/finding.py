@@ -4,6 +4,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from ros2_ident.gates.asked import Asked
 from ros2_ident.gates.law import Law
 
 Level = Literal['ok', 'warn', 'fail']
@@ -18,7 +19,8 @@ class Gate:
 
     Attributes:
         gate: `missing`, `jitter`, `sign`, `limit`, `law`, `law_noise`, `set_point`, `offset`,
-            `names`, `coupling`, `step`, or the id of the effect that a late set-point shows.
+            `names`, `coupling`, `asked`, `not_asked`, `step`, or the id of the effect that a late
+            set-point shows.
         drive: The drive, empty for the log as a whole.
         level: `ok`, `warn` (the verdict may suffer) or `fail` (no verdict should be trusted).
         number: What was measured.
@@ -46,10 +48,12 @@ class GateReport:
     Attributes:
         gates: The findings.
         laws: The controller law of each drive where it could be read from the log.
+        asked: By recording, how its drives make the efforts that they are asked for.
     """
 
     gates: tuple[Gate, ...] = ()
     laws: tuple[Law, ...] = ()
+    asked: tuple[tuple[Asked, ...], ...] = ()
 
     def __post_init__(self) -> None:
         """Sort the findings, worst first."""

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ros2_ident.gates.delays import COUNTS, delays_apart, usual_delays
+from ros2_ident.gates.delays import COUNTS, delay_as_stated, delays_apart, usual_delays
 from ros2_ident.gates.signals import FEWEST, Fit, sane, Signals, signals_of
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
@@ -26,6 +26,8 @@ _MISSED, _TOGETHER = 1.5, 0.6
 # on this share of all; where this share of what the law misses lies there; and where it follows
 # what is asked by less than this power, over demands that spread so far (logarithm).
 _MORE, _FEW, _RARE, _MOSTLY, _FLAT, _SPREAD = 1.2, 20, 0.005, 0.8, 0.3, 0.2
+# Gains are spoken of where the stated ones leave this share more than free ones do.
+_EXCESS = 0.3
 GAINS = ('position_gain', 'velocity_gain', 'integral_gain')
 
 
@@ -95,6 +97,21 @@ class Law:
         return math.sqrt(max(0.0, self.misfit_file**2 - self.misfit**2))
 
     @property
+    def followed(self) -> float:
+        """Share of the effort's variance that the machine file's gains explain, at most 1."""
+        return 1.0 - (1.0 - self.explained) * (self.misfit_file / max(self.misfit, 1e-300)) ** 2
+
+    @property
+    def stray(self) -> bool:
+        """Whether the log asks for other gains than the stated ones."""
+        return self.excess > _EXCESS * self.misfit
+
+    @property
+    def by_one(self) -> bool:
+        """Whether one gain alone explains it as well as all of them."""
+        return self.gains[0].misfit ** 2 - self.misfit**2 < (_EXCESS * self.misfit) ** 2
+
+    @property
     def left(self) -> float:
         """RMS that is left with the stated gains, but for one of them at most."""
         if not self.gains:
@@ -106,7 +123,9 @@ def fit_law(machine: Machine, data: Dataset, drive: str, tracked: float = 0.0) -
     """Compare the law M = k_v e + k_I int e dt + c, e = k_p (z_cmd - z) + f v_cmd - v, with a log.
 
     It is linear in its coefficients: of position error, velocity error, their integrals, and a
-    constant. Delays of effort and set-point are found by a search around it.
+    constant. Delays of effort and set-point are found by a search around it: with all coefficients
+    free, and, where the stated gains seem wrong then, with these alone. A slow motion hardly tells
+    a late effort from a smaller gain, and what is stated is wrong only if it is at every delay.
 
     Args:
         machine: The machine file, for the law's kind, the gains expected and the torque limit;
@@ -127,6 +146,7 @@ def fit_law(machine: Machine, data: Dataset, drive: str, tracked: float = 0.0) -
     law = first
     for other in others:
         law = other if COUNTS * other.left**2 < law.left**2 else law
+    law = _unless_late(machine, drive, signals, fit, law)
     if law.left <= _MISSED * math.hypot(machine.effort_noise, law.steps):
         return law
     few = max(1, signals.effort.size // 800)
@@ -137,6 +157,17 @@ def fit_law(machine: Machine, data: Dataset, drive: str, tracked: float = 0.0) -
     found = delays_apart(signals, rough, tracked, gain)
     apart = _law_at(machine, drive, signals, Fit(signals, where=signals.inside), found)
     return apart if apart.left**2 < _TOGETHER * law.left**2 else law
+
+
+def _unless_late(machine: Machine, drive: str, signals: Signals, fit: Fit, law: Law) -> Law:
+    """Return the law with the stated gains at their own delay, if that leaves as little."""
+    sought = any(name in machine.bounds for name in GAINS)
+    if sought or not law.stray:
+        return law
+    weights = _weights({name: sane(machine.number(name, drive)) for name in GAINS})
+    delays = delay_as_stated(signals, weights, law.command_delay / signals.cycle)
+    stated = _law_at(machine, drive, signals, fit, delays)
+    return stated if stated.misfit_file**2 <= COUNTS * law.left**2 else law
 
 
 def _law_at(machine: Machine, drive: str, signals: Signals, fit: Fit, delays: Array) -> Law:
@@ -208,7 +239,7 @@ def _limit(asked: Array, effort: Array) -> float:
 
 
 def _gains_of(solution: Array) -> dict[str, float]:
-    """Return the gains of a free law's coefficients, columns as of `_Fit.system`."""
+    """Return the gains of a free law's coefficients, columns as of `Fit.system`."""
     kv = float(solution[1])
     integral = float(solution[4]) if solution.size > 4 else 0.0
     position = float(solution[0]) / kv if kv else 0.0
@@ -216,12 +247,15 @@ def _gains_of(solution: Array) -> dict[str, float]:
 
 
 def _law_of(columns: Array, gains: dict[str, float]) -> Array:
-    """Return the law's torque but for a constant; columns as of `_Fit.system`."""
-    kp, kv, ki = gains['position_gain'], gains['velocity_gain'], gains['integral_gain']
-    torque: Array = (kv * kp) * columns[:, 0] + kv * columns[:, 1]
-    if ki:
-        torque = torque + (ki * kp) * columns[:, 3] + ki * columns[:, 4]
+    """Return the law's torque but for a constant; columns as of `Fit.system`."""
+    torque: Array = columns @ _weights(gains)[: columns.shape[1]]
     return torque
+
+
+def _weights(gains: dict[str, float]) -> Array:
+    """Return what a law with these gains multiplies the columns of `Fit.system` by."""
+    kp, kv, ki = gains['position_gain'], gains['velocity_gain'], gains['integral_gain']
+    return np.array([kv * kp, kv, 0.0, ki * kp, ki])
 
 
 def _solve(columns: Array, effort: Array) -> tuple[Array, float, float, float]:

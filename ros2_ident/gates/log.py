@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from ros2_ident.errors import IdentError
+from ros2_ident.gates.asked import Asked
 from ros2_ident.gates.finding import Gate, Level
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset, smooth_motion
@@ -21,6 +22,8 @@ _TELLS = 0.3
 SEEN = 50.0
 # Motion faster than this is left out of the check of the sign, Hz.
 _SLOW = 15.0
+# A drive makes so much more or less than it is asked for, and it is said.
+_OFF = 0.1
 
 
 def check_streams(data: Dataset) -> list[Gate]:
@@ -128,3 +131,33 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
     return found
 
 
+def check_asked(found: Asked, unit: str) -> list[Gate]:
+    """Judge how a drive makes the effort that it is asked for.
+
+    Args:
+        found: From `fit_asked`.
+        unit: Unit of an effort.
+    """
+    drive = found.drive
+    off = abs(found.factor - 1.0) > _OFF
+    text = (
+        f'{drive}: makes {found.factor:.3g} times the effort that it is asked for, '
+        f'{1e3 * found.late:.0f} ms late, to within {found.usual:.2g} {unit}'
+    )
+    if off:
+        text += '; check the torque constants of log and controller'
+    said = [Gate('asked', drive, 'warn' if off else 'ok', found.factor, '1', text)]
+    if math.isfinite(found.limit):
+        text = (
+            f'{drive}: the effort stays at about {found.limit:.3g} {unit} where the command asks '
+            'for more; something limits it there'
+        )
+        said.append(Gate('limited', drive, 'warn', found.limit, unit, text))
+    if found.pushes:
+        at = ', '.join(p.said(unit) for p in found.pushes)
+        text = (
+            f'{drive}: made efforts that the command did not ask for: {at}; look for another '
+            'source of commands, a hand at the machine, or a fault of the drive'
+        )
+        said.append(Gate('not_asked', drive, 'warn', found.pushes[0].time, 's', text))
+    return said

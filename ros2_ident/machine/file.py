@@ -202,7 +202,7 @@ def _machine(data: Mapping[str, Any], kind: Kind, digest: str, folder: Path) -> 
         constants=_constants(kind, present, drives, bounds, own),
         bounds=bounds,
         own_bounds=own,
-        given=frozenset(key.name for key in stated),
+        given=frozenset([*(key.name for key in stated), *({'effort_noise'} & data.keys())]),
         effort_unit=unit,
         effort_scale=1.0
         if unit in kind.logs

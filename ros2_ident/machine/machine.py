@@ -29,8 +29,9 @@ class Machine:
         bounds: `{name: (low, high, unit)}` of the parameters to be identified.
         own_bounds: The same of single drives, as `drive_2.rail_azimuth`, where the drives differ;
             `bounds` then holds the box that encloses them.
-        given: Names of the constants that the file states; not in the `repr`, from which keys are
-            made, since the order of a set is another one in every process.
+        given: Names of the constants that the file states, and `effort_noise` where it does; not
+            in the `repr`, from which keys are made, since the order of a set is another one in
+            every process.
         effort_unit: Unit of the logged effort.
         effort_scale: Factor from the logged effort to N m (or N): a torque constant [N m/A], or
             the rated torque over 100 %.

@@ -11,6 +11,7 @@ from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.template import machine_template
 from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import Stream
+from ros2_ident.recording.band import told_band
 
 
 def new_machine_file(
@@ -37,7 +38,10 @@ def new_machine_file(
     if description is not None:
         known[description_key(kind)] = named
     if states is not None:
-        known['cycle'] = f'{float(np.median(np.diff(states.stamp))) * 1e-9:.4g}'
+        period = float(np.median(np.diff(states.stamp))) * 1e-9
+        known['cycle'] = f'{period:.4g}'
+        if any(key.name == 'bandwidth' for key in kind.keys):
+            known['bandwidth'] = f'{told_band(states):.3g}'
     return machine_template(kind, drives or _joints(kind, description, states), known)
 
 

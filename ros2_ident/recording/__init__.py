@@ -4,6 +4,7 @@
 from ros2_ident.recording.align import align as align
 from ros2_ident.recording.bag import read_bag as read_bag
 from ros2_ident.recording.bag import Topics as Topics
+from ros2_ident.recording.builder import LIVE as LIVE
 from ros2_ident.recording.builder import RecordingBuilder as RecordingBuilder
 from ros2_ident.recording.dataset import AlignQuality as AlignQuality
 from ros2_ident.recording.dataset import Dataset as Dataset

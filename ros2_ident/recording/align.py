@@ -2,6 +2,7 @@
 """Bring a recording's streams onto one grid of controller cycles."""
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from ros2_ident.recording.streams import (
     FloatArray,
     Recording,
     scale_effort,
+    Stream,
 )
 
 # A hole in the command up to so many of its samples, or so many seconds, is bridged.
@@ -37,6 +39,7 @@ def align(
     effort_scale: float = 1.0,
     limits: Limits | None = None,
     released: bool = False,
+    follows: bool = True,
 ) -> Dataset:
     """Put a recording on the grid of controller cycles.
 
@@ -50,6 +53,8 @@ def align(
         limits: How much memory the grid may take; the default where None.
         released: Whether a stream of set-points that stops before the state does means that the
             motors were switched off.
+        follows: Whether set-points of position drive the model; where not, of the command only
+            the effort asked for is taken.
 
     Returns:
         The data set. Its grid covers the command where there is one, else the state; where the
@@ -65,6 +70,9 @@ def align(
             f'drives are ({", ".join(names)}); name at least one, and each only once',
         )
     recording = scale_effort(recording, effort_scale)
+    asking = recording.command
+    if not follows or ('command' not in need and _only_efforts(asking)):
+        recording = replace(recording, command=None)
     warnings = list(recording.warnings)
     placed = place(recording, names, cycle, warnings)
     where = recording.source or 'recording'
@@ -97,7 +105,40 @@ def align(
         quality,
         _beside(recording, names, begin, cycles, cycle),
         off,
+        _asked(asking, names, begin, cycles, cycle),
     )
+
+
+def _only_efforts(command: Stream | None) -> bool:
+    """Whether a command asks for efforts and nothing else."""
+    return command is not None and command.position is None and command.effort is not None
+
+
+def _asked(
+    command: Stream | None, names: tuple[str, ...], begin: int, cycles: int, cycle: float
+) -> FloatArray | None:
+    """Return the effort asked for (D, K), NaN for a drive without; None where there is none.
+
+    Beside a set-point of the motion an effort is a feed-forward, a part of what is asked for.
+    """
+    if command is None or command.effort is None:
+        return None
+    moved = np.zeros(len(command.names), dtype=bool)
+    for values in (command.position, command.velocity):
+        if values is not None:
+            moved |= np.nan_to_num(np.nanmax(values, axis=0) - np.nanmin(values, axis=0)) > 0.0
+    time = (command.stamp - begin) * 1e-9
+    grid = np.arange(cycles) * cycle
+    out = np.full((len(names), cycles), np.nan)
+    for row, name in zip(out, names, strict=True):
+        column = command.names.index(name) if name in command.names else -1
+        if column < 0 or moved[column]:
+            continue
+        values = command.effort[:, column]
+        there = np.isfinite(values)
+        if there.sum() > 1:
+            row[:] = np.interp(grid, time[there], values[there])
+    return None if np.isnan(out).all() else out
 
 
 def _beside(

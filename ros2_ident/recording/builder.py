@@ -30,6 +30,9 @@ _ABSURD = 1e30
 
 Values = Sequence[float] | NDArray[np.float64]
 
+# The source of messages that come as they are sent.
+LIVE = 'live'
+
 
 @dataclass
 class _Layout:
@@ -93,7 +96,7 @@ class RecordingBuilder:
 
     def __init__(
         self,
-        source: str = 'live',
+        source: str = LIVE,
         sha256: str = '',
         limits: Limits | None = None,
         notes: Sequence[str] = (),

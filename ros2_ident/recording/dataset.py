@@ -10,6 +10,9 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.streams import FloatArray
 
+# Fields that a model may see, and those of them that hold a value at every cycle.
+_SEEN = ('command_position', 'command_velocity', 'position', 'velocity', 'effort')
+_EVERY_CYCLE = _SEEN[:2]
 
 @dataclass(frozen=True)
 class StreamQuality:
@@ -74,6 +77,8 @@ class Dataset:
         quality: How the streams arrived.
         beside: Positions (K,) of the recording's other joints, by name, at every cycle.
         released: Cycle from which on the motors are switched off; None where they never are.
+        command_effort: Effort asked for (D, K), in the unit of `effort`, NaN for drives that are
+            told a motion; None where all are. No model is driven by it.
     """
 
     names: tuple[str, ...]
@@ -87,11 +92,12 @@ class Dataset:
     quality: AlignQuality = field(default_factory=AlignQuality)
     beside: Mapping[str, FloatArray] = field(default_factory=dict)
     released: int | None = None
+    command_effort: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""
         shapes = set()
-        for name in ('command_position', 'command_velocity', 'position', 'velocity', 'effort'):
+        for name in (*_SEEN, 'command_effort'):
             values = getattr(self, name)
             if values is None:
                 continue
@@ -99,7 +105,7 @@ class Dataset:
             shapes.add(array.shape)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-            if name.startswith('command') and not np.isfinite(array).all():
+            if name in _EVERY_CYCLE and not np.isfinite(array).all():
                 raise IdentError(
                     ErrorCode.BAD_VALUES,
                     f'{name} has cycles without a value; interpolate the set-point to every cycle',
@@ -123,8 +129,7 @@ class Dataset:
     def digest(self) -> bytes:
         """Of all that a model may see: another one, other numbers."""
         total = hashlib.blake2b(repr((self.names, self.cycle, self.released)).encode())
-        fields = ('command_position', 'command_velocity', 'position', 'velocity', 'effort')
-        for name, values in [*((x, getattr(self, x)) for x in fields), *self.beside.items()]:
+        for name, values in [*((x, getattr(self, x)) for x in _SEEN), *self.beside.items()]:
             if values is not None:
                 total.update(name.encode())
                 total.update(np.ascontiguousarray(values).data)

@@ -24,6 +24,8 @@ _DRIFT_LIMIT = 1e-3
 _MOST_CYCLES = 1e8
 # No controller is faster or slower, s.
 _SHORTEST_CYCLE, _LONGEST_CYCLE = 1e-12, 1e3
+# So many multiples of the cycle to either side of a stream's spacing are tried.
+_MOST_STRIDES = 500
 # Length of the mean phase vector below which the stamps do not cluster on the grid.
 _CLUSTERED = 0.1
 # From this length on rounding to the next cycle is right to five standard deviations.
@@ -126,6 +128,7 @@ def _stride(time: FloatArray, period: float, cycle: float) -> int:
     # two steps have no scatter to go by: allow for a tenth
     scatter = float(np.std(single)) / period if single.size > 2 else 0.1
     slack = _RATE_TOLERANCE + min(0.25, 4.0 * scatter / float(np.sqrt(max(1, single.size))))
+    slack = min(slack, _MOST_STRIDES * cycle / period)
     low = max(1, int(np.ceil(period / cycle * (1.0 - slack))))
     high = int(np.floor(period / cycle * (1.0 + slack)))
     candidates = range(low, high + 1)

@@ -2,6 +2,7 @@
 """Judge recordings before an hour is spent on them."""
 
 from collections.abc import Mapping, Sequence
+import math
 from typing import Protocol
 
 import numpy as np
@@ -320,11 +321,12 @@ def _judge_weight(drives: Sequence[DriveSummary], machine: MachineFacts) -> list
         return []
     carriages = sum(machine.number('rail_mass', name) for name in machine.drives)
     loads = [machine.bounds[x] for x in ('tool_mass', 'moving_mass') if x in machine.bounds]
-    low = gravity * (carriages + sum(x[0] for x in loads))
-    high = gravity * (carriages + sum(x[1] for x in loads))
+    low = abs(gravity) * (carriages + sum(x[0] for x in loads))
+    high = abs(gravity) * (carriages + sum(x[1] for x in loads))
     force = sum(x.effort_rest * machine.number('gear_factor', x.drive) for x in held)
+    force = math.copysign(1.0, gravity) * force
     # nothing held or a reversed sign is said drive by drive
-    if low * gravity <= 0.0 or force * gravity < 0.05 * low * gravity:
+    if low <= 0.0 or force < 0.05 * low:
         return []
     off = force / high if force > high else min(1.0, force / low)
     if 1.0 / _WEIGHT_WARN < off < _WEIGHT_WARN:

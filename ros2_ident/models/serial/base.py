@@ -11,7 +11,7 @@ Array = npt.NDArray[np.float64]
 _NEW, _NOTHING = 1e-7, 1e-10
 
 
-def base_columns(terms: Array, given: Array) -> tuple[npt.NDArray[np.int64], Array]:
+def base_columns(terms: Array, given: Array) -> tuple[npt.NDArray[np.int64], Array, Array]:
     """Return the columns that are independent of those before, and how the others add to them.
 
     Orthogonalised in the order of the columns, as the QR decomposition without exchange that
@@ -23,8 +23,8 @@ def base_columns(terms: Array, given: Array) -> tuple[npt.NDArray[np.int64], Arr
         given: (M, E) terms of other parameters that come before all of these.
 
     Returns:
-        (B,) the columns kept, rising, and (B, C) the grouping: base parameters are its product
-        with the C parameters.
+        (B,) the columns kept, rising, (B, C) the grouping: base parameters are its product with
+        the C parameters, and (E, C) what the other parameters stand for beside themselves.
     """
     basis = np.empty((len(terms), 0))
     kept: list[int] = []
@@ -44,7 +44,8 @@ def base_columns(terms: Array, given: Array) -> tuple[npt.NDArray[np.int64], Arr
     whole = np.concatenate([given, terms[:, columns]], axis=1)
     scale = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
     found = np.linalg.lstsq(whole / scale, terms, rcond=1e-12)[0] / scale[:, None]
-    grouping = found[given.shape[1] :]
-    grouping[np.abs(grouping) < 1e-9] = 0.0
+    found[np.abs(found) < 1e-9] = 0.0
+    beside, grouping = np.split(found, [given.shape[1]])
     grouping[:, columns] = np.eye(len(columns))
-    return columns, grouping
+    beside[:, columns] = 0.0
+    return columns, grouping, beside

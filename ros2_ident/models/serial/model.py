@@ -12,6 +12,7 @@ from ros2_ident.effects import Context
 from ros2_ident.kernel import rows
 from ros2_ident.kernel.group import Group, Task
 from ros2_ident.lanes import room
+from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.drives.model import Array, DriveModel
 from ros2_ident.models.protocol import Output
@@ -25,7 +26,11 @@ from ros2_ident.recording.smooth import low_pass
 # The motion is kept up to so many times the band in which efforts are compared: friction turns
 # over faster than the efforts. Of what is compared so many samples are kept for a period of the
 # band's end; of both ends so many periods are left out, where nothing tells the acceleration.
-_WIDER, _KEPT, _ENDS = 5.0, 4.0, 0.5
+_WIDER, _KEPT, _ENDS = 5.0, 4.0, 1.5
+# Without a band, periods of the motion's own low-pass: a log may begin and end on the move.
+_MOVING = 2.0
+# Of a short log no more than one part of so many at either end.
+_SHORTEST = 20
 # What a model and all that extend it have in common, made once: for 20 s of seven joints it takes
 # longer than a hundred candidates.
 _COMMON = ('arm', 'inertials', 'transmission', '_recorded', '_driven', '_terms', '_firsts')
@@ -147,14 +152,32 @@ class Serial(DriveModel):
             own[seen] = smooth[seen]
         return out
 
+    @functools.cached_property
+    def _off_ends(self) -> Array:
+        """(O, K) the measured efforts but for both ends of the log, short logs excepted."""
+        out = self.signals.measured(self.data).copy()
+        if self.data.position is None:
+            return out
+        ends = int(_MOVING / (self._motion_cutoff(self.data.position) * self.cycle))
+        ends = min(ends, out.shape[1] // _SHORTEST)
+        out[:, :ends] = out[:, out.shape[1] - ends :] = np.nan
+        return out
+
+    @functools.cached_property
+    def _moving(self) -> Array:
+        """(O, K) the measured efforts, but for what stands still."""
+        told = self._in_band if self.thinned else self._off_ends
+        least = self.machine.numbers('least_speed')[list(self.signals.places)]
+        if self.data.position is None or not least.any():
+            return told
+        speed = np.abs(self.motion[1])[list(self.signals.places)]
+        return np.where(speed < least[:, None], np.nan, told)
+
     @property
     def measured(self) -> Array:
         """(O, K) the measured efforts, NaN where nothing is compared."""
-        if not self.thinned:
-            return super().measured
-        if self._compared is None:
-            return self._in_band
-        return np.where(self._compared, self._in_band, np.nan)
+        told = self._moving
+        return told if self._compared is None else np.where(self._compared, told, np.nan)
 
     def effort_delay(self, theta: Array) -> Array:
         """Return (D,) how late each drive's effort is logged [s], for one candidate (N,)."""
@@ -202,6 +225,11 @@ class Serial(DriveModel):
     def context(self) -> Context:
         """What an arm offers effects; behind a flexible joint all the other links would move."""
         return replace(super().context, lifted=True)
+
+    @property
+    def _boxed(self) -> Machine:
+        own = {**self.machine.own_bounds, **self.inertials.rotors}
+        return replace(self.machine, own_bounds=own)
 
     def _own(self) -> Mapping[str, Sequence[Parameter]]:
         return {**self.inertials.parameters, **self.transmission.parameters}

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The inertial parameters of an arm as parameters of a search, and its coefficients from them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 import functools
 
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.machine import Box, Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.serial.arm import Arm, INERTIALS
 from ros2_ident.models.serial.base import base_columns
@@ -37,6 +37,7 @@ class Inertials:
 
     Attributes:
         parameters: Base parameters and payload by the names of the machine file's boxes.
+        rotors: Boxes of those `drive_inertia` that stand for links as well, by their full names.
     """
 
     def __init__(self, machine: Machine, arm: Arm) -> None:
@@ -51,7 +52,8 @@ class Inertials:
             dtype=np.int64,
         )
         self._shown = _shown(machine, arm)
-        kept, grouping = base_columns(self._shown[0][:, self._listed], self._shown[1])
+        kept, grouping, beside = base_columns(self._shown[0][:, self._listed], self._shown[1])
+        self.rotors = dict(_rotors(machine, arm, np.asarray(beside.any(axis=1))))
         self._base = self._listed[kept]
         self._middle = grouping @ self._known[self._listed]
         self._names = [self._name(machine, column) for column in self._base]
@@ -111,7 +113,7 @@ class Inertials:
         others = np.setdiff1d(np.arange(count), self._listed)
         order = np.concatenate([self._listed, others])
         first = rotors.shape[1]
-        kept, grouping = base_columns(
+        kept, grouping, _ = base_columns(
             np.concatenate([rotors, terms[:, order]], axis=1), terms[:, :0]
         )
         back = np.argsort(order)
@@ -135,6 +137,21 @@ class Inertials:
             mass, *place = (values.get(name, np.zeros(count)) for name in PAYLOAD)
             columns += point_mass(mass, np.array(place))
         return np.stack([*columns, np.ones(count)], axis=1)
+
+
+def _rotors(
+    machine: Machine, arm: Arm, joined: npt.NDArray[np.bool_]
+) -> Iterator[tuple[str, Box]]:
+    """Yield boxes of the rotors (E,) that take up what the description's links are off by.
+
+    A link that is described as too heavy makes less than nothing of them.
+    """
+    for drive, more, slides in zip(machine.drives, joined, arm.prismatic, strict=False):
+        link = 'link_mass' if slides else 'link_inertia'
+        if more and link in machine.bounds:
+            low, high, unit = machine.box('drive_inertia', drive)
+            below, above, _ = machine.box(link, drive)
+            yield f'{drive}.drive_inertia', (low + min(below, 0.0), high + max(above, 0.0), unit)
 
 
 def _shown(machine: Machine, arm: Arm) -> tuple[Array, Array]:

@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Does a drive make the effort that it is asked for, and if not: at which instants?
+
+A drive that is told its effort reports it late, and less what its own rotor takes:
+
+    effort(t) = factor asked(t - late) + offset + viscous speed + inertia acceleration
+
+No model of the machine is in this. What is left was added by somebody else, or by the drive.
+"""
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ros2_ident.errors import IdentError
+from ros2_ident.gates.instants import highest, peaks_of, robust_size, robust_weights
+from ros2_ident.models import Machine
+from ros2_ident.recording import Dataset, smooth_motion
+from ros2_ident.recording.motion import fill_gaps
+from ros2_ident.recording.smooth import allowed_cutoff, low_pass
+
+Array = NDArray[np.float64]
+
+# Efforts are compared up to this frequency, Hz, where the machine file states no band, at so many
+# values a period of it; so many periods are left out at either end.
+_BAND, _VALUES, _ENDS = 10.0, 8.0, 1.5
+# Periods of the band below which nothing is said.
+_SHORTEST = 10.0
+# An effort follows what was asked for at most so late, s.
+_LATEST = 0.1
+# Share of the effort's squares that has to follow; else the command asks for a part of it only.
+_FOLLOWS = 0.99
+# An effort stands out by so many standard deviations, and by this share of the highest.
+_STANDS_OUT, _SMALL = 5.0, 0.2
+# A drive that makes less than it is asked for at this share of its largest effort is limited,
+# where this share of all that is left lies there.
+_LIMITED, _MOSTLY = 0.9, 0.8
+# Rounds in which what stands out loses its weight.
+_ROUNDS = 15
+
+
+@dataclass(frozen=True)
+class Push:
+    """An effort that nobody asked for.
+
+    Attributes:
+        time: When it is highest, s since the recording's start.
+        effort: Its highest value, N m or N.
+    """
+
+    time: float
+    effort: float
+
+    def said(self, unit: str) -> str:
+        """Return it in words."""
+        return f'{self.time:.2f} s ({float(f"{self.effort:.2g}"):+g} {unit})'
+
+
+@dataclass(frozen=True)
+class Asked:
+    """How a drive makes the effort that it is asked for.
+
+    Attributes:
+        drive: The drive.
+        late: By how much, s.
+        factor: Effort made per effort asked for.
+        usual: Standard deviation of what is left where nothing stands out, N m or N.
+        pushes: What stands out.
+        share: Share of all that is left which stands out.
+        size: RMS of what stands out over the whole log.
+        certain: Highest push in standard deviations of what is usual at its instant.
+        count: Values compared.
+        limit: Size of effort beyond which it made less than it was asked for; inf for none.
+    """
+
+    drive: str
+    late: float
+    factor: float
+    usual: float
+    pushes: tuple[Push, ...] = ()
+    share: float = 0.0
+    size: float = 0.0
+    certain: float = 0.0
+    count: int = 0
+    limit: float = math.inf
+
+
+@dataclass(frozen=True)
+class _Log:
+    """What of a drive's log the law is fitted to, below the band's end: (T,) values.
+
+    Attributes:
+        start: Time of the first value, s.
+        step: Time from value to value, s.
+        cycle: Time from value to value of `asked`, s.
+        asked: The effort asked for, whole and at every cycle.
+        effort: The effort made.
+        beside: (T, 3) one, speed and acceleration.
+        scatter: Of the stamps about the instants that they stand for, s.
+        noise: Least standard deviation of the effort.
+    """
+
+    start: float
+    step: float
+    cycle: float
+    asked: Array
+    effort: Array
+    beside: Array
+    scatter: float
+    noise: float
+
+    def late(self, by: float) -> Array:
+        """Return the effort asked for a while ago."""
+        cycles = (self.start - by + self.step * np.arange(self.effort.size)) / self.cycle
+        out: Array = np.interp(cycles, np.arange(self.asked.size), self.asked)
+        return out
+
+
+def fit_asked(machine: Machine, data: Dataset, drive: str) -> Asked | None:
+    """Compare a drive's effort with the one that it was asked for.
+
+    Args:
+        machine: The machine.
+        data: A recording on the grid.
+        drive: The drive.
+
+    Returns:
+        How it makes its effort, None where it is not told it.
+    """
+    log = _log_of(machine, data, data.names.index(drive))
+    return None if log is None else _fitted(log, drive)
+
+
+def _log_of(machine: Machine, data: Dataset, d: int) -> _Log | None:
+    """Return a drive's log, None where a part of it is missing, too short, or does not change."""
+    if data.command_effort is None or data.effort is None or data.position is None:
+        return None
+    asked, effort = data.command_effort[d], data.effort[d]
+    if not np.isfinite(asked).all() or not np.ptp(asked) or not np.isfinite(effort).any():
+        return None
+    band = min(machine.number('bandwidth') if machine.known('bandwidth') else _BAND, _BAND)
+    cutoff = allowed_cutoff(data.position[d], data.cycle, 2.0 * band)
+    band = min(band, 0.5 * cutoff)
+    if data.duration < (_SHORTEST + 2.0 * _ENDS) / band:
+        return None
+    try:
+        motion = smooth_motion(data.position[d : d + 1], data.cycle, cutoff)
+    except IdentError:
+        return None
+    ends, stride = int(_ENDS / (band * data.cycle)), int(1.0 / (_VALUES * band * data.cycle))
+    kept = slice(ends, asked.size - ends, max(1, stride))
+    rows = np.stack([asked, fill_gaps(effort), motion[1][0], motion[2][0]])
+    slow = low_pass(rows, data.cycle, band)
+    beside = np.stack([np.ones_like(slow[1, kept]), slow[2, kept], slow[3, kept]], axis=1)
+    stream = data.quality.stream('effort') or data.quality.stream('state')
+    jitter = 0.0 if stream is None else stream.jitter
+    return _Log(
+        ends * data.cycle, max(1, stride) * data.cycle, data.cycle,
+        slow[0], slow[1, kept], beside,
+        # A sample stands at the nearest cycle.
+        math.hypot(jitter, data.cycle / math.sqrt(12.0)),
+        # White noise, of which the band lets a part through.
+        max(
+            machine.effort_noise * math.sqrt(2.0 * band * data.cycle),
+            1e-6 * float(np.ptp(slow[1, kept])),
+        ),
+    )  # fmt: skip
+
+
+def _fitted(log: _Log, drive: str) -> Asked | None:
+    """Return how a drive makes its effort at the delay that suits best."""
+    fits = [(late, *_robust(log, late)) for late in np.arange(0.0, _LATEST, log.cycle)]
+    late, solution, left, _ = min(fits, key=lambda f: f[3])
+    size = max(robust_size(left), log.noise)
+    weight = robust_weights(left, size) ** 2
+    apart = log.effort - float(weight @ log.effort) / float(weight.sum())
+    if float(weight @ left**2) > (1.0 - _FOLLOWS) * float(weight @ apart**2):
+        return None
+    asked = Asked(drive, float(late), float(solution[0]), size)
+    stamped = log.scatter * np.abs(np.gradient(log.late(late), log.step))
+    usual = np.hypot(size, float(solution[0]) * stamped)
+    if _is_limited(log.effort, left, usual):
+        return replace(asked, limit=float(np.abs(log.effort).max()))
+    peaks = peaks_of(left, _STANDS_OUT * usual, log.step, _SMALL)
+    if peaks is None:
+        return asked
+    rest = float(np.sqrt(np.mean(left[~peaks.inside] ** 2)))
+    top = float((np.abs(left) / np.maximum(usual, rest))[peaks.at].max())
+    if top < _STANDS_OUT:
+        return asked
+    square = float((left[peaks.inside] ** 2).sum())
+    pushes = tuple(
+        Push(log.start + log.step * (int(p) + highest(np.abs(left), int(p))), float(left[p]))
+        for p in peaks.at
+    )
+    return replace(
+        asked,
+        pushes=pushes,
+        share=square / float((left**2).sum()),
+        size=math.sqrt(square / left.size),
+        certain=top,
+        count=left.size,
+    )
+
+
+def _is_limited(effort: Array, left: Array, usual: Array) -> bool:
+    """Whether most of what is left is missing where the drive makes its largest effort."""
+    most = float(np.abs(effort).max())
+    short = (left * effort < 0.0) & (np.abs(effort) > _LIMITED * most)
+    short &= np.abs(left) > _STANDS_OUT * usual
+    return float(left[short] @ left[short]) > _MOSTLY * float(left @ left)
+
+
+def _robust(log: _Log, late: float) -> tuple[Array, Array, float]:
+    """Fit the law at one delay: (4,) solution, (T,) what is left, and how badly it fits."""
+    columns = np.concatenate([log.late(late)[:, None], log.beside], axis=1)
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    weight = np.ones_like(log.effort)
+    for _ in range(_ROUNDS):
+        system = columns / scale * weight[:, None]
+        solution = np.linalg.lstsq(system, log.effort * weight, rcond=1e-9)[0] / scale
+        left = log.effort - columns @ solution
+        weight = robust_weights(left, max(robust_size(left), log.noise))
+    return solution, left, float(np.log1p((left / log.noise) ** 2).sum())

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Instants at which a series stands out: where they are, how wide, and when there are none."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import find_peaks, peak_widths
+from scipy.stats import median_abs_deviation
+
+Array = NDArray[np.float64]
+
+# A peak sinks by this share of what makes it stand out before the next one.
+_SINKS = 0.5
+# One that lasts longer, s, or all of them together a larger share of the series, are no instants.
+_LONGEST, _SHARE = 1.0, 0.25
+# What comes more often belongs to the motion.
+_MOST = 4
+# Where a weight is half, in deviations.
+_HALF = 2.0
+
+
+@dataclass(frozen=True)
+class Peaks:
+    """Where a series stands out.
+
+    Attributes:
+        at: (P,) indices of the highest values.
+        inside: (T,) whether a value belongs to a peak: higher than half of it.
+    """
+
+    at: NDArray[np.intp]
+    inside: NDArray[np.bool_]
+
+
+def peaks_of(apart: Array, least: ArrayLike, step: float, small: float = 0.0) -> Peaks | None:
+    """Find where a series stands out, if that is at instants.
+
+    Args:
+        apart: (T,) the series about its middle.
+        least: What stands out, one number or (T,).
+        step: Time from value to value, s.
+        small: Peaks below this share of the highest are passed over.
+
+    Returns:
+        The peaks; None where there is none, or where they are many, long, or halves of a swing.
+    """
+    height = np.abs(apart)
+    prominence = _SINKS * float(np.min(least))
+    at, _ = find_peaks(height, height=least, prominence=prominence)
+    at = at[height[at] >= small * height[at].max()] if at.size else at
+    if not 0 < at.size <= _MOST:
+        return None
+    width, _, first, last = peak_widths(height, at)
+    if (step * width > _LONGEST).any() or width.sum() > _SHARE * apart.size:
+        return None
+    if _swings(at, width, np.sign(apart[at])):
+        return None
+    inside = np.zeros(apart.size, dtype=bool)
+    for a, b in zip(first, last, strict=True):
+        inside[int(a) : int(b) + 2] = True
+    return Peaks(at, inside)
+
+
+def _swings(at: NDArray[np.intp], width: Array, sign: Array) -> bool:
+    """Whether two follow each other as the halves of a swing do, to both sides.
+
+    Those of a sine are a third of its period wide at half their height, and half of it apart.
+    """
+    near = np.diff(at) < width[1:] + width[:-1]
+    return bool((near & (sign[1:] != sign[:-1])).any())
+
+
+def highest(height: Array, peak: int) -> float:
+    """Return where a peak is highest, in steps from it, by a parabola through its neighbours."""
+    before, top, after = height[peak - 1 : peak + 2]
+    bend = before - 2.0 * top + after
+    return float(0.5 * (before - after) / bend) if bend < 0.0 else 0.0
+
+
+def robust_size(values: Array) -> float:
+    """Return the standard deviation of what does not stand out."""
+    return float(median_abs_deviation(values, scale='normal')) if values.size else 0.0
+
+
+def robust_weights(values: Array, size: float) -> Array:
+    """Return the roots of Cauchy's weights of values of a size, half at two of it.
+
+    Reference:
+        Holland and Welsch, Communications in Statistics A 6(9), 1977.
+    """
+    out: Array = 1.0 / np.sqrt(1.0 + (values / (_HALF * size)) ** 2)
+    return out

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A drive that is told its effort: does it make it, and at which instants does it not?"""
+
+from dataclasses import replace
+from typing import Any
+
+from identify_cases import axis
+import numpy as np
+import pytest
+
+from ros2_ident.gap.bursts import not_asked
+from ros2_ident.gap.floor import Floor
+from ros2_ident.gap.refusal import of_pushes
+from ros2_ident.gap.verdict import BOOKKEEPING, PUSHED, Verdict
+from ros2_ident.gates import examine, GateReport
+from ros2_ident.gates.asked import Asked, fit_asked, Push
+from ros2_ident.identify.data import gather
+from ros2_ident.machine.parameter import Parameter
+from ros2_ident.models import Machine
+from ros2_ident.models.protocol import FullModel, Output
+from ros2_ident.recording import align, Dataset, Recording, Stream
+
+CYCLE, SECONDS, NOISE = 0.002, 12.0, 0.03
+TIME = np.arange(0.0, SECONDS, CYCLE)
+LATE, INERTIA = 0.008, 0.05
+
+
+def machine() -> Machine:
+    """Return a joint whose recorded motion drives its model."""
+    bounds = {
+        'moving_mass': (0.1, 20.0, 'kg m^2'),
+        'viscous_friction': (0.0, 50.0, 'N m s/rad'),
+        'coulomb_friction': (0.0, 20.0, 'N m'),
+        'constant_force': (-50.0, 50.0, 'N m'),
+    }
+    found = axis().with_bounds(bounds)
+    return replace(found, drives=('knee',), effort_unit='N m', effort_noise=NOISE)
+
+
+def asked_for(time: np.ndarray) -> np.ndarray:
+    out: np.ndarray = 2.0 * np.sin(2.9 * time) + 0.8 * np.sin(9.1 * time + 1.0)
+    return out
+
+
+def recording(
+    *pushes: tuple[float, float],
+    factor: float = 1.0,
+    jitter: float = 0.0,
+    held: tuple[float, float] = (0.0, 0.0),
+    limit: float = np.inf,
+    **command: Any,
+) -> Recording:
+    """Return a log with pushes (instant, size); between two instants the drive makes nothing."""
+    random = np.random.default_rng(4)
+    angle, change = np.sin(1.7 * TIME), -(1.7**2) * np.sin(1.7 * TIME)
+    effort = factor * asked_for(TIME - LATE) + 0.1 - INERTIA * change
+    effort[(held[0] <= TIME) & (held[1] > TIME)] = 0.0
+    effort = np.clip(effort, -limit, limit)
+    for instant, size in pushes:
+        effort += size * np.exp(-(((TIME - instant) / 0.12) ** 2))
+    effort += random.normal(0.0, NOISE, TIME.size)
+    stamp = np.round(TIME * 1e9).astype(np.int64)
+    late = random.uniform(0.0, jitter, TIME.size)
+    return Recording(
+        Stream(
+            ('knee',),
+            stamp + np.round(late * 1e9).astype(np.int64),
+            position=angle[:, None],
+            effort=effort[:, None],
+        ),
+        command=Stream(('knee',), stamp, effort=asked_for(TIME)[:, None], **command),
+        source='a',
+    )
+
+
+def told(found: Recording) -> Asked | None:
+    return fit_asked(machine(), dataset(found), 'knee')
+
+
+def dataset(found: Recording) -> Dataset:
+    return gather((found,), machine()).datasets[0]
+
+
+def test_a_drive_makes_what_it_is_asked_for() -> None:
+    found = told(recording(factor=0.97))
+    assert found is not None
+    assert found.late == pytest.approx(LATE, abs=CYCLE)
+    assert found.factor == pytest.approx(0.97, abs=0.01)
+    assert found.pushes == ()
+    report = examine(machine(), [dataset(recording())])
+    assert [g.level for g in report.of('asked')] == ['ok']
+    assert not report.of('not_asked')
+
+
+def test_what_nobody_asked_for_is_told_with_instant_and_size() -> None:
+    found = told(recording((3.46, 0.5), (8.31, -0.3)))
+    assert found is not None
+    assert [p.time for p in found.pushes] == pytest.approx([3.46, 8.31], abs=0.02)
+    assert [p.effort for p in found.pushes] == pytest.approx([0.5, -0.3], abs=0.06)
+    # What drives make besides is told as without pushes.
+    assert found.factor == pytest.approx(1.0, abs=0.01)
+    assert found.share > 0.9 and found.certain > 10.0
+
+
+def test_stamps_that_scatter_are_no_pushes() -> None:
+    found = told(recording(jitter=0.0019))
+    assert found is not None and found.pushes == ()
+
+
+def test_a_factor_that_is_off_is_said() -> None:
+    (gate,) = examine(machine(), [dataset(recording(factor=1.3))]).of('asked')
+    assert gate.level == 'warn' and 'torque constants' in gate.sentence
+    assert gate.number == pytest.approx(1.3, abs=0.02)
+
+
+def test_a_drive_that_is_limited_is_not_pushed() -> None:
+    # The command asks for up to 2.8 N m: twice for more than 2.77, often for more than 2.2.
+    for limit in (2.77, 2.2):
+        report = examine(machine(), [dataset(recording(limit=limit))])
+        (gate,) = report.of('limited')
+        assert gate.number == pytest.approx(limit, abs=0.1)
+        assert not report.of('not_asked') and report.of('asked')
+
+
+def test_a_feed_forward_is_a_part_of_what_is_asked_for() -> None:
+    angle = np.sin(1.7 * TIME)[:, None]
+    assert dataset(recording(position=angle)).command_effort is None
+    assert dataset(recording(velocity=angle)).command_effort is None
+    # A command's fields that are filled with zeros ask for nothing.
+    filled = align(recording(position=0.0 * angle), ('knee',), CYCLE, follows=False)
+    assert filled.command_position is None and filled.command_effort is not None
+    assert filled.command_effort[0] == pytest.approx(asked_for(TIME), abs=0.03)
+
+
+def test_a_drive_that_does_something_else_is_not_called_pushed() -> None:
+    assert told(recording(held=(2.0, 8.0))) is None
+
+
+def test_without_its_parts_nothing_is_said() -> None:
+    whole = dataset(recording())
+    for part in ('command_effort', 'effort', 'position'):
+        assert fit_asked(machine(), replace(whole, **{part: None}), 'knee') is None
+    still = replace(whole, command_effort=np.ones((1, whole.cycles)))
+    assert fit_asked(machine(), still, 'knee') is None
+
+
+def test_pushes_are_said_of_every_recording() -> None:
+    logs = [dataset(recording()), dataset(recording((5.0, 0.6)))]
+    report = examine(machine(), logs)
+    (gate,) = report.of('not_asked')
+    assert gate.sentence.startswith('recording 2: knee: made efforts that the command')
+    assert '5.00 s (+0.6 N m)' in gate.sentence
+    assert report.warnings == (gate.sentence,) or gate.sentence in report.warnings
+
+
+class Knee(FullModel):
+    """What a finding needs of a model."""
+
+    parameters = (Parameter('mass', 'kg m^2', 0.0, 1.0, 'physical', 'Newton'),)
+    outputs = (Output('knee', 'N m'),)
+    measured = np.zeros((1, 100))
+    cycle = CYCLE
+
+    def simulate(self, theta: np.ndarray) -> np.ndarray:
+        return np.zeros((len(theta), 1, 100))
+
+
+def verdict(effect: str) -> Verdict:
+    return Verdict(effect, ('all',), 0.5, (), (), (), 0.3, first='something else.')
+
+
+def test_pushes_come_before_what_a_model_misses() -> None:
+    pushes = (Push(1.5, 0.7), Push(4.25, -0.4))
+    asked = Asked('knee', 0.01, 1.0, 0.02, pushes, 0.9, 0.2, 12.0, 400)
+    report = GateReport(asked=((), (asked,)))
+    found = of_pushes(verdict('stribeck'), report, 'N m')
+    assert (found.effect, found.where, found.named) == ('unknown', ('knee',), ())
+    assert found.pushed == {'knee': '1.50 s (+0.7 N m), 4.25 s (-0.4 N m) in recording 2'}
+    assert not found.first and found.probability > 0.9
+    # A wrong unit or sign makes all efforts wrong.
+    assert of_pushes(verdict(BOOKKEEPING), report, 'N m').effect == BOOKKEEPING
+    assert of_pushes(verdict('none'), GateReport(asked=((),)), 'N m').effect == 'none'
+    none = np.zeros(1)
+    floor = Floor(np.full(1, 0.1), none, none, 'prediction', None, none, (), '')
+    (finding,) = not_asked(report.asked, floor, Knee())
+    assert finding.significant and finding.p_value < 1e-6
+    assert finding.over_floor == pytest.approx(2.0)
+    assert finding.sentence.startswith('knee: made what the command did not ask for at 1.50 s')
+    assert PUSHED.startswith('Efforts were made')

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cells of a table: times to the nanosecond, numbers, lines, each rule at its edge."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reader_cases import make_recording
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording import Recording, Stream, table
+from ros2_ident.recording.limits import Limits
+from ros2_ident.recording.table import (
+    _check_steps,
+    _floats,
+    _stamps,
+    Column,
+    ColumnMap,
+    load_columns,
+    read_table,
+)
+from ros2_ident.recording.table_write import write_table
+
+MAP = ColumnMap('t', 9, (Column('a', 'position', 'q'),))
+
+
+def map_of(tmp_path, text):
+    path = tmp_path / 'map.yaml'
+    path.write_text(text)
+    return path
+
+
+def read(tmp_path, text, more='', joints='  a: {position: q}\n', **limits):
+    (tmp_path / 'log.csv').write_bytes(text if isinstance(text, bytes) else text.encode())
+    where = map_of(tmp_path, f'time: {{column: t, unit: s}}\njoints:\n{joints}{more}')
+    return read_table(tmp_path / 'log.csv', where, Limits(**limits))
+
+
+def rows(count, step=0.01, head='t,q\n'):
+    return head + ''.join(f'{step * k:.9f},{k}\n' for k in range(count))
+
+
+@pytest.mark.parametrize(
+    ('cell', 'digits', 'stamp'),
+    [
+        ('1700000000.123456789', 9, 1_700_000_000_123_456_789),
+        (' 1.5 ', 6, 1_500_000),
+        ('-2', 3, -2000),
+        ('7', 0, 7),
+        ('1e3', 0, 1000),
+        ('0.4', 0, 0),
+    ],
+)
+def test_times_keep_every_digit(cell, digits, stamp):
+    layout = ColumnMap('t', digits, ())
+    assert _stamps(Path('x'), (cell,), [2], layout).tolist() == [stamp]
+    comma = ColumnMap('t', digits, (), decimal=',')
+    assert _stamps(Path('x'), (cell.replace('.', ','),), [2], comma).tolist() == [stamp]
+
+
+@pytest.mark.parametrize('cell', ['', 'abc', '1_000', 'nan', 'inf', '1e99', '1,5'])
+def test_what_is_no_time_names_its_line(cell):
+    with pytest.raises(IdentError, match='x: line 9: the time .* is no number'):
+        _stamps(Path('x'), ('1', cell), [8, 9], MAP)
+
+
+@pytest.mark.parametrize('scale', [1.0, 2.0, 0.5, -1e-3])
+def test_values_are_scaled_and_empty_cells_are_none(scale):
+    column = Column('a', 'position', 'q', scale)
+    found = _floats(Path('x'), ('1.5', ' ', '-2e1', ''), [1, 2, 3, 4], column, '.')
+    np.testing.assert_array_equal(found, np.array([1.5, np.nan, -20.0, np.nan]) * scale)
+    whole = _floats(Path('x'), ('1,5', '3'), [1, 2], column, ',')
+    np.testing.assert_array_equal(whole, np.array([1.5, 3.0]) * scale)
+    for wrong in ('1_5', 'x'):
+        with pytest.raises(IdentError, match='x: line 3, column q: .* is no number'):
+            _floats(Path('x'), ('1', '', wrong), [1, 2, 3], column, '.')
+
+
+@pytest.mark.parametrize(
+    ('step', 'good'), [(999, False), (1_000, True), (2_000_000_000, True), (2_000_000_001, False)]
+)
+def test_rows_are_a_microsecond_to_two_seconds_apart(step, good):
+    stamp = np.arange(50) * step
+    if good:
+        _check_steps(Path('x'), stamp)
+    else:
+        with pytest.raises(IdentError, match='the rows are .* s apart; correct the unit'):
+            _check_steps(Path('x'), stamp)
+
+
+def test_one_row_in_a_hundred_may_repeat_its_time():
+    for size, good in ((300, True), (299, False)):
+        stamp = np.arange(size) * 1_000_000
+        stamp[[10, 50, 90]] -= 1_000_000
+        if good:
+            _check_steps(Path('x'), stamp)
+        else:
+            with pytest.raises(IdentError, match='3 of 299 rows have the time of the row before'):
+                _check_steps(Path('x'), stamp)
+    _check_steps(Path('x'), np.array([5]))
+
+
+def test_lines_are_counted_from_the_first_of_the_file(tmp_path):
+    good = rows(5)
+    with pytest.raises(IdentError, match="line 10, column q: 'x' is no number"):
+        read(tmp_path, 'one\ntwo\n' + good + '\n0.05,x\n', 'skip: 2\n')
+    with pytest.raises(IdentError, match='line 8 has 1 cells, the column map needs 2'):
+        read(tmp_path, 'one\n' + good + '0.05\n0.06,6\n', 'skip: 1\n')
+    with pytest.raises(IdentError, match='line 7 has a quotation mark that is not closed there'):
+        read(tmp_path, good + '0.05,"6\n0.06,7"\n')
+    (found,) = read(tmp_path, 'one\n' + good + '\n , \n0.05', 'skip: 1\n')
+    (said,) = found.warnings
+    assert said.endswith('log.csv: its last line 10 breaks off and is left out')
+    assert found.state.position[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    with pytest.raises(IdentError, match="has no column 't', its columns are ; correct"):
+        read(tmp_path, 'one\n', 'skip: 3\n')
+
+
+@pytest.mark.parametrize('block', [1, 2, 3, 5, 7])
+def test_blocks_of_rows_leave_no_seam(tmp_path, monkeypatch, block):
+    monkeypatch.setattr(table, '_BLOCK', block)
+    (found,) = read(tmp_path, rows(6) + '0.06')
+    assert found.state.position[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert 'last line 8 breaks off' in found.warnings[0]
+
+
+def test_streams_of_different_rates_stand_in_one_table(tmp_path):
+    joints = '  a: {position: 2, effort: {column: 3, scale: 2.0}}\n  b: {effort: 4}\n'
+    text = 't,q,e,f\n0.00,1,,\n0.01,2,5,6\n0.02,,,\n0.03,3,7,\n'
+    (found,) = read(tmp_path, text, joints=joints)
+    assert found.state.names == ('a',) and found.effort.names == ('a', 'b')
+    assert found.state.stamp.tolist() == [0, 10_000_000, 30_000_000]
+    assert found.effort.stamp.tolist() == [10_000_000, 30_000_000]
+    np.testing.assert_array_equal(found.effort.effort, [[10.0, 6.0], [14.0, np.nan]])
+    assert found.command is None
+
+
+def test_a_table_is_read_in_any_of_its_codes(tmp_path):
+    (found,) = read(tmp_path, b'\xef\xbb\xbft,q\n0,1\n0.01,2\n')
+    assert found.state.stamp.size == 2
+    (found,) = read(tmp_path, 't,q,Kraft µ\n0,1,2\n0.01,2,3\n'.encode('latin-1'))
+    assert found.state.stamp.size == 2
+    text = rows(20)
+    needed = 8 * len(text)
+    assert read(tmp_path, text, memory=needed)
+    with pytest.raises(IdentError, match='the table takes') as caught:
+        read(tmp_path, text, memory=needed - 1)
+    assert caught.value.code is ErrorCode.BAD_VALUES
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('1.5', 'names the column 1.5'),
+        ('true', 'names the column True'),
+        ('0', 'names the column 0'),
+        ('65537', 'names the column 65537'),
+        ("''", "names the column ''"),
+        ('{column: q, scale: .nan}', 'scale is nan'),
+        ('{column: q, scale: x}', "scale is 'x'"),
+        ('{column: q, scale: .inf}', 'scale is inf'),
+        ('{column: q, unit: m}', "has 'unit'; choose from column, scale"),
+        ('{scale: 2.0}', 'names the column None'),
+    ],
+)
+def test_columns_that_are_none(tmp_path, text, said):
+    where = map_of(tmp_path, f'time: {{column: t, unit: s}}\njoints:\n  a: {{position: {text}}}\n')
+    with pytest.raises(IdentError) as caught:
+        load_columns(where)
+    assert said in caught.value.message and caught.value.code is ErrorCode.INVALID_GOAL
+
+
+def test_columns_that_are_some(tmp_path):
+    where = map_of(
+        tmp_path,
+        'time: {column: 1, unit: ms}\nskip: 3\nheader: true\ndelimiter: "\\t"\ndecimal: ","\n'
+        'joints:\n  1: {position: 65536}\n  a: {effort: {column: " e ", scale: "2"}}\n',
+    )
+    found = load_columns(where)
+    assert (found.time, found.digits, found.skip, found.header) == (1, 6, 3, True)
+    assert (found.delimiter, found.decimal) == ('\t', ',')
+    assert found.columns == (Column('1', 'position', 65536), Column('a', 'effort', 'e', 2.0))
+    for text, said in (
+        ('skip: true', 'skip is True'),
+        ('delimiter: "ab"', "delimiter is 'ab'"),
+        ('delimiter: "\\n"', 'delimiter is'),
+        ('decimal: ";"', "decimal is ';'"),
+    ):
+        kept = 'time: {column: 1, unit: ms}\njoints:\n  a: {position: 2}\n'
+        with pytest.raises(IdentError, match=said):
+            load_columns(map_of(tmp_path, kept + text + '\n'))
+    with pytest.raises(IdentError, match='names a joint twice'):
+        load_columns(map_of(tmp_path, 'time: {column: 1, unit: s}\njoints:\n  1: {position: 2}\n'
+                                      '  "1": {position: 3}\n'))  # fmt: skip
+
+
+def test_what_is_written_as_a_table_comes_back(tmp_path):
+    first = make_recording(30)
+    slow = first.state.stamp[::3] + 7
+    second = Recording(
+        Stream(
+            ('drive_1',), slow, first.state.position[::3, :1], None, first.effort.effort[::3, :1]
+        )
+    )
+    log, where = write_table(tmp_path / 'new' / 'log.csv', [first, second])
+    assert (log, where) == (tmp_path / 'new/log.csv', tmp_path / 'new/log.columns.yaml')
+    lines = log.read_text().splitlines()
+    assert lines[0].split(',')[:3] == ['time', 'drive_1.position', 'drive_2.position']
+    assert len(lines) == 1 + 30 + 10
+    assert lines[1].startswith('1700000000.000000000,')
+    one, two = read_table(log)
+    assert (one.state, one.effort, one.command) == (first.state, first.effort, first.command)
+    assert two.state.stamp.tolist() == slow.tolist()
+    np.testing.assert_array_equal(two.state.position[:, 0], second.state.position[:, 0])
+    # Efforts of the joint states come back as efforts.
+    np.testing.assert_array_equal(two.effort.effort[:, 0], second.state.effort[:, 0])
