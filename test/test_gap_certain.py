@@ -1,22 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
 """What tells noise from a gap, and one cause from another, where a log is not as expected."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
+import time
+from types import SimpleNamespace
 
+from gap_signals import floor_of
 from gap_signals import motion as moves
-from identify_cases import axis, AXIS_TRUTH, recording_of, tripod, TRIPOD_TRUTH
+from identify_cases import (
+    axis,
+    axis_data,
+    AXIS_TRUTH,
+    recording_of,
+    theta_of,
+    tripod,
+    TRIPOD_TRUTH,
+)
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from ros2_ident.effects import CATALOGUE, get_effect
 from ros2_ident.errors import IdentError
+from ros2_ident.gap import case
 from ros2_ident.gap.attribute import Attribution
 from ros2_ident.gap.case import Case, recordings_of
+from ros2_ident.gap.clock import Clock
 from ros2_ident.gap.coordinates import coordinates, Motion
+from ros2_ident.gap.criteria import Rules
 from ros2_ident.gap.diagnose import _Passes, diagnose
 from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.gap.explain import Explainer
 from ros2_ident.gates import examine
 from ros2_ident.gates.law import fit_law
 from ros2_ident.identify.data import gather
@@ -26,6 +42,7 @@ from ros2_ident.recording import Dataset
 from ros2_ident.reference.bag_making import nuisance_of, simulate_bag
 from ros2_ident.reference.effects import Effect
 from ros2_ident.reference.motions import draw_motion
+from ros2_ident.search.journal import Journal
 
 
 @cache
@@ -222,3 +239,44 @@ def test_what_one_recording_does_not_show_is_fitted_on_both(
     found = diagnose(machine, [fit], [check], seed=1, without=others)
     assert found.held_out == held_out
     assert found.effect == 'cable_spring'
+
+
+def test_what_happens_between_blocks_that_take_turns_counts_too() -> None:
+    """A tenth of each second is in neither part, and there something pushed the axis."""
+    data = axis_data().datasets[0]
+    effort = np.array(data.effort)
+    phase = data.cycle * np.arange(data.cycles)
+    effort[0, (phase > 1.92) & (phase < 1.98)] += 20.0
+    both = Case(recordings_of(axis(), [replace(data, effort=effort)]))
+    floor = floor_of(1, axis().effort_noise)
+    clock = Clock(0.0, lambda: False, None)
+    passes = _Passes(None, (), Rules(), 1, clock, None, Journal(None, ''))
+    names = tuple(p.name for p in both.fit.with_effects(()).parameters)
+    theta = theta_of(names, AXIS_TRUTH)
+    fits = Attribution(both, floor.per_drive)
+    fitted = fits.refit((), theta)
+    explainer = Explainer(fits, floor, Rules())
+    assert explainer.size(fitted) < Rules().material
+    begun = SimpleNamespace(explainer=explainer, base=SimpleNamespace(theta=theta))
+    assert passes._nominal_leaves(both, begun) > 2.0
+
+
+def test_threads_that_ask_for_models_side_by_side_do_not_disturb_each_other(monkeypatch):
+    """Some are forgotten while others are made; a diagnosis of six joints ended by it."""
+
+    class Slow(dict):
+        def __iter__(self):
+            keys = super().__iter__()
+            time.sleep(1e-3)  # lets another thread in, between finding the oldest and taking it
+            return keys
+
+    monkeypatch.setattr(case, 'Joint', lambda part, key: key)
+    part = case.Part((), (), _joints=Slow())
+
+    def ask(number):
+        return [part.with_effects((number, k)) for k in range(30)]
+
+    with ThreadPoolExecutor(4) as pool:
+        asked = list(pool.map(ask, range(4)))
+    assert asked == [[(number, k) for k in range(30)] for number in range(4)]
+    assert len(part._joints) == case._KEPT

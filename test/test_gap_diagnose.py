@@ -23,7 +23,7 @@ from ros2_ident.models import load_machine, machine_from_mapping
 from ros2_ident.recording import Dataset
 from ros2_ident.reference.axis import simulate_axis
 from ros2_ident.reference.effects import Effect
-from ros2_ident.search.noise import white
+from ros2_ident.search.noise import NoiseModel, white
 
 CYCLE = 1e-3
 NOISE = 0.01
@@ -238,6 +238,42 @@ def test_noise_that_nobody_stated_is_no_gap(size, rho) -> None:
     assert quiet.floor.per_drive[0] == pytest.approx(size * NOISE, rel=0.1)
     assert quiet.floor.noise[0].correlation == pytest.approx(rho, abs=0.1)
     assert 'the machine file states 0.01' in quiet.floor.sentence
+
+
+def swinging(data: Dataset, size: float) -> Dataset:
+    """Return a log in which something swings at 4 Hz, now more, now less, as nothing predicts."""
+    seed = int(1e6 * data.effort[0, -1]) % 1000
+    drawn = np.random.default_rng(seed).standard_normal(data.effort.size + 4000)
+    turn = 2.0 * 0.99 * np.cos(2.0 * np.pi * 4.0 * CYCLE)
+    swing = lfilter([1.0], [1.0, -turn, 0.99**2], drawn)[4000:]
+    return replace(data, effort=data.effort + size * NOISE * swing / swing.std())
+
+
+@pytest.mark.parametrize('stated', [True, False])
+def test_what_swings_by_itself_is_no_noise_that_somebody_stated(stated: bool) -> None:
+    given = MACHINE.given if stated else MACHINE.given - {'effort_noise'}
+    logs = [swinging(recording(seed), 8.0) for seed in (1, 2)]
+    found = diagnose(replace(MACHINE, given=given), logs[:1], logs[1:], seed=3)
+    assert (found.effect, found.where) == (('unknown', ('lift',)) if stated else ('none', ()))
+    assert ('a load that swings' in found.sentence) == stated
+
+
+def test_noise_is_too_large_and_too_slow_only_beyond_what_people_are_wrong_by() -> None:
+    level = 10.0 * LEVEL
+
+    def floor(open_part: float) -> Floor:
+        noise = NoiseModel(np.array([0.0]), 1.0, open_part**2, 5000)
+        return replace(FLOOR, per_drive=level, noise=(noise,))
+
+    for open_part, stated, restless in (
+        (1.0, NOISE, False),  # white: the noise is another than stated
+        (0.14, 4.0 * NOISE, False),  # correlated by 0.99, of two and a half times what is stated
+        (0.14, NOISE, True),
+        (0.14, 0.0, False),  # nobody stated any
+        (0.02, 0.0, True),
+    ):
+        found = floor(open_part).restless(('lift',), stated)
+        assert found == ({'lift': level[0]} if restless else {}), (open_part, stated)
 
 
 def test_an_effect_is_named_though_the_noise_is_coloured_and_larger_than_stated() -> None:

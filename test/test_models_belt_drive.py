@@ -255,3 +255,22 @@ def test_errors_of_every_sample_are_summed_as_eq_2_has_them():
     some = RecordedBelt(MACHINE, missing).costs(theta)
     assert not np.array_equal(some, expected)
     np.testing.assert_allclose(some, expected, rtol=0.01)
+
+
+def test_a_fit_that_may_have_ended_in_a_wrong_minimum_is_not_identified(tmp_path):
+    from ros2_ident.identify.data import read_data
+    from ros2_ident.identify.result import Outcome
+    from ros2_ident.identify.run import identify
+    from ros2_ident.identify.settings import IdentifySettings
+    from ros2_ident.search import GeneticSettings
+
+    data = read_data([bag_of(tmp_path / 'bag', 1, '--noise', '0.005')], MACHINE)
+    settings = IdentifySettings(genetic=GeneticSettings(initial_population=1024, survivors=20))
+    said = []
+    for seed in (3, 4):
+        found = identify(MACHINE, data, settings=settings, seed=seed)
+        right = found.parameters[0].value == pytest.approx(2.1e5, rel=1e-3)
+        assert (found.outcome is Outcome.IDENTIFIED) == right, (seed, found.message)
+        assert right == all(p.identifiable for p in found.parameters)
+        said.append('several minima' in found.message)
+    assert set(said) == {True, False}

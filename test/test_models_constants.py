@@ -128,8 +128,8 @@ def test_rails_stand_where_each_candidate_says(monkeypatch: pytest.MonkeyPatch) 
     expected = np.concatenate([model.simulate(theta[:1]), other.simulate(theta[:1])])
     plain = model.candidates.rows
 
-    def turned(values: Array) -> Array:
-        block = plain(values)
+    def turned(values: Array, *more: object) -> Array:
+        block = plain(values, *more)
         for d, angle in enumerate(uneven):
             block[1::2, rows.row_of('rail_azimuth', d)] = angle
         return block

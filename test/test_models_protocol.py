@@ -2,7 +2,10 @@
 """Any model that meets the protocol is identified and diagnosed, on one recording or several."""
 
 from concurrent.futures import ProcessPoolExecutor
+import gc
 import math
+from pathlib import Path
+import weakref
 
 import numpy as np
 import pytest
@@ -14,10 +17,13 @@ from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.machine.parameter import Parameter
+from ros2_ident.models import load_machine, make_model
 from ros2_ident.models.protocol import complete, Model, Output
+from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings
 from ros2_ident.search.remote import Executors
 
+ROOT = Path(__file__).parents[1]
 SMALL = IdentifySettings(genetic=GeneticSettings(initial_population=64, generations=4))
 
 
@@ -63,6 +69,24 @@ def test_an_object_of_one_s_own_is_a_model():
     for estimate, true in zip(found.parameters, TRUTH, strict=True):
         assert estimate.low <= true <= estimate.high
     assert found.best_cost == pytest.approx(pendulum.noise, rel=0.05)
+
+
+class Uneven(Pendulum):
+    """Every second second hardly shows its inertia."""
+
+    def __init__(self, shown):
+        super().__init__(TRUTH, 5)
+        time = np.arange(self.bend.size) * self.cycle
+        self.bend = self.bend * np.where((time // 1.0) % 2.0 == shown, 1.0, 2e-3)
+        noise = self.noise * np.random.default_rng(7).standard_normal(time.size)
+        self.measured = self.simulate(np.array([TRUTH]))[0] + noise
+
+
+@pytest.mark.parametrize('shown', [0.0, 1.0])
+def test_what_blocks_fitted_on_do_not_show_is_no_gap_of_the_others(shown):
+    found = diagnose(model=Uneven(shown), seed=1)
+    assert found.effect == 'none'
+    assert found.evidence['size'] < found.evidence['material']
 
 
 def test_it_is_diagnosed():
@@ -180,3 +204,24 @@ def test_the_progress_of_a_diagnosis_never_goes_back():
     shares = [p.fraction for p in seen]
     assert shares == sorted(shares)
     assert shares[-1] >= 0.95
+
+
+@pytest.mark.parametrize('name', ['emps', 'tripod', 'delta', 'belt_drive', 'xl330', 'ur10'])
+def test_a_model_that_is_done_with_is_gone_without_the_garbage_collector(name):
+    machine = load_machine(ROOT / 'config' / f'{name}.yaml')
+    time, phases = np.arange(200) * 2e-3, np.arange(len(machine.drives))[:, None]
+    swing, rate = 0.01, 2.0 * np.pi
+    position = swing * np.sin(rate * time + phases)
+    velocity = swing * rate * np.cos(rate * time + phases)
+    data = Dataset(
+        machine.drives, 2e-3, 0, position, velocity, position, velocity, 0.0 * position
+    )
+    model = make_model(machine, data)
+    gone = weakref.ref(model)
+    gc.collect()
+    gc.disable()  # a diagnosis makes hundreds, with the recording in each
+    try:
+        del model
+        assert gone() is None
+    finally:
+        gc.enable()

@@ -187,18 +187,43 @@ def test_below_its_bandwidth_an_arm_is_rigid(tmp_path: Path) -> None:
     log = shaken(noisy(logged(plain, truth), 0.05))
     bounded = arm(tmp_path, controller='  bandwidth: 6.0\n')
     clean = make_model(plain, logged(plain, truth, 8.0, seed=2))
+    size = np.nanstd(clean.measured, axis=1)
     errors = []
     for machine in (plain, bounded):
         found = identify(machine, log, settings=replace(ALGEBRAIC, decimation=1))
-        missed = clean.residuals(found.theta)[0].reshape(clean.measured.shape)
-        errors.append(missed.std(axis=1) / clean.measured.std(axis=1))
+        missed = clean.residuals(found.theta)[0].reshape(len(size), -1)
+        errors.append(missed.std(axis=1) / size)
     assert (errors[1] < 0.03).all()
     assert (errors[1] < 0.3 * errors[0]).all()
     model = make_model(bounded, log)
     there = np.flatnonzero(np.isfinite(model.measured[0]))
-    # Four samples in a period of 6 Hz, none within half a period of the ends.
+    # Four samples in a period of 6 Hz, none within one and a half of the ends.
     assert np.diff(there).max() == int(1.0 / (4.0 * 6.0 * 0.004))
-    assert there[0] * 0.004 == pytest.approx(0.5 / 6.0, abs=0.005)
+    assert there[0] * 0.004 == pytest.approx(1.5 / 6.0, abs=0.005)
+
+
+def test_what_holds_a_joint_at_rest_is_left_out(tmp_path: Path) -> None:
+    plain = arm(tmp_path)
+    truth = {'coulomb_torque': 2.0, 'viscous_torque': 3.0}
+    data = noisy(logged(plain, truth), 0.05)
+    assert data.effort is not None
+    speed = make_model(plain, data).motion[1]
+    slow = np.abs(speed) < 0.1
+    # At rest friction is whatever the motor asks of it, here more than when it moves.
+    held = replace(data, effort=data.effort + np.where(slow, 2.5 * np.sign(speed), 0.0))
+    errors = []
+    for machine in (plain, arm(tmp_path, controller='  least_speed: 0.1\n')):
+        model = make_model(machine, held)
+        errors.append(
+            max(
+                abs(p.value - truth[p.name.partition('.')[2]])
+                for p in identify(machine, held, settings=ALGEBRAIC).parameters
+                if p.name.endswith('coulomb_torque')
+            )
+        )
+    assert np.isnan(model.measured[slow]).all()
+    assert np.isfinite(model.measured[~slow]).sum() > 0.5 * slow.size
+    assert errors[1] < 0.05 < 0.2 < errors[0]
 
 
 def test_an_effort_may_stand_before_its_motion(tmp_path: Path) -> None:

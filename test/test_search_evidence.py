@@ -132,6 +132,18 @@ def test_rows_left_out_tell_as_much_as_those_weighed():
     assert np.diag(half.covariance) == pytest.approx(np.diag(whole.covariance), rel=0.2)
 
 
+def test_more_columns_that_are_alike_than_samples_are_weighed():
+    rng = np.random.default_rng(6)
+    time = np.linspace(0.0, 1.0, 60)[:, None]
+    rates = np.repeat(np.linspace(0.5, 3.0, 15), 10)
+    alike = np.sin(2.0 * np.pi * rates * time + np.tile(np.linspace(0.0, 3.0, 10), 15))
+    residual = alike[:, 3] + alike[:, 40] + 1e-6 * rng.standard_normal(60)
+    seen = weigh(residual, time, alike, [Run(0, 60, 0)], np.arange(60) // 10)
+    assert seen.gain > 100.0
+    assert 0.0 < seen.floor[0] < 1e-3
+    assert np.isfinite(seen.left).all()
+
+
 def test_a_model_without_anything_to_add_is_weighed_too():
     rng = np.random.default_rng(7)
     seen = weigh(noise(rng, 0.01, 0.5), waves(rng, 2), np.empty((ROWS, 0)), RUNS, BLOCKS)

@@ -2,7 +2,9 @@
 """A journal gives back what was put, and nothing that is not whole."""
 
 import errno
+import itertools
 import os
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -140,6 +142,17 @@ def test_large_records_wait_while_they_take_too_much_time_or_room(tmp_path, monk
         journal._spent = 1e9
         journal.put({'value': large}, 'large')
         assert journal.get('large') is None
+
+
+def test_large_records_take_a_twentieth_of_the_time(tmp_path, monkeypatch):
+    ticks = itertools.count()  # a second for every look
+    monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=lambda: float(next(ticks))))
+    large = np.zeros(module.SMALL // 8 + 1)
+    with Journal(tmp_path / 'c.checkpoint', KEY) as journal:
+        for k in range(70):
+            journal.put({'value': large}, k)
+        kept = [k for k in range(70) if journal.get(k) is not None]
+    assert kept == [0, 18, 37, 56]
 
 
 def test_arrays_differ_by_their_type_and_shape_too():

@@ -141,6 +141,18 @@ def test_what_is_given_up_is_told_and_does_not_depend_on_the_threads():
     assert not all(exact.all() for _, exact in told)
 
 
+def test_what_is_no_bound_is_told_as_a_cost():
+    for share in (0.0, 0.5):
+        told = []
+        evaluate = Bounded(share)
+        searched(evaluate, SETTINGS, 3, on_generation=lambda *x, told=told: told.append(x))
+        theta, costs, exact = (np.concatenate(x) for x in zip(*told, strict=True))
+        whole = cost(theta)
+        np.testing.assert_array_equal(costs[exact], whole[exact])
+        assert (costs[~exact] < whole[~exact]).all()
+        assert (~exact).sum() <= evaluate.given_up and exact.sum() > 50
+
+
 def test_a_search_goes_on_from_its_checkpoint(tmp_path):
     whole = searched(cost, SETTINGS, 5)
     search = GeneticSearch(3, SETTINGS, 5)

@@ -10,6 +10,7 @@ import pytest
 from ros2_ident.errors import IdentError
 from ros2_ident.search import finite_differences, refine, RefineStatus, spread_starts
 from ros2_ident.search.jacobian import Box, steps
+from ros2_ident.search.journal import Journal
 from ros2_ident.search.levenberg import difference_jacobian, local_fit
 
 TIME = np.linspace(0.0, 1.0, 200)
@@ -67,6 +68,17 @@ def test_evaluations_are_counted_in_candidates():
 
     result = refine(counted, [[2.0, 2100.0], [5.0, 3000.0]], LOW, HIGH)
     assert result.evaluations == sum(seen)
+
+
+def test_no_point_is_simulated_twice():
+    seen = []
+
+    def noted(theta):
+        seen.extend(map(tuple, theta.tolist()))
+        return residuals(theta)
+
+    refine(noted, [[2.0, 2100.0]], LOW, HIGH)
+    assert len(seen) == len(set(seen)) > 10
 
 
 def test_stays_in_the_box_and_reaches_the_bound():
@@ -152,6 +164,54 @@ def test_all_evaluations_are_limited():
     assert math.isfinite(limited.cost)
 
 
+@pytest.mark.parametrize(
+    ('total', 'first', 'starts'), [(14, 10, 1), (9, 4, 2), (5, 1, 1), (4, 0, 1)]
+)
+def test_what_the_last_jacobian_takes_is_kept_for_it(total, first, starts):
+    # A start takes one candidate, and then three for every step: one, three, four, six ...
+    found = refine(residuals, [[3.0, 40000.0], [3.0, 9000.0]], LOW, HIGH, total_evaluations=total)
+    assert found.starts[0].evaluations == first
+    assert len(found.starts) == starts
+    assert found.evaluations <= total
+
+
+def test_a_journal_has_every_start_and_every_step(tmp_path):
+    starts = [[2.0, 2100.0], [3.0, 9000.0]]
+    whole = refine(residuals, starts, LOW, HIGH)
+    calls = []
+
+    def cut(theta):
+        calls.append(len(theta))
+        if len(calls) > 12:
+            raise RuntimeError
+        return residuals(theta)
+
+    with Journal(tmp_path / 'j') as journal, pytest.raises(RuntimeError):
+        refine(cut, starts, LOW, HIGH, journal=journal, key='a')
+    calls.clear()
+
+    def goes_on(theta):
+        calls.append(len(theta))
+        return residuals(theta)
+
+    with Journal(tmp_path / 'j') as journal:
+        again = refine(goes_on, starts, LOW, HIGH, journal=journal, key='a')
+    assert sum(calls) < whole.evaluations - 12
+    np.testing.assert_array_equal(again.theta, whole.theta)
+    np.testing.assert_array_equal(again.jacobian, whole.jacobian)
+    assert again.evaluations == whole.evaluations
+    assert [s.status for s in again.starts] == [s.status for s in whole.starts]
+    calls.clear()
+    with Journal(tmp_path / 'j') as journal:
+        assert refine(goes_on, starts, LOW, HIGH, journal=journal, key='a').cost == whole.cost
+        assert not calls
+        # Other residuals, another box, another tolerance are other runs.
+        refine(goes_on, starts, LOW, HIGH, journal=journal, key='b')
+        first = len(calls)
+        refine(goes_on, starts, LOW, 2.0 * HIGH, journal=journal, key='a')
+        assert 0 < first < len(calls)
+
+
 def test_spread_starts_are_good_and_apart():
     rng = np.random.default_rng(0)
     theta = LOW + rng.random((200, 2)) * (HIGH - LOW)
@@ -179,6 +239,10 @@ def test_spread_starts_are_good_and_apart():
         (
             lambda: refine(lambda t: residuals(t)[0], [[1.0, 200.0]], LOW, HIGH),
             'one row for each',
+        ),
+        (
+            lambda: refine(lambda t: residuals(t)[:1], [[1.0, 200.0]], LOW, HIGH),
+            r'the shape \(1, 200\) for 2 candidates',
         ),
     ],
 )
@@ -224,6 +288,40 @@ def test_a_change_that_drowns_in_rounding_gets_a_larger_step():
     box = Box.of([0.0], [1.0])
     found = finite_differences(flat, np.array([0.5]), np.full(5, 1e6 + 5e-4), box)
     np.testing.assert_allclose(found, 1e-3, rtol=0.01)
+
+
+@pytest.mark.parametrize('behind', [False, True])
+def test_where_one_side_diverges_the_other_gives_the_slope(behind):
+    def cliff(theta):
+        told = np.tile(theta**2, (1, 3))
+        lost = (theta[:, 0] < 0.5) if behind else (theta[:, 0] > 0.5)
+        told[lost, 1:] = math.inf  # it diverges on the way
+        return told
+
+    box = Box.of([0.0], [2.0])
+    for central in (False, True):
+        found = finite_differences(cliff, np.array([0.25]), np.full(3, 0.25), box, central=central)
+        np.testing.assert_allclose(found, 2.0, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ('step', 'tried'),
+    [
+        (None, [1e-7, 1e-4]),
+        (1e-6, [1e-6, 1e-3]),
+        (1.1e-6, [1.1e-6]),  # a thousand times as much would be too large
+    ],
+)
+def test_larger_steps_end_at_the_largest(step, tried):
+    seen = []
+
+    def deaf(theta):
+        seen.append(abs(float(theta[0, 0]) - 1.0))
+        # The change stands less than ten thousand roundings out.
+        return 1e6 + 1e-9 * theta + np.zeros((1, 5))
+
+    finite_differences(deaf, np.ones(1), np.full(5, 1e6), Box.of([0.0], [1.0]), step=step)
+    np.testing.assert_allclose(seen, tried, rtol=1e-6)
 
 
 def test_both_sides_diverged_is_a_zero_column():

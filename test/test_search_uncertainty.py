@@ -147,6 +147,10 @@ def test_bounds_are_named():
     found = intervals(JACOBIAN, noise, theta, LOW, HIGH)
     assert found.at_bound == ('lower', 'upper', '')
     assert found.words == ('at its lower bound', 'at its upper bound', '')
+    # A millionth of the box is at the bound.
+    for off, said in ((0.9e-6, ('lower', 'upper')), (1.1e-6, ('', ''))):
+        near = np.array([-10.0 + 20.0 * off, 10.0 - 20.0 * off, 0.0])
+        assert intervals(JACOBIAN, noise, near, LOW, HIGH).at_bound[:2] == said
     deaf = JACOBIAN * np.array([0.0, 1.0, 1.0])
     words = intervals(deaf, noise, theta, LOW, HIGH).words
     assert words[0] == 'not identifiable from this data, at its lower bound'

@@ -40,6 +40,16 @@ def _two(value: float) -> str:
     return f'{float(f"{value:.2g}"):.6g}'
 
 
+def _interval(estimate: ParameterEstimate) -> str:
+    """Return an interval about its value."""
+    less, more = estimate.reach
+    if not math.isfinite(less + more):
+        return '-'
+    if estimate.lopsided:
+        return f'-{_two(less)} +{_two(more)}'
+    return f'± {_two(0.5 * (less + more))}'
+
+
 def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
     half = 0.5 * (estimate.high - estimate.low)
     noise = 0.5 * (estimate.noise_high - estimate.noise_low)
@@ -48,7 +58,7 @@ def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
     return (
         estimate.name,
         _number(estimate.value),
-        f'± {_two(half)}' if math.isfinite(half) else '-',
+        _interval(estimate),
         f'{_two(share)} %' if small else '',
         f'± {_two(noise)}' if half > WIDER * noise else '',
         estimate.unit if estimate.unit != '1' else '',

@@ -16,7 +16,7 @@ EFFECT = Effect(
     id='asymmetric_friction',
     group='drive',
     title='asymmetric friction',
-    equation='(M_a + V_a |v|) |sgn v| added to the friction torque',
+    equation='M_a + V_a |v| added to the friction torque in either direction, nothing at rest',
     source='Janot, Gautier, Brunot 2019; Elhami and Brookfield, Proc. IMechE C 210, 1996',
     parameters=(
         EffectParameter(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A constant force on the carriage, a weight or a spring far from rest."""
+"""A constant force or torque on the load side, a weight or a spring far from rest."""
 
 from typing import Any
 
@@ -16,9 +16,13 @@ EFFECT = Effect(
     id='constant_force',
     group='drive',
     title='constant force',
-    equation='F on the carriage, against the positive direction',
+    equation='F on the load side, against the positive direction',
     source='Janot, Gautier, Brunot 2019, offset',
-    parameters=(EffectParameter('force', 'N', -30.0, 30.0, 0.0, symbol='F'),),
+    parameters=(
+        EffectParameter(
+            'force', 'N', -30.0, 30.0, 0.0, symbol='F', meaning='force, or torque of a joint'
+        ),
+    ),
     hook=Hook.CARRIAGE_FORCE,
     kernel=_kernel,
     place='drive',

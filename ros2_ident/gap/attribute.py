@@ -18,6 +18,7 @@ from ros2_ident.gap.chance import standing
 from ros2_ident.gap.fits import Explanation, Fits, Trials
 from ros2_ident.gap.screen import seen_in_log, Start
 from ros2_ident.gates.law import fit_law, Law
+from ros2_ident.identify.hidden import MATERIAL
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt
 from ros2_ident.search import Threads, Workers
@@ -182,9 +183,16 @@ class Attribution:
         Such an effect bends its own drive's parameters out of all proportion: they start from what
         the other drives have.
         """
-        model = self.case.fit.with_effects(()).models[0]
-        new = [c for c in candidates if c not in base.effects]
-        seen = [(c, own) for c in new if (own := seen_in_log(c, model, self.limits)) is not None]
+        models = self.case.fit.with_effects(()).models
+        count = np.bincount(self.case.fit.drive, minlength=len(self.case.drives))
+        missed = base.fit / count - 1.0
+        worst = self.case.drives[int(missed.argmax())] if missed.max() >= MATERIAL**2 else ''
+        seen = [
+            (c, own)
+            for c in candidates
+            if c not in base.effects
+            and (own := seen_in_log(c, models, self.limits, c.where == worst)) is not None
+        ]
         if not seen:
             return []
         joint = self.case.fit.with_effects(base.effects)

@@ -4,6 +4,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from threading import Lock
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +26,8 @@ Mask = npt.NDArray[np.bool_]
 LAW_SETTLE = 0.15
 # Extended models of a part that are kept: those of the rounds go on being asked for.
 _KEPT = 16
+# Threads that screen effects side by side ask for joints of one part; it is held for an instant.
+_KEEPING = Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,10 +185,13 @@ class Part:
         """Return the models with these effects."""
         key = tuple(effects)
         kept = self._joints
-        found = kept.pop(key, None) or Joint(self, key)
-        kept[key] = found
-        while len(kept) > _KEPT:
-            kept.pop(next(iter(kept)), None)
+        with _KEEPING:
+            found = kept.pop(key, None)
+        found = found or Joint(self, key)
+        with _KEEPING:
+            kept[key] = found
+            while len(kept) > _KEPT:
+                kept.pop(next(iter(kept)))
         return found
 
     @cached_property

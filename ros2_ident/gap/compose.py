@@ -18,7 +18,17 @@ from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.reading import CoarseReading
-from ros2_ident.gap.verdict import advice, NAMELESS, NONE, REFUSED, UNKNOWN, Verdict
+from ros2_ident.gap.verdict import (
+    advice,
+    NAMELESS,
+    NONE,
+    OFTEN,
+    PUSHED,
+    REFUSED,
+    RESTLESS,
+    UNKNOWN,
+    Verdict,
+)
 from ros2_ident.gap.wording import length
 from ros2_ident.models import EffectAt
 from ros2_ident.search import intervals
@@ -26,8 +36,6 @@ from ros2_ident.search.evidence import Evidence
 
 Array = npt.NDArray[np.float64]
 
-# Share of the resampled blocks in which an effect has to count to be more than a hint.
-_OFTEN = 0.9
 # A noise floor that is so many times the lower end of its interval may hide a gap.
 _VAGUE = 1.2
 
@@ -177,7 +185,7 @@ def _hints(verdict: Verdict, again: Sequence[float]) -> list[str]:
         f'{get_effect(at.effect).title} on {at.where} counts in only {100.0 * share:.0f} % of the '
         'resampled blocks held out: take it for a hint and record another log before acting on it.'
         for at, share in zip(verdict.named, again, strict=False)
-        if share < _OFTEN
+        if share < OFTEN
     ]
 
 
@@ -341,6 +349,20 @@ def _answer(
         return (
             f'Nothing can be named: the largest gap of a drive is {size:.2f} times the floor '
             f'({level}), and no effect of the catalogue closes enough of it to count.'
+        )
+    if verdict.pushed:
+        made = '; '.join(f'{drive} at {said}' for drive, said in verdict.pushed.items())
+        return (
+            f'{PUSHED}: {made}. No effect of a machine does that: look for another source of '
+            'commands, a hand at the machine, or a fault of the drive.'
+        )
+    if verdict.restless:
+        left = ', '.join(f'{v:.3g} {unit} on {name}' for name, v in verdict.restless.items())
+        return (
+            f'{RESTLESS}: {left} are left that no effect, motion, position or time predicts, too '
+            'slow and too much for the noise of an effort. Look for a load that swings, a frame '
+            'that rocks, other axes or a hand at the machine, and state effort_noise as it is at '
+            'rest.'
         )
     if verdict.effect == UNKNOWN and not found.complete:
         return (

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution, visibility
-from ros2_ident.gap.bursts import bursts
+from ros2_ident.gap.bursts import bursts, not_asked
 from ros2_ident.gap.case import Case, Joint, Recordings, recordings_from, recordings_of
 from ros2_ident.gap.clock import Clock
 from ros2_ident.gap.clock import DiagnoseProgress as DiagnoseProgress
@@ -27,7 +27,7 @@ from ros2_ident.gap.gates import run_gates
 from ros2_ident.gap.localise import Finding, localise
 from ros2_ident.gap.predictability import predictability
 from ros2_ident.gap.reading import coarse_readings, CoarseReading
-from ros2_ident.gap.refusal import ahead, of_constants, of_gates, of_what_is_left
+from ros2_ident.gap.refusal import ahead, of_constants, of_gates, of_pushes, of_what_is_left
 from ros2_ident.gap.turns import payload_turns
 from ros2_ident.gap.verdict import judge, NAMELESS, NONE, REFUSED, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
@@ -38,7 +38,7 @@ from ros2_ident.models import EffectAt, Model
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings, Workers
 from ros2_ident.search.journal import Journal
-from ros2_ident.search.levenberg import DIVERGED
+from ros2_ident.search.levenberg import DIVERGED, local_fit
 from ros2_ident.search.settings import FitSettings
 
 Array = npt.NDArray[np.float64]
@@ -215,6 +215,11 @@ class _Passes:
                     return second
             elif left < _MOSTLY * begun.explainer.size(begun.base):
                 begun = self._begin(together)
+        elif begun.material and not self.clock.stopped():
+            # So it may be in the blocks fitted on; where the others have no gap, there is none.
+            whole = self._fitted_to_all(begun)
+            if _left_anywhere(begun.explainer, whole) < self.rules.material:
+                begun = replace(begun, base=whole)
         found, verdict = self._explained(begun)
         lost = verdict.effect in (UNKNOWN, WRONG_MODEL) and not begun.report.blocked
         misled = lost and _shows_later(begun.explainer, found)
@@ -298,10 +303,22 @@ class _Passes:
 
     def _nominal_leaves(self, both: Case, begun: _Pass) -> float:
         """Return the gap that the nominal parameters leave once fitted to all recordings."""
-        floor = begun.explainer.floor
-        fits = self._attribution(both, floor.per_drive)
-        judge_of_both = Explainer(fits, floor, self.rules)
-        return judge_of_both.size(fits.refit((), begun.base.theta))
+        fits = self._attribution(both, begun.explainer.floor.per_drive)
+        judge_of_both = Explainer(fits, begun.explainer.floor, self.rules)
+        return _left_anywhere(judge_of_both, fits.refit((), begun.base.theta))
+
+    def _fitted_to_all(self, begun: _Pass) -> Explanation:
+        """Return the nominal fit to all blocks, those held out among them."""
+        fits, whole = begun.explainer.attribution.fits, begun.case.whole.with_effects(())
+        weight = 1.0 / fits.floor[begun.case.whole.drive]
+
+        def weighted(theta: Array) -> Array:
+            return whole.residual(np.atleast_2d(theta)) * weight
+
+        found = local_fit(
+            weighted, begun.base.theta, whole.low, whole.high, stopped=self.clock.stopped
+        )
+        return fits.ended_at((), found.unit)
 
     def _explained(self, begun: _Pass) -> tuple[Explained, Verdict]:
         """Look for the effects, and say what follows."""
@@ -315,7 +332,9 @@ class _Passes:
             clock.rounds(explainer.size(e) if explainer.open(e) else 0.0)
 
         found = explainer.explain(begun.base, begun.candidates, note)
-        readings = _readings(explainer, found.chain[0], begun.candidates)
+        readings: tuple[CoarseReading, ...] = ()
+        if not clock.stopped():
+            readings = _readings(explainer, found.chain[0], begun.candidates)
         verdict = judge(explainer, found, readings)
         if verdict.limits and not set(found.chain[-1].effects) <= set(verdict.named):
             # What stood in for the limit is no finding.
@@ -339,10 +358,16 @@ class _Passes:
         clock.rounds(0.0)
         clock.step(0.0, 'saying where')
         where: tuple[Finding, ...] = ()
+        model = begun.case.fit.models[0]
+        verdict = of_pushes(verdict, begun.report, model.unit)
+        if verdict.pushed:
+            # What a fit makes of efforts that others added is no finding.
+            found = replace(found, chain=found.chain[:1], rivals=(), rests=())
+            where = not_asked(begun.report.asked, begun.explainer.floor, model)
         if not clock.stopped():
-            where = _located(begun, base, self.seed)
-            if verdict.effect == UNKNOWN:
-                where = (*_in_bursts(begun, base), *where)
+            if verdict.effect == UNKNOWN and not where:
+                where = _in_bursts(begun, base)
+            where = (*where, *_located(begun, base, self.seed))
         # What was found was seen.
         hidden = tuple(
             at for at, seen in visible.items() if seen < VISIBLE and at not in verdict.named
@@ -378,11 +403,11 @@ def _located(begun: _Pass, base: Explanation, seed: int) -> tuple[Finding, ...]:
     return tuple(f for f in findings if f.significant)
 
 
-def _in_bursts(begun: _Pass, base: Explanation) -> list[Finding]:
+def _in_bursts(begun: _Pass, base: Explanation) -> tuple[Finding, ...]:
     """Return the instants of the first recording at which something stands out."""
     joint = begun.case.fit.with_effects(())
     low, high, theta = (joint.own(0, x)[0] for x in (joint.low, joint.high, base.theta))
-    return bursts(joint.models[0], low, high, theta, begun.explainer.floor)
+    return tuple(bursts(joint.models[0], low, high, theta, begun.explainer.floor))
 
 
 def _readings(
@@ -399,6 +424,18 @@ def _readings(
     least = explainer.rules.material**2
     drives = [d for d, left in zip(case.drives, gap, strict=True) if left >= least]
     return coarse_readings(case, base.theta, base.law, drives)
+
+
+def _left_anywhere(explainer: Explainer, e: Explanation) -> float:
+    """Return the size of what a nominal fit leaves, where it is judged and on all samples.
+
+    Between blocks that take turns some samples are in neither part, and what happens for a moment
+    may happen there.
+    """
+    whole = explainer.attribution.case.whole
+    rest = whole.rows(whole.with_effects(()).residual(e.theta[None])[0])
+    square = np.nanmean(rest**2, axis=1) / explainer.floor.per_drive**2
+    return max(explainer.size(e), float(np.sqrt(max(0.0, square.max() - 1.0))))
 
 
 def _shows_later(explainer: Explainer, found: Explained) -> bool:

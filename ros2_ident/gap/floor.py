@@ -40,6 +40,10 @@ _SAME = 1e-3
 _SHORTEST = 0.5
 # The command is compared at this rate, Hz.
 _RATE = 200.0
+# Noise beyond so many times what is stated, whose samples hang together so that their own past
+# leaves only this part of them open, is something that moves; so is noise of which the past leaves
+# less than the last where none is stated.
+_BEYOND, _OPEN, _SLOWEST = 4.0, 0.5, 0.05
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,21 @@ class Floor:
     def together(self) -> float:
         """Root mean square over the drives, in the unit of the residual."""
         return float(np.sqrt(np.mean(self.per_drive**2)))
+
+    def restless(self, drives: Sequence[str], stated: float) -> dict[str, float]:
+        """Return drives whose floor is too large and too slow to be noise, and their floors.
+
+        Args:
+            drives: (D,) their names.
+            stated: Noise that somebody stated, in the unit of the residual; 0 where nobody did.
+        """
+        least = _BEYOND * stated
+        open_part = _OPEN if stated else _SLOWEST
+        return {
+            name: float(value)
+            for name, value, model in zip(drives, self.per_drive, self.noise, strict=True)
+            if value > least and model.innovation < open_part**2 * model.variance
+        }
 
     def draw(self, count: int, generator: np.random.Generator) -> Array:
         """Return (count, D) floors as uncertain as the estimate, for a bootstrap."""

@@ -37,7 +37,7 @@ def run_gates(
         noise = None if floor is None else floor.per_drive
         report = examine(machine, [m.data for m in models], models[0].places, noise)
     steps = [] if theta is None else check_step(models[0], theta, floor)
-    return GateReport((*report.gates, *steps), report.laws)
+    return GateReport((*report.gates, *steps), report.laws, report.asked)
 
 
 def check_step(model: FullModel, theta: Array, floor: Floor | None = None) -> list[Gate]:

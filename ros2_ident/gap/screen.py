@@ -13,10 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.effects import get_effect
+from ros2_ident.gap.flat_top import flat_top, highest
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.trials import LARGE, TRIAL, trials
 
 Array = npt.NDArray[np.float64]
+# A flat top below this share of the highest effort of all recordings is no limit.
+_AT_TOP = 0.98
 
 
 
@@ -42,53 +45,43 @@ class Start:
 
 
 def seen_in_log(
-    candidate: EffectAt, model: FullModel, limits: Mapping[str, float]
+    candidate: EffectAt, models: Sequence[FullModel], limits: Mapping[str, float], lost: bool
 ) -> Array | None:
     """Return an effect's (P,) parameters where the log itself shows them, None where it does not.
 
-    So far that is a limit of the effort, by its flat top or by what the control law asks for.
+    So far that is a limit of the effort: by what the control law asks for, by its flat top, or, on
+    the drive of which most is missing, by its highest effort.
 
     Args:
         candidate: The effect and its place.
-        model: The model without it.
+        models: The models without it, one a recording.
         limits: Size of the effort at which the law shows a drive to be limited, see `gates.Law`.
+        lost: Whether most is missing there.
     """
     if get_effect(candidate.effect).shown_by != 'flat_top':
         return None
-    (parameter, *others) = model.scaled(candidate)
-    limit = model.effort_limit(candidate.where)
-    if others or not np.isfinite(limit):
-        return None
-    top = limits.get(candidate.where) or flat_top(
-        model.measured[model.places.index(candidate.where)], model.noise
-    )
+    top = limits.get(candidate.where)
     if top is None:
+        noise = models[0].noise if models[0].outputs[0].quantity == 'effort' else 0.0
+        efforts = [effort_of(model, candidate.where) for model in models]
+        most = max(map(highest, efforts))
+        flat = max((flat_top(e, noise) or 0.0 for e in efforts), default=0.0)
+        top = flat if flat > _AT_TOP * most else most if lost else 0.0
+    (parameter, *others) = models[0].scaled(candidate)
+    limit = models[0].effort_limit(candidate.where)
+    if others or not np.isfinite(limit) or not top > 0.0:
         return None
-    share: float = min(max(top / limit, parameter.low), parameter.high)
-    return np.array([share])
+    return np.array([min(max(top / limit, parameter.low), parameter.high)])
 
 
-def flat_top(effort: Array, noise: float) -> float | None:
-    """Return the size beyond which a logged effort does not go, None where it has no flat top.
-
-    Args:
-        effort: (K,) effort, NaN at cycles without a sample.
-        noise: Standard deviation of its noise.
-    """
-    size = np.abs(effort[np.isfinite(effort)])
-    if size.size < 100 or noise <= 0.0:
-        return None
-    level = float(np.quantile(size, 0.999))
-    for _ in range(20):
-        # The mean of what scatters about the top, seen from above.
-        near = size[np.abs(size - level) < 2.0 * noise]
-        if not near.size or abs(near.mean() - level) < 0.01 * noise:
-            break
-        level = float(near.mean())
-    here = np.mean(np.abs(size - level) < 2.0 * noise)
-    below = np.mean(np.abs(size - (level - 5.0 * noise)) < 2.0 * noise)
-    above = np.mean(size > level + 4.0 * noise)
-    return level if here > 0.003 and here > 5.0 * below and above < 0.002 else None
+def effort_of(model: FullModel, place: str) -> Array:
+    """Return (K,) the effort that was logged at a place, whatever is compared; empty for none."""
+    row, data = model.places.index(place), model.data
+    if model.outputs[row].quantity == 'effort':
+        own: Array = model.measured[row]
+    else:
+        own = np.empty(0) if data.effort is None else data.effort[data.names.index(place)]
+    return own
 
 
 def screen(

@@ -18,6 +18,12 @@ NONE, UNKNOWN = 'none', 'unknown'
 # said then.
 BOOKKEEPING, WRONG_MODEL = 'bookkeeping', 'model'
 REFUSED = frozenset({BOOKKEEPING, WRONG_MODEL})
+# Share of the resampled blocks in which an effect has to count to be more than a hint.
+OFTEN = 0.9
+# How the sentence begins where drives made what nobody asked for, and where a floor is too large
+# and too slow for noise.
+PUSHED = 'Efforts were made that the command did not ask for'
+RESTLESS = 'Something moves or pushes that the model does not know, or the log is that noisy'
 # RMS that a drive shaken by its encoder's steps puts on the others, as a share of its own.
 _SHAKEN = 0.25
 # Answers that name no effect.
@@ -41,6 +47,7 @@ class Temperatures:
             times.
         mismatch: Share that even the right effect leaves open, for its real form is another one.
         contradicted: Factor on the weight of a rival that the controllers' log speaks against.
+        restless: Probability that something moves where the floor is too large and slow for noise.
     """
 
     size: float = 0.04
@@ -50,6 +57,7 @@ class Temperatures:
     power: float = 5.0
     mismatch: float = 0.02
     contradicted: float = 0.02
+    restless: float = 0.7
 
 
 @dataclass(frozen=True)
@@ -84,6 +92,8 @@ class Verdict:
             why the model is not the machine's.
         limits: Drives whose logged effort stays below what the control law asks for, and at what
             size, where no fit repeats it.
+        restless: Drives whose noise floor is too large and too slow to be noise, and their floors.
+        pushed: Drives that made efforts which their command did not ask for, and when, in words.
     """
 
     effect: str
@@ -96,6 +106,8 @@ class Verdict:
     readings: tuple[CoarseReading, ...] = ()
     first: str = ''
     limits: Mapping[str, float] = field(default_factory=dict)
+    restless: Mapping[str, float] = field(default_factory=dict)
+    pushed: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def named(self) -> tuple[EffectAt, ...]:
@@ -137,7 +149,33 @@ def judge(
     left = [r for r in readings if gap[drives.index(r.drive)] >= explainer.rules.material]
     if left:
         return _with_readings(explainer, found, left, t)
-    return _with_limits(explainer, found, _judge(explainer, found, t), t)
+    plain = _with_restless(explainer, found, _judge(explainer, found, t), t)
+    return _with_limits(explainer, found, plain, t)
+
+
+def _with_restless(
+    explainer: Explainer, found: Explained, plain: Verdict, t: Temperatures
+) -> Verdict:
+    """Answer where nothing that can be predicted is left, and more than noise."""
+    if plain.effect != NONE or not found.complete:
+        return plain
+    case = explainer.attribution.case
+    model = case.fit.models[0]
+    machine = model.machine
+    if machine is not None and machine.stated('bandwidth'):
+        # Efforts that are compared below a frequency only are slow, whatever makes them.
+        return plain
+    stated = machine is None or machine.stated('effort_noise')
+    restless = explainer.floor.restless(case.drives, model.noise if stated else 0.0)
+    if not restless:
+        return plain
+    return replace(
+        plain,
+        effect=UNKNOWN,
+        where=_together(tuple(restless), case.drives),
+        probability=t.restless,
+        restless=restless,
+    )
 
 
 def _with_limits(
@@ -194,8 +232,7 @@ def _with_readings(
         if plain.effect == UNKNOWN and not unexplained:
             plain = replace(plain, effect=chain[0].effect, where=(chain[0].where,), also=chain[1:])
         return replace(plain, also=(*plain.also, *others), readings=tuple(readings))
-    also = (*chain, *(a for a in coarse if a != first))
-    also = tuple(a for a in also if a != first)
+    also = tuple(a for a in dict.fromkeys((*chain, *coarse)) if a != first)
     return Verdict(
         first.effect,
         (first.where,),
@@ -267,6 +304,11 @@ def _where(explainer: Explainer, e: Explanation) -> tuple[str, ...]:
     drives = explainer.attribution.case.drives
     worst = gap.max()
     chosen = tuple(name for name, value in zip(drives, gap, strict=True) if value >= 0.5 * worst)
+    return _together(chosen, drives)
+
+
+def _together(chosen: tuple[str, ...], drives: Sequence[str]) -> tuple[str, ...]:
+    """Return drives as a place, `all` for every one of several."""
     return ('all',) if len(chosen) == len(drives) > 1 else chosen
 
 
@@ -362,7 +404,12 @@ def advice(
             motion = in_travel(motion, *travel)
             one, two = get_effect(first.at.effect).title, get_effect(other.at.effect).title
             out.append(f'{one} and {two} cannot be told apart on this data; {motion}.')
-    if verdict.effect == UNKNOWN and verdict.probability > 0.0:
+    if verdict.pushed:
+        out.append(
+            'Leave these instants out, by windows or in another recording, to see what is missing '
+            'besides.'
+        )
+    elif verdict.effect == UNKNOWN and verdict.probability > 0.0 and not verdict.restless:
         out.append(
             'No effect of the catalogue explains the gap; look at the localisation, and isolate '
             'the drive named there with slow, single-drive motions both ways.'

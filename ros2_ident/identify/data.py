@@ -285,8 +285,6 @@ def _aligned(
 ) -> Dataset:
     """Align all drives of the machine; only the chosen ones need what is compared."""
     everyone = chosen == machine.drives
-    if not kind_of(machine).follows:
-        recording = replace(recording, command=None)
     need = tuple(quantities) if everyone else ()
     dataset = align(
         recording,
@@ -295,6 +293,7 @@ def _aligned(
         need=need,
         effort_scale=machine.effort_scale,
         released=kind_of(machine).released,
+        follows=kind_of(machine).follows,
     )
     if not everyone and 'effort' in quantities:
         _check_efforts(recording, dataset, chosen)

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.hidden import MATERIAL, OTHER_NOISE
 from ros2_ident.identify.judgement import rounded
+from ros2_ident.identify.minima import rival_minima
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import (
     Cost,
@@ -27,6 +28,7 @@ from ros2_ident.models import Machine, Parameter
 from ros2_ident.search import RefineStatus, StopReason
 from ros2_ident.search.evidence import Evidence
 from ros2_ident.search.fit import Fitted
+from ros2_ident.search.refine import StartOutcome
 from ros2_ident.search.uncertainty import MOST_OF_BOX
 
 Array = npt.NDArray[np.float64]
@@ -34,6 +36,8 @@ Array = npt.NDArray[np.float64]
 PACKAGE = 'ros2_ident'
 # Of a parameter that noise alone would leave determined.
 HIDDEN = 'not determined once model error is allowed for'
+# Of every parameter where refinements ended in different minima.
+ONE_OF_SEVERAL = 'of one of several minima that fit almost alike'
 
 
 def assemble(
@@ -57,7 +61,10 @@ def assemble(
         _estimate(parameter, number, found, known)
         for number, parameter in enumerate(problem.parameters)
     )
-    outcome, message = _judge(found, estimates)
+    rivals = rival_minima(problem, found)
+    if rivals:
+        estimates = tuple(replace(e, identifiable=False, note=ONE_OF_SEVERAL) for e in estimates)
+    outcome, message = _judge(found, estimates, _ambiguous(problem, rivals))
     size = len(estimates)
     left = problem.left(found.residual) if found.residual.size else ()
     quality = problem.quality()
@@ -185,7 +192,24 @@ def _estimate(
     )
 
 
-def _judge(found: Fitted, estimates: tuple[ParameterEstimate, ...]) -> tuple[Outcome, str]:
+def _ambiguous(problem: Problem, rivals: tuple[StartOutcome, ...]) -> str:
+    """Return what other minima of the cost mean; empty where there are none."""
+    if not rivals:
+        return ''
+    there = ', '.join(
+        f'{parameter.name} {value:.5g}'
+        for parameter, value in zip(problem.parameters, rivals[0].theta, strict=True)
+    )
+    return (
+        f'The cost has several minima that fit almost alike, another at {there}; the best may not '
+        'have been found. Search again with a larger first population and another seed: the '
+        'lower cost is the better answer.'
+    )
+
+
+def _judge(
+    found: Fitted, estimates: tuple[ParameterEstimate, ...], ambiguous: str
+) -> tuple[Outcome, str]:
     """Return how it ended and the sentence for it."""
     if not np.isfinite(found.ga.cost):
         if found.cancelled:
@@ -205,6 +229,8 @@ def _judge(found: Fitted, estimates: tuple[ParameterEstimate, ...]) -> tuple[Out
     spent = _spent(found)
     if spent:
         return Outcome.BUDGET_SPENT, spent
+    if ambiguous:
+        return Outcome.NOT_IDENTIFIABLE, ambiguous
     bounded = [e.name for e in estimates if e.at_bound]
     leaning = (
         f' {", ".join(bounded)} {"lies" if len(bounded) == 1 else "lie"} at a bound: check '

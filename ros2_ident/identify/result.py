@@ -4,6 +4,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 import enum
+import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +15,9 @@ from ros2_ident.gates import Gate
 from ros2_ident.machine.parameter import Kind
 
 Array = npt.NDArray[np.float64]
+
+# An interval that reaches so many times as far to one side as to the other is lopsided.
+LOPSIDED = 2.0
 
 
 class Outcome(enum.Enum):
@@ -73,6 +78,31 @@ class ParameterEstimate:
     note: str
     noise_low: float = float('nan')
     noise_high: float = float('nan')
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """How far the interval reaches below and above the value."""
+        return self.value - self.low, self.high - self.value
+
+    @property
+    def lopsided(self) -> bool:
+        """Whether the interval is to be told by its two sides."""
+        return max(self.reach) > LOPSIDED * max(0.0, min(self.reach))
+
+
+def half_of_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> float:
+    """Return half the 95 % interval of two values' difference; inf where it is not known.
+
+    Of an interval that is longer to one side the side towards the other value counts.
+
+    Args:
+        a: `value`, and `low` and `high` of its 95 % interval, None where not known.
+        b: The other.
+    """
+    less, more = sorted((a, b), key=lambda v: float(v['value']))
+    if less['high'] is None or more['low'] is None:
+        return math.inf
+    return math.hypot(less['high'] - less['value'], more['value'] - more['low'])
 
 
 @dataclass(frozen=True)

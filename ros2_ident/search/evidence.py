@@ -15,11 +15,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_solve, cholesky, LinAlgError, solve_triangular
 
 from ros2_ident.search.noise import fit_noise, NoiseModel, Run, Whitening
 from ros2_ident.search.operators import Array
 
+# What is added to a scaled precision that rounding has made indefinite.
+_ROUNDED = 1e-10
 # Half a 95 % interval in standard deviations.
 _NORMAL = 1.96
 # Times that the noise and what is predicted are estimated in turn.
@@ -223,7 +225,12 @@ class _Sums:
         prior = np.concatenate([np.ones(self.count), deviation**-2.0])
         precision = self.normal + np.diag(prior)
         scale: Array = np.diag(precision) ** -0.5
-        return cholesky(precision * np.outer(scale, scale), lower=True), scale
+        precision *= np.outer(scale, scale)
+        try:
+            return cholesky(precision, lower=True), scale
+        except LinAlgError:
+            # More columns than samples, and rounding took the prior from those that are alike.
+            return cholesky(precision + _ROUNDED * np.eye(len(scale)), lower=True), scale
 
 
 def _of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[Array, Array]:

@@ -39,6 +39,8 @@ def distinct_starts(
     Returns:
         (B, N) starts, the best first, B <= count.
     """
+    if count < 2:
+        return best[None]
 
     def apart(point: Array) -> Flags:
         far: Flags = (np.abs(candidates - point) / width).max(axis=1) > APART
@@ -56,7 +58,7 @@ def distinct_starts(
         return rows
 
     known = chosen(np.where(exact, costs, np.inf))
-    limit = float(costs[known[-1]]) if len(known) == count - 1 > 0 else np.inf
+    limit = float(costs[known[-1]]) if len(known) == count - 1 else np.inf
     rows = np.flatnonzero(beside_best & ~exact & (costs <= limit))
     while len(rows) and not stop.is_set():
         costs[rows] = evaluate(candidates[rows], limit)

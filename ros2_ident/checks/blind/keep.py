@@ -46,19 +46,25 @@ def keep_all(store: Store, folder: str | Path, rows: Sequence[Mapping[str, Any]]
             ErrorCode.INVALID_GOAL, f'{to} holds the seals of another run; give another directory'
         )
     keep_seals(store, to)
+    keep_labels(store, to)
+    short = [{**row, 'ranking': row.get('ranking', [])[:RANKED]} for row in rows]
+    write_text(to / TABLE, ''.join(json.dumps(row) + '\n' for row in short))
+    write_json(to / 'run.json', about)
+    write_json(to / FIGURES, _figures(score(short)))
+    return to
+
+
+def keep_labels(store: Store, folder: Path) -> None:
+    """Open every seal and write the labels with their nonces."""
+    about = store.about()
     lines = []
     for number in range(1, int(about['cases']) + 1):
         sealed = store.sealed(number) or {}
         label = seal.unseal(sealed, int(about['seed']))
         lines.append(json.dumps({'nonce': sealed['nonce'], 'label': label}))
     packed = gzip.compress('\n'.join(lines).encode(), mtime=0)
-    with replacing(to / LABELS) as file:
+    with replacing(folder / LABELS) as file:
         file.write(packed)
-    short = [{**row, 'ranking': row.get('ranking', [])[:RANKED]} for row in rows]
-    write_text(to / TABLE, ''.join(json.dumps(row) + '\n' for row in short))
-    write_json(to / 'run.json', about)
-    write_json(to / FIGURES, _figures(score(short)))
-    return to
 
 
 def _figures(scores: Sequence[Score]) -> dict[str, str]:
@@ -86,7 +92,7 @@ def verify(folder: str | Path) -> list[str]:
     said = [f'{len(seals["seals"])} seals, SHA-256 over them {seals["manifest"]}']
     if not (at / LABELS).exists():
         return [*said, 'not opened yet: there are no labels']
-    labels = _labels(at, seals['seals'])
+    labels = opened_labels(at, seals['seals'])
     said.append(f'{len(labels)} labels: each is what was sealed')
     rows = [json.loads(line) for line in (at / TABLE).read_text(encoding='utf-8').splitlines()]
     _rows_agree(rows, labels, at)
@@ -100,7 +106,12 @@ def _broken(text: str) -> IdentError:
     return IdentError(ErrorCode.INVALID_GOAL, f'{text}; take the files of the commit they are in')
 
 
-def _labels(at: Path, seals: Sequence[str]) -> dict[int, dict[str, Any]]:
+def opened_labels(at: Path, seals: Sequence[str]) -> dict[int, dict[str, Any]]:
+    """Return the kept labels by case.
+
+    Raises:
+        IdentError: INVALID_GOAL where one is not what was sealed.
+    """
     lines = gzip.decompress((at / LABELS).read_bytes()).decode().splitlines()
     out = {}
     for number, (line, wanted) in enumerate(zip(lines, seals, strict=False), 1):

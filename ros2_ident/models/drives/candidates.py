@@ -104,7 +104,6 @@ def _nothing(block: Array, d: int) -> None:
     pass
 
 
-
 class Candidates:
     """The parameters of a machine with effects, and the rows of candidates.
 
@@ -119,7 +118,6 @@ class Candidates:
         travels: (D,) unit of the drives' positions, `m` or `rad`.
         own: Parameters that fill no row here but something of the model's own, by their name in
             the machine file.
-        derive: Fills what follows from other rows of a drive, before its gear's damping.
 
     Attributes:
         free: The parameters, in the order of theta's columns.
@@ -144,12 +142,10 @@ class Candidates:
         efforts: Array,
         travels: Sequence[str],
         own: Mapping[str, Sequence[Parameter]],
-        derive: Derive = _nothing,
     ) -> None:
         self._machine = machine
         self._travels = tuple(travels)
         self._own = own
-        self._derive = derive
         self._efforts = efforts
         self._drives = tuple(drives)
         self._effects = tuple(effects)
@@ -307,8 +303,14 @@ class Candidates:
 
     # ------------------------------------------------------------------ rows
 
-    def rows(self, theta: Array) -> Array:
-        """Return (S, R) kernel rows of (S, N) candidates in physical units."""
+    def rows(self, theta: Array, derive: Derive = _nothing) -> Array:
+        """Return (S, R) kernel rows of (S, N) candidates in physical units.
+
+        Args:
+            theta: Candidates (S, N).
+            derive: Fills what follows from other rows of a drive, before its gear's damping. Not
+                kept: a method of the model would hold the model, and its data, in a circle.
+        """
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
         if theta.shape[1] != len(self.free):
             raise ValueError(
@@ -322,7 +324,7 @@ class Candidates:
                 self._fill(block, name, drives if index is None else [index], value)
         self._convert(block, values)
         for d in drives:
-            self._derive(block, d)
+            derive(block, d)
             self._finish_drive(block, d)
         for at in self._effects:
             self._add_effect(block, at, values)

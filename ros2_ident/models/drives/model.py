@@ -123,7 +123,7 @@ class DriveModel(FullModel):
 
     def _candidates(self) -> Candidates:
         return Candidates(
-            self.machine,
+            self._boxed,
             self.drives,
             self.effects,
             self.fixed,
@@ -132,8 +132,12 @@ class DriveModel(FullModel):
             self.efforts,
             self.travels,
             self._own(),
-            self._derive,
         )
+
+    @property
+    def _boxed(self) -> Machine:
+        """The machine with the boxes in which parameters are searched."""
+        return self.machine
 
     def _chosen(self, drives: Sequence[str] | None) -> tuple[str, ...]:
         known = self.machine.drives
@@ -328,7 +332,7 @@ class DriveModel(FullModel):
 
     def rows(self, theta: Array) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units."""
-        return self.candidates.rows(theta)
+        return self.candidates.rows(theta, self._derive)
 
     def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:
         """Return an effect's parameters with the numbers they have at a place, in their units."""
@@ -456,12 +460,16 @@ class DriveModel(FullModel):
                 )
             from ros2_ident.recording import smooth_motion
 
-            # A slow log holds nothing above half its rate, and its smoothing needs some room.
-            rate = np.isfinite(data.position[order]).mean() / data.cycle
-            cutoff = min(self.cutoff, self._passband, 0.2 * float(rate))
+            cutoff = self._motion_cutoff(data.position[order])
             smooth = smooth_motion(data.position[order], data.cycle, cutoff, self._ahead)
             motion = np.concatenate([np.asarray(part).ravel() for part in smooth])
         return command, motion, mode
+
+    def _motion_cutoff(self, position: Array) -> float:
+        """Return up to which frequency positions (D, K) drive the model, Hz."""
+        # A slow log holds nothing above half its rate, and its smoothing needs some room.
+        rate = np.isfinite(position).mean() / self.cycle
+        return min(self.cutoff, self._passband, 0.2 * float(rate))
 
     @property
     def _passband(self) -> float:

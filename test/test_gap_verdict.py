@@ -1,0 +1,416 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the diagnosis answers, rule by rule, on fits made of numbers."""
+
+from dataclasses import replace
+import math
+from types import SimpleNamespace
+
+from gap_fits import (
+    Attribution,
+    DRAG,
+    DRIVES,
+    explainer_of,
+    floor_of,
+    found,
+    FRICTION,
+    made,
+    of_round,
+    RULES,
+    SPRING,
+    STRIBECK,
+)
+import numpy as np
+import pytest
+
+from ros2_ident.effects import get_effect
+from ros2_ident.gap.compose import _hidden_by_noise
+from ros2_ident.gap.explain import Explainer
+from ros2_ident.gap.reading import CoarseReading
+from ros2_ident.gap.verdict import (
+    _together,
+    advice,
+    judge,
+    NONE,
+    Temperatures,
+    UNKNOWN,
+    Verdict,
+    Weighed,
+)
+from ros2_ident.models import EffectAt
+
+
+@pytest.fixture
+def attribution():
+    return Attribution()
+
+
+@pytest.fixture
+def explainer(attribution):
+    return explainer_of(attribution)
+
+
+# ---------------------------------------------------------------------- the best of a round
+
+
+def test_one_more_number_makes_a_rival_no_likelier(explainer):
+    base = made((2.0, 0.0))
+    simple, rival = made((0.23, 0.0), effects=[DRAG]), made((0.2, 0.0), effects=[SPRING])
+    said = answered(explainer, [base, simple], [simple, rival])
+    assert said.effect == DRAG.effect
+    weights = {w.at: w.probability for w in said.ranking}
+    assert weights[DRAG] == pytest.approx(weights[SPRING])
+
+
+def test_what_comes_near_makes_unknown_less_sure(explainer):
+    base, near = made((2.0, 0.0)), made((1.2, 0.0), effects=[STRIBECK])
+    said = judge(explainer, found([base], [of_round(base, near)]))
+    odds = 0.88 / (1.0 + math.exp((RULES.closed - 0.4) / 0.1))
+    assert said.effect == UNKNOWN
+    assert said.probability == pytest.approx(1.0 - 0.12 - odds, abs=1e-6)
+
+
+# ---------------------------------------------------------------------- limits
+
+
+def test_an_effort_that_stays_below_what_is_asked_names_its_limit(explainer):
+    chain = [made((2.0, 2.0)), made((1.5, 1.5), effects=[DRAG])]
+    assert answered(explainer, chain, [chain[-1]], remaining=1.2).effect == UNKNOWN
+    explainer.attribution.limits = {'one': 0.4}
+    said = answered(explainer, chain, [chain[-1]], remaining=1.2)
+    assert said.named == (EffectAt('torque_saturation', 'one'), DRAG)
+    assert (said.probability, said.limits) == (0.9, {'one': 0.4})
+
+
+def test_a_limit_on_a_drive_without_a_gap_is_no_answer(explainer):
+    explainer.attribution.limits = {'two': 0.4}
+    said = answered(explainer, [made((2.0, 0.0))])
+    assert (said.effect, said.where, said.limits) == (UNKNOWN, ('one',), {})
+
+
+def test_every_drive_with_a_limit_is_named_and_what_stood_in_for_it_is_not(explainer):
+    beside = EffectAt('backlash', 'all')
+    base, one = made((2.0, 2.0)), made((1.8, 1.8), effects=[STRIBECK])
+    chain = [base, one, made((1.5, 1.5), effects=[STRIBECK, beside])]
+    explainer.attribution.limits = {'one': 0.4, 'two': 0.3}
+    rests, rivals = [one, one], [(chain[-1],)] * 2
+    said = answered(explainer, chain, [one], rivals, rests, remaining=1.2)
+    limits = tuple(EffectAt('torque_saturation', drive) for drive in DRIVES)
+    assert said.named == (*limits, beside)
+    assert said.limits == {'one': 0.4, 'two': 0.3}
+    cut = answered(explainer, chain, [one], rivals, rests, remaining=1.2, complete=False)
+    assert cut.effect == UNKNOWN
+    # What is named otherwise stays.
+    closed = [base, made((0.0, 0.0), effects=[DRAG])]
+    assert answered(explainer, closed, [closed[-1]]).named == (DRAG,)
+
+
+# ---------------------------------------------------------------------- the answer
+
+SHARP = Temperatures(size=1e-3, closed=1e-3)
+
+
+def answered(explainer, chain, fitted=(), rivals=None, rests=None, **more):
+    rounds = [of_round(chain[0], *fitted)] if fitted else []
+    rivals = [tuple(fitted)] if rivals is None else rivals
+    got = found(chain, rounds, rivals, [chain[0]] if rests is None else rests, **more)
+    return judge(explainer, got, temperatures=SHARP)
+
+
+def test_a_gap_that_is_not_material_is_none(explainer):
+    said = answered(explainer, [made((0.2, 0.0))])
+    assert (said.effect, said.where) == (NONE, ())
+    assert said.probability == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_small_gap_that_nothing_explains_is_none_and_a_large_one_unknown(explainer):
+    assert answered(explainer, [made((0.6, 0.0))]).effect == NONE
+    said = answered(explainer, [made((0.7, 0.0))])
+    assert (said.effect, said.where) == (UNKNOWN, ('one',))
+    assert said.probability == pytest.approx(0.88)
+    assert answered(explainer, [made((0.7, 0.34))]).where == ('one',)
+    assert answered(explainer, [made((0.7, 0.36))]).where == ('all',)
+    cut = answered(explainer, [made((0.7, 0.0))], complete=False)
+    assert (cut.effect, cut.probability) == (UNKNOWN, 0.0)
+
+
+@pytest.mark.parametrize(
+    ('left', 'remaining', 'effect'),
+    [(0.7, 0.84, 'stribeck'), (0.9, 0.95, UNKNOWN), (0.9, 0.79, 'stribeck')],
+)
+def test_a_name_is_believed_where_enough_closes_or_little_is_left(
+    explainer, left, remaining, effect
+):
+    base, one = made((2.0, 0.0)), made((left, 0.0), effects=[STRIBECK])
+    said = answered(explainer, [base, one], [one], remaining=remaining)
+    assert said.effect == effect
+    assert said.closed == pytest.approx((2.0 - left) / 2.0)
+    if effect != UNKNOWN:
+        assert said.where == ('one',)
+        assert said.probability > 0.85
+
+
+def test_probabilities_follow_what_is_left_and_what_controllers_say(explainer):
+    base = made((2.0, 0.0))
+    one, two = made((0.2, 0.0), effects=[STRIBECK]), made((0.4, 0.0), effects=[DRAG])
+    said = answered(explainer, [base, one], [one, two])
+    weights = {w.at: w.probability for w in said.ranking}
+    assert weights[STRIBECK] / weights[DRAG] == pytest.approx((0.22 / 0.12) ** 5)
+    assert sum(weights.values()) == pytest.approx(1.0)
+    assert [w.at for w in said.ranking] == [STRIBECK, DRAG]
+    refuted = replace(two, law=np.array([2.0, 1.0]))
+    again = answered(explainer, [base, one], [one, refuted])
+    less = {w.at: w.probability for w in again.ranking}
+    assert less[STRIBECK] / less[DRAG] == pytest.approx(50.0 * (0.22 / 0.12) ** 5)
+
+
+def test_where_nothing_counts_the_controllers_weigh_no_candidate(explainer):
+    base = made((0.7, 0.0), law=(1.0, 1.0))
+    one = made((0.5, 0.0), effects=[STRIBECK])
+    refuted = made((0.5, 0.0), effects=[DRAG], law=(2.0, 1.0))
+    said = answered(explainer, [base], [one, refuted])
+    assert said.effect == UNKNOWN
+    assert said.ranking[0].probability == said.ranking[1].probability > 0.0
+
+
+def test_every_one_of_several_drives_is_the_machine():
+    assert _together(('a', 'b'), ('a', 'b')) == ('all',)
+    assert _together(('a',), ('a', 'b')) == ('a',)
+    assert _together(('a',), ('a',)) == ('a',)
+
+
+def test_what_closes_nearly_as_much_cannot_be_told_apart(explainer):
+    base, one = made((2.0, 0.0)), made((0.0, 0.0), effects=[STRIBECK])
+    near, far = made((0.19, 0.0), effects=[DRAG]), made((0.21, 0.0), effects=[SPRING])
+    said = answered(explainer, [base, one], [one, near, far])
+    assert [w.at for w in said.confusable] == [STRIBECK, DRAG]
+    assert all(any(w is x for x in said.ranking) for w in said.confusable)
+    refuted = replace(near, law=np.array([2.0, 1.0]))
+    said = answered(explainer, [base, one], [one, refuted, far])
+    assert [w.at for w in said.confusable] == [STRIBECK]
+
+
+def test_twins_are_one_answer_under_two_names(explainer):
+    force, bias = EffectAt('constant_force', 'one'), EffectAt('effort_bias', 'one')
+    base, one = made((2.0, 0.0)), made((0.0, 0.0), effects=[force])
+    said = answered(explainer, [base, one], [one, made((0.3, 0.0), effects=[bias])])
+    assert (said.effect, [w.at for w in said.confusable]) == ('constant_force', [force, bias])
+    each = [w.probability for w in said.ranking]
+    assert each[0] == each[1]
+    assert said.probability == sum(each) > 0.85
+    twin, third = made((0.3, 0.0), effects=[bias]), made((0.4, 0.0), effects=[DRAG])
+    said = answered(explainer, [base, one], [one, twin, third])
+    weights = {w.at: w.probability for w in said.ranking}
+    mean = 0.5 * (0.02**-5 + 0.17**-5)
+    assert weights[force] / weights[DRAG] == pytest.approx(mean / 0.22**-5)
+    # One that was not fitted stands beside it all the same.
+    said = answered(explainer, [base, one], [one])
+    assert [w.at for w in said.confusable] == [force, bias]
+    assert said.confusable[1].probability == said.confusable[0].probability
+
+
+def test_outputs_too_violent_to_be_repeated_tell_nothing_of_any_candidate(explainer):
+    explainer.floor = floor_of(1e6)
+    base = made((2.0, 0.0), law=(41.0, 1.0))
+    vouched = made((1.9, 0.0), effects=[STRIBECK], law=(1.2, 1.0))
+    others = made((1.0, 0.0), effects=[DRAG], law=(1.2, 1.0)), made((1.5, 0.0), effects=[SPRING])
+    said = answered(explainer, [base, vouched], [vouched, *others], remaining=1.4)
+    assert said.effect == STRIBECK.effect
+    assert [w.probability for w in said.ranking] == pytest.approx([0.3] * 3)
+    # Where enough closes, what is left tells them apart.
+    closing = made((0.1, 0.0), effects=[STRIBECK], law=(1.2, 1.0))
+    said = answered(explainer, [base, closing], [closing, *others])
+    assert said.ranking[0].probability > 0.9
+
+
+def test_a_candidate_weighs_by_its_share_and_no_share_is_below_nothing(explainer):
+    base = made((2.0, 0.0))
+    one, none = made((0.2, 0.0), effects=[STRIBECK]), made((2.0, 0.0), effects=[DRAG])
+    said = answered(explainer, [base, one], [one, none])
+    weights = {w.at: w.probability for w in said.ranking}
+    assert weights[STRIBECK] / weights[DRAG] == pytest.approx((1.02 / 0.12) ** 5)
+    # What leaves less than nothing leaves nothing.
+    best = made((-0.2, 0.0), effects=[STRIBECK])
+    said = answered(explainer, [base, best], [best, none])
+    weights = {w.at: w.probability for w in said.ranking}
+    assert weights[STRIBECK] / weights[DRAG] == pytest.approx((1.02 / 0.02) ** 5)
+
+
+def test_a_rival_is_held_against_what_the_effect_takes_away_not_the_chain(explainer):
+    base, one = made((9.0, 1.0)), made((0.0, 1.0), effects=[STRIBECK])
+    both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
+    without = made((2.0, 0.0), effects=[DRAG])
+    near = made((0.19, 0.0), effects=[DRAG, FRICTION])
+    far = made((0.21, 0.0), effects=[DRAG, FRICTION])
+    chain = [base, one, both]
+    for rival, told in ((near, [STRIBECK, FRICTION]), (far, [STRIBECK])):
+        rivals = [(both, rival), (both,)]
+        said = answered(explainer, chain, [one], rivals, [without, one])
+        assert [w.at for w in said.confusable] == told
+    # One that the final model does not need closes nothing that another could.
+    said = answered(explainer, chain, [one], [(both, near), (both,)], [both, one])
+    assert [w.at for w in said.confusable] == [STRIBECK]
+
+
+def test_further_effects_are_told_in_their_order(explainer):
+    base, one = made((2.0, 2.0)), made((0.0, 2.0), effects=[STRIBECK])
+    both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
+    said = answered(
+        explainer, [base, one, both], [one], [(both,), (both,)], [made((2.0, 0.0)), one]
+    )
+    assert (said.effect, said.also) == ('stribeck', (DRAG,))
+    # The first one is weighed by the fit that has both.
+    assert [(w.at, w.model) for w in said.ranking] == [(STRIBECK, both)]
+
+
+def test_advice_says_how_to_tell_apart_and_what_was_not_to_be_seen():
+    rows = tuple(Weighed(at, 0.4, made((0.0, 0.0))) for at in (STRIBECK, DRAG))
+    verdict = Verdict('stribeck', ('one',), 0.4, (), rows, rows, 0.9)
+    (one,) = advice(verdict, [])
+    assert 'cannot be told apart' in one and get_effect('quadratic_drag').title in one
+    assert advice(replace(verdict, confusable=rows[:1]), []) == ()
+    (seen,) = advice(replace(verdict, confusable=()), [SPRING, EffectAt('rod_mass', 'all')])
+    assert seen.startswith('This motion cannot show:') and 'the machine' in seen
+    unknown = Verdict(UNKNOWN, ('one',), 0.5, (), (), (), 0.0)
+    assert 'isolate the drive' in advice(unknown, [])[0]
+    assert advice(replace(unknown, probability=0.0), []) == ()
+    assert advice(replace(unknown, restless={'one': 1.0}), []) == ()
+    (both,) = advice(replace(unknown, probability=0.0), [STRIBECK, EffectAt('stribeck', 'two')])
+    assert both.endswith(f'{get_effect("stribeck").title} (one, two).')
+
+
+# ---------------------------------------------------------------------- steps of encoders
+
+STEPS = EffectAt('encoder_quantisation', 'one')
+
+
+def read_coarsely(explainer, chain, *drives, remaining=0.0):
+    readings = [CoarseReading(drive, 1e-4, 1e-6, 100.0) for drive in drives]
+    rests = tuple(chain[:-1])[-len(chain[-1].effects) :] or (chain[0],)
+    got = found(chain, [], [(chain[-1],)] * len(rests), rests, remaining)
+    return judge(explainer, got, readings, SHARP)
+
+
+def test_steps_of_an_encoder_are_the_answer_where_its_drive_has_the_gap(explainer):
+    said = read_coarsely(explainer, [made((2.0, 0.1))], 'one')
+    assert (said.effect, said.where, said.also) == (STEPS.effect, ('one',), ())
+    assert said.probability == pytest.approx(0.95)
+    assert [r.drive for r in said.readings] == ['one']
+    small = found([made((0.54**2, 0.0))])
+    unsure = judge(explainer, small, [CoarseReading('one', 1e-4, 1e-6, 100.0)])
+    assert unsure.probability == pytest.approx(0.95 / (1.0 + math.exp(-1.0)))
+    both = read_coarsely(explainer, [made((2.0, 3.0))], 'one', 'two')
+    assert (both.where, both.also) == (('two',), (STEPS,))
+
+
+def test_steps_on_a_drive_without_a_gap_are_no_answer(explainer):
+    for chain in ([made((2.0, 0.2))], [made((0.2, 0.0))]):
+        said = read_coarsely(explainer, chain, 'two')
+        assert said.effect in (UNKNOWN, NONE) and said.readings == ()
+
+
+def test_more_than_steps_is_missing_where_another_drive_has_a_gap(explainer):
+    assert read_coarsely(explainer, [made((2.0, 0.6))], 'one').effect == STEPS.effect
+    said = read_coarsely(explainer, [made((2.0, 0.7))], 'one')  # 0.8 squared is 0.64
+    assert (said.effect, said.readings) == (UNKNOWN, ())
+
+
+def test_strong_steps_shake_the_other_drives(explainer):
+    # A quarter of the strongest gap: of 20, a mean square of 1.25.
+    assert read_coarsely(explainer, [made((20.0, 1.2))], 'one').effect == STEPS.effect
+    assert read_coarsely(explainer, [made((20.0, 1.3))], 'one').effect == UNKNOWN
+
+
+def test_steps_that_the_search_has_found_are_named_once(explainer):
+    base, one = made((3.0, 2.0)), made((3.0, 1.0), effects=[STEPS])
+    said = read_coarsely(explainer, [base, one], 'one')
+    assert said.named == (STEPS,)
+    chain = [made((3.0, 6.0)), made((2.0, 0.0), effects=[STEPS])]
+    assert read_coarsely(explainer, chain, 'one').named == (STEPS,)
+    two = EffectAt(STEPS.effect, 'two')
+    said = read_coarsely(explainer, [made((3.0, 2.0)), made((2.9, 2.0), effects=[two])], *DRIVES)
+    assert said.named == (STEPS, two)
+
+
+def test_an_effect_that_closes_more_than_the_steps_leave_comes_first(explainer):
+    base = made((0.0, 4.0))
+    one = made((1.0, 0.0), effects=[DRAG])
+    said = read_coarsely(explainer, [base, one], 'one')
+    assert (said.effect, said.where, said.also) == ('quadratic_drag', ('two',), (STEPS,))
+    assert [r.drive for r in said.readings] == ['one']
+    # It closes two, and the steps leave three.
+    less = read_coarsely(explainer, [made((3.0, 2.0)), made((3.0, 0.0), effects=[DRAG])], 'one')
+    assert (less.effect, less.where, less.also) == (STEPS.effect, ('one',), (DRAG,))
+
+
+def test_an_effect_is_named_where_only_steps_are_left(explainer):
+    """It closes too little to be believed, for the steps' part of the gap cannot be closed."""
+    base, one = made((1.9, 2.0)), made((1.9, 0.0), effects=[DRAG])
+    assert answered(explainer, [base, one], [one], remaining=1.9).effect == UNKNOWN
+    said = read_coarsely(explainer, [base, one], 'one', remaining=1.9)
+    assert (said.effect, said.where, said.also) == ('quadratic_drag', ('two',), (STEPS,))
+    # Not where the other drive keeps a gap of its own.
+    base, one = made((1.9, 4.0)), made((1.9, 0.9), effects=[DRAG])
+    said = read_coarsely(explainer, [base, one], 'one', remaining=1.9)
+    assert (said.effect, said.also) == (UNKNOWN, (STEPS,))
+
+
+# ---------------------------------------------------------------------- what is left to tell
+
+
+def test_how_sure_an_answer_is_follows_how_far_it_is_from_the_other(explainer):
+    base = made((0.46**2, 0.0))
+    said = judge(explainer, found([base]))
+    assert said.effect == NONE
+    assert said.probability == pytest.approx(1.0 / (1.0 + math.exp(-1.0)))
+    small = judge(explainer, found([made((0.76**2, 0.0))]))
+    assert small.effect == NONE
+    assert small.probability == pytest.approx(1.0 / (1.0 + math.exp(-1.0)))
+
+
+def test_a_floor_that_is_no_noise_is_something_unknown(explainer):
+    explainer.floor = floor_of(1.0, restless=('two',))
+    base = made((0.3**2, 0.0))
+    said = judge(explainer, found([base]))
+    assert (said.effect, said.where, said.probability) == (UNKNOWN, ('two',), 0.7)
+    assert said.restless == {'two': 1.0}
+    explainer.floor = floor_of(1.0, restless=('one', 'two'))
+    assert judge(explainer, found([base])).where == ('all',)
+    assert judge(explainer, found([base], complete=False)).effect == NONE
+    explainer.attribution.machine = SimpleNamespace(stated=lambda name: name != 'bandwidth')
+    assert judge(explainer, found([base])).restless == {'one': 1.0, 'two': 1.0}
+    # A noise that the machine file does not state says nothing.
+    explainer.attribution.machine = SimpleNamespace(stated=lambda name: False)
+    assert judge(explainer, found([base])).restless == {'one': 0.0, 'two': 0.0}
+    # Below a frequency all noise is slow.
+    explainer.attribution.machine = SimpleNamespace(stated=lambda name: True)
+    assert judge(explainer, found([base])).effect == NONE
+    # What is left to explain goes first.
+    assert not judge(explainer, found([made((2.0, 0.0))])).restless
+
+
+def test_the_one_effect_left_is_weighed_by_its_last_fit(explainer):
+    base, first = made((2.0, 0.0)), made((0.6, 0.0), effects=[STRIBECK])
+    other = made((0.4, 0.0), effects=[DRAG])
+    last = made((0.2, 0.0), effects=[STRIBECK])
+    said = answered(explainer, [base, last], [first, other])
+    assert said.ranking[0].at == STRIBECK and said.ranking[0].model is last
+    weights = {w.at: w.probability for w in said.ranking}
+    assert weights[STRIBECK] / weights[DRAG] == pytest.approx((0.22 / 0.12) ** 5)
+
+
+@pytest.mark.parametrize(('high', 'said'), [(1.05, 'unknown'), (1.2, 'none')])
+def test_what_noise_may_be_is_nothing_unknown(attribution, high, said):
+    # 0.9 of the noise are left, and what is called noise may be larger.
+    floor = floor_of(1.0)
+    floor.high = np.full(2, high)
+    verdict = answered(Explainer(attribution, floor, RULES), [made((0.81, 0.0))])
+    assert verdict.effect == said
+
+
+@pytest.mark.parametrize(('effect', 'told'), [(NONE, 1), (UNKNOWN, 0)])
+def test_nothing_is_missing_says_what_slow_noise_may_hide(effect, told):
+    floor = SimpleNamespace(per_drive=np.array([0.5, 0.5]), low=np.array([0.3, 0.45]))
+    verdict = Verdict(effect, (), 0.9, (), (), (), 0.0)
+    said = list(_hidden_by_noise(verdict, floor, DRIVES, 'N m'))
+    assert len(said) == told and all('What is left on one is so slow' in x for x in said)
+    assert all('up to 0.4 N m' in x for x in said)

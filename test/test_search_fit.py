@@ -1,0 +1,461 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The phases of a fit, on a problem of two numbers: what each may cost, what it leaves behind."""
+
+from dataclasses import replace
+import math
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.search import fit as module
+from ros2_ident.search.driver import Budget, Progress
+from ros2_ident.search.evaluators import Threads
+from ros2_ident.search.fit import fit
+from ros2_ident.search.genetic import GeneticSettings, StopReason
+from ros2_ident.search.journal import Journal
+from ros2_ident.search.refine import RefineStatus
+from ros2_ident.search.settings import FitSettings
+from ros2_ident.search.uncertainty import intervals
+
+TIME = np.linspace(0.0, 1.0, 80)
+TRUTH = np.array([3.0, 2000.0])
+GENETIC = GeneticSettings(initial_population=60, survivors=4, children=4, generations=4)
+PLANNED = 60 + 3 * 16
+
+
+class Oscillation:
+    """A decaying oscillation with a little noise; counts what is simulated."""
+
+    low, high = np.array([0.0, 100.0]), np.array([10.0, 1e4])
+    names = ('decay', 'stiffness')
+    unit = 'N'
+    noise = 0.0
+    series = (50, 30)
+    key = 'oscillation'
+
+    def __init__(self):
+        error = 1e-3 * np.random.default_rng(1).normal(size=TIME.size)
+        self.measured = self.model(TRUTH[None])[0] + error
+        self.simulated, self.asked = 0, []
+
+    def model(self, theta):
+        return np.exp(-theta[:, :1] * TIME) * np.cos(np.sqrt(theta[:, 1:]) * TIME)
+
+    def prepare(self):
+        pass
+
+    def work(self, points):
+        return np.zeros(len(points), dtype=np.int64)
+
+    def costs(self, theta, limit=math.inf, stop=None):
+        return np.sqrt(np.mean(self.residuals(theta) ** 2, axis=1))
+
+    def residuals(self, theta):
+        self.simulated += len(theta)
+        self.asked.append(len(theta))
+        return self.measured - self.model(theta)
+
+    def cost_of(self, residual):
+        return float(np.sqrt(np.mean(residual**2)))
+
+
+def run(problem=None, *, seed=3, workers=None, **settings):
+    """Fit in this thread, with settings and what `fit` takes besides."""
+    known = {'cancel', 'on_progress', 'journal'}
+    more = {k: settings.pop(k) for k in known & settings.keys()}
+    chosen = FitSettings(**{'genetic': GENETIC, 'give_up': False, **settings})
+    return fit(problem or Oscillation(), chosen, seed, workers=Threads(1), **more)
+
+
+@pytest.fixture(scope='module')
+def whole():
+    problem = Oscillation()
+    return problem, run(problem)
+
+
+def test_every_candidate_is_counted_and_kept(whole):
+    problem, found = whole
+    assert found.evaluations == problem.simulated
+    assert found.ga.evaluations == PLANNED == len(found.candidates) == len(found.costs)
+    assert np.bincount(found.generations).tolist() == [0, 60, 16, 16, 16]
+    kept = Oscillation().costs(found.candidates)
+    np.testing.assert_array_equal(found.costs, kept)
+    assert len(found.ga.best_costs) == 4
+    assert (found.cancelled, found.left_out) == (False, False)
+    assert 0.0 < found.seconds < 60.0
+
+
+def test_the_estimate_is_the_refinements_with_its_residual_and_intervals(whole):
+    problem, found = whole
+    assert len(found.refined.starts) == 4
+    np.testing.assert_array_equal(found.theta, found.refined.theta)
+    np.testing.assert_array_equal(found.residual, found.refined.residual)
+    np.testing.assert_allclose(found.theta, TRUTH, rtol=0.01)
+    assert found.refined.cost < found.ga.cost
+    expected = intervals(
+        found.refined.jacobian,
+        found.residual,
+        found.theta,
+        problem.low,
+        problem.high,
+        series=problem.series,
+    )
+    np.testing.assert_array_equal(found.intervals.half_width, expected.half_width)
+    assert len(found.intervals.noise) == 2
+
+
+def test_without_a_refinement_the_searchs_best_has_residual_and_intervals():
+    problem = Oscillation()
+    found = run(problem, refine=False, level=0.5)
+    assert found.refined is None and not found.left_out
+    np.testing.assert_array_equal(found.theta, found.ga.theta)
+    np.testing.assert_array_equal(found.residual, Oscillation().residuals(found.theta[None])[0])
+    # One for the residual, two for each column.
+    assert found.evaluations == problem.simulated == PLANNED + 5
+    wide = run(refine=False).intervals.half_width / found.intervals.half_width
+    np.testing.assert_allclose(wide, 1.96 / 0.674, rtol=0.1)
+    # The derivative is by the parameters in their units, to either side.
+    step = np.diag([1e-4, 1e-1])
+    sides = problem.residuals(found.theta + step) - problem.residuals(found.theta - step)
+    jacobian = (sides / (2.0 * step.sum(axis=1)[:, None])).T
+    expected = intervals(
+        jacobian,
+        found.residual,
+        found.theta,
+        problem.low,
+        problem.high,
+        series=problem.series,
+        level=0.5,
+    )
+    np.testing.assert_allclose(found.intervals.half_width, expected.half_width, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ('whole', 'search'),
+    [
+        (100, 70),  # the refinement keeps three tenths
+        (12, 7),  # the last Jacobian keeps five; one is left to refine by
+        (3, 1),
+    ],
+)
+def test_a_budget_of_candidates_is_shared_and_kept(whole, search):
+    found = run(budget=Budget(evaluations=whole), genetic=replace(GENETIC, generations=40))
+    assert found.ga.evaluations == search
+    assert found.evaluations <= max(whole, search + 5)
+    assert found.left_out == (whole == 3)
+    alone = run(
+        budget=Budget(evaluations=100), genetic=replace(GENETIC, generations=40), refine=False
+    )
+    assert alone.ga.evaluations == 95 and alone.evaluations == 100
+
+
+@pytest.mark.parametrize(
+    ('whole', 'starts', 'each'),
+    [
+        (190, 1, 53),  # 133 for the search, 4 for the last Jacobian; 36 are usual for a start
+        (270, 2, 38),
+        (400, 3, 38),
+    ],
+)
+def test_what_a_budget_leaves_is_shared_by_the_starts(monkeypatch, whole, starts, each):
+    seen = []
+    refine = module.refine
+
+    def watched(residuals, starts, *box, **more):
+        seen.append((len(starts), more['max_evaluations']))
+        return refine(residuals, starts, *box, **more)
+
+    monkeypatch.setattr(module, 'refine', watched)
+    many = replace(GENETIC, initial_population=200, generations=40)
+    found = run(budget=Budget(evaluations=whole), genetic=many)
+    assert seen == [(starts, each)]
+    assert found.evaluations <= whole
+
+
+def test_each_start_has_sixty_jacobians_or_what_is_said(monkeypatch):
+    seen = []
+
+    def watched(*arguments, **more):
+        seen.append((more['max_evaluations'], more['good_enough']))
+        raise _Enough
+
+    monkeypatch.setattr(module, 'refine', watched)
+    problem = Oscillation()
+    problem.noise = 0.5
+    for more in ({}, {'refine_evaluations': 9}):
+        with pytest.raises(_Enough):
+            run(problem, **more)
+    assert seen == [(180, pytest.approx(0.6)), (9, pytest.approx(0.6))]
+
+
+class _Enough(Exception):
+    """Ends a fit."""
+
+
+def test_starts_are_as_many_as_are_asked_for_and_none_beyond_the_noise():
+    assert len(run(starts=2).refined.starts) == 2
+    problem = Oscillation()
+    problem.noise = 1e-3
+    assert len(run(problem).refined.starts) < 4
+
+
+def test_seconds_are_shared_and_the_rest_is_left_out(monkeypatch):
+    seen = []
+    minimise = module.minimise
+
+    def watched(*arguments, **more):
+        seen.append((more['budget'].seconds, more['budget'].generations))
+        return minimise(*arguments, **more)
+
+    monkeypatch.setattr(module, 'minimise', watched)
+    run(budget=Budget(seconds=100.0, generations=2))
+    run(budget=Budget(seconds=100.0), refine=False)
+    run(budget=Budget(generations=1))
+    assert seen == [(70.0, 2), (100.0, None), (None, 1)]
+    cut = run(budget=Budget(seconds=1e-9))
+    assert cut.ga.stop is StopReason.SECONDS
+    assert cut.left_out and cut.refined is None and not cut.cancelled
+    assert np.isnan(cut.theta).all() and cut.intervals is None
+    assert (cut.candidates.shape, cut.costs.shape) == ((0, 2), (0,))
+
+
+def test_a_deadline_ends_the_refinement(monkeypatch):
+    """Time stands still until the refinement begins, and is over then."""
+    refine = module.refine
+    clock = SimpleNamespace(now=0.0)
+
+    def watched(*arguments, cancel, **more):
+        assert not cancel.is_set()
+        clock.now = 10.0
+        assert cancel.is_set() and not cancel.cancelled
+        return refine(*arguments, cancel=cancel, **more)
+
+    monkeypatch.setattr(module, 'refine', watched)
+    monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=lambda: clock.now))
+    found = run(budget=Budget(seconds=10.0))
+    assert found.refined.evaluations == 0 and found.seconds == 10.0
+    np.testing.assert_array_equal(found.theta, found.ga.theta)
+
+
+def test_a_cancel_is_answered_at_once():
+    event = threading.Event()
+
+    class Cancels(Oscillation):
+        def costs(self, theta, limit=math.inf, stop=None):
+            if self.simulated >= 60:
+                event.set()
+            return super().costs(theta)
+
+    problem = Cancels()
+    found = run(problem, cancel=event)
+    assert found.cancelled and found.left_out and found.refined is None
+    assert found.intervals is None and found.residual.size == TIME.size
+    assert found.evaluations == found.ga.evaluations + 1 == problem.simulated
+    assert len(found.ga.best_costs) == 2
+
+
+def test_a_cancel_of_the_refinement_keeps_its_best_with_intervals():
+    event = threading.Event()
+
+    class Cancels(Oscillation):
+        def residuals(self, theta):
+            if self.simulated > PLANNED + 10:
+                event.set()
+            return super().residuals(theta)
+
+    problem = Cancels()
+    found = run(problem, cancel=event)
+    assert found.refined.status is RefineStatus.CANCELLED
+    assert found.cancelled and not found.left_out
+    np.testing.assert_array_equal(found.theta, found.refined.theta)
+    assert found.refined.cost < found.ga.cost
+    assert np.isfinite(found.intervals.half_width).all()
+    assert found.evaluations == problem.simulated < PLANNED + 40
+
+
+def test_where_everything_diverges_nothing_is_said():
+    class Lost(Oscillation):
+        def model(self, theta):
+            return np.full((len(theta), TIME.size), math.inf)
+
+        def __init__(self):
+            self.measured = np.zeros(TIME.size)
+            self.simulated, self.asked = 0, []
+
+    found = run(Lost())
+    assert np.isnan(found.theta).all() and not found.residual.size
+    assert found.intervals is None and found.evaluations == PLANNED
+    assert np.isinf(found.costs).all()
+
+
+# ---------------------------------------------------------------------- progress
+
+
+def test_a_search_reports_with_the_refinement_to_come(monkeypatch):
+    told = []
+
+    def reports(*arguments, on_progress, **more):
+        point = np.array([1.0, 2.0])
+        on_progress(Progress(2, 4, 50, PLANNED, 0.5, point, 0.25, 1.0, 0.01, 3.0))
+        raise _Enough
+
+    monkeypatch.setattr(module, 'minimise', reports)
+    for more in ({}, {'refine': False}, {'budget': Budget(seconds=4.0)}):
+        with pytest.raises(_Enough):
+            run(on_progress=told.append, **more)
+    first, alone, short = told
+    # Four starts of twelve Jacobians of three candidates, each five times as dear.
+    assert first.budget == PLANNED + 144
+    assert first.eta == pytest.approx(3.0 + 5.0 * 144 * 0.01)
+    assert (first.phase, first.generation, first.generations) == ('search', 2, 4)
+    assert (first.evaluations, first.best_cost, first.spread) == (50, 0.5, 0.25)
+    assert (first.unit, first.names) == ('N', Oscillation.names)
+    assert (alone.budget, alone.eta) == (PLANNED, 3.0)
+    assert 3.0 < short.eta <= 4.0 - short.elapsed + 1e-3
+
+
+def test_a_refinement_reports_its_starts(monkeypatch):
+    monkeypatch.setattr(module._Watched, 'INTERVAL', 0.0)
+    told = []
+    found = run(on_progress=told.append)
+    late = [p for p in told if p.phase == 'refinement']
+    counts = [p.evaluations for p in late]
+    assert counts == sorted(counts)
+    # Not the last Jacobian of the search, and every call of the refinement.
+    assert counts[0] == PLANNED + 1 and counts[-1] == found.evaluations
+    assert {p.generations for p in late} == {len(found.refined.starts)} == {4}
+    assert late[0].generation == 1 and all(1 <= p.generation <= 4 for p in late)
+    for p in late:
+        done = p.evaluations - PLANNED
+        assert p.generation == min(4, 1 + done // 36)
+        assert p.budget == PLANNED + max(144, done)
+    assert late[-1].eta == 0.0 or late[-1].evaluations < PLANNED + 144
+    costs = [p.best_cost for p in late]
+    assert costs == sorted(costs, reverse=True)
+    assert costs[-1] == pytest.approx(found.refined.cost)
+    np.testing.assert_allclose(late[-1].best_theta, found.theta)
+
+
+def test_a_refinement_reports_at_most_ten_times_a_second(monkeypatch):
+    clock = SimpleNamespace(now=0.0)
+
+    class Slow(Oscillation):
+        def residuals(self, theta):
+            clock.now += 0.03
+            return super().residuals(theta)
+
+    monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=lambda: clock.now))
+    told = []
+    run(Slow(), on_progress=told.append)
+    times = np.array([p.elapsed for p in told if p.phase == 'refinement'])
+    assert len(times) > 5
+    np.testing.assert_allclose(np.diff(times), 0.12)
+
+
+def test_the_time_to_go_follows_what_a_candidate_takes(monkeypatch):
+    clock = SimpleNamespace(now=0.0)
+
+    class Slow(Oscillation):
+        def residuals(self, theta):
+            clock.now += 0.5 * len(theta)
+            return super().residuals(theta)
+
+    monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=lambda: clock.now))
+    for seconds, most in ((None, math.inf), (1e3, 1e3)):
+        clock.now, told = 0.0, []
+        run(Slow(), on_progress=told.append, budget=Budget(seconds=seconds), starts=2)
+        late = [p for p in told if p.phase == 'refinement']
+        assert len(late) > 5
+        for p in late:
+            left = max(0, 72 - (p.evaluations - PLANNED))
+            assert p.eta == pytest.approx(min(0.5 * left, most - p.elapsed))
+
+
+# ---------------------------------------------------------------------- going on, limits
+
+
+class _Killed(Oscillation):
+    """Is killed when so many have been simulated."""
+
+    def __init__(self, after):
+        super().__init__()
+        self.after = after
+
+    def residuals(self, theta):
+        if self.simulated >= self.after:
+            raise _Enough
+        return super().residuals(theta)
+
+
+@pytest.mark.parametrize('after', [30, 61, PLANNED, PLANNED + 20, PLANNED + 90])
+def test_a_fit_that_was_killed_goes_on_to_the_same_bits(tmp_path, whole, after):
+    path = tmp_path / 'fit.journal'
+    with Journal(path) as journal, pytest.raises(_Enough):
+        run(_Killed(after), journal=journal)
+    again = Oscillation()
+    with Journal(path) as journal:
+        found = run(again, journal=journal)
+    expected = whole[1]
+    for name in ('theta', 'residual', 'candidates', 'costs', 'generations'):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert found.ga.best_costs == expected.ga.best_costs
+    assert found.evaluations == expected.evaluations
+    done = PLANNED if after > PLANNED else 60 + 16 * ((after - 60) // 16) if after >= 60 else 0
+    assert again.simulated <= expected.evaluations - done
+    # Another seed, other settings: another run.
+    other = Oscillation()
+    with Journal(path) as journal:
+        run(other, seed=4, journal=journal)
+    assert other.simulated > PLANNED
+
+
+@pytest.mark.parametrize(
+    ('budget', 'count'), [(None, PLANNED), (80, 80), (10, 60), (1000, PLANNED)]
+)
+def test_memory_is_asked_for_what_will_be_drawn(monkeypatch, budget, count):
+    needed = count * (4 * 8 * 2 + 100)
+    wanted = Budget(evaluations=budget)
+    monkeypatch.setattr(module, 'free_memory', lambda: needed)
+    run(budget=wanted, refine=False)
+    monkeypatch.setattr(module, 'free_memory', lambda: needed - 1)
+    with pytest.raises(IdentError, match=f'{count} candidates of 2 parameters') as caught:
+        run(budget=wanted)
+    assert caught.value.code is ErrorCode.INVALID_GOAL
+    assert f'about {needed / 2**30:.3g} GiB' in caught.value.message
+
+
+def test_a_large_search_says_what_it_would_take(monkeypatch):
+    monkeypatch.setattr(module, 'free_memory', lambda: 2**30)
+    huge = replace(GENETIC, initial_population=36_000_000, generations=1)
+    with pytest.raises(IdentError, match='5.5 GiB of memory, and 1 GiB are free .* take 10 h'):
+        run(genetic=huge)
+
+
+def test_settings_are_checked():
+    for name in ('starts', 'refine_evaluations'):
+        assert FitSettings(**{name: 1})
+        for value in (0, 1.5):
+            with pytest.raises(IdentError, match=f'{name} is {value}'):
+                FitSettings(**{name: value})
+    for level in (0.0, 1.0):
+        with pytest.raises(IdentError, match='give a probability between 0 and 1'):
+            FitSettings(level=level)
+
+
+def test_time_runs_from_after_what_is_prepared(monkeypatch):
+    clock = SimpleNamespace(now=5.0)
+
+    class Prepared(Oscillation):
+        def prepare(self):
+            clock.now += 100.0
+
+        def residuals(self, theta):
+            clock.now += 1.0
+            return super().residuals(theta)
+
+    monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=lambda: clock.now))
+    problem = Prepared()
+    assert run(problem, refine=False).seconds == len(problem.asked)

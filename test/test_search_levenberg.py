@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Small fits by Levenberg and Marquardt: what they find, and at what price."""
+
+import numpy as np
+import pytest
+
+from ros2_ident.search.levenberg import difference_jacobian, DIVERGED, fit_at, local_fit
+
+LOW, HIGH = np.array([-2.0, -4.0]), np.array([2.0, 6.0])
+
+
+class Valley:
+    """Rosenbrock's valley, its minimum at (1, 1); notes what is asked."""
+
+    def __init__(self):
+        self.asked = []
+
+    def __call__(self, theta):
+        self.asked.append(theta.copy())
+        return np.stack([10.0 * (theta[:, 1] - theta[:, 0] ** 2), 1.0 - theta[:, 0]], axis=1)
+
+
+def test_a_bent_valley_is_followed_to_its_end():
+    valley = Valley()
+    found = local_fit(valley, np.array([-1.2, 1.0]), LOW, HIGH, iterations=40, tolerance=1e-12)
+    np.testing.assert_allclose(found.theta, [1.0, 1.0], rtol=1e-3)
+    assert found.loss == pytest.approx(np.mean(found.residual**2))
+    np.testing.assert_allclose(found.theta, LOW + found.unit * (HIGH - LOW))
+    assert found.evaluations == sum(map(len, valley.asked))
+    # A Jacobian of two columns, then eight dampings and the next one, again and again.
+    assert {len(theta) for theta in valley.asked} == {3, 8}
+    # It takes 263; with a rung of the ladder moved up to 307.
+    assert found.evaluations <= 268
+
+
+def test_a_straight_problem_takes_two_iterations():
+    matrix = np.array([[3.0, 1.0], [1.0, -2.0], [0.5, 0.5]])
+
+    def straight(theta):
+        return (theta - [0.5, 2.0]) @ matrix.T
+
+    found = local_fit(straight, np.array([-1.0, -3.0]), LOW, HIGH, tolerance=1e-9)
+    np.testing.assert_allclose(found.theta, [0.5, 2.0], atol=1e-6)
+    # The damping begins at a hundredth of a thousandth, and falls.
+    one = local_fit(straight, np.array([-1.0, -3.0]), LOW, HIGH, iterations=1)
+    assert one.evaluations == 3 + 8 + 3
+    np.testing.assert_allclose(one.theta, [0.5, 2.0], atol=2e-3)
+
+
+@pytest.mark.parametrize('iterations', [0, 1, 3])
+def test_iterations_and_a_stop_end_it_with_the_best_so_far(iterations):
+    start = np.array([-1.2, 1.0])
+    found = local_fit(Valley(), start, LOW, HIGH, iterations=iterations)
+    assert found.evaluations == 3 + 11 * iterations
+    left = iter([False] * iterations + [True])
+    same = local_fit(Valley(), start, LOW, HIGH, stopped=lambda: next(left))
+    np.testing.assert_array_equal(same.theta, found.theta)
+    assert (found.loss < 12.0) is (iterations > 0)
+    if not iterations:
+        np.testing.assert_allclose(found.theta, start)
+
+
+def test_a_gain_below_the_tolerance_ends_it():
+    start = np.array([-1.2, 1.0])
+    losses = [local_fit(Valley(), start, LOW, HIGH, iterations=n).loss for n in range(8)]
+    gains = -np.diff(losses) / losses[:-1]
+    small = int(np.argmin(gains[:6] > 0.5)) if (gains[:6] <= 0.5).any() else 6
+    found = local_fit(Valley(), start, LOW, HIGH, tolerance=0.5)
+    assert found.evaluations == 3 + 11 * (small + 1)
+
+
+@pytest.mark.parametrize(('truth', 'ends'), [([5.0, 1.0], [2.0, 1.0]), ([-7.0, 9.0], [-2.0, 6.0])])
+def test_a_bound_that_the_fit_leans_on_is_kept_and_the_rest_goes_on(truth, ends):
+    seen = []
+
+    def tilted(theta):
+        seen.append(theta)
+        off = theta - truth
+        # The parameters trade: at the bound the other one's best is another.
+        return np.stack([off[:, 0], off[:, 1], 0.5 * off.sum(axis=1)], axis=1)
+
+    found = local_fit(tilted, np.zeros(2), LOW, HIGH, iterations=30, tolerance=1e-12)
+    every = np.concatenate(seen)
+    assert (every >= LOW - 1e-12).all() and (every <= HIGH + 1e-12).all()
+    assert found.theta[0] == ends[0]
+    # Where the first stays at its bound, 1.25 y + 0.25 x is to be least.
+    free = truth[1] - 0.25 / 1.25 * (ends[0] - truth[0])
+    assert found.theta[1] == pytest.approx(np.clip(free, LOW[1], HIGH[1]), abs=1e-3)
+
+
+def test_a_start_outside_is_taken_in():
+    found = local_fit(Valley(), np.array([-9.0, 99.0]), LOW, HIGH, iterations=0)
+    np.testing.assert_array_equal(found.theta, [-2.0, 6.0])
+
+
+def test_the_slope_is_taken_towards_the_middle_of_the_box():
+    valley = Valley()
+    unit = np.array([0.2, 0.7])
+    residual, jacobian = difference_jacobian(valley, unit, LOW, HIGH - LOW)
+    x, y = LOW + unit * (HIGH - LOW)
+    np.testing.assert_allclose(residual, [10.0 * (y - x**2), 1.0 - x])
+    exact = np.array([[-20.0 * x, 10.0], [-1.0, 0.0]]) * (HIGH - LOW)
+    np.testing.assert_allclose(jacobian, exact, rtol=1e-3, atol=1e-9)
+    points = (valley.asked[0] - LOW) / (HIGH - LOW) - unit
+    np.testing.assert_allclose(points, [[0.0, 0.0], [1e-4, 0.0], [0.0, -1e-4]], atol=1e-12)
+
+
+def test_a_neighbour_on_its_way_to_infinity_says_nothing_of_the_slope():
+    def cliff(theta):
+        out = theta * np.ones((1, 2))
+        out[theta[:, 0] > 0.2, 1] = 2.0 * DIVERGED
+        return out
+
+    residual, jacobian = difference_jacobian(cliff, np.array([0.2, 0.3]), np.zeros(2), np.ones(2))
+    np.testing.assert_array_equal(residual, [0.2, 0.3])
+    np.testing.assert_allclose(jacobian, [[0.0, 0.0], [0.0, 1.0]], atol=1e-9)
+
+
+def test_where_a_fit_ended_it_can_be_had_again():
+    found = local_fit(Valley(), np.array([0.0, 0.0]), LOW, HIGH)
+    again = fit_at(Valley(), found.unit, LOW, HIGH)
+    for name in ('theta', 'unit', 'residual', 'jacobian', 'loss'):
+        np.testing.assert_array_equal(getattr(again, name), getattr(found, name))
+    assert again.evaluations == 3
+
+
+def test_where_nothing_is_better_the_damping_grows_and_then_it_ends():
+    asked = []
+
+    def kink(theta):
+        asked.append(len(theta))
+        return (1.0 + np.abs(theta - 0.3)) * np.ones(3)
+
+    found = local_fit(kink, np.array([0.3]), np.zeros(1), np.ones(1), iterations=50)
+    assert found.theta[0] == 0.3
+    # From a hundredth by factors of ten thousand to beyond a million.
+    assert asked == [2, 8, 8, 8, 8]

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The model of a residual's noise, held against what defines it."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+
+from ros2_ident.search.noise import (
+    correlation_time,
+    fast_noise,
+    fit_noise,
+    MOST_COEFFICIENTS,
+    NoiseModel,
+    Run,
+    weighted_normal_matrix,
+    white,
+    Whitening,
+)
+
+
+def coloured(coefficients, count, seed=0):
+    """Return noise of an autoregressive model with unit innovation."""
+    drawn = np.random.default_rng(seed).normal(size=count + 500)
+    return lfilter([1.0], np.concatenate(([1.0], -np.asarray(coefficients))), drawn)[500:]
+
+
+def first_order(a, count=1000):
+    """Return the model of a first order whose variance is one."""
+    return NoiseModel(np.array([a]), 1.0, 1.0 - a**2, count)
+
+
+@pytest.mark.parametrize('a', [0.0, 0.5, 0.9, -0.5])
+def test_a_first_order_has_the_moments_of_the_book(a):
+    model = first_order(a)
+    assert model.effective_samples == pytest.approx(1000 * min(1.0, (1.0 - a) / (1.0 + a)))
+    assert model.independent_squares == pytest.approx((1.0 - a**2) / (1.0 + a**2), rel=1e-3)
+    assert model.correlation == pytest.approx(a)
+
+
+def test_neighbours_of_a_second_and_third_order_correlate_as_yule_and_walker_say():
+    one, two = 0.6, 0.3
+    second = NoiseModel(np.array([one, two]), 1.0, 0.5, 100)
+    assert second.correlation == pytest.approx(one / (1.0 - two))
+    a = np.array([0.5, 0.2, -0.1])
+    third = NoiseModel(a, 1.0, 0.5, 100)
+    # r1 = a1 + a2 r1 + a3 r2, r2 = a1 r1 + a2 + a3 r1
+    r1 = (a[0] + a[1] * a[2]) / (1.0 - a[1] - a[2] * (a[0] + a[2]))
+    assert third.correlation == pytest.approx(r1)
+    assert white(2.0).correlation == 0.0
+
+
+def test_white_and_scaled_noise():
+    model = white(3.0)
+    assert (model.variance, model.innovation, model.samples) == (9.0, 9.0, 0)
+    assert not model.coefficients.size and model.independent_squares == pytest.approx(1.0)
+    twice = first_order(0.5).scaled(2.0)
+    assert (twice.variance, twice.innovation, twice.samples) == (4.0, 3.0, 1000)
+    assert twice.coefficients.tolist() == [0.5]
+    assert NoiseModel(np.empty(0), 0.0, 0.0, 7).effective_samples == 7.0
+
+
+def test_fast_noise_is_told_from_motion_impacts_and_short_series():
+    rng = np.random.default_rng(3)
+    noise = 0.2 * rng.normal(size=4000)
+    time = 1e-3 * np.arange(4000)
+    assert fast_noise(noise) == pytest.approx(0.2, rel=0.05)
+    motion = 50.0 * np.sin(5.0 * time) + 7.0 * time
+    assert fast_noise(motion + noise) == pytest.approx(0.2, rel=0.05)
+    struck = noise.copy()
+    struck[::200] += 1e3
+    assert fast_noise(struck) == pytest.approx(0.2, rel=0.15)
+    # Of a fourth difference five samples make one.
+    assert fast_noise(np.ones(4), np.arange(4.0)) == fast_noise() == 0.0
+    one = np.array([0.0, 0.0, 1.0, 0.0, 0.0])
+    assert fast_noise(one, np.ones(4)) == pytest.approx(6.0 / math.sqrt(70.0) / 0.67448975)
+
+
+def by_the_book(*series):
+    """Return coefficients, innovation and variance of the order with the lowest BIC."""
+    count = sum(map(len, series))
+    most = min(MOST_COEFFICIENTS, count // 10)
+    covariance = np.array(
+        [sum(row[: len(row) - k] @ row[k:] for row in series if len(row) > k) for k in range(21)]
+    )
+    covariance /= count
+    best = (np.empty(0), covariance[0])
+    lowest = 0.0
+    for order in range(1, most + 1):
+        a = solve_toeplitz(covariance[:order], covariance[1 : order + 1])
+        innovation = covariance[0] - a @ covariance[1 : order + 1]
+        score = count * math.log(innovation / covariance[0]) + order * math.log(count)
+        if score < lowest:
+            best, lowest = (a, innovation), score
+    return *best, covariance[0]
+
+
+@pytest.mark.parametrize(
+    ('coefficients', 'lengths'),
+    [
+        ([], [400]),
+        ([0.8], [300]),
+        ([1.6, -0.8], [500]),
+        ([0.3, 0.0, 0.0, 0.6], [600]),
+        ([0.9], [12]),
+        ([0.9], [30]),
+        ([1.2, -0.5], [200, 15, 3, 400]),
+    ],
+)
+def test_the_order_is_that_of_the_lowest_bic(coefficients, lengths):
+    series = [coloured(coefficients, n, seed) for seed, n in enumerate(lengths)]
+    model = fit_noise(*series)
+    expected, innovation, variance = by_the_book(*series)
+    np.testing.assert_allclose(model.coefficients, expected, rtol=1e-7, atol=1e-9)
+    assert model.innovation == pytest.approx(innovation, rel=1e-7)
+    assert model.variance == pytest.approx(variance)
+    assert model.samples == sum(lengths)
+
+
+def test_a_true_order_is_found_up_to_the_most():
+    for order in (2, MOST_COEFFICIENTS):
+        model = fit_noise(coloured([0.0] * (order - 1) + [0.8], 4000))
+        assert model.coefficients.size == order
+        assert model.coefficients[-1] == pytest.approx(0.8, abs=0.05)
+    beyond = fit_noise(coloured([0.0] * MOST_COEFFICIENTS + [0.8], 4000))
+    assert not beyond.coefficients.size
+
+
+def test_what_is_too_short_or_nothing_is_white():
+    assert not fit_noise(coloured([0.95], 9)).coefficients.size
+    assert fit_noise(coloured([0.95], 10)).coefficients.size == 1
+    nothing = fit_noise(np.zeros(100))
+    assert (nothing.variance, nothing.innovation, nothing.samples) == (0.0, 0.0, 100)
+    assert fit_noise().samples == 0
+    # An offset is not taken out, and is wholly predicted.
+    assert fit_noise(np.full(1000, 2.0)).variance == pytest.approx(4.0)
+    tone = fit_noise(np.sin(0.3 * np.arange(1_000_000)))
+    assert 0.0 < tone.innovation < 1e-4 * tone.variance
+
+
+def test_rows_are_whitened_run_by_run():
+    models = [NoiseModel(np.array([0.5, -0.2]), 4.0, 2.25, 100), white(2.0)]
+    runs = [Run(0, 6, 0), Run(6, 8, 0), Run(8, 12, 1), Run(12, 15, 0)]
+    rows = np.random.default_rng(0).normal(size=(3, 15))
+    expected = rows / 2.0
+    for start, stop in ((0, 6), (12, 15)):
+        for t in range(start + 2, stop):
+            left = rows[:, t] - 0.5 * rows[:, t - 1] + 0.2 * rows[:, t - 2]
+            expected[:, t] = left / 1.5
+    np.testing.assert_allclose(Whitening(runs, models)(rows), expected)
+    np.testing.assert_allclose(Whitening(runs, models)(rows[0]), expected[0])
+    assert Whitening([], models)(np.empty((3, 0))).shape == (3, 0)
+
+
+@pytest.mark.parametrize('count', [16, 64, 65])
+@pytest.mark.parametrize('a', [0.3, -0.3])
+def test_products_with_the_covariance_are_those_of_the_full_matrix(count, a):
+    # The rows are padded by as many zeros: what correlates over more than their length is lost.
+    rows = np.random.default_rng(1).normal(size=(count, 2))
+    lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    found = weighted_normal_matrix(rows, first_order(a))
+    np.testing.assert_allclose(found, rows.T @ a**lag @ rows, rtol=1e-6, atol=1e-6 * count)
+    np.testing.assert_allclose(weighted_normal_matrix(rows, white(3.0)), 9.0 * rows.T @ rows)
+
+
+def windowed(values):
+    """Return Sokal's correlation time: summed over a window of five times itself."""
+    centred = values - values.mean()
+    full = [centred[: len(centred) - k] @ centred[k:] for k in range(len(values) // 2)]
+    total = 2.0 * np.cumsum(full) / full[0] - 1.0
+    for width, time in enumerate(total):
+        if width >= 5.0 * time:
+            return max(1.0, time)
+    return max(1.0, total[-1])
+
+
+@pytest.mark.parametrize(
+    'values',
+    [
+        coloured([], 300),
+        coloured([0.9], 2000),
+        coloured([-0.6], 500),
+        coloured([0.99], 60),
+        5.0 + coloured([0.7], 8),
+        np.linspace(0.0, 1.0, 50),
+    ],
+)
+def test_the_correlation_time_is_sokals(values):
+    assert correlation_time(values) == pytest.approx(windowed(values))
+
+
+def test_what_does_not_change_or_is_too_short_counts_by_the_sample():
+    assert correlation_time(np.full(100, 3.0)) == 1.0
+    assert correlation_time(np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])) == 1.0
+    assert correlation_time(np.empty(0)) == 1.0
+    assert correlation_time(coloured([0.9], 20_000)) == pytest.approx(19.0, rel=0.2)
