@@ -41,6 +41,8 @@ LOG += ['--effect', 'stribeck@emps_axis:torque=12,speed=0.02']
 # What of a result says when and where it was made, not what was found.
 OCCASION = ('seconds', 'created', 'host', 'settings', 'provenance')
 AGAIN = 0.25  # share of the runs started again that are killed, too
+BEFORE, IN_WORK, WITH_RESULT = 'before its work', 'in its work', 'with the new result'
+PATIENCE = 600.0  # the node answers within this time, s, or it never will
 FILES = {
     'identify': ('result.json', 'result.yaml', 'history.npz', 'signals.npz'),
     'diagnose': ('diagnosis.json', 'diagnosis.npz'),
@@ -51,6 +53,7 @@ FILES = {
 LOADED = [
     'ros2_ident.cli.main', 'ros2_ident.gap.diagnose', 'ros2_ident.identify.run',
     'ros2_ident.report.overlay', 'ros2_ident.report.page', 'ros2_ident.reference.bag_making',
+    'ros2_ident.ros.node',
 ]
 FORKED = multiprocessing.get_context('forkserver')
 
@@ -147,6 +150,11 @@ def overlay(out: Path) -> bytes | None:
     return data
 
 
+def told_moments(found: Counter[str]) -> str:
+    """Return when the kills came, in words."""
+    return ', '.join(f'{count} {what}' for what, count in sorted(found.items()))
+
+
 class Trial:
     """One run that is killed again and again.
 
@@ -210,8 +218,8 @@ class Trial:
         if len(set(of.values())) > 1:
             self.wrong.append(f'old beside new: {of}')
         checkpoint = self.out / f'{self.name}.checkpoint'
-        written = 'with the new result' if 'new' in of.values() else 'before its work'
-        self.found['in its work' if checkpoint.exists() else written] += 1
+        written = WITH_RESULT if 'new' in of.values() else BEFORE
+        self.found[IN_WORK if checkpoint.exists() else written] += 1
 
     def end(self) -> None:
         """Look at the directory after the end."""
@@ -235,13 +243,20 @@ class Client:
     def __init__(self, bag: Path, out: Path) -> None:
         import rclpy
         from rclpy.action import ActionClient
+        from rclpy.signals import SignalHandlerOptions
         from ros2_ident_msgs.action import Identify
+        from ros2_ident_msgs.msg import Status
 
-        os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 90 + 10))
-        rclpy.init()
+        from ros2_ident.ros.outlet import LATCHED
+
+        # rclpy's own would end the context and let this go on without it
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self.rclpy = rclpy
         self.node = rclpy.create_node('kills')
         self.connect = lambda name: ActionClient(self.node, Identify, f'/{name}/identify')
+        self.hear = lambda name, callback: self.node.create_subscription(
+            Status, f'/{name}/status', callback, LATCHED
+        )
         self.starts = 0
         self.goal = Identify.Goal(
             bag_path=str(bag), data_source=Identify.Goal.DATA_SOURCE_BAG, refine=True
@@ -261,11 +276,17 @@ class Client:
         name = f'identifier_{self.starts}'  # a killed one is on the air for a while
         run = Run([*self.words, '-r', f'__node:={name}'], self.said)
         client = self.connect(name)
+        # it answers only those it knows of; what is latched comes when it does
+        known: list[Any] = []
+        status = self.hear(name, known.append)
         sent, answer = None, None
+        end = time.monotonic() + PATIENCE
         try:
             while run.lives(moment):
+                if time.monotonic() > end:
+                    raise RuntimeError(f'no result in {PATIENCE} s: {self.said.read_text()}')
                 self.rclpy.spin_once(self.node, timeout_sec=0.02)
-                if sent is None and client.server_is_ready():
+                if sent is None and known and client.server_is_ready():
                     sent = client.send_goal_async(self.goal)
                 if sent is not None and answer is None and sent.done():
                     answer = sent.result().get_result_async()
@@ -277,23 +298,24 @@ class Client:
         finally:
             run.kill()
             client.destroy()
+            self.node.destroy_subscription(status)
 
 
 def kill_the_node(folder: Path, kills: int, generator: random.Random, end: float) -> int:
     """Kill the node in its goals; return how often something was wrong."""
     seconds(command('simulate', folder / 'out', 1, LOG), folder / 'said')
-    out, done, ended, wrong = folder / 'out', 0, 0, list[str]()
+    out, found, ended, wrong = folder / 'out', Counter[str](), 0, list[str]()
     client = Client(folder / 'bag', out)
     whole = client.attempt(None)
     (first,) = out.glob('*/result.json')
     reference = {x: content(first.with_name(x)) for x in ('result.json', 'history.npz')}
-    kept = 0
-    while done < kills and time.monotonic() < end:
+    while found.total() < kills and time.monotonic() < end:
         shutil.rmtree(out, ignore_errors=True)
         moment: float | None = generator.uniform(0.0, whole)
         while not client.attempt(moment):
-            done += 1
-            kept += any(out.glob('unfinished/*'))
+            saved = any(out.glob('2*/result.json'))
+            unfinished = any(out.glob('unfinished/*.checkpoint'))
+            found[IN_WORK if unfinished else WITH_RESULT if saved else BEFORE] += 1
             for path in (x for x in out.glob('2*/*') if x.suffix in ('.json', '.yaml', '.npz')):
                 content(path)  # fails where it is not whole
             moment = generator.uniform(0.0, whole) if generator.random() < AGAIN else None
@@ -303,7 +325,8 @@ def kill_the_node(folder: Path, kills: int, generator: random.Random, end: float
             wrong.append('another result than that of the uninterrupted run')
         if list(out.glob('unfinished/*')):
             wrong.append('a checkpoint is left')
-    print(f'node: {whole:.2f} s; {done} kills, {kept} with a checkpoint, {ended} goals ended')
+    print(f'node: {whole:.2f} s; {found.total()} kills, {ended} goals ended')
+    print(told_moments(found))
     print(f'{len(wrong)} wrong', *wrong[:20], sep='\n  ')
     return len(wrong)
 
@@ -318,6 +341,8 @@ def main() -> int:
     parser.add_argument('--words', default='', help='further words of the command')
     args = parser.parse_args()
     os.environ.update(dict.fromkeys(ONE_THREAD, '1'))
+    # before the first process: all are forked from one, and have its environment
+    os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 90 + 10))
     FORKED.set_forkserver_preload(LOADED)
     generator, more = random.Random(args.seed), args.words.split()
     end = time.monotonic() + 60.0 * args.minutes
@@ -337,7 +362,7 @@ def main() -> int:
             kills += trial.run(words, whole, generator)
             ended += 1
         print(f'{args.command}: {whole:.2f} s; {kills} kills, {ended} runs ended')
-        print(', '.join(f'{count} {what}' for what, count in sorted(trial.found.items())))
+        print(told_moments(trial.found))
         print(f'{len(trial.wrong)} wrong')
         for sentence in trial.wrong[:20]:
             print(f'  {sentence}')

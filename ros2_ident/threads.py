@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """How many processors this process may use, and how much memory."""
 
+import contextlib
+import ctypes
+import gc
 import os
 
 # What the libraries of linear algebra go by; read when they are loaded.
@@ -23,6 +26,17 @@ def free_memory() -> float:
         return 1024.0 * int(lines['MemAvailable'].split()[0])
     except (OSError, KeyError, ValueError):  # not on every system
         return float('inf')
+
+
+def give_back_memory() -> None:
+    """Give memory that is of no use any more back to the system.
+
+    Much of what a run leaves refers to itself in a circle, and glibc keeps what threads have freed
+    (malloc_trim(3)): a node held gigabytes between its runs.
+    """
+    gc.collect()
+    with contextlib.suppress(AttributeError, OSError):  # other C libraries
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def one_thread_for_linear_algebra() -> None:

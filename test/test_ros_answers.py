@@ -320,6 +320,24 @@ def test_drives_can_be_emptied(start, empty) -> None:
     assert not said.successful and 'string array' in said.reason
 
 
+def test_clearing_counts_what_is_not_decoded_yet(start) -> None:
+    from std_srvs.srv import Trigger
+
+    from ros2_ident.recording import cdr
+
+    node, _ = start()
+    stamps = np.arange(1, 6) * 1_000_000
+    messages = cdr.encode(stamps, ['drive_1'], [np.zeros((5, 1)), None, None])
+
+    def clear():  # in the executor's thread: nothing decodes them in between
+        for message in messages:
+            node.node.capture._subscriptions['state'].callback(message, {'source_timestamp': 0})
+        return node.node._clear_data(Trigger.Request(), Trigger.Response())
+
+    assert node.asked(clear).message == '5 messages are forgotten'
+    assert node.node.capture.empty
+
+
 def test_two_nodes_of_one_name_are_told(start, tmp_path) -> None:
     node, listener = start()
     other = Node(listener.context.get_domain_id(), tmp_path / 'others')

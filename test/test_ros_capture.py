@@ -216,6 +216,35 @@ def test_a_new_stream_replaces_the_ended_one_unless_it_is_kept(ear, keep: bool) 
         capture.snapshot().build()
 
 
+def test_what_waits_is_taken_at_once_and_in_order(ear) -> None:
+    from rclpy.duration import Duration
+    from sensor_msgs.msg import JointState
+
+    mouth = Mouth(listening := ear())
+    (state, *_) = listening.capture._subscriptions.values()
+    callback, rounds = state.callback, []
+
+    def counted(data, info):
+        rounds.append(1)
+        callback(data, info)
+
+    state.callback = counted
+
+    def send():  # in the executor's thread: nothing is taken meanwhile
+        for k in range(300):
+            message = JointState(name=['a'], position=[float(k)])
+            message.header.stamp.sec = k
+            mouth.publishers['joint_states'].publish(message)
+        assert mouth.publishers['joint_states'].wait_for_all_acked(Duration(seconds=10.0))
+
+    listening.asked(send)
+    listening.until(lambda: listening.received() == 300, 'all of them')
+    (recording,) = listening.capture.snapshot().build()
+    assert recording.state.position[:, 0].tolist() == list(range(300))
+    # a round of the executor costs many times what a message does, and gives others their turn
+    assert 3 <= len(rounds) <= 10
+
+
 def test_incompatible_qos_is_named(ear) -> None:
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from sensor_msgs.msg import JointState

@@ -14,8 +14,9 @@ from types import FrameType
 
 from ros2_ident.threads import one_thread_for_linear_algebra
 
-# A run heeds its cancel event within a slice of the search; its files take the rest of this, s.
-PATIENCE = 10.0
+# A run heeds its cancel event within a second of processor time. Other programs go before its
+# thread and can make that long; a second signal ends at once, s.
+PATIENCE = 30.0
 # An overlay that is being written is waited for; its first simulation in a new installation is
 # compiled, s.
 FILES_PATIENCE = 120.0

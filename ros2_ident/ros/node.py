@@ -320,6 +320,7 @@ class Identifier(Node):
     # ------------------------------------------------------------------ services, parameters
 
     def _clear_data(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.capture.flush()  # or what is not decoded yet is forgotten without a count
         count = sum(meter.received for meter in self.capture.meters.values())
         self.capture.clear()
         if not self.worker.busy:

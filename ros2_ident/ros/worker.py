@@ -18,6 +18,8 @@ from typing import Any
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
 from rclpy.node import Node
 
+from ros2_ident.threads import give_back_memory
+
 # As `nice` does by default.
 NICE = 10
 
@@ -123,6 +125,8 @@ class Worker:
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
         while (work := self._work.get()) is not None:
             work()
+            if self._work.empty():
+                give_back_memory()
 
     def _due(self) -> bool:
         """Whether the job may be heard again; if so, not again for an interval."""
