@@ -195,6 +195,13 @@ def test_a_difference_smaller_than_a_warm_day_makes_is_not_told(mass, told) -> N
     assert {x['machine'] for x in fleet.summarise(rows)['machines']} == told
 
 
+@pytest.mark.parametrize(('mass', 'told'), [(110.0, {'a'}), (90.0, set())])
+def test_of_an_interval_longer_to_one_side_the_side_towards_the_other_counts(mass, told) -> None:
+    rows = [row('a1', 'a', '', 100.0), row('b1', 'b', '', mass)]
+    rows[0]['parameters']['mass'].update(low=70.0, high=101.0)
+    assert {x['machine'] for x in fleet.summarise(rows)['machines']} == told
+
+
 def test_of_equal_machines_known_unequally_well_hardly_any_differs() -> None:
     random = np.random.default_rng(3)
     told = 0

@@ -20,6 +20,7 @@ from report_cases import (
     write_identified,
 )
 
+from ros2_ident.cli import table
 from ros2_ident.cli.main import main
 from ros2_ident.cli.report import page_line
 from ros2_ident.effects import CATALOGUE
@@ -27,9 +28,11 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.compose import _hidden_by_noise
 from ros2_ident.gap.diagnosis import DriveGap, to_mapping
 from ros2_ident.gap.maps import chosen
+from ros2_ident.gap.verdict import PUSHED, RESTLESS
 from ros2_ident.identify.result import Outcome
+from ros2_ident.recording import LIVE
 from ros2_ident.report.files import write_result
-from ros2_ident.report.page import charts, write_report
+from ros2_ident.report.page import answer, charts, write_report
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot
 from ros2_ident.report.page.numbers import (
@@ -46,6 +49,7 @@ from ros2_ident.report.page.numbers import (
 )
 from ros2_ident.report.page.plots import one_a_cell
 from ros2_ident.report.page.sentences import hidden, joined, leading, moved
+from ros2_ident.report.page.symbols import legend, MEANINGS
 from ros2_ident.report.page.thin import breaks, extremes, worst_moments
 from ros2_ident.report.signals import load_signals, write_signals
 
@@ -221,6 +225,54 @@ def test_a_cancelled_run_and_a_diagnosis_cut_short(tmp_path):
     assert page.pictures == ['gap-effort-plot', 'effort-plot', 'generations-plot', 'costs-plot']
 
 
+@pytest.mark.parametrize(
+    ('low', 'high', 'row', 'first'),
+    [
+        (9.0, 11.0, '± 1', '± 10 %'),
+        (9.0, 18.0, '-1 +8', '−10 %, +80 %'),
+        (10.0, 12.0, '-0 +2', '−0 %, +20 %'),
+    ],
+)
+def test_an_interval_that_reaches_further_to_one_side_is_told_side_by_side(low, high, row, first):
+    estimate = replace(identified().parameters[0], value=10.0, low=low, high=high)
+    assert table._row(estimate)[2] == row
+    assert answer._known(estimate) == first
+
+
+def test_what_is_too_slow_for_noise_is_not_called_noise(tmp_path):
+    found = diagnosed()
+    restless = replace(
+        found, effect='unknown', where=('drive_2',), probability=0.7, ranking=(),
+        sentence=f'drive_1: late. {RESTLESS}: 0.0101 N m on drive_2 are left.',
+        steps=found.steps[:1],
+        evidence={**found.evidence, 'size': 0.1},
+        per_drive={n: replace(g, before=0.0101) for n, g in found.per_drive.items()},
+    )
+    write_diagnosed(tmp_path, restless)
+    said = of_diagnosis(content(write_report(tmp_path)), 'out')
+    assert said.headline.startswith('Something moves or pushes that the simulation of drive_2')
+    assert '0.0101 N m on drive_2 are left.' in said.sure
+    notes = {gap.drive: gap.note for gap in said.gaps}
+    assert notes == {'drive_1': 'noise only', 'drive_2': 'too slow for noise'}
+
+
+def test_efforts_that_nobody_asked_for_are_the_headline(tmp_path):
+    found = diagnosed()
+    made = 'drive_2 at 1.41 s (+0.73 N m). No effect of a machine does that.'
+    gate = ('not_asked', 'warn', 'drive_2: made efforts that the command did not ask for: 1.41 s.')
+    unasked = replace(
+        found, effect='unknown', where=('drive_2',), probability=0.95, ranking=(), also=(),
+        sentence=f'{PUSHED}: {made}', steps=found.steps[:1], gates=(gate,), advice=(),
+    )
+    write_diagnosed(tmp_path, unasked)
+    said = of_diagnosis(content(write_report(tmp_path)), 'out')
+    assert said.headline == 'Drive_2 made efforts that the command did not ask for.'
+    assert said.state == 'The cause is beside the machine and its command'
+    assert f'D{made[1:]}' in said.sure
+    assert not any('did not ask for' in text for text in said.careful)
+    assert said.steps[1].code.startswith('ident diagnose NEW_BAG --machine ')
+
+
 def test_parameters_at_a_bound_or_not_told_apart_are_said():
     good = identified()
     first, *rest = good.parameters
@@ -321,7 +373,7 @@ def test_the_first_screen_answers_four_questions(both):
     assert (second.drive, second.after, second.note) == ('drive_2', None, 'noise only')
     (closes,) = said.closes
     assert closes == (
-        '97 % of the squared gap above the noise closes (95 % interval: 95 to 98 %).'
+        '97 % of the gap’s power, its square less the noise’s, closes (95 % interval: 95 to 98 %).'
     )
     law, values, motion = said.steps
     (stribeck,) = law.laws
@@ -333,6 +385,15 @@ def test_the_first_screen_answers_four_questions(both):
     # The noise floor's multiples are detail, not the answer.
     everything = ' '.join([said.headline, *said.sure, *said.closes])
     assert 'times' not in everything
+
+
+def test_what_was_heard_on_topics_is_no_bag(both):
+    data = content(both)
+    heard = {**data, 'settings': {}, 'provenance': {**data['provenance'], 'source': LIVE}}
+    codes = [step.code for step in of_diagnosis(heard, 'out').steps if 'ident' in step.code]
+    assert codes == [
+        'ident diagnose BAG --check NEW_BAG --machine MACHINE.yaml --out out_next'
+    ]
 
 
 def test_a_fault_of_the_log_is_no_fault_of_the_simulation(both):
@@ -349,6 +410,30 @@ def test_a_fault_of_the_log_is_no_fault_of_the_simulation(both):
     )
 
 
+def test_of_many_effects_the_headline_names_the_first_and_the_rest_stand_below(both):
+    data = content(both)
+    named = [
+        {'effect': 'effort_smoothing', 'where': ['all']},
+        {'effect': 'constant_force', 'where': ['wrist_2_joint']},
+        {'effect': 'asymmetric_friction', 'where': ['wrist_1_joint']},
+        {'effect': 'load_dependent_friction', 'where': ['shoulder_lift_joint']},
+    ]
+    verdict = {**data['verdict'], **named[0]}
+    said = of_diagnosis({**data, 'verdict': verdict, 'also': named[1:]}, 'out')
+    assert said.headline == (
+        'Constant force on wrist_2_joint and 2 more effects are missing in the simulation.'
+    )
+    assert said.more == (
+        'Also missing: asymmetric friction on wrist_1_joint and load-dependent friction on '
+        'shoulder_lift_joint.',
+        'The logged effort is off, too: smoothed effort.',
+    )
+    # Two of one drive fit into one sentence.
+    late = {'effect': 'current_loop_lag', 'where': ['drive_1']}
+    said = of_diagnosis({**data, 'also': [late]}, 'out')
+    assert 'and current-loop lag on drive_1 are missing' in said.headline and said.more == ()
+
+
 def test_where_nothing_is_found_the_headline_says_what_could_hide(both):
     data = content(both)
     verdict = {**data['verdict'], 'effect': 'none', 'where': [], 'probability': 1.0}
@@ -357,7 +442,8 @@ def test_where_nothing_is_found_the_headline_says_what_could_hide(both):
     said = of_diagnosis(none, 'out')
     largest = max(d['noise_floor'] for d in data['gap']['per_drive'].values())
     assert said.headline == (
-        f'Nothing found missing above {0.45 * largest:.2g} N m: what is left is noise.'
+        'Nothing found missing: what is left is noise, in which a gap of '
+        f'{0.45 * largest:.2g} N m would show.'
     )
     assert said.sure[0] == 'Over 99 % that nothing larger is missing.'
     # The sentence of the diagnosis itself, for noise that may be a gap.
@@ -477,11 +563,14 @@ def test_many_findings_of_one_drive_leave_room_for_another():
 @pytest.mark.parametrize(
     ('again', 'said'),
     [
-        ([1.0, 1.0], 'Each counts again in all resamples of those data.'),
-        ([0.99, 0.95], 'Each counts again in 95 % or more of the resamples of those data.'),
+        ([1.0, 1.0], 'Each effect is needed again in all resamples of those data.'),
+        (
+            [0.99, 0.95],
+            'Each effect is needed again in 95 % or more of the resamples of those data.',
+        ),
         (
             [0.99, 0.61],
-            'Of resamples of those data, current-loop lag on drive_2 counts in only 61 %.',
+            'Current-loop lag on drive_2 is needed in only 61 % of the resamples of those data.',
         ),
     ],
 )
@@ -511,6 +600,15 @@ def test_the_picture_of_the_first_screen_draws_the_law_through_the_residual(both
     titles = [c.title for c in others]
     assert titles == ['drive_1: measured minus simulated effort over the time']
     assert len(data['maps']) == 3
+    # Where no effect sits on its drive alone, the title says why it is shown.
+    verdict = {**data['verdict'], 'where': ['all']}
+    hero, _ = charts.all_of({**data, 'verdict': verdict}, 'smoothed effort')
+    assert hero.title.startswith('drive_1, where the effects explain most: measured minus')
+    # A drive that an effect sits on goes before one that shares an effect of the machine.
+    maps = [{**m, 'drive': f'drive_{k + 2}'} for k, m in enumerate(data['maps'])]
+    late = {'effect': 'stribeck', 'where': [maps[-1]['drive']]}
+    both = {**data, 'maps': maps, 'verdict': verdict, 'also': [late]}
+    assert charts.all_of(both, 'the effects')[0].title.startswith(f'{maps[-1]["drive"]}: measured')
     nothing, _ = charts.all_of(data, '')
     assert nothing.law == '' and 'class="law' not in nothing.svg
 
@@ -530,11 +628,77 @@ def test_no_line_is_drawn_where_there_are_no_data(both):
 
 
 def test_the_edge_of_the_answer_is_green_only_where_nothing_is_to_be_careful_about(both):
+    """And words beside it say what its colour means."""
     data = content(both)
-    assert of_diagnosis(data, '').level == 'good'
+
+    def shown(**changes):
+        said = of_diagnosis({**data, **changes}, '')
+        return said.level, said.state
+
+    assert shown() == ('good', 'Clear answer')
     odd = [{'gate': 'sign', 'level': 'warn', 'sentence': 'drive_1: the sign is odd.'}]
-    assert of_diagnosis({**data, 'gates': odd}, '').level == 'doubtful'
-    assert of_diagnosis({**data, 'complete': False}, '').level == 'bad'
+    with_reservations = 'Answer with reservations: '
+    assert shown(gates=odd) == ('doubtful', f'{with_reservations}see “Be careful” below')
+    assert shown(evidence={**data['evidence'], 'remaining': 1.2}) == (
+        'doubtful', f'{with_reservations}part of the gap stays unexplained',
+    )
+    rival = {'effect': 'backlash', 'where': ['drive_1'], 'probability': 0.4}
+    assert shown(confusable=[data['ranking'][0], rival]) == (
+        'doubtful', f'{with_reservations}another effect explains it as well',
+    )
+    late = {'effect': 'current_loop_lag', 'where': ['drive_2']}
+    assert shown(also=[late], again=[1.0, 0.6]) == (
+        'doubtful', f'{with_reservations}not every effect is certain',
+    )
+    assert shown(complete=False) == ('bad', 'No clear answer yet')
+    assert '<p class="state"><i></i>Clear answer</p>' in both.read_text()
+
+
+def test_the_first_screen_lists_the_drives_as_the_machine_does(both):
+    data = content(both)
+    gaps = data['gap']['per_drive']
+    assert list(gaps) == ['drive_1', 'drive_2']
+    turned = {**data['gap'], 'per_drive': {n: gaps[n] for n in ('drive_2', 'drive_1')}}
+    said = of_diagnosis({**data, 'gap': turned}, '')
+    assert [g.drive for g in said.gaps] == ['drive_2', 'drive_1']
+    # The gap of one closes, though not that of the first.
+    assert said.gaps[0].after is None and said.closing
+    many = {f'drive_{k}': {**gaps['drive_2'], 'before': 0.01 * k} for k in range(1, 10)}
+    of_nine = of_diagnosis({**data, 'gap': {**data['gap'], 'per_drive': many}}, '')
+    assert [g.drive for g in of_nine.gaps] == [f'drive_{k}' for k in range(4, 10)]
+
+
+def test_only_signs_that_an_equation_uses_are_explained(both):
+    (law,) = of_diagnosis(content(both), '').steps[0].laws
+    assert legend([(law.equation, ['M_S', 'v_S'])]) == [('v', 'motor speed')]
+    assert '<p class="note">v: motor speed; ±: 95 % interval.</p>' in both.read_text()
+    # What is no word, no parameter and not explained where it stands has a meaning.
+    spelled = {'u', 'omega', 'w', 'h', 'e', 'q', 'M_commanded'}  # told by the equation itself
+    words = {'a', 'at', 'of', 'on', 'to', 'pi', 'in', 'or', 'sin', 'cos', 'sgn', 'exp', 'tanh'}
+    for effect in CATALOGUE.values():
+        signs = re.findall(r'[A-Za-z]+(?:_\w+)?', effect.equation)
+        short = {s for s in signs if len(s) < 3 or '_' in s} - words - spelled
+        own = {p.symbol for p in effect.parameters}
+        assert {s for s in short if not re.match('d[a-z]$', s)} <= own | {*MEANINGS}, effect.id
+
+
+def test_no_equation_of_a_drive_speaks_of_a_carriage():
+    """A joint has none."""
+    for effect in CATALOGUE.values():
+        assert effect.place != 'drive' or 'carriage' not in effect.equation, effect.id
+        assert '|sgn' not in effect.equation, effect.id
+
+
+def test_the_numbers_are_written_into_the_files_of_a_simulator_by_one_command(both):
+    data = content(both)
+    codes = [step.code for step in of_diagnosis(data, 'runs/one').steps]
+    assert not any('ident export' in code for code in codes)
+    known = {**data, 'settings': {**data['settings'], 'machine_file': 'my.yaml'}}
+    codes = [step.code for step in of_diagnosis(known, 'runs/one').steps]
+    assert 'ident export runs/one --out runs/one_simulator' in codes
+    result = replace(identified(), settings={**identified().settings, 'machine_file': 'my.yaml'})
+    codes = [step.code for step in of_identification(result, 'runs/one').steps]
+    assert 'ident export runs/one --out runs/one_simulator' in codes
 
 
 def test_a_contradiction_comes_before_the_answer(both):
@@ -542,6 +706,7 @@ def test_a_contradiction_comes_before_the_answer(both):
     grave = [{'gate': 'law', 'level': 'error', 'sentence': 'drive_1: the gain is twice that.'}]
     said = of_diagnosis({**data, 'gates': grave}, '')
     assert said.first == ('drive_1: the gain is twice that.',) and said.level == 'bad'
+    assert said.state == 'Correct this first:'
     verdict = {'effect': 'bookkeeping', 'where': ['drive_1'], 'probability': 0.95,
                'sentence': 'drive_1: the gain is twice that. No effect is named.'}
     refused = of_diagnosis({**data, 'gates': grave, 'verdict': verdict, 'confusable': []}, '')
@@ -558,9 +723,13 @@ def test_the_page_keeps_room_for_a_picture_until_it_is_drawn(both):
         assert int(height) > 80, name
 
 
-def test_no_line_ends_before_a_percent_sign(both):
+def test_no_line_ends_before_a_percent_sign_or_within_a_unit(both):
     said = re.findall('<(?:p|li)>(.*?)</(?:p|li)>', both.read_text())
     assert said and not any(' %' in text for text in said)
+    space = '\N{NO-BREAK SPACE}'
+    assert prose('a gap of 0.01 N m RMS, 3 N s/m') == (
+        f'a gap of 0.01{space}N{space}m RMS, 3{space}N{space}s/m'
+    )
 
 
 @pytest.mark.parametrize(

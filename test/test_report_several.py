@@ -36,6 +36,15 @@ def test_what_differs_beyond_its_interval_comes_first():
     assert first.at < second.at
 
 
+def test_of_an_interval_that_is_longer_to_one_side_the_side_towards_the_other_counts():
+    low, high = value(20.0, 0.1), {**value(26.0, 0.5), 'high': 43.0}
+    for runs in ((low, high), (high, low)):
+        (strip,) = strips([(k, {'friction': v}) for k, v in zip('ab', runs, strict=True)])
+        assert strip.differs
+    (strip,) = strips([('a', {'friction': high}), ('b', {'friction': value(40.0, 0.1)})])
+    assert not strip.differs
+
+
 def test_a_value_without_an_interval_is_shown_and_never_differs():
     (strip,) = strips([('a', {'mass': value(1.0, None)}), ('b', {'mass': value(9.0, 0.1)})])
     assert not strip.differs and strip.marks[0].low is None
@@ -67,7 +76,7 @@ def test_a_comparison_of_an_identification_with_another_and_a_diagnosis(tmp_path
     page = write_comparison([tmp_path / 'a', tmp_path / 'b'])
     assert page == tmp_path / 'a' / 'comparison.html'
     text = page.read_text()
-    assert f'1 of {len(good.parameters)} parameters differ.' in text
+    assert f'1 of {len(good.parameters)} parameters differs: {first.name}.' in text
     assert text.index(first.name) < text.index(rest[0].name)
     write_diagnosed(tmp_path / 'c')
     out = tmp_path / 'all.html'
@@ -106,9 +115,9 @@ def test_the_page_of_a_fleet_says_who_drifted_and_who_failed(tmp_path):
     rows = [row('a', 1, 2.0), row('a', 2, 3.0), later, row('b', 1, 2.0, **found), lost]
     write_summary(tmp_path, rows)
     text = write_report(tmp_path).read_text()
-    assert '1 machine has drifted, 1 machine differs from the others' in text
+    assert 'a has drifted; a differs from the others; the simulation lacks' in text
     assert 'a: mass drifted from 2\xa0kg (a_1) to 3\xa0kg (a_2) (+50.0' in text
-    assert 'the simulation lacks Stribeck friction in 1 recording' in text
+    assert 'the simulation lacks Stribeck friction in b_1.' in text
     assert 'b_1: Stribeck friction &lt;axis&gt;, probability 93\xa0%.' in text
     rows[3]['gap'] = {
         'axis': {'before': 1.39, 'after': 0.303, 'share_before': 0.026, 'share_after': 0.0057}
@@ -119,6 +128,7 @@ def test_the_page_of_a_fleet_says_who_drifted_and_who_failed(tmp_path):
         'axis: residual 1.39 → 0.30\xa0N, 2.60 → 0.57\xa0% of the effort'
     ) in write_report(tmp_path).read_text()
     assert '<section id="answer" class="answer bad"' in text, 'one recording failed'
+    assert 'Not every recording could be judged' in text
     assert text.count('Inspect a: mass changed.') == 1, 'once, with its latest recording'
     assert 'ident diagnose &#39;bags/a 2&#39; <span class="shown">--machine</span> a.yaml' in text
     assert 'Correct what the table says of c_1, and run the same command again' in text
@@ -134,11 +144,11 @@ def test_what_chance_may_explain_does_not_differ_on_the_page_of_a_fleet(tmp_path
     write_summary(tmp_path, rows)
     text = write_report(tmp_path).read_text()
     assert 'none differs from the others' in text and ', differs' not in text
-    assert 'class="answer good"' in text
+    assert 'class="answer good"' in text and 'All machines alike' in text
     write_summary(tmp_path, [*rows[:-1], row('h', 1, 3.0)])
     text = write_report(tmp_path).read_text()
-    assert '1 machine differs from the others' in text and text.count(', differs') == 1
-    assert 'class="answer doubtful"' in text
+    assert 'h differs from the others' in text and text.count(', differs') == 1
+    assert 'class="answer doubtful"' in text and 'To be inspected' in text
 
 
 def test_a_fleet_of_equal_machines_has_nothing_to_say(tmp_path):

@@ -16,6 +16,7 @@ from ros2_ident.errors import ErrorCode
 from ros2_ident.files import write_text
 from ros2_ident.fleet.row import Row
 from ros2_ident.gap.verdict import REFUSED
+from ros2_ident.identify.result import half_of_difference
 
 # Probability that a drift is said where there is none, over all comparisons of a fleet.
 LEVEL = 0.05
@@ -36,10 +37,10 @@ def sound(row: Row) -> bool:
 def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     """Compare the rows that are done, but for those whose log contradicts its machine file.
 
-    Two values differ where their difference is beyond its own interval: with half widths a and b
-    the standard deviation of it is sqrt(a^2 + b^2) / 1.96. The level is shared among all
-    comparisons (Holm 1979), so that in a fleet of equal machines one in twenty says anything. What
-    differs by less than `LEAST` is left out.
+    Two values differ where their difference is beyond its own interval: with intervals that reach
+    a and b towards each other the standard deviation of it is sqrt(a^2 + b^2) / 1.96. The level is
+    shared among all comparisons (Holm 1979), so that in a fleet of equal machines one in twenty
+    says anything. What differs by less than `LEAST` is left out.
 
     Returns:
         `drifts`: parameters of a machine against its earliest bag; `machines`: latest values of a
@@ -117,7 +118,7 @@ def _median(values: Sequence[Mapping[str, Any]]) -> Row:
 
 def _difference(name: str, row: Row, other: Mapping[str, Any], against: str) -> Row:
     value = row['parameters'][name]
-    spread = math.hypot(_half(value), _half(other)) / 1.96
+    spread = half_of_difference(value, other) / 1.96
     change = float(value['value']) - float(other['value'])
     strength = abs(change) / spread if 0.0 < spread < math.inf else 0.0
     return {

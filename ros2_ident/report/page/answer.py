@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The first screen: what is wrong, how sure that is, how far the gap closes, what to do now."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
 from typing import Any
 
-from ros2_ident.identify.result import Identification, Outcome
+from ros2_ident.gap.verdict import OFTEN, PUSHED, RESTLESS
+from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.report.page import sentences, steps
+from ros2_ident.report.page.headline import headline, hidden_by_noise, restless
 from ros2_ident.report.page.numbers import (
     from_to,
     number,
@@ -17,8 +19,8 @@ from ros2_ident.report.page.numbers import (
     shares,
     unit_of,
 )
-from ros2_ident.report.page.sentences import effect_name, joined, some
-from ros2_ident.report.page.steps import effects_found, places, Step
+from ros2_ident.report.page.sentences import capital, effect_name, joined, pushed, some
+from ros2_ident.report.page.steps import effects_found, Step
 
 # Drives that the first screen lists; the table further down has all.
 LISTED = 6
@@ -28,12 +30,8 @@ GRAVE = ('error', 'fail')
 PARAMETERS = 10
 # A gap left above the noise, in units of the noise floor, that wants a cause of its own.
 UNEXPLAINED = 1.0
-# What the advice on a gap that noise may hide says, of all advice.
-_SLOW_NOISE = 'so slow that it can be noise'
 # A share that is as good as all.
 NEARLY_ALL = 0.995
-# An effect that counts in fewer of the resamples is a hint, as the diagnosis' advice says.
-_OFTEN = 0.9
 
 
 @dataclass(frozen=True)
@@ -66,6 +64,8 @@ class Answer:
     Attributes:
         level: `good`, `doubtful` or `bad`: the colour of its edge.
         headline: What is wrong.
+        more: The rest of it, where one sentence would be long.
+        state: What the colour says, in words.
         sure: How sure that is, sentences.
         gaps: How far the gap closes, for the drives that matter most.
         closes: The same in sentences.
@@ -84,6 +84,13 @@ class Answer:
     careful: tuple[str, ...] = ()
     values: tuple[tuple[str, str, str], ...] = ()
     first: tuple[str, ...] = ()
+    more: tuple[str, ...] = ()
+    state: str = ''
+
+    @property
+    def closing(self) -> bool:
+        """Whether the gap of a drive closes."""
+        return any(gap.after is not None for gap in self.gaps)
 
 
 # ---------------------------------------------------------------------- a diagnosis
@@ -102,64 +109,49 @@ def of_diagnosis(data: Mapping[str, Any], out: str) -> Answer:
     grave = [g['sentence'] for g in data['gates'] if g['level'] in GRAVE]
     first = () if verdict['effect'] in steps.REFUSALS else tuple(joined(grave))
     if data['complete'] and verdict['effect'] not in sentences.NAMELESS - {'none'} and not first:
-        unsure = len(data['confusable']) > 1 or _unexplained(data)
+        unsure = len(data['confusable']) > 1 or _unexplained(data) or _seldom(data)
         level = 'doubtful' if careful or unsure else 'good'
+    said, more = headline(data)
     return Answer(
         level,
-        _headline(data),
+        said,
         tuple(_sure(data)),
-        _gaps(data['gap'], material=float(data['evidence']['material'] or 0.0)),
+        _gaps(data),
         tuple(_closes(data)),
         tuple(steps.of_diagnosis(data, out)),
         careful,
         first=first,
+        more=more,
+        state=_state_of(data, level, first, careful),
     )
 
 
-def _headline(data: Mapping[str, Any]) -> str:
-    verdict = data['verdict']
-    if verdict['effect'] == 'none':
-        return _nothing(data)
-    if verdict['effect'] in steps.REFUSALS:
-        return steps.REFUSALS[verdict['effect']][0]
-    if verdict['effect'] == 'unknown':
-        where = places(verdict['where'])
-        if not data['complete']:
-            return f'Cut short: the simulation of {where} is off, and no cause was found yet.'
-        return (
-            f'Something is missing in the simulation of {where}, and no known effect explains it.'
-        )
-    found = effects_found(data)
-    of_log = [at for at in found if sentences.of_log(at['effect'])]
-    missing = [at for at in found if at not in of_log]
-    distorted = sentences.effects_named(of_log) if of_log else ''
-    if not missing:
-        return f'The logged effort is off, not the simulation: {distorted}.'
-    said = sentences.effects_named(missing)
-    verb = 'is' if len(missing) == 1 else 'are'
-    too = f'; the logged effort is off, too: {distorted}' if of_log else ''
-    return f'{said[0].upper()}{said[1:]} {verb} missing in the simulation{too}.'
+def _state_of(
+    data: Mapping[str, Any], level: sentences.Level, first: Sequence[str], careful: Sequence[str]
+) -> str:
+    if first:
+        return 'Correct this first:'
+    if pushed(data):
+        return 'The cause is beside the machine and its command'
+    return _state(level, _reservations(data, careful))
 
 
-def _nothing(data: Mapping[str, Any]) -> str:
-    """Return the headline where no effect is named: how large one could be and not be found."""
-    if (data['evidence']['size'] or 0.0) >= (data['evidence']['material'] or 0.0):
-        return 'Nothing can be named: what is left is too small to tell its cause.'
-    limit = quantity(_limit(data), data['gap']['unit'], 2)
-    if _hidden_by_noise(data):
-        return f'Nothing found missing above {limit}, but slow noise may hide more.'
-    return f'Nothing found missing above {limit}: what is left is noise.'
+def _state(level: sentences.Level, reservations: Iterable[str]) -> str:
+    """Return what the colour of the answer's edge says, in words."""
+    if level == 'doubtful':
+        return f'Answer with reservations: {", ".join(reservations)}'
+    return {'good': 'Clear answer', 'bad': 'No clear answer yet'}[level]
 
 
-def _limit(data: Mapping[str, Any]) -> float:
-    """Return the gap, RMS, that counts on every drive."""
-    floors = [d['noise_floor'] or 0.0 for d in data['gap']['per_drive'].values()]
-    return float(data['evidence']['material'] or 0.0) * max(floors, default=0.0)
-
-
-def _hidden_by_noise(data: Mapping[str, Any]) -> list[str]:
-    """Return the advice on a gap that noise may hide."""
-    return [text for text in data['advice'] if _SLOW_NOISE in text]
+def _reservations(data: Mapping[str, Any], careful: Sequence[str]) -> Iterator[str]:
+    if _unexplained(data):
+        yield 'part of the gap stays unexplained'
+    if _seldom(data):
+        yield 'not every effect is certain'
+    if len(data['confusable']) > 1:
+        yield 'another effect explains it as well'
+    if careful:
+        yield 'see “Be careful” below'
 
 
 def _chance(probability: float | None) -> str:
@@ -179,11 +171,17 @@ def _sure(data: Mapping[str, Any]) -> Iterator[str]:
     elif data['complete'] or verdict['probability']:
         that = {
             'none': 'that nothing larger is missing, as far as noise can tell'
-            if _hidden_by_noise(data)
+            if hidden_by_noise(data)
             else 'that nothing larger is missing',
-            'unknown': 'that the cause is none of the effects tried',
+            'unknown': 'that it is no noise'
+            if restless(data) or pushed(data)
+            else 'that the cause is none of the effects tried',
         }.get(verdict['effect'], _cause(data))
         yield f'{_chance(verdict["probability"])} {that}.'
+    if data['complete'] and restless(data):
+        yield verdict['sentence'].partition(f'{RESTLESS}: ')[2]
+    if pushed(data):
+        yield capital(verdict['sentence'].partition(f'{PUSHED}: ')[2])
     rivals = [effect_name(x) for x in data['confusable'][1:]]
     if rivals:
         yield f'This recording cannot tell it from {some(rivals)}.'
@@ -193,17 +191,27 @@ def _sure(data: Mapping[str, Any]) -> Iterator[str]:
 
 def _again(data: Mapping[str, Any]) -> Iterator[str]:
     """Say of several effects how often they count where the data held out are resampled."""
-    again = data.get('again') or ()
-    found = effects_found(data)
-    if len(found) < 2 or len(again) != len(found):
-        return
-    seldom = [(x, share) for x, share in zip(found, again, strict=True) if share < _OFTEN]
-    if not seldom:
-        least = min(again)
+    counted, seldom = _counted(data), _seldom(data)
+    if counted and not seldom:
+        least = min(share for _, share in counted)
         share = 'all' if least >= NEARLY_ALL else f'{percent(least)} or more of the'
-        yield f'Each counts again in {share} resamples of those data.'
-    for x, share in seldom:
-        yield f'Of resamples of those data, {effect_name(x)} counts in only {percent(share)}.'
+        yield f'Each effect is needed again in {share} resamples of those data.'
+    for x, count in seldom:
+        name = capital(effect_name(x))
+        yield f'{name} is needed in only {percent(count)} of the resamples of those data.'
+
+
+def _counted(data: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], float]]:
+    """Return several effects with how often each counts; nothing where that is not known."""
+    found, again = effects_found(data), data.get('again') or ()
+    if len(found) < 2 or len(again) != len(found):
+        return []
+    return list(zip(found, again, strict=True))
+
+
+def _seldom(data: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], float]]:
+    """Return those of several effects that are no more than hints."""
+    return [(x, share) for x, share in _counted(data) if share < OFTEN]
 
 
 def _cause(data: Mapping[str, Any]) -> str:
@@ -212,14 +220,21 @@ def _cause(data: Mapping[str, Any]) -> str:
     return f'that this is the cause, and {steps.places(data["verdict"]["where"])} the place'
 
 
-def _gaps(gap: Mapping[str, Any], material: float) -> tuple[Gap, ...]:
-    """Return the drives with the largest gaps above their noise floor."""
+def _gaps(data: Mapping[str, Any]) -> tuple[Gap, ...]:
+    """Return the drives with the largest gaps above their noise floor, in the machine's order."""
+    gap, material = data['gap'], float(data['evidence']['material'] or 0.0)
     drives = {n: d for n, d in gap['per_drive'].items() if d['before'] is not None}
     first = sorted(drives, key=lambda n: -(drives[n]['before'] / (drives[n]['noise_floor'] or 1)))
-    chosen = first[:LISTED]
+    chosen = [n for n in drives if n in first[:LISTED]]
     longest = max((max(drives[n]['before'], drives[n]['after'] or 0.0) for n in chosen), default=1)
     closed = len(gap['steps']) > 1
-    return tuple(_gap(n, drives[n], gap['unit'], longest, material, closed) for n in chosen)
+    where = {*data['verdict']['where']} if restless(data) else set()
+    rest = {n: 'too slow for noise' for n in chosen if where & {n, 'all'}}
+    quiet = {n for n in chosen if above(drives[n]['before'], drives[n]['noise_floor']) < material}
+    notes = {n: rest.get(n, 'noise only') for n in quiet}
+    return tuple(
+        _gap(n, drives[n], gap['unit'], longest, closed, notes.get(n, '')) for n in chosen
+    )
 
 
 def above(rms: float | None, floor: float | None) -> float:
@@ -230,11 +245,10 @@ def above(rms: float | None, floor: float | None) -> float:
 
 
 def _gap(
-    name: str, d: Mapping[str, Any], unit: str, longest: float, material: float, closed: bool
+    name: str, d: Mapping[str, Any], unit: str, longest: float, closed: bool, note: str
 ) -> Gap:
     before, after, floor = d['before'], d['after'], d['noise_floor']
     share = d['share_of_torque_before']
-    note = '' if above(before, floor) >= material else 'noise only'
     if not closed or after is None or note:
         size, part = quantity(before, unit, 3), percent(share)
         return Gap(name, size, part, before / longest, None, _length(floor, longest), note)
@@ -261,7 +275,7 @@ def _closes(data: Mapping[str, Any]) -> Iterator[str]:
         told = ''
         if None not in (low, high) and low < NEARLY_ALL:
             told = f' (95 % interval: {number(100.0 * low, 2)} to {percent(high)})'
-        yield f'{said} of the squared gap above the noise closes{told}.'
+        yield f'{said} of the gap’s power, its square less the noise’s, closes{told}.'
         if _unexplained(data):
             yield 'No effect of the catalogue explains the rest.'
     more = len(gap['per_drive']) - LISTED
@@ -276,8 +290,13 @@ def _unexplained(data: Mapping[str, Any]) -> bool:
 def _careful(data: Mapping[str, Any]) -> Iterator[str]:
     if not data['complete']:
         yield 'The run was cut short: effects not tried by then may close more of the gap.'
-    yield from _hidden_by_noise(data)
-    odd = [g['sentence'] for g in data['gates'] if g['level'] not in ('ok', *GRAVE)]
+    yield from hidden_by_noise(data)
+    told = ('not_asked',) if pushed(data) else ()
+    odd = [
+        g['sentence']
+        for g in data['gates']
+        if g['level'] not in ('ok', *GRAVE) and g['gate'] not in told
+    ]
     yield from joined([text for text in odd if text not in data['verdict']['sentence']])
     ends = [name for name, v in data['parameters'].items() if v['at_bound']]
     if ends:
@@ -308,16 +327,17 @@ def of_identification(result: Identification, out: str) -> Answer:
     closes = [f'Held out: {result.validated_on}.'] if result.validation else []
     if more > 0:
         closes.append(f'{more} more in the file `result.json`.')
-    headline, told = sentences.headline(result)
+    said, told = sentences.headline(result)
     return Answer(
         level,
-        headline,
+        said,
         (*filter(None, [told]), *sentences.precision_of(result)),
         tuple(gaps[:LISTED]),
         tuple(closes),
         tuple(steps.of_identification(result, out)),
         tuple(doubts),
         tuple(_values(result)),
+        state=_state(level, ['see “Be careful” below']),
     )
 
 
@@ -339,10 +359,18 @@ def _left(result: Identification) -> list[Gap]:
     ]
 
 
+def _known(p: ParameterEstimate) -> str:
+    """Return an interval as shares of the value, side by side where it is lopsided."""
+    if not p.value or not p.lopsided:
+        return precision(sentences.width(p))
+    less, more = p.reach
+    return f'−{percent(less / abs(p.value))}, +{percent(more / abs(p.value))}'
+
+
 def _values(result: Identification) -> Iterator[tuple[str, str, str]]:
     """Yield the parameters, of many those known best."""
     order = {p.name: k for k, p in enumerate(result.parameters)}
     best = sorted(result.parameters, key=lambda p: (not p.identifiable, sentences.width(p)))
     for p in sorted(best[:PARAMETERS], key=lambda p: order[p.name]):
-        known = precision(sentences.width(p)) if p.identifiable else 'not determined'
+        known = _known(p) if p.identifiable else 'not determined'
         yield p.name, quantity(p.value, p.unit, 4), known

@@ -29,6 +29,7 @@ from ros2_ident.report.page.machine import moving
 from ros2_ident.report.page.render import render
 from ros2_ident.report.page.several import write_fleet
 from ros2_ident.report.page.steps import effects_found
+from ros2_ident.report.page.symbols import legend
 from ros2_ident.report.scene import load_scene
 from ros2_ident.report.signals import load_signals
 
@@ -154,6 +155,7 @@ def _of_diagnosis(diagnosis: Mapping[str, Any], out: str) -> dict[str, Any]:
     hero, maps = charts.all_of(diagnosis, effects)
     return {
         'answer': of_diagnosis(diagnosis, out),
+        'complete': diagnosis['complete'],
         'drives': gap['per_drive'],
         'effects': effects,
         'hero': hero,
@@ -165,6 +167,7 @@ def _of_diagnosis(diagnosis: Mapping[str, Any], out: str) -> dict[str, Any]:
         'moved': sentences.moved(diagnosis),
         'hidden': sentences.hidden(diagnosis),
         'about': [about(e) for e in dict.fromkeys(_named(diagnosis))],
+        'signs': legend(_laws(diagnosis)),
         'gates': [(g['gate'], g['sentence']) for g in diagnosis['gates']],
         'bad_gates': any(g['level'] != 'ok' for g in diagnosis['gates']),
         'diagnosis_facts': _diagnosis_facts(diagnosis),
@@ -176,6 +179,12 @@ def _named(diagnosis: Mapping[str, Any]) -> Iterator[str]:
     for at in (*effects_found(diagnosis), *diagnosis['confusable']):
         if at['effect'] in CATALOGUE:
             yield at['effect']
+
+
+def _laws(diagnosis: Mapping[str, Any]) -> Iterator[tuple[str, list[str]]]:
+    """Yield their equations, each with its own parameters' signs."""
+    for effect in map(CATALOGUE.__getitem__, _named(diagnosis)):
+        yield effect.equation, [p.symbol for p in effect.parameters]
 
 
 def about(effect_id: str) -> dict[str, str]:

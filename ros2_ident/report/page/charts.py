@@ -5,7 +5,7 @@ It is text of the page: there before any script runs, in the page's colours, and
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import itertools
 import math
 from typing import Any
@@ -354,15 +354,20 @@ def all_of(data: Mapping[str, Any], effects: str) -> tuple[Chart | None, list[Ch
     best = max(
         maps,
         key=lambda m: (
-            effects != '' and bool({m['drive'], 'all'} & where),
+            effects != '' and m['drive'] in where,
+            effects != '' and 'all' in where,
             _explained(m) * (closed.get(m['drive']) or 0.0) if effects else 0.0,
         ),
     )
-    drawn = [picture(m, effects) for m in (best, *maps)]
+    hero, *drawn = [picture(m, effects) for m in (best, *maps)]
     # what lags behind the motion is shown over time, as what depends on time
     titled = {c.title: c for c in drawn[::-1] if c is not None}
-    hero = drawn[0]
-    return hero, [c for c in titled.values() if hero is None or c.title != hero.title][::-1]
+    others = [c for c in titled.values() if hero is None or c.title != hero.title][::-1]
+    if hero is not None and effects and best['drive'] not in where and len(closed) > 1:
+        drive = str(best['drive'])
+        title = hero.title.replace(drive, f'{drive}, where the effects explain most', 1)
+        hero = replace(hero, title=title)
+    return hero, others
 
 
 def _explained(found: Mapping[str, Any]) -> float:

@@ -132,10 +132,11 @@ def equation(text: str) -> Markup:
 def prose(text: str) -> Markup:
     """Return a sentence with what stands between backticks as code.
 
-    No line ends between a number and its unit, or after a ±.
+    No line ends between a number and its unit, within a unit, or after a ±.
     """
     html = str(escape(text)).replace('^2', '²').replace('^3', '³')
-    html = re.sub(rf'(?<=\d) (?=%|(?:{_UNITS})\b)|(?<=±) (?=\d)', '\N{NO-BREAK SPACE}', html)
+    within = rf'(?<=\d) (?=%|(?:{_UNITS})\b)|(?<=\bN) (?=[ms]\b)|(?<=±) (?=\d)'
+    html = re.sub(within, '\N{NO-BREAK SPACE}', html)
     return Markup(re.sub('`([^`]*)`', r'<code>\1</code>', html))
 
 

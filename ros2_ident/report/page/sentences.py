@@ -10,6 +10,7 @@ import numpy as np
 
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.verdict import NAMELESS as NAMELESS
+from ros2_ident.gap.verdict import PUSHED
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.report.page.numbers import change, number, precision, quantity, UNKNOWN
 
@@ -61,6 +62,16 @@ def effects_named(found: Sequence[Mapping[str, Any]]) -> str:
     return names[0] if len(names) == 1 else f'{", ".join(names[:-1])} and {names[-1]}'
 
 
+def pushed(data: Mapping[str, Any]) -> bool:
+    """Return whether a diagnosis says that drives made efforts which nobody asked for."""
+    return str(data['verdict']['sentence']).startswith(PUSHED)
+
+
+def capital(text: str) -> str:
+    """Return a text that begins a sentence."""
+    return f'{text[0].upper()}{text[1:]}'
+
+
 def some(names: Sequence[str]) -> str:
     """Return a list in words, the end of a long one as its length."""
     more = len(names) - LISTED
@@ -90,7 +101,7 @@ def _as_one(group: Sequence[str]) -> str:
 def _sentence(text: str) -> str:
     """Return a warning with a capital; what begins with a name or a path stays."""
     first = text.partition(' ')[0]
-    return f'{text[0].upper()}{text[1:]}' if first.isalpha() else text
+    return capital(text) if first.isalpha() else text
 
 
 # ---------------------------------------------------------------------- identifications

@@ -11,6 +11,7 @@ from typing import Any
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
+from ros2_ident.identify.result import half_of_difference
 from ros2_ident.report.files import (
     DIAGNOSIS,
     FLEET,
@@ -35,6 +36,12 @@ from ros2_ident.report.page.sentences import effect_name
 COMPARISON = 'comparison.html'
 # Parameters of a fleet that are shown at once; the others are folded away.
 OPEN = 6
+# What the colour of a fleet's answer says.
+STATES: Mapping[sentences.Level, str] = {
+    'good': 'All machines alike',
+    'doubtful': 'To be inspected',
+    'bad': 'Not every recording could be judged',
+}
 
 
 @dataclass(frozen=True)
@@ -145,8 +152,7 @@ def _differ(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
     """Whether two values differ beyond the 95 % interval of their difference."""
     if None in (a['low'], a['high'], b['low'], b['high']):
         return False
-    half = math.hypot(0.5 * (a['high'] - a['low']), 0.5 * (b['high'] - b['low']))
-    return bool(abs(a['value'] - b['value']) > half)
+    return bool(abs(a['value'] - b['value']) > half_of_difference(a, b))
 
 
 # ---------------------------------------------------------------------- runs side by side
@@ -155,7 +161,7 @@ def _differ(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
 @dataclass(frozen=True)
 class _Run:
     label: str
-    headline: str
+    headline: tuple[str, ...]
     gaps: tuple[answer.Gap, ...]
     parameters: Mapping[str, Any]
 
@@ -169,7 +175,7 @@ def _run(folder: Path) -> _Run:
     if (folder / DIAGNOSIS).exists():
         data = load_diagnosis(folder)
         said = answer.of_diagnosis(data, str(folder))
-        return _Run(str(folder), said.headline, said.gaps, data['parameters'])
+        return _Run(str(folder), (said.headline, *said.more), said.gaps, data['parameters'])
     if not any((folder / name).exists() for name in (JSON, YAML)):
         raise IdentError(
             ErrorCode.NO_DATA,
@@ -185,7 +191,7 @@ def _run(folder: Path) -> _Run:
         }
         for p in result.parameters
     }
-    return _Run(str(folder), said.headline, said.gaps, values)
+    return _Run(str(folder), (said.headline,), said.gaps, values)
 
 
 def _finite(value: float) -> float | None:
@@ -208,13 +214,10 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
     """
     runs = [_run(Path(d)) for d in directories]
     made = strips([(run.label, run.parameters) for run in runs])
-    count = sum(s.differs for s in made)
     shared = sum(len(s.marks) > 1 for s in made)
-    text = (
-        f'{count} of {shared} parameters differ.'
-        if count
-        else f'None of {shared} parameters differs.'
-    )
+    differ = [s.name for s in made if s.differs]
+    text = f'{len(differ) or "None"} of {shared} parameters differ{"s" * (len(differ) < 2)}'
+    text += f': {sentences.some(differ)}.' if differ else '.'
     target = Path(directories[0]) / COMPARISON if page is None else Path(page)
     make_directory(target.parent)
     context = {
@@ -300,12 +303,13 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
     told = {(x['bag'], x['parameter']) for kind in ('drifts', 'machines') for x in data[kind]}
     made = strips([(row['name'], row['parameters']) for row in done], told)
     machines = {row['machine'] for row in data['rows']}
-    lost = len(data['rows']) - len(done)
+    lost, level = len(data['rows']) - len(done), _fleet_level(data)
     context = {
         'title': f'Fleet: {Path(directory).resolve().name}',
         'lead': f'{len(data["rows"])} recordings of {len(machines)} machines'
         + (f', {lost} not done' if lost else ''),
-        'level': _fleet_level(data),
+        'level': level,
+        'state_of': STATES[level],
         'headline': _fleet_headline(data),
         'differences': list(differences(differ)),
         'verdicts': list(verdicts(data['rows'])),
@@ -357,17 +361,23 @@ def _fleet_headline(data: Mapping[str, Any]) -> str:
     found = [row for row in data['rows'] if row.get('effect', 'none') in CATALOGUE]
     parts = []
     if drifted:
-        parts.append(f'{_many(len(drifted), "machine has", "machines have")} drifted')
+        parts.append(f'{_named(drifted, "machines")} {_has(drifted)} drifted')
     if other:
-        parts.append(f'{_many(len(other), "machine differs from the others", "machines differ")}')
+        verb = 'differs from the others' if len(other) == 1 else 'differ'
+        parts.append(f'{_named(other, "machines")} {verb}')
     if found:
         kinds = {effect_name({**row, 'where': ['all']}) for row in found}
         # a single name is told at once, several are listed below
         what = f'the simulation lacks {kinds.pop()}' if len(kinds) == 1 else 'effects are missing'
-        parts.append(f'{what} in {_many(len(found), "recording", "recordings")}')
-    text = ', '.join(parts) or 'no machine has drifted, none differs from the others'
-    return f'{text[0].upper()}{text[1:]}.'
+        parts.append(f'{what} in {_named({row["name"] for row in found}, "recordings")}')
+    text = '; '.join(parts) or 'no machine has drifted, none differs from the others'
+    return f'{text if drifted or other else sentences.capital(text)}.'
 
 
-def _many(count: int, one: str, more: str) -> str:
-    return f'{count} {one if count == 1 else more}'
+def _named(names: set[str], what: str) -> str:
+    """Return one or two names, or how many there are."""
+    return ' and '.join(sorted(names)) if len(names) < 3 else f'{len(names)} {what}'
+
+
+def _has(names: set[str]) -> str:
+    return 'has' if len(names) == 1 else 'have'

@@ -9,9 +9,11 @@ from typing import Any
 from ros2_ident.effects import CATALOGUE, Effect
 from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.machine.keys import digits
+from ros2_ident.recording import LIVE
 from ros2_ident.report.page import sentences
 from ros2_ident.report.page.numbers import plus_minus, quantity
-from ros2_ident.report.page.sentences import effect_name, some
+from ros2_ident.report.page.sentences import effect_name, pushed, some
+from ros2_ident.report.page.symbols import legend
 
 # Machines of a fleet, and effects, that its page has steps for.
 FLEET = 3
@@ -66,6 +68,11 @@ class Step:
     def loose(self) -> bool:
         """Whether a number of an equation is not determined."""
         return any(LOOSE in value for law in self.laws for *_, value in law.numbers)
+
+    @property
+    def signs(self) -> list[tuple[str, str]]:
+        """The signs that its equations use and do not explain, each with its meaning."""
+        return legend((law.equation, [n[0] for n in law.numbers]) for law in self.laws)
 
 
 def effects_found(data: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -126,12 +133,21 @@ def of_diagnosis(data: Mapping[str, Any], out: str) -> Iterator[Step]:
     if found:
         yield from _steps_of_effects(data, found, out)
     elif data['verdict']['effect'] == 'none':
-        yield Step('Use the parameters; no effect has to be added to the simulation.')
-        yield Step('Identify them from the whole recording:', code=_identify(data, out))
+        yield Step('Leave the simulation as it is: no effect has to be added.')
+        yield Step('Identify its parameters from the whole recording:', code=_identify(data, out))
     elif data['verdict']['effect'] in REFUSALS:
         settings = data['settings']
         check = f'{_bags(settings, data["provenance"]["source"])} {_machine(settings)}'
         yield Step(REFUSALS[data['verdict']['effect']][1], code=f'ident check {check}')
+    elif pushed(data):
+        yield Step(
+            'Look for what else commanded the drives at these instants, held the machine, or '
+            'failed.'
+        )
+        yield Step(
+            'Then record without it, to see what is missing besides:',
+            code=f'ident diagnose NEW_BAG {_machine(data["settings"])} --out {_next(out)}',
+        )
     else:
         where = data['verdict']['where']
         alone = 'the machine' if not where or 'all' in where else f'{" and ".join(where)} alone'
@@ -170,6 +186,8 @@ def _steps_of_effects(
         if loose:
             told = 'Set these parameters with them; they belong to the numbers above:'
         yield Step(told, code='\n'.join(values))
+    if missing:
+        yield from _export(data['settings'], out)
     motions = list(dict.fromkeys(_motions(data)))
     if motions:
         rivals = '; from '.join(motions)
@@ -202,6 +220,13 @@ def _motions(data: Mapping[str, Any]) -> Iterator[str]:
             yield f'{effect.title}: {motion}'
 
 
+def _export(settings: Mapping[str, Any], out: str) -> Iterator[Step]:
+    """Yield how the files of a simulator get the numbers; nothing without a machine file."""
+    if settings.get('machine_file'):
+        code = f'ident export {shlex.quote(out)} --out {shlex.quote(f"{out}_simulator")}'
+        yield Step('Or have URDF, MJCF, Isaac Lab and ros2_control files written:', code=code)
+
+
 def _diagnose(data: Mapping[str, Any], out: str) -> str:
     settings, source = data['settings'], data['provenance']['source']
     return (
@@ -217,7 +242,8 @@ def _identify(data: Mapping[str, Any], out: str) -> str:
 
 
 def _bags(settings: Mapping[str, Any], source: str) -> str:
-    bags = settings.get('bags') or [source or 'BAG']
+    # What was heard on topics is in no bag: the command is for one of them.
+    bags = settings.get('bags') or [source if source not in ('', LIVE) else 'BAG']
     return ' '.join(shlex.quote(str(bag)) for bag in bags)
 
 
@@ -274,7 +300,8 @@ def _diagnose_row(row: Mapping[str, Any], out: str) -> str:
 def of_identification(result: Identification, out: str) -> Iterator[Step]:
     """Yield what to do after an identification; the arguments are as of `of_diagnosis`."""
     if result.outcome is Outcome.IDENTIFIED:
-        yield Step('Use the values of the table below.')
+        yield Step('Use these values; a table below has all digits.')
+        yield from _export(result.settings, out)
     bags = _bags(result.settings, result.provenance.source)
     yield Step(
         'Ask what the model lacks:',
