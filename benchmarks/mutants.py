@@ -2,8 +2,9 @@
 """Change the sources one place at a time, and count the changes that the tests notice.
 
 A mutant has one comparison, operator, number, truth value, `min` or `max`, `break`, or statement
-changed. The tests that belong to its module run on it in a process of their own, without those
-marked slow; where all pass, it survives and is printed. Mutants are drawn at random, by seed.
+changed. The tests of its module run on it in a process of their own, then the rest of its room's,
+without those marked slow; where all pass, it survives and is printed. Mutants are drawn at random,
+by seed. One that takes too long is noticed.
 
 Example: python benchmarks/mutants.py --rooms gap search recording --sample 300
 """
@@ -11,58 +12,101 @@ Example: python benchmarks/mutants.py --rooms gap search recording --sample 300
 import argparse
 import ast
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 import copy
 from dataclasses import dataclass
+import importlib
 import importlib.abc
 import importlib.util
 import os
 from pathlib import Path
 import random
 import resource
+import signal
 import sys
 import time
+from types import ModuleType
 
 ROOT = Path(__file__).parents[1]
-# Modules and the tests that are for them.
-TESTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    'gap': (('criteria', 'explain', 'verdict'), ('test_gap_rules',)),
-    'search': (
-        (
-            'checkpoint',
-            'driver',
-            'genetic',
-            'jacobian',
-            'journal',
-            'operators',
-            'packing',
-            'refine',
-            'starts',
-            'uncertainty',
-        ),
-        (
-            'test_search_journal',
-            'test_search_genetic',
-            'test_search_driver',
-            'test_search_limits',
-            'test_search_refine',
-            'test_search_uncertainty',
-        ),
-    ),
-    'recording': (
-        ('builder', 'damage', 'grid', 'limits', 'mcap_records', 'mcap_scan', 'outliers')
-        + ('segments', 'streams', 'table', 'cdr'),
-        (
-            'test_recording_builder',
-            'test_recording_grid',
-            'test_recording_outliers',
-            'test_recording_streams',
-            'test_recording_table',
-            'test_recording_damage',
-            'test_recording_bag',
-        ),
-    ),
+# Modules of `gap/` that are rules; the others simulate, which takes minutes for each change.
+RULES = ('criteria', 'explain', 'verdict')
+# Modules whose tests start processes or a cluster, and are all slow.
+REMOTE = ('cluster', 'remote')
+# Tests, test/test_*.py, that are for a module and not named after it; they run first.
+OWN: dict[str, str] = {
+    'gap.criteria': 'gap_rules gap_verdict',
+    'gap.explain': 'gap_rules gap_verdict',
+    'gap.verdict': 'gap_verdict gap_rules',
+    'search.algebraic': 'search_linear',
+    'search.driver': 'search_queue search_limits',
+    'search.evaluators': 'search_starts search_driver',
+    'search.evidence': 'search_sums',
+    'search.jacobian': 'search_refine',
+    'search.noise': 'search_uncertainty search_evidence',
+    'search.operators': 'search_genetic search_starts',
+    'search.packing': 'search_starts search_driver',
+    'search.settings': 'search_fit',
+    'recording.cdr': 'recording_bag',
+    'recording.align': 'recording_span',
+    'recording.bag': 'recording_damage recording_ros2_control',
+    'recording.content': 'recording_bag recording_windows',
+    'recording.damage': 'recording_scan',
+    'recording.dataset': 'recording_align recording_span',
+    'recording.grid': 'recording_instants',
+    'recording.table': 'recording_cells',
+    'recording.trajectory': 'recording_follow recording_ros2_control',
+    'recording.db3_scan': 'recording_damage recording_bag',
+    'recording.findings': 'recording_quality',
+    'recording.outliers': 'recording_jumps',
+    'recording.inflate': 'recording_damage recording_bag',
+    'recording.limits': 'recording_damage',
+    'recording.mcap_records': 'recording_scan recording_bag recording_damage',
+    'recording.mcap_scan': 'recording_scan recording_bag recording_damage',
+    'recording.mcap_write': 'recording_damage recording_bag recording_spool',
+    'recording.metadata': 'recording_damage recording_bag',
+    'recording.motion': 'recording_plausible recording_quality',
+    'recording.placing': 'recording_span recording_grid',
+    'recording.plausibility': 'recording_plausible recording_quality',
+    'recording.rosbag1_scan': 'recording_scan recording_bag recording_damage',
+    'recording.segments': 'recording_segments recording_builder',
+    'recording.setpoint': 'recording_follow recording_align',
+    'recording.several': 'recording_places',
+    'recording.shown': 'recording_builder recording_damage',
+    'recording.sqlite_pages': 'recording_pages recording_damage',
+    'recording.smooth': 'recording_follow',
+    'recording.storage': 'recording_bag recording_damage',
+    'recording.table_write': 'recording_cells',
+    'recording.write': 'recording_damage recording_bag',
 }
+# Tests of which those marked slow are quick enough for the modules that they are for.
+QUICK = {
+    'search_algebraic',
+    'search_evidence',
+    'search_journal',
+    'recording_align',
+    'recording_bag',
+    'recording_builder',
+    'recording_damage',
+    'recording_grid',
+    'recording_outliers',
+    'recording_spool',
+}
+# What is loaded before the first mutant; none of it imports a room.
+LOADED = (
+    'hypothesis',
+    'numba',
+    'pytest',
+    'rosbags.highlevel',
+    'scipy.optimize',
+    'scipy.signal',
+    'scipy.stats',
+    'yaml',
+    'ros2_ident.models',
+    'ros2_ident.reference',
+)
+# Tests of a room that are left out: they draw at random for long, or read other data.
+LEFT_OUT = {'recording_fuzz', 'recording_shared', 'search_belt', 'search_remote'}
+ROOMS = ('gap', 'search', 'recording')
 COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Lt: ast.LtE,
     ast.LtE: ast.Lt,
@@ -89,7 +133,8 @@ OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
     ast.RShift: ast.LShift,
 }
 _ORDERED = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
-CPU = 120  # s that the tests of one mutant may take
+# s that the tests of one mutant may take, of the processor and by the clock
+CPU, CLOCK = 30, 600
 
 
 @dataclass(frozen=True)
@@ -222,24 +267,99 @@ class Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         exec(compile(tree, str(self.path), 'exec'), module.__dict__)
 
 
-def passes(mutant: Mutant | None, tests: Sequence[str]) -> bool:
-    """Return whether all tests pass in a process with a mutant, or without one."""
+def modules(room: str) -> list[str]:
+    """Return the modules of a room that are changed."""
+    if room == 'gap':
+        return list(RULES)
+    names = sorted(path.stem for path in (ROOT / 'ros2_ident' / room).glob('*.py'))
+    return [name for name in names if name != '__init__' and name not in REMOTE]
+
+
+Tests = tuple[str, list[str]]  # which, of which files
+
+
+def tests(room: str, module: str, *, own: bool = False) -> Iterator[Tests]:
+    """Yield a module's tests, the room's others, and the module's that are slow but `QUICK`.
+
+    Where `own`, only the first of these.
+    """
+    whole = sorted(path.stem.removeprefix('test_') for path in (ROOT / 'test').glob('test_*.py'))
+    named = [f'{room}_{module}'] if f'{room}_{module}' in whole else []
+    first = list(dict.fromkeys([*named, *OWN.get(f'{room}.{module}', '').split()]))
+    yield 'not slow', _files(first)
+    if own:
+        return
+    if room != 'gap':
+        others = {x for x in whole if x.startswith(f'{room}_')} - {*first, *LEFT_OUT}
+        yield 'not slow', _files(sorted(others))
+    yield 'slow', _files(x for x in first if x in QUICK)
+
+
+def every(room: str, *, own: bool = False) -> list[Tests]:
+    """Return all tests that any module of a room has."""
+    files: dict[str, set[str]] = {'not slow': set(), 'slow': set()}
+    for module in modules(room):
+        for which, names in tests(room, module, own=own):
+            files[which] |= {*names}
+    return [(which, sorted(names)) for which, names in files.items()]
+
+
+def _files(names: Iterable[str]) -> list[str]:
+    return [f'test/test_{name}.py' for name in names]
+
+
+class _Fair:
+    """Lets no test fail for the machine's being busy, and tells which one has failed."""
+
+    def __init__(self, told: int) -> None:
+        self.told = told
+
+    def pytest_sessionstart(self, session) -> None:  # type: ignore[no-untyped-def]
+        """Take the limits of time away, those of every test and those of drawn examples."""
+        from hypothesis import settings
+
+        for plugin in session.config.pluginmanager.get_plugins():
+            if isinstance(plugin, ModuleType) and plugin.__name__ == 'conftest':
+                plugin.LIMIT = float('inf')  # type: ignore[attr-defined]
+        settings.register_profile('fair', settings.get_profile('fixed'), deadline=None)
+        settings.load_profile('fair')
+
+    def pytest_runtest_logreport(self, report) -> None:  # type: ignore[no-untyped-def]
+        """Write the name of a test that fails."""
+        if report.failed:
+            os.write(self.told, report.nodeid.encode())
+
+
+def noticed(mutant: Mutant | None, groups: Iterable[Tests]) -> str:
+    """Return what fails in a process with a mutant, or without one; empty where nothing does."""
+    source, told = os.pipe()
     child = os.fork()
     if child:
-        return os.waitpid(child, 0)[1] == 0
+        os.close(told)
+        status = os.waitpid(child, 0)[1]
+        said = os.read(source, 1 << 12).decode()
+        os.close(source)
+        ended = 'takes too long' if os.WIFSIGNALED(status) else 'no test is collected'
+        return (said or ended) if status else ''
     code = 1
     try:
         resource.setrlimit(resource.RLIMIT_CPU, (CPU, CPU))
         resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
+        signal.alarm(CLOCK)
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, 1)
         os.dup2(nowhere, 2)
         if mutant is not None:
+            assert mutant.module not in sys.modules, 'what the parent imports is not changed'
             sys.meta_path.insert(0, Finder(mutant))
         import pytest
 
-        words = ['-x', '-q', '-p', 'no:cacheprovider', '-m', 'not slow', '--no-header']
-        code = int(pytest.main([*words, *(f'test/{x}.py' for x in tests)]))
+        words = ['-x', '-q', '-p', 'no:cacheprovider', '--no-header', '-k', 'not fast_enough']
+        for which, files in groups:
+            if files:
+                code = int(pytest.main([*words, '-m', which, *files], plugins=[_Fair(told)]))
+                if code:
+                    break
     finally:
         os._exit(code != 0)
 
@@ -247,24 +367,24 @@ def passes(mutant: Mutant | None, tests: Sequence[str]) -> bool:
 def main() -> None:
     """Draw, change, test, count."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--rooms', nargs='*', choices=tuple(TESTS), default=list(TESTS))
+    parser.add_argument('--rooms', nargs='*', choices=ROOMS, default=list(ROOMS))
     parser.add_argument('--modules', nargs='*', default=[], help='only these')
     parser.add_argument('--sample', type=int, default=0, help='mutants; all where 0')
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--own', action='store_true', help='only the tests of the module itself')
+    parser.add_argument('--killed', action='store_true', help='print what noticed a mutant, too')
     parser.add_argument('--minutes', type=float, default=1e9, help='end after this time')
     args = parser.parse_args()
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))
-    import hypothesis  # noqa: F401
-    import numba  # noqa: F401
-    import rosbags.highlevel  # noqa: F401
-    import scipy.optimize  # noqa: F401
-    import scipy.signal  # noqa: F401
+    # What every process needs and no room is in is loaded once.
+    for name in LOADED:
+        importlib.import_module(name)
 
     drawn = [
         mutant
         for room in args.rooms
-        for module in TESTS[room][0]
+        for module in modules(room)
         if not args.modules or module in args.modules
         for mutant in mutants(room, module)
     ]
@@ -272,17 +392,19 @@ def main() -> None:
     random.Random(args.seed).shuffle(drawn)
     drawn = drawn[: args.sample or whole]
     for room in args.rooms:
-        if not passes(None, TESTS[room][1]):
-            sys.exit(f'the tests of {room} do not pass as it is')
+        if wrong := noticed(None, every(room, own=args.own)):
+            sys.exit(f'the tests of {room} do not pass as it is: {wrong}')
     begin, killed, count = time.monotonic(), Counter[str](), Counter[str]()
     for mutant in drawn:
         if time.monotonic() - begin > 60.0 * args.minutes:
             break
         count[mutant.room] += 1
-        if passes(mutant, TESTS[mutant.room][1]):
-            print(f'survives: {mutant.module}:{mutant.line} {mutant.said}', flush=True)
-        else:
-            killed[mutant.room] += 1
+        module = mutant.module.rpartition('.')[2]
+        by = noticed(mutant, list(tests(mutant.room, module, own=args.own)))
+        killed[mutant.room] += bool(by)
+        if args.killed or not by:
+            word = f'killed by {by}' if by else 'survives'
+            print(f'{word}: {mutant.module}:{mutant.line} {mutant.said}', flush=True)
     for room in args.rooms:
         share = 100.0 * killed[room] / max(1, count[room])
         print(f'{room}: {killed[room]} of {count[room]} killed, {share:.0f} %')

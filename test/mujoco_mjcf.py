@@ -12,12 +12,15 @@ from ros2_ident.models import Machine
 HARD = 'solref="1e-3 1" solimp="0.9999 0.9999 1e-3 0.5 1"'
 
 
-def tripod_mjcf(machine: Machine, values: Mapping[str, float]) -> str:
+def tripod_mjcf(
+    machine: Machine, values: Mapping[str, float], integrator: str = 'implicitfast'
+) -> str:
     """Return a tripod whose drives have a P controller on their velocity, without feed-forward.
 
     Args:
         machine: A tripod, its law `cascade_p`.
         values: `tool_mass`, `drive_inertia`, `coulomb_torque` and `viscous_torque`.
+        integrator: MuJoCo's; Euler holds the actuators' forces over a cycle, as a controller does.
     """
     gear, radius = machine.number('gear_factor'), machine.number('rail_radius')
     stiff = machine.number('velocity_gain') * gear
@@ -45,7 +48,7 @@ def tripod_mjcf(machine: Machine, values: Mapping[str, float]) -> str:
     axes = zip('xyz', ('1 0 0', '0 1 0', '0 0 1'), strict=True)
     slides = ''.join(f'<joint name="tool_{n}" type="slide" axis="{a}"/>' for n, a in axes)
     return (
-        f'<mujoco><option timestep="{machine.number("cycle")!r}" integrator="implicitfast" '
+        f'<mujoco><option timestep="{machine.number("cycle")!r}" integrator="{integrator}" '
         f'gravity="0 0 {-machine.number("gravity")!r}"/><compiler autolimits="true"/>'
         f'<worldbody>{"".join(bodies)}<body name="tool" pos="0 0 {-depth!r}">{slides}'
         f'<inertial pos="0 0 0" mass="{values["tool_mass"]!r}" diaginertia="1e-3 1e-3 1e-3"/>'
