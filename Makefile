@@ -16,7 +16,7 @@ demo: setup ## replay a bag into the identifier node and watch it find the param
 	@. ./env.sh; tools/demo.sh
 
 test: setup ## all tests; ARGS='-k search' for some
-	@. ./env.sh; python -m pytest test $(ARGS)
+	@. ./env.sh; tools/test.sh $(ARGS)
 
 lint: setup ## ruff, mypy, imports, licence headers
 	@. ./env.sh; tools/lint.sh
