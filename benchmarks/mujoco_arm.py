@@ -19,7 +19,6 @@ from pathlib import Path
 import tempfile
 
 from matplotlib.figure import Figure
-import mujoco
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
@@ -113,6 +112,8 @@ def signs_by_droop(mjcf, places, short):
 
     Each row has the RMS left [rad], the cost, the signs, zeros [rad] and gains [N m/rad].
     """
+    import mujoco
+
     model = mujoco.MjModel.from_xml_path(str(mjcf))
     data = mujoco.MjData(model)
 
@@ -198,6 +199,8 @@ def clues(mjcf, signs, zero, data, left):
         data: The recording.
         left: (5, K) what is left [rad].
     """
+    import mujoco
+
     model = mujoco.MjModel.from_xml_path(str(mjcf))
     state = mujoco.MjData(model)
     seen = np.flatnonzero(np.isfinite(data.position).all(axis=0))
