@@ -328,6 +328,22 @@ def test_a_kind_that_compares_two_quantities_of_a_drive_is_refused() -> None:
     belt = load_machine(Path(__file__).parents[1] / 'config/belt_drive.yaml')
     row = np.sin(np.linspace(0.0, 6.0, 400))[None]
     data = Dataset(belt.drives, belt.number('cycle'), 0, row, 0.0 * row, row, 0.0 * row, row)
-    with pytest.raises(IdentError, match='compares 2 outputs of 1 drives') as error:
+    with pytest.raises(IdentError, match='compares 2 outputs of 1 drives.*name it') as error:
         diagnose(belt, [data])
     assert error.value.code is ErrorCode.INVALID_GOAL
+    (model,) = recordings_of(belt, [data], output='position').models
+    assert [(o.quantity, o.unit) for o in model.outputs] == [('position', 'rad')]
+
+
+def test_the_gap_of_a_position_is_diagnosed_with_an_effort_beside_it() -> None:
+    rng = np.random.default_rng(8)
+    logs = []
+    for seed in (1, 2):
+        data = recording(seed, (stribeck(),))
+        noisy = data.position + 1e-6 * rng.standard_normal(data.position.shape)
+        logs.append(replace(data, position=noisy))
+    found = diagnose(MACHINE, logs[:1], logs[1:], output='position', seed=3)
+    assert (found.effect, found.where, found.unit) == ('stribeck', ('lift',), 'm')
+    assert found.per_drive['lift'].noise_floor == pytest.approx(1e-6, rel=0.1)
+    # Gates go by the effort, whatever is compared: none takes metres for newton metres.
+    assert not [text for *_, text in found.gates if 'where the noise is' in text]

@@ -66,8 +66,23 @@ def test_the_tripods_motion_is_the_references(data) -> None:
     assert all(missed[q] < TOLERANCE[q] for q in ALL), missed
 
 
+P_LAW = {'law': 'cascade_p', 'integral_gain': 0.0}
+
+
+def test_a_tripod_whose_controllers_have_no_integral_part_sags_as_the_reference_does() -> None:
+    plain = yaml.safe_load(FILE.read_text())
+    machine = machine_from_mapping({**plain, 'controller': {**plain['controller'], **P_LAW}})
+    motion = draw_motion('multi_point', machine, 2.0, 5)
+    command = motion.position, motion.velocity
+    log = simulate_tripod(machine, TRUTH, *command)
+    assert np.all(command[0][:, 0] - log.position[:, 0] > 1e-5), 'weight shows in the position'
+    missed = misses(Tripod(machine, dataset(log, command), quantities=ALL), log)
+    assert all(missed[q] < TOLERANCE[q] for q in ALL), missed
+
+
 @pytest.mark.parametrize('elastic', [True, False])
-def test_an_axis_motion_is_the_references(elastic: bool) -> None:
+@pytest.mark.parametrize('law', [{}, P_LAW], ids=['pi', 'p'])
+def test_an_axis_motion_is_the_references(elastic: bool, law: dict) -> None:
     units = (
         {'drive_inertia': 'kg m^2', 'gear_stiffness': 'N/m', 'gear_damping_ratio': '1'}
         if elastic
@@ -78,10 +93,10 @@ def test_an_axis_motion_is_the_references(elastic: bool) -> None:
         {
             'machine': 'linear_axis',
             'drives': ['lift'],
-            'geometry': {'gravity': 9.81 if elastic else 0.0},
+            'geometry': {'gravity': 9.81 if elastic or law else 0.0},
             'drive': {'gear_factor': 78.54, 'coulomb_regularisation': 5e-3}
             | ({'rail_mass': 1.5} if elastic else {}),
-            'controller': yaml.safe_load(FILE.read_text())['controller'],
+            'controller': yaml.safe_load(FILE.read_text())['controller'] | law,
             'parameters': {name: [0.0, 2.0 * values[name], unit] for name, unit in units.items()},
         }
     )

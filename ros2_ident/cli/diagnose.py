@@ -6,7 +6,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 import time
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
     add_bags,
@@ -105,6 +105,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='hold a parameter',
     )
     complete(fix, parameters)
+    parser.add_argument(
+        '--output',
+        choices=('effort', 'position', 'velocity'),
+        help='quantity whose gap is diagnosed; by default what the kind of machine compares: the '
+        'effort, of a servo and an MJCF the position',
+    )
     parser.add_argument('--seed', type=whole, default=1, help='same seed and data, same diagnosis')
     parser.add_argument(
         '--seconds', type=not_negative, default=0.0, metavar='N', help='stop after N seconds'
@@ -143,8 +149,11 @@ def run(args: argparse.Namespace) -> int:
         )
     machine = machine_of(args)
     topics, conditions = topics_of(args), conditions_of(args)
-    fit = read_data(args.bag, machine, args.drives, topics=topics)
-    check = read_data(args.check, machine, args.drives, topics=topics) if args.check else None
+    read: dict[str, Any] = {'topics': topics}
+    if args.output is not None:
+        read['quantities'] = (args.output,)
+    fit = read_data(args.bag, machine, args.drives, **read)
+    check = read_data(args.check, machine, args.drives, **read) if args.check else None
     with sole_writer(args.out, OF_DIAGNOSIS) if args.out else nullcontext() as out:
         if out is not None and not args.no_overlay:
             require_place(out / OVERLAY, fit, [*args.bag, *args.check])
@@ -180,6 +189,7 @@ def run(args: argparse.Namespace) -> int:
                 drives=args.drives,
                 without=args.without,
                 fixed=fixed,
+                output=args.output,
                 seed=args.seed,
                 seconds=args.seconds,
                 cancelled=cancel.is_set,
@@ -194,6 +204,7 @@ def run(args: argparse.Namespace) -> int:
                     'check_bags': args.check,
                     'drives': args.drives or machine.drives,
                     'without_effects': args.without,
+                    **({'output': args.output} if args.output else {}),
                     'fixed': fixed,
                     'time_budget': args.seconds,
                 }

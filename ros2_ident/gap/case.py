@@ -54,6 +54,7 @@ def recordings_of(
     *,
     drives: Sequence[str] | None = None,
     fixed: Mapping[str, float] | None = None,
+    output: str | None = None,
     labels: Sequence[str] = (),
     beside: Sequence[Dataset] = (),
 ) -> Recordings:
@@ -64,6 +65,8 @@ def recordings_of(
         data: The recordings, on the controller's grid.
         drives: The drives compared; all by default.
         fixed: Parameters not to be identified.
+        output: Quantity that is compared: `effort`, `position` or `velocity`; what the machine's
+            kind compares where None.
         labels: For each recording, the bag it came from.
         beside: The machine's other recordings: what drives do on them bounds effects, too.
 
@@ -71,8 +74,12 @@ def recordings_of(
         IdentError: As `make_model`; INVALID_GOAL where a kind compares more than one quantity.
     """
     efforts = efforts_of(machine, [*data, *beside])
+    quantities = None if output is None else (output,)
     models = [
-        make_model(machine, d, drives=drives, fixed=fixed, efforts=efforts) for d in data
+        make_model(
+            machine, d, drives=drives, fixed=fixed, efforts=efforts, quantities=quantities
+        )
+        for d in data
     ]
     _one_output_a_drive(models)
     return Recordings(tuple(models), tuple(labels))
@@ -95,7 +102,7 @@ def _one_output_a_drive(models: Sequence[FullModel]) -> None:
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
                 f'a {model.name} compares {len(model.outputs)} outputs of '
-                f'{len(model.places)} drives; a diagnosis takes one output of each',
+                f'{len(model.places)} drives; a diagnosis takes one of each: name it (`output`)',
             )
 
 

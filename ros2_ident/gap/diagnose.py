@@ -67,6 +67,7 @@ def diagnose(
     drives: Sequence[str] | None = None,
     without: Sequence[str] = (),
     fixed: Mapping[str, float] | None = None,
+    output: str | None = None,
     labels: Sequence[str] = (),
     check_labels: Sequence[str] = (),
     conditions: Conditions | None = None,
@@ -91,6 +92,8 @@ def diagnose(
         drives: Drives to look at; all by default.
         without: Ids of effects to leave out of the catalogue.
         fixed: Parameters not to be identified.
+        output: Quantity whose gap is looked at: `effort`, `position` or `velocity`; what the
+            machine's kind compares where None.
         labels: For each recording in `fit`, the bag it came from.
         check_labels: For each recording in `check`, likewise.
         conditions: How the recordings differ.
@@ -122,7 +125,10 @@ def diagnose(
         )
     else:
         first, second = (
-            recordings_of(machine, data, drives=drives, fixed=fixed, labels=names, beside=beside)
+            recordings_of(
+                machine, data,
+                drives=drives, fixed=fixed, output=output, labels=names, beside=beside,
+            )
             for data, names, beside in ((fit, labels, check), (check, check_labels, fit))
         )
     if conditions is not None:

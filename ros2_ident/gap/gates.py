@@ -34,7 +34,9 @@ def run_gates(
     machine = models[0].machine
     report = GateReport()
     if machine is not None:
-        noise = None if floor is None else floor.per_drive
+        # What the gates hold against noise is the effort.
+        of_effort = models[0].outputs[0].quantity == 'effort'
+        noise = floor.per_drive if floor is not None and of_effort else None
         report = examine(machine, [m.data for m in models], models[0].places, noise)
     steps = [] if theta is None else check_step(models[0], theta, floor)
     return GateReport((*report.gates, *steps), report.laws, report.asked)

@@ -301,9 +301,21 @@ def set_point(command, base, count, k, delay, cycle, delayed):
 
 
 @inlined
-def begin(mem, own, z, v, cycle, torque):
+def sag(par, first, law, hold):
+    """Return how far [m] below its set-point a motor rests whose gear carries `hold` [N].
+
+    Without an integral part the position error has to hold a load.
+    """
+    if law != VELOCITY_FROM_POSITIONS:
+        return spread(0.0)
+    gains = load(par, (first + KP) * W) * load(par, (first + KV) * W)
+    return at_motor(par, first, hold) / gains
+
+
+@inlined
+def begin(mem, own, law, z, v, cycle, torque):
     """Write what a drive remembers: it came to z at rate v, and `torque` [N m] was commanded."""
-    store(mem, (own + INTEGRAL) * W, torque)
+    store(mem, (own + INTEGRAL) * W, spread(0.0) if law == VELOCITY_FROM_POSITIONS else torque)
     hooks.command_begun(mem, own, torque)
     store(mem, (own + ANCHOR) * W, z)
     store(mem, (own + LAST_READ) * W, z - v * cycle)

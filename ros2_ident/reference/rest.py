@@ -211,11 +211,13 @@ def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
     true_load = static_loads(x, plant)
     load = true_load if plant.settled else static_loads(carriages_at(nominal, start), nominal)
     shared[at.FRAME_PRELOAD] = _on_frame(plant, x, true_load)
+    without = drive[:, at.LAW] == 1.0
+    if without.any():
+        gains = drive[:, at.GEAR] * drive[:, at.VELOCITY_GAIN] * drive[:, at.POSITION_GAIN]
+        # The platform sinks with what carries it, or the rods would pull it down at once.
+        x = carriages_at(plant, start - np.where(without, load / gains, 0.0))
     for i in range(count):
         d = drive[i]
-        if d[at.LAW] == 1.0:
-            stiffness = d[at.GEAR] * d[at.VELOCITY_GAIN] * d[at.POSITION_GAIN]
-            x[i] = x[count + i] = start[i] - load[i] / stiffness
         if shared[at.RIGID] == 0.0:
             x[i] = motor_ahead(plant, i, x[count + i], load[i])
         elif d[at.LOAD_SHARE] > 0.0:

@@ -55,6 +55,8 @@ def diagnose(order: dict[str, str], fence: Fence) -> dict[str, Any]:
 
     fence.open_to = tuple(os.path.abspath(order[k]) for k in ('fit', 'check', 'machine', 'out'))
     words = ['diagnose', order['fit'], '--check', order['check'], '--machine', order['machine']]
+    if 'output' in order:
+        words += ['--output', order['output']]
     text = io.StringIO()
     begin, cpu = time.monotonic(), time.process_time()
     error = ''

@@ -212,6 +212,8 @@ def _build(digest):
                     at = spread(start[d])
                     v = spread(start[drives + d])
                     hold = _weight(par, first, supply, at)
+                    if mode[d] == dk.CLOSED_LOOP and start[drives + d] == 0.0:
+                        at = at - dk.sag(par, first, law[d], hold)
                     stretch = zero
                     if not rigid[d]:
                         mem = all_mem[d * mine : (d + 1) * mine]
@@ -227,7 +229,7 @@ def _build(digest):
                     if rigid[d]:
                         moved = moved + load(par, (first + dk.RAIL_MASS) * W)
                     store(mem, dk.LIGHTNESS * W, 1.0 / moved)
-                    dk.begin(mem, 0, z, v, cycle, dk.at_motor(par, first, hold))
+                    dk.begin(mem, 0, law[d], z, v, cycle, dk.at_motor(par, first, hold))
             for begun in range(begin, end, measurement.PIECE):
                 cycles = min(measurement.PIECE, end - begun)
                 for d in range(drives):

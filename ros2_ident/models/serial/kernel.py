@@ -142,7 +142,8 @@ def _build(digest):
                 for d in range(drives):
                     z = spread(motion[d * count])
                     v = spread(motion[(drives + d) * count])
-                    dk.begin(all_mem[d * mine : (d + 1) * mine], 0, z, v, cycle, zero)
+                    mem = all_mem[d * mine : (d + 1) * mine]
+                    dk.begin(mem, 0, dk.VELOCITY_FROM_STATE, z, v, cycle, zero)
             for begun in range(begin, end, measurement.PIECE):
                 cycles = min(measurement.PIECE, end - begun)
                 for d in range(drives):

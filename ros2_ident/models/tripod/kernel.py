@@ -265,6 +265,9 @@ def _build(digest):
                     # Gravity only: what else pulls at the start is not known to the integral part.
                     hold = load(link, (6 + d) * W)
                     flags = dk.flags_of(on, d)
+                    if dk.closed_loop(mode, d):
+                        s = s - dk.sag(par, first, law[d], hold)
+                        store(place, (CARRIAGE + d) * W, s)
                     z = dk.stand(par, first, mem, own, flags, s, hold, 0.0)
                     if not dk.closed_loop(mode, d):
                         # There the recorded motion is the motor's.
@@ -273,7 +276,7 @@ def _build(digest):
                     store(place, (MOTOR + d) * W, z)
                     moved = load(par, (first + dk.MOTOR_MASS) * W)
                     store(mem, (own + dk.LIGHTNESS) * W, 1.0 / moved)
-                    dk.begin(mem, own, z, zero, cycle, dk.at_motor(par, first, hold))
+                    dk.begin(mem, own, law[d], z, zero, cycle, dk.at_motor(par, first, hold))
             for k in range(begin, end):
                 time = spread(k * cycle)
                 piece = k % measurement.PIECE
