@@ -230,6 +230,7 @@ def test_cancel_is_answered_at_once_and_keeps_the_best(shared: Any) -> None:
         ({'machine_file': str(ROOT / 'Makefile')}, 'BAD_MACHINE_FILE', 'Makefile'),
         ({'drives': ['drive_9']}, 'INVALID_GOAL', 'drive_9'),
         ({'without_effects': ['gremlins']}, 'UNKNOWN_PARAMETER', "no effect is called 'gremlins'"),
+        ({'output': 'torque'}, 'INVALID_GOAL', "output is 'torque'; choose from effort, position"),
         ({'time_budget': -1.0}, 'INVALID_GOAL', 'time_budget is -1'),
     ],
 )

@@ -72,8 +72,9 @@ def not_asked(
             if not found.pushes:
                 continue
             d = model.places.index(found.drive)
-            noise = float(floor.per_drive[d])
-            said = ', '.join(p.said(model.outputs[d].unit) for p in found.pushes)
+            of_effort = model.outputs[d].quantity == 'effort'
+            noise = float(floor.per_drive[d]) if of_effort else 0.0
+            said = ', '.join(p.said(model.effort_unit) for p in found.pushes)
             said += f' of recording {number}' if len(asked) > 1 else ''
             text = (
                 f'{found.drive}: made what the command did not ask for at {said}; up to '

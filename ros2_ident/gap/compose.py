@@ -30,7 +30,7 @@ from ros2_ident.gap.verdict import (
     Verdict,
 )
 from ros2_ident.gap.wording import length
-from ros2_ident.models import EffectAt
+from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.search import intervals
 from ros2_ident.search.evidence import Evidence
 
@@ -92,7 +92,7 @@ def compose(
         effect=verdict.effect,
         where=verdict.where,
         probability=verdict.probability,
-        sentence=_sentence(verdict, explainer, found, floor, model.unit, share.value)
+        sentence=_sentence(verdict, explainer, found, floor, model, share.value)
         + _bounded(values),
         also=verdict.also,
         confusable=tuple(
@@ -318,13 +318,13 @@ def _sentence(
     explainer: Explainer,
     found: Explained,
     floor: Floor,
-    unit: str,
+    model: FullModel,
     share: float,
 ) -> str:
     """Return the answer in words, behind what has to be said first."""
     # One share, on data held out, wherever a diagnosis states one.
     closed = share if len(found.chain) > 1 else verdict.closed
-    said = _answer(verdict, explainer, found, floor, unit, closed)
+    said = _answer(verdict, explainer, found, floor, model, closed)
     return f'{verdict.first} {said}' if verdict.first else said
 
 
@@ -333,12 +333,13 @@ def _answer(
     explainer: Explainer,
     found: Explained,
     floor: Floor,
-    unit: str,
+    model: FullModel,
     closed: float,
 ) -> str:
     size = explainer.size(found.chain[0])
     if verdict.effect in REFUSED:
         return 'No effect is named.'
+    unit, effort = model.unit, model.effort_unit
     level = f'{float(np.mean(floor.per_drive)):.4g} {unit}'
     if verdict.effect == NONE and size < explainer.rules.material:
         return (
@@ -386,8 +387,9 @@ def _answer(
         for r in verdict.readings
     )
     steps += ''.join(
-        f' The logged effort of {drive} stays at about {size:.3g} {unit} wherever its control law '
-        'asks for more. No constant limit repeats its course, so it does not count as closed.'
+        f' The logged effort of {drive} stays at about {size:.3g} {effort} wherever '
+        'its control law asks for more. No constant limit repeats its course, so it does not '
+        'count as closed.'
         for drive, size in verdict.limits.items()
     )
     more = ''.join(f', then {get_effect(a.effect).title} on {a.where}' for a in verdict.also)

@@ -365,7 +365,7 @@ class _Passes:
         clock.step(0.0, 'saying where')
         where: tuple[Finding, ...] = ()
         model = begun.case.fit.models[0]
-        verdict = of_pushes(verdict, begun.report, model.unit)
+        verdict = of_pushes(verdict, begun.report, model.effort_unit)
         if verdict.pushed:
             # What a fit makes of efforts that others added is no finding.
             found = replace(found, chain=found.chain[:1], rivals=(), rests=())

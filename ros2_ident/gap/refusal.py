@@ -119,11 +119,11 @@ def of_what_is_left(
         return found, verdict
     names = tuple(name for name, gone in zip(case.drives, lost, strict=True) if gone)
     worst = int(np.argmax(np.where(lost, left, 0.0)))
-    unit = case.fit.models[0].unit
+    unit, what = case.fit.models[0].unit, case.fit.models[0].outputs[worst].quantity
     tried = 'with the effects that close most' if len(found.chain) > 1 else 'with every effect'
     first = (
         f'The model is not the one of this machine: {tried} it still misses '
-        f'{100.0 * left[worst] / varies[worst]:.0f} % of what varies in the effort of '
+        f'{100.0 * left[worst] / varies[worst]:.0f} % of what varies in the {what} of '
         f'{case.drives[worst]} ({left[worst]:.3g} {unit}, {gap[worst]:.3g} times the noise floor).'
     )
     plain = replace(found, chain=found.chain[:1], rivals=(), rests=())

@@ -37,6 +37,7 @@ class DiagnoseRequest:
         conditions: What differs between the bags.
         topics: Names of the topics in the bags.
         without: Ids of effects to leave out of the catalogue.
+        output: Quantity whose gap is diagnosed; what the kind of machine compares where None.
         threads: Threads that simulate; one for each processor where None.
         seconds: Time budget, s; 0 for none.
         seed: Of the random generator.
@@ -52,6 +53,7 @@ class DiagnoseRequest:
     conditions: Conditions = Conditions()
     topics: Topics = field(default_factory=Topics)
     without: tuple[str, ...] = ()
+    output: str | None = None
     threads: int | None = None
     seconds: float = 0.0
     seed: int = 1
@@ -66,6 +68,7 @@ class DiagnoseRequest:
             'fit_bags': list(self.fit_paths),
             'check_bags': list(self.check_paths),
             'without_effects': list(self.without),
+            **({'output': self.output} if self.output else {}),
             'time_budget': self.seconds,
             'seed': self.seed,
             **self.conditions.plain(),
@@ -127,11 +130,12 @@ def run_diagnosis(
     tell(DiagnoseProgress('reading the recordings', 0.0, '', 0.0, math.nan))
     machine, drives = request.machine, request.drives
     heard = recordings_of(request.fit_paths, request.topics, buffer)
-    fit = gather(heard, machine, drives)
+    compared = None if request.output is None else (request.output,)
+    fit = gather(heard, machine, drives, quantities=compared)
     check = None
     if request.check_paths:
         recordings = recordings_of(request.check_paths, request.topics, None)
-        check = gather(recordings, machine, drives)
+        check = gather(recordings, machine, drives, quantities=compared)
 
     digests = fit.sha256 or digest_of(heard), check.sha256 if check else ''
     asked = 'diagnose', machine.digest, request.configuration, *digests
@@ -150,6 +154,7 @@ def run_diagnosis(
         conditions=request.conditions,
         drives=drives,
         without=request.without,
+        output=request.output,
         seed=request.seed,
         cancelled=stop,
         on_progress=tell,
@@ -176,5 +181,8 @@ def _declared(
     if found.where and found.effect in CATALOGUE:
         effects += [EffectAt(found.effect, found.where[0]), *found.also]
     effects = list(dict.fromkeys(effects))
-    model = make_model(request.machine, dataset, drives=request.drives, effects=effects)
+    compared = None if request.output is None else (request.output,)
+    model = make_model(
+        request.machine, dataset, drives=request.drives, effects=effects, quantities=compared
+    )
     return {parameter.name: parameter for parameter in model.parameters}

@@ -14,7 +14,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
 from ros2_ident.identify.data import chosen_drives
 from ros2_ident.identify.layout import Conditions, read_conditions
-from ros2_ident.identify.outputs import read_outputs
+from ros2_ident.identify.outputs import QUANTITIES, read_outputs
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.models.new_file import arm_from_topic
@@ -128,11 +128,21 @@ def diagnose_request_of(
         conditions=_conditions(goal, parameters),
         topics=_topics(parameters),
         without=tuple(goal.without_effects),
+        output=_output(goal.output),
         threads=_threads(parameters, receiving),
         seconds=goal.time_budget or parameters['time_budget'],
         seed=goal.seed or parameters['seed'],
         output_directory=parameters['output_directory'],
     )
+
+
+def _output(name: str) -> str | None:
+    """Return the quantity that a goal names; None where it names none."""
+    if not name:
+        return None
+    if name not in QUANTITIES:
+        raise _refuse(f'output is {name!r}; choose from {", ".join(QUANTITIES)}')
+    return name
 
 
 def _check_ranges(goal: Any) -> None:
