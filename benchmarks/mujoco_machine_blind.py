@@ -522,6 +522,18 @@ def alike(row, twin):
     return one['effect'] == other['effect'] or same(one['effect'], one['where'], truth)
 
 
+def compatible(row, twin):
+    """Whether either names what the other calls not to be told from its own."""
+    one, other = row['verdict'], twin['verdict']
+
+    def among(verdict, said):
+        truth = {'effect': verdict['effect'], 'where': verdict['where']}
+        sets = ((c['effect'], c['where']) for c in said['confusable'])
+        return any(same(effect, where, truth) for effect, where in sets)
+
+    return alike(row, twin) or among(one, twin) or among(other, row)
+
+
 def told(row):
     """Return a verdict in words."""
     if 'verdict' not in row:
@@ -564,6 +576,10 @@ def figures_of(rows, twins):
     lines.append(
         f"| the package's own tripod says the same | | {figure(same_said)} of {same_said.count} | "
         '| 95 % |'
+    )
+    near = share('', both, lambda row: compatible(row, twins[row['case']]))
+    lines.append(
+        f'| or what either cannot tell from its own | | {figure(near)} of {near.count} | | |'
     )
     return lines
 

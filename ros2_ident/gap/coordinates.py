@@ -107,7 +107,7 @@ def motion_of(model: FullModel, theta: Array) -> Motion:
     same = model.outputs[0].quantity == 'effort'
     torque = output if same else model.simulated_effort(theta)
     turn = np.array([model.motor_turn(place) for place in model.places])
-    travel = model.machine.travel_unit if model.machine is not None else ''
+    travel = model.travel[0] if model.machine is not None else ''
     if source is None:
         # A model that does not tell how its drives move.
         still = np.zeros_like(torque)

@@ -325,6 +325,7 @@ class Identifier(Node):
         self.capture.clear()
         if not self.worker.busy:
             self.board.change(Status.STATE_WAITING, 'no data yet')
+            self.worker.tidy()
         response.success = True
         response.message = f'{count} messages are forgotten'
         return response

@@ -107,6 +107,10 @@ class Worker:
 
         self._work.put(work)
 
+    def tidy(self) -> None:
+        """Have memory that is of no use any more given back when the thread has nothing to do."""
+        self._work.put(_nothing)
+
     def cancel(self) -> None:
         """Ask the job to end with the best so far."""
         self._cancel.set()

@@ -236,7 +236,9 @@ class Candidates:
         kind: Kind = 'measurement' if effect.group == 'measurement' else 'physical'
         prefix = effect.id if at.where == 'all' else f'{at.where}.{effect.id}'
         turns = self._travels[places[0]] == 'rad'
-        effort = 'N m' if turns else self._machine.model_unit
+        # A machine of joints that turn may have one that slides.
+        linear = 'N' if self._machine.travel_unit == 'rad' else self._machine.model_unit
+        effort = 'N m' if turns else linear
         out: list[tuple[Parameter, Target]] = []
         for p in self.scaled(at):
             name, unit = f'{prefix}.{p.name}', p.unit.replace('effort', effort)

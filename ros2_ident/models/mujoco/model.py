@@ -11,6 +11,7 @@ import numpy as np
 from ros2_ident.effects import CATALOGUE, Context, EffectParameter, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
+from ros2_ident.machine.lever import per_metre
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.drives.candidates import Candidates
@@ -84,7 +85,7 @@ class Mujoco(FullModel):
         self._parts = self._declared()
         self._candidates = Candidates(
             machine, self.drives, effects, self._fixed, self._base, True, self._efforts,
-            ('rad',) * len(machine.drives), self._parts,
+            tuple('m' if at.slides else 'rad' for at in self.plant.places), self._parts,
         )  # fmt: skip
         order = [data.names.index(name) for name in machine.drives]
         self._command = np.asarray(data.command_position)[order]
@@ -146,7 +147,12 @@ class Mujoco(FullModel):
     @property
     def outputs(self) -> tuple[Output, ...]:
         """What is compared: quantity by quantity, drive by drive within."""
-        return self.signals.described(self.effort_unit, 'rad')
+        turning = self.signals.described('N m', 'rad')
+        sliding = self.signals.described('N', 'm')
+        places = [self.plant.places[d] for d in self.signals.sources]
+        return tuple(
+            s if at.slides else t for at, s, t in zip(places, sliding, turning, strict=True)
+        )
 
     @functools.cached_property
     def measured(self) -> Array:
@@ -176,7 +182,18 @@ class Mujoco(FullModel):
     @property
     def effort_unit(self) -> str:
         """Unit of efforts."""
-        return 'N m'
+        return 'N' if self._sliding else 'N m'
+
+    @property
+    def travel(self) -> tuple[str, float]:
+        """Unit of the drives' positions, and how many of them stand for a metre."""
+        unit = 'm' if self._sliding else 'rad'
+        return unit, per_metre(unit)
+
+    @property
+    def _sliding(self) -> bool:
+        """Whether all drives compared slide."""
+        return all(self.plant.places[d].slides for d in self.signals.places)
 
     # ------------------------------------------------------------------ effects
 
@@ -243,12 +260,19 @@ class Mujoco(FullModel):
         out = np.empty((len(theta), len(self.signals), self._command.shape[1]))
         part = self.plant.together(self._command.shape[1])
         for first in range(0, len(theta), part):
-            out[first : first + part] = self._simulated(theta[first : first + part])
+            out[first : first + part] = self._simulated(
+                theta[first : first + part], self.signals.quantities
+            )
         diverged = ~np.isfinite(out).all(axis=(1, 2))
         out[diverged] = math.inf
         return out
 
-    def _simulated(self, theta: Array) -> Array:
+    def simulated_effort(self, theta: Array) -> Array:
+        """Return (P, K) what the actuators of the drives compared do, for one candidate (N,)."""
+        out: Array = self._simulated(np.atleast_2d(theta), ('effort',))[0]
+        return out
+
+    def _simulated(self, theta: Array, quantities: Sequence[str]) -> Array:
         own = self._candidates.own_values(theta)
         block = self._candidates.rows(theta)
         count = len(self._machine.drives)
@@ -265,7 +289,7 @@ class Mujoco(FullModel):
         told = self.plant.rollout(values, in_joints, start)
         parts = []
         places = list(self.signals.places)
-        for quantity in self.signals.quantities:
+        for quantity in quantities:
             seen = sense[:, None] * told[_SENSORS[quantity]]
             if quantity == 'position':
                 seen = seen + zero[:, :, None]

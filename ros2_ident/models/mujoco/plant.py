@@ -49,6 +49,7 @@ class Place:
         actuator: Number of its actuator.
         body: Number of the body whose mass and place are parameters.
         sense: 1, or -1 where the log counts backwards.
+        slides: Whether the joint slides, so that its position is in m and its effort in N.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class Place:
         self.position, self.dof = int(model.jnt_qposadr[self.joint]), int(
             model.jnt_dofadr[self.joint]
         )
+        self.slides = int(model.jnt_type[self.joint]) == int(mj.mjtJoint.mjJNT_SLIDE)
         own = int(model.jnt_bodyid[self.joint])
         self.body = _number(model, mj.mjtObj.mjOBJ_BODY, body, 'body') if body else own
         self.sense = sense
