@@ -12,7 +12,7 @@ import sys
 import time
 from types import FrameType
 
-from ros2_ident.threads import one_thread_for_linear_algebra
+from ros2_ident.threads import one_heap, one_thread_for_linear_algebra
 
 # A run heeds its cancel event within a second of processor time. Other programs go before its
 # thread and can make that long; a second signal ends at once, s.
@@ -88,6 +88,7 @@ def main(args: Sequence[str] | None = None) -> int:
         Exit code: 0 after a signal, 1 where something is missing, 2 for unusable parameters.
     """
     one_thread_for_linear_algebra()
+    one_heap()
     stop = Stop().install()
     try:
         _own_arguments(sys.argv[1:] if args is None else args)
