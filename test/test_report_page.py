@@ -38,6 +38,7 @@ from ros2_ident.report.page.effort import effort_plot
 from ros2_ident.report.page.numbers import (
     change,
     command,
+    compared,
     equation,
     from_to,
     number,
@@ -385,6 +386,19 @@ def test_the_first_screen_answers_four_questions(both):
     # The noise floor's multiples are detail, not the answer.
     everything = ' '.join([said.headline, *said.sure, *said.closes])
     assert 'times' not in everything
+
+
+def test_a_page_on_positions_speaks_of_positions(both):
+    data = content(both)
+    maps = [{**m, 'unit': 'm'} for m in data['maps']]
+    of_positions = {**data, 'maps': maps, 'settings': {**data['settings'], 'output': 'position'}}
+    hero, _ = charts.all_of(of_positions, 'Stribeck friction on drive_1')
+    assert hero.title == 'drive_1: measured minus simulated position over the velocity'
+    code = of_diagnosis(of_positions, 'out').steps[-1].code
+    assert '--machine MACHINE.yaml --output position --out' in code
+    assert [compared(u) for u in ('N', 'N m', 'rad', 'm/s')] == [
+        'effort', 'effort', 'position', 'velocity',
+    ]
 
 
 def test_what_was_heard_on_topics_is_no_bag(both):

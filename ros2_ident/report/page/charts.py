@@ -14,7 +14,7 @@ from markupsafe import escape, Markup
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.report.page.numbers import number, unit_of
+from ros2_ident.report.page.numbers import compared, number, unit_of
 
 Array = npt.NDArray[np.float64]
 
@@ -148,7 +148,8 @@ def picture(found: Mapping[str, Any], effects: str = '') -> Chart | None:
         drawn = [slice(None)] if spectrum else _stretches(x(place))
         parts += [_path(f'law {heading}', x(place[s]), y(values[s])) for s in drawn]
     name = NAMES.get(found['coordinate'], found['coordinate'])
-    title = f'{found["drive"]}: measured minus simulated effort over the {name}'
+    what = compared(str(found['unit']))
+    title = f'{found["drive"]}: measured minus simulated {what} over the {name}'
     summary = _summary(found, before, laws, effects, title)
     svg = Markup(
         f'<svg class="chart" viewBox="0 0 {WIDTH:.0f} {HEIGHT:.0f}" role="img">'

@@ -34,7 +34,7 @@ from ros2_ident.report.page.look import (
     RED,
     SKY,
 )
-from ros2_ident.report.page.numbers import number
+from ros2_ident.report.page.numbers import compared, number
 from ros2_ident.report.page.thin import (
     breaks,
     coded,
@@ -118,7 +118,7 @@ def effort_plot(signals: Signals, floor: Floors | None = None, *, most: int = MO
     moments = worst_moments(time, _compared(signals, measured, simulated, floor))
     return Picture(
         layout,
-        'Measured and simulated effort of '
+        f'Measured and simulated {compared(signals.unit)} of '
         f'{", ".join(signals.drives)} over time, with the residual below',
         tuple(_keys(signals, bool(np.isfinite(tracking).any()))),
         tuple(_notes(recordings, rows, floor is not None)),
@@ -234,7 +234,7 @@ class _Group:
         self._whole, self._cursor = whole, cursor
         self.figures: list[Any] = []
         self.views: list[dict[str, Any]] = []
-        top = self._figure(185, f'{signals.drives[d]}\neffort [{signals.unit}]')
+        top = self._figure(185, f'{signals.drives[d]}\n{compared(signals.unit)} [{signals.unit}]')
         below = self._figure(105, f'residual [{signals.unit}]')
         below.yaxis.ticker = BasicTicker(desired_num_ticks=4)
         self.figures = [top, below]

@@ -24,6 +24,7 @@ from ros2_ident.report.files import (
 from ros2_ident.report.page import answer, sentences, steps
 from ros2_ident.report.page.numbers import (
     change,
+    compared,
     from_to,
     percent,
     quantity,
@@ -279,7 +280,7 @@ def _closes(row: Mapping[str, Any]) -> Iterator[str]:
         if {name, 'all'} & where and None not in gap.values():
             part = shares(gap['share_before'], gap['share_after'])
             size = f'{from_to(gap["before"], gap["after"])} {unit_of(row["unit"])}'
-            yield f'{name}: residual {size}, {part} of the effort'
+            yield f'{name}: residual {size}, {part} of the {compared(row["unit"])}'
 
 
 def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:

@@ -227,10 +227,16 @@ def _export(settings: Mapping[str, Any], out: str) -> Iterator[Step]:
         yield Step('Or have URDF, MJCF, Isaac Lab and ros2_control files written:', code=code)
 
 
+def _output(settings: Mapping[str, Any]) -> str:
+    """Return the option that says what is compared; nothing where nobody said it."""
+    return f' --output {settings["output"]}' if settings.get('output') else ''
+
+
 def _diagnose(data: Mapping[str, Any], out: str) -> str:
     settings, source = data['settings'], data['provenance']['source']
     return (
-        f'ident diagnose {_bags(settings, source)} --check NEW_BAG {_machine(settings)} '
+        f'ident diagnose {_bags(settings, source)} --check NEW_BAG '
+        f'{_machine(settings)}{_output(settings)} '
         f'--out {_next(out)}'
     )
 
