@@ -143,6 +143,7 @@ def test_a_directory_with_an_identification_only(tmp_path):
     assert page.sections == ['answer', *IDENTIFIED, 'provenance']
     assert f'ident diagnose test --machine MACHINE.yaml --out {tmp_path}' in page.text
     assert 'gap-effort-plot' not in page.pictures
+    assert 'of the effort' in page.text
 
 
 def test_a_directory_with_a_diagnosis_only(tmp_path):
@@ -166,7 +167,7 @@ def test_a_diagnosis_without_its_effort(tmp_path):
     (tmp_path / 'diagnosis.npz').unlink()
     page = Page(write_report(tmp_path))
     assert page.pictures == []
-    assert 'No simulated effort was kept' in page.text
+    assert 'Nothing simulated was kept' in page.text
 
 
 def test_a_run_in_which_every_candidate_diverged(tmp_path):

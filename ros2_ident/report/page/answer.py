@@ -11,6 +11,7 @@ from ros2_ident.identify.result import Identification, Outcome, ParameterEstimat
 from ros2_ident.report.page import sentences, steps
 from ros2_ident.report.page.headline import headline, hidden_by_noise, restless
 from ros2_ident.report.page.numbers import (
+    compared,
     from_to,
     number,
     percent,
@@ -41,7 +42,7 @@ class Gap:
     Attributes:
         drive: Its name.
         size: RMS in the machine's unit, before and after where something closes it.
-        share: The same as a share of the drive's effort.
+        share: The same as a share of what is compared, an effort or a position.
         before: Length of a bar, 0 to 1.
         after: Likewise; None where nothing closes it.
         floor: Likewise, the noise floor; None where it is not known.
@@ -73,6 +74,7 @@ class Answer:
         careful: What else to know, the most important first.
         values: Parameters that were identified: name, value with unit, precision.
         first: What has to be said before anything else.
+        compared: What is compared: effort, position or velocity.
     """
 
     level: sentences.Level
@@ -86,6 +88,7 @@ class Answer:
     first: tuple[str, ...] = ()
     more: tuple[str, ...] = ()
     state: str = ''
+    compared: str = 'effort'
 
     @property
     def closing(self) -> bool:
@@ -123,6 +126,7 @@ def of_diagnosis(data: Mapping[str, Any], out: str) -> Answer:
         first=first,
         more=more,
         state=_state_of(data, level, first, careful),
+        compared=compared(data['gap']['unit']),
     )
 
 
@@ -338,7 +342,13 @@ def of_identification(result: Identification, out: str) -> Answer:
         tuple(doubts),
         tuple(_values(result)),
         state=_state(level, ['see “Be careful” below']),
+        compared=compared(_unit(result)),
     )
+
+
+def _unit(result: Identification) -> str:
+    """Return the unit of what is compared, of the first drive where they differ."""
+    return next((x.unit for x in result.residuals if x.unit), result.cost.unit)
 
 
 def _left(result: Identification) -> list[Gap]:

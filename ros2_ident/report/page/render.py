@@ -40,7 +40,6 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
         'change': numbers.change,
         'closes': _closes,
         'command': numbers.command,
-        'compared': numbers.compared,
         'equation': numbers.equation,
         'item': _item,
         'name': numbers.name,
