@@ -19,8 +19,10 @@ from ros2_ident.gap.diagnosis import to_mapping
 from ros2_ident.gap.explain import Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.floor import Floor
+from ros2_ident.identify.data import gather
 from ros2_ident.models import load_machine, machine_from_mapping
 from ros2_ident.recording import Dataset
+from ros2_ident.recording.bag import read_bag
 from ros2_ident.reference.axis import simulate_axis
 from ros2_ident.reference.effects import Effect
 from ros2_ident.search.noise import NoiseModel, white
@@ -347,3 +349,10 @@ def test_the_gap_of_a_position_is_diagnosed_with_an_effort_beside_it() -> None:
     assert found.per_drive['lift'].noise_floor == pytest.approx(1e-6, rel=0.1)
     # Gates go by the effort, whatever is compared: none takes metres for newton metres.
     assert not [text for *_, text in found.gates if 'where the noise is' in text]
+
+
+def test_a_bag_without_an_effect_has_none_in_its_position_either() -> None:
+    root = Path(__file__).parents[1]
+    emps = load_machine(root / 'config/emps.yaml')
+    (data,) = gather(read_bag(root / 'bags/axis_reversals'), emps).datasets
+    assert diagnose(emps, [data], output='position', seed=1).effect == 'none'

@@ -52,9 +52,10 @@ def truth(model) -> np.ndarray:
     return np.array([[TRUTH[p.name.split('.')[-1]] for p in model.parameters]])
 
 
-def misses(model, log) -> dict[str, float]:
+def misses(model, log, theta=None) -> dict[str, float]:
     """Return the worst drive's RMS difference to the reference, by quantity."""
-    simulated = model.simulate(truth(model))[0].reshape(len(ALL), -1, model.data.cycles)
+    theta = truth(model) if theta is None else theta
+    simulated = model.simulate(theta)[0].reshape(len(ALL), -1, model.data.cycles)
     return {
         q: float(np.sqrt(np.mean((simulated[i] - getattr(log, q)) ** 2, axis=1)).max())
         for i, q in enumerate(ALL)
@@ -67,6 +68,28 @@ def test_the_tripods_motion_is_the_references(data) -> None:
 
 
 P_LAW = {'law': 'cascade_p', 'integral_gain': 0.0}
+
+
+@pytest.mark.parametrize('law', [{}, P_LAW], ids=['pi', 'p'])
+def test_a_constant_on_a_tripods_drives_moves_it_as_in_the_reference(law: dict) -> None:
+    plain = yaml.safe_load(FILE.read_text())
+    machine = machine_from_mapping(
+        {
+            **plain,
+            'controller': {**plain['controller'], **law},
+            'parameters': {**plain['parameters'], 'constant_force': [-1.0, 1.0, 'N m']},
+        }
+    )
+    motion = draw_motion('multi_point', machine, 2.0, 5)
+    command = motion.position, motion.velocity
+    values = TRUTH | {'constant_force': 0.2}
+    log = simulate_tripod(machine, values, *command)
+    model = Tripod(machine, dataset(log, command), quantities=ALL)
+    theta = np.array([[values[p.name.split('.')[-1]] for p in model.parameters]])
+    missed = misses(model, log, theta)
+    assert all(missed[q] < TOLERANCE[q] for q in ALL), missed
+    more = log.effort - simulate_tripod(machine, TRUTH, *command).effort
+    assert np.mean(more, axis=1) == pytest.approx(0.2, abs=0.01)
 
 
 def test_a_tripod_whose_controllers_have_no_integral_part_sags_as_the_reference_does() -> None:
@@ -88,7 +111,8 @@ def test_an_axis_motion_is_the_references(elastic: bool, law: dict) -> None:
         if elastic
         else {'moving_mass': 'kg'}
     )
-    values = {name: TRUTH.get(name, 3.0) for name in units}
+    units['constant_force'] = 'N m'
+    values = {name: TRUTH.get(name, 3.0) for name in units} | {'constant_force': 0.2}
     machine = machine_from_mapping(
         {
             'machine': 'linear_axis',

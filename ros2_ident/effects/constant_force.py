@@ -32,6 +32,6 @@ EFFECT = Effect(
         'asymmetric_friction',
     ),
     separated_by='no motion can: turn the axis over, or log the effort with the motor off',
-    needs=lambda context: 'log_bias' not in context.identified,
+    needs=lambda context: not {'constant_load', 'log_bias'} & context.identified,
     twins=('effort_bias',),
 )

@@ -20,4 +20,5 @@ EFFECT = Effect(
     ),
     separated_by='no motion can: turn the axis over, or log the effort with the motor off',
     twins=('constant_force',),
+    needs=lambda context: 'constant_load' not in context.identified,
 )

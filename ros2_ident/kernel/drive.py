@@ -59,7 +59,7 @@ assert MEMORY_ROWS == (
     'braking',
 )
 
-DRIVE_GAIN, BACK_EMF, LOAD_MOMENT, LOAD_ANGLE, LOG_DUTY, LOG_SPEED = (
+DRIVE_GAIN, BACK_EMF, LOAD_MOMENT, LOAD_ANGLE, LOG_DUTY, LOG_SPEED, CONSTANT_LOAD = (
     DRIVE_ROWS.index(name)
     for name in (
         'drive_gain',
@@ -68,6 +68,7 @@ DRIVE_GAIN, BACK_EMF, LOAD_MOMENT, LOAD_ANGLE, LOG_DUTY, LOG_SPEED = (
         'load_angle',
         'log_duty',
         'log_speed',
+        'constant_load',
     )
 )
 
@@ -253,9 +254,10 @@ def prescribed_torque(
 @inlined
 def carriage_force(par, first, mem, own, on, z, v, s, time):
     """Return the force [N] on the carriage besides gear, gravity and rod."""
-    force = spread(0.0)
+    force = -load(par, (first + CONSTANT_LOAD) * W)
     if on is not None and on & CARRIAGE_MASK:
-        state = drive_state(par, first, mem, own, z, v, s, force, force, time, force)
+        zero = spread(0.0)
+        state = drive_state(par, first, mem, own, z, v, s, zero, zero, time, zero)
         force = hooks.carriage_hook(force, state, on, par, first, mem, own)
     return force
 

@@ -60,6 +60,7 @@ DRIVE_ROWS = (
     'rail_azimuth',  # rad
     'arm_moment',  # kg m, first moment of an arm about its shaft
     'arm_zero',  # rad, where it lies level
+    'constant_load',  # N, against the positive direction
     'log_delay',  # s
     'log_gain',  # 1
     'log_bias',  # N m

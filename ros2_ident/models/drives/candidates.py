@@ -86,7 +86,7 @@ SLOTS: Mapping[str, Slot] = dict(
     viscous_torque=Slot('viscous', False, 'physical', 'linear viscous friction'),
     coulomb_friction=Slot('coulomb', False, 'physical', 'Coulomb 1785', force=True),
     viscous_friction=Slot('viscous', False, 'physical', 'linear viscous friction', force=True),
-    constant_force=Slot('log_bias', False, 'physical', 'Janot, Gautier, Brunot 2019, offset'),
+    constant_force=Slot('constant_load', False, 'physical', 'Janot, Gautier, Brunot 2019, offset'),
     **{name: Slot(row, False, 'physical', _FILE) for name, row in CONSTANT_ROWS.items()},
     rail_azimuth=Slot('rail_azimuth', False, 'physical', _FILE),
     **{name: Slot(name, True, 'physical', _FILE) for name in _OF_MACHINE},
@@ -400,6 +400,10 @@ class Candidates:
 
     def _convert(self, block: Array, values: Mapping[Target, Array]) -> None:
         """Refer to the motor what is stated at the carriage, and to the gear what follows it."""
+        for d in range(len(self._machine.drives)):
+            # Stated as what it asks of the motor.
+            gear = block[:, rows.row_of('gear', d)]
+            block[:, rows.row_of('constant_load', d)] *= gear
         for name, index in values:
             if name in SLOTS and SLOTS[name].force and index is not None:
                 row = rows.row_of(SLOTS[name].row, index)

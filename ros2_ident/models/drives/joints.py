@@ -122,7 +122,7 @@ def _joint(model: DriveModel, block: Array, d: int, name: str) -> Joint:
         width=of('regularisation'),
         viscous=gear * of('viscous') + braking,
         armature=of('motor_mass'),
-        offset=gear * of('log_bias'),
+        offset=of('constant_load') + gear * of('log_bias'),
         gains=_gains(model, of, d),
         limit=gear * of('torque_limit') * (of('drive_gain') if of('drive_gain') else 1.0),
     )

@@ -211,7 +211,8 @@ def _build(digest):
                     mem = all_mem[d * mine : (d + 1) * mine]
                     at = spread(start[d])
                     v = spread(start[drives + d])
-                    hold = _weight(par, first, supply, at)
+                    constant = load(par, (first + dk.CONSTANT_LOAD) * W)
+                    hold = _weight(par, first, supply, at) + constant
                     if mode[d] == dk.CLOSED_LOOP and start[drives + d] == 0.0:
                         at = at - dk.sag(par, first, law[d], hold)
                     stretch = zero

@@ -240,7 +240,7 @@ FRICTION = _all_sought(
     ),
     constant_force=dict(
         unit='N m',
-        meaning='a constant in the logged effort',
+        meaning='effort that holds a constant pull against the positive direction',
         example=(-1.0, 1.0),
         low=-1e6,
         high=1e6,

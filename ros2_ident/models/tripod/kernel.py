@@ -113,8 +113,7 @@ def _drive(
     else:
         acceleration = spread(motion[(6 + d) * count + k])
     store(bend, (part * COORDINATES + MOTOR + d) * W, acceleration)
-    if flags is not None:
-        force = force + dk.carriage_force(par, first, mem, own, flags, z, v, s, time)
+    force = force + dk.carriage_force(par, first, mem, own, flags, z, v, s, time)
     store(push, d * W, force)
 
 
@@ -262,8 +261,9 @@ def _build(digest):
                     first = MACHINE_COUNT + d * DRIVE_COUNT
                     own = d * MEMORY_COUNT
                     s = load(place, (CARRIAGE + d) * W)
-                    # Gravity only: what else pulls at the start is not known to the integral part.
-                    hold = load(link, (6 + d) * W)
+                    # What effects pull with at the start is not known to the integral part.
+                    constant = load(par, (first + dk.CONSTANT_LOAD) * W)
+                    hold = load(link, (6 + d) * W) + constant
                     flags = dk.flags_of(on, d)
                     if dk.closed_loop(mode, d):
                         s = s - dk.sag(par, first, law[d], hold)
