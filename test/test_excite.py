@@ -224,9 +224,13 @@ def test_the_worst_interval_is_the_smallest(axis, found) -> None:
 
 def test_what_is_wanted_is_determined_best(axis, found) -> None:
     n = [p.name for p in found.parameters].index('emps_axis.viscous_friction')
-    one = planned(axis, names=('viscous_friction',))
+    ratios = []
+    for seed in range(5):  # so short a search ends anywhere near the best
+        one = planned(axis, names=('viscous_friction',), seed=seed)
+        every = planned(axis, seed=seed) if seed else found
+        ratios.append(one.half_widths[n] / every.half_widths[n])
     assert one.wanted.tolist() == [k == n for k in range(len(one.parameters))]
-    assert one.half_widths[n] < 0.95 * found.half_widths[n]
+    assert np.mean(ratios) < 0.95
     with pytest.raises(IdentError, match="'tool_mass' is no parameter"):
         planned(axis, names=('tool_mass',))
 
