@@ -356,3 +356,17 @@ def test_a_bag_without_an_effect_has_none_in_its_position_either() -> None:
     emps = load_machine(root / 'config/emps.yaml')
     (data,) = gather(read_bag(root / 'bags/axis_reversals'), emps).datasets
     assert diagnose(emps, [data], output='position', seed=1).effect == 'none'
+
+
+def test_a_limit_is_found_in_a_position_though_no_effort_is_logged() -> None:
+    free = recording(1)
+    limit = 0.92 * np.abs(free.effort).max()
+    data = recording(1, (Effect('torque_saturation', ('lift',), {'limit': limit}, 'same'),))
+    noise = 2e-6 * np.random.default_rng(8).standard_normal(data.position.shape)
+    # A little above what the drive ever does: no share that is always tried is near.
+    machine = MACHINE.with_constants(torque_limit=(0.42,))
+    silent = replace(data, position=data.position + noise, effort=None)
+    found = diagnose(machine, [silent], output='position', seed=3)
+    assert (found.effect, found.where) == ('torque_saturation', ('lift',))
+    share = found.parameters['lift.torque_saturation.share']
+    assert share.value == pytest.approx(limit / 0.42, rel=0.01)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.gap.flat_top import flat_top, highest
-from ros2_ident.gap.screen import seen_in_log
+from ros2_ident.gap.screen import below_simulated, seen_in_log
 from ros2_ident.models import EffectAt
 
 NOISE = 0.01
@@ -90,3 +90,20 @@ def test_a_limit_is_looked_for_in_the_logged_effort_whatever_is_compared() -> No
     assert share == pytest.approx(0.1 * highest(free)) and share > 0.077
     assert seen_in_log(limit, _positions(free), {'one': 0.3}, False) == pytest.approx([0.03])
     assert seen_in_log(gain, _positions(cut), {'one': 0.3}, True) is None
+
+
+def test_without_a_logged_effort_a_limit_is_looked_for_below_what_the_model_makes() -> None:
+    limit, gain = EffectAt('torque_saturation', 'one'), EffectAt('position_gain_error', 'one')
+    silent = _positions(_log(0.5), _log(0.5))
+    for number, model in enumerate(silent, 1):
+        model.data.effort = None
+        model.simulated_effort = lambda theta, n=number: n * theta[0] * np.array([[-3.0, 1.0]])
+    thetas = [np.array([1.0]), np.array([1.0])]
+    starts = np.concatenate(below_simulated(limit, silent, thetas))
+    assert starts.max() == pytest.approx(0.92 * 0.6) and starts.min() == pytest.approx(0.5 * 0.6)
+    # No share beyond its bounds, and each once.
+    at_most = np.concatenate(below_simulated(limit, silent, [10.0 * x for x in thetas]))
+    assert at_most.tolist() == [1.0]
+    assert below_simulated(gain, silent, thetas) == []
+    assert below_simulated(limit, _positions(_log(0.5)), thetas[:1]) == []
+    assert below_simulated(limit, silent, [0.0 * x for x in thetas]) == []

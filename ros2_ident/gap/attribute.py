@@ -16,7 +16,7 @@ from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.chance import standing
 from ros2_ident.gap.fits import Explanation, Fits, Trials
-from ros2_ident.gap.screen import seen_in_log, Start
+from ros2_ident.gap.screen import below_simulated, seen_in_log, Start
 from ros2_ident.gates.law import fit_law, Law
 from ros2_ident.identify.hidden import MATERIAL
 from ros2_ident.identify.problem import Problem
@@ -178,7 +178,7 @@ class Attribution:
     def _shown(
         self, base: Explanation, candidates: Sequence[EffectAt]
     ) -> list[tuple[EffectAt, Array]]:
-        """Return effects whose size the log itself shows, each with where to start its fit.
+        """Return effects whose size log or model show, each with where to start its fit.
 
         Such an effect bends its own drive's parameters out of all proportion: they start from what
         the other drives have.
@@ -187,15 +187,19 @@ class Attribution:
         count = np.bincount(self.case.fit.drive, minlength=len(self.case.drives))
         missed = base.fit / count - 1.0
         worst = self.case.drives[int(missed.argmax())] if missed.max() >= MATERIAL**2 else ''
-        seen = [
-            (c, own)
-            for c in candidates
-            if c not in base.effects
-            and (own := seen_in_log(c, models, self.limits, c.where == worst)) is not None
-        ]
+        joint = self.case.fit.with_effects(base.effects)
+        thetas = [joint.own(k, base.theta)[0] for k in range(len(joint.models))]
+        seen = []
+        for c in candidates:
+            if c in base.effects:
+                continue
+            own = seen_in_log(c, models, self.limits, c.where == worst)
+            if own is not None:
+                seen.append((c, own))
+            elif c.where == worst:
+                seen += [(c, start) for start in below_simulated(c, joint.models, thetas)]
         if not seen:
             return []
-        joint = self.case.fit.with_effects(base.effects)
         nominal = len(self.case.fit.with_effects(()).parameters)
         places = [p.name.partition('.') for p in joint.parameters[:nominal]]
         out = []

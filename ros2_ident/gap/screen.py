@@ -20,6 +20,8 @@ from ros2_ident.models.trials import LARGE, TRIAL, trials
 Array = npt.NDArray[np.float64]
 # A flat top below this share of the highest effort of all recordings is no limit.
 _AT_TOP = 0.98
+# Shares of the highest effort that a drive would make without a limit, to start looking below.
+_BELOW = (0.92, 0.8, 0.65, 0.5)
 
 
 
@@ -72,6 +74,32 @@ def seen_in_log(
     if others or not np.isfinite(limit) or not top > 0.0:
         return None
     return np.array([min(max(top / limit, parameter.low), parameter.high)])
+
+
+def below_simulated(
+    candidate: EffectAt, models: Sequence[FullModel], thetas: Sequence[Array]
+) -> list[Array]:
+    """Return an effect's (P,) parameters to start from where no effort was logged that shows it.
+
+    A limit acts only below what the drive would do without it, as the model tells.
+
+    Args:
+        candidate: The effect and its place.
+        models: The models without it, one a recording.
+        thetas: (N,) parameters of each.
+    """
+    first = models[0]
+    shown = get_effect(candidate.effect).shown_by
+    if shown != 'flat_top' or effort_of(first, candidate.where).size:
+        return []
+    (parameter, *others) = first.scaled(candidate)
+    limit, row = first.effort_limit(candidate.where), first.places.index(candidate.where)
+    if others or not np.isfinite(limit):
+        return []
+    pairs = zip(models, thetas, strict=True)
+    most = max(float(np.abs(model.simulated_effort(x)[row]).max()) for model, x in pairs)
+    shares = np.clip(np.array(_BELOW) * most / limit, parameter.low, parameter.high)
+    return [np.array([share]) for share in np.unique(shares)] if most > 0.0 else []
 
 
 def effort_of(model: FullModel, place: str) -> Array:
