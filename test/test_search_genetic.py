@@ -336,10 +336,12 @@ def test_order_of_calls_is_kept():
     [
         ({'survivors': 0}, 'survivors is 0; give a whole number of at least 1'),
         ({'children': 2.5}, 'children is 2.5; give a whole number'),
+        ({'range_reduction': 1.1}, 'range_reduction is 1.1; give a number above 0 and at most 1'),
         ({'range_reduction': 0.0}, 'range_reduction is 0.0; give a number above 0 and at most 1'),
         ({'min_distance': -1.0}, 'min_distance is -1.0; give a number of at least 0'),
         ({'mutation': 'cauchy'}, "'cauchy'; give one of gaussian_root, laplace, normal"),
         ({'first_generation': 'grid'}, "first_generation is 'grid'; give one of kronecker"),
+        ({'first_step': 1.1}, 'first_step is 1.1; give a number above 0 and at most 1'),
         ({'first_step': 0.0}, 'first_step is 0.0; give a number above 0'),
         ({'stagnation_generations': -1}, 'give a whole number, 0 for never'),
         ({'stagnation_tolerance': 1.0}, 'at least 0 and below 1'),
@@ -348,6 +350,37 @@ def test_order_of_calls_is_kept():
 def test_unusable_settings_are_refused(change, text):
     with pytest.raises(IdentError, match=text):
         GeneticSettings(**change)
+
+
+@pytest.mark.parametrize('name', ['range_reduction', 'first_step'])
+def test_the_ends_of_a_share_are_usable(name):
+    for value in (1e-9, 1.0):
+        assert getattr(GeneticSettings(**{name: value}), name) == value
+
+
+def test_the_first_of_a_generation_is_in_doubt_like_any_other():
+    search = GeneticSearch(2, SMALL, seed=3)
+    points = search.ask()
+    costs = np.arange(1.0, len(points) + 1.0)
+    exact = np.ones(len(points), dtype=bool)
+    assert search.in_doubt(costs, exact).size == 0
+    exact[0] = exact[-1] = False
+    assert search.in_doubt(costs, exact).tolist() == [0]
+
+
+def test_a_state_that_would_run_code_is_refused(tmp_path):
+    class Runs:
+        def __reduce__(self):
+            return (Path.touch, (tmp_path / 'ran',))
+
+    write_state(tmp_path / 'state.npz', GeneticSearch(2, SMALL).state())
+    with np.load(tmp_path / 'state.npz') as file:
+        arrays = dict(file)
+    arrays['survivors'] = np.array([Runs()], dtype=object)
+    np.savez(tmp_path / 'evil.npz', **arrays)
+    with pytest.raises(IdentError):
+        GeneticSearch.from_state(read_state(tmp_path / 'evil.npz'))
+    assert not (tmp_path / 'ran').exists()
 
 
 def test_eqs_8_and_9_bound_the_distance():

@@ -11,7 +11,7 @@ import pytest
 
 from ros2_ident.errors import IdentError
 from ros2_ident.search import journal as module
-from ros2_ident.search.journal import digest_of, Journal
+from ros2_ident.search.journal import digest_of, forget, Journal
 
 KEY = 'bag and machine'
 
@@ -167,3 +167,12 @@ def test_without_a_path_nothing_is_remembered():
     journal.put({'value': np.ones(1)}, 'a')
     assert journal.get('a') is None
     assert journal.once(lambda: 7, 'a') == 7
+
+
+def test_a_journal_that_is_of_no_use_any_more_is_removed(tmp_path):
+    path = tmp_path / 'run.journal'
+    filled(path)
+    assert path.exists()
+    forget(path)
+    assert not path.exists()
+    forget(path)  # twice does no harm

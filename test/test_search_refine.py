@@ -27,6 +27,12 @@ def residuals(theta):
     return model(TRUTH[None, :]) - model(theta)
 
 
+def one_is_missing(theta):
+    out = residuals(theta)
+    out[:, 3] = math.nan
+    return out
+
+
 def test_converges_to_rounding():
     result = refine(residuals, [[2.0, 2100.0]], LOW, HIGH)
     np.testing.assert_allclose(result.theta, TRUTH, rtol=1e-9)
@@ -79,6 +85,17 @@ def test_no_point_is_simulated_twice():
 
     refine(noted, [[2.0, 2100.0]], LOW, HIGH)
     assert len(seen) == len(set(seen)) > 10
+
+
+@pytest.mark.parametrize(('best', 'ends'), [(-1.0, 0.0), (5.0, 4.0)])
+def test_what_lies_beyond_a_bound_ends_at_it(best, ends):
+    slopes = np.linspace(1.0, 2.0, 20)
+    found = refine(
+        lambda theta: np.stack([(t[0] - best) * slopes + (t[1] - 1.0) for t in theta]),
+        [[2.0, 1.5]], [0.0, 0.0], [4.0, 4.0],
+    )  # fmt: skip
+    assert found.theta[0] == pytest.approx(ends, abs=1e-15)
+    assert ((found.theta >= 0.0) & (found.theta <= 4.0)).all()
 
 
 def test_stays_in_the_box_and_reaches_the_bound():
@@ -232,6 +249,20 @@ def test_spread_starts_are_good_and_apart():
         (lambda: refine(residuals, [[math.nan, 1.0]], LOW, HIGH), '2 finite parameters'),
         (lambda: refine(residuals, [[1.0, 200.0]], HIGH, LOW), 'below its upper bound'),
         (lambda: refine(residuals, [[1.0]], [math.nan], [1.0]), 'two lists of finite numbers'),
+        (
+            lambda: refine(residuals, [[1.0, 200.0]], LOW, [HIGH[0], math.inf]),
+            'two lists of finite numbers',
+        ),
+        (
+            lambda: refine(residuals, [[1.0, 200.0]], [-math.inf, LOW[1]], HIGH),
+            'two lists of finite numbers',
+        ),
+        (lambda: refine(residuals, [[1.0]], LOW, HIGH[:1]), 'two lists of finite numbers'),
+        (lambda: refine(residuals, [[1.0]], [LOW], [HIGH]), 'two lists of finite numbers'),
+        (
+            lambda: refine(one_is_missing, [[1.0, 200.0]], LOW, HIGH),
+            'leave out samples that were not measured',
+        ),
         (
             lambda: refine(lambda t: residuals(t) * math.nan, [[1.0, 200.0]], LOW, HIGH),
             'leave out samples that were not measured',

@@ -19,6 +19,13 @@ TRUTH = np.array([0.5, 0.2, 0.7])
 LOW, HIGH = np.full(3, -10.0), np.full(3, 10.0)
 
 
+def spoiled(values):
+    """Return a copy of which one number is none."""
+    out = values.copy()
+    out.flat[7] = math.nan
+    return out
+
+
 def coloured(rng, rho, count=COUNT):
     white = rng.normal(size=count + 500)
     return lfilter([1.0], [1.0, -rho], white)[500:] * math.sqrt(1.0 - rho**2)
@@ -188,6 +195,8 @@ def test_weighted_normal_matrix_is_the_sum_over_the_covariance():
         ((JACOBIAN[:3], np.zeros(3), TRUTH), ErrorCode.NO_DATA, 'record more samples'),
         ((JACOBIAN, np.zeros(5), TRUTH), ErrorCode.BAD_VALUES, r'\(R, N\), \(R,\) and \(N,\)'),
         ((JACOBIAN, np.full(COUNT, math.inf), TRUTH), ErrorCode.BAD_VALUES, 'not finite'),
+        ((JACOBIAN, spoiled(np.zeros(COUNT)), TRUTH), ErrorCode.BAD_VALUES, 'not finite'),
+        ((spoiled(JACOBIAN), np.zeros(COUNT), TRUTH), ErrorCode.BAD_VALUES, 'not finite'),
     ],
 )
 def test_unusable_input_is_refused(arguments, code, text):
