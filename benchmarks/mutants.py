@@ -135,6 +135,9 @@ OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
 _ORDERED = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 # s that the tests of one mutant may take, of the processor and by the clock
 CPU, CLOCK = 30, 600
+# What it says of a mutant that pytest ends with such a code; with any other, no test was run.
+ENDED = {0: '', 1: 'a test fails', 2: 'it cannot be imported'}
+UNRUN = 99
 
 
 @dataclass(frozen=True)
@@ -339,9 +342,12 @@ def noticed(mutant: Mutant | None, groups: Iterable[Tests]) -> str:
         status = os.waitpid(child, 0)[1]
         said = os.read(source, 1 << 12).decode()
         os.close(source)
-        ended = 'takes too long' if os.WIFSIGNALED(status) else 'no test is collected'
-        return (said or ended) if status else ''
-    code = 1
+        if os.WIFSIGNALED(status):
+            return said or 'takes too long'
+        if (code := os.WEXITSTATUS(status)) not in ENDED:
+            sys.exit(f'the tests were not run (exit code {code}): {mutant}')
+        return said or ENDED[code]
+    code = UNRUN
     try:
         resource.setrlimit(resource.RLIMIT_CPU, (CPU, CPU))
         resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
@@ -361,7 +367,7 @@ def noticed(mutant: Mutant | None, groups: Iterable[Tests]) -> str:
                 if code:
                     break
     finally:
-        os._exit(code != 0)
+        os._exit(code)
 
 
 def main() -> None:
@@ -376,7 +382,8 @@ def main() -> None:
     parser.add_argument('--minutes', type=float, default=1e9, help='end after this time')
     args = parser.parse_args()
     os.chdir(ROOT)
-    sys.path.insert(0, str(ROOT))
+    # Not this folder, whose `coverage.py` others would take for the package of that name.
+    sys.path[0] = str(ROOT)
     # What every process needs and no room is in is loaded once.
     for name in LOADED:
         importlib.import_module(name)
