@@ -29,11 +29,14 @@ from reader_cases import (
     START,
     TOPICS,
 )
+import yaml
 import zstandard
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import align, check, read_bag, RecordingBuilder, Stream, write_bag
 from ros2_ident.recording.cdr import encode
+from ros2_ident.recording.damage import Damage
+from ros2_ident.recording.inflate import inflate
 from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.shown import printable
 from ros2_ident.recording.streams import FIELDS
@@ -128,6 +131,28 @@ def test_a_sound_db3_is_read_by_sqlite_without_a_word(tmp_path):
     assert read_bag(odd)[0].warnings == ()
     odd.with_name(odd.name + '-wal').write_bytes(b'x')
     assert 'holds messages that were never moved into it' in read_bag(odd)[0].warnings[0]
+
+
+def test_a_db3_with_topics_that_are_not_read_misses_none_of_their_messages(tmp_path):
+    recording = make_recording()
+    bag = write_bag(tmp_path / 'log', recording, storage='sqlite3')
+    base = sqlite3.connect(bag / 'log.db3')
+    (_, _, *rest) = base.execute('SELECT * FROM topics').fetchone()
+    base.execute(f'INSERT INTO topics VALUES (99, "/other"{", ?" * len(rest)})', rest)
+    base.execute('INSERT INTO messages SELECT max(id) + 1, 99, timestamp, data FROM messages')
+    base.commit()
+    base.close()
+    metadata = bag / 'metadata.yaml'
+    plain = yaml.safe_load(metadata.read_text())
+    info = plain['rosbag2_bagfile_information']
+    one = dict(info['topics_with_message_count'][0])
+    one = {'topic_metadata': {**one['topic_metadata'], 'name': '/other'}, 'message_count': 1}
+    info['topics_with_message_count'].append(one)
+    info['message_count'] += 1
+    metadata.write_text(yaml.safe_dump(plain))
+    (read,) = read_bag(bag)
+    assert read.state == recording.state
+    assert not [text for text in read.warnings if 'missing' in text or 'lost' in text]
 
 
 def test_a_db3_of_ours_tells_a_flip_in_a_message(tmp_path):
@@ -353,6 +378,21 @@ def test_control_sequences_in_names_never_reach_the_terminal(tmp_path):
     )
     assert refused(path, 'is of type', ErrorCode.MISSING_STREAM).isprintable()
     assert printable('a\u202eb' + 'c' * 300, 10) == r'a\u202ebc…'
+
+
+def test_what_a_file_may_unpack_to_follows_its_size_but_for_small_ones():
+    limits = Limits(ratio=10)
+    assert limits.total(1000) == 256 << 20
+    assert limits.total(1 << 30) == 10 << 30
+
+
+def test_a_block_of_several_frames_is_unpacked_and_one_that_is_cut_is_not():
+    frames = zstandard.compress(b'abc') + zstandard.compress(b'defg')
+    assert inflate('zstd', frames, 7) == b'abcdefg'
+    with pytest.raises(Damage):
+        inflate('zstd', frames[:-2], 7)
+    with pytest.raises(Damage, match='another size than stated'):
+        inflate('zstd', frames, 6)
 
 
 def test_limits_are_overridden_by_the_environment(tmp_path, monkeypatch):

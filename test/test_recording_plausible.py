@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from ros2_ident.recording import Recording, Stream
 from ros2_ident.recording.motion import (
     best_lag,
     count_reversals,
@@ -14,6 +15,7 @@ from ros2_ident.recording.motion import (
     fill_smoothly,
     LATEST,
     Motion,
+    motion_of,
 )
 from ros2_ident.recording.plausibility import (
     _judge_effort,
@@ -41,6 +43,14 @@ FREE = motion()
 
 
 # ---------------------------------------------------------------------- motion
+
+
+def test_an_effort_is_taken_as_it_is_logged_unless_a_factor_is_given():
+    stamp = (1e9 * TIME).astype(np.int64) + 10**18
+    place = FREE.position[:, None]
+    recording = Recording(Stream(('a',), stamp, place, effort=3.0 * place))
+    for factor, found in ((1.0, motion_of(recording, 'a')), (2.0, motion_of(recording, 'a', 2.0))):
+        np.testing.assert_allclose(found.effort, 3.0 * factor * FREE.position, atol=1e-9)
 
 
 def test_reversals_are_counted_between_stretches_of_real_motion():
@@ -288,6 +298,8 @@ def test_whole_numbers_are_no_torques(values, said):
         (0.52, 9.81, 'ok', 'holds 0.52 at rest'),
         (-0.52, 9.81, 'warn', 'it pulls downwards'),
         (-0.52, -9.81, 'ok', 'holds -0.52'),
+        (0.52, 0.1, 'ok', 'holds 0.52'),
+        (-0.52, 0.1, 'warn', 'it pulls downwards'),
     ],
 )
 def test_the_weight_is_looked_for_in_the_effort_at_rest(at_rest, gravity, level, said):

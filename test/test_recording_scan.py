@@ -154,6 +154,27 @@ def test_lengths_of_a_block_that_disagree(tmp_path):
     assert (losses.blocks, losses.whole) == (1, COUNT)
 
 
+def test_a_block_longer_than_the_file_costs_the_block_and_is_counted_once(tmp_path):
+    whole = mcap_bytes(RECORDING, chunk=30)
+    at = starts(whole, 6)[1]
+    for wrong in (len(whole), 1 << 40):
+        losses, _ = scanned(tmp_path, changed(whole, at + 1, struct.pack('<Q', wrong)))
+        assert (losses.blocks, losses.whole, losses.messages, losses.end) == (1, 90, 30, None)
+
+
+def test_an_attachment_larger_than_any_block_is_passed_over(tmp_path):
+    whole = mcap_bytes(RECORDING, chunk=30, crc=False)
+    at = starts(whole, 6)[2]
+    large = record(9, bytes(3_000_001))
+    losses, _ = scanned(tmp_path, whole[:at] + large + whole[at:], chunk=1 << 20)
+    assert (losses.whole, losses.blocks) == (COUNT, 0)
+    # A block of messages is not.
+    losses, _ = scanned(tmp_path, whole[:at] + chunk_record(bytes(3_000_001)) + whole[at:],
+                        chunk=1 << 20)  # fmt: skip
+    assert (losses.whole, losses.blocks) == (COUNT, 1)
+    assert 'a block is larger than allowed' in losses.text
+
+
 def test_a_kind_that_is_damaged_is_told_by_what_is_inside(tmp_path):
     for method in ('lz4', 'zstd'):
         whole = mcap_bytes(RECORDING, method, chunk=30)
@@ -490,6 +511,8 @@ def test_what_is_lost_is_said_in_one_sentence():
         'no sense and 4 messages belong to no topic and one and two'
     )
     losses.expect({'a': 5, 'b': 3}, {'a': 2, 'b': 9})
+    assert losses.messages == 3
+    losses.expect({'a': 5, 'b': 3}, {'a': 5})
     assert losses.messages == 3
     said = Losses(whole=7, messages=2).sentence('log', 'copy it')
     assert (

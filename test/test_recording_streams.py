@@ -68,6 +68,9 @@ def test_an_empty_recording_is_refused():
     with pytest.raises(IdentError, match='holds no stream at all') as caught:
         Recording(source='x')
     assert caught.value.code == ErrorCode.NO_DATA
+    assert caught.value.message.startswith('x: ')
+    with pytest.raises(IdentError, match='^recording: holds no stream'):
+        Recording()
 
 
 def test_a_part_of_a_recording():
