@@ -5,6 +5,7 @@ import struct
 
 import numpy as np
 import pytest
+from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.recording.cdr import decode, encode, parse_layout, TooManyNamesError
 from ros2_ident.recording.limits import Limits
@@ -146,3 +147,18 @@ def test_names_are_limited_in_number_and_length():
     with pytest.raises(TooManyNamesError, match='a name of 6 bytes, more than the 5 allowed'):
         decode([message(('abcdef',))], limits)
     assert decode([message(('a',), frame='a long frame')], limits)[0].names == ('a',)
+
+
+@pytest.mark.parametrize('frame', ['', 'a', 'abc', 'abcde'])
+def test_what_is_written_is_what_a_middleware_writes(frame):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for length in range(1, 10):
+        names = ['n' * length, 'm']
+        values = np.arange(2.0) + length
+        (data,) = encode(STAMP[:1], names, [values[None], None, -values[None]], frame)
+        read = store.deserialize_cdr(data, 'sensor_msgs/msg/JointState')
+        assert (read.name, read.header.frame_id) == (names, frame)
+        assert read.position.tolist() == values.tolist()
+        assert read.effort.tolist() == (-values).tolist() and not read.velocity.size
+        # Zeros between what it holds, as everyone else's: the same bytes, the same digest.
+        assert data == bytes(store.serialize_cdr(read, 'sensor_msgs/msg/JointState'))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Damaged and crafted logs: what is whole is read and what is lost is said, within bounds."""
 
+import bz2
 import json
 from pathlib import Path
 import random
@@ -11,6 +12,7 @@ import struct
 import time
 import zlib
 
+import lz4.frame
 import numpy as np
 import pytest
 from reader_cases import (
@@ -491,3 +493,25 @@ def test_random_damage_of_every_kind_is_answered(logs, tmp_path):
         for number in range(4):
             data = damage(log.data, random.Random(f'test {name} {number}'))
             outcome(log.write(room, data), truth)
+
+
+def test_a_limit_of_up_to_twelve_digits_is_taken(monkeypatch):
+    monkeypatch.setenv('ROS2_IDENT_MAX_JOINTS', '9' * 12)
+    assert Limits.from_environment().joints == int('9' * 12)
+    monkeypatch.setenv('ROS2_IDENT_MAX_JOINTS', '9' * 13)
+    with pytest.raises(IdentError, match='positive whole number'):
+        Limits.from_environment()
+
+
+@pytest.mark.parametrize('method', ['zstd', 'lz4', 'bz2'])
+def test_a_block_becomes_what_it_states_or_nothing(method):
+    raw = bytes(range(256)) * 40
+    packed = {
+        'zstd': zstandard.compress(raw), 'lz4': lz4.frame.compress(raw), 'bz2': bz2.compress(raw),
+    }[method]  # fmt: skip
+    assert inflate(method, packed, len(raw)) == raw
+    for size in (len(raw) - 1, len(raw) + 1):
+        with pytest.raises(Damage):
+            inflate(method, packed, size)
+    with pytest.raises(Damage):
+        inflate(method, packed[:-9], len(raw))

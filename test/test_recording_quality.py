@@ -388,3 +388,19 @@ def test_a_table_of_what_was_found_is_aligned():
     assert found[3].split() == [
         '1', 'state', '2', 'position', '5', '0.06', 's', '100', 'Hz', '0', 'ms', '29', '%',
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize('lost', [0, 1, 4])
+def test_samples_that_a_gap_lacks_are_counted(lost):
+    keep = np.r_[0:3000, 3000 + lost : 6000]
+    stamp = (np.round(1e9 * TIME).astype(np.int64) + 10**18)[keep]
+    position = motion()[0][keep, None]
+    found = check([Recording(Stream(('a',), stamp, position))]).streams[0]
+    assert (found.missing, found.gaps) == (lost, int(lost > 0))
+
+
+def test_a_drive_that_stands_still_never_reverses():
+    stamp = np.round(1e9 * TIME).astype(np.int64) + 10**18
+    still = Recording(Stream(('a',), stamp, np.full((stamp.size, 1), 0.3)))
+    (drive,) = check([still]).drives
+    assert (drive.reversals, drive.rest_share) == (0, 1.0) and drive.stroke < 1e-12

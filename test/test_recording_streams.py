@@ -114,3 +114,11 @@ def test_scaled_efforts():
     np.testing.assert_array_equal(scaled.state.position, VALUES)
     with pytest.raises(IdentError, match='effort factor is 0.0'):
         scale_effort(Recording(stream), 0.0)
+
+
+def test_stamps_may_be_a_nanosecond_apart():
+    stamp = STAMP[0] + np.arange(len(STAMP))
+    stream = Stream(('a', 'b'), stamp, VALUES)
+    assert stream.duration == pytest.approx(1e-9 * (len(STAMP) - 1))
+    assert Stream(('a', 'b'), STAMP, VALUES).duration == pytest.approx(3e-3)
+    assert Stream(('a', 'b'), STAMP[:1], VALUES[:1]).duration == 0.0
