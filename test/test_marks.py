@@ -43,7 +43,7 @@ def suite(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytest.
     return pytester
 
 
-def test_a_slow_test_that_is_not_listed_fails_the_run(
+def test_a_slow_test_that_is_not_listed_is_told(
     suite: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sleep = 'import time\n\ndef test_listed(): time.sleep(0.4)\n'
@@ -52,7 +52,7 @@ def test_a_slow_test_that_is_not_listed_fails_the_run(
     suite.runpytest_subprocess('-m', 'not slow').assert_outcomes(deselected=1)
     suite.makepyfile(test_it=f'{sleep}\ndef test_other(): time.sleep(0.4)\n')
     ran = suite.runpytest_subprocess()
-    assert ran.ret == 1
+    assert ran.ret == 0
     ran.stdout.fnmatch_lines(['AMISS test_it.py::test_other took 0 s and is not marked slow*'])
     # What compiles takes so long only once, and is not meant.
     monkeypatch.setenv('NUMBA_CACHE_DIR', str(suite.path))
@@ -60,7 +60,7 @@ def test_a_slow_test_that_is_not_listed_fails_the_run(
         test_it='from pathlib import Path\nimport time\n\n'
         'def test_other():\n    time.sleep(0.4)\n    Path("kernel.nbc").touch()\n'
     )
-    assert suite.runpytest_subprocess().ret == 0
+    assert 'AMISS' not in suite.runpytest_subprocess().stdout.str()
 
 
 def test_in_ci_nothing_is_skipped(

@@ -6,6 +6,8 @@ set -uo pipefail
 cd "${0%/*}/.." || exit
 [ $# -eq 0 ] || exec python -m pytest test "$@"
 
+# The threads of one process' linear algebra would wait for those of the other's.
+export OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}" OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}"
 beside=(test/test_ros_*.py test/test_docs_*.py test/test_gap_*.py)
 log=build/tests_beside.log
 mkdir -p build
