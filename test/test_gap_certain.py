@@ -151,15 +151,7 @@ def test_a_gain_that_every_drive_has_wrong_alike_is_one_of_the_file(gain: str) -
 def test_a_gain_that_one_drive_has_wrong_is_an_effect() -> None:
     usual = tripod().number('integral_gain')
     wrong = tripod().with_constants(integral_gain=(usual, 4.0 * usual, usual))
-    # What acts in the loop, and friction, which a controller works against.
-    like = {
-        'integral_gain_error', 'position_gain_error', 'velocity_gain_error', 'command_delay',
-        'torque_saturation', 'current_loop_lag', 'effort_delay', 'effort_filter', 'effort_bias',
-        'torque_constant_error', 'coulomb_friction', 'viscous_friction', 'stribeck', 'presliding',
-        'friction_drift', 'backlash', 'cable_spring',
-    }  # fmt: skip
-    others = [name for name in CATALOGUE if name not in like]
-    found = diagnose(wrong, [recording(1)], [recording(2)], without=others, seed=1)
+    found = diagnose(wrong, [recording(1)], [recording(2)], seed=1)
     assert (found.effect, found.where) == ('integral_gain_error', ('drive_2',))
 
 

@@ -241,11 +241,11 @@ def test_stopped_simulations_say_nothing():
     assert np.array_equal(problem.costs(theta, stop=lambda: False), problem.costs(theta))
 
 
-@pytest.mark.parametrize(('case', 'seeds'), [('axis', (1, 2)), ('tripod', (1,))])
-def test_the_parameters_are_the_same_to_the_bit(case, seeds):
+@pytest.mark.parametrize('case', ['axis', 'tripod'])
+def test_the_parameters_are_the_same_to_the_bit(case):
     machine = axis() if case == 'axis' else tripod()
     data = axis_data() if case == 'axis' else gather([recording_of(tripod_bag())], machine)
-    for seed in seeds:
+    for seed in (1, 2):
         whole, given_up = (
             identify(
                 machine,

@@ -24,7 +24,6 @@ _AT_TOP = 0.98
 _BELOW = (0.92, 0.8, 0.65, 0.5)
 
 
-
 @dataclass(frozen=True)
 class Start:
     """Where to start a joint fit from.
@@ -60,7 +59,8 @@ def seen_in_log(
         limits: Size of the effort at which the law shows a drive to be limited, see `gates.Law`.
         lost: Whether most is missing there.
     """
-    if get_effect(candidate.effect).shown_by != 'flat_top':
+    share = _share_of_limit(candidate, models[0])
+    if share is None:
         return None
     top = limits.get(candidate.where)
     if top is None:
@@ -69,11 +69,7 @@ def seen_in_log(
         most = max(map(highest, efforts))
         flat = max((flat_top(e, noise) or 0.0 for e in efforts), default=0.0)
         top = flat if flat > _AT_TOP * most else most if lost else 0.0
-    (parameter, *others) = models[0].scaled(candidate)
-    limit = models[0].effort_limit(candidate.where)
-    if others or not np.isfinite(limit) or not top > 0.0:
-        return None
-    return np.array([min(max(top / limit, parameter.low), parameter.high)])
+    return share(top) if top > 0.0 else None
 
 
 def below_simulated(
@@ -88,18 +84,24 @@ def below_simulated(
         models: The models without it, one a recording.
         thetas: (N,) parameters of each.
     """
-    first = models[0]
-    shown = get_effect(candidate.effect).shown_by
-    if shown != 'flat_top' or effort_of(first, candidate.where).size:
+    share = _share_of_limit(candidate, models[0])
+    if share is None or effort_of(models[0], candidate.where).size:
         return []
-    (parameter, *others) = first.scaled(candidate)
-    limit, row = first.effort_limit(candidate.where), first.places.index(candidate.where)
-    if others or not np.isfinite(limit):
-        return []
+    row = models[0].places.index(candidate.where)
     pairs = zip(models, thetas, strict=True)
     most = max(float(np.abs(model.simulated_effort(x)[row]).max()) for model, x in pairs)
-    shares = np.clip(np.array(_BELOW) * most / limit, parameter.low, parameter.high)
-    return [np.array([share]) for share in np.unique(shares)] if most > 0.0 else []
+    return list(np.unique([share(x * most) for x in _BELOW], axis=0)) if most > 0.0 else []
+
+
+def _share_of_limit(candidate: EffectAt, model: FullModel) -> Callable[[float], Array] | None:
+    """Return what makes an effort an effect's (P,) parameters; None where it is no limit's."""
+    if get_effect(candidate.effect).shown_by != 'flat_top':
+        return None
+    (parameter, *others) = model.scaled(candidate)
+    limit = model.effort_limit(candidate.where)
+    if others or not np.isfinite(limit):
+        return None
+    return lambda effort: np.array([min(max(effort / limit, parameter.low), parameter.high)])
 
 
 def effort_of(model: FullModel, place: str) -> Array:
