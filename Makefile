@@ -4,7 +4,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint bench docs lock sbom clean
+.PHONY: help setup demo test checks lint bench docs lock sbom clean
 
 help: ## this list
 	@sed -nE 's/^([a-z]+):[^#]*## (.*)/  make \1\t\2/p' Makefile | expand -t 16
@@ -17,6 +17,9 @@ demo: setup ## replay a bag into the identifier node and watch it find the param
 
 test: setup ## all tests; ARGS='-k search' for some
 	@. ./env.sh; tools/test.sh $(ARGS)
+
+checks: setup ## kept blind checks against their seals, then 8 new cases and the paper's experiments
+	@. ./env.sh; tools/checks.sh
 
 lint: setup ## ruff, mypy, imports, licence headers
 	@. ./env.sh; tools/lint.sh

@@ -73,10 +73,5 @@ setup(
             f'identifier = {NAME}.ros.identifier:main',
             f'replay = {NAME}.ros.replay:main',
         ],
-        # Subcommands of `ident` that lie above it; other packages can add theirs.
-        f'{NAME}.commands': [
-            f'blind = {NAME}.checks.blind.command',
-            f'paper = {NAME}.checks.paper.command',
-        ],
     },
 )

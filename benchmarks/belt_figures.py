@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ros2_ident.checks.paper import figures
-from ros2_ident.checks.paper.belt import belt_machine, Trial, TRUTH
+from checks.paper import figures
+from checks.paper.belt import belt_machine, Trial, TRUTH
 from ros2_ident.identify.data import read_data
 from ros2_ident.models.belt_drive.recorded import RecordedBelt
 from ros2_ident.report.files import load_result

@@ -17,7 +17,7 @@ import time
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.checks.blind.store import stamp
+from checks.blind.store import stamp
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of

@@ -15,7 +15,7 @@ import time
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from ros2_ident.checks.paper.tripod_runs import FRICTION
+from checks.paper.tripod_runs import FRICTION
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import Machine

@@ -28,10 +28,10 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.checks.blind.run import scrubbed
-from ros2_ident.checks.blind.seal import close, digest_of, manifest, unseal
-from ros2_ident.checks.blind.store import read_json, stamp, write_json
-from ros2_ident.checks.share import share_interval
+from checks.blind.run import scrubbed
+from checks.blind.seal import close, digest_of, manifest, unseal
+from checks.blind.store import read_json, stamp, write_json
+from checks.share import share_interval
 from ros2_ident.gap.verdict import NAMELESS
 from ros2_ident.identify.data import read_data
 from ros2_ident.identify.setup import problem_of

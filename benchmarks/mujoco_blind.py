@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The diagnosis, checked blind with cases from MuJoCo: a generator that is not the package's.
 
-As `ident blind`, with the same label, noise, faults and scores; only machines and effects are
+As `checks.blind`, with the same label, noise, faults and scores; only machines and effects are
 MuJoCo's. Goes on where a run was left. MuJoCo has to be importable; `tools/bench.sh mujoco_blind`
 sees to that.
 
@@ -18,12 +18,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 
 from mujoco_cases import MujocoDrawer  # noqa: E402
 
-from ros2_ident.checks.blind.command import numbers  # noqa: E402
-from ros2_ident.checks.blind.keep import keep_all, keep_seals  # noqa: E402
-from ros2_ident.checks.blind.page import write_page  # noqa: E402
-from ros2_ident.checks.blind.planning import Shares  # noqa: E402
-from ros2_ident.checks.blind.run import BlindCheck  # noqa: E402
-from ros2_ident.checks.blind.score import score, sentences  # noqa: E402
+from checks.blind.command import numbers  # noqa: E402
+from checks.blind.keep import keep_all, keep_seals  # noqa: E402
+from checks.blind.page import write_page  # noqa: E402
+from checks.blind.planning import Shares  # noqa: E402
+from checks.blind.run import BlindCheck  # noqa: E402
+from checks.blind.score import score, sentences  # noqa: E402
 
 
 def tell(share: float, text: str) -> None:
@@ -40,7 +40,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--out', type=Path, default=Path('build/mujoco_blind'))
     parser.add_argument('--write', type=Path, help='the page; the one in --out by default')
     parser.add_argument('--notes', type=Path, help='text for the page: why a level is missed')
-    parser.add_argument('--keep', type=Path, help='as of `ident blind`')
+    parser.add_argument('--keep', type=Path, help='as of `checks.blind`')
     parser.add_argument('--only', help='diagnose and score only these cases: 3,8,20-40')
     parser.add_argument('--draw-only', action='store_true', help='draw and seal only')
     parser.add_argument('--processes', type=int, default=2)

@@ -8,7 +8,7 @@ diagnosis simulates by `mujoco.rollout`. Integrator and time step are the descri
 step is a gap of its own (`--finer 4`: RK4 at a quarter of it). Logs of tripods hold efforts too,
 so that the package's own tripod can be asked about the same bags (`--twins`).
 
-Labels are sealed before the first diagnosis, which is the one of `ident blind`: a process that is
+Labels are sealed before the first diagnosis, which is the one of `checks.blind`: a process that is
 told the paths of a case and refused every other file of the run. The same command goes on with a
 run that was cut short.
 
@@ -36,12 +36,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 
 from mujoco_mjcf import tripod_mjcf  # noqa: E402
 
-from ros2_ident.checks.blind import seal  # noqa: E402
-from ros2_ident.checks.blind.keep import keep_labels, keep_seals, opened_labels  # noqa: E402
-from ros2_ident.checks.blind.machines import draw_machine, machine_of, read_plain  # noqa: E402
-from ros2_ident.checks.blind.planning import spread  # noqa: E402
-from ros2_ident.checks.blind.run import ask_all, order_of  # noqa: E402
-from ros2_ident.checks.blind.score import (  # noqa: E402
+from checks.blind import seal  # noqa: E402
+from checks.blind.keep import keep_labels, keep_seals, opened_labels  # noqa: E402
+from checks.blind.machines import draw_machine, machine_of, read_plain  # noqa: E402
+from checks.blind.planning import spread  # noqa: E402
+from checks.blind.run import ask_all, order_of  # noqa: E402
+from checks.blind.score import (  # noqa: E402
     covered,
     exact,
     family,
@@ -52,9 +52,9 @@ from ros2_ident.checks.blind.score import (  # noqa: E402
     Score,
     verdict_of,
 )
-from ros2_ident.checks.blind.store import read_json, stamp, Store  # noqa: E402
-from ros2_ident.checks.blind.truth import answer_of  # noqa: E402
-from ros2_ident.checks.share import share_interval  # noqa: E402
+from checks.blind.store import read_json, stamp, Store  # noqa: E402
+from checks.blind.truth import answer_of  # noqa: E402
+from checks.share import share_interval  # noqa: E402
 from ros2_ident.files import make_directory, replacing_directory, write_text  # noqa: E402
 from ros2_ident.recording import Stream, write_bag  # noqa: E402
 
@@ -452,7 +452,7 @@ def write_case(store, number, wanted, text, seed, finer=1):
 
 
 def row_of(label, folder):
-    """Return what was in a case and what was answered, as the scores of `ident blind` have it."""
+    """Return what was in a case and what was answered, as the scores of `checks.blind` have it."""
     change = label['change']
     where = [] if change is None else [{'effect': change[0], 'where': [change[1]]}]
     went = read_json(folder / 'run.json') or {'error': 'no diagnosis'}
@@ -675,7 +675,7 @@ def arguments():
     parser.add_argument('--cases', type=int, default=40)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--out', type=Path, default=Path('build/mujoco_machine_blind'))
-    parser.add_argument('--keep', type=Path, help='as of `ident blind`')
+    parser.add_argument('--keep', type=Path, help='as of `checks.blind`')
     parser.add_argument('--verify', type=Path, help='check a kept run and print its figures')
     parser.add_argument('--draw-only', action='store_true')
     parser.add_argument('--first', type=int, help='diagnose the first so many cases only')

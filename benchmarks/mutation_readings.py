@@ -12,7 +12,7 @@ import argparse
 
 import numpy as np
 
-from ros2_ident.checks.paper.belt import belt_machine, PAPER_SETTINGS, shipped_machine, trials
+from checks.paper.belt import belt_machine, PAPER_SETTINGS, shipped_machine, trials
 from ros2_ident.models.belt_drive.model import BeltDrive, step_reference
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from ros2_ident.checks.blind.run import ask_all
-from ros2_ident.checks.blind.score import score, sentences, verdict_of
-from ros2_ident.checks.blind.store import read_json, Store
-from ros2_ident.checks.blind.truth import answer_of
+from checks.blind.run import ask_all
+from checks.blind.score import score, sentences, verdict_of
+from checks.blind.store import read_json, Store
+from checks.blind.truth import answer_of
 from ros2_ident.models import load_machine
 
 

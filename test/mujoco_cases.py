@@ -22,9 +22,9 @@ from mujoco_tripod import (
 )
 import numpy as np
 
-from ros2_ident.checks.blind.draw import Drawer
-from ros2_ident.checks.blind.label import MotionOrder
-from ros2_ident.checks.blind.probe import Probe
+from checks.blind.draw import Drawer
+from checks.blind.label import MotionOrder
+from checks.blind.probe import Probe
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import Machine
 from ros2_ident.reference.motions import Motion

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from ros2_ident.cli import arguments
-from ros2_ident.cli.main import commands, main, make_parser
+from ros2_ident.cli.main import COMMANDS, main, make_parser
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import read_bag, Stream, write_bag
@@ -40,7 +40,7 @@ def test_help_is_quick_and_loads_nothing_slow():
         done = child('--help')
         times.append(time.monotonic() - start)
     assert done.returncode == 0
-    assert all(name in done.stdout for name in commands())
+    assert all(name in done.stdout for name in COMMANDS)
     assert min(times) < 0.5
     script = (
         'import sys; from ros2_ident.cli.main import main; main(["identify", "--help"]);'
@@ -55,7 +55,7 @@ def test_help_is_quick_and_loads_nothing_slow():
     assert loaded.stdout.strip().splitlines()[-1] == '[]'
 
 
-@pytest.mark.parametrize('name', commands())
+@pytest.mark.parametrize('name', COMMANDS)
 def test_every_command_has_help_with_examples_that_work(name, capsys):
     assert main([name, '--help']) == 0
     said = capsys.readouterr().out

@@ -63,10 +63,9 @@ def begins_with(*programs: str) -> Callable[[Block], bool]:
 
 def says_long(block: Block) -> bool:
     return any(
-        words[:2] in (['ident', 'diagnose'], ['ident', 'blind'], ['ident', 'paper'])
+        words[:2] in (['ident', 'diagnose'], *(['make', x] for x in ('bench', 'checks', 'demo')))
         or words[0] == 'python'
-        and words[1].startswith('benchmarks/')
-        or words[:2] in (['make', 'demo'], ['make', 'bench'])
+        and (words[1].startswith('benchmarks/') or words[2].startswith('checks.'))
         for words in block.commands
     )
 
@@ -141,8 +140,9 @@ def help_of(*command: str) -> str:
 
 def check_python(words: list[str]) -> None:
     if words[1] == '-m':
-        path = ROOT / (words[2].replace('.', '/') + '.py')
-        assert path.exists() or words[2] == 'pytest', words
+        path = ROOT / words[2].replace('.', '/')
+        there = path.with_suffix('.py').exists() or (path / '__main__.py').exists()
+        assert there or words[2] == 'pytest', words
         return
     assert (ROOT / words[1]).is_file(), words
     options = {word for word in words[2:] if word.startswith('--')}

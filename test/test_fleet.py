@@ -121,7 +121,6 @@ def package(tmp_path: Path) -> Path:
         ('report/page/plots.py', False),
         ('cli/progress.py', False),
         ('ros/node.py', False),
-        ('checks/blind/page.py', False),
     ],
 )
 def test_one_byte_in_what_a_row_depends_on_changes_its_key(

@@ -11,12 +11,12 @@ import sys
 import numpy as np
 import pytest
 
-from ros2_ident.checks.blind import seal
-from ros2_ident.checks.blind.machines import read_plain
-from ros2_ident.checks.blind.planning import Wanted
-from ros2_ident.checks.blind.run import ask_all, draw_case, order_of
-from ros2_ident.checks.blind.store import Store
-from ros2_ident.checks.blind.truth import make_row
+from checks.blind import seal
+from checks.blind.machines import read_plain
+from checks.blind.planning import Wanted
+from checks.blind.run import ask_all, draw_case, order_of
+from checks.blind.store import Store
+from checks.blind.truth import make_row
 from ros2_ident.models import load_machine
 from ros2_ident.reference.bag_making import draw_parameters
 from ros2_ident.reference.motions import draw_motion
@@ -132,8 +132,8 @@ def test_a_drawn_pair_sits_on_two_drives() -> None:
 def test_a_case_from_mujoco_is_drawn_sealed_and_diagnosed_by_another_process(
     tmp_path, monkeypatch
 ) -> None:
-    monkeypatch.setattr('ros2_ident.checks.blind.draw.FIT_SECONDS', 4.0)
-    monkeypatch.setattr('ros2_ident.checks.blind.draw.CHECK_SECONDS', 3.0)
+    monkeypatch.setattr('checks.blind.draw.FIT_SECONDS', 4.0)
+    monkeypatch.setattr('checks.blind.draw.CHECK_SECONDS', 3.0)
     store = Store(tmp_path / 'run')
     store.begin({'cases': 1, 'seed': 5, 'shares': ''}, FILE)
     case = wanted('single', ('torque_ripple',), (5.0,))

@@ -7,7 +7,7 @@ from identify_cases import recording_of, tripod, TRIPOD_TRUTH
 import numpy as np
 import pytest
 
-from ros2_ident.checks.blind.label import MotionOrder
+from checks.blind.label import MotionOrder
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.case import Case, recordings_of
 from ros2_ident.gap.diagnose import diagnose

@@ -5,13 +5,15 @@ import os
 from pathlib import Path
 import re
 
-import conftest
 import pytest
 from slow_tests import slow_of
+
+import conftest
 
 pytest_plugins = ['pytester']
 
 HERE = Path(__file__).parent
+ROOT = HERE.parent
 LOG = '''
 9.00s setup    test/test_a.py::test_one
 0.10s call     test/test_a.py::test_two
@@ -28,15 +30,17 @@ def test_what_the_list_names_is_there() -> None:
     assert conftest.listed()
     for name in conftest.listed():
         file, _, test = name.partition('::')
-        text = (HERE / file).read_text(encoding='utf-8')
+        (path,) = (p for at in ('test', 'checks/test') if (p := ROOT / at / file).is_file())
+        text = path.read_text(encoding='utf-8')
         assert not test or re.search(rf'^def {test}\(', text, re.MULTILINE), name
 
 
 @pytest.fixture
 def suite(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytest.Pytester:
-    text = (HERE / 'conftest.py').read_text(encoding='utf-8')
+    text = (ROOT / 'conftest.py').read_text(encoding='utf-8')
     pytester.makeconftest(text.replace('LIMIT = 15.0', 'LIMIT = 0.2'))
-    pytester.path.joinpath('slow.txt').write_text('test_it.py::test_listed\n', encoding='utf-8')
+    listed = pytester.mkdir('test') / 'slow.txt'
+    listed.write_text('test_it.py::test_listed\n', encoding='utf-8')
     pytester.makeini('[pytest]\nmarkers =\n  slow: slow\n  ros: ros\n')
     monkeypatch.setenv('PYTHONPATH', str(HERE), prepend=os.pathsep)
     monkeypatch.delenv('CI', raising=False)

@@ -178,7 +178,7 @@ def test_the_mass_moves_against_the_gears_as_printed():
 
 
 def test_figure_4_is_of_the_stiffness_and_gain_that_were_found():
-    from ros2_ident.checks.paper.belt import eigenfrequencies_over_position
+    from checks.paper.belt import eigenfrequencies_over_position
 
     found = np.array([2.1e5, 41.0])
     belt = BeltDrive(MACHINE, step_reference())

@@ -56,11 +56,6 @@ def test_no_kind_of_machine_is_named_outside_its_own_folder_and_its_reference() 
         'reference/serial.py',
         'reference/servo.py',
         'reference/tripod.py',
-        # The paper's own machines, by the names of their files.
-        'checks/paper/',
-        # A generator of that name, and what is said of it.
-        'checks/blind/page.py',
-        'checks/blind/score.py',
     }
     named = [
         f'{place} {word}'

@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 import re
 
-from ros2_ident.cli.main import commands, make_parser
+from ros2_ident.cli.main import COMMANDS, make_parser
 from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.keys import Key, literal
 from ros2_ident.models.registry import own_kinds
@@ -95,10 +95,10 @@ def command_line() -> str:
         '| --- | --- |',
         *(
             f'| [`ident {name}`](#ident-{name}) | {line} |'
-            for name, (_, line) in commands().items()
+            for name, (_, line) in COMMANDS.items()
         ),
     ]
-    for name in commands():
+    for name in COMMANDS:
         lines += ['', *_command(name)]
     lines += [
         '',

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write test/slow.txt from the durations that a run of all tests has printed.
 
-python -m pytest test --durations=0 | tee build/tests.log
+python -m pytest --durations=0 | tee build/tests.log
 python tools/slow_tests.py build/tests.log
 """
 
@@ -22,7 +22,7 @@ def slow_of(log: str) -> list[str]:
     """Return the lines of the list, in order, for the output of pytest."""
     files, tests = set(), set()
     for seconds, phase, name in re.findall(r'^([\d.]+)s (\w+) +(\S.*)$', log, re.MULTILINE):
-        test = name.strip().removeprefix('test/').partition('[')[0]
+        test = name.strip().removeprefix('checks/').removeprefix('test/').partition('[')[0]
         file = test.partition('::')[0]
         if float(seconds) >= SLOW:
             files |= {file} if phase == 'setup' else set()

@@ -4,7 +4,7 @@
 # wait. With arguments only the tests that these choose, in one process.
 set -uo pipefail
 cd "${0%/*}/.." || exit
-[ $# -eq 0 ] || exec python -m pytest test "$@"
+[ $# -eq 0 ] || exec python -m pytest "$@"
 
 # The threads of one process' linear algebra would wait for those of the other's.
 export OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}" OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}"
@@ -16,7 +16,7 @@ set -m
 python -m pytest --durations=20 "${beside[@]}" > "$log" 2>&1 &
 other=$!
 trap 'kill -INT -- -"$other" 2> /dev/null' INT TERM
-python -m pytest --durations=20 test "${beside[@]/#/--ignore=}"
+python -m pytest --durations=20 test checks/test "${beside[@]/#/--ignore=}"
 first=$?
 wait "$other"
 second=$?

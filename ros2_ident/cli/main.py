@@ -7,9 +7,7 @@ Exit codes: 0 success, 1 done but without a usable answer, 2 wrong use or bad in
 
 import argparse
 from collections.abc import Mapping, Sequence
-import functools
 import importlib
-from importlib.metadata import entry_points
 import os
 import sys
 import textwrap
@@ -21,8 +19,8 @@ from ros2_ident.threads import one_thread_for_linear_algebra
 
 # Name: module and line of help. A module of a subcommand has DESCRIPTION, EXAMPLES,
 # EXIT_CODES (what 0 and 1 mean), add_arguments(parser) and run(args), and imports what is slow in
-# run only. Packages add more by an entry point; their modules have the line of help as SUMMARY.
-OWN: dict[str, tuple[str, str]] = {
+# run only.
+COMMANDS: dict[str, tuple[str, str]] = {
     'new-machine': ('ros2_ident.cli.new_machine', 'write a commented machine file'),
     'check': ('ros2_ident.cli.check', 'say what is in a bag and whether it can be used'),
     'identify': ('ros2_ident.cli.identify', "identify a machine's parameters from a bag"),
@@ -39,8 +37,6 @@ OWN: dict[str, tuple[str, str]] = {
     ),
     'fleet': ('ros2_ident.cli.fleet', 'identify, diagnose and compare many bags as one job'),
 }
-
-ENTRY_POINTS = 'ros2_ident.commands'
 
 EXAMPLES = (
     'examples:\n'
@@ -71,17 +67,8 @@ class Command(Protocol):
         ...
 
 
-@functools.cache
-def commands() -> Mapping[str, tuple[str, str]]:
-    """Return every subcommand: its module and its line of help."""
-    found = dict(OWN)
-    for point in entry_points(group=ENTRY_POINTS):
-        found[point.name] = (point.module, point.load().SUMMARY)
-    return found
-
-
 def _load(name: str) -> Command:
-    return cast(Command, importlib.import_module(commands()[name][0]))
+    return cast(Command, importlib.import_module(COMMANDS[name][0]))
 
 
 def exit_codes(own: Mapping[int, str]) -> str:
@@ -101,8 +88,8 @@ def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     )
     parser.add_argument('--version', action='store_true', help='print the version and exit')
     parsers = parser.add_subparsers(dest='command', metavar='COMMAND', title='commands')
-    wanted = next((word for word in words if word in commands()), None)
-    for name, (_, line) in commands().items():
+    wanted = next((word for word in words if word in COMMANDS), None)
+    for name, (_, line) in COMMANDS.items():
         if name != wanted:
             parsers.add_parser(name, help=line)
             continue

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m checks.blind`: the diagnosis judged on cases whose answer it cannot see."""
+
+import argparse
+from pathlib import Path
+import shlex
+from typing import Any, TYPE_CHECKING
+
+from ros2_ident.cli.arguments import count, whole
+from ros2_ident.errors import ErrorCode, IdentError
+
+if TYPE_CHECKING:
+    from checks.blind.run import BlindCheck
+
+DESCRIPTION = (
+    'Draw machines with and without unmodelled effects, seal what was put into them, diagnose '
+    'their bags in other processes, open the seals, score. The same command goes on with an '
+    'interrupted run.'
+)
+EXAMPLES = (
+    '  python -m checks.blind --cases 300 --seed 7 --out blind_7\n'
+    '  python -m checks.blind --rescore blind_7 --page docs/blind.md\n'
+    '  python -m checks.blind --cases 300 --seed 7 --out blind_7 \\\n'
+    '      --draw-only --keep docs/blind/reference\n'
+    '  python -m checks.blind --verify docs/blind/reference\n'
+    '\n'
+    'writes to DIR: the bags in cases/, the seals in sealed/ and seals.json, table.jsonl with one '
+    'line a case, blind.md with pictures\n'
+)
+EXIT_CODES = {0: 'scored, drawn, or verified', 1: 'stopped; the same command goes on'}
+# Share of each sort of case, as `planning.Shares` has it, and what the sort is.
+SHARES = {
+    'single': (0.36, 'with one effect'),
+    'pair': (0.13, 'with two effects'),
+    'triple': (0.04, 'with three effects'),
+    'none': (0.14, 'with imperfections, and no effect'),
+    'ideal': (0.05, 'with nothing at all'),
+    'outside': (0.11, 'with a cause that the catalogue lacks'),
+    'hidden': (0.05, 'with an effect too small or not excited'),
+    'fault': (0.12, 'whose log contradicts the machine file'),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    parser.add_argument('--cases', type=count, default=20, metavar='N', help='20 by default')
+    parser.add_argument('--seed', type=whole, default=1, help='of everything drawn; 1 by default')
+    parser.add_argument('--out', metavar='DIR', help='directory of the run; blind_SEED by default')
+    parser.add_argument(
+        '--machine',
+        default='config/tripod.yaml',
+        metavar='FILE',
+        help='machine file; config/tripod.yaml by default',
+    )
+    parser.add_argument(
+        '--processes', type=count, default=2, metavar='N', help='cases at a time; 2 by default'
+    )
+    for name, (share, which) in SHARES.items():
+        parser.add_argument(
+            f'--{name}',
+            type=float,
+            default=share,
+            metavar='SHARE',
+            help=f'share of cases {which}; {share:g} by default',
+        )
+    parser.add_argument(
+        '--draw-only', action='store_true', help='draw and seal, and diagnose nothing yet'
+    )
+    parser.add_argument(
+        '--only',
+        metavar='CASES',
+        help='diagnose and score only these cases: 3,8,20-40',
+    )
+    parser.add_argument(
+        '--keep',
+        metavar='DIR',
+        help='copy there what everybody can check: the seals, and once opened labels and table',
+    )
+    parser.add_argument(
+        '--verify', metavar='DIR', help='check what --keep has left: is it what was sealed?'
+    )
+    parser.add_argument('--page', metavar='FILE', help='page to write; DIR/blind.md by default')
+    parser.add_argument(
+        '--notes', metavar='FILE', help='text for the page: why a level is not reached'
+    )
+    parser.add_argument(
+        '--rescore', metavar='DIR', help='score a run again from its table, without diagnosing'
+    )
+    parser.add_argument(
+        '--reopen', action='store_true', help='with --rescore: compute the table anew as well'
+    )
+    parser.add_argument('--quiet', action='store_true', help='show no progress')
+
+
+def numbers(text: str | None) -> tuple[int, ...]:
+    """Read numbers of cases, as `3,8,20-40`.
+
+    Raises:
+        IdentError: INVALID_GOAL where it cannot be read.
+    """
+    out: list[int] = []
+    for part in (text or '').split(','):
+        first, dash, last = part.strip().partition('-')
+        if not part.strip():
+            continue
+        if not first.isdigit() or (dash and not last.isdigit()):
+            raise IdentError(
+                ErrorCode.INVALID_GOAL, f'cannot read the cases {text!r}; write as 3,8,20-40'
+            )
+        out += range(int(first), int(last or first) + 1)
+    return tuple(out)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run, rescore or verify, and write the page."""
+    from checks.blind.keep import verify
+
+    if args.verify:
+        print(*verify(args.verify), sep='\n')
+        return 0
+    return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
+    from checks.blind.keep import keep_all
+    from checks.blind.page import write_page
+    from checks.blind.run import BlindCheck, Stopped
+    from checks.blind.score import score, sentences
+    from ros2_ident.cli.interrupt import interrupts
+    from ros2_ident.cli.progress import FractionMeter
+
+    root = Path(args.rescore or args.out or f'blind_{args.seed}')
+    with FractionMeter(quiet=args.quiet) as meter, interrupts() as cancel:
+        check = BlindCheck(root, args.processes, meter, cancel.is_set)
+        try:
+            rows = _rows(check, args)
+        except Stopped:
+            print(f'stopped; the same command goes on in {root}')
+            return 1
+    if rows is None:
+        return 0
+    found = score(rows)
+    print(*sentences(found), sep='\n')
+    notes = Path(args.notes).read_text(encoding='utf-8') if args.notes else ''
+    page = write_page(args.page or root / 'blind.md', rows, found, check.store.about(), notes)
+    print(f'written: {page}')
+    if args.keep:
+        print(f'kept: {keep_all(check.store, args.keep, rows)}')
+    return 0
+
+
+def _rows(check: 'BlindCheck', args: argparse.Namespace) -> list[dict[str, Any]] | None:
+    """Return the scored cases; None where nothing shall be diagnosed."""
+    from checks.blind.keep import keep_seals
+    from checks.blind.planning import Shares
+
+    if args.rescore:
+        return check.score(again=True) if args.reopen else check.store.rows()
+    shares = Shares(**{name: getattr(args, name) for name in SHARES})
+    command = shlex.join(args.command)
+    check.begin(args.machine, args.cases, args.seed, shares, command)
+    digest = check.draw()
+    print(f'sealed: {args.cases} cases, SHA-256 {digest}', flush=True)
+    if args.keep:
+        print(f'kept: {keep_seals(check.store, args.keep)}', flush=True)
+    if args.draw_only:
+        return None
+    only = numbers(args.only)
+    check.diagnose(only)
+    rows = check.score()
+    return [row for row in rows if not only or int(row['case']) in only]

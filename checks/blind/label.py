@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was put into a case: the label that stays sealed until the case is diagnosed."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from checks.blind.faults import Fault
+from checks.blind.rough import Rough
+from ros2_ident.models import Machine
+from ros2_ident.reference.motions import draw_motion, Motion, space_of
+from ros2_ident.reference.space import Space
+
+# What a case can hold: one effect, two, three, imperfections only, not even these, one that no
+# catalogue lists, one that the motion does not show, a bookkeeping fault.
+SORTS = ('single', 'pair', 'triple', 'none', 'ideal', 'outside', 'hidden', 'fault')
+
+
+@dataclass(frozen=True)
+class MotionOrder:
+    """A motion to be drawn.
+
+    Attributes:
+        kind: One of `reference.motions.KINDS`.
+        seconds: Duration [s].
+        seed: Its seed.
+        pace: Share of the machine's usual speed; the acceleration goes with its square.
+    """
+
+    kind: str
+    seconds: float
+    seed: int
+    pace: float = 1.0
+
+    def draw(self, machine: Machine) -> Motion:
+        """Return the set-points."""
+        usual = space_of(machine)
+        space = Space(
+            usual.centre,
+            usual.reach,
+            usual.speed * self.pace,
+            usual.acceleration * self.pace**2,
+        )
+        return draw_motion(self.kind, machine, self.seconds, self.seed, space)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One effect in a case, as plain values.
+
+    Attributes:
+        effect: The catalogue's id; outside it the form's name.
+        form: Name of the generator's form.
+        where: The drive, or `all`.
+        values: Its numbers, SI units.
+        rho: What it alone leaves after a fit of the nominal parameters, RMS of the worst drive
+            over both recordings, in units of the true noise; None where nobody asks for it.
+    """
+
+    effect: str
+    form: str
+    where: str
+    values: Mapping[str, float]
+    rho: float | None
+
+
+@dataclass(frozen=True)
+class Label:
+    """One case.
+
+    Attributes:
+        case: Its number, from 1.
+        sort: One of `SORTS`.
+        generator: `reference` or `mujoco`.
+        machine: Content of the true machine's file.
+        parameters: The machine's true nominal parameters.
+        motions: Of the recording to fit on and of the one held out.
+        effects: What has to be found.
+        imperfections: Small unlisted deviations beside it.
+        fault: The bookkeeping fault, or None.
+        rough: The noise.
+        noise: Standard deviation of each drive's true noise, of both recordings together.
+        rho: What the listed effects leave together, as `Part.rho`.
+        rho_small: What the imperfections leave.
+        rho_all: What everything leaves.
+        share: Share of what everything leaves on the recording held out that the machine without
+            the listed effects does not leave: what the true model closes.
+        seed: Of the logs' noise.
+        clean: SHA-256 of the bag held out as it would be without noise; empty for none.
+    """
+
+    case: int
+    sort: str
+    generator: str
+    machine: Mapping[str, Any]
+    parameters: Mapping[str, float]
+    motions: tuple[MotionOrder, MotionOrder]
+    effects: tuple[Part, ...]
+    imperfections: tuple[Part, ...]
+    fault: Fault | None
+    rough: Rough
+    noise: tuple[float, ...]
+    rho: float
+    rho_small: float
+    rho_all: float
+    share: float | None
+    seed: int
+    clean: str = ''
+
+
+def to_mapping(label: Label) -> dict[str, Any]:
+    """Return a label as a mapping of plain values."""
+    return {
+        **dict(vars(label).items()),
+        'machine': dict(label.machine),
+        'parameters': dict(label.parameters),
+        'motions': [asdict(m) for m in label.motions],
+        'effects': [asdict(e) for e in label.effects],
+        'imperfections': [asdict(e) for e in label.imperfections],
+        'fault': asdict(label.fault) if label.fault else None,
+        'rough': label.rough.to_mapping(),
+        'noise': list(label.noise),
+    }
+
+
+def from_mapping(plain: Mapping[str, Any]) -> Label:
+    """Return the label that `to_mapping` wrote."""
+    fit, check = (MotionOrder(**m) for m in plain['motions'])
+    return Label(
+        **{
+            **plain,
+            'motions': (fit, check),
+            'effects': tuple(Part(**e) for e in plain['effects']),
+            'imperfections': tuple(Part(**e) for e in plain['imperfections']),
+            'fault': Fault(**plain['fault']) if plain['fault'] else None,
+            'rough': Rough.from_mapping(plain['rough']),
+            'noise': tuple(plain['noise']),
+        }
+    )

@@ -1,0 +1,306 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The blind check from the draw to the table: draw and seal all, diagnose all, open, score."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+import json
+import multiprocessing
+import os
+from pathlib import Path
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from typing import Any, TypeVar
+
+from checks.blind import seal
+from checks.blind.case import CHECK, FIT, MACHINE, write_case
+from checks.blind.draw import Drawer
+from checks.blind.label import to_mapping
+from checks.blind.machines import machine_of, read_plain
+from checks.blind.planning import plan, Shares, Wanted
+from checks.blind.store import stamp, Store, write_json
+from checks.blind.truth import make_row
+from ros2_ident.effects import CATALOGUE
+from ros2_ident.threads import ONE_THREAD
+
+PATIENCE = 900.0  # s, after which a diagnosis is ended
+# Share of the progress that each part takes.
+PARTS = {'drawing': (0.0, 0.12), 'diagnosing': (0.12, 0.92), 'scoring': (0.92, 1.0)}
+
+Tell = Callable[[float, str], None]
+_T = TypeVar('_T')
+
+
+class Stopped(Exception):
+    """The user has had enough; the same command goes on."""
+
+
+def _quiet() -> None:
+    """Leave Ctrl-C to the parent, and the cores to the other processes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def draw_case(
+    generator: type[Drawer], store: Store, wanted: Wanted, seed: int
+) -> dict[str, str]:
+    """Draw a case, write its bags, return its sealed label."""
+    drawer = generator(read_plain(store.machine), seed, wanted)
+    label, effects = drawer.draw()
+    label = write_case(
+        store.case(wanted.case), store.clean(wanted.case), drawer, label, effects
+    )
+    return seal.close(to_mapping(label), seed)
+
+
+def _score_case(root: str, number: int, label: dict[str, Any]) -> dict[str, Any]:
+    store = Store(root)
+    return make_row(label, store.case(number), store.clean(number))
+
+
+@contextmanager
+def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
+    context = multiprocessing.get_context('spawn')
+    # Many small products: threads of BLAS would only get into each other's way.
+    os.environ.update(dict.fromkeys(ONE_THREAD, '1'))
+    before = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_quiet)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in set(multiprocessing.active_children()) - before:
+            child.terminate()  # half a case is worth nothing
+        raise
+    pool.shutdown()
+
+
+def _finished(tasks: Iterable[Future[_T]], stopped: Callable[[], bool]) -> Iterator[Future[_T]]:
+    """Yield tasks as they finish; raise `Stopped` when asked to, not only when one does."""
+    left = set(tasks)
+    while left:
+        done, left = wait(left, timeout=0.2, return_when=FIRST_COMPLETED)
+        yield from done
+        if stopped():
+            raise Stopped
+
+
+def scrubbed() -> dict[str, str]:
+    """Return the environment of a diagnosing process: paths, one thread for BLAS, nothing else."""
+    kept = ('PATH', 'HOME', 'LANG', 'LD_LIBRARY_PATH', 'VIRTUAL_ENV', 'NUMBA_CACHE_DIR', 'TMPDIR')
+    out = {name: os.environ[name] for name in kept if name in os.environ}
+    here = str(Path(__file__).resolve().parents[2])
+    out['PYTHONPATH'] = os.pathsep.join(
+        dict.fromkeys([here, *filter(None, os.environ.get('PYTHONPATH', '').split(os.pathsep))])
+    )
+    return out | dict.fromkeys(ONE_THREAD, '1')
+
+
+class _Worker:
+    """A diagnosing process."""
+
+    def __init__(self, store: Store) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', 'checks.blind.worker', str(store.root.resolve())],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=scrubbed(),
+            text=True,
+            start_new_session=True,  # Ctrl-C is the parent's business
+        )
+
+    def ask(self, order: dict[str, str]) -> dict[str, Any]:
+        assert self.process.stdin is not None and self.process.stdout is not None
+        timer = threading.Timer(PATIENCE, self.process.kill)
+        timer.start()
+        try:
+            self.process.stdin.write(json.dumps(order) + '\n')
+            self.process.stdin.flush()
+            line = self.process.stdout.readline()
+        except OSError:
+            line = ''
+        finally:
+            timer.cancel()
+        if not line:
+            raise ConnectionError(f'the diagnosing process ended ({self.process.wait()})')
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+
+def order_of(store: Store, number: int) -> dict[str, str]:
+    """Return the paths that a diagnosis of a case is told."""
+    folder = store.case(number).resolve()
+    paths = {'fit': FIT, 'check': CHECK, 'machine': MACHINE, 'out': 'diagnosis'}
+    return {name: str(folder / path) for name, path in paths.items()}
+
+
+def ask_all(
+    store: Store,
+    orders: Mapping[int, dict[str, str]],
+    processes: int,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Iterator[int]:
+    """Diagnose cases in processes of their own, and keep how each went.
+
+    Args:
+        store: The run.
+        orders: Paths by the case's number, see `worker.diagnose`.
+        processes: How many at a time.
+        stopped: Asked often; True ends the processes and raises `Stopped`.
+
+    Yields:
+        The numbers of the cases as they are answered.
+    """
+    todo: queue.SimpleQueue[int] = queue.SimpleQueue()
+    answered: queue.SimpleQueue[int] = queue.SimpleQueue()
+    for number in orders:
+        todo.put(number)
+    end = threading.Event()
+    workers: dict[int, _Worker] = {}
+
+    def serve(index: int) -> None:
+        while not end.is_set():
+            try:
+                number = todo.get_nowait()
+            except queue.Empty:
+                return
+            try:
+                if index not in workers:
+                    workers[index] = _Worker(store)
+                answer = workers[index].ask(orders[number])
+            except ConnectionError as exc:
+                workers.pop(index).end()
+                answer = {'error': str(exc)}
+            if not end.is_set():
+                write_json(store.case(number) / 'run.json', answer)
+                answered.put(number)
+
+    threads = [threading.Thread(target=serve, args=(i,)) for i in range(processes)]
+    for thread in threads:
+        thread.start()
+    try:
+        while any(t.is_alive() for t in threads) or not answered.empty():
+            if stopped():
+                raise Stopped
+            try:
+                yield answered.get(timeout=0.2)
+            except queue.Empty:
+                continue
+    finally:
+        end.set()
+        for worker in list(workers.values()):
+            worker.end()
+        for thread in threads:
+            thread.join()
+
+
+class BlindCheck:
+    """One run in one directory; every step goes on where it was left.
+
+    Args:
+        root: The run's directory.
+        processes: How many cases at a time.
+        tell: Told the share done and what is being done.
+        stopped: Asked often; True ends with `Stopped`.
+        generator: Draws the cases.
+    """
+
+    def __init__(
+        self,
+        root: str | Path,
+        processes: int = 2,
+        tell: Tell = lambda share, text: None,
+        stopped: Callable[[], bool] = lambda: False,
+        generator: type[Drawer] = Drawer,
+    ) -> None:
+        self.store = Store(root)
+        self.generator = generator
+        self.processes = processes
+        self._tell = tell
+        self._stopped = stopped
+
+    def _progress(self, part: str, done: int, count: int) -> None:
+        low, high = PARTS[part]
+        self._tell(low + (high - low) * done / max(1, count), f'{part} {done} of {count} cases')
+
+    def begin(
+        self, machine: str | Path, cases: int, seed: int, shares: Shares, command: str
+    ) -> None:
+        """Begin a run or go on with it."""
+        what = {'command': command, 'cases': cases, 'seed': seed, 'shares': vars(shares)}
+        self.store.begin(what, machine)
+
+    def draw(self) -> str:
+        """Draw and seal what is not drawn yet; return the hash over all seals."""
+        about = self.store.about()
+        cases, seed = int(about['cases']), int(about['seed'])
+        names = list(self.generator.known(machine_of(read_plain(self.store.machine))))
+        inside = [name for name in names if name in CATALOGUE]
+        outside = [name for name in names if name not in CATALOGUE]
+        wanted = plan(inside, outside, cases, seed, Shares(**about['shares']))
+        missing = [w for w in wanted if self.store.sealed(w.case) is None]
+        with _pool(self.processes) as pool:
+            tasks = {
+                pool.submit(draw_case, self.generator, self.store, w, seed): w for w in missing
+            }
+            for done, task in enumerate(_finished(tasks, self._stopped)):
+                self.store.seal(tasks[task].case, task.result())
+                self._progress('drawing', cases - len(missing) + done + 1, cases)
+        if 'manifest' not in about:
+            self.store.note(drawn=stamp())
+        return self.store.close_seals(cases)
+
+    def diagnose(self, only: Sequence[int] = ()) -> None:
+        """Diagnose what is not diagnosed yet, in processes that are told paths only.
+
+        Args:
+            only: Numbers of cases; all where empty.
+        """
+        cases = int(self.store.about()['cases'])
+        asked = [n for n in range(1, cases + 1) if not only or n in only]
+        missing = [n for n in asked if self.store.answered(n) is None]
+        self.store.diagnosed_by(stamp())
+        orders = {n: order_of(self.store, n) for n in missing}
+        done = len(asked) - len(missing)
+        self._progress('diagnosing', done, len(asked))
+        for _ in ask_all(self.store, orders, self.processes, self._stopped):
+            done += 1
+            self._progress('diagnosing', done, len(asked))
+
+    def score(self, again: bool = False) -> list[dict[str, Any]]:
+        """Open the seals of the diagnosed cases and fill the table.
+
+        Args:
+            again: Also redo the rows that are there.
+        """
+        about = self.store.about()
+        seed = int(about['seed'])
+        rows = {} if again else {int(r['case']): r for r in self.store.rows()}
+        ready = [
+            n
+            for n in range(1, int(about['cases']) + 1)
+            if n not in rows and self.store.answered(n) is not None
+        ]
+        with _pool(self.processes) as pool:
+            tasks = [
+                pool.submit(
+                    _score_case,
+                    str(self.store.root),
+                    n,
+                    seal.unseal(self.store.sealed(n) or {}, seed),
+                )
+                for n in ready
+            ]
+            for done, task in enumerate(_finished(tasks, self._stopped)):
+                row = task.result()
+                rows[int(row['case'])] = row
+                self.store.write_rows(list(rows.values()))
+                self._progress('scoring', done + 1, len(ready))
+        return [rows[n] for n in sorted(rows)]

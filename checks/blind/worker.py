@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The process that diagnoses: told paths on its input, one case a line, and nothing else.
+
+It runs `ident diagnose` as a user would. A hook refuses every file of the run's directory that is
+not the case's own, and what the system tells of other processes.
+"""
+
+from collections.abc import Sequence
+import contextlib
+import io
+import json
+import os
+from pathlib import Path
+import sys
+import time
+from typing import Any
+
+# The diagnosis must not be able to ask the ones who know.
+FORBIDDEN = (
+    'ros2_ident.reference',
+    'checks.blind.draw',
+    'checks.blind.forms',
+    'checks.blind.seal',
+)
+
+
+class Fence:
+    """Refuses files of the run that are not the present case's.
+
+    Args:
+        root: The run's directory.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = str(root.resolve()) + os.sep
+        self.open_to: tuple[str, ...] = ()
+
+    def __call__(self, event: str, args: tuple[Any, ...]) -> None:
+        """Judge one audit event."""
+        if event not in ('open', 'os.listdir', 'os.scandir', 'sqlite3.connect'):
+            return
+        if not args or not isinstance(args[0], (str, bytes, os.PathLike)):
+            return
+        path = os.path.abspath(os.fsdecode(args[0]))
+        if path.startswith('/proc/') and path.rpartition('/')[2] in ('cmdline', 'environ'):
+            raise PermissionError(f'{path} is not for the diagnosis')
+        inside = path.startswith(self.root) or path + os.sep == self.root
+        if inside and not any(path == p or path.startswith(p + os.sep) for p in self.open_to):
+            raise PermissionError(f'{path} is not for the diagnosis')
+
+
+def diagnose(order: dict[str, str], fence: Fence) -> dict[str, Any]:
+    """Run one diagnosis and say how it went."""
+    from ros2_ident.cli.main import main
+
+    fence.open_to = tuple(os.path.abspath(order[k]) for k in ('fit', 'check', 'machine', 'out'))
+    words = ['diagnose', order['fit'], '--check', order['check'], '--machine', order['machine']]
+    if 'output' in order:
+        words += ['--output', order['output']]
+    text = io.StringIO()
+    begin, cpu = time.monotonic(), time.process_time()
+    error = ''
+    try:
+        with contextlib.redirect_stdout(text), contextlib.redirect_stderr(text):
+            # Overlay and page are for people; the overlay's scene asks the reference's geometry.
+            quiet = ('--quiet', '--no-overlay', '--no-report', '--resume')
+            code = main([*words, '--out', order['out'], *quiet])
+        if code:
+            error = f'exit code {code}: {text.getvalue().strip()[-500:]}'
+    except Exception as exc:  # a crash of the diagnosis is a finding, not the end of the check
+        error = f'{type(exc).__name__}: {exc}'
+    fence.open_to = ()
+    known = [name for name in sys.modules if name.startswith(FORBIDDEN)]
+    if known:
+        error = error or f'the diagnosis has loaded {known[0]}'
+    seconds, used = time.monotonic() - begin, time.process_time() - cpu
+    return {'error': error, 'seconds': seconds, 'cpu_seconds': used}
+
+
+def main(argv: Sequence[str]) -> int:
+    """Serve cases until the input ends."""
+    fence = Fence(Path(argv[0]))
+    sys.addaudithook(fence)
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), 'w')
+    for line in sys.stdin:
+        if line.strip():
+            print(json.dumps(diagnose(json.loads(line), fence)), file=answers, flush=True)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+from checks.blind import seal
+from checks.blind.keep import verify
+from checks.blind.label import Label, MotionOrder, Part, to_mapping
+from checks.blind.planning import Shares
+from checks.blind.rough import Rough
+from checks.blind.run import ask_all, BlindCheck, order_of, Stopped
+from checks.blind.score import score, verdict_of
+from checks.blind.store import read_json, stamp, Store
+from checks.blind.truth import intervals, make_row
+from ros2_ident.sources import result_digest
+
+ROOT = Path(__file__).parents[2]
+TRIPOD = ROOT / 'config' / 'tripod.yaml'
+
+
+def orders(tmp_path: Path, numbers: tuple[int, ...]) -> dict[int, dict[str, str]]:
+    there = {'machine': str(TRIPOD)}
+    return {
+        n: there | {k: str(tmp_path / f'case_{n}' / k) for k in ('fit', 'check', 'out')}
+        for n in numbers
+    }
+
+
+def test_a_diagnosis_that_fails_is_kept_with_its_reason(tmp_path) -> None:
+    store = Store(tmp_path)
+    for number in (1, 2):
+        store.case(number).mkdir(parents=True)
+    assert sorted(ask_all(store, orders(tmp_path, (1, 2)), 1)) == [1, 2]
+    assert 'exit code 2' in read_json(store.case(1) / 'run.json')['error']
+
+
+def test_stopping_ends_the_processes_and_answers_nothing(tmp_path) -> None:
+    store = Store(tmp_path)
+    store.case(1).mkdir(parents=True)
+    with pytest.raises(Stopped):
+        list(ask_all(store, orders(tmp_path, (1,)), 1, lambda: True))
+    assert store.answered(1) is None
+
+
+def test_row_of_a_case_without_diagnosis_counts_as_a_miss(tmp_path) -> None:
+    store = Store(tmp_path)
+    effect = Part('torque_ripple', 'ripple.harmonics', 'drive_2', {'torque': 0.05}, 2.4)
+    plain = to_mapping(
+        Label(
+            case=1,
+            sort='single',
+            generator='reference',
+            machine={},
+            parameters={'tool_mass': 1.3},
+            motions=(MotionOrder('multi_point', 1.5, 3), MotionOrder('mixed', 1.5, 4)),
+            effects=(effect,),
+            imperfections=(),
+            fault=None,
+            rough=Rough(0.01),
+            noise=(0.01, 0.01, 0.01),
+            rho=2.4,
+            rho_small=0.0,
+            rho_all=2.4,
+            share=1.0,
+            seed=5,
+        )
+    )
+    row = make_row(seal.unseal(seal.close(plain, 3), 3), store.case(1), store.clean(1))
+    assert verdict_of(row) == 'error'
+    assert row['rho'] == row['rho_all'] == 2.4
+    by_name = {s.name: s for s in score([row])}
+    assert by_name['diagnoses that failed'].value == 1.0
+    assert by_name['exact effect first, rho from 1.5'].value == 0.0
+
+
+def test_intervals_stand_beside_the_parameters_they_are_of() -> None:
+    label = Label(
+        1, 'none', 'reference', {}, {'tool_mass': 1.3, 'drive_2.coulomb_torque': 0.05,
+        'measurement_delay': 0.02}, (MotionOrder('mixed', 8.0, 1), MotionOrder('dwell', 6.0, 2)),
+        (), (), None, Rough(0.01), (), 0.0, 0.0, 0.0, None, 1,
+    )  # fmt: skip
+    one = {'value': 1.2, 'low': 1.1, 'high': 1.25, 'unit': 'kg'}
+    names = ('drive_1.tool_mass', 'drive_2.coulomb_torque', 'measurement_delay', 'x.torque')
+    found = intervals(label, {'parameters': dict.fromkeys(names, one)})
+    assert [(p['name'], p['true']) for p in found] == [
+        ('drive_1.tool_mass', 1.3),
+        ('drive_2.coulomb_torque', 0.05),
+    ]
+
+
+def test_an_order_names_the_cases_own_machine_file(tmp_path) -> None:
+    order = order_of(Store(tmp_path), 7)
+    assert order['machine'] == str(tmp_path / 'cases' / 'case_0007' / 'machine.yaml')
+    assert set(order) == {'fit', 'check', 'machine', 'out'}
+
+
+def test_rows_come_back_in_order(tmp_path) -> None:
+    store = Store(tmp_path)
+    store.write_rows([{'case': 2}, {'case': 1}])
+    assert [r['case'] for r in store.rows()] == [1, 2]
+    assert Store(tmp_path / 'none').rows() == []
+
+
+def test_scoring_opens_only_what_is_diagnosed(tmp_path) -> None:
+    check = BlindCheck(tmp_path / 'run', 1)
+    check.begin(TRIPOD, 1, 3, Shares(), 'python -m checks.blind')
+    check.store.seal(1, seal.close({'case': 1}, 3))
+    assert check.score() == []
+
+
+def test_practice_script_skips_where_there_is_nothing(tmp_path) -> None:
+    done = subprocess.run(
+        [sys.executable, str(ROOT / 'benchmarks' / 'practice.py'), str(tmp_path)],
+        env={'PYTHONPATH': str(ROOT), 'PATH': '/usr/bin:/bin'},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert 'nothing to do' in done.stdout
+
+
+@pytest.mark.parametrize('page', ['blind.md', 'blind_mujoco.md'])
+def test_figures_are_of_the_program_they_stand_beside_or_said_to_be_stale(page) -> None:
+    """A change of the diagnosis makes a page stale: say so in its third line, or run it again."""
+    text = (ROOT / 'docs' / page).read_text(encoding='utf-8')
+    stale = text.split('\n')[2].startswith('**Stale:**')
+    assert stale or f'sources `{result_digest()}`' in text
+
+
+def test_what_the_repository_keeps_is_what_was_sealed() -> None:
+    kept = ROOT / 'docs' / 'blind'
+    assert '--verify' in (kept / 'README.md').read_text(encoding='utf-8')
+    for seals in kept.glob('*/seals.json'):
+        assert verify(seals.parent)
+
+
+def test_a_run_notes_every_program_that_diagnosed(tmp_path) -> None:
+    store = Store(tmp_path / 'run')
+    store.begin({'command': '', 'cases': 1, 'seed': 1, 'shares': {}}, TRIPOD)
+    now = stamp()
+    assert len(now['sources']) == 16
+    for program in (now, now, now | {'commit': 'another'}):
+        store.diagnosed_by(program)
+    assert [p['commit'] for p in store.about()['diagnosed']] == [now['commit'], 'another']
