@@ -176,8 +176,8 @@ def test_a_signal_keeps_the_best_so_far(command, tmp_path, number):
         ),
         (['--state-topic', '/x', '--effort-topic', '/x'], '/x is given as state and as effort'),
         (
-            ['--state-topic', '/nothing', '--command-topic', '/none', '--effort-topic', '/no'],
-            'none',
+            ['--state-topic', '/joint_state'],
+            'holds no message of /joint_state, named as its state topic, only /effort (sens',
         ),
     ],
 )

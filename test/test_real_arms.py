@@ -51,7 +51,7 @@ def test_a_double_pendulum_has_the_published_links() -> None:
 
 def test_pushes_at_a_double_pendulum_are_told_at_their_instants() -> None:
     machine = load_machine(ROOT / 'config/double_pendulum.yaml')
-    topics = Topics(effort='/joint_command', command='/none')
+    topics = Topics(effort='/joint_command', command='none')
     told = {}
     for name in ('perturbed', 'free'):
         data = read_data(RECORDED / f'dp_acrobot_tvlqr_{name}_01', machine, topics=topics)

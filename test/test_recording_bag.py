@@ -303,9 +303,19 @@ def test_errors_name_the_remedy(bag, tmp_path):
     fails(
         bag,
         ErrorCode.MISSING_STREAM,
-        'holds none of /js; its JointState topics are /effort, /joint_command, /joint_states: say',
+        r'holds no message of /js, named as its state topic, only /effort \(sensor_msgs/msg/Joi.*'
+        'name one of these, or `none` where no state was recorded',
         Topics('/js', '', ''),
     )
+    for role in ('effort', 'command'):
+        fails(
+            bag,
+            ErrorCode.MISSING_STREAM,
+            f'holds no message of /js, named as its {role} topic',
+            Topics(**{role: 'js'}),
+        )
+    (read,) = read_bag(bag, Topics(command='none', effort='/js', so_far=True))
+    assert (read.command, read.effort) == (None, None)
     fails(bag, ErrorCode.INVALID_GOAL, 'no topic is given', Topics('', '', ''))
     fails(
         bag,
@@ -339,8 +349,8 @@ def test_bags_without_what_is_needed(tmp_path):
     fails(
         tmp_path / 'other',
         ErrorCode.MISSING_STREAM,
-        'holds no sensor_msgs/msg/JointState topic, only /joint_states',
-        Topics('/js'),
+        r'holds none of /effort, only /joint_states \(std_msgs/msg/String\); record the topic on',
+        Topics('', '/effort', 'none'),
     )
     unmeasured = write_messages(tmp_path / 'unmeasured', [message()] * 3)
     fails(unmeasured, ErrorCode.NO_DATA, 'no measured value arrived')

@@ -290,7 +290,7 @@ def add_topics(parser: argparse.ArgumentParser) -> None:
             f'--{role}-topic',
             default=default,
             metavar='TOPIC',
-            help=f'{what}; {default} by default',
+            help=f'{what}; {default} by default, `none` for none',
         )
     group.add_argument(
         '--joint-names',

@@ -31,9 +31,10 @@ from ros2_ident.recording.table import SUFFIXES as TABLES
 
 @dataclass(frozen=True)
 class Topics:
-    """Where in a log is what: the topic of each role; an empty name leaves the role out.
+    """Where in a log is what: the topic of each role; `none`, or an empty name, for no such topic.
 
-    Where a log has no topic of a default name, what ros2_control publishes is taken instead.
+    Where a log has no topic of a default name, what ros2_control publishes is taken instead. One
+    of another name was named, and has to be there.
 
     Attributes:
         state: Measured positions and velocities, and efforts where the drive reports them here.
@@ -42,6 +43,7 @@ class Topics:
         columns: Column map of a table (CSV), which has no topics; where empty, the file
             `NAME.columns.yaml` beside `NAME.csv`.
         names: What the numbers of a Float64MultiArray are: joints, or `joint/velocity`.
+        so_far: Whether the log is of a node that may not have heard every topic yet.
     """
 
     state: str = '/joint_states'
@@ -49,6 +51,16 @@ class Topics:
     command: str = '/joint_command'
     columns: str = ''
     names: tuple[str, ...] = ()
+    so_far: bool = False
+
+    def topic(self, role: str) -> str:
+        """Return the absolute name of a role's topic, empty for none."""
+        name = str(getattr(self, role)).lstrip('/')
+        return '' if name in ('', 'none') else '/' + name
+
+    def named(self, role: str) -> bool:
+        """Say whether a role has a topic of another name than the default: it has to be there."""
+        return not self.so_far and self.topic(role) not in ('', getattr(Topics, role))
 
     def roles(self) -> dict[str, tuple[str, ...]]:
         """Return the roles of each topic, with absolute names.
@@ -58,9 +70,7 @@ class Topics:
         """
         found: dict[str, tuple[str, ...]] = {}
         for role in ROLES:
-            name = getattr(self, role)
-            if name:
-                topic = '/' + str(name).lstrip('/')
+            if topic := self.topic(role):
                 found[topic] = (*found.get(topic, ()), role)
         if not found:
             raise IdentError(
@@ -122,7 +132,7 @@ def _read(path: Path, topics: Topics, limits: Limits) -> list[Recording]:
         roles, content = chosen.roles(), scanned(chosen)
     if not content.warnings:  # damage says it all: metadata.yaml cannot fit a broken file
         content.warnings[:0] = warnings
-    _check_topics(path, content, roles)
+    _check_topics(path, content, roles, topics)
     builder = RecordingBuilder(str(path), digest(files), limits, notes=notes)
     for sentence in content.warnings:
         builder.warn(sentence)
@@ -168,10 +178,9 @@ def supplemented(topics: Topics, content: Content) -> tuple[Topics, tuple[str, .
 
 def _is_open(topics: Topics, role: str, content: Content) -> bool:
     """Say whether a role has its default topic and the log holds nothing for it."""
-    name = getattr(topics, role)
-    if name != getattr(Topics, role) or name in content.types:
+    if topics.topic(role) != getattr(Topics, role) or topics.topic(role) in content.types:
         return False
-    state = content.messages.get(('/' + topics.state.lstrip('/'), 'state'))
+    state = content.messages.get((topics.topic('state'), 'state'))
     if role != 'effort' or state is None:
         return True
     efforts = (block.fields[2] for _, block in state.blocks)
@@ -277,8 +286,10 @@ def _unreadable(path: Path, kind: str, reason: str) -> IdentError:
     return damaged(path, f'cannot be read ({reason}); {remedy}')
 
 
-def _check_topics(path: Path, raw: Content, roles: dict[str, tuple[str, ...]]) -> None:
-    """Say what is wrong where no wanted topic can be read."""
+def _check_topics(
+    path: Path, raw: Content, roles: dict[str, tuple[str, ...]], topics: Topics
+) -> None:
+    """Say what is wrong where no wanted topic, or not every named one, can be read."""
     for topic, several in roles.items():
         kind = raw.types.get(topic, JOINT_STATE)
         unfit = [role for role in several if role not in ROLES_OF.get(kind, ())]
@@ -304,13 +315,21 @@ def _check_topics(path: Path, raw: Content, roles: dict[str, tuple[str, ...]]) -
                 'with the joints in its order, as a,b or a/velocity,b/velocity (the node: '
                 'joint_names)',
             )
-    if any(raw.messages.get((topic, role)) for topic in roles for role in roles[topic]):
-        return
     if not sum(raw.counts.values()):
         raise IdentError(
             ErrorCode.NO_DATA,
             f'{path}: the bag holds no message; record again while the drives publish',
         )
+    for topic, several in roles.items():
+        given = [role for role in several if topics.named(role)]
+        if given and not raw.counts.get(topic):
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                f'{path}: holds no message of {topic}, named as its {given[0]} topic, only '
+                f'{_held(raw)}; name one of these, or `none` where no {given[0]} was recorded',
+            )
+    if any(raw.messages.get((topic, role)) for topic in roles for role in roles[topic]):
+        return
     silent = [topic for topic in roles if topic in raw.types]
     if silent:
         raise IdentError(
@@ -318,18 +337,18 @@ def _check_topics(path: Path, raw: Content, roles: dict[str, tuple[str, ...]]) -
             f'{path}: {", ".join(silent)} is in the bag but without a message; record again while '
             'the drives publish',
         )
-    others = sorted(topic for topic, kind in raw.types.items() if kind == JOINT_STATE)
-    if others:
-        raise IdentError(
-            ErrorCode.MISSING_STREAM,
-            f'{path}: holds none of {", ".join(roles)}; its JointState topics are '
-            f'{listed(others)}: say which one is state, effort or command',
-        )
+    remedy = 'record the topic on which the drives report their joints'
+    if any(kind in ROLES_OF for kind in raw.types.values()):
+        remedy = 'say which one is state, effort or command'
     raise IdentError(
         ErrorCode.MISSING_STREAM,
-        f'{path}: holds no {JOINT_STATE} topic, only {listed(sorted(raw.types)) or "nothing"}; '
-        'record the topic on which the drives report their joints',
+        f'{path}: holds none of {", ".join(roles)}, only {_held(raw)}; {remedy}',
     )
+
+
+def _held(raw: Content) -> str:
+    """Return the topics that hold messages, with their types."""
+    return listed(f'{x} ({kind})' for x, kind in sorted(raw.types.items()) if raw.counts[x])
 
 
 def _feed(

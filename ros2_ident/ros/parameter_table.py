@@ -169,13 +169,13 @@ TABLE: tuple[Entry, ...] = (
         'bag_topics.effort',
         'string',
         '/effort',
-        'Topic of the measured efforts in such bags; empty where they are in the state topic.',
+        'Topic of the measured efforts in such bags; none where they are in the state topic.',
     ),
     Entry(
         'bag_topics.command',
         'string',
         '/joint_command',
-        'Topic of the set-points in such bags; empty where there is none.',
+        'Topic of the set-points in such bags; none where there is none.',
     ),
     _count(
         'seed', 1, 'Seed of the random generator: the same seed and data give the same result.', 1

@@ -45,7 +45,7 @@ def find_again(node: Node) -> None:
     if capture.spool is None or capture.spool.empty:
         return
     path = capture.spool.path
-    where = Topics(**capture.topics, names=capture.names)
+    where = Topics(**capture.topics, names=capture.names, so_far=True)
 
     def found(recordings: Any, error: BaseException | None) -> None:
         if error is not None:

@@ -314,8 +314,7 @@ class DriveModel(FullModel):
                 raise IdentError(
                     ErrorCode.BAD_MACHINE_FILE,
                     f'the log holds a set-point but the machine file no controller.{key}; add it, '
-                    'or name a command topic that is not there and let the recorded motion drive '
-                    'the model',
+                    'or let the recorded motion drive the model: `--command-topic none`',
                 )
         turn = self.turns
         for d, drive in enumerate(machine.drives):
