@@ -4,14 +4,20 @@
 Everything is written beside its place under a name of its own that ends with `.partial`, brought
 to the disk, and put in its place in one step. What a crash leaves therefore ends with `.partial`;
 nothing reads it, the next run does not mind it, and it may be deleted.
+
+A file takes the place only of one of its own kind: both carry the same mark near their beginning,
+as a key, a comment, a field or the name of a column. All else that is there is a user's.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+import csv
 import errno
 import fcntl
+import io
 import os
 from pathlib import Path
+import re
 import secrets
 import shutil
 import stat
@@ -24,6 +30,57 @@ from ros2_ident.errors import ErrorCode, IdentError
 PARTIAL = '.partial'
 # Some network file systems cannot bring a directory to the disk.
 _NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EBADF)
+_MARK = re.compile(
+    rb'(?:schema|format)\W{1,4}ros2_ident\.(\w+)|name="(generator)" content="ros2_ident '
+    rb'|ros2_ident (journal)'
+)
+# The head of a table of many columns is long.
+_MARKED = 1 << 16
+
+
+def mark(kind: str) -> str:
+    """Return the mark of files of a kind, which a later run may replace."""
+    return f'format=ros2_ident.{kind}'
+
+
+def kind_of(path: str | Path) -> bytes:
+    """Return the kind that a file's mark names; empty where it has none."""
+    with suppress(OSError), open(path, 'rb', opener=_without_waiting) as file:
+        if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            found = _MARK.search(file.read(_MARKED))
+            return found[found.lastindex or 0] if found else b''
+    return b''
+
+
+def require_ours(
+    paths: Iterable[str | Path], inputs: Iterable[str | Path] = (), *, kind: bytes | None = None
+) -> None:
+    """Refuse to write where something is that is not ours to replace.
+
+    Args:
+        paths: Files to write. One that is empty holds nothing that could be lost.
+        inputs: What is read; it is not replaced even where it carries a mark.
+        kind: What the mark of a file that is there has to name; any where None.
+
+    Raises:
+        IdentError: INVALID_GOAL with the remedy.
+    """
+    read = {Path(x).resolve() for x in inputs}
+    for path in map(Path, paths):
+        what, there = '', kind_of(path)
+        if path.is_dir():
+            what = 'is a directory where a file has to go'
+        elif path.resolve() in read:
+            what = 'is what is read and will not be replaced'
+        elif not there and _holds(path):
+            what = 'is no file that ident wrote and will not be replaced'
+        elif there and kind not in (None, there):
+            what = f'is a file of another kind ({there.decode()}) and will not be replaced'
+        if what:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{path}: {what}; move it away, or give another place for the results',
+            )
 
 
 def make_directory(path: str | Path) -> Path:
@@ -62,17 +119,11 @@ def sole_writer(path: str | Path, names: Iterable[str] = ()) -> Iterator[Path]:
         The directory.
 
     Raises:
-        IdentError: INVALID_GOAL where it cannot be made, a directory stands where a file has to
-            go, or another run writes there.
+        IdentError: INVALID_GOAL where it cannot be made, `require_ours` refuses one of the files,
+            or another run writes there.
     """
     path = make_directory(path)
-    taken = next((path / name for name in names if (path / name).is_dir()), None)
-    if taken is not None:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{taken}: is a directory where a file has to go; move it away, or give another '
-            'directory for the results',
-        )
+    require_ours(path / name for name in names)
     with _explained(path):
         number = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
@@ -92,17 +143,19 @@ def sole_writer(path: str | Path, names: Iterable[str] = ()) -> Iterator[Path]:
 
 
 @contextmanager
-def replacing(path: str | Path) -> Iterator[IO[bytes]]:
+def replacing(path: str | Path, *, replace: bool = False) -> Iterator[IO[bytes]]:
     """Give a file to write to, which takes the place of `path` when all of it is written.
 
     Args:
         path: The file; its directory exists.
+        replace: Whether a file that is there may go even without the mark of the new one. It is
+            for the caller to know that it is his own.
 
     Yields:
         A binary file. Where an exception ends the writing, `path` stays what it was.
 
     Raises:
-        IdentError: INVALID_GOAL where it cannot be written.
+        IdentError: INVALID_GOAL where it cannot be written, or something else is there.
     """
     path = Path(path)
     partial = _beside(path)
@@ -112,6 +165,8 @@ def replacing(path: str | Path) -> Iterator[IO[bytes]]:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
+            if not replace:
+                require_ours([path], kind=kind_of(partial))
             os.replace(partial, path)
         except BaseException:
             with suppress(OSError):
@@ -158,8 +213,9 @@ def remove_file(path: str | Path) -> None:
     """Remove a file, or the link that is there; nothing need be.
 
     Raises:
-        IdentError: INVALID_GOAL where it cannot be removed.
+        IdentError: INVALID_GOAL where it cannot be removed, or is not ours.
     """
+    require_ours([path])
     with _explained(Path(path)):
         Path(path).unlink(missing_ok=True)
 
@@ -193,15 +249,26 @@ def _swap(new: Path, path: Path, old: Path, replace: bool) -> None:
         raise
 
 
-def write_text(path: str | Path, text: str) -> Path:
+def write_text(path: str | Path, text: str, *, replace: bool = False) -> Path:
     """Write a text as UTF-8, its line ends as they are; see `replacing`.
 
     Returns:
         The path.
     """
-    with replacing(path) as file:
+    with replacing(path, replace=replace) as file:
         file.write(text.encode())
     return Path(path)
+
+
+def write_table(
+    path: str | Path, head: Iterable[object], rows: Iterable[Iterable[object]]
+) -> Path:
+    """Write rows as CSV; the last column is the mark, with the version below it."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow([*head, mark('table')])
+    writer.writerows([*row, 1] for row in rows)
+    return write_text(path, text.getvalue())
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, Any], *, packed: bool = True) -> Path:
@@ -217,7 +284,7 @@ def write_arrays(path: str | Path, arrays: Mapping[str, Any], *, packed: bool = 
     """
     save = np.savez_compressed if packed else np.savez
     with replacing(path) as file:
-        save(file, allow_pickle=False, **arrays)
+        save(file, allow_pickle=False, **{mark('arrays'): np.array(1), **arrays})
     return Path(path)
 
 
@@ -299,6 +366,16 @@ class Growing:
     def close(self) -> None:
         """Let others write it."""
         os.close(self._number)
+
+
+def _holds(path: Path) -> bool:
+    """Return whether there is anything at a path that could be lost."""
+    return os.path.lexists(path) and not (path.is_file() and path.stat().st_size == 0)
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Open a file; a pipe is not waited for."""
+    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def _beside(path: Path) -> Path:

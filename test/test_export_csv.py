@@ -81,6 +81,7 @@ def test_results_are_tables_with_names_and_units(tmp_path, capsys) -> None:
         'emps_axis simulated, middle of the bounds [N]',
         'emps_axis simulated, identified [N]',
         'emps_axis following error [m]',
+        'format=ros2_ident.table',
     ]
     (curves,) = load_signals(out / 'signals.npz').recordings
     assert len(rows) == curves.time.size

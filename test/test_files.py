@@ -35,7 +35,7 @@ def fill(new: Path) -> None:
 
 
 def write_file(path: Path) -> None:
-    files.write_text(path, 'new')
+    files.write_text(path, f'{files.mark("test")} new')
 
 
 def write_directory(path: Path) -> None:
@@ -45,7 +45,7 @@ def write_directory(path: Path) -> None:
 
 @pytest.fixture
 def old(tmp_path: Path) -> Path:
-    (tmp_path / 'file').write_text('old')
+    (tmp_path / 'file').write_text(f'{files.mark("test")} old')
     (tmp_path / 'folder').mkdir()
     (tmp_path / 'folder' / 'a').write_text('old')
     return tmp_path
@@ -122,7 +122,7 @@ def test_what_a_crash_leaves_is_recognised_and_does_no_harm(old, what):
     ]
     assert {k: v for k, v in content(old).items() if '.partial' not in k} == before
     (write_file if what == 'file' else write_directory)(old / what)
-    assert content(old)[what if what == 'file' else 'folder/a'] == b'new'
+    assert content(old)[what if what == 'file' else 'folder/a'].endswith(b'new')
     assert left[0].exists()
 
 
@@ -254,29 +254,89 @@ def test_two_runs_do_not_write_to_one_directory(tmp_path, command, capsys, name)
     """The second one removed the first one's checkpoint, and left its files among the other's."""
     words = command if name == 'identify' else ['diagnose', *command[1:6], '--quiet']
     checkpoint = tmp_path / f'{name}.checkpoint'
-    checkpoint.write_bytes(b'of the first run')
+    checkpoint.write_bytes(b'ros2_ident journal 1')
     with files.sole_writer(tmp_path):
         assert main(words) == 2
     assert 'another run writes its results there; wait for its end' in capsys.readouterr().err
-    assert content(tmp_path) == {checkpoint.name: b'of the first run'}
+    assert content(tmp_path) == {checkpoint.name: b'ros2_ident journal 1'}
     with files.sole_writer(tmp_path):  # and when it has ended, the next one may
         pass
 
 
 @pytest.mark.parametrize('name', [*OF_RESULT, *OF_DIAGNOSIS])
-def test_a_directory_where_a_file_has_to_go_is_said_before_the_search(
-    tmp_path, command, capsys, name
+@pytest.mark.parametrize('what', ['a directory where', 'no file that ident wrote'])
+def test_what_is_not_ours_is_kept_and_said_before_the_search(
+    tmp_path, command, capsys, name, what
 ):
-    (tmp_path / name).mkdir()
+    foreign = tmp_path / name
+    if 'directory' in what:
+        foreign.mkdir()
+    else:
+        foreign.write_text('mine, about ros2_ident.')
+    before = content(tmp_path)
     words = command if name in OF_RESULT else ['diagnose', *command[1:6], '--quiet']
     assert main(words) == 2
-    said = f'{tmp_path / name}: is a directory where a file has to go; move it away, or give'
-    assert said in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f'{foreign}: is {what}' in said
+    assert 'move it away, or give another place for the results' in said
+    assert content(tmp_path) == before
     assert [x.name for x in tmp_path.iterdir()] == [name]
 
 
+@pytest.mark.parametrize(
+    ('words', 'name'),
+    [
+        (['export', str(BAG), '--to', 'csv', '--out', '{}'], 'axis_reversals.csv'),
+        (['export', str(BAG), '--to', 'csv', '--out', '{}'], 'axis_reversals.columns.yaml'),
+        (['excite', '{}', '--machine', str(AXIS_FILE)], 'motion.csv'),
+        (['simulate', '{}', '--machine', str(AXIS_FILE)], 'notes.txt'),
+        (['fleet', str(BAG.parent), '--machine', str(AXIS_FILE), '--out', '{}'], 'fleet.csv'),
+        (['new-machine', '--kind', 'servo', '--drives', 'a', '--out', '{}/my.yaml'], 'my.yaml'),
+    ],
+)
+def test_no_command_writes_over_what_it_did_not_write(tmp_path, capsys, words, name):
+    (tmp_path / name).write_text('time,a,b\n0,1,2\n')
+    before = content(tmp_path)
+    assert main([word.replace('{}', str(tmp_path)) for word in words]) == 2
+    said = capsys.readouterr().err
+    assert f'{tmp_path if words[0] == "simulate" else tmp_path / name}: ' in said
+    assert 'give another' in said
+    assert content(tmp_path) == before
+
+
+def test_what_is_read_is_not_replaced_even_where_ident_wrote_it(tmp_path, capsys):
+    words = ['export', str(BAG), '--to', 'csv', '--out', str(tmp_path)]
+    assert main(words) == main(words) == 0  # its own tables it does replace
+    before = content(tmp_path)
+    words[1] = str(tmp_path / 'axis_reversals.csv')
+    assert main(words) == 2
+    said = 'axis_reversals.csv: is what is read and will not be replaced'
+    assert said in capsys.readouterr().err
+    assert content(tmp_path) == before
+
+
+def test_a_file_takes_the_place_of_its_own_kind_only(tmp_path):
+    path = tmp_path / 'file'
+    path.touch()  # what is empty is no loss
+    for text in ('# format=ros2_ident.export\n', '# format=ros2_ident.export 2\n'):
+        files.write_text(path, text)
+    with pytest.raises(IdentError, match='is a file of another kind .export. and will not be rep'):
+        files.write_table(path, ['a'], [[1]])
+    with pytest.raises(IdentError, match='is a file of another kind'):
+        files.write_text(path, 'without a mark')
+    (tmp_path / 'link').symlink_to(tmp_path / 'none')
+    os.mkfifo(tmp_path / 'pipe')
+    for name in ('link', 'pipe'):
+        with pytest.raises(IdentError, match='is no file that ident wrote'):
+            files.write_text(tmp_path / name, text)
+        with pytest.raises(IdentError, match='is no file that ident wrote'):
+            files.remove_file(tmp_path / name)
+    assert path.read_text() == text
+    assert sorted(x.name for x in tmp_path.iterdir()) == ['file', 'link', 'pipe']
+
+
 def test_a_file_that_cannot_be_removed_is_said(tmp_path):
-    with pytest.raises(IdentError, match='cannot be written .Is a directory') as caught:
+    with pytest.raises(IdentError, match='is a directory where a file has to go') as caught:
         files.remove_file(tmp_path)
     assert caught.value.code == ErrorCode.INVALID_GOAL
     files.remove_file(tmp_path / 'none')

@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import mark
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
@@ -169,7 +170,7 @@ def test_an_overlay_of_two_segments_is_two_bags(tmp_path, result):
 @pytest.mark.parametrize('moment', range(5))
 def test_a_crash_leaves_nothing_old_beside_what_is_new(tmp_path, result, monkeypatch, moment):
     write_result(tmp_path, result, problem_of(axis(), axis_data()))
-    (tmp_path / 'report.html').write_text('<html>old</html>')
+    (tmp_path / 'report.html').write_text(f'<html>{mark("page")} old</html>')
     before = {x.name: x.read_bytes() for x in tmp_path.iterdir()}
     left = moment
 

@@ -116,7 +116,8 @@ def test_a_page_without_its_report_is_told(tmp_path: Path) -> None:
     with LivePage(tmp_path, 'Diagnosing', 'axis'):
         (tmp_path / 'report.html').unlink()
     assert news(tmp_path) | {'written': 0} == {
-        'state': 'ended', 'why': 'it could not be written', 'written': 0,
+        'format': 'ros2_ident.news', 'state': 'ended', 'why': 'it could not be written',
+        'written': 0,
     }  # fmt: skip
 
 

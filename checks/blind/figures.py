@@ -126,7 +126,7 @@ def confusion(rows: Sequence[Row], path: Path) -> Path:
 
 def _save(fig: Figure, path: Path) -> Path:
     fig.tight_layout()
-    with replacing(path) as file:
+    with replacing(path, replace=True) as file:
         fig.savefig(file, format='png', dpi=110)
     plt.close(fig)
     return path

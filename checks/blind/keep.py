@@ -48,7 +48,7 @@ def keep_all(store: Store, folder: str | Path, rows: Sequence[Mapping[str, Any]]
     keep_seals(store, to)
     keep_labels(store, to)
     short = [{**row, 'ranking': row.get('ranking', [])[:RANKED]} for row in rows]
-    write_text(to / TABLE, ''.join(json.dumps(row) + '\n' for row in short))
+    write_text(to / TABLE, ''.join(json.dumps(row) + '\n' for row in short), replace=True)
     write_json(to / 'run.json', about)
     write_json(to / FIGURES, _figures(score(short)))
     return to
@@ -63,7 +63,7 @@ def keep_labels(store: Store, folder: Path) -> None:
         label = seal.unseal(sealed, int(about['seed']))
         lines.append(json.dumps({'nonce': sealed['nonce'], 'label': label}))
     packed = gzip.compress('\n'.join(lines).encode(), mtime=0)
-    with replacing(folder / LABELS) as file:
+    with replacing(folder / LABELS, replace=True) as file:
         file.write(packed)
 
 

@@ -133,7 +133,7 @@ def write_page(
     for title, picture in pictures.items():
         text += ['', f'## {title}', '', f'![{title}]({folder.name}/{picture.name})']
     text += ['', *_wrong(rows), METHOD.format(generator=GENERATORS[generator])]
-    return write_text(page, '\n'.join(text))
+    return write_text(page, '\n'.join(text), replace=True)
 
 
 def _of_what(rows: Sequence[Row], about: Mapping[str, Any]) -> list[str]:

@@ -41,7 +41,7 @@ def stamp() -> dict[str, str]:
 
 def write_json(path: Path, content: Any) -> None:
     """Write a file such that a reader finds all of it or none."""
-    write_text(path, json.dumps(content, indent=1) + '\n')
+    write_text(path, json.dumps(content, indent=1) + '\n', replace=True)
 
 
 def read_json(path: Path) -> Any:
@@ -91,7 +91,7 @@ class Store:
         (self.root / SEALED).mkdir(parents=True, exist_ok=True)
         text = Path(machine).read_text(encoding='utf-8')
         if there is None:
-            write_text(self.machine, text)
+            write_text(self.machine, text, replace=True)
             write_json(self.root / RUN, dict(what))
             return
         same = all(there.get(key) == what[key] for key in ('cases', 'seed', 'shares'))
@@ -159,4 +159,5 @@ class Store:
     def write_rows(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Keep the scored cases, in the order of their numbers."""
         ordered = sorted(rows, key=lambda row: int(row['case']))
-        write_text(self.root / TABLE, ''.join(json.dumps(row) + '\n' for row in ordered))
+        text = ''.join(json.dumps(row) + '\n' for row in ordered)
+        write_text(self.root / TABLE, text, replace=True)

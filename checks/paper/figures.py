@@ -35,7 +35,7 @@ def tidy(axes: Any) -> None:
 def save(figure: Figure, path: Path) -> None:
     """Write a picture."""
     # Without a date in the file, equal pictures are equal files.
-    with replacing(path) as file:
+    with replacing(path, replace=True) as file:
         figure.savefig(file, format='png', dpi=120, metadata={'Software': None})
 
 

@@ -58,7 +58,7 @@ def run(
         pictures, lambda part, text: progress(0.5 + 0.5 * part, text), seeds=seeds
     )
     page = folder / 'paper.md'
-    write_text(page, HEAD + belt_section(belt) + '\n' + tripod)
+    write_text(page, HEAD + belt_section(belt) + '\n' + tripod, replace=True)
     progress(1.0, f'{page} is written')
     return page
 

@@ -123,12 +123,13 @@ def run(args: argparse.Namespace) -> int:
     """Plan, write, say what it is worth."""
     from ros2_ident.cli.progress import FractionMeter
     from ros2_ident.excite.course import courses_for
-    from ros2_ident.excite.files import write_excitation
+    from ros2_ident.excite.files import require_place, write_excitation
     from ros2_ident.excite.information import Sensitivity
     from ros2_ident.excite.limits import limits_of
     from ros2_ident.excite.plan import excite
     from ros2_ident.models import load_machine
 
+    require_place(args.out)
     machine = load_machine(args.machine)
     limits = limits_of(machine, args.limits)
     courses = courses_for(machine, limits, args.seconds, args.harmonics, args.rest)

@@ -128,13 +128,16 @@ def run(args: argparse.Namespace) -> int:
 def _tables(args: argparse.Namespace) -> tuple[Path, ...]:
     """Write results, or else a log, as CSV."""
     from ros2_ident.recording import read_bag
+    from ros2_ident.recording.table import MAP_SUFFIX
     from ros2_ident.recording.table_write import write_table
     from ros2_ident.report.tables import holds_results, write_tables
 
     log = Path(args.results)
     if holds_results(log):
         return write_tables(log, args.out)
-    return write_table(Path(args.out) / f'{log.stem}.csv', read_bag(log, topics_of(args)))
+    topics = topics_of(args)
+    read = [log, topics.columns or log.with_name(log.stem + MAP_SUFFIX)]
+    return write_table(Path(args.out) / f'{log.stem}.csv', read_bag(log, topics), read)
 
 
 def _description(args: argparse.Namespace, problem: 'Problem') -> str:

@@ -97,10 +97,12 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.table import columns
     from ros2_ident.models import load_machine
     from ros2_ident.models.registry import kind_of
+    from ros2_ident.recording.write import require_room
     from ros2_ident.reference.bag_making import CLEAN, nuisance_of, simulate_bag, write_simulated
     from ros2_ident.reference.effects import parse_effect
     from ros2_ident.reference.motions import draw_motion
 
+    require_room(args.bag)
     machine = load_machine(args.machine)
     truth = _truth(machine, once(args.set, '--set'))
     rng = np.random.default_rng([args.seed, 1])

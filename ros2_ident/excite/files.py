@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A motion in files: a bag of set-points, a trajectory for a controller, a table, its worth."""
 
-from collections.abc import Sequence
-import io
+from collections.abc import Iterator, Sequence
 import json
 import math
 from pathlib import Path
@@ -14,7 +13,7 @@ from rosbags.typesys import get_typestore, Stores
 import yaml
 
 from ros2_ident.excite.plan import Excitation
-from ros2_ident.files import make_directory, replacing, write_text
+from ros2_ident.files import make_directory, mark, replacing, require_ours, write_table, write_text
 from ros2_ident.recording import Stream, write_bag
 from ros2_ident.recording.write import require_room, Topic
 
@@ -54,20 +53,32 @@ def write_excitation(
     Raises:
         IdentError: INVALID_GOAL where something is in the way.
     """
+    require_place(directory)
     folder = make_directory(directory)
     bag = folder / BAG
-    require_room(bag, MARK)
     message = _trajectory(found, drives, highest, lead)
     _write_bag(bag, found, drives, message, asked)
     text = yaml.safe_dump(message, default_flow_style=None, sort_keys=False, width=1 << 20)
-    files = [write_text(folder / TRAJECTORY, text)]
-    files.append(write_text(folder / TABLE, _table(found, drives)))
+    files = [write_text(folder / TRAJECTORY, f'# {mark("trajectory")}\n{text}')]
+    files.append(write_table(folder / TABLE, *_table(found, drives)))
     files.append(write_text(folder / WORTH, json.dumps(worth(found), indent=1) + '\n'))
     from ros2_ident.excite.picture import picture
 
+    about = {'format': 'ros2_ident.picture'}
     with replacing(folder / PICTURE) as file:
-        picture(found, drives).savefig(file, format='png', dpi=110)
+        picture(found, drives).savefig(file, format='png', dpi=110, metadata=about)
     return [bag, *files, folder / PICTURE]
+
+
+def require_place(directory: str | Path) -> None:
+    """Refuse, before any work is done, a directory that holds what is not ours to replace.
+
+    Raises:
+        IdentError: INVALID_GOAL with the remedy.
+    """
+    folder = Path(directory)
+    require_room(folder / BAG, MARK)
+    require_ours(folder / name for name in (TRAJECTORY, TABLE, WORTH, PICTURE))
 
 
 def _write_bag(
@@ -128,15 +139,16 @@ def _serialised(message: dict[str, Any]) -> bytes:
     return bytes(store.serialize_cdr(whole, _KIND))
 
 
-def _table(found: Excitation, drives: Sequence[str]) -> str:
-    """Return set-points as CSV: time, and position, velocity and acceleration of each drive."""
+def _table(
+    found: Excitation, drives: Sequence[str]
+) -> tuple[list[str], Iterator[list[str]]]:
+    """Return head and rows: time, and position, velocity and acceleration of each drive."""
     rows = (found.planned.position, found.planned.velocity, found.planned.acceleration)
     words = ('position', 'velocity', 'acceleration')
     head = ['time', *(f'{drive}.{word}' for word in words for drive in drives)]
     time = found.cycle * np.arange(rows[0].shape[1])
-    out = io.StringIO()
-    np.savetxt(out, np.column_stack([time, *(row.T for row in rows)]), '%.9g', ',')
-    return ','.join(head) + '\n' + out.getvalue()
+    values = np.column_stack([time, *(row.T for row in rows)]).tolist()
+    return head, ([f'{x:.9g}' for x in row] for row in values)
 
 
 def worth(found: Excitation) -> dict[str, Any]:
@@ -145,6 +157,7 @@ def worth(found: Excitation) -> dict[str, Any]:
         found.parameters, found.values, found.half_widths, found.chance, found.wanted, strict=True
     )
     return {
+        'schema': 'ros2_ident.excitation',
         'version': 1,
         'seconds': (found.planned.position.shape[1] - 1) * found.cycle,
         'parameters': {

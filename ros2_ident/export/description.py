@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import xml.etree.ElementTree as ET
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import mark
 
 
 def parsed(text: str) -> ET.Element:
@@ -25,7 +26,8 @@ def parsed(text: str) -> ET.Element:
 def written(root: ET.Element) -> str:
     """Return the text of a description."""
     ET.indent(root)
-    return ET.tostring(root, encoding='unicode', xml_declaration=True) + '\n'
+    text = ET.tostring(root, encoding='unicode')
+    return f"<?xml version='1.0' encoding='utf-8'?>\n<!-- {mark('export')} -->\n{text}\n"
 
 
 def number(value: float) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from ros2_ident.export.content import Content
+from ros2_ident.files import mark
 from ros2_ident.models.drives.joints import Joint
 
 _ISAAC = (
@@ -40,7 +41,7 @@ def isaac(content: Content) -> str:
     }
     data: dict[str, Any] = {'joint_names_expr': [j.name for j in joints]}
     data |= {name: values for name, values in told.items() if values}
-    return _ISAAC + yaml.safe_dump(data, sort_keys=False, width=99)
+    return f'# {mark("export")}\n{_ISAAC}' + yaml.safe_dump(data, sort_keys=False, width=99)
 
 
 def ros2_control(content: Content) -> str:
@@ -60,7 +61,7 @@ def ros2_control(content: Content) -> str:
     }
     if limits:
         data['joint_limits'] = limits
-    return _ROS2_CONTROL + yaml.safe_dump(data, sort_keys=False, width=99)
+    return f'# {mark("export")}\n{_ROS2_CONTROL}' + yaml.safe_dump(data, sort_keys=False, width=99)
 
 
 def _pid(joint: Joint) -> dict[str, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export import mjcf, tables, urdf
 from ros2_ident.export.content import Content
-from ros2_ident.files import make_directory, write_text
+from ros2_ident.files import make_directory, require_ours, write_text
 
 
 @dataclass(frozen=True)
@@ -100,11 +100,16 @@ def write(
         By target the file, and what it cannot say in sentences.
 
     Raises:
-        IdentError: INVALID_GOAL or BAD_MACHINE_FILE with the remedy; nothing is written then.
+        IdentError: INVALID_GOAL or BAD_MACHINE_FILE with the remedy; nothing is written then. The
+            description is not replaced, wherever it was read from.
     """
     for name in names:
         require_fitting(name, content, description)
     texts = {name: TARGETS[name].write(description, content) for name in names}
+    paths = {name: Path(directory) / TARGETS[name].file for name in names}
+    require_ours([*paths.values(), Path(directory) / SUMMARY])
+    read = [x for x in paths.values() if x.is_file() and x.read_text('utf-8') == description]
+    require_ours(read, read)
     folder = make_directory(directory)
     told = {name: tuple(sentences(content, TARGETS[name])) for name in names}
     said = {
@@ -123,7 +128,7 @@ def write(
         'mended': list(links.mended) if links else [],
         'targets': said,
     }
-    files = {name: write_text(folder / TARGETS[name].file, text) for name, text in texts.items()}
+    files = {name: write_text(paths[name], text) for name, text in texts.items()}
     write_text(folder / SUMMARY, json.dumps(whole, indent=1) + '\n')
     return {name: (files[name], told[name]) for name in names}
 

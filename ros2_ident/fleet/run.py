@@ -8,13 +8,15 @@ import json
 from pathlib import Path
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import make_directory, write_text
+from ros2_ident.files import make_directory, require_ours, write_text
 from ros2_ident.fleet.entries import Entry
 from ros2_ident.fleet.row import key_of, plain, Row, run_entry
-from ros2_ident.fleet.summary import write_summary
+from ros2_ident.fleet.summary import TABLE, write_summary
+from ros2_ident.report.files import FLEET, PAGE
 from ros2_ident.search.evaluators import Cancel
 
 OnRow = Callable[[Row], None]
+MARKED = {'format': 'ros2_ident.row'}
 
 
 def run_fleet(
@@ -44,10 +46,12 @@ def run_fleet(
         The rows that are there, in the order of the entries.
     """
     rows_folder = make_directory(Path(out) / 'rows')
+    names = FLEET, TABLE, PAGE, *(f'rows/{entry.name}.json' for entry in entries)
+    require_ours(Path(out) / name for name in names)
     rows: dict[str, Row] = {}
 
     def take(row: Row) -> None:
-        text = json.dumps(plain(row), indent=1, allow_nan=False) + '\n'
+        text = json.dumps({**MARKED, **plain(row)}, indent=1, allow_nan=False) + '\n'
         write_text(rows_folder / f'{row["name"]}.json', text)
         rows[row['name']] = plain(row)
         if on_row is not None:
@@ -77,6 +81,7 @@ def _kept(path: Path, entry: Entry, seed: int, diagnosed: bool) -> Row | None:
     """Return a row of an earlier run that still holds; failed ones are tried again."""
     try:
         row: Row = json.loads(path.read_text(encoding='utf-8'))
+        row.pop('format', None)
         holds = row['state'] == 'done' and row['key'] == key_of(entry, seed, diagnosed)
     except (OSError, ValueError, KeyError, TypeError, IdentError):
         return None

@@ -2,8 +2,6 @@
 """How the machines of a fleet compare: drift, differences, effects."""
 
 from collections.abc import Iterator, Mapping, Sequence
-import csv
-import io
 import json
 import math
 from pathlib import Path
@@ -13,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.errors import ErrorCode
-from ros2_ident.files import write_text
+from ros2_ident.files import write_table, write_text
 from ros2_ident.fleet.row import Row
 from ros2_ident.gap.verdict import REFUSED
 from ros2_ident.identify.result import half_of_difference
 
+TABLE = 'fleet.csv'
 # Probability that a drift is said where there is none, over all comparisons of a fleet.
 LEVEL = 0.05
 # Differences below this share are not said: friction moves by more than that with a few kelvin, so
@@ -150,14 +149,12 @@ def write_summary(out: Path, rows: Sequence[Row]) -> None:
     content = {'schema': 'ros2_ident.fleet', 'version': 1, 'rows': rows, **summarise(rows)}
     write_text(out / 'fleet.json', json.dumps(content, indent=1, allow_nan=False) + '\n')
     head = ('bag', 'machine', 'date', 'state', 'code', 'message', 'effect', 'where')
-    text = io.StringIO(newline='')
-    table = csv.writer(text)
-    table.writerow((*head, 'parameter', 'value', 'low', 'high', 'unit'))
+    table: list[tuple[object, ...]] = []
     for row in rows:
         same = [row['name'], *(row.get(k, '') for k in head[1:-1])]
         same.append(','.join(row.get('where', ())))
         for name, p in row.get('parameters', {'': {}}).items():
-            table.writerow(
+            table.append(
                 (*same, name, *(p.get(k, '') for k in ('value', 'low', 'high', 'unit')))
             )
-    write_text(out / 'fleet.csv', text.getvalue())
+    write_table(out / TABLE, (*head, 'parameter', 'value', 'low', 'high', 'unit'), table)

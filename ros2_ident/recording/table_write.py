@@ -2,15 +2,14 @@
 """Write a log as a table (CSV) with the column map that reads it back."""
 
 from collections.abc import Iterator, Sequence
-import csv
 from decimal import Decimal
-import io
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from ros2_ident.files import make_directory, write_text
+from ros2_ident.files import make_directory, mark, require_ours, write_text
+from ros2_ident.files import write_table as write_rows
 from ros2_ident.recording.streams import FloatArray, IntArray, Recording, Stream
 from ros2_ident.recording.table import MAP_SUFFIX, QUANTITIES
 
@@ -18,7 +17,9 @@ from ros2_ident.recording.table import MAP_SUFFIX, QUANTITIES
 _TO_SECONDS = -9
 
 
-def write_table(path: str | Path, recordings: Sequence[Recording]) -> tuple[Path, Path]:
+def write_table(
+    path: str | Path, recordings: Sequence[Recording], inputs: Sequence[str | Path] = ()
+) -> tuple[Path, Path]:
     """Write recordings of one log as a table; `read_bag` gets the same values back.
 
     Streams of other rates leave cells empty. The time of the next recording steps back, as it
@@ -27,29 +28,27 @@ def write_table(path: str | Path, recordings: Sequence[Recording]) -> tuple[Path
     Args:
         path: The `.csv` file.
         recordings: In order.
+        inputs: What they were read from, which is not replaced.
 
     Returns:
         The table and its column map, which lies beside it.
 
     Raises:
-        IdentError: INVALID_GOAL where a file cannot be written.
+        IdentError: INVALID_GOAL where a file cannot be written, or is not ours to replace.
     """
     table = Path(path)
+    where = table.with_name(table.stem + MAP_SUFFIX)
+    require_ours([table, where], inputs)
     make_directory(table.parent)
     columns = list(dict.fromkeys(name for r in recordings for name, *_ in _columns(r)))
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator='\n')
-    writer.writerow(['time', *map('.'.join, columns)])
-    for recording in recordings:
-        writer.writerows(_rows(recording, columns))
     joints: dict[str, dict[str, str]] = {}
     for joint, quantity in columns:
         joints.setdefault(joint, {})[quantity] = f'{joint}.{quantity}'
     told = {'time': {'column': 'time', 'unit': 's'}, 'joints': joints}
-    where = table.with_name(table.stem + MAP_SUFFIX)
+    head = ['time', *map('.'.join, columns)]
     return (
-        write_text(table, text.getvalue()),
-        write_text(where, yaml.safe_dump(told, sort_keys=False)),
+        write_rows(table, head, (row for r in recordings for row in _rows(r, columns))),
+        write_text(where, f'# {mark("columns")}\n{yaml.safe_dump(told, sort_keys=False)}'),
     )
 
 

@@ -67,6 +67,7 @@ def write_diagnosis(
     folder = Path(directory)
     remove_file(folder / MOTION)  # that of an older run
     content = {
+        'format': 'ros2_ident.diagnosis',
         **diagnosis_mapping(found),
         'machine_lines': list(machine_lines(found, machine)),
         'settings': dict(settings or {}),

@@ -186,7 +186,7 @@ def require_place(path: str | Path, data: Data, inputs: Sequence[str | Path | No
     read = {Path(x).resolve() for x in inputs if x}
     for number in range(1, len(data.recordings) + 1):
         place = _place(Path(path), number)
-        if place.resolve() in read:
+        if any(x.is_relative_to(place.resolve()) for x in read):
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
                 f'{place}: is what is read and will not be replaced; give another directory for '

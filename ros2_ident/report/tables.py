@@ -2,15 +2,13 @@
 """What a run found, as tables (CSV) for spreadsheets and plotting programs."""
 
 from collections.abc import Iterator, Sequence
-import csv
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import make_directory, write_text
+from ros2_ident.files import make_directory, require_ours, write_table
 from ros2_ident.report.files import (
     DIAGNOSIS,
     DIAGNOSIS_SIGNALS,
@@ -47,6 +45,8 @@ def write_tables(results: str | Path, directory: str | Path) -> tuple[Path, ...]
         IdentError: NO_DATA where there is neither, BAD_VALUES where a file cannot be read.
     """
     source, folder = Path(results), make_directory(directory)
+    names = 'parameters.csv', 'signals.csv'
+    require_ours(folder / f'{before}{name}' for before in ('', 'diagnosis_') for name in names)
     files: list[Path] = []
     if any((source / name).exists() for name in (JSON, YAML)):
         found = to_mapping(load_result(source))['parameters']
@@ -68,11 +68,10 @@ def _write(
 ) -> Iterator[Path]:
     fields = [f for f in _FIELDS if any(f in entry for entry in found.values())]
     rows = [[name, *(entry.get(f) for f in fields)] for name, entry in found.items()]
-    parameters = folder / f'{before}parameters.csv'
-    yield write_text(parameters, _text([['parameter', *fields], *rows]))
+    yield write_table(folder / f'{before}parameters.csv', ['parameter', *fields], rows)
     if signals.exists():
-        curves = list(_signal_rows(load_signals(signals)))
-        yield write_text(folder / f'{before}signals.csv', _text(curves))
+        head, *curves = _signal_rows(load_signals(signals))
+        yield write_table(folder / f'{before}signals.csv', head, curves)
 
 
 def _signal_rows(signals: Signals) -> Iterator[Sequence[object]]:
@@ -104,9 +103,3 @@ def _signal_rows(signals: Signals) -> Iterator[Sequence[object]]:
         values = blocks.reshape(-1, curves.time.size).T
         for time, row in zip(curves.time.tolist(), values.tolist(), strict=True):
             yield [title, f'{time:.9g}', *('' if x != x else f'{x:.9g}' for x in row)]
-
-
-def _text(rows: Sequence[Sequence[object]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator='\n').writerows(rows)
-    return text.getvalue()

@@ -377,5 +377,5 @@ def generated(root: Path) -> dict[Path, str]:
 
 if __name__ == '__main__':
     for path, text in generated(Path(__file__).resolve().parents[2]).items():
-        write_text(path, text)
+        write_text(path, text, replace=True)
         print(path)

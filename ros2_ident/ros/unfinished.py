@@ -9,7 +9,7 @@ import hashlib
 from pathlib import Path
 
 from ros2_ident.errors import IdentError
-from ros2_ident.files import Growing
+from ros2_ident.files import Growing, require_ours
 from ros2_ident.identify.problem import sources
 from ros2_ident.ros.paths import expanded
 from ros2_ident.search.journal import forget
@@ -42,8 +42,9 @@ def place_of(directory: str, *what: str) -> Path | None:
 
 
 def _free(path: Path) -> bool:
-    """Return whether a file can be written that no other process writes."""
+    """Return whether a file can be written that is ours and that no other process writes."""
     try:
+        require_ours([path])
         Growing(path).close()
     except IdentError:
         return False

@@ -141,7 +141,8 @@ class LivePage:
         self._write(self._said)
 
     def _write(self, said: dict[str, Any]) -> None:
-        text = json.dumps({**plain(said), 'written': time.time()}, separators=(',', ':'))
+        news = {'format': 'ros2_ident.news', **plain(said), 'written': time.time()}
+        text = json.dumps(news, separators=(',', ':'))
         write_text(self._folder / NEWS, f'identNews({text})\n')
         self._next = time.monotonic() + EVERY
 
