@@ -11,8 +11,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, require_ours, write_text
 from ros2_ident.fleet.entries import Entry
 from ros2_ident.fleet.row import key_of, plain, Row, run_entry
-from ros2_ident.fleet.summary import TABLE, write_summary
-from ros2_ident.report.files import FLEET, PAGE
+from ros2_ident.fleet.summary import PAGE, SUMMARY, TABLE, write_summary
 from ros2_ident.search.evaluators import Cancel
 
 OnRow = Callable[[Row], None]
@@ -46,7 +45,7 @@ def run_fleet(
         The rows that are there, in the order of the entries.
     """
     rows_folder = make_directory(Path(out) / 'rows')
-    names = FLEET, TABLE, PAGE, *(f'rows/{entry.name}.json' for entry in entries)
+    names = SUMMARY, TABLE, PAGE, *(f'rows/{entry.name}.json' for entry in entries)
     require_ours(Path(out) / name for name in names)
     rows: dict[str, Row] = {}
 

@@ -16,7 +16,8 @@ from ros2_ident.fleet.row import Row
 from ros2_ident.gap.verdict import REFUSED
 from ros2_ident.identify.result import half_of_difference
 
-TABLE = 'fleet.csv'
+# Its files; the page is made of the first.
+SUMMARY, TABLE, PAGE = 'fleet.json', 'fleet.csv', 'report.html'
 # Probability that a drift is said where there is none, over all comparisons of a fleet.
 LEVEL = 0.05
 # Differences below this share are not said: friction moves by more than that with a few kelvin, so
@@ -147,7 +148,7 @@ def _told(differences: list[Row]) -> list[Row]:
 def write_summary(out: Path, rows: Sequence[Row]) -> None:
     """Write `fleet.json` and `fleet.csv`, one line for each bag and parameter or failure."""
     content = {'schema': 'ros2_ident.fleet', 'version': 1, 'rows': rows, **summarise(rows)}
-    write_text(out / 'fleet.json', json.dumps(content, indent=1, allow_nan=False) + '\n')
+    write_text(out / SUMMARY, json.dumps(content, indent=1, allow_nan=False) + '\n')
     head = ('bag', 'machine', 'date', 'state', 'code', 'message', 'effect', 'where')
     table: list[tuple[object, ...]] = []
     for row in rows:
