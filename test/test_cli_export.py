@@ -81,7 +81,7 @@ def test_the_weight_of_the_description_counts(identified) -> None:
         (['--to', 'sdf'], 'sdf is no target; choose from urdf, mjcf, isaac, ros2_control'),
         (['--to', 'mjcf'], '--into'),
         (['--machine', 'nowhere.yaml'], 'the machine file nowhere.yaml is not there'),
-        (['--into', 'nowhere.urdf'], 'nowhere.urdf cannot be read'),
+        (['--into', 'nowhere.urdf'], 'nowhere.urdf: cannot be read'),
     ],
 )
 def test_mistakes_are_told_with_the_remedy(identified, tmp_path, capsys, words, remedy) -> None:
@@ -116,7 +116,7 @@ def test_a_machine_file_from_description_and_bag(identified, tmp_path, capsys) -
     ('words', 'remedy'),
     [
         (['linear_axis', '--description', 'arm.urdf'], 'leave out --description'),
-        (['serial', '--description', 'none.urdf'], 'there is no such file'),
+        (['serial', '--description', 'none.urdf'], 'none.urdf: cannot be read (No such file'),
     ],
 )
 def test_a_description_that_does_not_fit_is_refused(capsys, words, remedy) -> None:

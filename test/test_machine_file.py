@@ -29,7 +29,7 @@ def test_a_new_machine_file_loads_without_a_remark(kind, tmp_path, capsys):
     path = tmp_path / 'new.yaml'
     for key in KINDS[kind].keys:
         if key.file:
-            (tmp_path / str(key.example)).write_text('what the file holds\n')
+            (tmp_path / str(key.example)).write_text('<mujoco/>\n')
     assert main(['new-machine', '--kind', kind, '--out', str(path)]) == 0
     assert f'written: {path}' in capsys.readouterr().out
     file = read_machine_file(path)
@@ -53,14 +53,14 @@ def test_what_stands_behind_a_comment_can_be_taken_in(kind, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     for key in KINDS[kind].keys:
         if key.file:
-            Path(str(key.example)).write_text('what the file holds\n')
+            Path(str(key.example)).write_text('<mujoco/>\n')
     template = machine_template(KINDS[kind])
     text = re.sub(r'^( *)# (\w+: [^#]*#)', r'\1\2', template, flags=re.MULTILINE)
     machine = machine_from_mapping(yaml.safe_load(text))
     known = {path[1] for path in KINDS[kind].by_path if path[0] == 'parameters'}
     assert set(machine.bounds) == known
     held = [machine.text(key.name) for key in KINDS[kind].keys if key.file]
-    assert set(held) <= {'what the file holds\n'}
+    assert set(held) <= {'<mujoco/>\n'}
 
 
 def test_the_table_knows_what_the_models_know():

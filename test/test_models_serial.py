@@ -556,9 +556,22 @@ def test_mistakes_are_told_with_the_remedy(tmp_path: Path, monkeypatch) -> None:
         ('<robot', '<model', 'is no XML'),
         ('robot', 'model', 'has the root element model'),
         ('name="bent"', 'name="bent" xmlns:xacro="http://x.org/xacro"><xacro:arm/', 'is a xacro'),
-        ('"7.5"', '"${m}"', 'mass value of link column (${m})'),
-        ('ixx="0.2" ', '', 'inertia ixx of link column (None)'),
+        ('"7.5"', '"${m}"', '${m} as mass value of link column; write a number'),
+        ('ixx="0.2" ', '', 'has no inertia ixx of link column; add it'),
         ('xyz="0 0.6 0.8"', 'xyz="0 0 0"', 'the axis "0 0 0" of joint slide'),
+        ('"7.5"', '"-1"', 'has -1 as mass value of link column; write a number from 0'),
+        ('"7.5"', '"nan"', 'has nan as mass value of link column; write a number from 0'),
+        ('xyz="0.3 0 0.1"', 'xyz="1e308 0 0"', 'has 1e308 0 0 as origin xyz of joint slide'),
+        ('"0.2" ixy', '"-5" ixy', 'has -5 as inertia ixx of link column'),
+        ('bent', '\0', 'is no XML (not well-formed'),
+        (URDF, ' ', 'is no XML (no element found'),
+        ('<robot', '<!DOCTYPE r [<!ENTITY e "9">]><robot', 'has a DOCTYPE'),
+        ('effort="1" velocity="1"', '', 'has no limit effort of joint slide; add it'),
+        ('<child link="tool"/>', '<child link="hand"/>', 'joint flange between hand and hand'),
+        ('<link name="world"/>', '<link name="world"/><link name="w"/>', 'has 2 links that no'),
+        ('link="world"', 'link="tool"', 'in a circle of joints'),
+        ('<link name="world"/>', '<link name="world"/>' * 2000, 'has 2006 elements link'),
+        ('<link name="world"/>', '<link>' * 400 + '</link>' * 400, 'more than 250 inside each'),
     ],
 )
 def test_a_description_that_lost_something_is_refused_in_a_sentence(
@@ -570,6 +583,21 @@ def test_a_description_that_lost_something_is_refused_in_a_sentence(
     assert error.code is ErrorCode.BAD_MACHINE_FILE
     assert said in error.message and '; ' in error.message
     assert capfd.readouterr() == ('', '')
+
+
+@pytest.mark.parametrize('above', ['link_{n}', 'link_0'])
+def test_a_giant_is_refused_where_it_is_read_and_where_it_is_heard(tmp_path, above) -> None:
+    text = '<robot name="giant"><link name="link_0"/>' + ''.join(
+        f'<link name="link_{n + 1}"/><joint name="joint_{n}" type="fixed">'
+        f'<parent link="{above.format(n=n)}"/><child link="link_{n + 1}"/></joint>'
+        for n in range(20_000 if above == 'link_0' else 999)
+    ) + '</robot>'  # fmt: skip
+    machine = described(tmp_path).with_constants(description='/robot_description')
+    assert refused(machine.described, text).message.startswith('/robot_description has ')
+    (tmp_path / 'arm.urdf').write_text(text)
+    error = refused(load_machine, tmp_path / 'arm.yaml')
+    assert error.code is ErrorCode.BAD_MACHINE_FILE
+    assert 'arm.yaml:3: ' in error.message and 'arm.urdf has ' in error.message
 
 
 def test_a_description_that_is_no_text_is_refused(tmp_path: Path) -> None:

@@ -145,12 +145,9 @@ def _description(args: argparse.Namespace, problem: 'Problem') -> str:
     if args.into is None:
         constants = problem.machine.constants
         return problem.machine.text('description') if 'description' in constants else ''
-    try:
-        return Path(args.into).read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL, f'{args.into} cannot be read ({error}); give a URDF or an MJCF'
-        ) from None
+    from ros2_ident.machine.description import description_text
+
+    return description_text(Path(args.into))
 
 
 def _problem(args: argparse.Namespace, estimate: 'Estimate') -> 'Problem':

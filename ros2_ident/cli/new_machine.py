@@ -55,18 +55,13 @@ def run(args: argparse.Namespace) -> int:
 
     from ros2_ident.errors import ErrorCode, IdentError
     from ros2_ident.files import write_text
-    from ros2_ident.machine.file import description_text
+    from ros2_ident.machine.description import description_text
     from ros2_ident.models.new_file import description_key, new_machine_file
 
     folder = Path(args.out).parent if args.out else Path()
     known = {}
     if args.description is not None:
         description_key(KINDS[args.kind])
-        if not Path(args.description).is_file():
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'{args.description}: there is no such file; give a URDF or an MJCF',
-            )
         known['description'] = description_text(Path(args.description))
         known['named'] = os.path.relpath(args.description, folder)
     states = _states(args) if args.bag else None

@@ -14,14 +14,13 @@ import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
+from ros2_ident.machine.description import description_text
 from ros2_ident.machine.draft import number, Remark
 from ros2_ident.machine.judge import contents, judge, TEMPLATE
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, Key, Value
 from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.machine import Box, Machine
 from ros2_ident.machine.units import effort_factor
-
-_LARGEST_DESCRIPTION = 1 << 24  # bytes
 
 
 @dataclass(frozen=True)
@@ -163,22 +162,6 @@ def judged(
     broken = any(remark.level == 'error' for remark in remarks)
     machine = None if broken else _machine(data, kinds[data['machine']], digest, folder)
     return MachineFile(name, lines or {}, tuple(remarks), machine)
-
-
-def description_text(path: Path) -> str:
-    """Return what a description's file holds.
-
-    Raises:
-        IdentError: BAD_MACHINE_FILE where it cannot be read or is no text.
-    """
-    try:
-        return read_small(path, _LARGEST_DESCRIPTION).decode()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or 'it is no text in UTF-8'
-        raise IdentError(
-            ErrorCode.BAD_MACHINE_FILE,
-            f'{path}: cannot be read ({reason}); give a URDF or an MJCF file',
-        ) from None
 
 
 # ---------------------------------------------------------------------- the value

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.description import description_text
 from ros2_ident.machine.draft import Draft, number, Remark
 from ros2_ident.machine.draft import Path as Keys
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, Key
@@ -172,9 +173,15 @@ def _value(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
 
 
 def _file(key: Key, value: Any, folder: Path) -> Iterator[Remark]:
+    if not key.file or value == DESCRIPTION_TOPIC:
+        return
     # False, too, for what can be no path
-    there = isinstance(value, str) and os.path.isfile(folder / value)
-    if key.file and value != DESCRIPTION_TOPIC and not there:
+    if isinstance(value, str) and os.path.isfile(folder / value):
+        try:
+            description_text(folder / value)
+        except IdentError as error:
+            yield Remark('error', key.path, error.message)
+    else:
         yield Remark(
             'error',
             key.path,

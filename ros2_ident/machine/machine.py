@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.description import judged_tree
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, NEUTRAL, Value
 from ros2_ident.machine.units import angular, effort_factor, plain_unit
 
@@ -180,7 +181,8 @@ class Machine:
             text: URDF or MJCF; None where nothing was heard.
 
         Raises:
-            IdentError: MISSING_STREAM where it is asked for and nothing was heard.
+            IdentError: MISSING_STREAM where it is asked for and nothing was heard,
+            BAD_MACHINE_FILE where it is no such description.
         """
         asking = [n for n, values in self.constants.items() if values == (DESCRIPTION_TOPIC,)]
         if not asking:
@@ -191,6 +193,7 @@ class Machine:
                 f'the machine file asks for {DESCRIPTION_TOPIC}, and nothing was heard there; '
                 'start robot_state_publisher, or name the file of a URDF',
             )
+        judged_tree(text, DESCRIPTION_TOPIC)
         digest = hashlib.sha256(f'{self.digest}{text}'.encode()).hexdigest()
         return replace(self.with_constants(**dict.fromkeys(asking, text)), digest=digest)
 

@@ -10,13 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import os
 from typing import Any
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.description import judged_tree
 from ros2_ident.machine.machine import Machine
-from ros2_ident.models.serial.description import require_readable
 
 Array = npt.NDArray[np.float64]
 
@@ -223,14 +224,15 @@ def joints_in(text: str) -> tuple[str, ...]:
 
 def _whole(pin: Any, text: str, drives: Sequence[str]) -> Any:
     """Return the model of a URDF or an MJCF, all of its joints moving."""
-    require_readable(text)
+    root = judged_tree(text)
+    text = ET.tostring(root, encoding='unicode')  # read by this package's parser alone
     try:
-        whole = pin.buildModelFromXML(text) if '<robot' in text else _from_mjcf(pin, text)
+        whole = pin.buildModelFromXML(text) if root.tag == 'robot' else _from_mjcf(pin, text)
     except Exception as error:
         raise IdentError(
             ErrorCode.BAD_MACHINE_FILE,
-            f'geometry.description cannot be read ({str(error).splitlines()[0]}); give a URDF or '
-            'an MJCF file',
+            f'geometry.description cannot be read ({str(error).strip().splitlines()[-1]}); '
+            'give a URDF or an MJCF file',
         ) from error
     missing = [name for name in drives if not whole.existJointName(name)]
     if missing:

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A URDF or an MJCF as plain XML, judged before a library in C++ sees it.
+
+Such a library recurses as deep as a description goes, passes over what it does not understand, and
+does not name what it refuses.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+import xml.etree.ElementTree as ET
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import read_small
+from ros2_ident.machine.shown import name_of
+
+_BYTES, _ELEMENTS, _BODIES, _DEPTH = 1 << 24, 100_000, 1_000, 250
+_LARGEST = 1e9  # in SI units: beyond every machine, and far from where a product overflows
+_INERTIAS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+_NEEDED = {'inertial/mass': ('value',), 'inertial/inertia': _INERTIAS}
+_NUMBERS = frozenset((
+    *_INERTIAS, 'value', 'xyz', 'rpy', 'lower', 'upper', 'effort', 'velocity', 'mass', 'density',
+    'diaginertia', 'fullinertia', 'pos', 'quat', 'euler', 'axis',
+))  # fmt: skip
+# How many of their numbers, the first ones, cannot be below 0.
+_FROM_ZERO = {
+    'ixx': 1, 'iyy': 1, 'izz': 1, 'mass': 1, 'density': 1, 'diaginertia': 3, 'fullinertia': 3,
+}  # fmt: skip
+
+
+def description_text(path: Path) -> str:
+    """Return what a description's file holds.
+
+    Raises:
+        IdentError: BAD_MACHINE_FILE where it cannot be read or is no text, or as `judged_tree`.
+    """
+    try:
+        text = read_small(path, _BYTES).decode()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or 'it is no text in UTF-8'
+        raise IdentError(
+            ErrorCode.BAD_MACHINE_FILE,
+            f'{path}: cannot be read ({reason}); give a URDF or an MJCF file',
+        ) from None
+    judged_tree(text, path)
+    return text
+
+
+def judged_tree(
+    text: str, named: object = 'geometry.description', shapes: bool = True
+) -> ET.Element:
+    """Return the root of a description in which nothing is found wrong; of a URDF its dynamics.
+
+    Args:
+        text: The description.
+        named: What to call it in messages.
+        shapes: Whether an MJCF may name files of shapes.
+
+    Raises:
+        IdentError: BAD_MACHINE_FILE with the first thing that is wrong.
+    """
+    parser = ET.XMLParser(target=_Bounded())
+    try:
+        for first in range(0, len(text), 1 << 16):
+            parser.feed(text[first : first + (1 << 16)])
+        root: ET.Element = parser.close()
+        problem = next(_problems(root, shapes), None)
+    except _Unbounded as error:
+        problem = str(error)
+    except ET.ParseError as error:
+        problem = f'is no XML ({error}); give a URDF or an MJCF file'
+    if problem is not None:
+        raise IdentError(ErrorCode.BAD_MACHINE_FILE, f'{named} {problem}')
+    return root
+
+
+class _Unbounded(Exception):
+    """A description is larger than one of a machine."""
+
+
+class _Bounded(ET.TreeBuilder):
+    """A tree that grows within bounds, of what stands there and nothing that is declared."""
+
+    elements = depth = 0
+
+    def start(self, tag: Any, attrs: Any, /) -> ET.Element:
+        self.elements, self.depth = self.elements + 1, self.depth + 1
+        if self.elements > _ELEMENTS or self.depth > _DEPTH:
+            raise _Unbounded(
+                f'has more than {_ELEMENTS} elements, or more than {_DEPTH} inside each other; '
+                'leave out what is not the machine'
+            )
+        return super().start(tag, attrs)
+
+    def end(self, tag: Any, /) -> ET.Element:
+        self.depth -= 1
+        return super().end(tag)
+
+    def doctype(self, *_: object) -> None:
+        raise _Unbounded('has a DOCTYPE, whose entities can stand for text without end; remove it')
+
+
+def _problems(root: ET.Element, shapes: bool) -> Iterator[str]:
+    if any('xacro' in element.tag for element in root.iter()):
+        yield 'is a xacro; give what `xacro arm.urdf.xacro > arm.urdf` makes of it'
+    elif root.tag not in ('robot', 'mujoco'):
+        yield (
+            f'has the root element {name_of(root.tag)}; give a URDF (robot) or an MJCF file '
+            '(mujoco)'
+        )
+    for tag in ('link', 'body', 'joint'):
+        count = sum(1 for _ in root.iter(tag))
+        if count > _BODIES:
+            yield f'has {count} elements {tag} and may have {_BODIES}; leave some out'
+    if root.tag == 'robot':
+        yield from _of_urdf(root)
+    for element in root.iter():
+        file = next((name for name in element.attrib if name.startswith('file')), None)
+        if element.tag == 'include' or file and not shapes:
+            yield (
+                f'names the file {name_of(element.get(file or "file"))} ({name_of(element.tag)}), '
+                'which is not read; give an MJCF without files of its own'
+            )
+    yield from _of_numbers(root)
+
+
+def _of_urdf(root: ET.Element) -> Iterator[str]:
+    # Shapes, sensors and controllers have no part in the dynamics.
+    root[:] = [element for element in root if element.tag in ('link', 'joint')]
+    below: dict[str | None, list[str | None]] = {}
+    for link in root.iterfind('link'):
+        link[:] = link.findall('inertial')
+        below[link.get('name')] = []
+        for place, names in _NEEDED.items() if len(link) else ():
+            yield from _missing(link, place, names)
+    carried = set()
+    for joint in root.iterfind('joint'):
+        kind, where = joint.get('type'), f'joint {name_of(joint.get("name"))}'
+        if kind in ('revolute', 'prismatic'):
+            yield from _missing(joint, 'limit', ('effort', 'velocity'))
+        # An axis of 0 stands in many a fixed one.
+        axis = joint.find('axis') if kind in ('revolute', 'continuous', 'prismatic') else None
+        given = '1 0 0' if axis is None else axis.get('xyz', '1 0 0')
+        if not given.strip(' 0.-+e\t\n'):
+            yield f'has the axis "{name_of(given)}" of {where}; give its direction'
+        parent, child = (
+            getattr(joint.find(end), 'attrib', {}).get('link') for end in ('parent', 'child')
+        )
+        if not {parent, child} <= below.keys() or child in carried:
+            yield (
+                f'has {where} between {name_of(parent)} and {name_of(child)}, which have to be '
+                'links, the second one carried by no other joint; correct it'
+            )
+        carried.add(child)
+        below[parent].append(child)
+    level = [link for link in below if link not in carried]
+    if len(level) != 1:
+        yield f'has {len(level)} links that no joint carries and needs one; give the whole URDF'
+    for _ in range(_DEPTH):
+        level = [child for link in level for child in below.pop(link)]
+    if below:
+        yield (
+            f'has link {name_of(next(iter(below)))} in a circle of joints, or behind more than '
+            f'{_DEPTH} of them; leave some out'
+        )
+
+
+def _missing(owner: ET.Element, place: str, names: tuple[str, ...]) -> Iterator[str]:
+    part = owner.find(place)
+    for name in names:
+        if part is None or name not in part.attrib:
+            what = f'{place.rpartition("/")[2]} {name}'
+            yield f'has no {what} of {owner.tag} {name_of(owner.get("name"))}; add it'
+
+
+def _of_numbers(root: ET.Element) -> Iterator[str]:
+    """Judge the numbers of links, bodies and joints."""
+    level = [('', root)]
+    while level:
+        where, element = level.pop()
+        if element.tag in ('link', 'body', 'joint'):
+            where = f' of {element.tag} {name_of(element.get("name"))}'
+        level += [(where, child) for child in element]
+        for name, value in element.items():
+            parts = value.split()
+            above = _FROM_ZERO.get(element.tag if name == 'value' else name, 0)
+            low = [0.0] * above + [-_LARGEST] * len(parts)
+            if name in _NUMBERS and not (parts and all(map(_number, parts, low))):
+                yield (
+                    f'has {name_of(value)} as {element.tag} {name}{where}; write '
+                    f'{"a number from 0" if above else f"numbers from {-_LARGEST:g}"} to '
+                    f'{_LARGEST:g}'
+                )
+
+
+def _number(text: str, low: float) -> bool:
+    try:
+        return low <= float(text) <= _LARGEST
+    except ValueError:
+        return False
