@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 import math
 
-from ros2_ident.errors import IdentError
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.floor import noise_floor
 from ros2_ident.gates import examine
 from ros2_ident.identify.data import Data, gather
@@ -32,7 +32,18 @@ _NOISE = 3.0
 
 def check_machine(file: MachineFile) -> tuple[Finding, ...]:
     """Return what there is to change in a machine file by itself, each with its line."""
-    return tuple(Finding(x.level, 'machine', '', file.sentence(x)) for x in file.remarks)
+    found = [Finding(x.level, 'machine', '', file.sentence(x)) for x in file.remarks]
+    machine = file.machine
+    read = None if machine is None else kind_of(machine).read
+    if machine is not None and read is not None:
+        try:
+            read(machine.described(None))
+        except IdentError as error:
+            # What is to be heard is not there yet.
+            if error.code != ErrorCode.MISSING_STREAM:
+                place = file.place(('geometry', 'description'))
+                found.append(Finding('error', 'machine', '', f'{place}: {error.message}'))
+    return tuple(found)
 
 
 def check_both(
@@ -59,8 +70,10 @@ def check_both(
         for said in (_with_line(finding, file, recordings) for finding in report.findings)
         if not (aside and said.code == 'no_command')
     ]
-    findings += check_machine(file)
-    if machine is not None and kind_of(machine).from_bag:
+    own = check_machine(file)
+    findings += own
+    usable = all(finding.level != 'error' for finding in own)
+    if machine is not None and usable and kind_of(machine).from_bag:
         try:
             data = gather(recordings, machine, drives)
         except IdentError as error:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.identify.data import Data
@@ -255,11 +256,44 @@ def test_what_the_description_lacks_is_said(folder, changed, what) -> None:
     assert caught.value.code is ErrorCode.BAD_MACHINE_FILE
 
 
-def test_an_mjcf_that_is_none_and_a_log_without_set_points_are_refused(folder) -> None:
-    (folder / 'broken.xml').write_text('<mujoco><worldbody></mujoco>')
-    machine = machine_of(folder, description='broken.xml')
-    with pytest.raises(IdentError, match='cannot be read'):
-        Mujoco(machine, data_with(machine, COMMAND))
+@pytest.mark.parametrize(
+    ('old', 'new', 'said'),
+    [
+        ('</mujoco>', '', 'is no XML'),
+        ('<worldbody>', '<include file="/dev/zero"/><worldbody>', 'names the file /dev/zero (inc'),
+        ('<worldbody>', '<asset><mesh file="/etc/passwd"/></asset><worldbody>', 'passwd (mesh)'),
+        ('mass="0.3"', 'mass="-1"', 'has -1 as inertial mass of body lower'),
+        ('kp="10"', 'kp="nan"', "contains a 'NaN'"),
+        ('kp="10"', 'kp="x"', "bad format in attribute 'kp' Element 'position'"),
+        ('timestep="0.001"', 'timestep="0"', 'has the timestep 0 s; write one from 4e-07 s'),
+        ('<worldbody>', '<asset><hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/>'
+         '</asset><worldbody>', 'more than 512 MiB'),
+    ],
+)  # fmt: skip
+def test_a_bad_mjcf_is_refused_before_a_log_is_read(
+    tmp_path, monkeypatch, capfd, old, new, said
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = MJCF.replace(old, new)
+    (tmp_path / 'robot.xml').write_text(MJCF)
+    machine_of(tmp_path)
+    (tmp_path / 'robot.xml').write_text(text)
+    assert main(['check', '--machine', 'machine.yaml']) == 1
+    shown = capfd.readouterr()
+    assert said in shown.out and 'machine.yaml:' in shown.out and not shown.err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['machine.yaml', 'robot.xml']
+
+
+def test_a_candidate_that_is_unstable_has_no_output(folder, monkeypatch, tmp_path, capfd) -> None:
+    monkeypatch.chdir(tmp_path)
+    machine = machine_of(folder, {'kv': [-1e7, 1.0, 'N m s/rad']})
+    model = Mujoco(machine, data_with(machine, COMMAND))
+    out = model.simulate(np.array([[0.5, 0.2], [0.5, -1e4]]))
+    assert np.isfinite(out[0]).all() and np.isinf(out[1]).all()
+    assert capfd.readouterr() == ('', '') and not list(tmp_path.iterdir())
+
+
+def test_a_log_without_set_points_is_refused(folder) -> None:
     machine = machine_of(folder)
     data = Dataset(machine.drives, CYCLE, 0, None, None, COMMAND, None, None)
     with pytest.raises(IdentError, match='holds no set-point'):

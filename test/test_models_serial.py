@@ -11,6 +11,7 @@ from rosbags.typesys import get_typestore, Stores
 
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
+from ros2_ident.cli.main import main  # noqa: E402
 from ros2_ident.effects import CATALOGUE  # noqa: E402
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.identify.layout import Conditions  # noqa: E402
@@ -598,6 +599,15 @@ def test_a_giant_is_refused_where_it_is_read_and_where_it_is_heard(tmp_path, abo
     error = refused(load_machine, tmp_path / 'arm.yaml')
     assert error.code is ErrorCode.BAD_MACHINE_FILE
     assert 'arm.yaml:3: ' in error.message and 'arm.urdf has ' in error.message
+
+
+def test_a_description_is_read_without_a_bag(tmp_path, capsys) -> None:
+    described(tmp_path)
+    path = tmp_path / 'arm.yaml'
+    path.write_text(path.read_text().replace('wrist', 'knee'))
+    assert main(['check', '--machine', str(path)]) == 1
+    said = 'arm.yaml:3: geometry.description has no joint knee'
+    assert said in capsys.readouterr().out
 
 
 def test_a_description_that_is_no_text_is_refused(tmp_path: Path) -> None:

@@ -15,7 +15,9 @@ from ros2_ident.files import read_small
 from ros2_ident.machine.shown import name_of
 
 _BYTES, _ELEMENTS, _BODIES, _DEPTH = 1 << 24, 100_000, 1_000, 250
-_LARGEST = 1e9  # in SI units: beyond every machine, and far from where a product overflows
+# In SI units: a limit of none is written as 1e16, squares are far from overflow; what may be a
+# rounded 0.
+_LARGEST, _NOTHING = 1e30, -1e-9
 _INERTIAS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 _NEEDED = {'inertial/mass': ('value',), 'inertial/inertia': _INERTIAS}
 _NUMBERS = frozenset((
@@ -184,7 +186,7 @@ def _of_numbers(root: ET.Element) -> Iterator[str]:
         for name, value in element.items():
             parts = value.split()
             above = _FROM_ZERO.get(element.tag if name == 'value' else name, 0)
-            low = [0.0] * above + [-_LARGEST] * len(parts)
+            low = [_NOTHING] * above + [-_LARGEST] * len(parts)
             if name in _NUMBERS and not (parts and all(map(_number, parts, low))):
                 yield (
                     f'has {name_of(value)} as {element.tag} {name}{where}; write '

@@ -65,6 +65,7 @@ class Kind:
         alike: Whether its drives are of one make and logged alike, so that one noise is that of
             all.
         follows: Whether its controllers follow a set-point; where not, a logged one is left out.
+        read: Reads a machine's description as its model does; None where it has none.
         joints: Returns the joints of a description, which its key that names a file holds; None
             where it has no such key.
 
@@ -91,6 +92,7 @@ class Kind:
     coupled: bool = True
     alike: bool = False
     follows: bool = True
+    read: Callable[[Machine], Any] | None = None
     joints: Callable[[str], tuple[str, ...]] | None = None
 
     def __post_init__(self) -> None:

@@ -78,5 +78,6 @@ KIND = Kind(
     model=later('ros2_ident.models.mujoco.model:Mujoco'),
     starts_in_motion=True,
     travel='rad',
+    read=later('ros2_ident.models.mujoco.plant:Plant'),
     compares=('position',),
 )  # fmt: skip

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """An MJCF compiled, its attributes by name, and candidates rolled out.
 
-Nothing else in the package imports MuJoCo. Every thread has models and data of its own.
+Nothing else in this process imports MuJoCo. Every thread has models and data of its own.
 """
 # mypy: disable-error-code="no-any-return"
 
@@ -9,13 +9,19 @@ from collections.abc import Callable, Mapping
 import copy
 import functools
 import math
+import os
+from pathlib import Path
+import subprocess
+import sys
 import threading
 from typing import Any
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.description import judged_tree
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.mujoco.loops import close_loops
 
@@ -23,9 +29,12 @@ Array = npt.NDArray[np.float64]
 
 # Candidates rolled out at a time: enough that the call costs nothing, few enough for the memory.
 _TOGETHER, _NUMBERS = 64, 4_000_000
+# Steps of the simulator in a cycle, at most.
+_SUBSTEPS = 10_000
 _QUANTITIES = ('jointpos', 'jointvel', 'jointactuatorfrc')
 
 
+@functools.cache
 def _mujoco() -> Any:
     try:
         import mujoco
@@ -36,7 +45,28 @@ def _mujoco() -> Any:
             'a machine of the kind mujoco needs MuJoCo, which is not installed; '
             '`pip install mujoco`',
         ) from error
+    # What it warns of, a candidate that cannot be simulated, shows in the candidate's output.
+    mujoco.set_mju_user_warning(lambda text: None)
     return mujoco
+
+
+def _judged(text: str) -> str:
+    """Return an MJCF that MuJoCo can be given, as this package writes it."""
+    text = ET.tostring(judged_tree(text, shapes=False), encoding='unicode')
+    trial = subprocess.run(
+        [sys.executable, '-P', str(Path(__file__).with_name('trial.py'))],
+        input=text.encode(), capture_output=True,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    said = trial.stdout.decode(errors='replace').strip()
+    if trial.returncode:
+        said = 'it needs more than 512 MiB or 5 s, or ends'
+    if said:
+        raise IdentError(
+            ErrorCode.BAD_MACHINE_FILE,
+            f'geometry.description is nothing for MuJoCo ({said.splitlines()[0]}); correct it',
+        )
+    return text
 
 
 class Place:
@@ -171,8 +201,9 @@ class Plant:
     def __init__(self, machine: Machine) -> None:
         mj = _mujoco()
         joints = [machine.text('joint', name) or name for name in machine.drives]
+        text = _judged(machine.text('description'))
         try:
-            spec = mj.MjSpec.from_string(machine.text('description'))
+            spec = mj.MjSpec.from_string(text)
             for joint in joints:
                 for quantity in _QUANTITIES:
                     kind = getattr(mj.mjtSensor, f'mjSENS_{_SENSORS[quantity]}')
@@ -182,8 +213,7 @@ class Plant:
                     )  # fmt: skip
             self.model = spec.compile()
         except ValueError as error:
-            plain = mj.MjModel.from_xml_string
-            raise _unreadable(plain, machine, joints, error) from error
+            raise _unreadable(text, joints, error) from error
         self.places = [
             Place(
                 self.model, joint, machine.text('actuator', name),
@@ -193,7 +223,14 @@ class Plant:
             for joint, name in zip(joints, machine.drives, strict=True)
         ]  # fmt: skip
         cycle = machine.number('cycle')
-        self.substeps = max(1, math.ceil(cycle / self.model.opt.timestep - 1e-6))
+        step = self.model.opt.timestep
+        if not step * _SUBSTEPS >= cycle:
+            raise IdentError(
+                ErrorCode.BAD_MACHINE_FILE,
+                f'geometry.description has the timestep {step:g} s; write one from '
+                f'{cycle / _SUBSTEPS:g} s to the cycle, {cycle:g} s',
+            )
+        self.substeps = max(1, math.ceil(cycle / step - 1e-6))
         self.model.opt.timestep = cycle / self.substeps
         self._sensors = {
             quantity: np.array(
@@ -262,6 +299,7 @@ class Plant:
     def together(self, cycles: int) -> int:
         """Return how many candidates are rolled out in one call."""
         each = cycles * self.substeps * (self._state + self.model.nsensordata)
+        each += _mujoco().mj_sizeModel(self.model) // 8
         return max(1, min(_TOGETHER, _NUMBERS // max(1, each)))
 
     def rollout(
@@ -297,7 +335,9 @@ class Plant:
         for d, at in enumerate(self.places):
             control[:, :, at.actuator] = command[:, d]
         steps = np.repeat(control, self.substeps, axis=1)
-        _, told = self._own.roller.rollout(models, data, states, steps)
+        ends, told = self._own.roller.rollout(models, data, states, steps)
+        # Where it is unstable MuJoCo stops, and time with it.
+        told[ends[:, -1, 0] < (steps.shape[1] - 0.5) * self.model.opt.timestep] = math.inf
         # What a step's sensors tell is of its beginning.
         told = told[:, :: self.substeps]
         return {q: told[:, :, adr].swapaxes(1, 2) for q, adr in self._sensors.items()}
@@ -308,19 +348,17 @@ _SENSORS = {
 }  # fmt: skip
 
 
-def _unreadable(
-    read: Callable[[str], Any], machine: Machine, joints: list[str], error: ValueError
-) -> IdentError:
+def _unreadable(text: str, joints: list[str], error: ValueError) -> IdentError:
     """Return what is wrong with a description that does not compile with the sensors in it."""
     try:
-        model = read(machine.text('description'))
+        model = _mujoco().MjModel.from_xml_string(text)
         for joint in joints:
             Place(model, joint, '', 1.0)
     except IdentError as found:
         return found
     except ValueError:
         pass
-    reason = str(error).splitlines()[0]
+    reason = ' '.join(str(error).split()).partition(', line ')[0]
     return IdentError(
         ErrorCode.BAD_MACHINE_FILE,
         f'geometry.description cannot be read ({reason}); give an MJCF without files of its own',

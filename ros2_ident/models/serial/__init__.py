@@ -243,5 +243,6 @@ KIND = Kind(
     travel='rad',
     follows=False,
     scene=later('ros2_ident.models.serial.scene:figure'),
+    read=later('ros2_ident.models.serial.arm:arm_of'),
     joints=later('ros2_ident.models.serial.arm:joints_in'),
 )
