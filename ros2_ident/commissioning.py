@@ -76,14 +76,12 @@ def check_both(
     if machine is not None and usable and kind_of(machine).from_bag:
         try:
             data = gather(recordings, machine, drives)
+            findings += [*_fit(report, machine, file), *_gates(data, machine, file, drives)]
         except IdentError as error:
             if all(error.message != finding.sentence for finding in findings):
                 findings.append(Finding('error', 'unusable', '', error.message))
         else:
-            findings += _fit(report, machine, file)
-            findings += _gates(data, machine, file, drives)
             for dataset in data.datasets:
-                findings += _contradicted(dataset, machine, file)
                 findings += _noise(dataset, machine, file)
     return replace(report, findings=tuple(findings))
 
@@ -133,24 +131,16 @@ def _fit(report: Report, machine: Machine, file: MachineFile) -> Iterator[Findin
             )
 
 
-def _contradicted(dataset: Dataset, machine: Machine, file: MachineFile) -> Iterator[Finding]:
-    """Say what in the machine file the recorded positions contradict."""
-    check_motion = kind_of(machine).check_motion
-    if check_motion is None or dataset.position is None:
-        return
-    order = [dataset.names.index(name) for name in machine.drives]
-    for remark in check_motion(machine, dataset.position[order]):
-        yield Finding(remark.level, 'machine', '', file.sentence(remark))
-
-
 def _gates(
     data: Data, machine: Machine, file: MachineFile, drives: Sequence[str] | None
 ) -> Iterator[Finding]:
     """Say what commands, positions and efforts say of each other, with the line to change."""
+    constants = kind_of(machine).constants
     for gate in examine(machine, data.datasets, drives).gates:
         if gate.gate in _SAID:
             continue
-        place = f'{file.place(("controller", gate.key))}: ' if gate.key else ''
+        path = next((key.path for key in constants if key.name == gate.key), ())
+        place = f'{file.place(path)}: ' if path else ''
         level: Level = 'error' if gate.level == 'fail' else gate.level
         yield Finding(level, gate.gate, gate.drive, f'{place}{gate.sentence}')
 

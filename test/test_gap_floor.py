@@ -72,6 +72,14 @@ def test_a_coarse_step_is_part_of_the_floor():
     assert floor.per_drive[0] == pytest.approx(step / np.sqrt(12.0), rel=0.05)
 
 
+def test_an_effort_that_hardly_ever_changes_has_a_floor():
+    of = motion()
+    effort = np.zeros_like(of.position)
+    effort[:, 1000:1400] = np.random.default_rng(3).normal(0.0, 0.1, (2, 400))
+    floor = noise_floor(effort, _data(of, effort))
+    assert (floor.per_drive > 0.0).all() and (floor.per_drive < 0.1).all()
+
+
 def test_two_recordings_tell_the_floor_better_than_one():
     of = motion()
     rows = [residual(of, seed=seed) for seed in (1, 2)]

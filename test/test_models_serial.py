@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+import re
 import sys
 
 import numpy as np
@@ -14,6 +15,7 @@ pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 from ros2_ident.cli.main import main  # noqa: E402
 from ros2_ident.effects import CATALOGUE  # noqa: E402
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
+from ros2_ident.gates import examine  # noqa: E402
 from ros2_ident.identify.layout import Conditions  # noqa: E402
 from ros2_ident.identify.run import identify  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
@@ -236,6 +238,25 @@ def moving(machine: Machine, count: int = 1000, seed: int = 5) -> Dataset:
 
 def middle(model) -> np.ndarray:
     return np.array([0.5 * (p.low + p.high) for p in model.parameters])
+
+
+def test_a_log_in_degrees_is_beyond_the_limits_of_the_description(tmp_path: Path) -> None:
+    machine = described(tmp_path)
+    log = moving(machine)
+    degrees = [replace(log, position=np.degrees(log.position))]
+    assert examine(machine, [log]).of('reach') == ()
+    # Both ways of a joint without an end are sound: counted on and on, and taken back at a turn.
+    base = 0.9 * machine.number('cycle') * np.arange(log.position.shape[1])
+    for around in (100.0 + base, np.mod(20.0 * base, 2.0 * np.pi)):
+        sound = replace(log, position=np.vstack([around, log.position[1:]]))
+        assert examine(machine, [sound]).of('reach') == ()
+    report = examine(machine, degrees)
+    assert report.blocked
+    assert re.search('elbow: its position reaches .* allows 3 in rad .* degrees', report.headline)
+    # Without ends of its own a joint shows it by its speed.
+    urdf = machine.text('description').replace('lower="-3" upper="3"', 'lower="-99" upper="99"')
+    report = examine(machine.with_constants(description=urdf), degrees)
+    assert 'elbow: its speed reaches' in report.headline
 
 
 def test_the_base_parameters_ask_what_all_inertials_ask(tmp_path: Path) -> None:

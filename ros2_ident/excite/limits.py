@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import math
 from pathlib import Path
 from typing import Any
-import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +14,7 @@ import yaml
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
 from ros2_ident.machine.machine import Machine
+from ros2_ident.models.serial.arm import arm_of
 from ros2_ident.reference.twin import own_twins, twin_of
 
 Array = npt.NDArray[np.float64]
@@ -175,15 +175,8 @@ def _described(machine: Machine) -> dict[str, Array]:
     text = machine.text('description') if 'description' in machine.constants else ''
     if '<robot' not in text:
         return {}
-    names = {'low': 'lower', 'high': 'upper', 'velocity': 'velocity', 'effort': 'effort'}
-    joints = {j.get('name'): j for j in ElementTree.fromstring(text).findall('joint')}
-    out = {name: np.full(len(machine.drives), math.nan) for name in names}
-    for d, drive in enumerate(machine.drives):
-        limit = joints[drive].find('limit') if drive in joints else None
-        for name, key in names.items():
-            stated = None if limit is None else limit.get(key)
-            out[name][d] = math.nan if stated is None else float(stated)
-    return out
+    # What has no limit is to be stated.
+    return {k: np.where(np.isinf(x), math.nan, x) for k, x in arm_of(machine).limits.items()}
 
 
 def _read(path: str | Path) -> dict[str, Any]:

@@ -334,7 +334,8 @@ def _robust(squares: Array) -> tuple[float, float, float]:
     quiet = np.ones(groups, dtype=bool)
     for _ in range(20):
         mean = np.minimum(ordered, _CLIP**2 * variance).mean(axis=1) / clipped_mean
-        centre = float(np.median(mean))
+        # Where an effort hardly ever changes, again the mean.
+        centre = float(np.median(mean)) or float(np.mean(mean))
         scatter = 1.4826 * float(np.median(np.abs(mean - centre)))
         limit = centre + _LOUD * max(scatter, 0.02 * centre)
         quiet = mean <= limit

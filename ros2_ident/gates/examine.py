@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """All gates on all recordings of a machine."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 import math
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ros2_ident.gates.asked import fit_asked
 from ros2_ident.gates.controller import check_law, check_swapped, of_one_drive
 from ros2_ident.gates.coupling import check_coupling
-from ros2_ident.gates.finding import Gate, GateReport, ORDER
+from ros2_ident.gates.finding import Gate, GateReport, Level, ORDER
 from ros2_ident.gates.law import fit_law, Law
 from ros2_ident.gates.log import check_asked, check_effort, check_streams
 from ros2_ident.gates.tracking import check_tracking, tracking_of
@@ -79,11 +79,24 @@ def _of_one(
 ) -> GateReport:
     """Ask every gate about one recording."""
     report = _of_motion(machine, data, drives, noise)
+    report = replace(report, gates=(*report.gates, *_beyond_reach(machine, data)))
     if 'effort' not in compared_of(machine):
         return report
     asked = [found for drive in drives if (found := fit_asked(machine, data, drive))]
     said = [gate for found in asked for gate in check_asked(found, machine.model_unit)]
     return GateReport((*report.gates, *said), report.laws, (tuple(asked),))
+
+
+def _beyond_reach(machine: Machine, data: Dataset) -> Iterator[Gate]:
+    """Say what in the machine file, or in their unit, the recorded positions contradict."""
+    check_motion = kind_of(machine).check_motion
+    if check_motion is None or data.position is None:
+        return
+    order = [data.names.index(name) for name in machine.drives]
+    for remark in check_motion(machine, data.position[order]):
+        level: Level = 'fail' if remark.level == 'error' else 'warn'
+        key = remark.path[-1] if remark.path else ''
+        yield Gate('reach', '', level, math.nan, '1', remark.text, level == 'fail', key)
 
 
 def _of_motion(

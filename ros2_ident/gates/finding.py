@@ -10,7 +10,7 @@ from ros2_ident.gates.law import Law
 Level = Literal['ok', 'warn', 'fail']
 ORDER: dict[str, int] = {'fail': 0, 'warn': 1, 'ok': 2}
 # Of findings that are as bad, one that others follow from comes first.
-_CAUSES = ('names', 'limit', 'set_point', 'offset', 'coupling', 'sign', 'scale', 'law')
+_CAUSES = ('names', 'limit', 'set_point', 'reach', 'offset', 'coupling', 'sign', 'scale', 'law')
 
 
 @dataclass(frozen=True)
@@ -19,8 +19,8 @@ class Gate:
 
     Attributes:
         gate: `missing`, `jitter`, `sign`, `limit`, `law`, `law_noise`, `set_point`, `offset`,
-            `names`, `coupling`, `asked`, `not_asked`, `step`, or the id of the effect that a late
-            set-point shows.
+            `names`, `coupling`, `reach`, `asked`, `not_asked`, `step`, or the id of the effect
+            that a late set-point shows.
         drive: The drive, empty for the log as a whole.
         level: `ok`, `warn` (the verdict may suffer) or `fail` (no verdict should be trusted).
         number: What was measured.

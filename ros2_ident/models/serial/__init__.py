@@ -240,6 +240,7 @@ KIND = Kind(
     ),
     model=later('ros2_ident.models.serial.model:Serial'),
     judge=_judge,
+    check_motion=later('ros2_ident.models.serial.reach:check_reach'),
     travel='rad',
     follows=False,
     scene=later('ros2_ident.models.serial.scene:figure'),

@@ -84,6 +84,17 @@ class Arm:
         return np.array([name.startswith(('JointModelP', 'JointModelMimicP')) for name in names])
 
     @property
+    def limits(self) -> dict[str, Array]:
+        """(D,) `low`, `high` [rad or m], `velocity` and `effort` as described, inf for none."""
+        model, found = self.model, []
+        for joint in (self.model.joints[int(j)] for j in self.joints):
+            ends = (model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q])
+            rates = (model.velocityLimit[joint.idx_v], model.effortLimit[joint.idx_v])
+            # A joint without an end has sine and cosine in the place of its position.
+            found.append((*(ends if joint.nq == 1 else (-np.inf, np.inf)), *rates))
+        return dict(zip(('low', 'high', 'velocity', 'effort'), np.array(found).T, strict=True))
+
+    @property
     def inertials(self) -> Array:
         """(10 D,) inertial parameters of the links, as the description has them."""
         return np.concatenate(
