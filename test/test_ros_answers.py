@@ -6,6 +6,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -188,6 +189,23 @@ def test_whatever_is_raised_becomes_an_answer_with_a_code(start, monkeypatch, wh
     found = answer(listener).result.identification
     assert found.error_code == ErrorCode.INTERNAL
     assert 'ZeroDivisionError: of a test' in found.error_message
+
+
+def test_a_cancel_that_is_taken_together_with_its_goal_is_heeded(start) -> None:
+    from action_msgs.msg import GoalStatus
+    from action_msgs.srv import CancelGoal
+
+    node, listener = start(initial_population=1000000)
+    all_goals = listener.node.create_client(CancelGoal, '/identifier/identify/_action/cancel_goal')
+    listener.until(all_goals.service_is_ready, 'the service')
+    listener.until(lambda: listener.action.server_is_ready() and listener.statuses, 'the node')
+    node.executor.create_task(lambda: time.sleep(0.5))  # both wait meanwhile
+    sent = listener.asked(lambda: listener.action.send_goal_async(goal_of()))
+    asked = listener.asked(lambda: all_goals.call_async(CancelGoal.Request()))
+    assert listener.wait_future(asked, 'an answer').goals_canceling
+    handle = listener.wait_future(sent, 'an answer')
+    result = listener.request(handle.get_result_async, 'the result', 20.0)
+    assert result.status == GoalStatus.STATUS_CANCELED
 
 
 def test_what_a_callback_raises_does_not_end_the_node(start) -> None:

@@ -11,12 +11,17 @@ from typing import Any
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
+from rclpy.qos import qos_profile_parameters
 from rclpy.task import Future
 from ros2_ident_msgs.action import Identify
 
 from ros2_ident.errors import ErrorCode, IdentError
 
 Done = Callable[[Any], None]
+
+# Requests wait here for the executor. Of the ten that services hold by default an eleventh would
+# push out the first, without an answer; this is what ROS gives a node's parameters (1000).
+REQUESTS = qos_profile_parameters
 
 
 class GoalServer:
@@ -73,6 +78,9 @@ class GoalServer:
             self._execute,
             goal_callback=self._answer,
             cancel_callback=self._answer_cancel,
+            goal_service_qos_profile=REQUESTS,
+            result_service_qos_profile=REQUESTS,
+            cancel_service_qos_profile=REQUESTS,
             result_timeout=round(result_timeout),
         )
 
@@ -96,7 +104,8 @@ class GoalServer:
         )
 
     def _answer_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
-        self._cancel()
+        if self._finish is not None:  # or another run than this goal's would end
+            self._cancel()
         return CancelResponse.ACCEPT
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
@@ -114,7 +123,6 @@ class GoalServer:
             return result
         finally:
             self.open -= 1
-            self._finish = None
 
     async def _result_of(self, handle: ServerGoalHandle) -> Any:
         """Run a goal; return its result, whatever happens."""
@@ -122,6 +130,7 @@ class GoalServer:
         done = Future(executor=self._node.executor)
 
         def finish(result: Any) -> None:
+            self._finish = None
             if done.done():  # given up
                 return
             done.set_result(result)
@@ -145,6 +154,8 @@ class GoalServer:
         except Exception as error:  # whatever it is, the client hears of it
             return self._failed(error)
         self._finish = finish
+        if handle.is_cancel_requested:  # taken together with the goal
+            self._cancel()
         return await done
 
     def give_up(self, error: IdentError) -> None:

@@ -21,7 +21,13 @@ from std_srvs.srv import Trigger
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import RecordingBuilder, Stream
 from ros2_ident.ros import parameters, start
-from ros2_ident.ros.actions import GoalServer, identify_code, identify_feedback, identify_result
+from ros2_ident.ros.actions import (
+    GoalServer,
+    identify_code,
+    identify_feedback,
+    identify_result,
+    REQUESTS,
+)
 from ros2_ident.ros.board import Board
 from ros2_ident.ros.capture import Capture
 from ros2_ident.ros.conversion import (
@@ -107,10 +113,14 @@ class Identifier(Node):
             result_timeout=now['result_timeout'],
         )
         self._servers = (identifying, Diagnoser(self).server)
-        self.create_service(Trigger, '~/clear_data', self._clear_data)
+        self.create_service(Trigger, '~/clear_data', self._clear_data, qos_profile=REQUESTS)
         # it awaits what other callbacks bring, and would shut them out in the node's own group
         self.create_service(
-            Trigger, '~/save_result', self._save_result, callback_group=ReentrantCallbackGroup()
+            Trigger,
+            '~/save_result',
+            self._save_result,
+            qos_profile=REQUESTS,
+            callback_group=ReentrantCallbackGroup(),
         )
         # /clock stops with the bag, and every timer on it: these go by the steady clock
         steady = Clock(clock_type=ClockType.STEADY_TIME)
