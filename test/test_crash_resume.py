@@ -156,6 +156,23 @@ def test_a_diagnosis_goes_on_from_every_fit(tmp_path, kill, monkeypatch):
         assert left <= records - count
 
 
+def test_a_diagnosis_believes_no_record_that_is_whole_and_wrong(tmp_path, monkeypatch):
+    def run(path=None):
+        found = diagnose(axis(), gap(), without=sorted(CATALOGUE), checkpoint=path)
+        return {k: v for k, v in to_mapping(found).items() if k != 'seconds'}
+
+    real = Journal.put
+
+    def put(self, values, *what):
+        forged = {k: 0.5 * v if k in ('unit', 'point') else v for k, v in values.items()}
+        real(self, forged | ({'gain': 'x'} if 'gain' in values else {}), *what)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Journal, 'put', put)
+        run(tmp_path / 'x')
+    assert run(tmp_path / 'x') == run()
+
+
 def test_a_diagnosis_that_was_stopped_goes_on_as_if_it_had_not_been(tmp_path):
     machine, datasets = axis(), gap()
     asked, most = 0, 10**9

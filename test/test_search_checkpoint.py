@@ -3,8 +3,10 @@
 
 from dataclasses import replace
 import os
+import struct
 import subprocess
 import sys
+import zlib
 
 from identify_cases import After, axis, axis_data, AXIS_FILE, QUICK, ROOT, tripod
 import numpy as np
@@ -17,6 +19,7 @@ from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
 from ros2_ident.report.files import load_result
 from ros2_ident.search import Budget
+from ros2_ident.search.journal import digest_of, Journal
 
 
 @pytest.mark.parametrize('questions', [4, 9, 14, 30])
@@ -65,6 +68,63 @@ def test_the_checkpoint_of_another_fit_is_refused(tmp_path, other):
         again = {'settings': QUICK, 'seed': 3, **other}
         identify(axis(), axis_data(), **again, checkpoint=path)
     assert path.read_bytes() == before
+
+
+def rubbish(value):
+    return 'x' if np.ndim(value) else [value, None]
+
+
+def halved(value):
+    return 0.5 * value if np.asarray(value).dtype == float else value
+
+
+HARMS = {
+    'rubbish': rubbish,
+    'nothing': lambda value: None,
+    'another shape': lambda value: np.resize(value, (3, 2)),
+    'another type': lambda value: np.asarray(value).astype('<U8'),
+    'no numbers': lambda value: np.full_like(value, -np.inf) if np.ndim(value) else np.nan,
+    'forged': halved,
+}
+
+
+def harmed(monkeypatch, harm):
+    """Let runs write records that are whole and wrong."""
+    real = Journal.put
+
+    def put(self, values, *what):
+        real(self, {name: harm(value) for name, value in values.items()}, *what)
+
+    monkeypatch.setattr(Journal, 'put', put)
+
+
+@pytest.mark.parametrize('harm', HARMS)
+def test_a_record_that_is_whole_and_wrong_costs_time_and_no_result(tmp_path, monkeypatch, harm):
+    def run(path=None):
+        return identify(axis(), axis_data(), settings=QUICK, seed=3, checkpoint=path)
+
+    whole, path = run(), tmp_path / 'fit.checkpoint'
+    with monkeypatch.context() as patch:
+        harmed(patch, HARMS[harm])
+        run(path)
+    again = run(path)
+    # Forged residuals lead along another way to the same minimum.
+    np.testing.assert_allclose(again.theta, whole.theta, rtol=1e-6)
+    np.testing.assert_allclose(again.cost.refined, whole.cost.refined, rtol=1e-9)
+    assert again.cost.ga == whole.cost.ga
+    assert again.history.costs.tobytes() == whole.history.costs.tobytes()
+
+
+@pytest.mark.parametrize('head', [b'', b'[]', b'{"plain": {}, "arrays": [["value", "O", [9]]]}'])
+def test_a_record_that_is_no_record_is_none(tmp_path, head):
+    path = tmp_path / 'fit.checkpoint'
+    Journal(path).close()
+    rest = struct.pack('<II16s', len(head), 0, digest_of('a')) + head
+    with path.open('ab') as file:
+        file.write(struct.pack('<I', zlib.crc32(rest)) + rest)
+    with Journal(path) as journal:
+        assert journal.old
+        assert journal.get({}, 'a') is None
 
 
 def test_a_damaged_checkpoint_is_refused_with_the_remedy(tmp_path):

@@ -404,7 +404,8 @@ def test_a_fit_that_was_killed_goes_on_to_the_same_bits(tmp_path, whole, after):
     assert found.ga.best_costs == expected.ga.best_costs
     assert found.evaluations == expected.evaluations
     done = PLANNED if after > PLANNED else 60 + 16 * ((after - 60) // 16) if after >= 60 else 0
-    assert again.simulated <= expected.evaluations - done
+    # survivors and the ends of starts are not believed
+    assert again.simulated <= expected.evaluations - done + 17
     # Another seed, other settings: another run.
     other = Oscillation()
     with Journal(path) as journal:

@@ -11,7 +11,7 @@ import pytest
 
 from ros2_ident.errors import IdentError
 from ros2_ident.search import journal as module
-from ros2_ident.search.journal import digest_of, forget, Journal
+from ros2_ident.search.journal import digest_of, forget, Journal, Within
 
 KEY = 'bag and machine'
 
@@ -28,7 +28,7 @@ def filled(path, count=5):
 def whole(path, values):
     """Return how many of the steps are there; each has to be as it was."""
     with Journal(path, KEY) as journal:
-        found = [journal.get('step', k) for k in range(len(values))]
+        found = [journal.get({}, 'step', k) for k in range(len(values))]
     for k, kept in enumerate(found):
         if kept is not None:
             assert kept['value'].tobytes() == values[k].tobytes()
@@ -50,9 +50,9 @@ def test_a_journal_gives_back_every_bit(tmp_path):
     with Journal(path, KEY) as journal:
         journal.put(odd, 'odd')
     with Journal(path, KEY) as journal:
-        kept = journal.get('odd')
+        kept = journal.get({}, 'odd')
         assert whole_of(kept) == whole_of(odd)
-        assert journal.get('step', 99) is None
+        assert journal.get({}, 'step', 99) is None
 
 
 def whole_of(values):
@@ -120,10 +120,10 @@ def test_a_full_disk_ends_the_journal_and_not_the_run(tmp_path, monkeypatch):
 
     with Journal(path, KEY) as journal:
         monkeypatch.setattr(os, 'pwrite', full)
-        assert journal.once(lambda: np.ones(2), 'more').tolist() == [1.0, 1.0]
+        assert journal.once(lambda: np.ones(2), Within((2,)), 'more').tolist() == [1.0, 1.0]
         assert 'No space left' in journal.failed
         monkeypatch.setattr(os, 'pwrite', real)
-        assert journal.get('step', 2) is not None
+        assert journal.get({}, 'step', 2) is not None
     assert whole(path, values) == 3
 
 
@@ -134,14 +134,14 @@ def test_large_records_wait_while_they_take_too_much_time_or_room(tmp_path, monk
         journal._begun -= 1000.0  # the run has worked for a while
         for k in range(20):
             journal.put({'value': large}, k)
-        assert sum(journal.get(k) is not None for k in range(20)) == 9
+        assert sum(journal.get({}, k) is not None for k in range(20)) == 9
         journal.put({'value': np.ones(3)}, 'small')
-        assert journal.get('small') is not None
+        assert journal.get({}, 'small') is not None
     monkeypatch.undo()
     with Journal(tmp_path / 'b.checkpoint', KEY) as journal:
         journal._spent = 1e9
         journal.put({'value': large}, 'large')
-        assert journal.get('large') is None
+        assert journal.get({}, 'large') is None
 
 
 def test_large_records_take_a_twentieth_of_the_time(tmp_path, monkeypatch):
@@ -151,7 +151,7 @@ def test_large_records_take_a_twentieth_of_the_time(tmp_path, monkeypatch):
     with Journal(tmp_path / 'c.checkpoint', KEY) as journal:
         for k in range(70):
             journal.put({'value': large}, k)
-        kept = [k for k in range(70) if journal.get(k) is not None]
+        kept = [k for k in range(70) if journal.get({}, k) is not None]
     assert kept == [0, 18, 37, 56]
 
 
@@ -165,8 +165,8 @@ def test_arrays_differ_by_their_type_and_shape_too():
 def test_without_a_path_nothing_is_remembered():
     journal = Journal()
     journal.put({'value': np.ones(1)}, 'a')
-    assert journal.get('a') is None
-    assert journal.once(lambda: 7, 'a') == 7
+    assert journal.get({}, 'a') is None
+    assert journal.once(lambda: 7, Within(), 'a') == 7
 
 
 def test_a_journal_that_is_of_no_use_any_more_is_removed(tmp_path):

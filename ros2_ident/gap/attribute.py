@@ -24,7 +24,7 @@ from ros2_ident.models import EffectAt
 from ros2_ident.search import Threads, Workers
 from ros2_ident.search.evaluators import RunTasks
 from ros2_ident.search.fit import fit
-from ros2_ident.search.journal import Journal
+from ros2_ident.search.journal import Journal, Within
 from ros2_ident.search.settings import FitProgress, FitSettings
 
 Array = npt.NDArray[np.float64]
@@ -115,15 +115,23 @@ class Attribution:
     ) -> Explanation:
         """Fit a set of effects jointly from a start (N,)."""
         key = 'refit', self.fits.key(), tuple(effects), theta, iterations
-        kept = self.journal.get(*key)
-        if kept is not None:
-            return self.fits.ended_at(effects, kept['unit'])
-        return self._noted(self.fits.refit(effects, theta, iterations), *key)
+        known = self._known(effects, *key)
+        return known or self._noted(self.fits.refit(effects, theta, iterations), *key)
+
+    def _known(self, effects: Sequence[EffectAt], *key: object) -> Explanation | None:
+        """Return a fit that an earlier run has ended, where its cost comes out again."""
+        count = len(self.case.fit.with_effects(effects).low)
+        wanted = {'unit': Within((count,), 0.0, 1.0), 'cost': Within()}
+        kept = self.journal.get(wanted, *key)
+        if kept is None:
+            return None
+        e = self.fits.ended_at(effects, kept['unit'])
+        return e if e.cost == kept['cost'] else None
 
     def _noted(self, e: Explanation, *key: object) -> Explanation:
         """Write down where a fit ended, unless it was stopped on its way."""
         if not self.stopped():
-            self.journal.put({'unit': e.unit}, *key)
+            self.journal.put({'unit': e.unit, 'cost': e.cost}, *key)
         return e
 
     def standing(self, before: Explanation, after: Explanation) -> float:
@@ -227,19 +235,29 @@ class Attribution:
         new = [c for c in candidates if c not in base.effects]
         found: dict[EffectAt, list[Start]] = {}
         key = self.fits.key(base)
-        kept = {c: self.journal.get('starts', key, c) for c in new}
+        wanted = {c: self._starts(base, c) for c in new}
+        kept = {c: self.journal.get(wanted[c], 'starts', key, c) for c in new}
         told = run('starts', [(c,) for c in new if kept[c] is None])
         for done, candidate in enumerate(new, 1):
             before = kept[candidate]
             starts = next(told) if before is None else _unpacked(candidate, before)
             if before is None and not self.stopped():
-                self.journal.put(_packed(starts), 'starts', key, candidate)
+                packed = _packed(starts, wanted[candidate])
+                self.journal.put(packed, 'starts', key, candidate)
             if starts:
                 found[candidate] = starts
             self.on_step(
                 0.5 * done / len(new), f'looking at {candidate.effect} on {candidate.where}'
             )
         return found
+
+    def _starts(self, base: Explanation, candidate: EffectAt) -> dict[str, Within]:
+        """Return what a record of a candidate's starts has to be."""
+        count = len(base.theta)
+        own = len(self.case.fit.with_effects((*base.effects, candidate)).low) - count
+        finite = -np.finfo(float).max, np.finfo(float).max
+        wide = {'theta': (count,), 'phi': (own,), 'gain': (), 'visible': ()}
+        return {name: Within((None, *n), *finite) for name, n in wide.items()}
 
     def round(self, base: Explanation, candidates: Sequence[EffectAt], fits: int = _FITS) -> Round:
         """Try every candidate on top of a base.
@@ -295,11 +313,11 @@ class Attribution:
         """Begin joint fits; those that an earlier run began are known."""
         key = self.fits.key(base)
         keys = [('begin', key, c, *_numbers(start), count) for c, start, count in tasks]
-        kept = [self.journal.get(*k) for k in keys]
+        kept = [self._known((*base.effects, t[0]), *k) for t, k in zip(tasks, keys, strict=True)]
         told = run('begin', [t for t, k in zip(tasks, kept, strict=True) if k is None])
-        for (candidate, _, _), before, own in zip(tasks, kept, keys, strict=True):
+        for before, own in zip(kept, keys, strict=True):
             if before is not None:
-                yield self.fits.ended_at((*base.effects, candidate), before['unit'])
+                yield before
                 continue
             e = next(told)
             yield e if e is None else self._noted(e, *own)
@@ -307,11 +325,11 @@ class Attribution:
     def _ended(self, run: RunTasks, begun: Sequence[Explanation]) -> Iterator[Explanation]:
         """Go on with joint fits to their ends; those that an earlier run knows are known."""
         key = self.fits.key()
-        kept = [self.journal.get('finish', key, e.effects, e.unit) for e in begun]
+        kept = [self._known(e.effects, 'finish', key, e.effects, e.unit) for e in begun]
         told = run('finish', [(e,) for e, k in zip(begun, kept, strict=True) if k is None])
         for e, before in zip(begun, kept, strict=True):
             if before is not None:
-                yield self.fits.ended_at(e.effects, before['unit'])
+                yield before
             else:
                 yield self._noted(next(told), 'finish', key, e.effects, e.unit)
 
@@ -358,10 +376,12 @@ def _numbers(start: Start | Array) -> tuple[Array, ...]:
     return (start.theta, start.phi) if isinstance(start, Start) else (start,)
 
 
-def _packed(starts: Sequence[Start]) -> dict[str, Array]:
-    """Return starts of one candidate as arrays."""
-    names = ('theta', 'phi', 'gain', 'visible')
-    return {name: np.array([getattr(one, name) for one in starts]) for name in names}
+def _packed(starts: Sequence[Start], wanted: Mapping[str, Within]) -> dict[str, Array]:
+    """Return starts of one candidate as arrays, a row each."""
+    return {
+        name: np.array([getattr(one, name) for one in starts]).reshape(len(starts), *shape[1:])
+        for name, (shape, *_) in wanted.items()
+    }
 
 
 def _unpacked(candidate: EffectAt, kept: dict[str, Array]) -> list[Start]:

@@ -180,6 +180,10 @@ class _Run:
             return StopReason.EVALUATIONS
         return StopReason.SECONDS if self.late else None
 
+    def allows(self, count: int) -> bool:
+        """Return whether the budget of evaluations has room for so many candidates."""
+        return self.budget.evaluations is None or self.done + count <= self.budget.evaluations
+
     @property
     def late(self) -> bool:
         """Whether the budget of seconds is spent."""
@@ -274,6 +278,7 @@ def minimise(
     on_generation: Callable[[Array, Array, Flags], None] | None = None,
     cancel: Cancel | None = None,
     on_survivors: Callable[[GeneticSearch], None] | None = None,
+    known: Callable[[Array], tuple[Array, Flags] | None] | None = None,
     slice_seconds: float = 0.05,
     lot: int = 1,
     interval: float = 0.1,
@@ -300,7 +305,10 @@ def minimise(
             candidates (S, N), physical units, their costs (S,) as far as they were evaluated, and
             where (S,) that is the cost and not a lower bound of it.
         cancel: Looked at between slices, and while a queue is waited for.
-        on_survivors: Called with the search after every complete generation, to keep its state.
+        on_survivors: Called with the search after every complete generation.
+        known: Gets the candidates of a generation (S, N), physical units, and returns costs (S,)
+            of an earlier run, and where (S,) that is the cost; None where there are none. Those
+            of survivors are computed again.
         slice_seconds: Wall time a slice shall take, s; the sizes adapt to it.
         lot: Candidates that are evaluated in the time of one (vector lanes times threads); slices
             are multiples of it.
@@ -332,15 +340,21 @@ def minimise(
         packing = Packing(points, work, _Stop(run, cancel))
         points = packing.packed(points)
         found = _Generation(points, run.physical(points), limited, packing)
-        stop = _evaluate_generation(queue, found, run, slicer, cancel)
-        if stop is None and limited:
-            stop = _settle_doubts(queue, found, run, cancel)
+        before = known(found.theta) if known and run.allows(len(points)) else None
+        if before is not None and not _Stop(run, cancel)():
+            stop = _take_up(queue, found, run, cancel, *before)
+        else:
+            stop = _evaluate_generation(queue, found, run, slicer, cancel)
+            if stop is None and limited:
+                stop = _settle_doubts(queue, found, run, cancel)
         if on_generation is not None and found.done:
             here = slice(found.done)
             on_generation(found.theta[here], found.costs[here], found.exact[here])
         if stop is not None:
             break
         search.tell(packing.drawn(found.costs))
+        if search.best_cost < run.best_cost:
+            run.best_cost, run.best_point = search.best_cost, search.best_point
         completed += 1
         best_costs.append(search.best_cost)
         if on_survivors is not None:
@@ -453,6 +467,19 @@ def _evaluate_generation(
         run.note(points[here], told, took)
         run.report()
     return None
+
+
+def _take_up(
+    queue: Queue, found: _Generation, run: _Run, cancel: Cancel | None, costs: Array, exact: Flags
+) -> StopReason | None:
+    """Take up what an earlier run found of a generation; return as `_evaluate_generation`."""
+    found.costs[:], found.exact[:] = costs, False  # believed of those only that do not survive
+    stop = _settle_doubts(queue, found, run, cancel)
+    if stop is None:
+        found.exact |= exact
+        found.done = len(found.costs)
+        run.done += found.done
+    return stop
 
 
 def _settle_doubts(

@@ -4,7 +4,7 @@
 Identification, diagnosis, the paper's experiments and the fleet all fit by this.
 """
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 import time
 from typing import Protocol
 
@@ -16,7 +16,7 @@ from ros2_ident.search.driver import Budget, minimise, Progress, SearchResult
 from ros2_ident.search.evaluators import Cancel, Evaluators, Objective, Threads, Workers
 from ros2_ident.search.genetic import GeneticSearch, StopReason
 from ros2_ident.search.jacobian import Box, finite_differences
-from ros2_ident.search.journal import Journal
+from ros2_ident.search.journal import Journal, Within
 from ros2_ident.search.operators import Array, Flags
 from ros2_ident.search.refine import refine, Refinement
 from ros2_ident.search.settings import FitProgress, FitSettings, OnProgress
@@ -217,25 +217,10 @@ class _Fit:
         self.usual = settings.starts * USUAL_STEPS * jacobian if settings.refine else 0
         self.per_start = settings.refine_evaluations or 60 * jacobian
         self.search = GeneticSearch(len(self.names), settings.genetic, seed)
-        self.best_costs: list[float] = []
-        self.journal = journal
-        self.key = problem.key, seed, asdict(settings.genetic)
-        self._go_on()
+        self.journal, self.new = journal, True
+        self.key = 'generation', problem.key, seed, asdict(settings.genetic)
         problem.prepare()  # before the clock runs
         self.start = time.monotonic()
-
-    def _go_on(self) -> None:
-        """Take up what an earlier run of the same fit has left."""
-        kept = None
-        while later := self.journal.get('generation', *self.key, len(self.candidates)):
-            kept = later
-            self.best_costs.append(kept['search']['best_cost'])
-            self.candidates.append(kept['candidates'])
-            self.told.append(kept['costs'])
-            self.exact.append(kept['exact'])
-            self.generations += [len(self.candidates)] * len(kept['costs'])
-        if kept is not None:
-            self.search = GeneticSearch.from_state({**kept['search'], **kept})
 
     @property
     def elapsed(self) -> float:
@@ -244,7 +229,7 @@ class _Fit:
 
     def solve(self) -> Fitted:
         """Run the phases."""
-        ga = replace(self._search(), best_costs=tuple(self.best_costs))
+        ga = self._search()
         refined = None
         if self.settings.refine and np.isfinite(ga.cost) and ga.stop is not StopReason.CANCELLED:
             refined = self._refine(ga)
@@ -297,6 +282,7 @@ class _Fit:
             lot=self.evaluators.lot,
             on_generation=self._note,
             on_survivors=self._keep,
+            known=self._known,
             give_up=self.settings.give_up,
             work=self.problem.work,
             on_progress=self._report_search if self.on_progress else None,
@@ -316,24 +302,19 @@ class _Fit:
         self.exact.append(exact)
         self.generations += [self.search.generation] * len(theta)
 
+    def _known(self, theta: Array) -> tuple[Array, Flags] | None:
+        """Return costs of a generation (S, N) that an earlier run of the same fit has left."""
+        count = (len(theta),)
+        wanted = {'costs': Within(count, 0.0), 'exact': Within(count, kind=bool)}
+        kept = self.journal.get(wanted, *self.key, theta)
+        self.new = kept is None
+        return None if kept is None else (kept['costs'], kept['exact'])
+
     def _keep(self, search: GeneticSearch) -> None:
         """Write down a generation that is complete."""
-        self.best_costs.append(search.best_cost)
-        done = len(self.candidates) - 1
-        state = search.state()
-        arrays = {k: v for k, v in state.items() if isinstance(v, np.ndarray)}
-        self.journal.put(
-            {
-                **arrays,
-                'search': {k: v for k, v in state.items() if k not in arrays},
-                'candidates': self.candidates[done],
-                'costs': self.told[done],
-                'exact': self.exact[done],
-            },
-            'generation',
-            *self.key,
-            done,
-        )
+        if self.new:
+            costs = {'costs': self.told[-1], 'exact': self.exact[-1]}
+            self.journal.put(costs, *self.key, self.candidates[-1])
 
     def _report_search(self, progress: Progress) -> None:
         assert self.on_progress is not None

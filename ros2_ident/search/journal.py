@@ -4,16 +4,19 @@
 The steps of a run follow from its inputs to the bit. A run that is started again asks for each
 step in turn: what the file holds is not worked out again, and what it does not hold costs time,
 never another result. That is why a record may be left out, and a damaged end may be cut off.
+A checksum shows damage, not that a record is what the run would have written: whoever asks for one
+says what it has to be, and computes again what the answer rests on.
 """
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 import hashlib
 import json
+import math
 from pathlib import Path
 import struct
 import time
-from typing import Any
+from typing import Any, NamedTuple
 import zlib
 
 import numpy as np
@@ -43,6 +46,32 @@ def digest_of(*what: Any) -> bytes:
     return total.digest()
 
 
+class Within(NamedTuple):
+    """What a value of a record has to be; NaN is in no range.
+
+    Attributes:
+        shape: Its shape, None for any length; of a number empty.
+        low: Least value.
+        high: Largest value.
+        kind: Type of the values.
+    """
+
+    shape: tuple[int | None, ...] = ()
+    low: float = -math.inf
+    high: float = math.inf
+    kind: type = float
+
+    def holds(self, value: Any) -> bool:
+        """Return whether a value is that."""
+        found = np.asarray(value)
+        return (
+            found.dtype == self.kind
+            and found.ndim == len(self.shape)
+            and all(n in (None, m) for n, m in zip(self.shape, found.shape, strict=True))
+            and bool(((found >= self.low) & (found <= self.high)).all())
+        )
+
+
 class Journal(AbstractContextManager['Journal']):
     """A file of results by what they are of; without a path it remembers nothing.
 
@@ -51,6 +80,7 @@ class Journal(AbstractContextManager['Journal']):
         key: Of all that the run depends on.
 
     Attributes:
+        old: Whether an earlier run has left records.
         failed: Why it is written no longer, a sentence; empty where it is. A full disk ends the
             journal, not the run.
 
@@ -71,6 +101,7 @@ class Journal(AbstractContextManager['Journal']):
             except BaseException:
                 self._file.close()
                 raise
+        self.old = bool(self._places)
 
     def _open(self, file: Growing, head: bytes) -> None:
         """Read where the records are; what does not end whole goes."""
@@ -109,21 +140,17 @@ class Journal(AbstractContextManager['Journal']):
         self._places[what] = first, head, body
         return end
 
-    def get(self, *what: Any) -> dict[str, Any] | None:
-        """Return what was put for the same inputs, None where nothing was."""
+    def get(self, wanted: Mapping[str, Within], *what: Any) -> dict[str, Any] | None:
+        """Return what was put for the same inputs, None where nothing was that is `wanted`."""
         place = self._places.get(digest_of(*what)) if self._places else None
         if place is None or self._file is None:
             return None
-        first, head, body = place
-        data = self._file.read(first, head + body)
-        plain = json.loads(data[:head])
-        out: dict[str, Any] = plain['plain']
-        at = head
-        for name, kind, shape in plain['arrays']:
-            values = np.frombuffer(data, kind, int(np.prod(shape)), at).reshape(shape).copy()
-            out[name] = values
-            at += values.nbytes
-        return out
+        try:
+            values = _read(self._file.read(place[0], place[1] + place[2]), place[1])
+            fits = all(value.holds(values[name]) for name, value in wanted.items())
+        except Exception:  # json and numpy each have their own
+            return None
+        return values if fits else None
 
     def put(self, values: Values, *what: Any) -> None:
         """Keep arrays, and plain data that JSON can hold, for inputs."""
@@ -151,9 +178,9 @@ class Journal(AbstractContextManager['Journal']):
             self.failed = error.message
         self._spent += time.monotonic() - begin
 
-    def once(self, work: Callable[[], Any], *what: Any) -> Any:
+    def once(self, work: Callable[[], Any], wanted: Within, *what: Any) -> Any:
         """Return an array that was kept for inputs, or work it out and keep it."""
-        kept = self.get(*what)
+        kept = self.get({'value': wanted}, *what)
         if kept is not None:
             return kept['value']
         value = work()
@@ -169,6 +196,18 @@ class Journal(AbstractContextManager['Journal']):
     def __exit__(self, *raised: object) -> None:
         """Let go of the file."""
         self.close()
+
+
+def _read(data: bytes, head: int) -> dict[str, Any]:
+    """Return the values of a record, the first bytes of which are its head."""
+    about = json.loads(data[:head])
+    out: dict[str, Any] = about['plain']
+    at = head
+    for name, kind, shape in about['arrays']:
+        values = np.frombuffer(data, kind, int(np.prod(shape)), at).reshape(shape).copy()
+        out[name] = values
+        at += values.nbytes
+    return out
 
 
 def _is_array(value: Any) -> bool:

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.evaluators import Cancel
 from ros2_ident.search.jacobian import Box, finite_differences, Residuals
-from ros2_ident.search.journal import digest_of, Journal
+from ros2_ident.search.journal import digest_of, Journal, Within
 from ros2_ident.search.operators import Array, select
 
 # What SciPy keeps a start away from its bounds, as a share of the cube.
@@ -109,6 +109,8 @@ class _Start:
         self.cost = math.inf
         self.residual: Array = np.empty(0)
         self._here: tuple[Array, Array] | None = None
+        self._length = 0  # R, once something was simulated
+        self._last: tuple[Array, Array] | None = None  # candidates and what was told of them
 
     def evaluate(self, theta: Array) -> Array:
         """Return (S, R) residuals of (S, N) physical candidates."""
@@ -117,7 +119,14 @@ class _Start:
         if self.evaluations + len(theta) > self.limit:
             raise _Stop(RefineStatus.EVALUATIONS)
         self.evaluations += len(theta)
-        told: Array = self.journal.once(lambda: self._told(theta), 'residuals', self.key, theta)
+        if not self._length:
+            return self._told(theta)
+        told: Array = self.journal.once(
+            lambda: self._told(theta),
+            Within((len(theta), self._length)),
+            *('residuals', self.key, theta),
+        )
+        self._last = theta, told
         return told
 
     def _told(self, theta: Array) -> Array:
@@ -135,6 +144,7 @@ class _Start:
                 'residuals returned NaN; leave out samples that were not measured, '
                 'and return inf for a diverged candidate',
             )
+        self._length = told.shape[1]
         return told
 
     def fun(self, unit: Array) -> Array:
@@ -157,17 +167,41 @@ class _Start:
     def solve(self, tolerance: float) -> RefineStatus:
         """Go from the start to the end, or to where an earlier run of the same start ended."""
         what = 'start', self.key, self.point, self.limit, self.central, self.step, tolerance
-        kept = self.journal.get(*what)
-        if kept is not None:
-            self.point, self.residual = kept['point'], kept['residual']
-            self.cost, self.evaluations = kept['cost'], kept['evaluations']
-            return RefineStatus[kept['status']]
+        ways: list[RefineStatus] = [x for x in RefineStatus if x is not RefineStatus.CANCELLED]
+        wanted = {
+            'point': Within(self.point.shape, 0.0, 1.0),
+            'cost': Within((), 0.0),
+            'evaluations': Within((), 0, self.limit, int),
+            'status': Within((), 0, len(ways) - 1, int),
+        }
+        kept = self.journal.get(wanted, *what)
+        if kept is not None and self._stands(kept['point'], kept['cost']):
+            self.evaluations = kept['evaluations']
+            return ways[int(kept['status'])]
+        begin = self.point
         status = self._solve(tolerance)
+        if self.journal.old and status is not RefineStatus.CANCELLED and not self._sound():
+            self.journal, self._here = Journal(), None
+            self.evaluations, self.point, self.cost = 0, begin, math.inf
+            status = self._solve(tolerance)
         if status is not RefineStatus.CANCELLED:
-            ended = {'cost': self.cost, 'evaluations': self.evaluations, 'status': status.name}
-            arrays = {'point': self.point, 'residual': self.residual}
-            self.journal.put({**arrays, **ended}, *what)
+            ended = {'cost': self.cost, 'evaluations': self.evaluations}
+            self.journal.put({'point': self.point, **ended, 'status': ways.index(status)}, *what)
         return status
+
+    def _sound(self) -> bool:
+        """Return whether the end, by residual and slope, rests on residuals of this problem."""
+        theta, told = self._last or (np.empty((0, len(self.point))), np.empty(0))
+        slope = not len(theta) or np.array_equal(self._told(theta), told)
+        return slope and self._stands(self.point, self.cost)
+
+    def _stands(self, point: Array, cost: float) -> bool:
+        """Take a point up where its cost comes out again; return whether it does."""
+        residual = self._told(self.box.physical(point)[None, :])[0]
+        if float(np.sqrt(np.mean(residual**2))) != cost:
+            return False
+        self.point, self.cost, self.residual = point, cost, residual
+        return True
 
     def _solve(self, tolerance: float) -> RefineStatus:
         """Run scipy's trust region and try the bounds that the result leans on."""
@@ -328,8 +362,6 @@ def _result(
         None,
         True,
         best.step,
-        best.journal,
-        best.key,
     )
     jacobian = finite_differences(
         counted.evaluate, best.point, best.residual, best.box, central=True, step=best.step
