@@ -342,6 +342,24 @@ def test_a_file_that_cannot_be_removed_is_said(tmp_path):
     files.remove_file(tmp_path / 'none')
 
 
+@pytest.mark.parametrize('name', ['identify', 'diagnose'])
+def test_the_answer_is_printed_whatever_becomes_of_the_files(
+    tmp_path, command, capsys, monkeypatch, name
+):
+    words = command
+    if name == 'diagnose':
+        words = ['diagnose', *command[1:6], '--quiet', '--seconds', '0.01', '--no-overlay']
+    monkeypatch.setattr(os, 'replace', full)
+    assert main(words) == 2
+    said = capsys.readouterr()
+    answer = {'identify': 'emps_axis.moving_mass', 'diagnose': 'verdict: '}
+    assert answer[name] in said.out
+    assert 'written' not in said.out
+    path = tmp_path / {'identify': 'result.json', 'diagnose': 'diagnosis.json'}[name]
+    assert f'{path}: cannot be written (No space left on device); make room there' in said.err
+    assert (tmp_path / f'{name}.checkpoint').exists()
+
+
 class Killed(BaseException):
     """The end of a process, as far as one process can play it."""
 

@@ -32,7 +32,7 @@ from ros2_ident.cli.arguments import (
     whole,
     workers_of,
 )
-from ros2_ident.cli.report import add_page, live_page, page_line
+from ros2_ident.cli.report import add_page, answered, live_page, page_line
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
@@ -154,7 +154,9 @@ def run(args: argparse.Namespace) -> int:
         read['quantities'] = (args.output,)
     fit = read_data(args.bag, machine, args.drives, **read)
     check = read_data(args.check, machine, args.drives, **read) if args.check else None
-    with sole_writer(args.out, OF_DIAGNOSIS) if args.out else nullcontext() as out:
+    place = sole_writer(args.out, OF_DIAGNOSIS) if args.out else nullcontext()
+    # last: whoever reads the output may leave early, as `head` does
+    with answered(print_diagnosis) as answer, place as out:
         if out is not None and not args.no_overlay:
             require_place(out / OVERLAY, fit, [*args.bag, *args.check])
         checkpoint = None if out is None else out / DIAGNOSIS_CHECKPOINT
@@ -197,6 +199,7 @@ def run(args: argparse.Namespace) -> int:
                 workers=workers_of(args),
                 checkpoint=checkpoint,
             )
+            answer(found)
             files, page = [], ''
             if out is not None:
                 settings = {
@@ -214,8 +217,6 @@ def run(args: argparse.Namespace) -> int:
                 page = page_line(out, wanted=not args.no_report)
         if checkpoint is not None and found.complete:
             forget(checkpoint)  # all is written that it could lead to
-    # last: whoever reads the output may leave early, as `head` does
-    print_diagnosis(found)
     if files:
         print('written: ' + ', '.join(str(path) for path in files))
     print(page, end='', flush=True)

@@ -122,6 +122,7 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Plan, write, say what it is worth."""
     from ros2_ident.cli.progress import FractionMeter
+    from ros2_ident.cli.report import answered
     from ros2_ident.excite.course import courses_for
     from ros2_ident.excite.files import require_place, write_excitation
     from ros2_ident.excite.information import Sensitivity
@@ -140,25 +141,26 @@ def run(args: argparse.Namespace) -> int:
         fixed=once(args.fix, '--fix'),
         rate=args.rate,
     )
-    with FractionMeter(quiet=args.quiet) as meter:
-        found = excite(
-            courses,
-            sensitivity,
-            _wish(args),
-            on_progress=lambda p: meter(
-                min(1.0, p.evaluations / p.budget), f'{p.evaluations} motions tried'
-            ),
+    with answered(_say) as answer:
+        with FractionMeter(quiet=args.quiet) as meter:
+            found = excite(
+                courses,
+                sensitivity,
+                _wish(args),
+                on_progress=lambda p: meter(
+                    min(1.0, p.evaluations / p.budget), f'{p.evaluations} motions tried'
+                ),
+            )
+        answer(found)
+        series = courses.series
+        files = write_excitation(
+            args.out,
+            found,
+            machine.drives,
+            float(series.harmonics.max()) / series.period,
+            args.lead,
+            shlex.join(['ident', *args.words]),
         )
-    series = courses.series
-    files = write_excitation(
-        args.out,
-        found,
-        machine.drives,
-        float(series.harmonics.max()) / series.period,
-        args.lead,
-        shlex.join(['ident', *args.words]),
-    )
-    _say(found)
     print(f'written: {", ".join(str(path) for path in files)}')
     return 0
 

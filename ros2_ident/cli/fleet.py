@@ -93,12 +93,24 @@ class _Board:
 def run(args: argparse.Namespace) -> int:
     """Run the fleet and print how its machines compare."""
     from ros2_ident.cli.interrupt import interrupts
-    from ros2_ident.cli.report import page_line
-    from ros2_ident.fleet import read_fleet, run_fleet, sound, summarise
+    from ros2_ident.cli.report import answered, page_line
+    from ros2_ident.fleet import read_fleet, run_fleet, sound
 
     entries = read_fleet(args.list, args.machine)
-    with interrupts() as cancel, _Board(entries, args.quiet) as board:
-        rows = run_fleet(
+    rows: list[Row] = []
+
+    def done(row: 'Row') -> None:
+        rows.append(row)
+        rows.sort(key=lambda x: [entry.name for entry in entries].index(x['name']))
+        board.done(row)
+
+    with (
+        answered(_print) as answer,
+        interrupts() as cancel,
+        _Board(entries, args.quiet) as board,
+    ):
+        answer(rows)
+        run_fleet(
             entries,
             args.out,
             seed=args.seed,
@@ -106,25 +118,25 @@ def run(args: argparse.Namespace) -> int:
             scheduler=args.scheduler,
             cancel=cancel,
             on_start=board.started,
-            on_row=board.done,
+            on_row=done,
         )
     page = page_line(Path(args.out), wanted=True)
-    _print(rows, summarise(rows))
     print(f'written: {args.out}/fleet.json, {args.out}/fleet.csv')
     print(page, end='', flush=True)
     return 0 if len(rows) == len(entries) and all(map(sound, rows)) else 1
 
 
-def _print(rows: 'list[Row]', summary: dict[str, Any]) -> None:
+def _print(rows: 'list[Row]') -> None:
     from ros2_ident.cli.table import columns
+    from ros2_ident.fleet import summarise
     from ros2_ident.report.page.several import differences
 
-    lines = [('bag', 'machine', 'date', 'state', 'verdict')]
+    lines = [('bag', 'machine', 'date', 'state', 'verdict')] if rows else []
     for row in rows:
         said = row.get('verdict') or row['message']
         state = row['state'] if row['code'] == 'OK' else row['code']
         lines.append((row['name'], row['machine'], row['date'], state, said))
     for line in columns(lines, (False,) * 5):
         print(line)
-    for text in differences(summary):
+    for text in differences(summarise(rows)):
         print(text)

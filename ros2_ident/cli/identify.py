@@ -30,7 +30,7 @@ from ros2_ident.cli.arguments import (
     whole,
     workers_of,
 )
-from ros2_ident.cli.report import add_page, live_page, page_line
+from ros2_ident.cli.report import add_page, answered, live_page, page_line
 
 if TYPE_CHECKING:
     from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
@@ -213,7 +213,8 @@ def run(args: argparse.Namespace) -> int:
     if args.check:
         check = read_data(args.check, machine, args.drives, topics=topics_of(args), **read)
         check = check.without_command() if settings.method == 'algebraic' else check
-    with sole_writer(args.out, OF_RESULT) as out:
+    # last: whoever reads the output may leave early, as `head` does
+    with answered(print_result) as answer, sole_writer(args.out, OF_RESULT) as out:
         if not args.no_overlay:
             require_place(out / OVERLAY, data, args.bag)
         checkpoint = out / CHECKPOINT
@@ -253,6 +254,7 @@ def run(args: argparse.Namespace) -> int:
                 checkpoint=checkpoint,
                 check=check,
             )
+            answer(result)
             problem = problem_of(
                 machine,
                 data,
@@ -279,8 +281,6 @@ def run(args: argparse.Namespace) -> int:
             page = page_line(out, wanted=not args.no_report)
         if result.outcome not in (Outcome.CANCELLED, Outcome.BUDGET_SPENT):
             forget(checkpoint)  # all is written that it could lead to
-    # last: whoever reads the output may leave early, as `head` does
-    print_result(result)
     print('written: ' + ', '.join(str(path) for path in files))
     print(page, end='', flush=True)
     return 0 if result.outcome is Outcome.IDENTIFIED else 1

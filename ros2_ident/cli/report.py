@@ -2,10 +2,11 @@
 """`ident report`: one page on a result directory."""
 
 import argparse
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 import sys
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from ros2_ident.errors import ErrorCode, IdentError
 
@@ -102,6 +103,17 @@ def live_page(
     page = LivePage(out, f'{doing} {bags}', f'{drives}; {seconds:.3g} s', problem)
     print(f'live: {page.place}', file=sys.stderr)
     return page
+
+
+@contextmanager
+def answered(show: Callable[[Any], None]) -> Iterator[Callable[[Any], None]]:
+    """Take an answer and show it at the end, whatever becomes of the files."""
+    found: list[Any] = []
+    try:
+        yield found.append
+    finally:
+        for answer in found:
+            show(answer)
 
 
 def page_line(directory: Path, *, wanted: bool) -> str:

@@ -43,18 +43,27 @@ def run_fleet(
 
     Returns:
         The rows that are there, in the order of the entries.
+
+    Raises:
+        IdentError: INVALID_GOAL where something is there that is not ours to replace; or, when all
+            is worked out, where a file could not be written.
     """
     rows_folder = make_directory(Path(out) / 'rows')
     names = SUMMARY, TABLE, PAGE, *(f'rows/{entry.name}.json' for entry in entries)
     require_ours(Path(out) / name for name in names)
     rows: dict[str, Row] = {}
 
+    unwritten: list[IdentError] = []
+
     def take(row: Row) -> None:
         text = json.dumps({**MARKED, **plain(row)}, indent=1, allow_nan=False) + '\n'
-        write_text(rows_folder / f'{row["name"]}.json', text)
         rows[row['name']] = plain(row)
         if on_row is not None:
             on_row(rows[row['name']])
+        try:
+            write_text(rows_folder / f'{row["name"]}.json', text)
+        except IdentError as error:  # the others are worked out all the same
+            unwritten.append(error)
 
     left = []
     for entry in entries:
@@ -72,6 +81,8 @@ def run_fleet(
     ):
         take(row)
     ordered = [rows[entry.name] for entry in entries if entry.name in rows]
+    if unwritten:
+        raise unwritten[0]
     write_summary(Path(out), ordered)
     return ordered
 

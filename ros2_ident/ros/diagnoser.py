@@ -141,7 +141,7 @@ class Diagnoser:
             node.last = found
             node.diagnostics.data = found.data
             message = self._message(found, None, path)
-            fault = None if unwritten is None else node.board.unwritten(unwritten)
+            fault = unwritten = unwritten and node.board.unwritten(unwritten)
             state, sentence = Status.STATE_DONE, found.diagnosis.sentence
             if found.cancelled:
                 state = Status.STATE_CANCELLED
@@ -149,6 +149,8 @@ class Diagnoser:
                 fault = IdentError(ErrorCode.CANCELLED, message.error_message)
             node.board.change(state, sentence, fault)
             node.board.warnings(message.warnings)
+            if unwritten is not None:
+                message.warnings = [*message.warnings, unwritten.message]
             self._draw(found, path)
             node.pages.start(path)
         node.diagnostics.gap = message

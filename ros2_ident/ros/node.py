@@ -257,6 +257,8 @@ class Identifier(Node):
                 unwritten = self.board.unwritten(unwritten)
             self.board.change(state, message.outcome_sentence, fault or unwritten)
             self.board.warnings(message.warnings)
+            if unwritten is not None:
+                message.warnings = [*message.warnings, unwritten.message]
         self.diagnostics.result = message
         self.outlet.result(message)
         return message

@@ -5,6 +5,7 @@ They lie in `unfinished` in the output directory and are named by what the run d
 client that sends its goal again after a crash need not know of them.
 """
 
+from contextlib import closing
 import hashlib
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from ros2_ident.errors import IdentError
 from ros2_ident.files import Growing, require_ours
 from ros2_ident.identify.problem import sources
 from ros2_ident.ros.paths import expanded
-from ros2_ident.search.journal import forget
+from ros2_ident.search.journal import forget, MAGIC
 
 DIRECTORY, SUFFIX = 'unfinished', '.checkpoint'
 # Goals that were never sent again: the oldest files go.
@@ -45,7 +46,9 @@ def _free(path: Path) -> bool:
     """Return whether a file can be written that is ours and that no other process writes."""
     try:
         require_ours([path])
-        Growing(path).close()
+        with closing(Growing(path)) as file:
+            if not file.size:
+                file.write(MAGIC)  # a full disk is no reason not to run
     except IdentError:
         return False
     return True

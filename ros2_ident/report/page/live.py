@@ -6,6 +6,7 @@ other file of a directory without a server. Where that file has gone, the report
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 import json
 import math
 from pathlib import Path
@@ -84,7 +85,8 @@ class LivePage:
             why = error.message
         elif isinstance(error, KeyboardInterrupt):
             why = 'it was interrupted twice'
-        self._write({**self._said, 'state': 'ended', 'why': why})
+        with suppress(IdentError):
+            self._write({**self._said, 'state': 'ended', 'why': why})
 
     @property
     def place(self) -> str:
@@ -138,13 +140,14 @@ class LivePage:
 
     def _say(self, **said: Any) -> None:
         self._said = {'state': 'running', **said}
-        self._write(self._said)
+        with suppress(IdentError):  # a run does not end where a disk is full
+            self._write(self._said)
 
     def _write(self, said: dict[str, Any]) -> None:
+        self._next = time.monotonic() + EVERY
         news = {'format': 'ros2_ident.news', **plain(said), 'written': time.time()}
         text = json.dumps(news, separators=(',', ':'))
         write_text(self._folder / NEWS, f'identNews({text})\n')
-        self._next = time.monotonic() + EVERY
 
     def _parameters(self, progress: IdentifyProgress) -> Any:
         """Yield what is shown of each parameter: how it changed is within its bounds, 0 to 1."""
