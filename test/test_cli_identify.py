@@ -73,7 +73,8 @@ def test_a_bag_of_ros2_control_is_identified_without_options(command, bag, tmp_p
     twin = maker.write(tmp_path / 'ros2_control', as_ros2_control_records(maker, recording))
     found = []
     for path in (write_bag(tmp_path / 'plain', recording), twin):
-        assert main([command[0], str(path), *command[2:], *SMALL, '--quiet']) == 0
+        # what interpolation does to the effort leaves the sign of the constant force open
+        assert main([command[0], str(path), *command[2:], *SMALL, '--quiet']) == 1
         result = json.loads((tmp_path / 'out/result.json').read_text())
         found.append({name: x['value'] for name, x in result['parameters'].items()})
     assert found[0] == found[1]

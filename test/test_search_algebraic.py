@@ -96,7 +96,8 @@ def test_the_command_says_what_solved_it(tmp_path: Path, capsys) -> None:
     assert main([*args, '--method', 'algebraic', '--no-report']) == 1
     said = capsys.readouterr().out
     assert 'cost: least squares ' in said
-    assert 'emps_axis.viscous_friction; the model lacks something that trades' in said
+    assert 'emps_axis.viscous_friction (between 103 and 367 N s/m), ' in said
+    assert '; the model lacks something that trades' in said
     assert 'genetic' not in said
 
 

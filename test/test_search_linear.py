@@ -61,7 +61,7 @@ def weighted(problem, lengths, rounds=3):
 
 def test_without_noise_the_truth_is_found_wherever_the_box_is():
     problem = Rows([300, 200])
-    problem.low, problem.high = np.array([50.0, 0.0]), np.array([51.0, 8.0])
+    problem.low, problem.high = np.array([50.0, -8.0]), np.array([51.0, 8.0])
     found = solve(problem, decimation=1)
     np.testing.assert_allclose(found.theta, TRUTH, rtol=1e-9)
     assert np.abs(found.residual).max() < 1e-9
@@ -71,6 +71,23 @@ def test_without_noise_the_truth_is_found_wherever_the_box_is():
     assert (found.ga.evaluations, found.ga.generations, found.refined) == (0, 0, None)
     assert not (found.cancelled or found.left_out)
     assert 0.0 <= found.seconds < 60.0
+
+
+def test_what_cannot_be_below_zero_is_not_and_the_others_make_the_best_of_it():
+    problem = Rows([300], [0.1])
+    problem.low = np.array([-4.0, 0.0])
+    found = solve(problem, decimation=1)
+    own = problem.slopes[:, 0]
+    assert found.theta[1] == pytest.approx(0.0, abs=1e-12)
+    assert found.theta[0] == pytest.approx(own @ problem.measured / (own @ own), rel=1e-9)
+
+
+def test_what_does_not_act_stays_in_the_middle_of_its_box():
+    problem = Rows([300], [0.1])
+    problem.slopes[:, 1] *= 1e-13
+    found = solve(problem, decimation=1)
+    assert found.theta[1] == 0.0
+    assert np.isinf(found.intervals.half_width[1]) and np.isfinite(found.intervals.half_width[0])
 
 
 def test_every_series_counts_by_the_noise_that_it_leaves(monkeypatch):
@@ -85,7 +102,7 @@ def test_every_series_counts_by_the_noise_that_it_leaves(monkeypatch):
     theta, left, weights = weighted(problem, lengths)
     np.testing.assert_allclose(found.theta, theta, rtol=1e-9)
     np.testing.assert_allclose(found.residual, left, rtol=1e-7, atol=1e-9)
-    assert found.ga.cost == problem.cost_of(left)
+    assert found.ga.cost == pytest.approx(problem.cost_of(left))
     np.testing.assert_array_equal(found.ga.survivors, [found.theta])
     (((jacobian, residual, *_), more),) = seen
     np.testing.assert_allclose(residual, left * weights, rtol=1e-6, atol=1e-9)

@@ -49,7 +49,6 @@ def test_white_noise_gives_the_classical_interval():
     np.testing.assert_allclose(found.correlation, covariance / np.outer(error, error), rtol=1e-9)
     assert found.effective_samples == COUNT
     assert found.rank == 3
-    assert found.words == ('', '', '')
     assert found.noise[0] == pytest.approx(1.0, rel=0.1)
 
 
@@ -110,9 +109,6 @@ def test_twins_are_not_identifiable_and_the_third_is():
     assert found.rank == 2
     assert np.isinf(found.half_width[:2]).all()
     assert np.isfinite(found.half_width[2])
-    assert found.identifiable.tolist() == [False, False, True]
-    assert found.words[:2] == ('not identifiable from this data',) * 2
-    assert found.words[2] == ''
     assert np.isnan(found.correlation[0, 1])
     assert found.correlation[2, 2] == 1.0
 
@@ -124,7 +120,7 @@ def test_a_deaf_parameter_is_not_identifiable():
         jacobian, 0.01 * np.random.default_rng(0).normal(size=COUNT), TRUTH, LOW, HIGH
     )
     assert np.isinf(found.half_width[1])
-    assert found.identifiable.tolist() == [True, False, True]
+    assert np.isfinite(found.half_width[[0, 2]]).all()
 
 
 def test_nothing_acts_at_all():
@@ -133,19 +129,10 @@ def test_nothing_acts_at_all():
     assert found.rank == 0
 
 
-def test_an_interval_as_wide_as_the_box_says_nothing():
-    noise = np.random.default_rng(0).normal(size=COUNT)
-    weak = JACOBIAN * np.array([1.0, 1.0, 1e-2])
-    found = intervals(weak, noise, TRUTH, LOW, HIGH)
-    assert np.isfinite(found.half_width[2])
-    assert found.half_width[2] > 5.0
-    assert found.identifiable.tolist() == [True, True, False]
-
-
 def test_a_weak_parameter_is_identifiable_where_the_data_are_good():
     noise = 1e-9 * np.random.default_rng(0).normal(size=COUNT)
     weak = JACOBIAN * np.array([1.0, 1.0, 1e-5])
-    assert intervals(weak, noise, TRUTH, LOW, HIGH).identifiable.all()
+    assert (intervals(weak, noise, TRUTH, LOW, HIGH).half_width < 1e-3).all()
 
 
 def test_bounds_are_named():
@@ -153,14 +140,10 @@ def test_bounds_are_named():
     noise = 0.01 * np.random.default_rng(0).normal(size=COUNT)
     found = intervals(JACOBIAN, noise, theta, LOW, HIGH)
     assert found.at_bound == ('lower', 'upper', '')
-    assert found.words == ('at its lower bound', 'at its upper bound', '')
     # A millionth of the box is at the bound.
     for off, said in ((0.9e-6, ('lower', 'upper')), (1.1e-6, ('', ''))):
         near = np.array([-10.0 + 20.0 * off, 10.0 - 20.0 * off, 0.0])
         assert intervals(JACOBIAN, noise, near, LOW, HIGH).at_bound[:2] == said
-    deaf = JACOBIAN * np.array([0.0, 1.0, 1.0])
-    words = intervals(deaf, noise, theta, LOW, HIGH).words
-    assert words[0] == 'not identifiable from this data, at its lower bound'
 
 
 @pytest.mark.parametrize('rho', [0.0, 0.6, 0.95])

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.gates import GateReport
+from ros2_ident.identify.certainty import doubted
 from ros2_ident.identify.problem import Problem
-from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
+from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.search.noise import fast_noise
 
 Array = npt.NDArray[np.float64]
@@ -113,7 +114,7 @@ def judged(
             result,
             outcome=Outcome.CONTRADICTED,
             message=message,
-            parameters=tuple(map(_refused, result.parameters)),
+            parameters=tuple(doubted(p, NOTE) for p in result.parameters),
         )
     return replace(result, message=_joined(report.headline, left, result.message))
 
@@ -122,11 +123,6 @@ def _said(report: GateReport) -> tuple[str, ...]:
     """Return what the gates warn of, but for what is the headline."""
     first = report.contradictions[:1]
     return tuple(g.sentence for g in report.gates if g.level != 'ok' and g not in first)
-
-
-def _refused(estimate: ParameterEstimate) -> ParameterEstimate:
-    """Return an estimate that is none."""
-    return replace(estimate, identifiable=False, note=NOTE)
 
 
 def _joined(*sentences: str) -> str:

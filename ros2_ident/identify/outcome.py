@@ -2,7 +2,7 @@
 """From what a run found to the result: the outcome, its words, and where it came from."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime, UTC
 import importlib.metadata
 import platform
@@ -10,6 +10,7 @@ import platform
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.identify.certainty import doubted, estimates_of, HIDDEN
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.hidden import MATERIAL, OTHER_NOISE
 from ros2_ident.identify.judgement import rounded
@@ -24,18 +25,15 @@ from ros2_ident.identify.result import (
     ParameterEstimate,
     Provenance,
 )
-from ros2_ident.models import Machine, Parameter
+from ros2_ident.models import Machine
 from ros2_ident.search import RefineStatus, StopReason
 from ros2_ident.search.evidence import Evidence
 from ros2_ident.search.fit import Fitted
 from ros2_ident.search.refine import StartOutcome
-from ros2_ident.search.uncertainty import MOST_OF_BOX
 
 Array = npt.NDArray[np.float64]
 
 PACKAGE = 'ros2_ident'
-# Of a parameter that noise alone would leave determined.
-HIDDEN = 'not determined once model error is allowed for'
 # Of every parameter where refinements ended in different minima.
 ONE_OF_SEVERAL = 'of one of several minima that fit almost alike'
 
@@ -56,14 +54,10 @@ def assemble(
         settings: In force, as plain data.
         evidence: What the residual shows of noise and of what is missing; None where not weighed.
     """
-    known = _Known.of(problem, found, evidence)
-    estimates = tuple(
-        _estimate(parameter, number, found, known)
-        for number, parameter in enumerate(problem.parameters)
-    )
+    estimates = estimates_of(problem, found, evidence)
     rivals = rival_minima(problem, found)
     if rivals:
-        estimates = tuple(replace(e, identifiable=False, note=ONE_OF_SEVERAL) for e in estimates)
+        estimates = tuple(doubted(e, ONE_OF_SEVERAL) for e in estimates)
     outcome, message = _judge(found, estimates, _ambiguous(problem, rivals))
     size = len(estimates)
     left = problem.left(found.residual) if found.residual.size else ()
@@ -133,65 +127,6 @@ def _gap(
     return tuple(out)
 
 
-@dataclass(frozen=True)
-class _Known:
-    """Ends of the 95 % intervals (N,): for noise alone, and with what the model may lack."""
-
-    noise_low: Array
-    noise_high: Array
-    low: Array
-    high: Array
-
-    @classmethod
-    def of(cls, problem: Problem, found: Fitted, evidence: Evidence | None) -> '_Known | None':
-        """Return them, None where the run was cut short before."""
-        alone = found.intervals
-        if alone is None:
-            return None
-        low, high = alone.low, alone.high
-        if evidence is not None:
-            low, high = evidence.ends(found.theta, problem.low, problem.high, low, high)
-        return cls(alone.low, alone.high, low, high)
-
-
-def _estimate(
-    parameter: Parameter, number: int, found: Fitted, known: _Known | None
-) -> ParameterEstimate:
-    value = float(found.theta[number])
-    box = parameter.high - parameter.low
-    if known is not None and found.intervals is not None:
-        low, high = float(known.low[number]), float(known.high[number])
-        ends = float(known.noise_low[number]), float(known.noise_high[number])
-        bound = found.intervals.at_bound[number]
-        note = found.intervals.words[number]
-        identifiable = high - low <= MOST_OF_BOX * box
-        if found.intervals.identifiable[number] and not identifiable:
-            note = ', '.join(filter(None, [HIDDEN, note]))
-    else:
-        low = high = float('nan')
-        ends = low, high
-        identifiable = False
-        place = (value - parameter.low) / box
-        bound = 'lower' if place <= 0.0 else 'upper' if place >= 1.0 else ''
-        note = 'interval not computed: the run was cut short'
-    return ParameterEstimate(
-        name=parameter.name,
-        unit=parameter.unit,
-        value=value,
-        low=low,
-        high=high,
-        lower_bound=parameter.low,
-        upper_bound=parameter.high,
-        ga_value=float(found.ga.theta[number]),
-        at_bound=bool(bound),
-        identifiable=identifiable,
-        kind=parameter.kind,
-        note=note,
-        noise_low=ends[0],
-        noise_high=ends[1],
-    )
-
-
 def _ambiguous(problem: Problem, rivals: tuple[StartOutcome, ...]) -> str:
     """Return what other minima of the cost mean; empty where there are none."""
     if not rivals:
@@ -238,9 +173,10 @@ def _judge(
         if bounded
         else ''
     )
-    loose = [e.name for e in estimates if not e.identifiable]
+    loose = [e for e in estimates if not e.identifiable]
     if loose:
-        hidden = [e.name for e in estimates if HIDDEN in e.note]
+        hidden = [e for e in loose if HIDDEN in e.note]
+        named = (f'{e.name} ({e.bound})' if e.state == 'bounded' else e.name for e in loose)
         remedy = (
             'the model lacks something that trades with them: find it with `ident diagnose`'
             if hidden == loose
@@ -248,7 +184,7 @@ def _judge(
         )
         return Outcome.NOT_IDENTIFIABLE, (
             f'This data does not determine {len(loose)} of {len(estimates)} parameters: '
-            f'{", ".join(loose)}; {remedy}.{leaning}'
+            f'{", ".join(named)}; {remedy}.{leaning}'
         )
     return Outcome.IDENTIFIED, f'All {len(estimates)} parameters are identified.{leaning}'
 

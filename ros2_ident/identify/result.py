@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 import enum
 import math
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,8 @@ Array = npt.NDArray[np.float64]
 
 # An interval that reaches so many times as far to one side as to the other is lopsided.
 LOPSIDED = 2.0
+
+State = Literal['identified', 'bounded', 'not determined']
 
 
 class Outcome(enum.Enum):
@@ -57,8 +59,8 @@ class ParameterEstimate:
         upper_bound: Upper end of it.
         ga_value: What the genetic algorithm found, before the refinement.
         at_bound: Whether the estimate lies on a bound of the box.
-        identifiable: Whether the interval says more than the box.
-        kind: `physical` or `measurement`.
+        state: What is known of it; see `certainty`.
+        kind: `physical`, `base` or `measurement`.
         note: The same in words, empty where there is nothing to say.
         noise_low: Lower end if the model lacked nothing: noise alone.
         noise_high: Upper end likewise.
@@ -73,11 +75,21 @@ class ParameterEstimate:
     upper_bound: float
     ga_value: float
     at_bound: bool
-    identifiable: bool
+    state: State
     kind: Kind
     note: str
     noise_low: float = float('nan')
     noise_high: float = float('nan')
+
+    @property
+    def identifiable(self) -> bool:
+        """Whether it is identified."""
+        return self.state == 'identified'
+
+    @property
+    def bound(self) -> str:
+        """The interval's ends inside the box, in words; empty where there are none."""
+        return bound_of(self.low, self.high, self.lower_bound, self.upper_bound, self.unit)
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -88,6 +100,17 @@ class ParameterEstimate:
     def lopsided(self) -> bool:
         """Whether the interval is to be told by its two sides."""
         return max(self.reach) > LOPSIDED * max(0.0, min(self.reach))
+
+
+def bound_of(low: float, high: float, lower: float, upper: float, unit: str) -> str:
+    """Return what an interval leaves of a box (lower, upper), in words; empty if all of it."""
+    least, most = (f'{float(f"{end:.3g}"):.6g}' for end in (low, high))
+    after = '' if unit == '1' else f' {unit}'
+    if low > lower and high < upper:
+        return f'between {least} and {most}{after}'
+    return f'at least {least}{after}' if low > lower else (
+        f'at most {most}{after}' if high < upper else ''
+    )
 
 
 def half_of_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> float:

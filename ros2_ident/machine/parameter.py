@@ -7,7 +7,7 @@ from typing import Literal
 
 from ros2_ident.errors import ErrorCode, IdentError
 
-Kind = Literal['physical', 'measurement']
+Kind = Literal['physical', 'base', 'measurement']
 
 
 @dataclass(frozen=True)
@@ -19,8 +19,11 @@ class Parameter:
         unit: SI unit as text; `1` for a ratio.
         low: Lower bound of the search, in `unit`.
         high: Upper bound of the search, in `unit`.
-        kind: `physical` for the machine, `measurement` for how it was logged.
+        kind: `physical` for the machine, `measurement` for how it was logged; `base` for what
+            stands for several of the machine's that show together only, and has either sign.
         source: Equation or reference the parameter stands in.
+        absent: Value that means that the machine has none of it, where that is an answer: 0 of
+            friction, an offset or a delay, not of a mass.
 
     Raises:
         IdentError: BAD_MACHINE_FILE where the bounds are not finite or not in order.
@@ -32,6 +35,7 @@ class Parameter:
     high: float
     kind: Kind
     source: str
+    absent: float | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):

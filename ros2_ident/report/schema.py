@@ -48,6 +48,7 @@ def to_mapping(result: Identification) -> dict[str, Any]:
     for estimate in result.parameters:
         entry = asdict(estimate)
         del entry['name']
+        entry['identifiable'] = estimate.identifiable
         parameters[estimate.name] = entry
     data = {
         'schema': SCHEMA,
@@ -152,7 +153,7 @@ def _estimate(name: str, entry: Mapping[str, Any]) -> ParameterEstimate:
         name=name,
         unit=str(entry['unit']),
         at_bound=bool(entry['at_bound']),
-        identifiable=bool(entry['identifiable']),
+        state=entry.get('state', 'identified' if entry['identifiable'] else 'not determined'),
         kind=entry['kind'],
         note=str(entry['note']),
         **{key: _number(entry.get(key)) for key in numbers},

@@ -22,7 +22,7 @@ from ros2_ident.report.schema import to_mapping
 from ros2_ident.report.signals import load_signals, Signals
 
 # Of a parameter, in this order, where it is known.
-_FIELDS = ('value', 'low', 'high', 'unit', 'at_bound', 'identifiable', 'note')
+_FIELDS = ('value', 'low', 'high', 'unit', 'at_bound', 'state', 'note')
 
 
 def holds_results(path: str | Path) -> bool:

@@ -27,6 +27,7 @@ _OUTCOMES = {
 }
 KINDS = {
     'physical': ParameterEstimate.KIND_PHYSICAL,
+    'base': ParameterEstimate.KIND_PHYSICAL,
     'measurement': ParameterEstimate.KIND_MEASUREMENT,
 }
 

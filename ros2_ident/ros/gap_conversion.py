@@ -12,11 +12,12 @@ from ros2_ident_msgs.msg import Gap, GapCandidate, ParameterEstimate
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnose import DiagnoseProgress
 from ros2_ident.gap.diagnosis import Diagnosis, Ranked, Value
+from ros2_ident.identify.certainty import NOT_IDENTIFIABLE, state_of
 from ros2_ident.identify.outcome import package_version
+from ros2_ident.identify.result import bound_of
 from ros2_ident.models import EffectAt, Parameter
 from ros2_ident.ros.conversion import doubles, KINDS
 from ros2_ident.ros.diagnose_run import Diagnosed
-from ros2_ident.search.uncertainty import MOST_OF_BOX, NOT_IDENTIFIABLE
 
 # A value as near to a bound as this share of the range lies on it.
 _AT_BOUND = 1e-3
@@ -176,12 +177,15 @@ def _estimate(name: str, value: Value, declared: Parameter | None) -> ParameterE
     low, high = (declared.low, declared.high) if declared else (math.nan, math.nan)
     edge = _AT_BOUND * (high - low)
     below, above = value.value <= low + edge, value.value >= high - edge
+    unknown = math.isnan(value.low) or math.isnan(value.high)
+    state = state_of(value.value, value.low, value.high, low, high)
     # without an interval nothing speaks against it
-    loose = value.high - value.low > MOST_OF_BOX * (high - low)
-    notes = [NOT_IDENTIFIABLE] if loose else []
+    loose = not unknown and state != 'identified'
+    bound = bound_of(value.low, value.high, low, high, value.unit)
+    notes = [bound or NOT_IDENTIFIABLE] if loose else []
     if below or above:
         notes.append(f'at its {"lower" if below else "upper"} bound')
-    if math.isnan(value.low) or math.isnan(value.high):
+    if unknown:
         notes.append('no interval is known')
     return ParameterEstimate(
         name=name,

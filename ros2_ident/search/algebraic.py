@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import time
 
 import numpy as np
+from scipy.optimize import lsq_linear
 from scipy.signal import decimate
 
 from ros2_ident.errors import ErrorCode, IdentError
@@ -18,12 +19,14 @@ from ros2_ident.search.driver import SearchResult
 from ros2_ident.search.fit import Fitted, Solvable
 from ros2_ident.search.genetic import StopReason
 from ros2_ident.search.operators import Array
-from ros2_ident.search.uncertainty import intervals
+from ros2_ident.search.uncertainty import INSENSITIVE, intervals
 
 # Step to either side, in box widths, and what of it may be curved.
 _STEP, _CURVED = 0.25, 1e-6
 # Rounds in which the weights follow the residuals.
 _ROUNDS = 3
+# What the data do not show stays in the middle of its box: by so much of a column's length.
+_STAYS = 1e-9
 # A series shorter than this many samples after decimation is left as it is.
 _SHORT = 40
 
@@ -44,7 +47,9 @@ class _Rows:
 
 
 def solve(problem: Solvable, decimation: int = 10, level: float = 0.95) -> Fitted:
-    """Fit a problem that is linear in its parameters; its box is not looked at.
+    """Fit a problem that is linear in its parameters.
+
+    Of its box only this counts: what cannot be below zero there does not get there.
 
     Args:
         problem: What to fit.
@@ -62,7 +67,8 @@ def solve(problem: Solvable, decimation: int = 10, level: float = 0.95) -> Fitte
     middle = 0.5 * (problem.low + problem.high)
     whole = _rows(problem, middle)
     used = _decimated(whole, decimation)
-    change, weights = _solved(used)
+    lowest = np.where(problem.low >= 0.0, -middle, -np.inf)
+    change, weights = _solved(used, lowest)
     theta = middle + change
     residual = whole.left + whole.slopes @ change
     cost = problem.cost_of(residual)
@@ -106,8 +112,11 @@ def _rows(problem: Solvable, middle: Array) -> _Rows:
         )
     up, down, left = values[: len(step)], values[len(step) : -1], values[-1]
     curved = np.abs(up + down - 2.0 * left).max(axis=1)
-    bent = curved > _CURVED * np.maximum(np.abs(up - down).max(axis=1), 1e-300)
-    slopes = ((up - down) / (2.0 * step[:, None])).T
+    span = np.abs(up - down).max(axis=1)
+    # What does not act leaves rounding errors, which are neither straight nor bent.
+    acts = span > INSENSITIVE * span.max()
+    bent = acts & (curved > _CURVED * span)
+    slopes = ((up - down) / (2.0 * step[:, None])).T * acts
     # Parameters that multiply each other are straight one by one, not together.
     together = problem.residuals((middle + step)[None])[0] - left - slopes @ step
     if bent.any() or np.abs(together).max() > _CURVED * np.abs(slopes * step).max():
@@ -132,16 +141,21 @@ def _decimated(rows: _Rows, factor: int) -> _Rows:
     return _Rows(kept[:, 0], kept[:, 1:], tuple(len(part) for part in parts))
 
 
-def _solved(rows: _Rows) -> tuple[Array, Array]:
-    """Return the (N,) step from the middle, and the (R,) weights that it was found with."""
+def _solved(rows: _Rows, lowest: Array) -> tuple[Array, Array]:
+    """Return the (N,) step from the middle, at least `lowest`, and the (R,) weights behind it."""
     lengths = np.array([n for n in rows.series if n])
     weights = np.ones(len(rows.left))
     change = np.zeros(rows.slopes.shape[1])
     for _ in range(_ROUNDS):
         weighted = rows.slopes * weights[:, None]
-        scale = np.maximum(np.linalg.norm(weighted, axis=0), 1e-300)
-        # What the data do not show stays in the middle of its box.
-        answer = np.linalg.lstsq(weighted / scale, -rows.left * weights, rcond=1e-10)[0]
+        scale = np.linalg.norm(weighted, axis=0)
+        scale[scale == 0.0] = 1.0
+        # The triangular factor has the minimum of the whole.
+        both = np.column_stack([weighted / scale, -rows.left * weights])
+        triangle = np.asarray(np.linalg.qr(both, mode='r'))
+        columns = np.concatenate([triangle[:, :-1], _STAYS * np.eye(len(scale))])
+        wanted = np.concatenate([triangle[:, -1], np.zeros(len(scale))])
+        answer = lsq_linear(columns, wanted, (lowest * scale, np.inf), method='bvls').x
         change = answer / scale
         left = rows.left + rows.slopes @ change
         parts = np.split(left, np.cumsum(lengths)[:-1])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well the data fix each parameter: intervals, correlations, and plain words."""
+"""How well the data fix each parameter: intervals and correlations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,14 +18,8 @@ INSENSITIVE = 1e-9
 COLLINEAR = 1e-6
 # A parameter takes part in such a direction from this component on.
 TAKES_PART = 1e-3
-# An interval wider than this part of the box says no more than the box does.
-MOST_OF_BOX = 0.5
 # Closer to a bound than this, in box widths, is at the bound.
 AT_BOUND = 1e-6
-
-NOT_IDENTIFIABLE = 'not identifiable from this data'
-AT_LOWER = 'at its lower bound'
-AT_UPPER = 'at its upper bound'
 
 
 @dataclass(frozen=True)
@@ -40,9 +34,7 @@ class Intervals:
         standard_error: (N,) standard deviations of the estimate.
         correlation: (N, N) correlations of the estimates; NaN beside a parameter that is not
             fixed.
-        identifiable: (N,) whether the interval is finite and says more than the box.
         at_bound: For each parameter '', 'lower' or 'upper'.
-        words: For each parameter what is to be said, '' where nothing.
         noise: Standard deviation of the residual, its unit, for each series.
         effective_samples: Samples of white noise that would tell as much.
         rank: Directions of the parameter space that the data fix.
@@ -53,9 +45,7 @@ class Intervals:
     high: Array
     standard_error: Array
     correlation: Array
-    identifiable: Flags
     at_bound: tuple[str, ...]
-    words: tuple[str, ...]
     noise: tuple[float, ...]
     effective_samples: float
     rank: int
@@ -90,7 +80,7 @@ def intervals(
         level: Probability that an interval covers the truth.
 
     Returns:
-        The intervals and what is to be said of each parameter.
+        The intervals.
 
     Raises:
         IdentError: BAD_VALUES where shapes or numbers do not fit; NO_DATA where there are not more
@@ -123,19 +113,13 @@ def intervals(
     error = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * width
     error[loose] = math.inf
     half = quantile * error
-    identifiable = 2.0 * half <= MOST_OF_BOX * width
-    at_bound = _at_bound(theta, np.asarray(low), width)
     return Intervals(
         half_width=half,
         low=theta - half,
         high=theta + half,
         standard_error=error,
         correlation=_correlation(covariance if covariance.any() else inverse, loose),
-        identifiable=identifiable,
-        at_bound=at_bound,
-        words=tuple(
-            _words(bool(known), bound) for known, bound in zip(identifiable, at_bound, strict=True)
-        ),
+        at_bound=_at_bound(theta, np.asarray(low), width),
         noise=tuple(math.sqrt(freedom * m.variance) for m in models),
         effective_samples=effective,
         rank=rank,
@@ -207,10 +191,3 @@ def _at_bound(theta: Array, low: Array, width: Array) -> tuple[str, ...]:
     return tuple(
         'lower' if p <= AT_BOUND else 'upper' if p >= 1.0 - AT_BOUND else '' for p in place
     )
-
-
-def _words(identifiable: bool, at_bound: str) -> str:
-    said = [] if identifiable else [NOT_IDENTIFIABLE]
-    if at_bound:
-        said.append(AT_LOWER if at_bound == 'lower' else AT_UPPER)
-    return ', '.join(said)

@@ -96,6 +96,13 @@ SLOTS: Mapping[str, Slot] = dict(
     armature=Slot('drive_inertia', False, 'physical', _FILE),
     duty_limit=Slot('torque_limit', False, 'physical', _FILE),
 )
+# Of these zero is an answer: a machine can be without them, and an angle may be any.
+MAY_BE_ZERO = frozenset(
+    ('measurement_delay', 'gear_damping_ratio', 'coulomb_torque', 'viscous_torque',
+     'coulomb_friction', 'viscous_friction', 'constant_force', 'integral_gain',
+     'velocity_feedforward', 'rail_azimuth', 'arm_zero', 'load_angle',
+     'damping', 'frictionloss', 'stiffness', 'kv', 'set_point_delay', 'joint_zero')
+)  # fmt: skip
 # Fills rows of one drive, of all candidates, from other rows of it.
 Derive = Callable[[Array, int], None]
 
@@ -224,8 +231,11 @@ class Candidates:
                 full = name if drive is None else f'{drive}.{name}'
                 index = None if drive is None else self._machine.drives.index(drive)
                 low, high, unit = self._machine.box(name, drive)
+                # An inertia that may be below zero makes up for links, too.
+                kind: Kind = 'base' if name == 'drive_inertia' and low < 0.0 else slot.kind
+                absent = 0.0 if name in MAY_BE_ZERO else None
                 declared.append(
-                    (Parameter(full, unit, low, high, slot.kind, slot.source), (name, index))
+                    (Parameter(full, unit, low, high, kind, slot.source, absent), (name, index))
                 )
         for at in self._effects:
             declared += self._of_effect(get_effect(at.effect), at)
@@ -242,7 +252,8 @@ class Candidates:
         out: list[tuple[Parameter, Target]] = []
         for p in self.scaled(at):
             name, unit = f'{prefix}.{p.name}', p.unit.replace('effort', effort)
-            declared = Parameter(name, unit, p.low, p.high, kind, effect.source)
+            absent = p.neutral if p.role == 'size' else None
+            declared = Parameter(name, unit, p.low, p.high, kind, effect.source, absent)
             out.append(
                 (declared, (f'{effect.id}.{p.name}', None if at.where == 'all' else places[0]))
             )

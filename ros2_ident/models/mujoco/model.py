@@ -14,7 +14,7 @@ from ros2_ident.kernel import rows
 from ros2_ident.machine.lever import per_metre
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
-from ros2_ident.models.drives.candidates import Candidates
+from ros2_ident.models.drives.candidates import Candidates, MAY_BE_ZERO
 from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.models.drives.outputs import chosen_outputs
 from ros2_ident.models.mujoco import KIND
@@ -132,6 +132,7 @@ class Mujoco(FullModel):
                     *self._machine.box(name, drive)[:2],
                     kind,
                     f'MJCF: {meaning[name]}',
+                    0.0 if name in MAY_BE_ZERO else None,
                 )
                 for drive in places
             ]

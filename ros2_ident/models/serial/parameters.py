@@ -81,7 +81,7 @@ class Inertials:
         for full, column, middle in zip(self._names, self._base, middles, strict=True):
             if NAMES[column % INERTIALS][0] == name:
                 low, high, unit = machine.box(name, machine.drives[column // INERTIALS])
-                out.append(Parameter(full, unit, middle + low, middle + high, 'physical', _SOURCE))
+                out.append(Parameter(full, unit, middle + low, middle + high, 'base', _SOURCE))
         return out
 
     def terms(self, whole: Array) -> Array:

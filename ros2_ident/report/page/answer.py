@@ -382,5 +382,5 @@ def _values(result: Identification) -> Iterator[tuple[str, str, str]]:
     order = {p.name: k for k, p in enumerate(result.parameters)}
     best = sorted(result.parameters, key=lambda p: (not p.identifiable, sentences.width(p)))
     for p in sorted(best[:PARAMETERS], key=lambda p: order[p.name]):
-        known = _known(p) if p.identifiable else 'not determined'
+        known = _known(p) if p.identifiable else p.bound if p.state == 'bounded' else p.state
         yield p.name, quantity(p.value, p.unit, 4), known

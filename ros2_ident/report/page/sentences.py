@@ -128,9 +128,6 @@ def precision_of(result: Identification) -> Iterator[str]:
     text = f'{best.name} is known best, to {precision(width(best))}'
     if worst is not best and width(worst) <= UNKNOWN:
         text += f'; {worst.name} least, to {precision(width(worst))}'
-    unknown = sum(width(p) > UNKNOWN for p in known)
-    if unknown:
-        text += f'; {unknown} of {len(result.parameters)} have intervals wider than their values'
     yield f'{text} (95 % intervals).'
 
 
@@ -142,9 +139,6 @@ def doubts(result: Identification) -> Iterator[str]:
     if loose and result.outcome is not Outcome.NOT_IDENTIFIABLE:
         yield f'This recording does not determine {some(loose)}.'
     known = [p for p in result.parameters if p.identifiable and not p.at_bound]
-    hollow = [p.name for p in known if UNKNOWN < width(p) < math.inf]
-    if hollow:
-        yield f'Intervals wider than the values: {some(hollow)}.'
     wide = [f'{p.name} {precision(width(p))}' for p in known if WIDE < width(p) <= UNKNOWN]
     if wide:
         yield f'Poorly known: {some(wide)}.'
@@ -164,7 +158,7 @@ def _bounded(ends: Sequence[ParameterEstimate]) -> Iterator[str]:
         lower = abs(p.value - p.lower_bound) <= abs(p.value - p.upper_bound)
         inside = p.lower_bound <= p.value <= p.upper_bound
         where = 'at' if inside else 'beyond'
-        beyond = 'the true value may lie beyond' if inside else 'least squares keep to no bounds'
+        beyond = 'the true value may lie beyond' if inside else 'least squares keep to zero only'
         yield (
             f'{p.name} is {where} its {"lower" if lower else "upper"} bound, '
             f'{quantity(p.value, p.unit)}: {beyond}. Check the bounds in the machine file.'
