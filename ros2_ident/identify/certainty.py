@@ -57,14 +57,18 @@ def estimates_of(
     ends = noise
     if evidence is not None:
         ends = evidence.ends(found.theta, problem.low, problem.high, *noise)
-    return tuple(
-        _estimate(problem, found, k, *(float(x[k]) for x in (*ends, *noise)))
-        for k in range(len(found.theta))
-    )
+    rows = np.stack([*ends, *noise], axis=1).tolist()
+    return tuple(_estimate(problem, found, k, *row) for k, row in enumerate(rows))
 
 
 def _estimate(
-    problem: Problem, found: Fitted, k: int, low: float, high: float, *noise: float
+    problem: Problem,
+    found: Fitted,
+    k: int,
+    low: float,
+    high: float,
+    noise_low: float,
+    noise_high: float,
 ) -> ParameterEstimate:
     p, value = problem.parameters[k], float(found.theta[k])
     state = state_of(value, low, high, p.low, p.high)
@@ -79,7 +83,7 @@ def _estimate(
             state = 'identified'
             said.append(f'{bound}: {NIL}' if bound else NIL)
         elif state != 'identified':
-            hidden = state_of(value, *noise, p.low, p.high) == 'identified'
+            hidden = state_of(value, noise_low, noise_high, p.low, p.high) == 'identified'
             said += [x for x in (bound, HIDDEN if hidden else '') if x] or [NOT_IDENTIFIABLE]
     said += [f'at its {at} bound'] if at else []
     said += [BASE] if p.kind == 'base' else []
@@ -96,8 +100,8 @@ def _estimate(
         state=state,
         kind=p.kind,
         note=', '.join(said),
-        noise_low=noise[0],
-        noise_high=noise[1],
+        noise_low=noise_low,
+        noise_high=noise_high,
     )
 
 
