@@ -88,6 +88,14 @@ def test_drives_are_named(tmp_path, capsys):
     assert 'a tripod has three drives, drives lists 2' in capsys.readouterr().err
 
 
+@pytest.mark.parametrize('count', [2, 7])
+def test_an_arm_without_a_description_has_as_many_joints_as_are_named(count, capsys):
+    names = [f'j{n}' for n in range(count)]
+    assert main(['new-machine', '--kind', 'serial', '--drives', ','.join(names)]) == 0
+    machine = machine_from_mapping(yaml.safe_load(capsys.readouterr().out))
+    assert len(machine.numbers('dh_alpha')) == count
+
+
 def test_a_file_that_is_there_is_kept(tmp_path, capsys):
     path = tmp_path / 'mine.yaml'
     path.write_text('mine')

@@ -327,8 +327,8 @@ def test_errors_name_the_remedy(bag, tmp_path):
     fails(tmp_path / 'zero.mcap', ErrorCode.DAMAGED_BAG, r'is empty \(0 bytes\)')
     (tmp_path / 'text.mcap').write_text('hello')
     fails(tmp_path / 'text.mcap', ErrorCode.DAMAGED_BAG, 'no MCAP file: its first bytes are')
-    (tmp_path / 'text.xls').write_text('a,b')
-    fails(tmp_path / 'text.xls', ErrorCode.DAMAGED_BAG, 'give an .mcap, .db3, .bag or .csv file')
+    (tmp_path / 'text.npz').write_text('a,b')
+    fails(tmp_path / 'text.npz', ErrorCode.INVALID_GOAL, 'is not a format read here; write a CSV')
     (tmp_path / 'text.db3').write_text('not a database' * 100)
     fails(tmp_path / 'text.db3', ErrorCode.DAMAGED_BAG, r'sqlite3 text.db3 .recover')
 

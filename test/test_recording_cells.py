@@ -9,16 +9,9 @@ from reader_cases import make_recording
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import Recording, Stream, table
+from ros2_ident.recording.columns import Column, ColumnMap, load_columns
 from ros2_ident.recording.limits import Limits
-from ros2_ident.recording.table import (
-    _check_steps,
-    _floats,
-    _stamps,
-    Column,
-    ColumnMap,
-    load_columns,
-    read_table,
-)
+from ros2_ident.recording.table import _check_steps, _floats, _stamps, read_table
 from ros2_ident.recording.table_write import write_table
 
 MAP = ColumnMap('t', 9, (Column('a', 'position', 'q'),))
@@ -34,6 +27,32 @@ def read(tmp_path, text, more='', joints='  a: {position: q}\n', **limits):
     (tmp_path / 'log.csv').write_bytes(text if isinstance(text, bytes) else text.encode())
     where = map_of(tmp_path, f'time: {{column: t, unit: s}}\njoints:\n{joints}{more}')
     return read_table(tmp_path / 'log.csv', where, Limits(**limits))
+
+
+def test_columns_are_added_rows_chosen_and_lines_of_units_left_out(tmp_path):
+    text = 't,q,joint,m,g\ns,rad,-,A,A\n0,1,2,3,5\n0.1,7,1.0,0,0\n0.2,2,2.0,1,\n0.3,4,2,4,1\n'
+    joints = '  a: {position: q, effort: [m, {column: g, scale: -2}]}\n'
+    (log,) = read(tmp_path, text, 'where: {joint: 2}\nskip_below: 1\n', joints)
+    assert log.state.position[:, 0].tolist() == [1.0, 2.0, 4.0]
+    assert log.effort.effort[:, 0].tolist() == [-7.0, 2.0]  # of two columns, both were measured
+    with pytest.raises(IdentError, match='leave lines of units .* by `skip_below'):
+        read(tmp_path, text, '', joints)
+    with pytest.raises(IdentError, match='no row of values with what `where` asks for'):
+        read(tmp_path, text, 'where: {joint: 3}\nskip_below: 1\n', joints)
+
+
+@pytest.mark.parametrize('motion', ['velocity', 'position'])
+def test_an_effort_takes_the_sign_of_the_velocity_and_keeps_it_at_rest(tmp_path, motion):
+    time = 0.01 * np.arange(600)
+    rate = np.where((time > 3.0) & (time < 4.0), 0.0, np.sin(2.0 * np.pi * 0.5 * time + 0.3))
+    values = rate if motion == 'velocity' else 0.01 * np.cumsum(rate)
+    body = ''.join(f'{t:.2f},{x},2\n' for t, x in zip(time, values, strict=True))
+    joints = f'  a: {{{motion}: q, effort: {{column: i, scale: 0.5, sign: velocity}}}}\n'
+    (log,) = read(tmp_path, 't,q,i\n' + body, '', joints)
+    effort = log.effort.effort[:, 0]
+    moves = np.abs(rate) > 0.2
+    np.testing.assert_array_equal(effort[moves], np.sign(rate[moves]))
+    assert (np.abs(effort) == 1.0).all()
 
 
 def rows(count, step=0.01, head='t,q\n'):

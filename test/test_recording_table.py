@@ -13,7 +13,7 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag, Stream, Topics
-from ros2_ident.recording.table import load_columns
+from ros2_ident.recording.columns import load_columns
 
 NAMES = ('drive_1', 'drive_2')
 START = 1_700_000_000_123_456_789
@@ -205,7 +205,7 @@ def test_the_map_in_the_documentation_is_one(tmp_path):
     page = (ROOT / 'docs/logs.md').read_text()
     (tmp_path / 'map.yaml').write_text(page.split('```yaml')[1].split('```')[0])
     found = load_columns(tmp_path / 'map.yaml')
-    assert (found.time, found.digits, len(found.columns)) == ('time', 6, 7)
+    assert (found.time, found.digits, len(found.columns)) == ('time', 6, 10)
     assert (found.delimiter, found.decimal, found.skip, found.header) == (',', '.', 0, True)
     cells = {(x.joint, x.quantity): (x.cell, x.scale) for x in found.columns}
     assert cells['drive_1', 'effort'] == ('Current1', -1.0)

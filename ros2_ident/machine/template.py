@@ -3,7 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import groupby
+from itertools import cycle, groupby, islice
 import textwrap
 
 from ros2_ident.machine.keys import Key, literal
@@ -55,6 +55,9 @@ def machine_template(
                 continue
             if key.section in described and key.absent and (key.each or key.default is None):
                 key = replace(key, shown=False)
+            if drives and key.each and key.constant and isinstance(key.example, tuple):
+                # The example machine has another number of drives.
+                key = replace(key, example=tuple(islice(cycle(key.example), len(drives))))
             lines += _lines(key, indent, literal(key))
     return '\n'.join(lines) + '\n'
 

@@ -10,6 +10,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import db3_scan, mcap_scan, rosbag1_scan
 from ros2_ident.recording.builder import RecordingBuilder
+from ros2_ident.recording.columns import SUFFIXES as TABLES
 from ros2_ident.recording.content import Content, Messages
 from ros2_ident.recording.damage import Damage, Losses
 from ros2_ident.recording.limits import Limits
@@ -26,7 +27,6 @@ from ros2_ident.recording.storage import (
 )
 from ros2_ident.recording.streams import Recording, ROLES
 from ros2_ident.recording.table import read_table
-from ros2_ident.recording.table import SUFFIXES as TABLES
 
 
 @dataclass(frozen=True)
@@ -276,8 +276,12 @@ def _unreadable(path: Path, kind: str, reason: str) -> IdentError:
     if not reason:
         return damaged(path, 'is empty (0 bytes); copy or record the bag again')
     if kind not in SUFFIXES:
-        remedy = 'give an .mcap, .db3, .bag or .csv file or a bag directory'
-    elif kind == '.db3':
+        return IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{path}: {printable(kind) or "a file without a suffix"} is not a format read here; '
+            'write a CSV with a column map, or give a bag: .mcap, .db3, .bag, or its directory',
+        )
+    if kind == '.db3':
         remedy = (
             f'what is left comes out with `sqlite3 {path.name} .recover`, or copy the file again'
         )

@@ -10,8 +10,8 @@ import yaml
 
 from ros2_ident.files import make_directory, mark, require_ours, write_text
 from ros2_ident.files import write_table as write_rows
+from ros2_ident.recording.columns import MAP_SUFFIX, QUANTITIES
 from ros2_ident.recording.streams import FloatArray, IntArray, Recording, Stream
-from ros2_ident.recording.table import MAP_SUFFIX, QUANTITIES
 
 # ns are nine decimals of a second.
 _TO_SECONDS = -9

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Column maps: what each column of a table is."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+import math
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording.shown import printable
+
+SUFFIXES = ('.csv', '.tsv', '.txt')
+MAP_SUFFIX = '.columns.yaml'
+# Quantity of a joint in the map: role and field of the stream it becomes.
+QUANTITIES = {
+    'position': ('state', 'position'),
+    'velocity': ('state', 'velocity'),
+    'effort': ('effort', 'effort'),
+    'command_position': ('command', 'position'),
+    'command_velocity': ('command', 'velocity'),
+}
+# Decimal digits from a unit of time to ns.
+_DIGITS = {'s': 9, 'ms': 6, 'us': 3, 'ns': 0}
+_COUNTS = {'skip': 'before', 'skip_below': 'below'}  # the line of names
+_OPTIONS = ('time', 'joints', 'where', 'delimiter', 'decimal', *_COUNTS, 'header')
+# A map is short; so is a row.
+_LARGEST_MAP, _MOST_COLUMNS = 1 << 20, 1 << 16
+_NO_DELIMITER = '\r\n\0"'
+
+Cell = str | int
+
+
+@dataclass(frozen=True)
+class Column:
+    """One quantity of one joint, or a part of it: columns of one quantity are added.
+
+    Attributes:
+        joint: Joint name.
+        quantity: A key of `QUANTITIES`.
+        cell: Name of the column, or its number from 1.
+        scale: Factor from the column to m, m/s or the unit of the effort.
+        unsigned: Whether it is an effort's size, with the sign of the velocity.
+    """
+
+    joint: str
+    quantity: str
+    cell: Cell
+    scale: float = 1.0
+    unsigned: bool = False
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """What a table's columns are.
+
+    Attributes:
+        time: Name or number of the time's column.
+        digits: Decimal digits from the time's unit to ns.
+        columns: The quantities of the joints.
+        delimiter: Between cells.
+        decimal: The decimal mark.
+        skip: Lines before the line of names.
+        header: Whether there is a line of names.
+        skip_below: Lines between the names and the values.
+        where: Cells, and what stands there in the rows that count.
+    """
+
+    time: Cell
+    digits: int
+    columns: tuple[Column, ...]
+    delimiter: str = ','
+    decimal: str = '.'
+    skip: int = 0
+    header: bool = True
+    skip_below: int = 0
+    where: tuple[tuple[Cell, str], ...] = ()
+
+
+def load_columns(path: str | Path) -> ColumnMap:
+    """Read a column map.
+
+    Args:
+        path: A YAML file as in docs/logs.md.
+
+    Returns:
+        The map.
+
+    Raises:
+        IdentError: INVALID_GOAL where the file cannot be read or makes no sense.
+    """
+    try:
+        if Path(path).exists() and not Path(path).is_file():
+            raise refuse(path, 'cannot be read (no file); give the path of a column map')
+        if Path(path).stat().st_size > _LARGEST_MAP:
+            raise refuse(path, f'is larger than {_LARGEST_MAP} bytes; give a column map')
+        data = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+    except OSError as exc:
+        raise refuse(
+            path, f'cannot be read ({exc.strerror}); give the path of a column map'
+        ) from None
+    except (yaml.YAMLError, ValueError, OverflowError, TypeError) as exc:
+        raise refuse(path, f'is no YAML: {printable(" ".join(str(exc).split()))}') from None
+    except RecursionError:
+        raise refuse(path, 'is no YAML: it is nested without end') from None
+    if not isinstance(data, Mapping) or not isinstance(data.get('joints'), Mapping):
+        raise refuse(path, 'needs `time` and `joints`; docs/logs.md has an example')
+    _known(path, 'the map', data, _OPTIONS)
+    header, where = data.get('header', True), data.get('where', {})
+    delimiter, decimal = data.get('delimiter', ','), data.get('decimal', '.')
+    if not isinstance(header, bool):
+        raise refuse(path, f'header is {short(header)}; write true or false')
+    skips = [data.get(x, 0) for x in _COUNTS]
+    for (key, side), skip in zip(_COUNTS.items(), skips, strict=True):
+        if not isinstance(skip, int) or isinstance(skip, bool) or skip < 0:
+            text = f'{key} is {short(skip)}; write the number of lines {side} the names'
+            raise refuse(path, text)
+    if not isinstance(where, Mapping) or any(isinstance(x, list | dict) for x in where.values()):
+        raise refuse(path, f'where is {short(where)}; write {{COLUMN: VALUE}} of rows that count')
+    if not isinstance(delimiter, str) or len(delimiter) != 1 or delimiter in _NO_DELIMITER:
+        raise refuse(
+            path, f'delimiter is {short(delimiter)}; write one character, as ";" or "\\t"'
+        )
+    if decimal not in ('.', ',') or decimal == delimiter:
+        raise refuse(
+            path, f'decimal is {short(decimal)}; write "." or ",", and another one as delimiter'
+        )
+    time, digits = _time(path, data.get('time'), header)
+    columns = []
+    for joint, quantities in data['joints'].items():
+        if not isinstance(quantities, Mapping) or not quantities:
+            raise refuse(
+                path, f'{printable(str(joint))} has no column; write as `position: NAME`'
+            )
+        _known(path, printable(str(joint)), quantities, tuple(QUANTITIES))
+        for quantity, entry in quantities.items():
+            what = f'{printable(str(joint))}.{quantity}'
+            for part in entry if isinstance(entry, list) and entry else [entry]:
+                cell, scale, sign = _entry(path, what, part, header)
+                columns.append(Column(str(joint), str(quantity), cell, scale, sign))
+    if len({str(x) for x in data['joints']}) < len(data['joints']):
+        raise refuse(path, 'names a joint twice; give each joint its own name')
+    if not columns:
+        raise refuse(path, 'joints is empty; name at least one joint and its columns')
+    rows = tuple((_cell(path, 'where', x, header), str(y).strip()) for x, y in where.items())
+    return ColumnMap(
+        time, digits, tuple(columns), delimiter, decimal, skips[0], header, skips[1], rows
+    )
+
+
+def refuse(path: object, text: str) -> IdentError:
+    """Return the error of a map that makes no sense."""
+    return IdentError(ErrorCode.INVALID_GOAL, f'{path}: {text}')
+
+
+def _known(path: object, what: str, given: Iterable[object], known: tuple[str, ...]) -> None:
+    for key in given:
+        if key not in known:
+            raise refuse(path, f'{what} has {short(key)}; choose from {", ".join(known)}')
+
+
+def _time(path: object, entry: object, header: bool) -> tuple[Cell, int]:
+    unit = entry.get('unit') if isinstance(entry, Mapping) else None
+    known = isinstance(unit, str) and unit in _DIGITS
+    if not isinstance(entry, Mapping) or set(entry) != {'column', 'unit'} or not known:
+        raise refuse(
+            path,
+            f'time is {short(entry)}; write {{column: NAME, unit: s}}, the unit s, ms, us or ns',
+        )
+    return _cell(path, 'time', entry['column'], header), _DIGITS[str(unit)]
+
+
+def _entry(path: object, what: str, entry: Any, header: bool) -> tuple[Cell, float, bool]:
+    if not isinstance(entry, Mapping):
+        return _cell(path, what, entry, header), 1.0, False
+    _known(path, what, entry, ('column', 'scale', *(('sign',) if '.effort' in what else ())))
+    if entry.get('sign', 'velocity') != 'velocity':
+        raise refuse(path, f'{what}.sign is {short(entry["sign"])}; write velocity')
+    try:
+        scale = float(entry.get('scale', 1.0))
+    except (TypeError, ValueError, OverflowError):
+        scale = math.nan
+    if not math.isfinite(scale) or scale == 0.0:
+        raise refuse(
+            path, f'{what}.scale is {short(entry["scale"])}; write a number other than 0'
+        )
+    return _cell(path, what, entry.get('column'), header), scale, 'sign' in entry
+
+
+def short(value: object) -> str:
+    """Return a value as it may be shown in a sentence."""
+    try:
+        return printable(repr(value), 60)
+    except (ValueError, RecursionError):  # a number of thousands of digits, nested without end
+        return 'a value that cannot be shown'
+
+
+def _cell(path: object, what: str, cell: Any, header: bool) -> Cell:
+    number = isinstance(cell, int) and not isinstance(cell, bool) and 1 <= cell <= _MOST_COLUMNS
+    if number or (header and isinstance(cell, str) and cell):
+        return cell if number else str(cell).strip()
+    kind = 'the name or the number (from 1)' if header else 'the number (from 1)'
+    raise refuse(path, f'{what} names the column {short(cell)}; write {kind} of a column')
