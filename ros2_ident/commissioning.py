@@ -19,11 +19,12 @@ from ros2_ident.recording.findings import Level
 _KEY_OF = {
     'missing_stream': ('drives',),
     'effort_unit': ('effort_unit',),
+    'limit': ('effort_unit',),
     'effort_gravity': ('geometry', 'gravity'),
     'effort_weight': ('drive', 'gear_factor'),
 }
-# Gates whose findings the check of the recordings has already.
-_SAID = {'missing', 'jitter', 'sign', 'limit', 'command'}
+# Gates on the streams, of which the check of the recordings has more to say.
+_STREAMS = {'missing', 'jitter', 'command'}
 # An axis that goes farther is measured in millimetres or in radians of its motor, m.
 _LONG = 30.0
 # Where the noise differs from what it should be by more, something is wrong, not inexact.
@@ -65,10 +66,9 @@ def check_both(
         recordings = [replace(recording, command=None) for recording in recordings]
     report = check(recordings, machine, ('effort',) if machine is None else compared_of(machine))
     findings = [
-        # Other links of an arm may drive a joint against its own inertia.
-        replace(said, level='warn') if aside and said.code == 'effort_sign' else said
-        for said in (_with_line(finding, file, recordings) for finding in report.findings)
-        if not (aside and said.code == 'no_command')
+        _with_line(finding, file, recordings)
+        for finding in report.findings
+        if not (aside and finding.code == 'no_command')
     ]
     own = check_machine(file)
     findings += own
@@ -76,7 +76,9 @@ def check_both(
     if machine is not None and usable and kind_of(machine).from_bag:
         try:
             data = gather(recordings, machine, drives)
-            findings += [*_fit(report, machine, file), *_gates(data, machine, file, drives)]
+            judged = [*_fit(report, machine, file), *_gates(data, machine, file, drives)]
+            # The machine file shows which drives load each other.
+            findings = [x for x in findings if x.code != 'effort_sign'] + judged
         except IdentError as error:
             if all(error.message != finding.sentence for finding in findings):
                 findings.append(Finding('error', 'unusable', '', error.message))
@@ -137,12 +139,13 @@ def _gates(
     """Say what commands, positions and efforts say of each other, with the line to change."""
     constants = kind_of(machine).constants
     for gate in examine(machine, data.datasets, drives).gates:
-        if gate.gate in _SAID:
+        if gate.gate in _STREAMS:
             continue
         path = next((key.path for key in constants if key.name == gate.key), ())
         place = f'{file.place(path)}: ' if path else ''
         level: Level = 'error' if gate.level == 'fail' else gate.level
-        yield Finding(level, gate.gate, gate.drive, f'{place}{gate.sentence}')
+        found = Finding(level, gate.gate, gate.drive, f'{place}{gate.sentence}')
+        yield _with_line(found, file, ())
 
 
 def _noise(dataset: Dataset, machine: Machine, file: MachineFile) -> Iterator[Finding]:

@@ -150,7 +150,7 @@ def test_an_effort_without_its_sign_fails():
     folded = replace(data, effort=np.abs(data.effort))
     (_, gate) = check_effort(machine, folded, 'emps_axis')
     assert (gate.gate, gate.level) == ('sign', 'fail')
-    assert 'it has lost its sign; log the signed torque' in gate.sentence
+    assert 'only its size was logged; log the signed torque' in gate.sentence
 
 
 @pytest.mark.parametrize(('missing', 'level'), [(0, 'ok'), (50, 'warn'), (500, 'fail')])

@@ -7,7 +7,6 @@ from identify_cases import (
     axis_data,
     AXIS_TRUTH,
     recording_of,
-    ROOT,
     theta_of,
     tripod,
     tripod_bag,
@@ -19,7 +18,6 @@ import pytest
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.setup import problem_of
-from ros2_ident.recording import read_bag
 from ros2_ident.search import GeneticSearch, GeneticSettings, minimise
 
 
@@ -72,14 +70,6 @@ def test_efforts_that_tell_nothing_are_refused(value, code, text):
         gather([replace(whole, effort=broken)], axis())
     assert caught.value.code is code
     assert text in caught.value.message
-
-
-def test_an_effort_without_its_sign_is_warned_of():
-    (one,) = read_bag(ROOT / 'bags' / 'axis_reversals')
-    folded = replace(one, effort=replace(one.effort, effort=np.abs(one.effort.effort)))
-    assert not any('lost its sign' in said for said in gather([one], axis()).warnings)
-    (said,) = gather([folded], axis()).warnings
-    assert said.startswith('emps_axis: the effort is never negative and falls to zero, so it has')
 
 
 def test_a_machine_that_stands_still_is_refused():

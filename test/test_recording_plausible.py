@@ -23,7 +23,6 @@ from ros2_ident.recording.plausibility import (
     _judge_motion,
     _judge_velocity,
     _kind,
-    lost_sign,
 )
 
 PERIOD = 0.01
@@ -201,15 +200,16 @@ def pull(inertia=1.0, drag=0.5, friction=0.3, offset=0.1):
 
 
 def test_an_effort_of_the_motion_is_explained_with_its_lag():
-    lag, share, (found,) = judged(pull())
+    lag, share, (sign, found) = judged(pull())
     assert share > 0.99 and abs(lag) < 1e-3
+    assert (sign.level, sign.code) == ('ok', 'effort_sign')
     assert (found.level, found.code) == ('ok', 'effort')
-    assert 'sign of the motion; inertia, friction and offset explain 100 % of it' in found.sentence
+    assert found.sentence == 'a: inertia, friction and offset explain 100 % of the effort'
     shifted = np.interp(TIME - 0.03, TIME, pull())
-    lag, _, (found,) = judged(shifted)
+    lag, _, (_, found) = judged(shifted)
     assert lag == pytest.approx(0.03, abs=1e-3)
     assert 'about 30 ms late' in found.sentence
-    assert 'late' not in judged(np.interp(TIME - 0.008, TIME, pull()))[2][0].sentence
+    assert 'late' not in judged(np.interp(TIME - 0.008, TIME, pull()))[2][1].sentence
 
 
 def test_a_lag_that_is_best_at_the_edge_or_a_poor_fit_is_none():
@@ -222,58 +222,14 @@ def test_a_lag_that_is_best_at_the_edge_or_a_poor_fit_is_none():
         assert (share > 0.85) is known and math.isnan(lag) is not known
 
 
-def test_a_sign_that_is_reversed_has_to_outweigh_what_is_right():
-    _, _, (found,) = judged(-pull())
-    assert (found.level, found.code) == ('error', 'effort_sign')
-    # A negative inertia beside as much friction, as a compensated one may leave, is no sign.
-    mixed = pull(inertia=-0.15, drag=1.0, friction=1.0)
-    assert judged(mixed)[2][0].code == 'effort'
-    braked = pull(inertia=-1.0, drag=0.05, friction=0.02)
-    assert judged(braked)[2][0].code == 'effort_sign'
-    driven = pull(inertia=0.02, drag=-1.0, friction=-0.5)
-    assert judged(driven)[2][0].code == 'effort_sign'
-
-
 @pytest.mark.parametrize(('noise', 'code'), [(1.4, 'effort'), (1.8, 'effort_unexplained')])
 def test_an_effort_of_other_joints_is_not_explained(noise, code):
     wave = np.cos(4.0 * TIME + 0.3 * TIME**1.5)
     effort = pull() + noise * math.sqrt(2.0) * np.std(pull()) * wave
-    _, share, (found,) = judged(effort)
+    _, share, (_, found) = judged(effort)
     assert found.code == code and (share < 0.3) is (code != 'effort')
     if code != 'effort':
         assert f'explain {100.0 * share:.0f} % of its effort' in found.sentence
-
-
-def test_a_lost_sign_is_said_first():
-    _, _, (found,) = judged(np.abs(pull()))
-    assert found.code == 'effort_unsigned'
-
-
-@pytest.mark.parametrize(
-    ('effort', 'velocity', 'said'),
-    [
-        (np.abs(np.sin(TIME)), np.cos(TIME), True),
-        (np.abs(np.sin(TIME)) - 0.004, np.cos(TIME), True),
-        (np.abs(np.sin(TIME)) - 0.006, np.cos(TIME), False),
-        (np.abs(np.sin(TIME)) + 0.1, np.cos(TIME), False),  # it keeps away from zero
-        (np.abs(np.sin(TIME)), np.cos(TIME) + 0.9, False),  # it hardly moves back
-        (np.abs(np.sin(TIME)), np.cos(TIME) + 0.7, True),
-        (np.abs(np.sin(TIME)), np.cos(TIME) - 0.9, False),
-        (-np.abs(np.sin(TIME)), np.cos(TIME), False),
-        (np.zeros(3000), np.cos(TIME), False),
-    ],
-)
-def test_an_effort_that_touches_zero_and_never_passes_it_has_lost_its_sign(effort, velocity, said):
-    assert lost_sign(effort, velocity) is said
-
-
-def test_few_values_at_zero_are_no_lost_sign():
-    effort = np.ones(1000)
-    for count, said in ((5, False), (6, True)):
-        effort[:count] = 0.01
-        assert lost_sign(effort, np.cos(TIME)) is said
-    effort[:6] = 0.03
-    assert not lost_sign(effort, np.cos(TIME))
 
 
 @pytest.mark.parametrize(

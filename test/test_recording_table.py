@@ -271,7 +271,7 @@ def test_the_commands_take_a_table_like_a_bag(tmp_path, capsys):
     bag_as_table('bags/axis_reversals', tmp_path / 'log.csv', effort=0.5)
     words = ['--machine', 'config/emps.yaml', '--columns', str(tmp_path / 'map.yaml')]
     assert main(['check', str(tmp_path / 'log.csv'), *words]) == 0
-    assert 'the effort has the sign of the motion' in capsys.readouterr().out
+    assert 'it has the sign of the motion' in capsys.readouterr().out
     search = ['--generations', '2', '--population', '64', '--no-overlay', '--quiet']
     current = ['--effort-unit', 'A', '--torque-constant', '2.0']
     out = ['--out', str(tmp_path / 'out')]

@@ -19,9 +19,6 @@ from ros2_ident.models import Machine
 from ros2_ident.models.registry import compared_of, kind_of
 from ros2_ident.recording import Dataset
 
-# Share of an effort that the law of its drive explains where the two belong together.
-_MOST = 0.7
-
 NO_COMMAND = Gate(
     'command', '', 'warn', math.nan, '1',
     'there is no command, so the recorded motion drives the model: its noise biases masses and '
@@ -112,7 +109,7 @@ def _of_motion(
         # law without an integral part may follow late and stop short.
         return GateReport(tuple(found))
     for drive in drives:
-        found += _doubted(machine, check_effort(machine, data, drive))
+        found += check_effort(machine, data, drive)
         found += check_coupling(machine, data, drive)
     tracking = tracking_of(data, drives)
     apart: list[Gate] = []
@@ -142,34 +139,7 @@ def _of_motion(
     if swapped:
         found = [gate for gate in found if gate.gate != 'sign']
         said = [gate for gate in said if gate.gate not in ('law', 'offset')]
-    # A law that explains the effort as it is logged vouches for its sign.
-    upright = {law.drive for law in laws if _upright(law)}
-    found = [
-        gate
-        for gate in found
-        if gate.gate != 'sign' or gate.level == 'ok' or gate.drive not in upright
-    ]
     # The law tells by how much stamps lie apart, and whose.
     known = {gate.drive for gate in said if gate.gate == 'offset'}
     apart = [gate for gate in apart if gate.drive not in known and not swapped]
     return GateReport((*found, *apart, *said, *swapped), tuple(laws))
-
-
-def _doubted(machine: Machine, gates: Sequence[Gate]) -> list[Gate]:
-    """Return the findings on a drive's effort as far as its own motion can tell.
-
-    The other links of an arm may drive a joint against its own inertia.
-    """
-    if kind_of(machine).follows:
-        return list(gates)
-    return [
-        replace(gate, level='warn', contradicts=False)
-        if gate.gate == 'sign' and gate.level == 'fail' and math.isfinite(gate.number)
-        else gate
-        for gate in gates
-    ]
-
-
-def _upright(law: Law) -> bool:
-    """Return whether a law explains most of the effort, and no gain has to be negative for it."""
-    return law.explained > _MOST and bool(law.gains) and law.gains[0].ratio > 0.0

@@ -9,19 +9,16 @@ from ros2_ident.errors import IdentError
 from ros2_ident.gates.asked import Asked
 from ros2_ident.gates.finding import Gate, Level
 from ros2_ident.models import Machine
-from ros2_ident.recording import Dataset, smooth_motion
-from ros2_ident.recording.motion import best_lag, fill_gaps
-from ros2_ident.recording.plausibility import lost_sign, unsigned
-from ros2_ident.recording.smooth import allowed_cutoff, ROOM
+from ros2_ident.models.registry import kind_of
+from ros2_ident.recording import Dataset
+from ros2_ident.recording.motion import motion_in
+from ros2_ident.recording.sign import sentence, sign_of, WRONG
+from ros2_ident.recording.smooth import ROOM
 
 # Shares of samples missing from which on a log is suspect, and of no use.
 MISSING, TOO_MANY_MISSING = 0.02, 0.2
-# A drive's own motion has to explain so much of its effort to tell a sign.
-_TELLS = 0.3
 # Motion up to this frequency is looked at where the log shows it, Hz.
 SEEN = 50.0
-# Motion faster than this is left out of the check of the sign, Hz.
-_SLOW = 15.0
 # A drive makes so much more or less than it is asked for, and it is said.
 _OFF = 0.1
 
@@ -67,11 +64,7 @@ def _slow(rate: float) -> list[Gate]:
 
 
 def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
-    """Judge whether a drive's effort has the sign and the size of a torque that moves it.
-
-    The slow part of the effort is put down to acceleration, friction in both directions, position
-    and a constant, at the lag that suits best. Inertia and friction have to come out positive.
-    """
+    """Judge whether a drive's effort has the sign and the size of a torque that moves it."""
     d = data.names.index(drive)
     if data.effort is None or data.position is None:
         return []
@@ -84,51 +77,14 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
         if bad:
             text += '; state the unit of the log as effort_unit, or the true torque_limit'
         found.append(Gate('limit', drive, 'fail' if bad else 'ok', top / limit, '1', text, bad))
-    stride = max(1, round(1.0 / (250.0 * data.cycle)))
-    cutoff = allowed_cutoff(data.position[d], data.cycle, _SLOW)
     try:
-        motion = smooth_motion(data.position[d : d + 1], data.cycle, cutoff)
+        # The other links of an arm may drive a joint against its own friction.
+        sign = sign_of(motion_in(data, drive), alone=not kind_of(machine).follows)
     except IdentError:
         return found
-    position, velocity, acceleration = (row[0, ::stride] for row in motion)
-    if lost_sign(fill_gaps(data.effort[d]), velocity):
-        return [*found, Gate('sign', drive, 'fail', math.nan, '1', unsigned(drive), True)]
-    still = 0.02 * float(np.abs(velocity).max())
-    if still <= 0.0:
-        return found
-    columns = np.stack(
-        [acceleration, np.tanh(velocity / still), velocity, position, np.ones_like(position)],
-        axis=1,
-    )
-    effort = fill_gaps(data.effort[d])[::stride]
-    lag, solution, share = best_lag(columns, effort, stride * data.cycle, 0.0)
-    # What is small beside the rest of the effort has no sign that could be trusted.
-    small = 0.1 * float(effort.std())
-    weight = float(np.std(solution[0] * acceleration))
-    sound = solution[0] > 0.0 or weight < small
-    friction = columns[:, 1:3] @ solution[1:3]
-    loses = float(np.mean(velocity * friction)) >= 0.0 or float(np.std(friction)) < 3.0 * small
-    # Over a log a motor gives more than it takes back; with its sign reversed it would take.
-    gives = float(np.mean(velocity * (effort - effort.mean()))) >= 0.0
-    level: Level = 'ok'
-    text = (
-        f'{drive}: inertia and friction explain {100.0 * share:.0f} % of the effort, '
-        f'{1e3 * lag:.0f} ms late'
-    )
-    if not sound or not loses:
-        clear = not sound and not gives and (weight > 3.0 * small or not loses)
-        level = 'fail' if clear else 'warn'
-        what = 'inertia' if not sound else 'friction'
-        text += f', but {what} comes out negative: '
-        text += (
-            "something other than the drive's own motion moves the effort"
-            if gives
-            else "the effort's sign is reversed against the motion; negate effort or position in "
-            'the driver'
-        )
-    known = level == 'fail' and share > _TELLS
-    found.append(Gate('sign', drive, level, float(solution[0]), 'effort s^2/m', text, known))
-    return found
+    bad = sign in WRONG
+    level: Level = 'fail' if bad else 'ok'
+    return [*found, Gate('sign', drive, level, math.nan, '1', sentence(drive, sign), bad)]
 
 
 def check_asked(found: Asked, unit: str) -> list[Gate]:

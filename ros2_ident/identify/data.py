@@ -20,7 +20,6 @@ from ros2_ident.recording import (
     SAMPLES,
     Topics,
 )
-from ros2_ident.recording.plausibility import lost_sign, unsigned
 from ros2_ident.recording.windows import Window
 
 # A shorter stretch holds hardly a motion.
@@ -215,8 +214,6 @@ def gather(
             _settled(dataset, machine, place, warnings) if windows is None else _forgotten(dataset)
         )
         kept.append((settled, recording, label))
-        if 'effort' in quantities:
-            warnings += _unsigned(settled, chosen)
     if not kept:
         assert first is not None
         raise first
@@ -339,20 +336,6 @@ def _check_motion(recording: Recording, dataset: Dataset, chosen: tuple[str, ...
             ErrorCode.NO_DATA,
             f'{where}: no drive moves; record a motion that accelerates every drive',
         )
-
-
-def _unsigned(dataset: Dataset, chosen: tuple[str, ...]) -> list[str]:
-    """Return what to say of drives whose effort has lost its sign."""
-    if dataset.effort is None or dataset.position is None:
-        return []
-    said = []
-    for name in chosen:
-        d = dataset.names.index(name)
-        rows = dataset.position[d], dataset.effort[d]
-        position, effort = (row[~np.isnan(row)] for row in rows)
-        if min(position.size, effort.size) > 1 and lost_sign(effort, np.diff(position)):
-            said.append(unsigned(name))
-    return said
 
 
 def _settled(dataset: Dataset, machine: Machine, place: str, warnings: list[str]) -> Dataset:

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from ros2_ident.recording.align import align
+from ros2_ident.recording.dataset import Dataset
 from ros2_ident.recording.grid import sample_period
-from ros2_ident.recording.smooth import smooth_motion
+from ros2_ident.recording.smooth import allowed_cutoff, low_pass, smooth_motion
 from ros2_ident.recording.streams import FloatArray, Recording
 
 # Motion faster than this is noise or a shock; the judgement needs none of it, Hz.
@@ -31,6 +32,7 @@ class Motion:
         acceleration: (T,), rad/s^2 or m/s^2.
         reported: The velocity that the drive reports (T,), NaN where none, or None.
         effort: (T,), N m or N, NaN where none, or None.
+        beside: (T,) the largest speed of the other joints, rad/s or m/s.
     """
 
     period: float
@@ -39,6 +41,7 @@ class Motion:
     acceleration: FloatArray
     reported: FloatArray | None
     effort: FloatArray | None
+    beside: FloatArray | float = 0.0
 
     @property
     def resting(self) -> NDArray[np.bool_]:
@@ -66,16 +69,31 @@ def motion_of(recording: Recording, name: str, scale: float = 1.0) -> Motion:
         need=('position',),
         effort_scale=scale,
     )
+    return motion_in(data, name)
+
+
+def motion_in(data: Dataset, name: str) -> Motion:
+    """Return one drive's smoothed motion on the grid of a data set that holds positions.
+
+    Raises:
+        IdentError: Where the drive has too few samples.
+    """
     assert data.position is not None
-    cutoff = min(CUTOFF, 0.2 / data.cycle)
-    position, velocity, acceleration = smooth_motion(data.position, data.cycle, cutoff)
+    d = data.names.index(name)
+    cutoff = allowed_cutoff(data.position[d], data.cycle, CUTOFF)
+    position, velocity, acceleration = smooth_motion(data.position[d], data.cycle, cutoff)
+    others = [*np.delete(data.position, d, axis=0), *data.beside.values()]
+    rows = [fill_gaps(row) for row in others if np.isfinite(row).sum() > 1]
+    still = np.zeros((1, data.position.shape[1]))
+    smooth = low_pass(np.stack(rows), data.cycle, cutoff) if rows else still
     return Motion(
         data.cycle,
         position[0],
         velocity[0],
         acceleration[0],
-        None if data.velocity is None else data.velocity[0],
-        None if data.effort is None else data.effort[0],
+        None if data.velocity is None else data.velocity[d],
+        None if data.effort is None else data.effort[d],
+        np.abs(np.gradient(smooth, data.cycle, axis=1)).max(axis=0),
     )
 
 

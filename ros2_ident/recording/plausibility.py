@@ -16,6 +16,7 @@ from ros2_ident.recording.motion import (
     Motion,
     motion_of,
 )
+from ros2_ident.recording.sign import sentence, sign_of, WRONG
 from ros2_ident.recording.smooth import low_pass
 from ros2_ident.recording.streams import FloatArray, Recording
 
@@ -191,105 +192,29 @@ def _judge_effort(name: str, motion: Motion) -> tuple[float, float, list[Finding
     place = motion.position - motion.position.mean()
     rows = np.stack([motion.acceleration, motion.velocity, friction, np.ones(place.size), place])
     columns = low_pass(rows, motion.period, cutoff).T
-    measured = fill_gaps(motion.effort)
-    effort = low_pass(measured[None], motion.period, cutoff)[0]
-    lag, gain, share = best_lag(columns, effort, motion.period, 0.0)
+    effort = low_pass(fill_gaps(motion.effort)[None], motion.period, cutoff)[0]
+    lag, _, share = best_lag(columns, effort, motion.period, 0.0)
     if lag > LATEST - 2.0 * motion.period or share < 0.85:
         # a fit that is best at the very edge, or poor, knows nothing of a delay
         lag = float('nan')
-    variance = max(float(np.var(effort)), 1e-300)
-    inertia = float(np.var(columns[:, 0] * gain[0])) / variance * np.sign(gain[0])
-    drag = columns[:, 1] * gain[1] + columns[:, 2] * gain[2]
-    loss = float(np.mean(drag * motion.velocity))
-    dissipation = float(np.var(drag)) / variance * np.sign(loss)
-    if lost_sign(measured, motion.velocity):
-        return (
-            lag,
-            share,
-            [
-                Finding(
-                    'error',
-                    'effort_unsigned',
-                    name,
-                    unsigned(name),
-                )
-            ],
-        )
-    # what is negative has to be material, and what is positive must not outweigh it
-    negative = -min(inertia, 0.0) - min(dissipation, 0.0)
-    positive = max(inertia, 0.0) + max(dissipation, 0.0)
-    if negative > 0.1 and negative > 3.0 * positive and share > 0.3:
-        return (
-            lag,
-            share,
-            [
-                Finding(
-                    'error',
-                    'effort_sign',
-                    name,
-                    f'{name}: the effort brakes where the drive accelerates and drives where '
-                    'friction brakes: its sign is reversed against the position; negate the '
-                    'effort or the position in the driver',
-                )
-            ],
-        )
+    # A recording does not show which of its joints load each other.
+    sign = sign_of(motion, alone=True)
+    bad = sign in WRONG
+    found = [Finding('error' if bad else 'ok', 'effort_sign', name, sentence(name, sign))]
+    if bad:
+        return lag, share, found
     kind = _kind(name, motion.effort)
-    found = [] if kind is None else [kind]
+    found += [] if kind is None else [kind]
     if share < 0.3:
-        return (
-            lag,
-            share,
-            [
-                *found,
-                Finding(
-                    'warn',
-                    'effort_unexplained',
-                    name,
-                    f'{name}: inertia, friction and gravity of this joint alone explain '
-                    f'{100.0 * share:.0f} % of its effort; other joints load it, or the effort is '
-                    'no torque of this drive',
-                ),
-            ],
+        text = (
+            f'{name}: inertia, friction and gravity of this joint alone explain '
+            f'{100.0 * share:.0f} % of its effort; other joints load it, or the effort is '
+            'no torque of this drive'
         )
+        return lag, share, [*found, Finding('warn', 'effort_unexplained', name, text)]
     late = f', about {lag * 1e3:.2g} ms late' if lag > max(motion.period, 2e-3) else ''
-    return (
-        lag,
-        share,
-        [
-            *found,
-            Finding(
-                'ok',
-                'effort',
-                name,
-                f'{name}: the effort has the sign of the motion{late}; inertia, friction and '
-                f'offset explain {100.0 * share:.0f} % of it',
-            ),
-        ],
-    )
-
-
-def lost_sign(effort: FloatArray, velocity: FloatArray) -> bool:
-    """Say whether an effort that should change its sign does not, but touches zero instead.
-
-    Args:
-        effort: (K,) N m or N, without NaN.
-        velocity: (L,) of the same drive, in any unit.
-    """
-    high = float(np.percentile(effort, 99))
-    if float(effort.min()) < -0.005 * high or high <= 0.0:
-        return False
-    slow = 0.1 * float(np.abs(velocity).max())
-    both_ways = float(velocity.min()) < -slow and float(velocity.max()) > slow
-    # a load that always pulls one way keeps away from zero; a lost sign folds the values there
-    return both_ways and float(np.mean(effort < 0.02 * high)) > 0.005
-
-
-def unsigned(drive: str) -> str:
-    """Return what to say of a drive whose effort has lost its sign."""
-    return (
-        f'{drive}: the effort is never negative and falls to zero, so it has lost its sign; log '
-        'the signed torque or current'
-    )
+    text = f'{name}: inertia, friction and offset explain {100.0 * share:.0f} % of the effort'
+    return lag, share, [*found, Finding('ok', 'effort', name, text + late)]
 
 
 def _kind(name: str, effort: FloatArray) -> Finding | None:

@@ -41,8 +41,8 @@ class MachineFacts(Protocol):
     def number(self, name: str, drive: str | None = None) -> float:
         """Return a constant of the machine, or of a drive.
 
-        Of the machine: `gravity` along the drives [m/s^2], `cycle` [s]. Of a drive:
-        `torque_limit` [N m, or N; inf for none], `gear_factor` [rad/m], `rail_mass` [kg].
+        Of the machine: `gravity` along the drives [m/s^2], `cycle` [s]. Of a drive: `gear_factor`
+        [rad/m], `rail_mass` [kg].
         """
 
 
@@ -260,21 +260,6 @@ def _judge_recording(
         for text in data.quality.warnings
         if text not in recording.warnings
     ]
-    if data.effort is not None and 'effort' in need:
-        for name, row in zip(data.names, data.effort, strict=True):
-            limit = machine.number('torque_limit', name)
-            top = float(np.nanmax(np.abs(row))) if np.isfinite(limit) else 0.0
-            if top > 1.2 * limit:
-                found.append(
-                    Finding(
-                        'error',
-                        'effort_unit',
-                        name,
-                        f'{name}: the effort reaches {top:.4g}, beyond the torque_limit '
-                        f'{limit:g} of the machine; it is no torque in N m (or force in '
-                        'N): state effort_unit in the machine file',
-                    )
-                )
     return found
 
 
