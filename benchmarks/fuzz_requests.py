@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Machine files, messages and goals by the hundred thousand: what is made of them.
+"""Machine files, descriptions, messages and goals by the hundred thousand: what is made of them.
 
 Machine files from `config/` are damaged in their bytes, or one of their values is replaced by an
-odd one; JointState messages are damaged and given to what the node feeds them to; goals get odd
-values in one to four fields. Each has to be taken, or refused in one printable sentence with a
-code, within ten seconds of CPU time and 2 GiB. Whatever else is raised is printed.
+odd one; so are a URDF and an MJCF, whose elements are also repeated, nested and put elsewhere;
+JointState messages are damaged and given to what the node feeds them to; goals get odd values in
+one to four fields. Each has to be taken, or refused in one printable sentence with a code, within
+ten seconds of CPU time and 2 GiB. Whatever else is raised is printed.
 
 Example: python benchmarks/fuzz_requests.py --machines 200000 --messages 100000 --goals 1000
 """
@@ -15,6 +16,7 @@ from collections.abc import Callable
 import copy
 from pathlib import Path
 import random
+import re
 import resource
 import signal
 import sys
@@ -32,7 +34,7 @@ from reader_cases import damage, make_recording, raw_messages  # noqa: E402
 
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
-from ros2_ident.models.registry import read_machine_file  # noqa: E402
+from ros2_ident.models.registry import kind_of, read_machine_file  # noqa: E402
 from ros2_ident.recording import RecordingBuilder  # noqa: E402
 from ros2_ident.recording.cdr import decode  # noqa: E402
 from ros2_ident.recording.limits import Limits  # noqa: E402
@@ -101,6 +103,97 @@ class Machines:
             read_machine_file(self.path)
         load_machine(self.path)
         return 'taken'
+
+
+MJCF = '''<mujoco><option timestep="0.001"/><compiler angle="radian" autolimits="true"/>
+<default><joint damping="0.1"/></default><worldbody><geom type="plane" size="1 1 1"/>
+<body name="upper"><joint name="one" axis="0 1 0" range="-1 1"/>
+<inertial pos="0 0 -0.1" mass="0.5" diaginertia="0.002 0.002 0.001"/>
+<body name="lower" pos="0 0 -0.2"><joint name="two" type="slide" axis="0 1 0"/>
+<geom type="capsule" size="0.02" fromto="0 0 0 0 0 0.1" density="900"/></body></body></worldbody>
+<actuator><position joint="one" kp="20"/><motor joint="two"/></actuator>
+<equality><joint joint1="one" joint2="two"/></equality><size memory="1M"/></mujoco>'''
+PARTS = (
+    *('<include file="/dev/zero"/>', '<mesh file="/dev/stdin"/>', '<x:y/>', '<!--'),
+    '<![CDATA[<]]>',
+    *('<replicate count="1000000000"><geom size="1"/></replicate>', '&#0;', '&e;', '\ufeff'),
+    *('<hfield name="h" nrow="90000" ncol="90000" size="1 1 1 1"/>', '<mimic joint="one"/>'),
+    *('<?xml version="1.0" encoding="utf-7"?>', '<!DOCTYPE r [<!ENTITY e "&e;">]>', '\ud800'),
+    *('<key qpos="nan"/>', '<composite type="cable" count="1000000 1 1"/>', '<freejoint/>'),
+    *('<attach model="m"/>', '<inertial/>', '<link/>', '<joint/>', '<numeric size="-1"/>'),
+    '<body><joint type="ball"/></body>',
+)  # fmt: skip
+
+
+class Urdf:
+    """Descriptions of an arm."""
+
+    text = (ROOT / 'config' / 'kr300.urdf').read_text()
+
+    def __init__(self, room: Path) -> None:
+        self.path, self.machine = room / 'robot.xml', room / 'machine.yaml'
+        plain = yaml.safe_load((ROOT / 'config' / 'kr300.yaml').read_text())
+        plain['geometry']['description'] = 'robot.xml'
+        self.write(plain)
+
+    def write(self, plain: dict[str, Any]) -> None:
+        """Write the machine file."""
+        self.machine.write_text(yaml.safe_dump(plain))
+
+    def __call__(self, generator: random.Random) -> str:
+        """Read one as `ident check` and a model do."""
+        text = self.text
+        for _ in range(generator.choice((1, 1, 2, 4))):
+            text = changed(text, generator)
+        data = text.encode(generator.choice(('utf-8',) * 40 + ('utf-16',)), 'surrogatepass')
+        if generator.random() < 0.1:
+            data = damage(data, generator)
+        self.path.write_bytes(data)
+        machine = load_machine(self.machine)
+        read = kind_of(machine).read
+        assert read is not None
+        read(machine)
+        return 'taken'
+
+
+class Mjcf(Urdf):
+    """Descriptions of an arm, of the other format."""
+
+    text = MJCF
+    kind = 'serial'
+
+    def write(self, plain: dict[str, Any]) -> None:
+        """Write the machine file."""
+        boxes = {'serial': {'link_mass': [-1, 1, 'kg']}, 'mujoco': {'kp': [1, 9, 'N m/rad']}}
+        content = {'machine': self.kind, 'drives': ['one', 'two'], 'parameters': boxes[self.kind]}
+        geometry = {'geometry': {'description': 'robot.xml'}, 'controller': {'cycle': 0.002}}
+        super().write(content | geometry)
+
+
+class Simulators(Mjcf):
+    """Descriptions of a simulator."""
+
+    kind = 'mujoco'
+
+
+def changed(text: str, generator: random.Random) -> str:
+    """Return a description's text with one change."""
+    how = generator.random()
+    pattern = r'[\w]="([^"]*)"' if how < 0.5 else r'<(\w+)[^<>]{0,300}>' if how < 0.85 else r'()<'
+    found = list(re.finditer(pattern, text))
+    if not found:
+        return text
+    place = generator.choice(found)
+    count = generator.choice((0, 2, 2, 300, 20_000))
+    if how < 0.5:
+        odd = [*map(str, ODD), '1 2', '1e9', '-5 1 1', 'x' * 99_999, generator.choice(found)[1]]
+        return text[: place.start(1)] + str(generator.choice(odd)) + text[place.end(1) :]
+    if how < 0.7:
+        return text[: place.start()] + place[0] * count + text[place.end() :]
+    if how < 0.85:
+        nested = place[0].replace('/>', '>') * count + f'</{place[1]}>' * count
+        return text[: place.start()] + nested + text[place.start() :]
+    return text[: place.start()] + generator.choice(PARTS) + text[place.start() :]
 
 
 class Messages:
@@ -212,6 +305,9 @@ def run(make: Callable[[Path], Any], name: str, count: int, seed: int, minutes: 
 def main() -> int:
     """Make, give, count."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--urdf', type=int, default=1000, help='needs pinocchio')
+    parser.add_argument('--mjcf', type=int, default=1000, help='needs pinocchio')
+    parser.add_argument('--simulators', type=int, default=0, help='needs MuJoCo')
     for name in ('machines', 'messages', 'goals'):
         parser.add_argument(f'--{name}', type=int, default=1000)
     parser.add_argument('--seed', type=int, default=1)
@@ -223,6 +319,9 @@ def main() -> int:
     resource.setrlimit(resource.RLIMIT_DATA, (used + (2 << 30), resource.RLIM_INFINITY))
     kinds: tuple[tuple[str, Callable[[Path], Any]], ...] = (
         ('machines', Machines),
+        ('urdf', Urdf),
+        ('mjcf', Mjcf),
+        ('simulators', Simulators),
         ('messages', Messages),
         ('goals', Goals),
     )

@@ -277,6 +277,7 @@ def test_a_file_that_may_never_end_is_not_read(tmp_path):
         ('a: &x [1, 2]\nb: [*x, *x]\n', r'my.yaml:2: has the alias \*x; write out'),
         ('a: &x [*x]\n', r'my.yaml:1: has the alias \*x'),
         ('[' * 2000 + ']' * 2000, 'is nested too deeply'),
+        ('{a: ' * 50_000, 'is nested too deeply'),
     ],
 )
 def test_a_small_file_that_stands_for_a_large_one_is_refused(tmp_path, text, said):

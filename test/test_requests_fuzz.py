@@ -24,9 +24,12 @@ def fuzz():
 
 
 @pytest.mark.parametrize(
-    ('kind', 'count'), [('Machines', 150), ('Messages', 2000), ('Goals', 100)]
+    ('kind', 'count'),
+    [('Machines', 150), ('Urdf', 80), ('Mjcf', 80), ('Messages', 2000), ('Goals', 100)],
 )
 def test_odd_requests_are_answered(fuzz, kind, count, tmp_path):
+    if kind in ('Urdf', 'Mjcf'):
+        pytest.importorskip('pinocchio', reason='pinocchio is not installed')
     take = getattr(fuzz, kind)(tmp_path)
     outcomes = set()
     for number in range(count):

@@ -22,6 +22,8 @@ from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.machine import Box, Machine
 from ros2_ident.machine.units import effort_factor
 
+_DEPTH = 50  # of lists and mappings
+
 
 @dataclass(frozen=True)
 class MachineFile:
@@ -108,12 +110,18 @@ def read(path: str | Path, kinds: Mapping[str, Kind]) -> MachineFile:
 
 
 def _refuse_aliases(raw: bytes, path: str | Path) -> None:
-    """Refuse `*name`, by which a small file can stand for one without end.
+    """Refuse `*name`, by which a small file can stand for one without end, and depth.
 
     Raises:
         IdentError: BAD_MACHINE_FILE with the line.
+        RecursionError: Before what is nested costs the reader time by its square.
     """
+    depth = 0
     for event in yaml.parse(raw, Loader=yaml.SafeLoader):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEPTH:
+            raise RecursionError
         if isinstance(event, yaml.AliasEvent):
             line = event.start_mark.line + 1 if event.start_mark else 1
             raise IdentError(
