@@ -40,8 +40,8 @@ def check_machine(file: MachineFile) -> tuple[Finding, ...]:
         try:
             read(machine.described(None))
         except IdentError as error:
-            # What is to be heard is not there yet.
-            if error.code != ErrorCode.MISSING_STREAM:
+            # Where it is to be heard, or the library is not installed, there is nothing to judge.
+            if error.code is ErrorCode.BAD_MACHINE_FILE:
                 place = file.place(('geometry', 'description'))
                 found.append(Finding('error', 'machine', '', f'{place}: {error.message}'))
     return tuple(found)

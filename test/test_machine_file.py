@@ -23,13 +23,16 @@ from ros2_ident.recording import Dataset, Stream, write_bag
 
 BAGS = {'tripod': ROOT / 'bags' / 'tripod_mixed', 'emps': ROOT / 'bags' / 'axis_reversals'}
 
+MJCF = '''<mujoco><worldbody><body><joint name="joint_1"/><geom size="1"/></body></worldbody>
+<actuator><position joint="joint_1"/></actuator></mujoco>'''
+
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_a_new_machine_file_loads_without_a_remark(kind, tmp_path, capsys):
     path = tmp_path / 'new.yaml'
     for key in KINDS[kind].keys:
         if key.file:
-            (tmp_path / str(key.example)).write_text('<mujoco/>\n')
+            (tmp_path / str(key.example)).write_text(MJCF)
     assert main(['new-machine', '--kind', kind, '--out', str(path)]) == 0
     assert f'written: {path}' in capsys.readouterr().out
     file = read_machine_file(path)

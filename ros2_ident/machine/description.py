@@ -67,17 +67,13 @@ def judged_tree(
             parser.feed(text[first : first + (1 << 16)])
         root: ET.Element = parser.close()
         problem = next(_problems(root, shapes), None)
-    except _Unbounded as error:
+    except ValueError as error:
         problem = str(error)
     except ET.ParseError as error:
         problem = f'is no XML ({error}); give a URDF or an MJCF file'
     if problem is not None:
         raise IdentError(ErrorCode.BAD_MACHINE_FILE, f'{named} {problem}')
     return root
-
-
-class _Unbounded(Exception):
-    """A description is larger than one of a machine."""
 
 
 class _Bounded(ET.TreeBuilder):
@@ -88,7 +84,7 @@ class _Bounded(ET.TreeBuilder):
     def start(self, tag: Any, attrs: Any, /) -> ET.Element:
         self.elements, self.depth = self.elements + 1, self.depth + 1
         if self.elements > _ELEMENTS or self.depth > _DEPTH:
-            raise _Unbounded(
+            raise ValueError(
                 f'has more than {_ELEMENTS} elements, or more than {_DEPTH} inside each other; '
                 'leave out what is not the machine'
             )
@@ -99,7 +95,7 @@ class _Bounded(ET.TreeBuilder):
         return super().end(tag)
 
     def doctype(self, *_: object) -> None:
-        raise _Unbounded('has a DOCTYPE, whose entities can stand for text without end; remove it')
+        raise ValueError('has a DOCTYPE, whose entities can stand for text without end; remove it')
 
 
 def _problems(root: ET.Element, shapes: bool) -> Iterator[str]:
