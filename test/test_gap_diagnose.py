@@ -184,6 +184,7 @@ def test_nothing_is_missing_where_nothing_is() -> None:
     assert found.effect == 'none'
     assert found.where == ()
     assert 'Nothing is missing' in found.sentence
+    assert found.not_testable and '; this motion cannot show: ' in found.sentence
 
 
 @pytest.mark.parametrize('scale', [5e-4, 2e-3, 1e-2])

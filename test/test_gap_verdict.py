@@ -270,6 +270,8 @@ def test_advice_says_how_to_tell_apart_and_what_was_not_to_be_seen():
     assert advice(replace(verdict, confusable=rows[:1]), []) == ()
     (seen,) = advice(replace(verdict, confusable=()), [SPRING, EffectAt('rod_mass', 'all')])
     assert seen.startswith('This motion cannot show:') and 'the machine' in seen
+    # Where nothing is missing the answer itself has it.
+    assert advice(Verdict('none', (), 0.9, (), (), (), 0.0), [SPRING]) == ()
     unknown = Verdict(UNKNOWN, ('one',), 0.5, (), (), (), 0.0)
     assert 'isolate the drive' in advice(unknown, [])[0]
     assert advice(replace(unknown, probability=0.0), []) == ()

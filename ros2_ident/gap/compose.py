@@ -20,6 +20,7 @@ from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.gap.verdict import (
     advice,
+    cannot_show,
     NAMELESS,
     NONE,
     OFTEN,
@@ -92,7 +93,7 @@ def compose(
         effect=verdict.effect,
         where=verdict.where,
         probability=verdict.probability,
-        sentence=_sentence(verdict, explainer, found, floor, model, share.value)
+        sentence=_sentence(verdict, explainer, found, floor, model, share.value, hidden)
         + _bounded(values),
         also=verdict.also,
         confusable=tuple(
@@ -320,11 +321,14 @@ def _sentence(
     floor: Floor,
     model: FullModel,
     share: float,
+    hidden: Sequence[EffectAt],
 ) -> str:
     """Return the answer in words, behind what has to be said first."""
     # One share, on data held out, wherever a diagnosis states one.
     closed = share if len(found.chain) > 1 else verdict.closed
     said = _answer(verdict, explainer, found, floor, model, closed)
+    if verdict.effect == NONE and hidden:
+        said = f'{said[:-1]}; this motion {cannot_show(hidden)}'
     return f'{verdict.first} {said}' if verdict.first else said
 
 

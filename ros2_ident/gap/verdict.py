@@ -414,16 +414,18 @@ def advice(
             'No effect of the catalogue explains the gap; look at the localisation, and isolate '
             'the drive named there with slow, single-drive motions both ways.'
         )
-    if not_testable:
-        places: dict[str, list[str]] = {}
-        for at in not_testable:
-            places.setdefault(get_effect(at.effect).title, []).append(_place(at.where))
-        out.append(
-            'This motion cannot show: '
-            + ', '.join(f'{title} ({", ".join(where)})' for title, where in places.items())
-            + '.'
-        )
+    if not_testable and verdict.effect != NONE:
+        out.append(f'This motion {cannot_show(not_testable)}')
     return tuple(out)
+
+
+def cannot_show(hidden: Sequence[EffectAt]) -> str:
+    """Return which effects a motion cannot show, for a sentence about it."""
+    places: dict[str, list[str]] = {}
+    for at in hidden:
+        places.setdefault(get_effect(at.effect).title, []).append(_place(at.where))
+    titles = ', '.join(f'{title} ({", ".join(where)})' for title, where in places.items())
+    return f'cannot show: {titles}.'
 
 
 def _place(where: str) -> str:

@@ -194,7 +194,7 @@ class Diagnostics:
             text += '; cancelled'
         if g.effect == g.EFFECT_NONE:
             level = DiagnosticStatus.WARN if g.warnings else DiagnosticStatus.OK
-            return _status(name, level, f'{text}; nothing is missing', values)
+            return _status(name, level, g.sentence, values)
         missing = 'something not in the catalogue'
         if g.effect != g.EFFECT_UNKNOWN:
             missing = _place(g.effect, g.where)
