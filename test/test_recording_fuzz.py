@@ -17,6 +17,7 @@ from reader_cases import COLUMNS, damage, kinds, outcome, START
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import check, read_bag, RecordingBuilder
 from ros2_ident.recording.cdr import decode
+from ros2_ident.recording.columns import OPTIONS
 
 CORPUS = Path(__file__).parent / 'corpus' / 'readers'
 QUIET = settings(
@@ -148,12 +149,15 @@ YAML = st.recursive(
 
 
 @QUIET
-@given(st.sampled_from(['time', 'joints', 'delimiter', 'decimal', 'skip', 'header', 'x']), YAML)
+@given(st.sampled_from([*OPTIONS, 'x', 'part']), YAML)
 def test_any_map_is_answered(tmp_path, key, value):
     import yaml
 
     columns = yaml.safe_load(COLUMNS)
-    columns[key] = value
+    if key == 'part':
+        next(iter(columns['joints'].values()))['effort'] = value
+    else:
+        columns[key] = value
     path = tmp_path / 'log.csv'
     path.write_text('time,q1,q2,tau1,tau2,ref1,ref2\n0,1,2,3,4,5,6\n0.001,1,2,3,4,5,6\n')
     (tmp_path / 'log.columns.yaml').write_text(yaml.safe_dump(columns))

@@ -3,13 +3,13 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import add_topics, bags, complete, names, topics_of
 from ros2_ident.models.registry import KINDS, machine_from_mapping
 
 if TYPE_CHECKING:
-    from ros2_ident.recording import Stream
+    from ros2_ident.recording import Recording
 
 DESCRIPTION = (
     'Write a machine file: every key with its unit, its meaning and the value of an example '
@@ -20,6 +20,7 @@ EXAMPLES = (
     '  ident new-machine --kind linear_axis --drives x_axis --out my_axis.yaml\n'
     '  ident new-machine --kind tripod --drives left,right,rear --out my_tripod.yaml\n'
     '  ident new-machine --kind serial --description arm.urdf --bag my_bag --out my_arm.yaml\n'
+    '  ident new-machine --kind linear_axis --bag log.csv --out my_joint.yaml\n'
     '  ident check --machine my_axis.yaml\n'
 )
 EXIT_CODES = {0: 'written'}
@@ -40,7 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--description', metavar='FILE', help='URDF or MJCF of the machine; also gives its joints'
     )
     bag = parser.add_argument(
-        '--bag', metavar='BAG', help='a log of the machine; also gives its joints and period'
+        '--bag',
+        metavar='BAG',
+        help='a log of the machine; also gives its joints and period. A CSV without a column map '
+        'gets one by the names in its header',
     )
     complete(bag, bags)
     parser.add_argument('--out', metavar='FILE', help='file to write; standard output without it')
@@ -56,16 +60,20 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.errors import ErrorCode, IdentError
     from ros2_ident.files import write_text
     from ros2_ident.machine.description import description_text
-    from ros2_ident.models.new_file import description_key, new_machine_file
+    from ros2_ident.models.new_file import description_key, new_machine_file, one_joint_file
 
     folder = Path(args.out).parent if args.out else Path()
-    known = {}
+    known: dict[str, Any] = {}
     if args.description is not None:
         description_key(KINDS[args.kind])
         known['description'] = description_text(Path(args.description))
         known['named'] = os.path.relpath(args.description, folder)
-    states = _states(args) if args.bag else None
-    text = new_machine_file(KINDS[args.kind], args.drives, states=states, **known)
+    kind, text = KINDS[args.kind], None
+    if args.bag:
+        log = _log(args)
+        text = one_joint_file(kind, args.drives, log)
+        known['states'] = log.state
+    text = text or new_machine_file(kind, args.drives, **known)
     machine_from_mapping(yaml.safe_load(text), '--drives', folder)
     if args.out is None:
         print(text, end='')
@@ -80,19 +88,29 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _states(args: argparse.Namespace) -> 'Stream':
-    """Return the measured motion of a bag.
+def _log(args: argparse.Namespace) -> 'Recording':
+    """Return what a bag holds, of a table by a map from its header where there is none.
 
     Raises:
         IdentError: MISSING_STREAM where there is none.
     """
-    from ros2_ident.errors import ErrorCode, IdentError
-    from ros2_ident.recording import read_bag
+    import sys
 
-    state = read_bag(args.bag, topics_of(args))[0].state
-    if state is None:
+    from ros2_ident.errors import ErrorCode, IdentError
+    from ros2_ident.files import write_text
+    from ros2_ident.recording import read_bag
+    from ros2_ident.recording.columns import MAP_SUFFIX, SUFFIXES
+    from ros2_ident.recording.header import drafted_columns
+
+    path = Path(args.bag)
+    where = path.with_name(path.stem + MAP_SUFFIX)
+    if path.suffix.lower() in SUFFIXES and path.is_file() and not (args.columns or where.exists()):
+        write_text(where, drafted_columns(path))
+        print(f'written: {where}, from the names in {path}; look through it', file=sys.stderr)
+    recording = read_bag(args.bag, topics_of(args))[0]
+    if recording.state is None:
         raise IdentError(
             ErrorCode.MISSING_STREAM,
             f'{args.bag} holds no measured motion; name its topic with --state-topic',
         )
-    return state
+    return recording

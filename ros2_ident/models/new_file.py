@@ -10,8 +10,9 @@ from ros2_ident.machine.keys import DESCRIPTION_TOPIC
 from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.template import machine_template
 from ros2_ident.models.registry import KINDS
-from ros2_ident.recording import Stream
+from ros2_ident.recording import Recording, Stream
 from ros2_ident.recording.band import told_band
+from ros2_ident.recording.motion import motion_of
 
 
 def new_machine_file(
@@ -43,6 +44,40 @@ def new_machine_file(
         if any(key.name == 'bandwidth' for key in kind.keys):
             known['bandwidth'] = f'{told_band(states):.3g}'
     return machine_template(kind, drives or _joints(kind, description, states), known)
+
+
+def one_joint_file(kind: Kind, drives: Sequence[str], log: Recording) -> str | None:
+    """Return the whole file of one joint that its recorded motion drives, by its log.
+
+    Args:
+        kind: The kind of machine.
+        drives: Joint names; those of the log where there are none.
+        log: A log with positions.
+
+    Returns:
+        The text, its bounds from what alone would make the effort; None where the kind has no
+        rigid drive, or the log a set-point, no effort or another number of joints.
+    """
+    assert log.state is not None
+    names = tuple(drives) or log.state.names
+    rigid = any(key.name == 'moving_mass' for key in kind.keys)
+    if not rigid or log.command is not None or len(names) != 1 or log.state.position is None:
+        return None
+    motion = motion_of(log, names[0])
+    if motion.effort is None:
+        return None
+    most = float(np.nanmax(np.abs(motion.effort)))
+    moved = motion.acceleration, motion.velocity
+    mass, viscous = (2.0 * most / max(float(x.std()), 1e-12) for x in moved)
+    return (
+        f'machine: {kind.name}\ndrives: [{names[0]}]\n'
+        f'controller: {{cycle: {motion.period:.4g}}}      # s, period of the log\n'
+        'parameters:                      # of a joint that turns; a carriage: kg, N, N s/m, N\n'
+        f'  moving_mass: [0.0, {mass:.3g}, kg m^2]\n'
+        f'  coulomb_friction: [0.0, {most:.3g}, N m]\n'
+        f'  viscous_friction: [0.0, {viscous:.3g}, N m s/rad]\n'
+        f'  constant_force: [{-most:.3g}, {most:.3g}, N m]\n'
+    )
 
 
 def description_key(kind: Kind) -> str:

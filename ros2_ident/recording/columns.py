@@ -25,7 +25,7 @@ QUANTITIES = {
 # Decimal digits from a unit of time to ns.
 _DIGITS = {'s': 9, 'ms': 6, 'us': 3, 'ns': 0}
 _COUNTS = {'skip': 'before', 'skip_below': 'below'}  # the line of names
-_OPTIONS = ('time', 'joints', 'where', 'delimiter', 'decimal', *_COUNTS, 'header')
+OPTIONS = ('time', 'joints', 'where', 'delimiter', 'decimal', *_COUNTS, 'header')
 # A map is short; so is a row.
 _LARGEST_MAP, _MOST_COLUMNS = 1 << 20, 1 << 16
 _NO_DELIMITER = '\r\n\0"'
@@ -107,7 +107,7 @@ def load_columns(path: str | Path) -> ColumnMap:
         raise refuse(path, 'is no YAML: it is nested without end') from None
     if not isinstance(data, Mapping) or not isinstance(data.get('joints'), Mapping):
         raise refuse(path, 'needs `time` and `joints`; docs/logs.md has an example')
-    _known(path, 'the map', data, _OPTIONS)
+    _known(path, 'the map', data, OPTIONS)
     header, where = data.get('header', True), data.get('where', {})
     delimiter, decimal = data.get('delimiter', ','), data.get('decimal', '.')
     if not isinstance(header, bool):
@@ -175,7 +175,8 @@ def _time(path: object, entry: object, header: bool) -> tuple[Cell, int]:
 def _entry(path: object, what: str, entry: Any, header: bool) -> tuple[Cell, float, bool]:
     if not isinstance(entry, Mapping):
         return _cell(path, what, entry, header), 1.0, False
-    _known(path, what, entry, ('column', 'scale', *(('sign',) if '.effort' in what else ())))
+    signed = ('sign',) if what.endswith('.effort') else ()
+    _known(path, what, entry, ('column', 'scale', *signed))
     if entry.get('sign', 'velocity') != 'velocity':
         raise refuse(path, f'{what}.sign is {short(entry["sign"])}; write velocity')
     try:

@@ -68,8 +68,8 @@ def read_table(
         names = listed(text[: 1 << 12].split('\n', 1)[0].strip().split(','), 8)
         raise refuse(
             path,
-            f'is a table and {where} is missing; write this column map as in docs/logs.md, or '
-            f'name one by --columns; the first line is: {names}',
+            f'is a table and {where} is missing; write this map as in docs/logs.md, or have '
+            f'`ident new-machine --kind KIND --bag {path}` write it; the first line is: {names}',
         )
     layout = load_columns(where)
     stamp, values, warnings = _parse(path, text, layout)
