@@ -214,6 +214,29 @@ def test_of_equal_machines_known_unequally_well_hardly_any_differs() -> None:
     assert told <= 20
 
 
+def test_rows_are_compared_with_the_same_effects_in_the_model_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = {'a1': row('a1', 'a', '', 100.0), 'b1': row('b1', 'b', '', 150.0, 'backlash')}
+    fitted = []
+
+    def run(entry, seed, diagnosed, asked='', known=None):
+        if known is None:
+            return {**rows[entry.name], 'beside': []}
+        fitted.append((entry.name, known['common']))
+        found = row(entry.name, entry.machine, '', 100.0)['parameters']
+        return {**known, 'parameters': found, 'beside': known['common']}
+
+    monkeypatch.setattr('ros2_ident.fleet.run.run_entry', run)
+    entries = [fleet.Entry(name, name, '', machine=name[0]) for name in rows]
+    summary = fleet.summarise(fleet.run_fleet(entries, tmp_path))
+    assert fitted == [('a1', [['backlash', 'd']]), ('b1', [['backlash', 'd']])]
+    assert summary['machines'] == [] and summary['smallest']['mass']['change'] > 2.0
+    # one that could not be fitted so is not compared
+    rows['b1']['beside'] = [['backlash', 'd']]
+    assert fleet.summarise([*rows.values()])['smallest'] == {}
+
+
 def test_effects_after_the_first_are_in_the_summary_too() -> None:
     several = row('a1', 'a', '2026-01-01', 100.0, 'backlash')
     several['also'] = [{'effect': 'stribeck', 'where': 'e'}]

@@ -83,6 +83,7 @@ def test_a_comparison_of_an_identification_with_another_and_a_diagnosis(tmp_path
     where = [str(tmp_path / name) for name in 'abc']
     assert main(['report', *where, '--page', str(out)]) == 0
     assert 'Stribeck friction on drive_1 is missing in the simulation.' in out.read_text()
+    assert f'Not compared, for other effects in the model: {where[2]};' in out.read_text()
     assert 'http' not in out.read_text().replace('http-equiv', '')
     with pytest.raises(IdentError, match='holds neither') as caught:
         write_comparison([tmp_path / 'a', tmp_path])
@@ -143,18 +144,21 @@ def test_what_chance_may_explain_does_not_differ_on_the_page_of_a_fleet(tmp_path
     rows = [row(name, 1, mass) for name, mass in zip('abcdefgh', [2.0] * 7 + [2.14], strict=True)]
     write_summary(tmp_path, rows)
     text = write_report(tmp_path).read_text()
-    assert 'none differs from the others' in text and ', differs' not in text
-    assert 'class="answer good"' in text and 'All machines alike' in text
+    assert 'the smallest that would have: mass ' in text and ', differs' not in text
+    assert 'class="answer good"' in text and 'No difference shows' in text
     write_summary(tmp_path, [*rows[:-1], row('h', 1, 3.0)])
     text = write_report(tmp_path).read_text()
     assert 'h differs from the others' in text and text.count(', differs') == 1
     assert 'class="answer doubtful"' in text and 'To be inspected' in text
 
 
-def test_a_fleet_of_equal_machines_has_nothing_to_say(tmp_path):
+def test_where_no_machine_differs_the_headline_is_what_would_have_shown(tmp_path):
     write_summary(tmp_path, [row('a', 1, 2.0), row('b', 1, 2.01)])
     text = write_report(tmp_path).read_text()
-    assert 'No machine has drifted, none differs from the others.' in text
+    # 1.96 + 1.64 standard deviations of the difference of two values, each known to 0.1 / 1.96
+    assert 'No difference shows; the smallest that would have: mass 0.26' in text
+    (summary,) = differences(json.loads((tmp_path / 'fleet.json').read_text()))
+    assert summary.startswith('No difference shows; the smallest that would have: mass 0.26')
     (tmp_path / 'fleet.json').write_text('{}')
     with pytest.raises(IdentError, match='is no fleet'):
         write_report(tmp_path)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is found in one bag of a fleet, and the key of everything that it depends on."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 import hashlib
 import importlib
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from ros2_ident.identify.result import Identification
 
 Row = dict[str, Any]
+# Ids, each with its place.
+Effects = Sequence[Sequence[str]]
 
 
 def key_of(entry: Entry, seed: int, diagnosed: bool) -> str:
@@ -40,7 +42,9 @@ def key_of(entry: Entry, seed: int, diagnosed: bool) -> str:
     return total.hexdigest()
 
 
-def run_entry(entry: Entry, seed: int, diagnosed: bool, asked: str = '') -> Row:
+def run_entry(
+    entry: Entry, seed: int, diagnosed: bool, asked: str = '', known: Row | None = None
+) -> Row:
     """Identify and diagnose one bag; an error is part of the row.
 
     Args:
@@ -48,15 +52,20 @@ def run_entry(entry: Entry, seed: int, diagnosed: bool, asked: str = '') -> Row:
         seed: Of every search.
         diagnosed: Whether to diagnose, too.
         asked: What `identify.problem.sources` has to return here; empty for anything.
+        known: A row whose parameters alone are fitted anew, beside those of its `common` effects.
     """
-    row: Row = {**asdict(entry), 'labels': dict(entry.labels), 'key': ''}
+    row: Row = {**(known or {}), **asdict(entry), 'labels': dict(entry.labels), 'key': ''}
     try:
         if asked:
             from ros2_ident.identify.problem import require_sources
 
             require_sources(asked)
         row['key'] = key_of(entry, seed, diagnosed)
-        row.update(_found(entry, seed, diagnosed))
+        row.update(
+            _found(entry, seed, diagnosed)
+            if known is None
+            else _values(*_job(entry, seed)[0](known['common']))
+        )
     except IdentError as error:
         row.update(state='failed', code=error.code.name, message=error.message)
     except OSError as error:
@@ -77,13 +86,8 @@ def run_entry(entry: Entry, seed: int, diagnosed: bool, asked: str = '') -> Row:
 
 
 def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
-    from ros2_ident.gap.verdict import NAMELESS
-
-    result, diagnosis = _job(entry, seed)
-    values = {
-        p.name: {'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit}
-        for p in result.parameters
-    }
+    fit, diagnosis = _job(entry, seed)
+    result, _ = fit(())
     found: Row = {
         'state': 'done',
         'code': result.outcome.error_code.name,
@@ -92,20 +96,11 @@ def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
         'model': result.model,
         'residual': {x.drive: x.rms for x in result.residuals},
         'unit': result.cost.unit,
-        'parameters': values,
+        **_values(result),
     }
     if not diagnosed:
         return found
     verdict = diagnosis()
-    if verdict.effect not in NAMELESS:
-        # With the missing effect in the model its nominal parameters are no longer bent by it.
-        values.update(
-            {
-                name: {'value': v.value, 'low': v.low, 'high': v.high, 'unit': v.unit}
-                for name, v in verdict.parameters.items()
-                if name in values
-            }
-        )
     return {
         **found,
         'effect': verdict.effect,
@@ -127,27 +122,50 @@ def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
     }
 
 
-def _job(entry: Entry, seed: int) -> 'tuple[Identification, Callable[[], Diagnosis]]':
-    """Return the identification of an entry's bag, and what diagnoses it."""
+def _values(result: 'Identification', beside: Effects = ()) -> Row:
+    values = {
+        p.name: {'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit}
+        for p in result.parameters
+    }
+    return {'parameters': values, 'beside': list(beside)}
+
+
+def _job(
+    entry: Entry, seed: int
+) -> 'tuple[Callable[[Effects], tuple[Identification, Effects]], Callable[[], Diagnosis]]':
+    """Return what identifies a bag with those effects it can have, and what diagnoses it."""
+    from ros2_ident.gap.case import recordings_from, recordings_of
     from ros2_ident.gap.diagnose import diagnose
     from ros2_ident.identify.run import identify, read_data
-    from ros2_ident.models import load_machine
+    from ros2_ident.models import EffectAt, load_machine
 
+    def fit(asked: Effects) -> 'tuple[Identification, Effects]':
+        if not asked:
+            return identify(machine, data, model=model, seed=seed), ()
+        nominal = recordings_of(machine, data.datasets) if machine else recordings_from(model)
+        known = {(at.effect, at.where) for at in nominal.models[0].extensions()}
+        beside = [at for at in asked if tuple(at) in known]
+        effects = [EffectAt(*at) for at in beside]
+        if machine:
+            return identify(machine, data, effects=effects, seed=seed), beside
+        return identify(model=[m.extended(effects) for m in nominal.models], seed=seed), beside
+
+    machine: Any = None
+    data: Any = None
+    model: Any = None
     if entry.model:
         make = _maker(entry.model)
         model = make(entry.bag)
         check = make(entry.check) if entry.check else ()
-        result = identify(model=model, seed=seed)
-        return result, lambda: diagnose(model=model, check_model=check, seed=seed)
+        return fit, lambda: diagnose(model=model, check_model=check, seed=seed)
     machine = load_machine(entry.machine_file)
     data = read_data(entry.bag, machine)
-    result = identify(machine, data, seed=seed)
 
     def diagnosis() -> 'Diagnosis':
         held_out = read_data(entry.check, machine).datasets if entry.check else ()
         return diagnose(machine, data.datasets, held_out, seed=seed)
 
-    return result, diagnosis
+    return fit, diagnosis
 
 
 def _maker(model: str) -> Any:

@@ -11,10 +11,11 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, require_ours, write_text
 from ros2_ident.fleet.entries import Entry
 from ros2_ident.fleet.row import key_of, plain, Row, run_entry
-from ros2_ident.fleet.summary import PAGE, SUMMARY, TABLE, write_summary
+from ros2_ident.fleet.summary import effects_named, PAGE, sound, SUMMARY, TABLE, write_summary
 from ros2_ident.search.evaluators import Cancel
 
 OnRow = Callable[[Row], None]
+Tasks = Sequence[tuple[Entry, Row | None]]
 MARKED = {'format': 'ros2_ident.row'}
 
 
@@ -74,12 +75,20 @@ def run_fleet(
         rows[entry.name] = known
         if on_row is not None:
             on_row(known)
-    for row in (
-        _here(left, seed, diagnosed, cancel, on_start)
-        if scheduler is None
-        else _there(left, seed, diagnosed, cancel, scheduler)
-    ):
-        take(row)
+
+    def work(tasks: Tasks) -> None:
+        for row in (
+            _here(tasks, seed, diagnosed, cancel, on_start)
+            if scheduler is None
+            else _there(tasks, seed, diagnosed, cancel, scheduler)
+        ):
+            take(row)
+
+    work([(entry, None) for entry in left])
+    # Values are compared of one model on all logs: with every effect that was named on any.
+    common = effects_named(rows.values())
+    done = [(e, rows[e.name]) for e in entries if e.name in rows and sound(rows[e.name])]
+    work([(e, {**r, 'common': common}) for e, r in done if r.get('common', []) != common])
     ordered = [rows[entry.name] for entry in entries if entry.name in rows]
     if unwritten:
         raise unwritten[0]
@@ -99,22 +108,22 @@ def _kept(path: Path, entry: Entry, seed: int, diagnosed: bool) -> Row | None:
 
 
 def _here(
-    entries: Sequence[Entry],
+    tasks: Tasks,
     seed: int,
     diagnosed: bool,
     cancel: Cancel | None,
     on_start: Callable[[Entry], None] | None,
 ) -> Iterator[Row]:
-    for entry in entries:
+    for entry, known in tasks:
         if cancel is not None and cancel.is_set():
             return
         if on_start is not None:
             on_start(entry)
-        yield run_entry(entry, seed, diagnosed)
+        yield run_entry(entry, seed, diagnosed, '', known)
 
 
 def _there(
-    entries: Sequence[Entry], seed: int, diagnosed: bool, cancel: Cancel | None, scheduler: str
+    entries: Tasks, seed: int, diagnosed: bool, cancel: Cancel | None, scheduler: str
 ) -> Iterator[Row]:
     from ros2_ident.identify.problem import sources
     from ros2_ident.search.cluster import connect
@@ -125,8 +134,8 @@ def _there(
     try:
         executor = client.get_executor(pure=False)
         tasks: dict[Future[Row], Entry] = {
-            executor.submit(run_entry, entry, seed, diagnosed, sources()): entry
-            for entry in entries
+            executor.submit(run_entry, entry, seed, diagnosed, sources(), known): entry
+            for entry, known in entries
         }
         for task in as_completed(tasks):
             if cancel is not None and cancel.is_set():

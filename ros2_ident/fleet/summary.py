@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the machines of a fleet compare: drift, differences, effects."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 import json
 import math
 from pathlib import Path
@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import write_table, write_text
 from ros2_ident.fleet.row import Row
 from ros2_ident.gap.verdict import REFUSED
-from ros2_ident.identify.result import half_of_difference
+from ros2_ident.identify.result import half_of_difference, smallest_shown
 
 # Its files; the page is made of the first.
 SUMMARY, TABLE, PAGE = 'fleet.json', 'fleet.csv', 'report.html'
@@ -34,49 +35,72 @@ def sound(row: Row) -> bool:
     return row['state'] == 'done' and not contradicted
 
 
+def effects_named(rows: Iterable[Row]) -> list[list[str]]:
+    """Return the effects that were named on any row, each with its place."""
+    named = {at for row in rows if sound(row) and row.get('effect') in CATALOGUE
+             for at in _effects_of(row)}  # fmt: skip
+    return [list(at) for at in sorted(named)]
+
+
 def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     """Compare the rows that are done, but for those whose log contradicts its machine file.
 
     Two values differ where their difference is beyond its own interval: with intervals that reach
     a and b towards each other the standard deviation of it is sqrt(a^2 + b^2) / 1.96. The level is
     shared among all comparisons (Holm 1979), so that in a fleet of equal machines one in twenty
-    says anything. What differs by less than `LEAST` is left out.
+    says anything. What differs by less than `LEAST` is left out. Rows whose models have other
+    effects are not compared.
 
     Returns:
         `drifts`: parameters of a machine against its earliest bag; `machines`: latest values of a
         machine against the median of all, so that one that is off does not make the others
         differ, or of two against the other; both strongest first. `effects`: for each effect
-        the drives it was found on.
+        the drives it was found on. `smallest`: for each parameter compared the least change
+        that would have been told of every machine, in all but one case of twenty.
     """
     done = sorted((r for r in rows if sound(r)), key=lambda r: str(r['date']))
     by_machine: dict[str, list[Row]] = {}
     for row in done:
         by_machine.setdefault(row['machine'], []).append(row)
     drifts = [
-        _difference(name, row, of_one[0]['parameters'][name], of_one[0]['name'])
+        (name, row, of_one[0]['parameters'][name], of_one[0]['name'])
         for of_one in by_machine.values()
         for row in of_one[1:]
         for name in row['parameters']
-        if name in of_one[0]['parameters']
+        if name in of_one[0]['parameters'] and _alike(row, of_one[0])
     ]
     latest = [of_one[-1] for of_one in by_machine.values()]
     medians = _medians(latest)
     machines = []
     for number, row in enumerate(latest):
         for name in row['parameters']:
-            others = [r for r in latest if r is not row and name in r['parameters']]
+            others = [
+                r for r in latest if r is not row and name in r['parameters'] and _alike(row, r)
+            ]
             # What one of two machines is against the other has been said by the first.
             if others and not (len(others) == 1 and others[0] in latest[:number]):
                 against, other = others[0]['machine'], others[0]['parameters'][name]
-                if name in medians:
-                    against, other = 'median of the machines', medians[name]
-                machines.append(_difference(name, row, other, against))
+                median = medians.get((name, str(row.get('beside'))))
+                if median is not None:
+                    against, other = 'median of the machines', median
+                machines.append((name, row, other, against))
     effects: dict[str, list[str]] = {}
     for row in done:
         if row.get('effect') not in (None, 'none'):
             for effect, drive in _effects_of(row):
                 effects.setdefault(effect, []).append(f'{row["name"]}: {drive}')
-    return {'drifts': _told(drifts), 'machines': _told(machines), 'effects': effects}
+    pairs = [(name, row['parameters'][name], other) for name, row, other, _ in drifts + machines]
+    return {
+        'drifts': _told([_difference(*x) for x in drifts]),
+        'machines': _told([_difference(*x) for x in machines]),
+        'effects': effects,
+        'smallest': smallest_shown(pairs, max(1, len(drifts), len(machines)), LEAST),
+    }
+
+
+def _alike(a: Row, b: Row) -> bool:
+    """Whether the same effects stand in the models of both."""
+    return bool(a.get('beside') == b.get('beside'))
 
 
 def _effects_of(row: Row) -> Iterator[tuple[str, str]]:
@@ -92,12 +116,12 @@ def _half(value: Mapping[str, Any]) -> float:
     return 0.5 * (float(value['high']) - float(value['low']))
 
 
-def _medians(rows: Sequence[Row]) -> dict[str, Row]:
-    """Return the median of each parameter that three machines or more have."""
-    values: dict[str, list[Row]] = {}
+def _medians(rows: Sequence[Row]) -> dict[tuple[str, str], Row]:
+    """Return the median of each parameter and model that three machines or more have."""
+    values: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         for name, value in row['parameters'].items():
-            values.setdefault(name, []).append(value)
+            values.setdefault((name, str(row.get('beside'))), []).append(value)
     return {name: _median(of) for name, of in values.items() if len(of) > 2}
 
 

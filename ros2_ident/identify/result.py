@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an identification says: values only, immutable, ready for files, messages and pages."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 import enum
 import math
+from statistics import NormalDist
 from typing import Any, Literal
 
 import numpy as np
@@ -126,6 +127,29 @@ def half_of_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> float:
     if less['high'] is None or more['low'] is None:
         return math.inf
     return math.hypot(less['high'] - less['value'], more['value'] - more['low'])
+
+
+def smallest_shown(
+    pairs: Iterable[tuple[str, Mapping[str, Any], Mapping[str, Any]]],
+    count: int = 1,
+    least: float = 0.0,
+) -> dict[str, dict[str, Any]]:
+    """Return for each parameter the minimum detectable difference, of several pairs the largest.
+
+    Args:
+        pairs: Parameter, a value, and the one it is compared with.
+        count: Comparisons that share the level of 5 %, at which one of none shows; one of this
+            size is missed as seldom.
+        least: Share of the value below which none is shown.
+    """
+    normal, out = NormalDist(), dict[str, dict[str, Any]]()
+    factor = (normal.inv_cdf(1.0 - 0.025 / count) + normal.inv_cdf(0.95)) / normal.inv_cdf(0.975)
+    for name, a, b in pairs:
+        change = max(factor * half_of_difference(a, b), least * abs(b['value']))
+        if out.get(name, {'change': 0.0})['change'] < change < math.inf:
+            share = change / abs(b['value']) if b['value'] else None
+            out[name] = {'change': change, 'share': share, 'unit': a['unit']}
+    return out
 
 
 @dataclass(frozen=True)

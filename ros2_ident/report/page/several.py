@@ -11,7 +11,7 @@ from typing import Any
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
-from ros2_ident.identify.result import half_of_difference
+from ros2_ident.identify.result import half_of_difference, smallest_shown
 from ros2_ident.report.files import (
     DIAGNOSIS,
     FLEET,
@@ -39,7 +39,7 @@ COMPARISON = 'comparison.html'
 OPEN = 6
 # What the colour of a fleet's answer says.
 STATES: Mapping[sentences.Level, str] = {
-    'good': 'All machines alike',
+    'good': 'No difference shows',
     'doubtful': 'To be inspected',
     'bad': 'Not every recording could be judged',
 }
@@ -88,6 +88,7 @@ def strips(
             known) and unit.
         told: Which values differ; those that differ from the first run's where None.
     """
+    told = _differing(runs) if told is None else told
     names = dict.fromkeys(name for _, values in runs for name in values)
     made = [
         _strip(name, [(label, values[name]) for label, values in runs if name in values], told)
@@ -97,7 +98,7 @@ def strips(
 
 
 def _strip(
-    name: str, values: Sequence[tuple[str, Mapping[str, Any]]], told: Told | None
+    name: str, values: Sequence[tuple[str, Mapping[str, Any]]], told: Told
 ) -> Strip | None:
     known = [(label, v) for label, v in values if v['value'] is not None]
     if not known:
@@ -116,11 +117,7 @@ def _strip(
     low, high = min([*sizes, *limits]), max([*sizes, *limits])
     span = (high - low) or abs(high) or 1.0
     first = known[0][1]
-    differs = {
-        label
-        for label, v in known
-        if (_differ(first, v) if told is None else (label, name) in told)
-    }
+    differs = {label for label, _ in known if (label, name) in told}
     marks = tuple(_mark(label, v, first, low, span, label in differs) for label, v in known)
     ends = (quantity(low, unit, 4), quantity(low + span, unit, 4))
     return Strip(name, ends, marks, bool(differs))
@@ -149,11 +146,32 @@ def _mark(
     return Mark(label, text, at, left, round(place(v['high']) - left, 2), note)
 
 
-def _differ(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
-    """Whether two values differ beyond the 95 % interval of their difference."""
-    if None in (a['low'], a['high'], b['low'], b['high']):
-        return False
-    return bool(abs(a['value'] - b['value']) > half_of_difference(a, b))
+def _pairs(
+    runs: Sequence[tuple[str, Mapping[str, Any]]],
+) -> Iterator[tuple[str, str, Mapping[str, Any], Mapping[str, Any]]]:
+    """Yield label, parameter, the first run's value and the run's, where both are known."""
+    for name in dict.fromkeys(name for _, values in runs for name in values):
+        known = [(label, v[name]) for label, v in runs if v.get(name, {}).get('value') is not None]
+        for label, v in known[1:]:
+            yield label, name, known[0][1], v
+
+
+def _differing(runs: Sequence[tuple[str, Mapping[str, Any]]]) -> Told:
+    """Return what differs from the first run beyond the 95 % interval of the difference."""
+    return {
+        (label, name)
+        for label, name, first, v in _pairs(runs)
+        if abs(v['value'] - first['value']) > half_of_difference(first, v)
+    }
+
+
+def _would_show(smallest: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the smallest differences that would have shown, the largest share first."""
+    texts = []
+    for name, x in sorted(smallest.items(), key=lambda x: -(x[1]['share'] or math.inf)):
+        share = '' if x['share'] is None else f' ({percent(x["share"])})'
+        texts.append(f'{name} {quantity(x["change"], x["unit"], 2)}{share}')
+    return f'the smallest that would have: {sentences.some(texts)}' if texts else ''
 
 
 # ---------------------------------------------------------------------- runs side by side
@@ -165,6 +183,7 @@ class _Run:
     headline: tuple[str, ...]
     gaps: tuple[answer.Gap, ...]
     parameters: Mapping[str, Any]
+    effects: frozenset[tuple[str, str]] = frozenset()
 
 
 def _run(folder: Path) -> _Run:
@@ -176,7 +195,12 @@ def _run(folder: Path) -> _Run:
     if (folder / DIAGNOSIS).exists():
         data = load_diagnosis(folder)
         said = answer.of_diagnosis(data, str(folder))
-        return _Run(str(folder), (said.headline, *said.more), said.gaps, data['parameters'])
+        named = [data['verdict'], *data['also']]
+        return _Run(
+            str(folder), (said.headline, *said.more), said.gaps, data['parameters'],
+            frozenset((x['effect'], w) for x in named if x['effect'] in CATALOGUE
+                      for w in x['where']),
+        )  # fmt: skip
     if not any((folder / name).exists() for name in (JSON, YAML)):
         raise IdentError(
             ErrorCode.NO_DATA,
@@ -214,11 +238,18 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
             be read, INVALID_GOAL where the page cannot be written.
     """
     runs = [_run(Path(d)) for d in directories]
-    made = strips([(run.label, run.parameters) for run in runs])
-    shared = sum(len(s.marks) > 1 for s in made)
+    alike = [(r.label, r.parameters) for r in runs if r.effects == runs[0].effects]
+    made = strips([(r.label, r.parameters) for r in runs], _differing(alike))
+    shared = len({name for _, name, _, _ in _pairs(alike)})
+    smallest = smallest_shown((name, v, first) for _, name, first, v in _pairs(alike))
     differ = [s.name for s in made if s.differs]
     text = f'{len(differ) or "None"} of {shared} parameters differ{"s" * (len(differ) < 2)}'
-    text += f': {sentences.some(differ)}.' if differ else '.'
+    rest = sentences.some(differ) if differ else _would_show(smallest)
+    text += f': {rest}.' if rest else '.'
+    others = [r.label for r in runs if r.effects != runs[0].effects]
+    if others:
+        text += f' Not compared, for other effects in the model: {sentences.some(others)}; '
+        text += '`ident fleet` fits all with the same.'
     target = Path(directories[0]) / COMPARISON if page is None else Path(page)
     make_directory(target.parent)
     context = {
@@ -239,8 +270,10 @@ def differences(summary: Mapping[str, Any]) -> Iterator[str]:
     """Yield how the machines of a fleet compare, in sentences.
 
     Args:
-        summary: `drifts`, `machines` and `effects` of `fleet.json`.
+        summary: `drifts`, `machines`, `effects` and `smallest` of `fleet.json`.
     """
+    if not (summary['drifts'] or summary['machines']) and summary.get('smallest'):
+        yield f'No difference shows; {_would_show(summary["smallest"])}.'
     for x in (*summary['drifts'], *summary['machines']):
         value, other = (quantity(x[k], x['unit'], 4) for k in ('value', 'reference'))
         rest = '' if x['change'] is None else f' ({change(x["change"])})'
@@ -300,7 +333,7 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
     path = Path(directory) / FLEET
     data = _fleet(path)
     done = [row for row in data['rows'] if row['state'] == 'done']
-    differ = {**data, 'effects': {}}
+    differ = {**data, 'effects': {}, 'smallest': {}}
     told = {(x['bag'], x['parameter']) for kind in ('drifts', 'machines') for x in data[kind]}
     made = strips([(row['name'], row['parameters']) for row in done], told)
     machines = {row['machine'] for row in data['rows']}
@@ -371,7 +404,10 @@ def _fleet_headline(data: Mapping[str, Any]) -> str:
         # a single name is told at once, several are listed below
         what = f'the simulation lacks {kinds.pop()}' if len(kinds) == 1 else 'effects are missing'
         parts.append(f'{what} in {_named({row["name"] for row in found}, "recordings")}')
-    text = '; '.join(parts) or 'no machine has drifted, none differs from the others'
+    if not (drifted or other):
+        smallest = _would_show(data.get('smallest', {}))
+        parts.append(f'no difference shows; {smallest}' if smallest else 'nothing to compare')
+    text = '; '.join(parts)
     return f'{text if drifted or other else sentences.capital(text)}.'
 
 
