@@ -33,6 +33,7 @@ from ros2_ident.gap.verdict import judge, NAMELESS, NONE, REFUSED, UNKNOWN, Verd
 from ros2_ident.gates import GateReport
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.problem import sources
+from ros2_ident.identify.setup import at_rest
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt, Model
 from ros2_ident.recording import Dataset
@@ -124,6 +125,7 @@ def diagnose(
             ErrorCode.NO_DATA, 'there is no recording to fit on; give a bag with drive data'
         )
     else:
+        machine, drives = at_rest(machine, fit, drives)
         first, second = (
             recordings_of(
                 machine, data,

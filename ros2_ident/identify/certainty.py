@@ -23,7 +23,7 @@ LITTLE = 0.01
 
 NOT_IDENTIFIABLE = 'not identifiable from this data'
 # Of a parameter that noise alone would leave identified.
-HIDDEN = 'not determined once model error is allowed for'
+HIDDEN = 'not identified once model error is allowed for'
 NIL = 'below 1 % of the output'
 # Of what stands for several parameters of links and rotors that show together only.
 BASE = 'base parameter, of either sign'

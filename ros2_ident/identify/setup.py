@@ -16,6 +16,8 @@ from ros2_ident.machine.machine import Machine
 from ros2_ident.models import complete, EffectAt, make_model, Model
 from ros2_ident.models.drives.candidates import SLOTS
 from ros2_ident.models.registry import compared_of, efforts_of
+from ros2_ident.recording import Dataset
+from ros2_ident.recording.plausibility import standing
 
 T = TypeVar('T')
 
@@ -161,9 +163,38 @@ def problem_of(
     differ = conditions or Conditions()
     differ.check(data.labels)
     compared = checked(outputs, compared_of(machine))
+    machine, moving = at_rest(machine, data.datasets, drives)
+    if machine.stands and moving != drives:
+        names = ', '.join(machine.stands)
+        said = f'{names} stood still: nothing is found of their friction and rotors; their links '
+        data = replace(data, warnings=(*data.warnings, f'{said}count as they stood'))
+    drives = moving
     return Setup(
         machine, data, drives, fixed, bounds, effects, cutoff, differ, compared
     ).problem()
+
+
+def at_rest(
+    machine: Machine, datasets: Sequence[Dataset], drives: Sequence[str] | None = None
+) -> tuple[Machine, tuple[str, ...]]:
+    """Return a machine that knows where drives stand in all data, and the drives to compare.
+
+    What a drive's effort is at rest, friction decides: where no drive is chosen, or all are, those
+    that stand are not compared.
+    """
+    chosen = chosen_drives(machine, drives)
+    rows = {}
+    for name in machine.drives:
+        here = [d.position[d.names.index(name)] for d in datasets
+                if d.position is not None and name in d.names]  # fmt: skip
+        if here and np.isfinite(here[0]).any():
+            rows[name] = np.concatenate(here)
+    strokes = {name: float(np.nanmax(x) - np.nanmin(x)) for name, x in rows.items()}
+    still = standing(strokes)
+    if chosen == machine.drives:
+        chosen = tuple(name for name in chosen if name not in still)
+    stands = {n: float(np.nanmedian(rows[n])) for n in still if n not in chosen}
+    return replace(machine, stands=stands), chosen
 
 
 def problem_of_models(

@@ -40,6 +40,7 @@ class Machine:
         digest: SHA-256 of the file, and of those that it names; empty where the machine was made
             in memory.
         travel: Unit of the drives' positions where the kind says it, else empty.
+        stands: Drives that stand in all of the data, and where (rad or m).
 
     Raises:
         IdentError: BAD_MACHINE_FILE where a constant has neither one value nor one of each drive.
@@ -56,6 +57,7 @@ class Machine:
     effort_noise: float = 0.01
     digest: str = ''
     travel: str = ''
+    stands: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, values in self.constants.items():
@@ -65,7 +67,7 @@ class Machine:
                     f'{name} has {len(values)} values for {len(self.drives)} drives; give one for '
                     'all, or one for each',
                 )
-        for name in ('constants', 'bounds', 'own_bounds'):
+        for name in ('constants', 'bounds', 'own_bounds', 'stands'):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __reduce__(self) -> tuple[Callable[..., 'Machine'], tuple[Any, ...]]:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One drive's motion and effort: is there enough of it, and can the effort be a torque?"""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,16 @@ from ros2_ident.recording.motion import (
 from ros2_ident.recording.sign import sentence, sign_of, WRONG
 from ros2_ident.recording.smooth import low_pass
 from ros2_ident.recording.streams import FloatArray, Recording
+
+# A drive whose stroke is less than this part of the longest one stands: gears and their control
+# give way to what the moving drives do.
+STANDS = 0.02
+
+
+def standing(strokes: Mapping[str, float]) -> tuple[str, ...]:
+    """Return the drives that stand while others move, by the strokes of all."""
+    longest = max(strokes.values(), default=0.0)
+    return tuple(name for name, stroke in strokes.items() if stroke < STANDS * longest)
 
 
 def judge_drive(

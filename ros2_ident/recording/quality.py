@@ -11,7 +11,7 @@ from ros2_ident.errors import IdentError
 from ros2_ident.recording.align import align
 from ros2_ident.recording.findings import DriveSummary, Finding, Level, Report, StreamSummary
 from ros2_ident.recording.grid import sample_period
-from ros2_ident.recording.plausibility import judge_drive
+from ros2_ident.recording.plausibility import judge_drive, standing
 from ros2_ident.recording.streams import FIELDS, Recording, Stream
 
 # Shares of missing samples from which a warning, and an error, is due.
@@ -290,6 +290,11 @@ def _judge_drives(
         findings += said
         if summary is not None:
             drives.append(summary)
+    if still := standing({x.drive: x.stroke for x in drives}):
+        names = ', '.join(still)
+        said = f'{names}: stood still, so nothing is found of what moves there; the others count'
+        findings = [f for f in findings if f.subject not in still]
+        findings.append(Finding('warn', 'no_motion', names, said))
     return drives, findings
 
 

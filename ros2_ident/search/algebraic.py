@@ -67,9 +67,9 @@ def solve(problem: Solvable, decimation: int = 10, level: float = 0.95) -> Fitte
     middle = 0.5 * (problem.low + problem.high)
     whole = _rows(problem, middle)
     used = _decimated(whole, decimation)
-    lowest = np.where(problem.low >= 0.0, -middle, -np.inf)
-    change, weights = _solved(used, lowest)
-    theta = middle + change
+    lowest = np.where(problem.low >= 0.0, 0.0, -np.inf)
+    change, weights = _solved(used, lowest - middle)
+    theta = np.maximum(middle + change, lowest)
     residual = whole.left + whole.slopes @ change
     cost = problem.cost_of(residual)
     found = SearchResult(

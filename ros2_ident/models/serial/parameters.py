@@ -155,15 +155,22 @@ def _rotors(
 
 
 def _shown(machine: Machine, arm: Arm) -> tuple[Array, Array]:
-    """Return terms (M, 10 D) of all inertials, (M, E) of rotors, in motions anywhere."""
+    """Return terms (M, 10 D) of all inertials, (M, E) of rotors, in motions anywhere.
+
+    Drives that stand do so, and their efforts show nothing.
+    """
     rng = np.random.default_rng(0)
     shape = (len(machine.drives), _INSTANTS)
     place, speed, acceleration = rng.uniform(-1.0, 1.0, (3, *shape))
-    reach = np.where(arm.prismatic, 1.0, np.pi)[:, None]
-    terms = arm.terms(reach * place, _SPEED * speed, _ACCELERATION * acceleration)
-    rotors = np.eye(shape[0])[:, None, :] * (_ACCELERATION * acceleration)[:, :, None]
+    place *= np.where(arm.prismatic, 1.0, np.pi)[:, None]
+    for drive, where in machine.stands.items():
+        d = machine.drives.index(drive)
+        place[d], speed[d], acceleration[d] = where, 0.0, 0.0
+    moves = [drive not in machine.stands for drive in machine.drives]
+    terms = arm.terms(place, _SPEED * speed, _ACCELERATION * acceleration)[moves]
+    rotors = (np.eye(shape[0])[:, None, :] * (_ACCELERATION * acceleration)[:, :, None])[moves]
     sought = 'drive_inertia' in machine.bounds
-    rows = shape[0] * shape[1]
+    rows = sum(moves) * shape[1]
     return (
         terms.reshape(rows, -1),
         rotors.reshape(rows, -1)[:, : shape[0] if sought else 0],

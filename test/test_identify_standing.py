@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Logs in which some drives stand: nothing is asked of them, and their links count."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip('pinocchio', reason='pinocchio is not installed')
+
+from ros2_ident.identify.data import Data  # noqa: E402
+from ros2_ident.identify.run import identify  # noqa: E402
+from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
+from ros2_ident.identify.setup import at_rest  # noqa: E402
+from ros2_ident.models import machine_from_mapping, make_model  # noqa: E402
+from ros2_ident.recording import Dataset  # noqa: E402
+from ros2_ident.recording.quality import check  # noqa: E402
+from ros2_ident.recording.streams import Recording, Stream  # noqa: E402
+
+CYCLE, COUNT = 0.01, 1500
+TIME = CYCLE * np.arange(COUNT)
+WAVE = 0.6 * np.sin(1.3 * TIME) + 0.3 * np.sin(3.1 * TIME + 1.0)
+ARM = machine_from_mapping(
+    {
+        'machine': 'serial',
+        'drives': ['column', 'shoulder', 'elbow'],
+        'geometry': {
+            'dh_a': [0.0, 0.1, 0.4],
+            'dh_alpha': [0.2, -1.5, 0.3],
+            'dh_d': [0.3, 0.0, 0.1],
+            'dh_theta': [0.0, 0.0, 0.0],
+        },
+        'controller': {'cycle': CYCLE},
+        'parameters': {
+            'link_moment': [-5.0, 5.0, 'kg m'],
+            'link_inertia': [-5.0, 5.0, 'kg m^2'],
+            'coulomb_torque': [0.0, 9.0, 'N m'],
+            'viscous_torque': [0.0, 9.0, 'N m s/rad'],
+        },
+    }
+)
+
+
+def logged(*positions, noise=0.01):
+    """Return a log of an arm of three links of 2 kg, with friction."""
+    place = np.array([np.broadcast_to(p, COUNT) for p in positions])
+    rng = np.random.default_rng(0)
+    data = Dataset(ARM.drives, CYCLE, 0, None, None, place, None, np.zeros_like(place))
+    model = make_model(ARM, data)
+    links = np.tile([2.0, 0.4, 0.1, 0.2, 0.05, 0.0, 0.06, 0.0, 0.0, 0.07], (3, 1))
+    speed = model.motion[1]
+    effort = model.links_effort(links) + 0.5 * np.tanh(speed / 0.02) + 0.3 * speed
+    # What holds a drive at rest is anything up to its friction.
+    effort += np.where(np.ptp(place, axis=1) < 0.1, 0.4, 0.0)[:, None]
+    return replace(data, effort=effort + rng.normal(0.0, noise, place.shape))
+
+
+def found(data):
+    return identify(ARM, Data((data,)), settings=IdentifySettings(method='algebraic'))
+
+
+def test_of_one_joint_that_moves_the_answer_is_about_that_joint():
+    jitter = 1e-5 * np.random.default_rng(1).normal(size=COUNT)
+    result = found(logged(0.7 + jitter, WAVE, -0.4))
+    assert result.drives == ('shoulder',)
+    assert {p.name.partition('.')[0] for p in result.parameters} == {'shoulder'}
+    values = {p.name.partition('.')[2]: p.value for p in result.parameters}
+    assert values['coulomb_torque'] == pytest.approx(0.5, rel=0.02)
+    assert values['viscous_torque'] == pytest.approx(0.3, rel=0.02)
+    # Two moments and one inertia of all that hangs on it show, and gravity through the elbow.
+    assert len(values) == 5
+    assert result.residuals[0].rms < 0.012
+    (said,) = [w for w in result.quality.warnings if 'stood still' in w]
+    assert said.startswith('column, elbow stood still: ')
+    assert np.isfinite([[p.value, p.low, p.high] for p in result.parameters]).all()
+
+
+def test_joints_that_move_in_turn_are_all_in_it():
+    turns = [np.where(abs(TIME - 5.0 * k - 2.0) < 2.0, WAVE, WAVE[0]) for k in (0, 1)]
+    machine, moving = at_rest(ARM, [logged(turns[0], turns[1], 0.2)])
+    assert moving == ('column', 'shoulder')
+    assert dict(machine.stands) == {'elbow': pytest.approx(0.2)}
+
+
+def test_a_drive_that_is_named_is_compared_and_nothing_stands_where_nothing_moves():
+    data = logged(0.7, WAVE, -0.4)
+    machine, chosen = at_rest(ARM, [data], ['shoulder', 'elbow'])
+    assert chosen == ('shoulder', 'elbow') and set(machine.stands) == {'column'}
+    machine, chosen = at_rest(ARM, [logged(0.7, 0.1, -0.4)])
+    assert chosen == ARM.drives and not machine.stands
+
+
+def test_what_stands_is_said_once_before_a_fit_and_is_no_error():
+    stamp = np.round(TIME * 1e9).astype(np.int64)
+    place = np.stack([np.full(COUNT, 0.7), WAVE, np.full(COUNT, -0.4)], axis=1)
+    stream = Stream(ARM.drives, stamp, place, None, np.gradient(place, axis=0))
+    said = [f for f in check([Recording(stream, None, None)]).findings if f.code == 'no_motion']
+    assert [(f.level, f.subject) for f in said] == [('warn', 'column, elbow')]
