@@ -215,7 +215,7 @@ def test_of_equal_machines_known_unequally_well_hardly_any_differs() -> None:
 
 
 def test_rows_are_compared_with_the_same_effects_in_the_model_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows = {'a1': row('a1', 'a', '', 100.0), 'b1': row('b1', 'b', '', 150.0, 'backlash')}
     fitted = []
@@ -228,8 +228,11 @@ def test_rows_are_compared_with_the_same_effects_in_the_model_only(
         return {**known, 'parameters': found, 'beside': known['common']}
 
     monkeypatch.setattr('ros2_ident.fleet.run.run_entry', run)
-    entries = [fleet.Entry(name, name, '', machine=name[0]) for name in rows]
-    summary = fleet.summarise(fleet.run_fleet(entries, tmp_path))
+    listed = tmp_path / 'list.yaml'
+    listed.write_text('{bags: [{bag: a1, machine: a}, {bag: b1, machine: b}], machine_file: m}')
+    assert main(['fleet', str(listed), '--out', str(tmp_path / 'out'), '--quiet']) == 0
+    assert capsys.readouterr().out.count('\nb1 ') == 1
+    summary = json.loads((tmp_path / 'out/fleet.json').read_text())
     assert fitted == [('a1', [['backlash', 'd']]), ('b1', [['backlash', 'd']])]
     assert summary['machines'] == [] and summary['smallest']['mass']['change'] > 2.0
     # one that could not be fitted so is not compared

@@ -100,8 +100,9 @@ def run(args: argparse.Namespace) -> int:
     rows: list[Row] = []
 
     def done(row: 'Row') -> None:
-        rows.append(row)
-        rows.sort(key=lambda x: [entry.name for entry in entries].index(x['name']))
+        # one that is fitted once more for the comparison takes its own place
+        kept = {x['name']: x for x in (*rows, row)}
+        rows[:] = [kept[entry.name] for entry in entries if entry.name in kept]
         board.done(row)
 
     with (
