@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A fit that was cut off goes on from its checkpoint as if it had never been."""
 
+from contextlib import suppress
 from dataclasses import replace
 import os
 import struct
@@ -85,6 +86,7 @@ HARMS = {
     'another type': lambda value: np.asarray(value).astype('<U8'),
     'no numbers': lambda value: np.full_like(value, -np.inf) if np.ndim(value) else np.nan,
     'forged': halved,
+    'too large': lambda value: 1e300 * np.asarray(value) if np.ndim(value) == 2 else value,
 }
 
 
@@ -106,7 +108,8 @@ def test_a_record_that_is_whole_and_wrong_costs_time_and_no_result(tmp_path, mon
     whole, path = run(), tmp_path / 'fit.checkpoint'
     with monkeypatch.context() as patch:
         harmed(patch, HARMS[harm])
-        run(path)
+        with suppress(ValueError):  # of a record of its own
+            run(path)
     again = run(path)
     # Forged residuals lead along another way to the same minimum.
     np.testing.assert_allclose(again.theta, whole.theta, rtol=1e-6)

@@ -179,8 +179,14 @@ class _Start:
             self.evaluations = kept['evaluations']
             return ways[int(kept['status'])]
         begin = self.point
-        status = self._solve(tolerance)
-        if self.journal.old and status is not RefineStatus.CANCELLED and not self._sound():
+        try:
+            status = self._solve(tolerance)
+            sound = not self.journal.old or status is RefineStatus.CANCELLED or self._sound()
+        except ValueError:  # scipy takes nothing that overflows
+            if not self.journal.old:
+                raise
+            sound = False
+        if not sound:
             self.journal, self._here = Journal(), None
             self.evaluations, self.point, self.cost = 0, begin, math.inf
             status = self._solve(tolerance)
