@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from checks.reference.tripod import simulate_tripod
 from ros2_ident.models import load_machine
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.motions import draw_motion
-from ros2_ident.reference.tripod import simulate_tripod
+from ros2_ident.simulate.motions import draw_motion
 
 TABLE_5 = {
     'measurement_delay': 0.024903,

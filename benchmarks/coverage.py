@@ -18,15 +18,15 @@ import numpy as np
 import numpy.typing as npt
 
 from checks.blind.store import stamp
+from checks.reference.tripod import simulate_tripod
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.recording import Recording
-from ros2_ident.reference.bag_making import make_streams, nuisance_of
-from ros2_ident.reference.motions import draw_motion
-from ros2_ident.reference.tripod import simulate_tripod
 from ros2_ident.search import intervals, refine, ThreadedEvaluator
+from ros2_ident.simulate.bag import make_streams, nuisance_of
+from ros2_ident.simulate.motions import draw_motion
 from ros2_ident.threads import processors
 
 Array = npt.NDArray[np.float64]

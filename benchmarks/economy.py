@@ -16,12 +16,11 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from checks.paper.tripod_runs import FRICTION
+from checks.reference.tripod import simulate_tripod
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.motions import Motion
-from ros2_ident.reference.tripod import simulate_tripod
 from ros2_ident.search import (
     GeneticSearch,
     GeneticSettings,
@@ -31,6 +30,7 @@ from ros2_ident.search import (
     ThreadedEvaluator,
 )
 from ros2_ident.search.jacobian import Box, finite_differences
+from ros2_ident.simulate.motions import Motion
 from ros2_ident.threads import processors
 
 Array = np.ndarray

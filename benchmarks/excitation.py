@@ -18,17 +18,19 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from checks.reference import twin_of
+from checks.reference.arm import gravity_in_base, inverse_dynamics, read_urdf
 from ros2_ident.errors import IdentError
 from ros2_ident.excite.course import courses_for, derived
 from ros2_ident.excite.files import write_excitation
 from ros2_ident.excite.information import Sensitivity
 from ros2_ident.excite.limits import KEYS, limits_of
 from ros2_ident.excite.plan import excite, largest, SEARCH, Wish
+from ros2_ident.machine.space import Space
 from ros2_ident.models import load_machine
-from ros2_ident.reference import motions, twin_of
-from ros2_ident.reference.arm import gravity_in_base, inverse_dynamics, read_urdf
-from ros2_ident.reference.paths import Path as Way
-from ros2_ident.reference.space import Space
+from ros2_ident.models.registry import kind_of, set_points_of, space_of
+from ros2_ident.simulate import motions
+from ros2_ident.simulate.paths import Path as Way
 
 RIVALS = ('pick_and_place', 'multi_point')
 SEEDS = (1, 2, 3)
@@ -36,10 +38,10 @@ SEEDS = (1, 2, 3)
 PACE = 0.9
 
 
-def space_of(machine, limits):
+def workspace(machine, limits):
     """Return where the rivals move: the limits' room where the kind has no twin."""
     try:
-        return twin_of(machine).space(machine)
+        return space_of(machine)
     except IdentError:
         reach = 0.5 * (limits.high - limits.low)
         speeds = PACE * limits.velocity.min(), PACE * limits.acceleration.min()
@@ -48,14 +50,14 @@ def space_of(machine, limits):
 
 def rival(kind, machine, limits, seconds, seed):
     """Return a motion of a kind, with its derivatives."""
-    space = space_of(machine, limits)
+    space = workspace(machine, limits)
     cycle = machine.number('cycle')
     way = Way(space.centre, cycle)
     way.rest(0.25)
     motions.KINDS[kind](way, space, np.random.default_rng(seed), seconds)
     points, speeds = way.sampled(seconds)
     with suppress(IdentError):
-        points, speeds = twin_of(machine).set_points(points, speeds, machine)
+        points, speeds = set_points_of(machine, points, speeds)
     return derived(points, speeds, cycle)
 
 
@@ -68,7 +70,7 @@ def simulated(machine, sensitivity, planned, values):
         return arm_moved(machine, planned, named)
     log = twin.simulate(machine, named, planned.position, planned.velocity)
     seen = derived(log.position, log.velocity, log.cycle)
-    tool = log.platform if twin.platform else None
+    tool = log.platform if kind_of(machine).set_points else None
     return replace(seen, jerk=None, effort=log.torque, tool=tool)
 
 

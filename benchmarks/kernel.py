@@ -29,8 +29,8 @@ from ros2_ident.models import load_machine
 from ros2_ident.models.rotary_tripod.model import Delta
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.motions import draw_motion
 from ros2_ident.search import GeneticSearch, GeneticSettings, minimise, ThreadedEvaluator
+from ros2_ident.simulate.motions import draw_motion
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE_5 = {

@@ -102,7 +102,7 @@ LOADED = (
     'scipy.stats',
     'yaml',
     'ros2_ident.models',
-    'ros2_ident.reference',
+    'checks.reference',
 )
 # Tests of a room that are left out: they draw at random for long, or read other data.
 LEFT_OUT = {'recording_fuzz', 'recording_shared', 'search_belt', 'search_remote'}

@@ -16,9 +16,9 @@ from checks.paper.belt import belt_machine, PAPER_SETTINGS, shipped_machine, tri
 from ros2_ident.models.belt_drive.model import BeltDrive, step_reference
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.motions import draw_motion
 from ros2_ident.search import GeneticSearch, GeneticSettings, minimise, ThreadedEvaluator
 from ros2_ident.search.operators import MUTATIONS
+from ros2_ident.simulate.motions import draw_motion
 
 TABLE_5 = {
     'measurement_delay': 0.024903,

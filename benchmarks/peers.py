@@ -23,14 +23,13 @@ import measure  # noqa: E402
 import mujoco_models  # noqa: E402
 import numpy as np  # noqa: E402
 
+from checks.reference.belt_drive import simulate_belt  # noqa: E402
+from checks.reference.tripod import simulate_tripod  # noqa: E402
 from ros2_ident.lanes import WIDTH  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
 from ros2_ident.models.belt_drive.model import BeltDrive, CONSTANTS, step_reference  # noqa: E402
 from ros2_ident.models.tripod.model import Tripod  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
-from ros2_ident.reference.belt_drive import simulate_belt  # noqa: E402
-from ros2_ident.reference.motions import draw_motion  # noqa: E402
-from ros2_ident.reference.tripod import simulate_tripod  # noqa: E402
 from ros2_ident.search import (  # noqa: E402
     GeneticSearch,
     GeneticSettings,
@@ -38,6 +37,7 @@ from ros2_ident.search import (  # noqa: E402
     minimise,
     ThreadedEvaluator,
 )
+from ros2_ident.simulate.motions import draw_motion  # noqa: E402
 
 Array = np.ndarray
 ROOT = Path(__file__).resolve().parents[1]

@@ -9,7 +9,7 @@ from pathlib import Path
 # Where other versions may give other numbers.
 LIBRARIES = ('llvmlite', 'numba', 'numpy', 'rosbags', 'scipy')
 # Rooms that show or write a result, and have no part in it.
-NO_PART = ('cli', 'commissioning.py', 'files.py', 'reference', 'report', 'ros')
+NO_PART = ('cli', 'commissioning.py', 'files.py', 'report', 'ros', 'simulate')
 
 
 def digest_of(package: Path) -> str:

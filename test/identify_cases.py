@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from checks.reference.bag_making import simulate_bag
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.run import IdentifySettings
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.recording import Recording
-from ros2_ident.reference.bag_making import nuisance_of, simulate_bag, SimulatedBag
-from ros2_ident.reference.motions import draw_motion
 from ros2_ident.search import GeneticSettings
+from ros2_ident.simulate.bag import nuisance_of, SimulatedBag
+from ros2_ident.simulate.motions import draw_motion
 
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / 'shared'

@@ -25,10 +25,10 @@ import numpy as np
 from checks.blind.draw import Drawer
 from checks.blind.label import MotionOrder
 from checks.blind.probe import Probe
+from checks.reference.plant import Log
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import Machine
-from ros2_ident.reference.motions import Motion
-from ros2_ident.reference.plant import Log
+from ros2_ident.simulate.motions import Motion
 
 # (the machine, drive, size, what was drawn once for the case) -> the machine with the effect
 Write = Callable[[True3, int, float, Sequence[float]], True3]

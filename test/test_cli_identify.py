@@ -14,7 +14,7 @@ from ros2_control_bags import as_ros2_control_records, Maker
 from ros2_ident.cli.main import main
 from ros2_ident.recording import read_bag, Recording, Stream, write_bag
 from ros2_ident.recording.streams import FIELDS
-from ros2_ident.reference.bag_making import write_simulated
+from ros2_ident.simulate.bag import write_simulated
 
 SMALL = ['--population', '64', '--survivors', '4', '--generations', '4']
 SLOW = ['--population', '1000000', '--generations', '2']

@@ -17,7 +17,7 @@ from ros2_ident.cli.main import COMMANDS, main, make_parser
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import read_bag, Stream, write_bag
-from ros2_ident.reference.bag_making import write_simulated
+from ros2_ident.simulate.bag import write_simulated
 
 # This tree first; where it is installed, its entry points lie further on.
 SEARCHED = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get('PYTHONPATH')])])
@@ -200,7 +200,7 @@ def test_check_of_no_bag_ends_with_2(capsys):
 def test_simulate_makes_a_bag_that_says_how_it_was_made(tmp_path, capsys):
     words = ['simulate', str(tmp_path / 'bag'), '--machine', str(TRIPOD_FILE), '--seconds', '2']
     words += ['--set', 'tool_mass=1.4', '--set', 'drive_2.gear_stiffness=2e4', '--seed', '5']
-    assert main([*words, '--effect', 'stribeck@drive_2:torque=0.05,speed=0.03']) == 0
+    assert main([*words, '--effect', 'stribeck@drive_2:torque=0.05,velocity=0.03']) == 0
     said = capsys.readouterr().out
     assert 'tool_mass' in said
     (recording,) = read_bag(tmp_path / 'bag')
@@ -217,7 +217,9 @@ def test_simulate_makes_a_bag_that_says_how_it_was_made(tmp_path, capsys):
     [
         (['--set', 'mass=1'], "'mass' cannot be set: no such parameter; choose from measurement_"),
         (['--set', 'drive_1.tool_mass=1'], "'drive_1.tool_mass' cannot be set"),
-        (['--effect', 'magic@drive_1:size=1'], 'no effect is called magic'),
+        (['--effect', 'magic@drive_1:size=1'], "no effect is called 'magic'"),
+        (['--effect', 'stribeck:torque=1'], 'effect stribeck needs the values torque, velocity'),
+        (['--effect', 'payload_turns:size=1'], 'payload_turns has no place on all'),
         (['--seconds', '0.5'], 'a motion of 0.5 s is too short'),
     ],
 )

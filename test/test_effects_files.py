@@ -10,7 +10,6 @@ import sys
 
 import pytest
 
-from ros2_ident.cli.main import main
 from ros2_ident.effects import add_effect_files, CATALOGUE
 from ros2_ident.effects.loading import Catalogue, VARIABLE
 from ros2_ident.errors import IdentError
@@ -67,8 +66,8 @@ def bag(folder: Path, seed: int) -> str:
     words = ['simulate', path, '--machine', str(MACHINE), '--seed', str(seed), '--seconds', '8']
     words += ['--set', 'moving_mass=95', '--set', 'coulomb_friction=20']
     words += ['--set', 'viscous_friction=215', '--set', 'constant_force=0']
-    words += ['--effect', 'end_cushion:stiffness=3e4,place=0.15']
-    assert main(words) == 0
+    words += ['--effect', 'rubber_buffer.py:stiffness=3e4,place=0.15']
+    run(folder, '-m', 'ros2_ident.cli.main', *words)
     return path
 
 

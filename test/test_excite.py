@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import norm
 import yaml
 
+from checks.reference import twin_of
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
 from ros2_ident.excite.course import Courses, courses_for
@@ -17,8 +18,8 @@ from ros2_ident.excite.information import Sensitivity
 from ros2_ident.excite.limits import Limits, limits_of, Moved
 from ros2_ident.excite.plan import Excitation, excite, largest, SEARCH, Wish
 from ros2_ident.models import load_machine, machine_from_mapping, make_model
+from ros2_ident.models.registry import set_points_of
 from ros2_ident.recording import Dataset, read_bag, Topics
-from ros2_ident.reference import twin_of
 
 CONFIG = Path(__file__).parents[1] / 'config'
 FEW = replace(SEARCH, initial_population=30, survivors=4, generations=8, range_reduction=0.7)
@@ -152,7 +153,7 @@ def test_the_tools_slopes_are_worked_out_once(tripod, monkeypatch) -> None:
     planned = drawn(courses_for(tripod, limits_of(tripod), 1.5), 0)
     for _ in range(2):
         moved = sensitivity.of(planned).moved
-        there = twin_of(tripod).set_points(moved.tool, 0.0 * moved.tool, tripod)[0]
+        there = set_points_of(tripod, moved.tool, 0.0 * moved.tool)[0]
         assert there == pytest.approx(moved.position, abs=1e-7)
     assert len(asked) == 1
 

@@ -9,6 +9,8 @@ import re
 import numpy as np
 import pytest
 
+from checks.reference.axis import simulate_axis
+from checks.reference.effects import Effect
 from ros2_ident.effects import EffectParameter
 from ros2_ident.gap.criteria import at_bound
 from ros2_ident.gap.diagnose import diagnose
@@ -17,9 +19,7 @@ from ros2_ident.identify.run import read_data
 from ros2_ident.models import EffectAt, load_machine, Machine, make_model
 from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.axis import simulate_axis
-from ros2_ident.reference.effects import Effect
-from ros2_ident.reference.motions import draw_motion
+from ros2_ident.simulate.motions import draw_motion
 
 ROOT = Path(__file__).parents[1]
 AXIS = load_machine(ROOT / 'config/emps.yaml')

@@ -22,6 +22,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from checks.reference.bag_making import simulate_bag
+from checks.reference.effects import Effect
 from ros2_ident.effects import CATALOGUE, get_effect
 from ros2_ident.errors import IdentError
 from ros2_ident.gap import case
@@ -39,10 +41,9 @@ from ros2_ident.identify.data import gather
 from ros2_ident.models import EffectAt, make_model
 from ros2_ident.models.orders import orders_shown
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.bag_making import nuisance_of, simulate_bag
-from ros2_ident.reference.effects import Effect
-from ros2_ident.reference.motions import draw_motion
 from ros2_ident.search.journal import Journal
+from ros2_ident.simulate.bag import nuisance_of
+from ros2_ident.simulate.motions import draw_motion
 
 
 @cache

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from checks.reference.axis import simulate_axis
+from checks.reference.effects import Effect
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution
 from ros2_ident.gap.case import Case, recordings_of
@@ -23,8 +25,6 @@ from ros2_ident.identify.data import gather
 from ros2_ident.models import load_machine, machine_from_mapping
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.bag import read_bag
-from ros2_ident.reference.axis import simulate_axis
-from ros2_ident.reference.effects import Effect
 from ros2_ident.search.noise import NoiseModel, white
 
 CYCLE = 1e-3

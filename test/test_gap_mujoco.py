@@ -17,9 +17,9 @@ from checks.blind.planning import Wanted
 from checks.blind.run import ask_all, draw_case, order_of
 from checks.blind.store import Store
 from checks.blind.truth import make_row
+from checks.reference.bag_making import draw_parameters
 from ros2_ident.models import load_machine
-from ros2_ident.reference.bag_making import draw_parameters
-from ros2_ident.reference.motions import draw_motion
+from ros2_ident.simulate.motions import draw_motion
 
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT / 'build/peers'))  # where tools/bench.sh installs it

@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from checks.reference.effects import Effect
+from checks.reference.servo import simulate_servo
 from ros2_ident.commissioning import check_both
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.identify.run import identify
@@ -13,8 +15,6 @@ from ros2_ident.machine.file import MachineFile
 from ros2_ident.models import machine_from_mapping
 from ros2_ident.recording import Recording, Stream
 from ros2_ident.recording.align import align
-from ros2_ident.reference.effects import Effect
-from ros2_ident.reference.servo import simulate_servo
 
 CYCLE = 2e-3
 # An encoder of 4096 counts a turn, read every 5 to 6 ms, as by a bus that is asked in a loop.

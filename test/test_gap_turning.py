@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from checks.reference.axis import simulate_axis
+from checks.reference.effects import Effect
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import Diagnosis
@@ -15,8 +17,6 @@ from ros2_ident.gap.wording import in_travel, length
 from ros2_ident.machine.lever import angular_factor
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.axis import simulate_axis
-from ros2_ident.reference.effects import Effect
 
 CYCLE = 1e-3
 NOISE = 0.01

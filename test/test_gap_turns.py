@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from checks.blind.label import MotionOrder
+from checks.reference import layout
+from checks.reference.bag_making import simulate_bag
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.case import Case, recordings_of
 from ros2_ident.gap.diagnose import diagnose
@@ -15,8 +17,7 @@ from ros2_ident.gap.turns import payload_turns
 from ros2_ident.identify.data import gather
 from ros2_ident.models import EffectAt, make_model
 from ros2_ident.recording import Dataset
-from ros2_ident.reference import layout
-from ros2_ident.reference.bag_making import nuisance_of, simulate_bag
+from ros2_ident.simulate.bag import nuisance_of
 
 MASS, NOISE = 0.5, tripod().effort_noise
 TIMES = {1: (0.8, 1.9, 2.6, 3.9, 4.6, 5.4), 2: (0.5, 1.2, 2.2, 3.1, 4.0, 5.2)}

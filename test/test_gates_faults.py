@@ -11,13 +11,14 @@ from identify_cases import AXIS_TRUTH, recording_of, tripod, TRIPOD_TRUTH
 import numpy as np
 import pytest
 
+from checks.reference.bag_making import simulate_bag
 from ros2_ident.gates import examine, GateReport
 from ros2_ident.gates.tracking import check_tracking, Tracking
 from ros2_ident.identify.data import gather
 from ros2_ident.models import Machine
 from ros2_ident.recording import Recording, Stream
-from ros2_ident.reference.bag_making import nuisance_of, simulate_bag, SimulatedBag
-from ros2_ident.reference.motions import draw_motion
+from ros2_ident.simulate.bag import nuisance_of, SimulatedBag
+from ros2_ident.simulate.motions import draw_motion
 
 Change = Callable[[Recording], Recording]
 

@@ -7,6 +7,7 @@ from identify_cases import axis, axis_data, AXIS_TRUTH, QUICK, recording_of
 import numpy as np
 import pytest
 
+from checks.reference.bag_making import simulate_bag
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
@@ -16,11 +17,11 @@ from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import EffectAt
-from ros2_ident.reference.bag_making import nuisance_of, simulate_bag
-from ros2_ident.reference.motions import draw_motion
 from ros2_ident.report.files import load_result
 from ros2_ident.report.signals import load_signals
 from ros2_ident.search.fit import fit
+from ros2_ident.simulate.bag import nuisance_of
+from ros2_ident.simulate.motions import draw_motion
 
 
 @pytest.fixture(scope='module')

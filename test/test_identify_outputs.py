@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 import yaml
 
+from checks.reference.bag_making import simulate_bag
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
@@ -26,9 +27,9 @@ from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
 from ros2_ident.models import machine_from_mapping
 from ros2_ident.recording import Stream
-from ros2_ident.reference.bag_making import nuisance_of, simulate_bag
-from ros2_ident.reference.motions import draw_motion
 from ros2_ident.report.files import load_result
+from ros2_ident.simulate.bag import nuisance_of
+from ros2_ident.simulate.motions import draw_motion
 
 BOTH = {'effort': None, 'position': None}
 FREE = {'position_gain': [20.0, 120.0, '1/s'], 'rail_mass': [0.3, 3.0, 'kg']}

@@ -12,6 +12,11 @@ import numpy as np
 import pytest
 import yaml
 
+from checks.reference import twin_of
+from checks.reference.axis import simulate_axis
+from checks.reference.bag_making import simulate_bag
+from checks.reference.effects import draw_effect
+from checks.reference.tripod import simulate_tripod
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.controller import check_law
@@ -21,12 +26,8 @@ from ros2_ident.identify.run import identify
 from ros2_ident.models import load_machine, machine_from_mapping, make_model
 from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import Dataset, read_bag
-from ros2_ident.reference import twin_of
-from ros2_ident.reference.axis import simulate_axis
-from ros2_ident.reference.bag_making import CLEAN, simulate_bag
-from ros2_ident.reference.effects import draw_effect
-from ros2_ident.reference.motions import draw_motion
-from ros2_ident.reference.tripod import simulate_tripod
+from ros2_ident.simulate.bag import CLEAN
+from ros2_ident.simulate.motions import draw_motion
 
 EMPS = yaml.safe_load((ROOT / 'config' / 'emps.yaml').read_text())
 TRIPOD = yaml.safe_load((ROOT / 'config' / 'tripod.yaml').read_text())

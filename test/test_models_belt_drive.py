@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from checks.reference.belt_drive import simulate_belt
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
 from ros2_ident.models.belt_drive.kernels import matrices, matrix_exponential, modes
 from ros2_ident.models.belt_drive.model import BeltDrive, CONSTANTS, step_reference, StepReference
-from ros2_ident.reference.belt_drive import simulate_belt
 
 MACHINE = load_machine(Path(__file__).parents[1] / 'config' / 'belt_drive.yaml')
 LOW, HIGH = np.array([1.5e5, 30.0]), np.array([2.5e5, 60.0])
@@ -168,7 +168,7 @@ def test_without_a_controller_the_belt_turns_freely():
 
 
 def test_the_mass_moves_against_the_gears_as_printed():
-    from ros2_ident.reference.belt_drive import belt_forces
+    from checks.reference.belt_drive import belt_forces
 
     constants = constants_of(TRUTH[0])
     r = constants['radius']

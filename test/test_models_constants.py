@@ -7,15 +7,15 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from checks.reference.axis import simulate_axis
+from checks.reference.tripod import simulate_tripod
 from ros2_ident.kernel import rows
 from ros2_ident.models import load_machine, Machine, machine_from_mapping
 from ros2_ident.models.linear_axis.model import LinearAxis
 from ros2_ident.models.recorded import recorded_motion
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.axis import simulate_axis
-from ros2_ident.reference.motions import draw_motion
-from ros2_ident.reference.tripod import simulate_tripod
+from ros2_ident.simulate.motions import draw_motion
 
 Array = npt.NDArray[np.float64]
 

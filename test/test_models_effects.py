@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from checks.reference.axis import simulate_axis
+from checks.reference.effects import draw_effect, kinds, TWINS
+from checks.reference.tripod import simulate_tripod
 from ros2_ident.effects import CATALOGUE, get_effect
 from ros2_ident.models import EffectAt, load_machine, make_model
 from ros2_ident.models.trials import trials
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.axis import simulate_axis
-from ros2_ident.reference.effects import draw_effect, kinds
-from ros2_ident.reference.motions import draw_motion
-from ros2_ident.reference.tripod import simulate_tripod
 from ros2_ident.search.levenberg import local_fit
+from ros2_ident.simulate.motions import draw_motion
 
 CONFIG = Path(__file__).parents[1] / 'config'
 MACHINE = load_machine(CONFIG / 'tripod.yaml')
@@ -56,7 +56,7 @@ def closed(name: str, form: str) -> float:
         machine, truth, simulate, kind = AXIS, AXIS_TRUTH, simulate_axis, 'reversals'
     drive = machine.drives[len(machine.drives) // 2]
     motion = draw_motion(kind, machine, 5.0, 3)
-    twin = get_effect(name).reference
+    twin = TWINS.get(name, name)
     effect = draw_effect(twin, np.random.default_rng(1), 0.8, (drive,), machine, form)
     log = simulate(machine, truth, motion.position, motion.velocity, [effect])
     cycle = machine.number('cycle')
@@ -84,7 +84,7 @@ def closed(name: str, form: str) -> float:
 
 @pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda effect: effect.id)
 def test_an_effect_has_a_twin_in_the_reference(effect) -> None:
-    twin = kinds()[effect.reference]
+    twin = kinds()[TWINS.get(effect.id, effect.id)]
     assert twin.place == effect.place
     assert twin.group not in ('nuisance', 'outside')
     assert twin.same and twin.other

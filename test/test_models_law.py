@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from checks.reference.effects import Effect
+from checks.reference.tripod import simulate_tripod
 from ros2_ident.gap.reading import _clearest, CLEAR, coarse_reading
 from ros2_ident.models import EffectAt, load_machine, make_model
 from ros2_ident.models.recorded import recorded_motion
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.effects import Effect
-from ros2_ident.reference.motions import draw_motion
-from ros2_ident.reference.tripod import simulate_tripod
+from ros2_ident.simulate.motions import draw_motion
 
 MACHINE = load_machine(Path(__file__).parents[1] / 'config' / 'tripod.yaml')
 TRUTH = {

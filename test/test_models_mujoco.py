@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from checks.reference.tripod import simulate_tripod
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnose import diagnose
@@ -20,8 +21,9 @@ from ros2_ident.identify.run import identify
 from ros2_ident.models import EffectAt, load_machine, make_model
 from ros2_ident.models.mujoco.model import Mujoco
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.motions import draw_motion
-from ros2_ident.reference.tripod import simulate_tripod
+from ros2_ident.simulate.effects import read_effect
+from ros2_ident.simulate.log import simulate
+from ros2_ident.simulate.motions import draw_motion
 
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT / 'build/peers'))
@@ -193,6 +195,23 @@ def test_what_a_log_of_positions_shows_is_found(folder) -> None:
     assert values['two.kp'] == pytest.approx(10.0, rel=0.02)
     assert values['one.damping'] == pytest.approx(0.25, rel=0.1)
     assert values['one.frictionloss'] == pytest.approx(0.12, rel=0.1)
+
+
+def test_a_log_of_a_description_is_simulated_with_an_effect(folder) -> None:
+    machine = machine_of(folder)
+    motion = draw_motion('multi_point', machine, 2.0, 1)
+    values = {'one.kp': 15.0}
+    log = simulate(machine, values, motion)
+    model = mujoco.MjModel.from_xml_string(MJCF)
+    model.actuator_gainprm[0, 0], model.actuator_biasprm[0, 1] = 15.0, -15.0
+    # 4 ms a cycle, 1 ms a step
+    data = mujoco.MjData(model)
+    for k in range(motion.position.shape[1]):
+        assert log.position[:, k] == pytest.approx(data.qpos, abs=1e-9)
+        data.ctrl[:] = motion.position[:, k]
+        mujoco.mj_step(model, data, nstep=4)
+    rubbed = simulate(machine, values, motion, [read_effect('command_delay@two:size=0.5')])
+    assert np.abs(rubbed.position - log.position)[1].max() > 1e-3
 
 
 def test_effects_change_attributes_where_an_mjcf_has_them(folder) -> None:

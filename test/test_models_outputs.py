@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 import yaml
 
+from checks.reference.axis import simulate_axis
+from checks.reference.effects import Effect
+from checks.reference.plant import Log
+from checks.reference.tripod import simulate_tripod
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model, Output
 from ros2_ident.models.recorded import recorded_motion
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.axis import simulate_axis
-from ros2_ident.reference.effects import Effect
-from ros2_ident.reference.motions import draw_motion
-from ros2_ident.reference.plant import Log
-from ros2_ident.reference.tripod import simulate_tripod
+from ros2_ident.simulate.motions import draw_motion
 
 FILE = Path(__file__).parents[1] / 'config' / 'tripod.yaml'
 MACHINE = load_machine(FILE)

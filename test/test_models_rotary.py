@@ -8,19 +8,20 @@ import sys
 import numpy as np
 import pytest
 
+from checks.reference import layout as at
+from checks.reference.bag_making import simulate_bag
+from checks.reference.rest import platform_at
+from checks.reference.rotary_tripod import delta_plant, simulate_delta
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import read_data
 from ros2_ident.identify.run import identify
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.models.rotary_tripod.model import Delta
-from ros2_ident.models.rotary_tripod.reach import check_reach, joints_of
+from ros2_ident.models.rotary_tripod.reach import check_reach, joints_of, set_points
 from ros2_ident.models.rotary_tripod.scene import figure
 from ros2_ident.recording import Dataset
-from ros2_ident.reference import layout as at
-from ros2_ident.reference.bag_making import simulate_bag, write_simulated
-from ros2_ident.reference.motions import draw_motion
-from ros2_ident.reference.rest import platform_at
-from ros2_ident.reference.rotary_tripod import arms_of, delta_plant, simulate_delta
+from ros2_ident.simulate.bag import write_simulated
+from ros2_ident.simulate.motions import draw_motion
 
 ROOT = Path(__file__).parents[1]
 MACHINE = load_machine(ROOT / 'config/delta.yaml')
@@ -140,15 +141,15 @@ def test_set_points_put_the_platform_where_it_shall_be() -> None:
     points = centre + rng.uniform(-0.08, 0.08, (3, 40))
     speeds = rng.uniform(-1.0, 1.0, (3, 40))
     plant = delta_plant(CROOKED, TRUTH)
-    angle, rate = arms_of(points, speeds, CROOKED)
+    angle, rate = set_points(points, speeds, CROOKED)
     for k in range(40):
         assert platform_at(angle[:, k], plant.shared, plant.drive) == pytest.approx(points[:, k])
     step = 1e-6
-    ahead = arms_of(points + step * speeds, speeds, CROOKED)[0]
-    behind = arms_of(points - step * speeds, speeds, CROOKED)[0]
+    ahead = set_points(points + step * speeds, speeds, CROOKED)[0]
+    behind = set_points(points - step * speeds, speeds, CROOKED)[0]
     assert (ahead - behind) / (2.0 * step) == pytest.approx(rate, abs=1e-6)
     with pytest.raises(IdentError, match='reach of the rods') as caught:
-        arms_of(points + [[0.0], [0.0], [-0.5]], speeds, MACHINE)
+        set_points(points + [[0.0], [0.0], [-0.5]], speeds, MACHINE)
     assert caught.value.code is ErrorCode.BAD_VALUES
 
 

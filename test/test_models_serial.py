@@ -12,6 +12,7 @@ from rosbags.typesys import get_typestore, Stores
 
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
+from checks.reference import arm as twin  # noqa: E402
 from ros2_ident.cli.main import main  # noqa: E402
 from ros2_ident.effects import CATALOGUE  # noqa: E402
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
@@ -25,7 +26,6 @@ from ros2_ident.models.registry import kind_of  # noqa: E402
 from ros2_ident.models.serial.arm import Arm, arm_of  # noqa: E402
 from ros2_ident.models.serial.model import Serial  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
-from ros2_ident.reference import arm as twin  # noqa: E402
 from ros2_ident.report.page.machine import moving as on_page  # noqa: E402
 from ros2_ident.report.scene import (  # noqa: E402
     load_scene,

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from checks.reference.effects import Effect
+from checks.reference.servo import simulate_servo
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt, machine_from_mapping, make_model
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.effects import Effect
-from ros2_ident.reference.servo import simulate_servo
 
 DRIVE = {
     'supply_voltage': 7.4,

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from checks.reference.axis import simulate_axis
+from checks.reference.tripod import simulate_tripod
 from ros2_ident.effects import CATALOGUE, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.axis import simulate_axis
-from ros2_ident.reference.motions import draw_motion
-from ros2_ident.reference.tripod import simulate_tripod
+from ros2_ident.simulate.motions import draw_motion
 
 CONFIG = Path(__file__).parents[1] / 'config'
 TABLE_5 = {

@@ -82,4 +82,4 @@ def imports(path: Path) -> set[str]:
 def test_the_tables_of_the_reference_do_not_import_who_reads_them() -> None:
     for table in ('effect_table', 'outside_table', 'effect_writers', 'effect_kind'):
         found = imports(PACKAGE / f'reference/{table}.py')
-        assert 'ros2_ident.reference.effects' not in found, table
+        assert 'checks.reference.effects' not in found, table

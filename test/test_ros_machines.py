@@ -7,9 +7,10 @@ import signal
 import pytest
 from ros_helpers import ended, identifier, Listener, new_domain, program, ROOT
 
+from checks.reference.bag_making import simulate_bag
 from ros2_ident.models import load_machine
-from ros2_ident.reference.bag_making import CLEAN, simulate_bag, write_simulated
-from ros2_ident.reference.motions import draw_motion
+from ros2_ident.simulate.bag import CLEAN, write_simulated
+from ros2_ident.simulate.motions import draw_motion
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 

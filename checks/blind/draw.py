@@ -14,10 +14,10 @@ from checks.blind.machines import draw_machine, machine_of, Plain
 from checks.blind.planning import forms_of, Wanted
 from checks.blind.probe import Left, Probe
 from checks.blind.rough import draw_rough
+from checks.reference.bag_making import draw_parameters
 from ros2_ident.effects import twins
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
-from ros2_ident.reference.bag_making import draw_parameters
 
 FIT_SECONDS, CHECK_SECONDS = 8.0, 6.0
 ORDINARY = (

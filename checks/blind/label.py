@@ -7,9 +7,10 @@ from typing import Any
 
 from checks.blind.faults import Fault
 from checks.blind.rough import Rough
+from ros2_ident.machine.space import Space
 from ros2_ident.models import Machine
-from ros2_ident.reference.motions import draw_motion, Motion, space_of
-from ros2_ident.reference.space import Space
+from ros2_ident.models.registry import space_of
+from ros2_ident.simulate.motions import draw_motion, Motion
 
 # What a case can hold: one effect, two, three, imperfections only, not even these, one that no
 # catalogue lists, one that the motion does not show, a bookkeeping fault.

@@ -12,12 +12,12 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from checks.reference.plant import Log, Unmodelled
+from checks.reference.twin import twin_of
 from ros2_ident.models import DriveModel, Machine, make_model
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.motions import Motion
-from ros2_ident.reference.plant import Log, Unmodelled
-from ros2_ident.reference.twin import twin_of
 from ros2_ident.search import refine
+from ros2_ident.simulate.motions import Motion
 
 Array = npt.NDArray[np.float64]
 

@@ -14,10 +14,10 @@ import numpy.typing as npt
 from scipy.signal import lfilter
 
 from checks.blind.forms.outside import bad_state
+from checks.reference.plant import Array, Log
 from ros2_ident.recording import Stream
-from ros2_ident.reference.bag_making import START
-from ros2_ident.reference.motions import Motion
-from ros2_ident.reference.plant import Array, Log
+from ros2_ident.simulate.bag import START
+from ros2_ident.simulate.motions import Motion
 
 Whole = npt.NDArray[np.int64]
 

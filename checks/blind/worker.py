@@ -17,7 +17,7 @@ from typing import Any
 
 # The diagnosis must not be able to ask the ones who know.
 FORBIDDEN = (
-    'ros2_ident.reference',
+    'checks.reference',
     'checks.blind.draw',
     'checks.blind.forms',
     'checks.blind.seal',
@@ -62,7 +62,7 @@ def diagnose(order: dict[str, str], fence: Fence) -> dict[str, Any]:
     error = ''
     try:
         with contextlib.redirect_stdout(text), contextlib.redirect_stderr(text):
-            # Overlay and page are for people; the overlay's scene asks the reference's geometry.
+            # Overlay and page are for people.
             quiet = ('--quiet', '--no-overlay', '--no-report', '--resume')
             code = main([*words, '--out', order['out'], *quiet])
         if code:

@@ -10,16 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checks.paper.belt import shipped_machine
+from checks.reference.plant import Log
+from checks.reference.tripod import simulate_tripod
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.run import identify, read_data
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import Machine, make_model
+from ros2_ident.models.registry import space_of
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.bag_making import make_streams, Nuisance, SimulatedBag, write_simulated
-from ros2_ident.reference.motions import draw_motion, Motion, space_of
-from ros2_ident.reference.plant import Log
-from ros2_ident.reference.tripod import simulate_tripod
 from ros2_ident.search import GeneticSettings
+from ros2_ident.simulate.bag import make_streams, Nuisance, SimulatedBag, write_simulated
+from ros2_ident.simulate.motions import draw_motion, Motion
 
 Array = NDArray[np.float64]
 

@@ -24,9 +24,9 @@ from checks.blind.run import scrubbed
 from checks.blind.store import Store, write_json
 from checks.blind.truth import make_row
 from checks.program import start
+from checks.reference.bag_making import draw_parameters
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import IdentError
-from ros2_ident.reference.bag_making import draw_parameters
 
 TRIPOD = Path(__file__).parents[2] / 'config' / 'tripod.yaml'
 PLAIN = read_plain(TRIPOD)
@@ -330,7 +330,7 @@ def test_the_diagnosis_knows_nothing_of_the_generator() -> None:
     code = (
         'import sys, ros2_ident.gap.diagnose, ros2_ident.cli.diagnose\n'
         'import checks.blind.worker\n'
-        'print([m for m in sys.modules if m.startswith("ros2_ident.reference")])'
+        'print([m for m in sys.modules if m.startswith("checks.reference")])'
     )
     done = subprocess.run(
         [sys.executable, '-c', code], env=scrubbed(), capture_output=True, text=True, check=True

@@ -13,14 +13,14 @@ from checks.blind.forms.form import CLEAR
 from checks.blind.forms.outside import bad_state
 from checks.blind.machines import machine_of, read_plain
 from checks.blind.planning import forms_of
+from checks.reference.bag_making import draw_parameters
+from checks.reference.twin import twin_of
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.effects.effect import Effect
 from ros2_ident.errors import IdentError
 from ros2_ident.models import make_model
 from ros2_ident.recording import Dataset
-from ros2_ident.reference.bag_making import draw_parameters
-from ros2_ident.reference.motions import draw_motion
-from ros2_ident.reference.twin import twin_of
+from ros2_ident.simulate.motions import draw_motion
 
 PLAIN = read_plain('config/tripod.yaml')
 MACHINE = machine_of(PLAIN)

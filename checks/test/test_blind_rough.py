@@ -6,8 +6,8 @@ import pytest
 
 from checks.blind import faults, rough
 from checks.blind.machines import draw_machine, file_text, machine_of, read_plain
-from ros2_ident.reference.motions import Motion
-from ros2_ident.reference.plant import Log
+from checks.reference.plant import Log
+from ros2_ident.simulate.motions import Motion
 
 PLAIN = read_plain('config/tripod.yaml')
 NAMES = ('drive_1', 'drive_2', 'drive_3')

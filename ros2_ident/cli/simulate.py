@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ident simulate`: a bag of a machine whose parameters are known, from the slow reference."""
+"""`ident simulate`: a bag of a machine whose parameters are known."""
 
 import argparse
 import json
+import re
 import shlex
 from typing import TYPE_CHECKING
 
@@ -22,16 +23,17 @@ if TYPE_CHECKING:
     from ros2_ident.models import Machine
 
 DESCRIPTION = (
-    'Make a bag of a machine with known parameters: simulated by the slow reference, with noise, '
-    'quantisation, jitter and lost samples. Parameters that are not set lie a quarter into their '
-    'bounds, links of an arm are as described; all of them are printed and kept in the metadata '
-    'of the bag.'
+    'Make a bag of a machine with known parameters, with noise, quantisation, jitter and lost '
+    'samples. The model that identifies a machine simulates it: the log obeys the equations of '
+    'that model, as no real log does. Parameters that are not set lie a quarter into their '
+    'bounds, what a description holds is as described; all others are printed and kept in the '
+    'metadata of the bag.'
 )
 EXAMPLES = (
     '  ident simulate my_bag --machine config/tripod.yaml --seconds 14 --seed 1 \\\n'
     '      --set tool_mass=1.35 --set gear_stiffness=2e4 --set measurement_delay=0.002\n'
     '  ident simulate with_stribeck --machine config/tripod.yaml \\\n'
-    '      --effect stribeck@drive_2:torque=0.05,speed=0.03\n'
+    '      --effect stribeck@drive_2:torque=0.05,velocity=0.03\n'
     '  ident simulate clean --machine config/emps.yaml --motion reversals --clean\n'
 )
 EXIT_CODES = {0: 'written'}
@@ -72,8 +74,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='EFFECT@DRIVE:...',
-        help='an unmodelled effect: with its values, stribeck@drive_2:torque=0.05,speed=0.03, or '
-        'drawn by the seed, stribeck@drive_2:size=0.5; docs/effects.md lists them',
+        help='an unmodelled effect: with its values, stribeck@drive_2:torque=0.05,velocity=0.03, '
+        'or drawn by the seed as a share of the largest that is searched for, '
+        'stribeck@drive_2:size=0.5; docs/effects.md lists them; one of your own by its file, '
+        'rubber_buffer.py@drive_1:size=0.5',
     )
     complete(effect, effects_at)
     noise = parser.add_mutually_exclusive_group()
@@ -92,21 +96,23 @@ def run(args: argparse.Namespace) -> int:
     """Simulate, write, print the truth."""
     from dataclasses import replace
 
-    import numpy as np
+    from ros2_ident.effects import add_effect_files
 
+    # Before the simulations are composed of the effects there are.
+    names = [re.split('[@:]', text)[0] for text in args.effect]
+    add_effect_files([name for name in names if name.endswith('.py')])
     from ros2_ident.cli.table import columns
     from ros2_ident.models import load_machine
     from ros2_ident.models.registry import kind_of
     from ros2_ident.recording.write import require_room
-    from ros2_ident.reference.bag_making import CLEAN, nuisance_of, simulate_bag, write_simulated
-    from ros2_ident.reference.effects import parse_effect
-    from ros2_ident.reference.motions import draw_motion
+    from ros2_ident.simulate.bag import CLEAN, nuisance_of, simulate_bag, write_simulated
+    from ros2_ident.simulate.effects import read_effect
+    from ros2_ident.simulate.motions import draw_motion
 
     require_room(args.bag)
     machine = load_machine(args.machine)
     truth = _truth(machine, once(args.set, '--set'))
-    rng = np.random.default_rng([args.seed, 1])
-    effects = [parse_effect(text, rng, machine) for text in args.effect]
+    effects = [read_effect(text) for text in args.effect]
     nuisance = CLEAN if args.clean else nuisance_of(machine)
     if args.noise is not None:
         nuisance = replace(nuisance, effort_noise=args.noise, effort_step=0.2 * args.noise)
@@ -135,16 +141,16 @@ def _unit(units: dict[str, str], name: str) -> str:
 
 
 def _truth(machine: 'Machine', given: dict[str, float]) -> dict[str, float]:
-    """Return the parameters of the reference by name; per drive where one drive differs.
+    """Return the true parameters by name; per drive where one drive differs.
 
     Raises:
         IdentError: UNKNOWN_PARAMETER where a name is not the machine's.
     """
     from ros2_ident.errors import ErrorCode, IdentError
     from ros2_ident.models.drives.candidates import SLOTS
-    from ros2_ident.reference import twin_of
+    from ros2_ident.models.registry import kind_of
 
-    described = twin_of(machine).described
+    described = kind_of(machine).described
     # As described, unless some of it is set: elbow.link_mass, elbow.link_moment_x.
     links = tuple(f'{drive}.{name}' for drive in machine.drives for name in described)
     truth = {name: value for name, value in given.items() if name.startswith(links)}

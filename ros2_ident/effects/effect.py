@@ -194,7 +194,6 @@ class Effect:
         needs: Whether a machine has what the effect acts on; see `applies`.
         twins: Ids of effects that no log tells from this one: one answer under several names.
         variant_of: Id of an effect that has the same cause and another course.
-        reference: Id of the effect's slow twin in `reference`; its own where not stated.
         shown_by: What of a log shows the effect by itself; `gap` looks for it.
     """
 
@@ -214,12 +213,7 @@ class Effect:
     needs: Callable[[Context], bool] = anywhere
     twins: tuple[str, ...] = ()
     variant_of: str = ''
-    reference: str = ''
     shown_by: Detector | None = None
-
-    def __post_init__(self) -> None:
-        """Name the reference's twin."""
-        object.__setattr__(self, 'reference', self.reference or self.id)
 
     def applies(self, context: Context) -> bool:
         """Whether a machine can have the effect.

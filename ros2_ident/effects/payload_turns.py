@@ -19,7 +19,6 @@ EFFECT = Effect(
     confusable=('payload_change', 'rod_mass', 'torque_constant_error'),
     separated_by='hold still before and after each change of payload',
     needs=turns,
-    reference='payload_change',
     shown_by='load',
     variant_of='payload_change',
 )

@@ -11,7 +11,7 @@ from ros2_ident.errors import IdentError
 from ros2_ident.excite.limits import carries, Limits, Moved, transmission
 from ros2_ident.excite.series import Series, series_for
 from ros2_ident.machine.machine import Machine
-from ros2_ident.reference.twin import twin_of
+from ros2_ident.models.registry import set_points_of
 
 Array = npt.NDArray[np.float64]
 
@@ -90,7 +90,7 @@ class Courses:
         """Return the drives' motion on a way (M, K) through the room."""
         if not self._carried:
             return derived(points, speeds, self.series.cycle)
-        at = twin_of(self.machine).set_points(points, speeds, self.machine)
+        at = set_points_of(self.machine, points, speeds)
         return replace(derived(*at, self.series.cycle), tool=points)
 
 
@@ -107,9 +107,9 @@ def tool_of(machine: Machine, back: Array, planned: Moved, position: Array) -> A
     """
     if planned.tool is None:
         return None
-    twin, place = twin_of(machine), planned.tool
+    place = planned.tool
     for _ in range(_NEAR):
-        there = twin.set_points(place, np.zeros_like(place), machine)[0]
+        there = set_points_of(machine, place, np.zeros_like(place))[0]
         place = place + back @ (position - there)
     return place
 

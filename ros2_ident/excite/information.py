@@ -2,7 +2,6 @@
 """What a log of a motion will tell of a machine's parameters, before it is recorded."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 import functools
 
@@ -15,10 +14,9 @@ from ros2_ident.excite.course import derived, tool_of
 from ros2_ident.excite.limits import carries, Moved, transmission
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
-from ros2_ident.models import make_model
+from ros2_ident.models.planned import planned_model
 from ros2_ident.models.protocol import FullModel
 from ros2_ident.models.registry import compared_of
-from ros2_ident.recording import Dataset
 from ros2_ident.search import finite_differences
 from ros2_ident.search.jacobian import Box
 
@@ -30,8 +28,6 @@ _NOISE = 1e-3
 _BOX = 12.0
 # How far a machine may be off what is expected, and still has to keep to its limits.
 _OFF = 0.25
-# What models tell of a motion, the more the better.
-_TOLD = (('effort', 'position', 'velocity'), ('effort', 'position'))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +78,8 @@ class Sensitivity:
         cycle = machine.number('cycle')
         self._every = 1 if rate is None else max(1, round(1.0 / (rate * cycle)))
         still = np.zeros((len(machine.drives), 8))
-        self._quantities, model = self._widest(derived(still, still, cycle))
+        model = self._model(derived(still, still, cycle))
+        self._quantities = tuple(dict.fromkeys(o.quantity for o in model.outputs))
         self.parameters: tuple[Parameter, ...] = model.parameters
         self.values = self._expected(values or {})
         self.box = Box.of([p.low for p in self.parameters], [p.high for p in self.parameters])
@@ -94,13 +91,6 @@ class Sensitivity:
             return np.empty((0, len(self.machine.drives)))
         out: Array = np.linalg.inv(transmission(self.machine)).astype(np.float64)
         return out
-
-    def _widest(self, planned: Moved) -> tuple[tuple[str, ...], FullModel]:
-        """Return all that the model can tell of a motion, and the model."""
-        for wanted in _TOLD:
-            with suppress(IdentError):
-                return wanted, self._model(planned, wanted)
-        return self._compared, self._model(planned, self._compared)
 
     def _expected(self, given: Mapping[str, float]) -> Array:
         """Return (N,) the values at which the information is worked out."""
@@ -124,20 +114,14 @@ class Sensitivity:
             )
         return out
 
-    def _model(self, planned: Moved, quantities: Sequence[str]) -> FullModel:
-        position, velocity = planned.position, planned.velocity
-        data = Dataset(
-            self.machine.drives,
-            self.machine.number('cycle'),
-            0,
-            position,
-            velocity,
-            position,
-            velocity,
-            np.zeros_like(position),
-        )
-        return make_model(
-            self.machine, data, drives=self._drives, fixed=self._fixed, quantities=quantities
+    def _model(self, planned: Moved, quantities: Sequence[str] | None = None) -> FullModel:
+        return planned_model(
+            self.machine,
+            planned.position,
+            planned.velocity,
+            quantities,
+            drives=self._drives,
+            fixed=self._fixed,
         )
 
     def of(self, planned: Moved) -> Shown:

@@ -14,8 +14,8 @@ import yaml
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
 from ros2_ident.machine.machine import Machine
+from ros2_ident.models.registry import kind_of, set_points_of, space_of
 from ros2_ident.models.serial.arm import arm_of
-from ros2_ident.reference.twin import own_twins, twin_of
 
 Array = npt.NDArray[np.float64]
 
@@ -107,7 +107,7 @@ def limits_of(machine: Machine, path: str | Path | None = None) -> Limits:
     """Return the limits of a machine.
 
     What a file of limits states counts first, then the machine file (`torque_limit`), its
-    description, and where its kind has a slow twin, the speeds and the room that suit it.
+    description, and where its kind has a space, the speeds and the room that suit it.
 
     Args:
         machine: The machine.
@@ -137,20 +137,18 @@ def limits_of(machine: Machine, path: str | Path | None = None) -> Limits:
 
 def carries(machine: Machine) -> bool:
     """Return whether the drives carry a tool whose room counts."""
-    return machine.kind in own_twins() and twin_of(machine).platform
+    return kind_of(machine).set_points is not None
 
 
 def _usual(machine: Machine) -> dict[str, Array]:
-    """Return what suits a machine whose kind has a slow twin."""
+    """Return what suits a machine whose kind has a space to move in."""
     drives = len(machine.drives)
     out = {'effort': np.array([machine.number('torque_limit', d) for d in machine.drives])}
-    if machine.kind not in own_twins():
+    kind = kind_of(machine)
+    # How fast an arm may move only its owner knows.
+    if kind.space is None or kind.described:
         return out
-    twin = twin_of(machine)
-    if twin.described:
-        # How fast an arm may move only its owner knows.
-        return out
-    space = twin.space(machine)
+    space = kind.space(machine)
     if not carries(machine):
         out |= {'low': space.centre - space.reach, 'high': space.centre + space.reach}
     fast = np.linalg.norm(transmission(machine), axis=1)
@@ -160,11 +158,10 @@ def _usual(machine: Machine) -> dict[str, Array]:
 
 def transmission(machine: Machine) -> Array:
     """Return (D, M) speeds of the drives by those of the way, in the middle of the room."""
-    twin = twin_of(machine)
-    space = twin.space(machine)
+    space = space_of(machine)
     step = _STEP * space.reach
     points = np.concatenate([np.diag(step), -np.diag(step)], axis=1) + space.centre[:, None]
-    there = twin.set_points(points, np.zeros_like(points), machine)[0]
+    there = set_points_of(machine, points, np.zeros_like(points))[0]
     ahead, back = np.split(there, 2, axis=1)
     out: Array = (ahead - back) / (2.0 * step)
     return out
@@ -225,7 +222,7 @@ def _room(
     content: Mapping[str, Any], machine: Machine, path: str | Path | None
 ) -> tuple[Array, Array]:
     """Return the room of a tool: as stated, else what suits the machine."""
-    space = twin_of(machine).space(machine)
+    space = space_of(machine)
     if 'workspace' not in content:
         return space.centre - space.reach, space.centre + space.reach
     rows = content['workspace']

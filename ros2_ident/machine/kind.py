@@ -14,6 +14,7 @@ from ros2_ident.machine.draft import Draft, Path, Remark
 from ros2_ident.machine.figure import Figure
 from ros2_ident.machine.keys import Key
 from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.space import Space
 
 Array = npt.NDArray[np.float64]
 
@@ -68,6 +69,11 @@ class Kind:
         read: Reads a machine's description as its model does; None where it has none.
         joints: Returns the joints of a description, which its key that names a file holds; None
             where it has no such key.
+        space: Returns where it moves when nobody says otherwise: its drives, or the tool that they
+            carry.
+        set_points: Returns set-points (D, K) of its drives and their derivatives by the way (M, K)
+            of the tool that they carry and its derivatives; None where they carry none.
+        described: Parameters that its description holds.
 
     Raises:
         ValueError: Where two of its constants have one name, or it comes from a bag without
@@ -94,6 +100,9 @@ class Kind:
     follows: bool = True
     read: Callable[[Machine], Any] | None = None
     joints: Callable[[str], tuple[str, ...]] | None = None
+    space: Callable[[Machine], Space] | None = None
+    set_points: Callable[[Array, Array, Machine], tuple[Array, Array]] | None = None
+    described: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         names = [key.name for key in self.constants]

@@ -7,7 +7,7 @@ other.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import math
 from typing import Any, Protocol, runtime_checkable
@@ -208,6 +208,14 @@ class FullModel(ABC):
     def work(self, theta: Array) -> npt.NDArray[np.int64]:
         """Return (S,) how much work candidates (S, N) are; equals are best evaluated together."""
         return np.zeros(len(theta), dtype=np.int64)
+
+    def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
+        """Return parameters that a description holds, by name, with what is given put in.
+
+        Args:
+            given: Values by name, also of what the description holds and no parameter is.
+        """
+        return {}
 
     # ------------------------------------------------------------------ what may be missing
 

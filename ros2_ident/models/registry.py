@@ -18,6 +18,7 @@ from ros2_ident.machine import file as machine_file
 from ros2_ident.machine.file import MachineFile
 from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.space import Space
 
 if TYPE_CHECKING:
     from ros2_ident.models.drives.model import Array, DriveModel
@@ -158,6 +159,31 @@ def kind_from_bag(machine: Machine) -> Kind:
             f'use a machine file of one of {known}',
         )
     return kind
+
+
+def space_of(machine: Machine) -> Space:
+    """Return where a machine moves when nobody says otherwise.
+
+    Raises:
+        IdentError: UNKNOWN_MODEL where its kind does not say.
+    """
+    space = kind_of(machine).space
+    if space is None:
+        raise IdentError(
+            ErrorCode.UNKNOWN_MODEL,
+            f'the kind {machine.kind} has no `space` to move in; add one to its Kind',
+        )
+    return space(machine)
+
+
+def set_points_of(machine: Machine, points: 'Array', speeds: 'Array') -> 'tuple[Array, Array]':
+    """Return set-points (D, K) of the drives and their derivatives for a way (M, K), see `Kind`.
+
+    Raises:
+        IdentError: BAD_VALUES where the tool cannot be there.
+    """
+    of_tool = kind_of(machine).set_points
+    return (points, speeds) if of_tool is None else of_tool(points, speeds, machine)
 
 
 def compared_of(machine: Machine) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from ros2_ident.files import write_arrays
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Array
 from ros2_ident.machine.figure import Figure
-from ros2_ident.models.registry import kind_of
+from ros2_ident.models.registry import kind_of, make_model
 from ros2_ident.recording import Stream
 from ros2_ident.recording.streams import FloatArray, IntArray
 
@@ -165,26 +165,25 @@ def _filled(row: FloatArray) -> FloatArray:
 def _simulated(
     problem: Problem, values: Mapping[str, float], segment: int, cycle: IntArray
 ) -> FloatArray | None:
-    """Return the tool (F, 3) of the reference with these parameters, where it has them all."""
-    dataset = problem.data.datasets[segment]
-    if dataset.command_position is None or dataset.command_velocity is None:
-        return None
-    order = [dataset.names.index(name) for name in problem.machine.drives]
+    """Return the tool (F, 3) as the simulated drives hold it; None where they follow the log."""
+    machine, model = problem.machine, problem.models[segment]
     try:
-        # The reference is loaded where it is needed: a diagnosis that is judged must not know it.
-        from ros2_ident.reference import twin_of
-
-        log = twin_of(problem.machine).simulate(
-            problem.machine,
-            values,
-            dataset.command_position[order],
-            dataset.command_velocity[order],
+        moved = make_model(
+            machine,
+            problem.data.datasets[segment],
+            effects=model.effects,
+            fixed=problem.fixed,
+            quantities=('position',),
         )
-    except IdentError:
-        # a drive that only follows has no parameters; an effect is not the reference's
+        theta = np.array([[values[p.name] for p in moved.parameters]])
+    except (IdentError, KeyError):
+        # An arm, a log without set-points, or a drive that only follows and has no parameters.
         return None
-    tool: FloatArray = log.platform[:, cycle].T
-    return tool
+    position = moved.simulate(theta)[0][:, cycle]
+    draw = kind_of(machine).scene
+    assert draw is not None
+    figure = draw(machine.with_values(values), position) if np.isfinite(position).all() else None
+    return None if figure is None else figure.tool
 
 
 def scene_messages(scene: Scene) -> list[tuple[int, bytes]]:

@@ -16,11 +16,11 @@ from checks.blind.forms import (
     transmission,
 )
 from checks.blind.forms.form import Form, Hidden, Range
+from checks.reference.effect_kind import TRIPOD_FORCE, TRIPOD_LIMIT
+from checks.reference.effects import machine_has
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.registry import KINDS
-from ros2_ident.reference.effect_kind import TRIPOD_FORCE, TRIPOD_LIMIT
-from ros2_ident.reference.effects import machine_has
 
 # Motor angle per travel of the tripod that the ranges suit, rad/m.
 TRIPOD_GEAR = TRIPOD_FORCE / TRIPOD_LIMIT

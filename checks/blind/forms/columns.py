@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the forms keep their numbers and states: behind the reference's own, see its `layout`."""
 
-from ros2_ident.reference import layout as at
+from checks.reference import layout as at
 
 # Per drive. Zero is the neutral value of every size.
 (

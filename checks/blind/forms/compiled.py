@@ -5,8 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
+from checks.reference import compiled as reference
 from ros2_ident.compiled import digest_of
-from ros2_ident.reference import compiled as reference
 
 F = TypeVar('F', bound=Callable[..., object])
 SOURCES = digest_of(reference.HERE, Path(__file__).parent)

@@ -7,8 +7,8 @@ from scipy.ndimage import uniform_filter1d
 from checks.blind.forms import columns as at
 from checks.blind.forms.form import Form, Range, setter, Values
 from checks.blind.forms.transmission import HARMONICS
-from ros2_ident.reference import layout as nominal
-from ros2_ident.reference.plant import Array, Plant
+from checks.reference import layout as nominal
+from checks.reference.plant import Array, Plant
 
 FASTEST = 4e-5  # s
 _SHARE = Range('share', '1', 0.02, 0.4, signed=True)

@@ -7,7 +7,7 @@ import numpy as np
 
 from checks.blind.forms import columns as at
 from checks.blind.forms.compiled import compiled
-from ros2_ident.reference import layout as nominal
+from checks.reference import layout as nominal
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 

@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 
 from checks.blind.forms.law import take_law
+from checks.reference.effect_kind import Quantity
+from checks.reference.plant import Plant
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.reference.effect_kind import Quantity
-from ros2_ident.reference.plant import Plant
 
 Values = Mapping[str, float]
 Write = Callable[[Plant, int, Values, int], None]

@@ -7,8 +7,8 @@ import numpy as np
 
 from checks.blind.forms import columns as at
 from checks.blind.forms.compiled import compiled
-from ros2_ident.reference import layout as nominal
-from ros2_ident.reference.friction import smooth_sign
+from checks.reference import layout as nominal
+from checks.reference.friction import smooth_sign
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 

@@ -11,11 +11,11 @@ from checks.blind.forms.force_law import (
     rotor_with_forms,
 )
 from checks.blind.forms.friction_law import bristle_rates, friction_with_forms
-from ros2_ident.reference import layout as nominal
-from ros2_ident.reference.compiled import settled
-from ros2_ident.reference.drive_law import BESIDE, FRICTION, LEVER, LOAD, SIGNATURE, TORQUE
-from ros2_ident.reference.plant import Plant
-from ros2_ident.reference.transmission import load_force
+from checks.reference import layout as nominal
+from checks.reference.compiled import settled
+from checks.reference.drive_law import BESIDE, FRICTION, LEVER, LOAD, SIGNATURE, TORQUE
+from checks.reference.plant import Plant
+from checks.reference.transmission import load_force
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 

@@ -5,8 +5,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from checks.blind.forms.form import Form, Range, Values, Write
-from ros2_ident.reference.effect_writers import lagged
-from ros2_ident.reference.plant import Array, Plant
+from checks.reference.effect_writers import lagged
+from checks.reference.plant import Array, Plant
 
 
 def delay(plant: Plant, i: int, values: Values, seed: int) -> None:

@@ -5,8 +5,8 @@ import numpy as np
 
 from checks.blind.forms import columns as at
 from checks.blind.forms.form import Form, Range, setter, Values, Write
-from ros2_ident.reference import layout as nominal
-from ros2_ident.reference.plant import Array, Plant
+from checks.reference import layout as nominal
+from checks.reference.plant import Array, Plant
 
 _PHASE = Range('phase', 'rad', 0.0, 2.0 * np.pi)
 

@@ -4,8 +4,8 @@
 import numpy as np
 
 from checks.blind.forms.form import Form, Range, Values
-from ros2_ident.reference import layout as nominal
-from ros2_ident.reference.plant import Plant
+from checks.reference import layout as nominal
+from checks.reference.plant import Plant
 
 _UNEVEN = tuple(Range(f'uneven_{n}', '1', 0.72, 1.28) for n in range(1, 4))
 TURNS = 3

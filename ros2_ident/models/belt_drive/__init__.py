@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The belt drive of the paper's section 3."""
 
+import numpy as np
+
 from ros2_ident.machine.keys import head, Key
 from ros2_ident.machine.kind import Kind, later
+from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.space import Space
 
 _CONSTANTS = (
     Key('geometry', 'radius', 'm', 'r of both gears', 1.0e-2, low=1e-4, high=1.0),
@@ -37,6 +41,10 @@ _CYCLE = Key(
 )
 _SHOWN = ('axial_stiffness', 'position_gain')
 
+def _space(machine: Machine) -> Space:
+    return Space(np.zeros(1), np.full(1, np.pi / 180.0), 0.2, 20.0)
+
+
 KIND = Kind(
     name='belt_drive',
     title='two gears, a belt and a mass on it',
@@ -50,4 +58,5 @@ KIND = Kind(
     drives=1,
     travel='rad',
     compares=('effort', 'position'),
+    space=_space,
 )

@@ -3,9 +3,13 @@
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from ros2_ident.machine.draft import Draft, Remark
 from ros2_ident.machine.keys import head, Key
 from ros2_ident.machine.kind import Kind, later
+from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.space import Space
 from ros2_ident.models.drives import keys
 
 _GRAVITY = Key(
@@ -53,6 +57,13 @@ def _judge(draft: Draft) -> Iterator[Remark]:
         )
 
 
+def _space(machine: Machine) -> Space:
+    count = len(machine.drives)
+    if machine.known('gear_factor'):
+        return Space(np.full(count, 0.45), np.full(count, 0.12), 0.9, 20.0)
+    return Space(np.full(count, 0.125), np.full(count, 0.12), 0.12, 1.2)
+
+
 KIND = Kind(
     name='linear_axis',
     title='carriages that know nothing of each other; gear elastic or rigid',
@@ -73,4 +84,5 @@ KIND = Kind(
     judge=_judge,
     starts_in_motion=True,
     coupled=False,
+    space=_space,
 )

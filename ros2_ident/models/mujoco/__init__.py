@@ -80,4 +80,7 @@ KIND = Kind(
     travel='rad',
     read=later('ros2_ident.models.mujoco.plant:Plant'),
     compares=('position',),
+    space=later('ros2_ident.models.mujoco.model:space'),
+    described=('joint_zero', 'armature', 'damping', 'frictionloss', 'stiffness', 'kp', 'kv',
+               'force_limit', 'actuator_gear', 'body_mass', 'body_place', 'free_fall'),
 )  # fmt: skip

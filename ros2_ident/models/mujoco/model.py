@@ -14,6 +14,7 @@ from ros2_ident.kernel import rows
 from ros2_ident.machine.lever import per_metre
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.space import Space
 from ros2_ident.models.drives.candidates import Candidates, MAY_BE_ZERO
 from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.models.drives.outputs import chosen_outputs
@@ -30,6 +31,9 @@ _EXPRESSED = frozenset(
 _SHARED = frozenset(('measurement_delay', 'free_fall'))
 # Parameters that are no attribute of the simulator.
 _OUTSIDE = frozenset(('measurement_delay', 'joint_zero', 'set_point_delay'))
+# How far a joint moves to either side when nobody says otherwise, rad or m; speed and
+# acceleration of a way through all of them together.
+_TURN, _SLIDE, _SPEED, _ACCELERATION = 0.5, 0.1, 1.0, 4.0
 # Samples of the position that show how fast a joint starts.
 _FIRST = 10
 _SENSORS = {'effort': 'jointactuatorfrc', 'position': 'jointpos', 'velocity': 'jointvel'}
@@ -137,6 +141,16 @@ class Mujoco(FullModel):
                 for drive in places
             ]
         return found
+
+    def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
+        """Return what the description holds, see `FullModel.as_described`."""
+        out = {}
+        for name in set(self._parts) & set(KIND.described):
+            for p in self._parts[name]:
+                drive = p.name.rpartition('.')[0]
+                stated = self.plant.stated(name, self._machine.drives.index(drive) if drive else 0)
+                out[p.name] = given.get(p.name, given.get(name, stated))
+        return out
 
     # ------------------------------------------------------------------ what it is
 
@@ -361,6 +375,15 @@ class _Same:
 def _plant(machine: Machine) -> Plant:
     """Return the compiled model of a machine, made once in a process."""
     return _compiled(_Same(machine))
+
+
+def space(machine: Machine) -> Space:
+    """Return where the joints move when nobody says otherwise: about where they are drawn."""
+    plant = _plant(machine)
+    most = np.where([at.slides for at in plant.places], _SLIDE, _TURN)
+    low, high = np.clip(plant.ends, plant.home - most, plant.home + most)
+    sense = np.array([at.sense for at in plant.places])
+    return Space(0.5 * sense * (low + high), 0.45 * (high - low), _SPEED, _ACCELERATION)
 
 
 def _beginning(data: Dataset, row: int) -> tuple[float, float]:

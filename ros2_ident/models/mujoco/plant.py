@@ -264,6 +264,13 @@ class Plant:
         """Return what the description has in place of a parameter."""
         at, model = self.places[drive], self.model
         found = {
+            'armature': model.dof_armature[at.dof],
+            'stiffness': model.jnt_stiffness[at.joint],
+            'actuator_gear': model.actuator_gear[at.actuator, 0],
+            'body_mass': model.body_mass[at.body],
+            'body_place': 1.0,
+            'joint_zero': 0.0,
+            'free_fall': float(np.linalg.norm(model.opt.gravity)),
             'damping': model.dof_damping[at.dof],
             'frictionloss': model.dof_frictionloss[at.dof],
             'kp': model.actuator_gainprm[at.actuator, 0],
@@ -273,6 +280,19 @@ class Plant:
             else math.inf,
         }
         return float(found[name])
+
+    @property
+    def ends(self) -> Array:
+        """(2, D) lowest and highest position of each drive's joint; infinite where not limited."""
+        joints = [at.joint for at in self.places]
+        limited = np.asarray(self.model.jnt_limited)[joints].astype(bool)
+        free = np.array([[-math.inf], [math.inf]])
+        return np.where(limited, self.model.jnt_range[joints].T, free)
+
+    @property
+    def home(self) -> Array:
+        """(D,) positions of the drives' joints in which the description is drawn."""
+        return np.asarray(self.model.qpos0)[[at.position for at in self.places]]
 
     @property
     def _data(self) -> Any:

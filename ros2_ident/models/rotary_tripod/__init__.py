@@ -197,5 +197,7 @@ KIND = Kind(
     travel='rad',
     check_motion=later('ros2_ident.models.rotary_tripod.reach:check_reach'),
     scene=later('ros2_ident.models.rotary_tripod.scene:figure'),
+    space=later('ros2_ident.models.rotary_tripod.reach:space'),
+    set_points=later('ros2_ident.models.rotary_tripod.reach:set_points'),
     alike=True,
 )

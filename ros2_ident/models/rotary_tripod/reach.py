@@ -1,16 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the joints of a delta's arms are, and whether its rods meet there."""
+"""Where a delta's platform can be, and the joints of its arms."""
 
 from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.draft import Remark
 from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.space import Space
 from ros2_ident.models.tripod.reach import share_apart
 
 Array = npt.NDArray[np.float64]
+
+# How far an arm hangs below the level in the middle of the workspace, rad.
+_HANGING = 0.5
+
+
+def _sense(machine: Machine) -> float:
+    """Return 1 where positive angles lift the arms, -1 where they lower them."""
+    return 1.0 if machine.text('positive') == 'up' else -1.0
 
 
 def joints_of(machine: Machine, angle: Array) -> Array:
@@ -22,12 +32,10 @@ def joints_of(machine: Machine, angle: Array) -> Array:
     """
     azimuth = machine.numbers('shaft_azimuth')[:, None]
     turned = angle - machine.numbers('arm_zero')[:, None]
-    sense = 1.0 if machine.text('positive') == 'up' else -1.0
     arm = machine.number('arm_length')
     far = machine.number('shaft_radius') + arm * np.cos(turned)
-    return np.stack(
-        [far * np.cos(azimuth), far * np.sin(azimuth), sense * arm * np.sin(turned)], axis=-1
-    )
+    high = _sense(machine) * arm * np.sin(turned)
+    return np.stack([far * np.cos(azimuth), far * np.sin(azimuth), high], axis=-1)
 
 
 def check_reach(machine: Machine, angle: Array) -> Iterator[Remark]:
@@ -46,3 +54,53 @@ def check_reach(machine: Machine, angle: Array) -> Iterator[Remark]:
             f'rods of {rod:g} m do not meet in {100.0 * share:.2g} % of the recorded positions; '
             'correct the lengths, arm_zero, positive, or the unit of the positions (rad)',
         )
+
+
+def space(machine: Machine) -> Space:
+    """Return where the platform moves when nobody says otherwise."""
+    arm = machine.number('arm_length')
+    out = machine.number('shaft_radius') + arm * np.cos(_HANGING)
+    depth = arm * np.sin(_HANGING) + np.sqrt(machine.number('rod_length') ** 2 - out**2)
+    size = arm / 0.25
+    return Space(
+        np.array([0.0, 0.0, -depth]), np.array([0.10, 0.10, 0.05]) * size, 2.0 * size, 50.0 * size
+    )
+
+
+def set_points(points: Array, speeds: Array, machine: Machine) -> tuple[Array, Array]:
+    """Return the drives' set-points of a platform's way: the arms bend outwards.
+
+    Args:
+        points: (3, K) platform positions [m].
+        speeds: (3, K) platform speeds [m/s].
+        machine: A delta.
+
+    Returns:
+        (3, K) angles [rad] and their rates [rad/s].
+
+    Raises:
+        IdentError: BAD_VALUES where a rod would not reach.
+    """
+    azimuth = machine.numbers('shaft_azimuth')[:, None]
+    arm, rod = machine.number('arm_length'), machine.number('rod_length')
+    out = np.stack([np.cos(azimuth), np.sin(azimuth)])
+    # In each arm's plane: the platform outwards of the shaft and above it; across it the rest.
+    ahead = np.sum(out * points[:2, None], axis=0) - machine.number('shaft_radius')
+    across = out[0] * points[1] - out[1] * points[0]
+    square = ahead**2 + points[2] ** 2
+    wanted = (square + across**2 + arm**2 - rod**2) / (2.0 * arm * np.sqrt(square))
+    if not np.all(np.abs(wanted) < 1.0):
+        raise IdentError(
+            ErrorCode.BAD_VALUES, 'the motion leaves the reach of the rods; shrink its space'
+        )
+    up = np.arctan2(points[2], ahead) + np.arccos(wanted)
+    up = np.remainder(up + np.pi, 2.0 * np.pi) - np.pi
+    # Along a rod nothing moves: its product with the platform's speed is that with the joint's.
+    rate_ahead = np.sum(out * speeds[:2, None], axis=0)
+    rate_across = out[0] * speeds[1] - out[1] * speeds[0]
+    cos, sin = np.cos(up), np.sin(up)
+    rod_ahead, rod_up = ahead - arm * cos, points[2] - arm * sin
+    along = rod_ahead * rate_ahead + across * rate_across + rod_up * speeds[2]
+    rate = along / (arm * (rod_up * cos - rod_ahead * sin))
+    sense = _sense(machine)
+    return sense * up + machine.numbers('arm_zero')[:, None], sense * rate

@@ -8,7 +8,7 @@ from ros2_ident.errors import IdentError
 from ros2_ident.machine.figure import Figure
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.rotary_tripod.reach import joints_of
-from ros2_ident.reference.rest import meeting_point
+from ros2_ident.models.tripod.reach import meeting_point
 
 Array = npt.NDArray[np.float64]
 

@@ -246,4 +246,6 @@ KIND = Kind(
     scene=later('ros2_ident.models.serial.scene:figure'),
     read=later('ros2_ident.models.serial.arm:arm_of'),
     joints=later('ros2_ident.models.serial.arm:joints_in'),
+    space=later('ros2_ident.models.serial.space:space'),
+    described=('link_mass', 'link_moment', 'link_inertia'),
 )

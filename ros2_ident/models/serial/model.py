@@ -57,6 +57,10 @@ class Serial(DriveModel):
         """What stands between motors and links."""
         return Transmission(self.machine)
 
+    def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
+        """Return the base parameters of the links as described, see `FullModel.as_described`."""
+        return self.inertials.as_described(self.machine, given)
+
     def _take_over(self, like: DriveModel) -> None:
         self.__dict__.update({name: getattr(like, name) for name in _COMMON})
 

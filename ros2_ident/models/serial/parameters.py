@@ -55,6 +55,7 @@ class Inertials:
         kept, grouping, beside = base_columns(self._shown[0][:, self._listed], self._shown[1])
         self.rotors = dict(_rotors(machine, arm, np.asarray(beside.any(axis=1))))
         self._base = self._listed[kept]
+        self._grouping = grouping
         self._middle = grouping @ self._known[self._listed]
         self._names = [self._name(machine, column) for column in self._base]
         self.parameters: dict[str, tuple[Parameter, ...]] = {
@@ -124,6 +125,17 @@ class Inertials:
     def names_and_middles(self) -> tuple[list[str], Array]:
         """Return (B,) names of the base parameters and what the file makes of them."""
         return list(self._names), self._middle
+
+    def as_described(self, machine: Machine, given: Mapping[str, float]) -> dict[str, float]:
+        """Return the base parameters by name where some inertials are others than described.
+
+        Args:
+            machine: The machine.
+            given: Inertials by name, `elbow.link_mass`, each as it is.
+        """
+        names = [self._name(machine, int(column)) for column in self._listed]
+        known = [given.get(n, v) for n, v in zip(names, self._known[self._listed], strict=True)]
+        return dict(zip(self._names, (self._grouping @ known).tolist(), strict=True))
 
     def coefficients(self, values: Mapping[str, Array], count: int) -> Array:
         """Return (S, B) coefficients of candidates.

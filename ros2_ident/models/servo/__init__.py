@@ -3,9 +3,13 @@
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from ros2_ident.machine.draft import Draft, Remark
 from ros2_ident.machine.keys import head, Key
 from ros2_ident.machine.kind import Kind, later
+from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.space import Space
 from ros2_ident.models.drives import keys
 
 # What a servo logs beside a torque: the share of its supply, the motor's voltage or its current.
@@ -205,6 +209,11 @@ def _judge(draft: Draft) -> Iterator[Remark]:
         )
 
 
+def _space(machine: Machine) -> Space:
+    count = len(machine.drives)
+    return Space(np.zeros(count), np.full(count, 1.2), 4.0, 30.0)
+
+
 KIND = Kind(
     name='servo',
     title='motors fed with a voltage by P or PD on position, arms or inertias as load',
@@ -230,4 +239,5 @@ KIND = Kind(
     logs=(DUTY, VOLTAGE, CURRENT),
     released=True,
     efforts=later('ros2_ident.models.servo.model:stall_torque'),
+    space=_space,
 )

@@ -105,5 +105,7 @@ KIND = Kind(
     judge=_judge,
     check_motion=later('ros2_ident.models.tripod.reach:check_reach'),
     scene=later('ros2_ident.models.tripod.scene:figure'),
+    space=later('ros2_ident.models.tripod.reach:space'),
+    set_points=later('ros2_ident.models.tripod.reach:set_points'),
     alike=True,
 )

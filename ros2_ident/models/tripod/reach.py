@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the rods of a tripod meet at recorded positions."""
+"""Where a tripod's platform can be, and the carriages above it."""
 
 from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.draft import Remark
 from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.space import Space
 
 Array = npt.NDArray[np.float64]
 
@@ -47,3 +49,63 @@ def check_reach(machine: Machine, height: npt.NDArray[np.float64]) -> Iterator[R
             f'rods of {rod:g} m do not meet in {100.0 * share:.2g} % of the recorded positions; '
             'correct rod_length, rail_radius, rail_azimuth, or the unit of the positions (m)',
         )
+
+
+def meeting_point(feet: Array, lengths: Array) -> Array:
+    """Return the lower meeting point of three spheres (3,) [m].
+
+    Args:
+        feet: (3, 3) their middles [m].
+        lengths: (3,) their radii [m].
+
+    Raises:
+        IdentError: BAD_VALUES where they do not meet.
+    """
+    across = feet[1:] - feet[0]
+    level = 0.5 * (
+        np.sum(feet[1:] ** 2, axis=1) - feet[0] @ feet[0] - lengths[1:] ** 2 + lengths[0] ** 2
+    )
+    normal = np.cross(across[0], across[1])
+    normal *= np.sign(normal[2]) / np.linalg.norm(normal)
+    base = np.linalg.solve(np.vstack([across, normal]), np.append(level, normal @ feet[0]))
+    depth = lengths[0] ** 2 - np.sum((base - feet[0]) ** 2)
+    if not depth > 0.0:
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            f'the rods do not reach from joints at {feet.tolist()}; keep closer set-points',
+        )
+    return np.asarray(base - np.sqrt(depth) * normal, dtype=float)
+
+
+def space(machine: Machine) -> Space:
+    """Return where the platform moves when nobody says otherwise."""
+    size = machine.number('rod_length') / 0.6
+    return Space(
+        np.array([0.0, 0.0, -0.05]) * size, np.array([0.075, 0.075, 0.06]) * size, 1.0, 25.0
+    )
+
+
+def set_points(points: Array, speeds: Array, machine: Machine) -> tuple[Array, Array]:
+    """Return the carriages' set-points of a platform's way.
+
+    Args:
+        points: (3, K) platform positions [m].
+        speeds: (3, K) platform speeds [m/s].
+        machine: A tripod.
+
+    Returns:
+        (3, K) carriage positions [m] and speeds [m/s].
+
+    Raises:
+        IdentError: BAD_VALUES where a rod would not reach.
+    """
+    azimuth = machine.numbers('rail_azimuth')
+    foot = machine.number('rail_radius') * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    away = points[None, :2] - foot[:, :, None]
+    square = machine.number('rod_length') ** 2 - np.sum(away**2, axis=1)
+    if not np.all(square > 0.0):
+        raise IdentError(
+            ErrorCode.BAD_VALUES, 'the motion leaves the reach of the rods; shrink its space'
+        )
+    rise = np.sqrt(square)
+    return points[2] + rise, speeds[2] - np.sum(away * speeds[None, :2], axis=1) / rise

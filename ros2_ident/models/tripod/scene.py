@@ -7,14 +7,7 @@ import numpy.typing as npt
 from ros2_ident.errors import IdentError
 from ros2_ident.machine.figure import Figure
 from ros2_ident.machine.machine import Machine
-from ros2_ident.reference.layout import (
-    DRIVE_COLUMNS,
-    RAIL_X,
-    RAIL_Y,
-    ROD_LENGTH,
-    SHARED_COLUMNS,
-)
-from ros2_ident.reference.rest import platform_at
+from ros2_ident.models.tripod.reach import meeting_point
 
 Array = npt.NDArray[np.float64]
 
@@ -34,12 +27,12 @@ def figure(machine: Machine, position: Array) -> Figure | None:
     """
     radius, azimuth = machine.number('rail_radius'), machine.numbers('rail_azimuth')
     rail = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
-    rods = np.zeros((3, DRIVE_COLUMNS))
-    rods[:, [RAIL_X, RAIL_Y]] = radius * rail
-    rods[:, ROD_LENGTH] = machine.number('rod_length')
+    lengths = np.full(3, machine.number('rod_length'))
     carriage = position.T
     try:
-        tool = np.array([platform_at(row, np.zeros(SHARED_COLUMNS), rods) for row in carriage])
+        tool = np.array(
+            [meeting_point(np.column_stack([radius * rail, row]), lengths) for row in carriage]
+        )
     except IdentError:
         return None
     corner = np.column_stack([0.25 * radius * rail, np.zeros(3)])

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Force of the elastic gear, and forces between frame and carriage, of one drive."""
+
+import math
+
+import numpy as np
+
+from checks.reference import layout as at
+from checks.reference.compiled import compiled
+
+Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+
+
+@compiled
+def kinematic_error(place: float, d: Array) -> tuple[float, float]:
+    """Return the transmission's kinematic error e(z) [m] and its slope e'(z)."""
+    amplitude = d[at.ECCENTRICITY]
+    if amplitude == 0.0:
+        return 0.0, 0.0
+    gear = d[at.GEAR]
+    angle = gear * place + d[at.ECCENTRICITY_PHASE]
+    second = d[at.ECCENTRICITY_SECOND]
+    error = amplitude * (math.sin(angle) + second * math.sin(2.0 * angle))
+    return error, amplitude * gear * (math.cos(angle) + 2.0 * second * math.cos(2.0 * angle))
+
+
+@compiled
+def gear_force(
+    place: float, speed: float, rail_place: float, rail_speed: float, slip: float, d: Array
+) -> tuple[float, float]:
+    """Return the force that the gear passes to the carriage, and its lever on the motor.
+
+    Nominal: F = c_G (z - s) + d_G (z' - s'). The lever is 1 + e'(z), so that the gear's ideal part
+    passes power without loss.
+
+    Args:
+        place: Motor position at the rail [m].
+        speed: Motor speed at the rail [m/s].
+        rail_place: Carriage position relative to the frame [m].
+        rail_speed: Its speed [m/s].
+        slip: Slip between motor and carriage so far [m].
+        d: (DRIVE_COLUMNS,) the drive's numbers.
+
+    Returns:
+        Force [N] and lever [1].
+    """
+    error, slope = kinematic_error(place, d)
+    lever = 1.0 + slope
+    stretch = place + error - slip - rail_place
+    rate = lever * speed - rail_speed
+    stiffness = d[at.STIFFNESS]
+    damping = d[at.DAMPING]
+    if d[at.STIFFNESS_SLOPE] != 0.0:
+        change = d[at.STIFFNESS_SLOPE] * (rail_place - d[at.STIFFNESS_PLACE])
+        stiffness *= 1.0 / (1.0 - change) if d[at.STIFFNESS_FORM] == 1.0 else 1.0 + change
+    if d[at.BACKLASH] == 0.0:
+        return stiffness * stretch * (1.0 + d[at.HARDENING] * stretch**2) + damping * rate, lever
+    depth = abs(stretch) - 0.5 * d[at.BACKLASH]
+    if depth <= 0.0:
+        return 0.0, lever
+    side = math.copysign(1.0, stretch)
+    if d[at.BACKLASH_FORM] == 0.0:
+        return side * stiffness * depth + damping * rate, lever
+    # The flanks meet gradually, and the trailing one damps less than the leading one.
+    ground = 0.1 * d[at.BACKLASH]
+    damping *= depth**2 / (depth**2 + ground**2) * (1.0 if side > 0.0 else 0.6)
+    stiffness *= depth / (depth + ground)
+    # A flank can push, never pull.
+    return side * max(0.0, stiffness * depth + damping * rate * side), lever
+
+
+@compiled
+def spring_of_load(d: Array) -> tuple[float, float]:
+    """Return stiffness [N/m] and damping [N s/m] behind which a rigid drive's load hangs."""
+    share = d[at.LOAD_SHARE]
+    reduced = share * (1.0 - share) * (d[at.MOTOR_MASS] + d[at.CARRIAGE_MASS])
+    rate = d[at.LOAD_RATE]
+    return reduced * rate**2, 2.0 * d[at.LOAD_DAMPING] * reduced * rate
+
+
+@compiled
+def load_force(stretch: float, rate: float, d: Array) -> float:
+    """Return the force that a rigid drive passes to its flexible load [N].
+
+    Args:
+        stretch: Motor position less the load's [m].
+        rate: Its rate [m/s].
+        d: (DRIVE_COLUMNS,) the drive's numbers.
+    """
+    stiffness, damping = spring_of_load(d)
+    force: float = stiffness * stretch * (1.0 + d[at.LOAD_HARDENING] * stretch**2) + damping * rate
+    return force
+
+
+@compiled
+def carriage_force(rail_place: float, rail_speed: float, cable_state: float, d: Array) -> float:
+    """Return the force between frame and carriage beside the gear's: offset, cable, end cushion.
+
+    Args:
+        rail_place: Carriage position relative to the frame [m].
+        rail_speed: Its speed [m/s], kept for rate-dependent forms.
+        cable_state: The cable's hysteresis, -1 to 1.
+        d: (DRIVE_COLUMNS,) the drive's numbers.
+
+    Returns:
+        Force on the carriage, positive along the rail [N].
+    """
+    force = 0.0
+    if d[at.CONSTANT_FORCE] != 0.0:
+        force -= d[at.CONSTANT_FORCE] + d[at.CONSTANT_SLOPE] * rail_place
+    if d[at.CABLE_STIFFNESS] != 0.0:
+        stretch = rail_place - d[at.CABLE_PLACE]
+        force -= d[at.CABLE_STIFFNESS] * stretch * (1.0 + d[at.CABLE_CUBIC] * stretch**2)
+        force -= d[at.CABLE_HYSTERESIS] * cable_state
+    if d[at.BUMPER_STIFFNESS] != 0.0:
+        force -= d[at.BUMPER_STIFFNESS] * max(0.0, rail_place - d[at.BUMPER_PLACE]) ** 2
+    return force
+
+
+@compiled
+def pull_of_arm(place: float, d: Array) -> float:
+    """Return the torque with which gravity pulls a servo's arm back [N m]."""
+    if d[at.LOAD_MOMENT] == 0.0:
+        return 0.0
+    return float(d[at.LOAD_MOMENT] * math.sin(place - d[at.LOAD_ANGLE]))

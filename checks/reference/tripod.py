@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tripod in redundant coordinates: motors, carriages and platform, held by three rods.
+
+Equations: Ludwig and Gerstmayr (2011), section 4 and eq. 23, for all three drives at once. See
+`dynamics` for the form in which they are solved.
+"""
+
+from collections.abc import Mapping
+from functools import partial
+
+import numpy as np
+
+from checks.reference import layout as at
+from checks.reference.plant import Plant, platform_plant, read_drives
+from checks.reference.simulate import simulate_machine
+from checks.reference.twin import Twin
+from ros2_ident.machine.machine import Machine
+
+
+def tripod_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
+    """Build the nominal tripod.
+
+    Args:
+        machine: A tripod.
+        parameters: `measurement_delay` [s], `gear_stiffness` [N/m], `gear_damping_ratio` [1],
+            `tool_mass` [kg], `drive_inertia` [kg m^2], `coulomb_torque` [N m], `viscous_torque` [N
+            m s/m], and numeric constants of the machine file; all of a drive also as
+            `drive_1.gear_stiffness`. The friction torques are zero where not given.
+
+    Returns:
+        The machine, ready for effects.
+
+    Raises:
+        IdentError: UNKNOWN_PARAMETER for a name that is missing or not the tripod's,
+        BAD_MACHINE_FILE for a gain that is missing.
+    """
+    true, plant = platform_plant(machine, parameters)
+    read_drives(plant, true, parameters)
+    azimuth = true.numbers('rail_azimuth')
+    plant.drive[:, at.RAIL_X] = true.number('rail_radius') * np.cos(azimuth)
+    plant.drive[:, at.RAIL_Y] = true.number('rail_radius') * np.sin(azimuth)
+    plant.drive[:, at.ROD_LENGTH] = true.number('rod_length')
+    return plant
+
+
+simulate_tripod = partial(simulate_machine, tripod_plant)
+
+
+TWIN = Twin('tripod', tripod_plant, simulate_tripod)

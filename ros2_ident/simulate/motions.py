@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Set-points for a machine: what users let their drives do, drawn by seed within the workspace.
+
+A tripod's motions are planned for the platform and brought to the rails by
+s_i = p_z + sqrt(L^2 - |p_xy - rho e_i|^2) with the machine file's geometry.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.space import Space
+from ros2_ident.models.registry import set_points_of, space_of
+from ros2_ident.simulate.paths import Array, Path
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Set-points of the drives at every controller cycle.
+
+    Attributes:
+        kind: What sort of motion.
+        cycle: Controller cycle [s].
+        position: (D, K) set-point [m].
+        velocity: (D, K) its derivative [m/s].
+    """
+
+    kind: str
+    cycle: float
+    position: Array
+    velocity: Array
+
+    @property
+    def seconds(self) -> float:
+        """Duration [s]."""
+        return float((self.position.shape[1] - 1) * self.cycle)
+
+
+def _pick_and_place(path: Path, space: Space, rng: np.random.Generator, seconds: float) -> None:
+    """Lower, wait, lift, carry, lower, wait: between a few places."""
+    lift = np.zeros(space.centre.size)
+    lift[-1] = 0.7 * space.reach[-1]
+    floor = space.centre.copy()
+    floor[-1] -= space.reach[-1]
+    while path.seconds < seconds:
+        pace = rng.uniform(0.5, 1.0)
+        place = space.point(rng, 0.95)
+        if space.centre.size > 1:
+            place[-1] = floor[-1] + 0.2 * space.reach[-1] * rng.random()
+            path.move(place + lift, pace * space.speed, pace * space.acceleration)
+        path.move(place, 0.5 * pace * space.speed, 0.5 * pace * space.acceleration)
+        path.rest(rng.uniform(0.08, 0.25))
+        if space.centre.size > 1:
+            path.move(place + lift, 0.6 * pace * space.speed, 0.6 * pace * space.acceleration)
+
+
+def _multi_point(path: Path, space: Space, rng: np.random.Generator, seconds: float) -> None:
+    """Quintic moves from point to point, at full pace."""
+    while path.seconds < seconds:
+        pace = rng.uniform(0.4, 1.0)
+        path.move(space.point(rng), pace * space.speed, pace * space.acceleration)
+        if rng.random() < 0.3:
+            path.rest(rng.uniform(0.02, 0.15))
+
+
+def _creep(path: Path, space: Space, rng: np.random.Generator, seconds: float) -> None:
+    """Slow moves there and back, at 5 to 30 mm/s of the tripod's scale."""
+    slow = space.speed / 1.0
+    while path.seconds < seconds:
+        speed = slow * rng.uniform(0.005, 0.03)
+        way = 0.15 * space.reach * rng.uniform(-1.0, 1.0, space.centre.size)
+        target = np.clip(path.place + way, space.centre - space.reach, space.centre + space.reach)
+        back = path.place.copy()
+        path.move(target, speed, 0.1 * space.acceleration)
+        path.move(back + 0.2 * (target - back), speed, 0.1 * space.acceleration)
+
+
+def _chirp(path: Path, space: Space, rng: np.random.Generator, seconds: float) -> None:
+    """A sine from 0.3 to 8 Hz whose amplitude keeps speed and acceleration within limits."""
+    duration = max(1.0, seconds - path.seconds)
+    low, high = 0.3, 8.0
+    direction = rng.uniform(0.4, 1.0, space.centre.size)
+    direction *= rng.choice([-1.0, 1.0], space.centre.size)
+    direction /= np.linalg.norm(direction)
+
+    def shape(time: Array) -> tuple[Array, Array]:
+        growth = np.log(high / low) / duration
+        rate = 2.0 * np.pi * low * np.exp(growth * time)
+        phase = (rate - 2.0 * np.pi * low) / growth
+        soft = 1.0 / (0.7 * np.min(space.reach)) + rate / (0.7 * space.speed)
+        size = 1.0 / (soft + rate**2 / (0.7 * space.acceleration))
+        # Derivative of the size: rate' = growth rate.
+        slope = -(size**2) * growth * rate / (0.7 * space.speed)
+        slope -= size**2 * 2.0 * growth * rate**2 / (0.7 * space.acceleration)
+        value = size * np.sin(phase)
+        speed = size * rate * np.cos(phase) + slope * np.sin(phase)
+        return direction[:, None] * value, direction[:, None] * speed
+
+    path.wave(duration, shape)
+
+
+def _multisine(path: Path, space: Space, rng: np.random.Generator, seconds: float) -> None:
+    """Sines of random phase on a grid of 0.2 Hz up to 5 Hz, differently in every direction."""
+    duration = max(1.0, seconds - path.seconds)
+    size = space.centre.size
+    frequency = 0.2 * rng.choice(np.arange(1, 26), size=(size, 8), replace=True)
+    phase = rng.uniform(0.0, 2.0 * np.pi, (size, 8))
+    rate = 2.0 * np.pi * frequency
+    amplitude = 1.0 / (
+        1.0 / np.min(space.reach) + rate / space.speed + rate**2 / space.acceleration
+    )
+    amplitude *= 0.35
+
+    def shape(time: Array) -> tuple[Array, Array]:
+        angle = rate[:, :, None] * time + phase[:, :, None]
+        value = np.sum(amplitude[:, :, None] * np.sin(angle), axis=1)
+        return value, np.sum((amplitude * rate)[:, :, None] * np.cos(angle), axis=1)
+
+    path.wave(duration, shape)
+
+
+def _reversals(path: Path, space: Space, rng: np.random.Generator, seconds: float) -> None:
+    """There and back without a rest, the way growing from a hundredth of the reach."""
+    share = 0.01
+    while path.seconds < seconds:
+        middle = path.place.copy()
+        direction = rng.choice([-1.0, 1.0], space.centre.size) * rng.uniform(
+            0.5, 1.0, space.centre.size
+        )
+        pace = rng.uniform(0.1, 0.5)
+        for sign in (1.0, -1.0, 0.0):
+            path.move(
+                middle + sign * share * space.reach * direction,
+                pace * space.speed,
+                pace * space.acceleration,
+            )
+        share = 0.01 if share > 0.4 else 1.8 * share
+
+
+def _dwell(path: Path, space: Space, rng: np.random.Generator, seconds: float) -> None:
+    """Moves with rests of 0.1 to 1.5 s between them."""
+    while path.seconds < seconds:
+        pace = rng.uniform(0.1, 0.6)
+        path.move(space.point(rng), pace * space.speed, pace * space.acceleration)
+        path.rest(float(np.exp(rng.uniform(np.log(0.1), np.log(1.5)))))
+
+
+def _steps(path: Path, space: Space, rng: np.random.Generator, seconds: float) -> None:
+    """Small steps one way, a tenth of the time apart, as in fig. 5 of Ludwig and Gerstmayr."""
+    begin = path.seconds
+    way = 0.1 * space.reach * rng.choice([-1.0, 1.0], space.centre.size)
+    for number in range(1, 10):
+        # At instants that a log of any usual rate holds.
+        at = round(begin + 0.1 * number * (seconds - begin), 2)
+        path.rest(at - path.seconds - path.cycle)
+        path.jump(path.place + way)
+
+
+def _mixed(path: Path, space: Space, rng: np.random.Generator, seconds: float) -> None:
+    """Fast moves, slow ones, fast ones: an ordinary working log."""
+    begin = path.seconds
+    part = (seconds - begin) / 3.0
+    _multi_point(path, space, rng, begin + part)
+    slow = Space(space.centre, space.reach, 0.12 * space.speed, 0.05 * space.acceleration)
+    _multi_point(path, slow, rng, begin + 2.0 * part)
+    _multi_point(path, space, rng, seconds)
+
+
+KINDS: Mapping[str, Callable[[Path, Space, np.random.Generator, float], None]] = {
+    'pick_and_place': _pick_and_place,
+    'multi_point': _multi_point,
+    'creep': _creep,
+    'chirp': _chirp,
+    'multisine': _multisine,
+    'reversals': _reversals,
+    'dwell': _dwell,
+    'mixed': _mixed,
+    'steps': _steps,
+}
+
+
+def draw_motion(
+    kind: str,
+    machine: Machine,
+    seconds: float,
+    seed: int | np.random.Generator,
+    space: Space | None = None,
+) -> Motion:
+    """Draw a motion that starts at rest in the middle of the workspace.
+
+    Args:
+        kind: One of `KINDS`.
+        machine: The machine.
+        seconds: Duration [s].
+        seed: Seed, or source of chance.
+        space: Workspace and limits; the machine's usual ones where not given.
+
+    Returns:
+        The motion.
+
+    Raises:
+        IdentError: INVALID_GOAL for an unknown kind or a duration that is too short.
+    """
+    if kind not in KINDS:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL, f'no motion is called {kind}; choose from {", ".join(KINDS)}'
+        )
+    if not seconds >= 1.0:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL, f'a motion of {seconds} s is too short; take 1 s or more'
+        )
+    rng = np.random.default_rng(seed)
+    space = space or space_of(machine)
+    cycle = machine.number('cycle')
+    path = Path(space.centre, cycle)
+    path.rest(rng.uniform(0.25, 0.5))
+    KINDS[kind](path, space, rng, seconds)
+    points, speeds = path.sampled(seconds)
+    return Motion(kind, cycle, *set_points_of(machine, points, speeds))
