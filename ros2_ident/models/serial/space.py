@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the joints of an arm move when nobody says otherwise."""
 
-import math
-import xml.etree.ElementTree as ElementTree
-
 import numpy as np
 
 from ros2_ident.machine.machine import Machine
@@ -16,16 +13,10 @@ _TURN, _SLIDE, _SPEED, _ACCELERATION = 1.2, 0.3, 2.5, 6.0
 
 
 def space(machine: Machine) -> Space:
-    """Return the space about the middle of the joints' limits, where these are in a URDF."""
-    text = machine.described(None).text('description')
-    ends = dict.fromkeys(machine.drives, (-math.pi, math.pi))
-    if '<robot' in text:
-        for joint in ElementTree.fromstring(text).iterfind('joint'):
-            limit, name = joint.find('limit'), joint.get('name', '')
-            if name in ends and limit is not None and joint.get('type') != 'continuous':
-                ends[name] = float(limit.get('lower', '0')), float(limit.get('upper', '0'))
-    low, high = np.array(list(ends.values())).T
-    most = np.where(arm_of(machine).prismatic, _SLIDE, _TURN)
+    """Return the space about the middle of the joints' limits, where the description has any."""
+    arm = arm_of(machine)
+    low, high = np.clip([arm.limits['low'], arm.limits['high']], -np.pi, np.pi)
+    most = np.where(arm.prismatic, _SLIDE, _TURN)
     return Space(
         0.5 * (low + high), np.minimum(0.45 * (high - low), most), _SPEED, _ACCELERATION
     )
