@@ -23,6 +23,7 @@ import measure  # noqa: E402
 import mujoco_models  # noqa: E402
 import numpy as np  # noqa: E402
 
+from checks.belt_matrix import cost_generic, simulate_generic  # noqa: E402
 from checks.reference.belt_drive import simulate_belt  # noqa: E402
 from checks.reference.tripod import simulate_tripod  # noqa: E402
 from ros2_ident.lanes import WIDTH  # noqa: E402
@@ -136,7 +137,7 @@ def belt_speed(rounds: int) -> tuple[str, dict[str, measure.Timing]]:
     belt = partial(exudyn.belt_torque, c, BELT.cycle, BELT.reference)
     torque = {
         'ours, exact': lambda: BELT.simulate(PAPER[None])[0],
-        'ours, generic': lambda: BELT.simulate_generic(PAPER[None])[0],
+        'ours, generic': lambda: simulate_generic(BELT, PAPER[None])[0],
         'Exudyn, first order, RK67': belt,
         'Exudyn, first order, RK44, 4 steps': partial(belt, solver='RK44', substeps=4),
         'Exudyn, mass and stiffness, RK67': partial(belt, second_order=True),
@@ -144,7 +145,7 @@ def belt_speed(rounds: int) -> tuple[str, dict[str, measure.Timing]]:
     }
     jobs: dict[str, Callable[[], object]] = dict(torque)
     jobs['ours, exact'] = lambda: BELT.cost(theta, MEASURED)
-    jobs['ours, generic'] = lambda: BELT.cost_generic(theta[:256], MEASURED)
+    jobs['ours, generic'] = lambda: cost_generic(BELT, theta[:256], MEASURED)
     times = measure.interleaved(
         jobs, rounds, shares={'ours, exact': len(theta), 'ours, generic': 256}
     )

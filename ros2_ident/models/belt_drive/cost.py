@@ -8,7 +8,6 @@ distance y = phi1 - phi1d the two residuals are (phi1_measured - phi1d) - y and 
 # `Lanes` values exist in compiled code only; to mypy they are untyped.
 
 import math
-from typing import Any
 
 from numba import njit
 import numpy as np
@@ -154,71 +153,4 @@ def modal_cost(
         for lane in range(min(BLOCK, count - first)):
             cost = math.sqrt(sums[lane] / samples) + math.sqrt(sums[BLOCK + lane] / samples)
             out[first + lane] = 0.5 * cost if ok[lane] else math.inf
-    return out
-
-
-@njit(nogil=True, inline='always')
-def _row(a: Array, at: int, z0: Any, z1: Any, z2: Any, z3: Any, z4: Any, z5: Any, u: Any) -> Any:
-    """Return one row of A z + b u for a block's candidates; its numbers are rows from `at` on."""
-    # Two short sums instead of a long one: the processor works on both at once.
-    at = at * WIDTH
-    left = load(a, at) * z0 + load(a, at + WIDTH) * z1 + load(a, at + 2 * WIDTH) * z2
-    right = load(a, at + 3 * WIDTH) * z3 + load(a, at + 4 * WIDTH) * z4
-    right = right + load(a, at + 5 * WIDTH) * z5
-    return left + (right + load(a, at + 6 * WIDTH) * u)
-
-
-@cached
-def matrix_cost(
-    rows: Array, gain: Array, reference: Array, phi1: Array, torque: Array, start: float
-) -> Array:
-    """Return the costs of candidates on the matrix path.
-
-    Args:
-        rows: (S, 6, 7) A and b side by side.
-        gain: (S,) P, Nm/rad.
-        reference: (K,) phi1d, rad.
-        phi1: (K,) measured, rad.
-        torque: (K,) measured, Nm.
-        start: phi1d before the first sample: the drive rests there, rad.
-
-    Returns:
-        (S,) eq. 2; inf where the numbers overflow or are none.
-    """
-    count, samples = rows.shape[0], reference.size
-    out = np.empty(count)
-    a = np.empty(42 * WIDTH)
-    p = np.empty(WIDTH)
-    sums = np.empty(2 * WIDTH)
-    for first in range(0, count, WIDTH):
-        for lane in range(WIDTH):
-            s = min(first + lane, count - 1)
-            p[lane] = gain[s]
-            for i in range(6):
-                for j in range(7):
-                    a[(i * 7 + j) * WIDTH + lane] = rows[s, i, j]
-        g = load(p, 0)
-        zero = spread(0.0)
-        # Deviations from the first set-point, so that rest is zero whatever the candidate's
-        # radius.
-        z0, z1, z2, z3, z4, z5 = zero, zero, zero, zero, zero, zero
-        sum_phi1, sum_torque = zero, zero
-        for k in range(samples):
-            u = spread(reference[k] - start)
-            error = spread(phi1[k] - start) - z0
-            sum_phi1 = sum_phi1 + error * error
-            error = spread(torque[k]) - g * (u - z0)
-            sum_torque = sum_torque + error * error
-            n0 = _row(a, 0, z0, z1, z2, z3, z4, z5, u)
-            n1 = _row(a, 7, z0, z1, z2, z3, z4, z5, u)
-            n2 = _row(a, 14, z0, z1, z2, z3, z4, z5, u)
-            n3 = _row(a, 21, z0, z1, z2, z3, z4, z5, u)
-            n4 = _row(a, 28, z0, z1, z2, z3, z4, z5, u)
-            n5 = _row(a, 35, z0, z1, z2, z3, z4, z5, u)
-            z0, z1, z2, z3, z4, z5 = n0, n1, n2, n3, n4, n5
-        store(sums, 0, sum_phi1)
-        store(sums, WIDTH, sum_torque)
-        for lane in range(min(WIDTH, count - first)):
-            cost = math.sqrt(sums[lane] / samples) + math.sqrt(sums[WIDTH + lane] / samples)
-            out[first + lane] = 0.5 * cost if math.isfinite(cost) else math.inf
     return out

@@ -27,7 +27,7 @@ EA, P, J1, J2, MASS, RADIUS, X0, L1, L2, L3 = range(10)
 
 
 @cached
-def _stiffnesses(c: Array) -> tuple[float, float, float]:
+def stiffnesses(c: Array) -> tuple[float, float, float]:
     """Return k_i r^2-free belt stiffnesses, eq. 11, of one candidate's constants (10,)."""
     return c[EA] / (c[L1] + c[X0]), c[EA] / (c[L2] - c[X0]), c[EA] / c[L3]
 
@@ -41,7 +41,7 @@ def one_mode_set(c: Array, square: Array, weight: Array) -> bool:
     Weight i is the part of mode i in the response of phi1 to a step of phi1d; they add up to 1.
     Without a controller the rigid motion has them all: phi1 stays where it is.
     """
-    k1, k2, k3 = _stiffnesses(c)
+    k1, k2, k3 = stiffnesses(c)
     r2 = c[RADIUS] * c[RADIUS]
     good = c[J1] > 0.0 and c[J2] > 0.0 and c[MASS] > 0.0 and c[P] >= 0.0 and r2 > 0.0
     if not (good and k1 > 0.0 and k2 > 0.0 and k3 > 0.0):
@@ -139,134 +139,4 @@ def modal_response(
             d0 -= by * weight[0]
             d1 -= by * weight[1]
             d2 -= by * weight[2]
-    return out
-
-
-@cached
-def matrices(constants: Array) -> tuple[Array, Array]:
-    """Return the inertias (S, 3) and the stiffness matrix (S, 3, 3) of eq. 21, of (S, 10)."""
-    count = constants.shape[0]
-    mass, stiffness = np.empty((count, 3)), np.empty((count, 3, 3))
-    for s in range(count):
-        c = constants[s]
-        k1, k2, k3 = _stiffnesses(c)
-        r = c[RADIUS]
-        mass[s, 0], mass[s, 1], mass[s, 2] = c[J1], c[J2], c[MASS]
-        stiffness[s, 0, 0] = r * r * (k1 + k3) + c[P]
-        stiffness[s, 1, 1] = r * r * (k2 + k3)
-        stiffness[s, 2, 2] = k1 + k2
-        stiffness[s, 0, 1] = stiffness[s, 1, 0] = -r * r * k3
-        # The sign of x as eqs. 10 and 21 are printed: the mass moves against the gears.
-        stiffness[s, 0, 2] = stiffness[s, 2, 0] = r * k1
-        stiffness[s, 1, 2] = stiffness[s, 2, 1] = r * k2
-    return mass, stiffness
-
-
-@cached
-def _multiply(a: Array, b: Array, factor: float, out: Array) -> None:
-    """Write factor a b, of square matrices; plain loops compile quickest."""
-    size = a.shape[0]
-    for i in range(size):
-        for j in range(size):
-            total = 0.0
-            for k in range(size):
-                total += a[i, k] * b[k, j]
-            out[i, j] = total * factor
-
-
-@cached
-def matrix_exponential(matrix: Array) -> Array:
-    """Return e^A of (S, n, n) matrices by scaling, a Taylor series and squaring.
-
-    Reference:
-        Moler and Van Loan (2003), SIAM Review 45, method 3. With the scaled norm below 1/4 the
-        remainder after the 13th power is below 1e-19.
-    """
-    count, size = matrix.shape[0], matrix.shape[1]
-    result = np.empty((count, size, size))
-    scaled, power = np.empty((size, size)), np.empty((size, size))
-    total = np.empty((size, size))
-    for s in range(count):
-        norm = 0.0
-        for i in range(size):
-            row = 0.0
-            for j in range(size):
-                row += abs(matrix[s, i, j])
-            norm = max(norm, row)
-        # A norm that is no number makes no squarings, and the result is none either.
-        squarings = 0
-        if math.isfinite(norm) and norm > 0.25:
-            squarings = int(math.ceil(math.log2(norm * 4.0)))
-        for i in range(size):
-            for j in range(size):
-                scaled[i, j] = matrix[s, i, j] * 0.5**squarings
-                total[i, j] = 1.0 if i == j else 0.0
-        # Horner: e^A = 1 + A (1 + A/2 (1 + A/3 (...))).
-        for n in range(13, 0, -1):
-            _multiply(scaled, total, 1.0 / n, power)
-            for i in range(size):
-                power[i, i] += 1.0
-            total, power = power, total
-        for _ in range(squarings):
-            _multiply(total, total, 1.0, power)
-            total, power = power, total
-        for i in range(size):
-            for j in range(size):
-                result[s, i, j] = total[i, j]
-    return result
-
-
-@cached
-def transition_rows(constants: Array, cycle: float) -> Array:
-    """Return A and b side by side, (S, 6, 7), of z_(k+1) = A z_k + b phi1d_k.
-
-    z holds the coordinates and the velocities over `speed`, which makes both alike in size: the
-    exponential then needs few squarings.
-    """
-    count = constants.shape[0]
-    mass, stiffness = matrices(constants)
-    system = np.zeros((count, 7, 7))
-    for s in range(count):
-        # Nearly the geometric mean of the accelerations; a power of two keeps the scaling exact.
-        largest = 1.0
-        for i in range(3):
-            largest = max(largest, abs(stiffness[s, i, i] / mass[s, i]))
-        speed = 2.0 ** round(0.5 * math.log2(largest)) if math.isfinite(largest) else 1.0
-        for i in range(3):
-            system[s, i, 3 + i] = cycle * speed
-            for j in range(3):
-                system[s, 3 + i, j] = -stiffness[s, i, j] / mass[s, i] * (cycle / speed)
-        # The set-point is a seventh state that stays constant over the sample.
-        system[s, 3, 6] = constants[s, P] / mass[s, 0] * (cycle / speed)
-    step = matrix_exponential(system)
-    rows = np.empty((count, 6, 7))
-    for s in range(count):
-        for i in range(6):
-            for j in range(7):
-                rows[s, i, j] = step[s, i, j]
-    return rows
-
-
-@fused
-def matrix_response(rows: Array, gain: Array, reference: Array) -> Array:
-    """Return phi1 and M1, (S, 2, K), from `transition_rows` and the gains (S,)."""
-    count, samples = rows.shape[0], reference.size
-    out = np.empty((count, 2, samples))
-    state, moved = np.empty(6), np.empty(6)
-    start = reference[0]
-    for s in range(count):
-        for i in range(6):
-            state[i] = 0.0
-        for k in range(samples):
-            u = reference[k] - start
-            torque = gain[s] * (u - state[0])
-            good = math.isfinite(torque)
-            out[s, 0, k] = start + state[0] if good else math.inf
-            out[s, 1, k] = torque if good else math.inf
-            for i in range(6):
-                total = rows[s, i, 6] * u
-                for j in range(6):
-                    total += rows[s, i, j] * state[j]
-                moved[i] = total
-            state, moved = moved, state
     return out

@@ -146,7 +146,7 @@ class BeltDrive:
         return full
 
     def simulate(self, theta: Array) -> Array:
-        """Simulate candidates on the modal path.
+        """Simulate candidates.
 
         Args:
             theta: (S, N) parameters, physical units.
@@ -158,21 +158,6 @@ class BeltDrive:
         return belt_kernels.modal_response(
             self.constants(theta), self.cycle, self.reference, self._step_at, self._step_by
         )
-
-    def simulate_generic(self, theta: Array) -> Array:
-        """Simulate candidates by the matrix exponential of the first-order system.
-
-        Knows nothing of modes: the path for any linear drive and input, and a check of the other.
-
-        Args:
-            theta: (S, N) parameters, physical units.
-
-        Returns:
-            (S, 2, K) as `simulate`.
-        """
-        full = self.constants(theta)
-        rows = belt_kernels.transition_rows(full, self.cycle)
-        return belt_kernels.matrix_response(rows, full[:, 1].copy(), self.reference)
 
     def cost(self, theta: Array, measured: Array) -> Array:
         """Return the cost of candidates, eq. 2, without storing a trajectory.
@@ -192,19 +177,6 @@ class BeltDrive:
             np.ascontiguousarray(measured[1]),
             self._step_at,
             self._step_by,
-        )
-
-    def cost_generic(self, theta: Array, measured: Array) -> Array:
-        """Return the same costs (S,) as `cost` on the path of `simulate_generic`."""
-        self._check(measured)
-        full = self.constants(theta)
-        return belt_cost.matrix_cost(
-            belt_kernels.transition_rows(full, self.cycle),
-            full[:, 1].copy(),
-            self.reference,
-            np.ascontiguousarray(measured[0]),
-            np.ascontiguousarray(measured[1]),
-            self.reference[0],
         )
 
     def _check(self, measured: Array) -> None:
