@@ -176,14 +176,13 @@ def test_the_program_says_the_sentence_and_ends_with_2() -> None:
         ('rclpy', 'rclpy not found; source ROS 2 Jazzy'),
     ],
 )
-@pytest.mark.parametrize('name', ['identifier', 'watch'])
 def test_missing_packages_are_said_in_a_sentence(
-    tmp_path: Path, module: str, said: str, name: str
+    tmp_path: Path, module: str, said: str
 ) -> None:
     script = (
         'import sys\n'
         f'sys.modules[{module!r}] = None\n'
-        f'from ros2_ident.ros.{name} import main\n'
+        'from ros2_ident.ros.identifier import main\n'
         'sys.exit(main([]))'
     )
     ran = subprocess.run(
@@ -195,4 +194,4 @@ def test_missing_packages_are_said_in_a_sentence(
         check=False,
     )
     assert ran.returncode == 1
-    assert ran.stderr.startswith(f'{name}: {said}') and ran.stderr.count('\n') == 1
+    assert ran.stderr.startswith(f'identifier: {said}') and ran.stderr.count('\n') == 1

@@ -30,7 +30,7 @@ python -m ros2_ident.ros.identifier --ros-args --log-level warn \
   -p machine_file:="$machine" -p output_directory:="$results" -p end_of_stream:=1.0 \
   -p initial_population:=512 -p workers:="$(nproc)" &
 pids+=($!)
-python -m ros2_ident.ros.watch --seconds 240 &
+python tools/watch.py --seconds 240 &
 watch=$!
 pids+=("$watch")
 python -m ros2_ident.ros.replay "$bag" --wait-for-subscribers 60 &

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Show what an identifier publishes: `python -m ros2_ident.ros.watch`, until its next result.
+"""Show what an identifier publishes until its next result, for the demo.
 
 Exit codes: 0 for a result with an estimate, 1 for any other, 2 when none came in time.
 """
