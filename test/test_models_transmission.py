@@ -334,7 +334,7 @@ def test_a_load_is_found_by_two_bags(tmp_path: Path) -> None:
         assert found[name]['value'] == pytest.approx(truth[name], abs=5e-3)
 
 
-def test_a_simulated_arm_takes_links_and_effects(tmp_path: Path, capsys) -> None:
+def test_a_simulated_arm_takes_links_as_set_and_no_effects(tmp_path: Path, capsys) -> None:
     machine = described(tmp_path)
     motion = draw_motion('multi_point', machine, 1.5, 1)
     for values in ({}, {'wrist.link_mass': 9.0}):

@@ -49,14 +49,7 @@ def test_nominal_parameters_are_named_by_models_and_machines_only() -> None:
 def test_no_kind_of_machine_is_named_outside_its_own_folder_and_its_reference() -> None:
     rooms = tuple(path.name for path in PACKAGE.iterdir() if (path / '__init__.py').is_file())
     kinds = set(KINDS)
-    own = {f'models/{kind}/' for kind in kinds} | {
-        'reference/axis.py',
-        'reference/belt_drive.py',
-        'reference/rotary_tripod.py',
-        'reference/serial.py',
-        'reference/servo.py',
-        'reference/tripod.py',
-    }
+    own = {f'models/{kind}/' for kind in kinds}
     named = [
         f'{place} {word}'
         for word, place in words(rooms)
@@ -71,15 +64,3 @@ def test_targets_are_rows_and_twins_agree(effect) -> None:
     assert {p.target for p in effect.parameters} <= known
     for twin in effect.twins:
         assert effect.id in CATALOGUE[twin].twins
-
-
-def imports(path: Path) -> set[str]:
-    """Return the modules that a file imports, wherever it does so."""
-    tree = ast.walk(ast.parse(path.read_text(encoding='utf-8')))
-    return {node.module or '' for node in tree if isinstance(node, ast.ImportFrom)}
-
-
-def test_the_tables_of_the_reference_do_not_import_who_reads_them() -> None:
-    for table in ('effect_table', 'outside_table', 'effect_writers', 'effect_kind'):
-        found = imports(PACKAGE / f'reference/{table}.py')
-        assert 'checks.reference.effects' not in found, table

@@ -376,10 +376,10 @@ def test_replay_says_what_is_wrong(domain: int, tmp_path: Path) -> None:
 
 
 def test_replay_stops_on_a_signal(domain: int) -> None:
-    with program('replay', str(BAG), '--loop', '--rate', '20', domain=domain) as process:
+    with program('replay', str(BAG), '--rate', '0.1', domain=domain) as process:
         assert process.stdout is not None
         line = process.stdout.readline()
-        assert line.startswith('replay: 100 %'), line
+        assert line.startswith('replay: ') and ' messages of ' in line, line
         process.send_signal(signal.SIGINT)
         code, text = ended(process)
     assert code == 130 and 'Traceback' not in text, text

@@ -2,7 +2,6 @@
 """The pace of a replay, and the worker: parts that need no DDS."""
 
 import gc
-import io
 import os
 from pathlib import Path
 import time
@@ -11,7 +10,7 @@ import pytest
 from ros_helpers import BAG, ended, new_domain, program, Station
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.ros.playback import Bag, Message, Player, ProgressLine
+from ros2_ident.ros.playback import Bag, Message, Player
 
 STEP = 2_000_000  # ns
 
@@ -38,14 +37,7 @@ def test_rate(rate: float) -> None:
     assert expected <= time.monotonic() - began < expected + 0.3
 
 
-def test_pause_shifts_what_follows_and_stop_ends_it() -> None:
-    paused = [True, True, False]
-    player = Player(
-        messages(5), lambda m: None, paused=lambda: paused.pop(0) if paused else False
-    )
-    began = time.monotonic()
-    assert player.play()
-    assert time.monotonic() - began >= 0.1
+def test_stop_ends_it() -> None:
     player = Player(messages(5), lambda m: None, stopped=lambda: player.count == 2)
     assert not player.play() and player.count == 2
 
@@ -77,30 +69,11 @@ def test_what_cannot_be_played(path: Path | str, topics, code: ErrorCode) -> Non
     assert caught.value.code == code
 
 
-class Terminal(io.StringIO):
-    def isatty(self) -> bool:
-        return True
-
-
-def test_a_bar_on_a_terminal_and_lines_elsewhere() -> None:
-    bar, lines, nothing = Terminal(), io.StringIO(), io.StringIO()
-    for stream, quiet in ((bar, False), (lines, False), (nothing, True)):
-        line = ProgressLine(7.0, 200, stream, quiet)
-        line.show(3.5, 100)
-        line.show(7.0, 200, last=True)
-    assert bar.getvalue() == (
-        '\r[' + '#' * 30 + '] 100 % 7.0 of 7.0 s, 200 of 200 messages\x1b[K\n'
-    )
-    assert lines.getvalue() == 'replay: 100 %, 7.0 of 7.0 s, 200 of 200 messages\n'
-    assert nothing.getvalue() == ''
-
-
 @pytest.mark.ros
 def test_clock_remaps_and_a_paused_start() -> None:
     from rclpy.node import Node
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
-    from std_srvs.srv import Trigger
 
     domain = new_domain()
     clocks, states = [], []
@@ -114,14 +87,10 @@ def test_clock_remaps_and_a_paused_start() -> None:
     station = Station(make, domain)
     try:
         with program(
-            'replay', str(BAG), '--rate', '7', '--clock', '100', '--start-paused',
+            'replay', str(BAG), '--rate', '7', '--clock', '100',
             '--topics', '/joint_states', '--remap', '/joint_states:=/arm/states',
             '--wait-for-subscribers', '60', domain=domain,
         ) as replay:
-            client = station.node.create_client(Trigger, '/replay/resume')
-            station.until(client.service_is_ready, 'the service')
-            assert not states
-            station.request(lambda: client.call_async(Trigger.Request()), 'an answer')
             code, text = ended(replay)
         assert code == 0, text
         station.until(lambda: len(states) > 6900, 'the messages')

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every effect of the reference does something, vanishes with its size, and is drawn by seed."""
 
+import ast
 from pathlib import Path
 
 import numpy as np
@@ -194,3 +195,15 @@ def test_unknown_drive_is_named(motion):
     effect = Effect('backlash', ('drive_7',), {'width': 1e-4})
     with pytest.raises(IdentError, match='there is no drive drive_7'):
         simulate_tripod(MACHINE, TRUTH, motion.position, motion.velocity, [effect])
+
+
+def imports(path: Path) -> set[str]:
+    """Return the modules that a file imports, wherever it does so."""
+    tree = ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+    return {node.module or '' for node in tree if isinstance(node, ast.ImportFrom)}
+
+
+def test_the_tables_of_the_reference_do_not_import_who_reads_them() -> None:
+    for table in ('effect_table', 'outside_table', 'effect_writers', 'effect_kind'):
+        found = imports(ROOT / f'checks/reference/{table}.py')
+        assert 'checks.reference.effects' not in found, table

@@ -6,9 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import itertools
 from pathlib import Path
-import sys
 import time
-from typing import TextIO
 
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
@@ -22,7 +20,7 @@ _AHEAD = 5000
 _PIECE = 20
 # A gap this long [ns] is used to read ahead.
 _GAP = 300_000
-# The longest sleep [s]: a signal or a pause is noticed after it.
+# The longest sleep [s]: a signal is noticed after it.
 _NAP = 0.05
 
 
@@ -121,9 +119,7 @@ class Player:
         publish: Takes a message when it is due.
         rate: Times faster than recorded.
         stopped: Whether to end now.
-        paused: Whether to wait.
-        on_round: Called with the log time now and the messages played, between the messages; has
-            to be quick.
+        on_round: Called with the log time now, ns, between the messages; has to be quick.
     """
 
     def __init__(
@@ -133,18 +129,15 @@ class Player:
         *,
         rate: float = 1.0,
         stopped: Callable[[], bool] = lambda: False,
-        paused: Callable[[], bool] = lambda: False,
-        on_round: Callable[[int, int], None] = lambda log_time, count: None,
+        on_round: Callable[[int], None] = lambda log_time: None,
     ) -> None:
         self._messages = messages
         self._ahead: deque[Message] = deque()
         self._publish = publish
         self._rate = rate
         self._stopped = stopped
-        self._paused = paused
         self._on_round = on_round
         self.count = 0
-        self.late = 0
 
     def play(self) -> bool:
         """Play to the end; return whether it was reached."""
@@ -157,20 +150,15 @@ class Player:
             if self._stopped():
                 return False
             now = time.monotonic_ns()
-            if self._paused():
-                time.sleep(_NAP)
-                start += time.monotonic_ns() - now
-                continue
             due = start + round((self._ahead[0].log_time - first) / self._rate)
             if due > now:
-                self._on_round(first + round((now - start) * self._rate), self.count)
+                self._on_round(first + round((now - start) * self._rate))
                 if due - now > _GAP and len(self._ahead) < _AHEAD:
                     self._read(_PIECE)
                 left = (due - time.monotonic_ns()) * 1e-9
                 if left > 0.0:
                     time.sleep(min(left, _NAP))
                 continue
-            self.late = max(self.late, now - due)
             self._publish(self._ahead.popleft())
             self.count += 1
             if not self._ahead:
@@ -179,50 +167,3 @@ class Player:
 
     def _read(self, count: int) -> None:
         self._ahead.extend(itertools.islice(self._messages, count))
-
-
-class ProgressLine:
-    """How far the replay has come: a bar on a terminal, a line every few seconds elsewhere.
-
-    Args:
-        duration: Of the bag, s.
-        count: Messages to be played.
-        stream: Where to write.
-        quiet: Write nothing.
-    """
-
-    _WIDTH = 30
-
-    def __init__(
-        self, duration: float, count: int, stream: TextIO = sys.stderr, quiet: bool = False
-    ) -> None:
-        self._duration = duration
-        self._total = count
-        self._stream = stream
-        self._bar = stream.isatty()
-        self._quiet = quiet
-        self._interval = 0.2 if self._bar else 5.0
-        self._next = time.monotonic() + self._interval
-
-    def show(self, seconds: float, count: int, *, last: bool = False) -> None:
-        """Show the state, unless the last time was just now.
-
-        Args:
-            seconds: Time into the bag, s.
-            count: Messages played.
-            last: Show it in any case, and end the line.
-        """
-        now = time.monotonic()
-        if self._quiet or (now < self._next and not last):
-            return
-        self._next = now + self._interval
-        share = min(1.0, count / self._total)
-        text = f'{seconds:.1f} of {self._duration:.1f} s, {count} of {self._total} messages'
-        if self._bar:
-            done = round(share * self._WIDTH)
-            bar = '#' * done + '-' * (self._WIDTH - done)
-            self._stream.write(f'\r[{bar}] {100 * share:3.0f} % {text}\x1b[K')
-            self._stream.write('\n' if last else '')
-        else:
-            self._stream.write(f'replay: {100 * share:.0f} %, {text}\n')
-        self._stream.flush()

@@ -3,16 +3,13 @@
 
 import argparse
 from collections.abc import Sequence
-from contextlib import suppress
 import signal
 import sys
-import threading
 import time
-from typing import Any
 
 from ros2_ident.errors import IdentError
 from ros2_ident.ros.identifier import missing, Stop
-from ros2_ident.ros.playback import Bag, Message, Player, ProgressLine
+from ros2_ident.ros.playback import Bag, Message, Player
 
 # A publisher knows of a subscriber a little before that one knows of it; what is sent in between
 # is lost, and nothing tells when it is over.
@@ -51,11 +48,6 @@ def parser() -> argparse.ArgumentParser:
     add = found.add_argument
     add('bag', help='bag directory, or a single .mcap, .db3 or .bag file')
     add('-r', '--rate', type=positive, default=1.0, metavar='FACTOR', help='times faster (1.0)')
-    add('-l', '--loop', action='store_true', help='begin again at the end, until interrupted')
-    add('-p', '--start-paused', action='store_true', help='wait for a call of ~/resume')
-    add(
-        '-d', '--delay', type=float, default=0.0, metavar='S', help='wait before the first message'
-    )
     add(
         '--clock',
         type=positive,
@@ -74,7 +66,7 @@ def parser() -> argparse.ArgumentParser:
     )
     add('--topics', nargs='+', metavar='TOPIC', help='play only these')
     add('-m', '--remap', nargs='+', default=[], metavar='OLD:=NEW', help='other names for topics')
-    add('-q', '--quiet', action='store_true', help='show no progress')
+    add('-q', '--quiet', action='store_true', help='say nothing of what is played')
     return found
 
 
@@ -111,8 +103,14 @@ def _play(options: argparse.Namespace, ros: list[str], stop: Stop) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     bag = Bag(options.bag, options.topics)
-    if bag.skipped and not options.quiet:
-        print(f'replay: not played, no JointState: {", ".join(bag.skipped)}', file=sys.stderr)
+    if not options.quiet:
+        left = f'; not {", ".join(bag.skipped)}, no JointState' if bag.skipped else ''
+        print(
+            f'replay: {bag.count} messages of {", ".join(bag.topics)}, '
+            f'{bag.duration / options.rate:.1f} s{left}',
+            file=sys.stderr,
+            flush=True,
+        )
     remaps = [x for pair in options.remap for x in ('-r', pair)]
     ros = (ros or ['--ros-args']) + remaps
     rclpy.init(args=ros, signal_handler_options=SignalHandlerOptions.NO)
@@ -128,7 +126,7 @@ def _play(options: argparse.Namespace, ros: list[str], stop: Stop) -> int:
 
 
 class Station:
-    """The node that plays, its publishers and services.
+    """The node that plays, and its publishers.
 
     Args:
         bag: What to play.
@@ -136,12 +134,10 @@ class Station:
     """
 
     def __init__(self, bag: Bag, options: argparse.Namespace) -> None:
-        from rclpy.executors import SingleThreadedExecutor
         from rclpy.node import Node
         from rclpy.qos import QoSProfile
         from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import JointState
-        from std_srvs.srv import Trigger
 
         self._bag = bag
         self._options = options
@@ -155,33 +151,6 @@ class Station:
             self._clock = self._node.create_publisher(Clock, '/clock', QoSProfile(depth=10))
             self._clock_type = Clock
         self._next_clock = 0
-        self._pause = threading.Event()
-        if options.start_paused:
-            self._pause.set()
-        self._node.create_service(Trigger, '~/pause', self._on_pause)
-        self._node.create_service(Trigger, '~/resume', self._on_resume)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
-        self._closing = False
-        self._thread = threading.Thread(target=self._spin, name='services', daemon=True)
-        self._thread.start()
-
-    def _spin(self) -> None:
-        from rclpy.executors import ExternalShutdownException
-
-        with suppress(ExternalShutdownException):
-            while not self._closing:
-                self._executor.spin_once(0.1)
-
-    def _on_pause(self, _: Any, response: Any) -> Any:
-        self._pause.set()
-        response.success, response.message = True, 'paused'
-        return response
-
-    def _on_resume(self, _: Any, response: Any) -> Any:
-        self._pause.clear()
-        response.success, response.message = True, 'playing'
-        return response
 
     def run(self, stop: Stop) -> int:
         """Play as the options say; return the exit code."""
@@ -197,29 +166,14 @@ class Station:
                 file=sys.stderr,
             )
             return 1
-        _sleep(options.delay, stop)
-        while True:
-            line = ProgressLine(self._bag.duration, self._bag.count, quiet=options.quiet)
-            self._next_clock = 0
-
-            def between(log_time: int, count: int, line: ProgressLine = line) -> None:
-                self._tick_clock(log_time)
-                line.show((log_time - self._bag.start) * 1e-9, count)
-
-            player = Player(
-                self._bag.messages(),
-                self._publish,
-                rate=options.rate,
-                stopped=lambda: bool(stop.signal),
-                paused=self._pause.is_set,
-                on_round=between,
-            )
-            ended = player.play()
-            line.show(self._bag.duration if ended else 0.0, player.count, last=True)
-            if not ended:
-                return 128 + stop.signal
-            if not options.loop:
-                return 0
+        player = Player(
+            self._bag.messages(),
+            self._publish,
+            rate=options.rate,
+            stopped=lambda: bool(stop.signal),
+            on_round=self._tick_clock,
+        )
+        return 0 if player.play() else 128 + stop.signal
 
     def _publish(self, message: Message) -> None:
         self._tick_clock(message.log_time)
@@ -252,8 +206,6 @@ class Station:
             left = max(0.0, deadline - time.monotonic())
             publisher.wait_for_all_acked(Duration(seconds=left))
         time.sleep(LINGER)
-        self._closing = True
-        self._thread.join()
         self._node.destroy_node()
 
 
