@@ -291,10 +291,10 @@ def _judge_drives(
         if summary is not None:
             drives.append(summary)
     if still := standing({x.drive: x.stroke for x in drives}):
-        names = ', '.join(still)
-        said = f'{names}: stood still, so nothing is found of what moves there; the others count'
+        listed = ', '.join(still)
+        text = f'{listed}: stood still, so nothing is found of what moves there; the others count'
         findings = [f for f in findings if f.subject not in still]
-        findings.append(Finding('warn', 'no_motion', names, said))
+        findings.append(Finding('warn', 'no_motion', listed, text))
     return drives, findings
 
 
