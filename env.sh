@@ -30,6 +30,8 @@ case $- in *u*) ident_nounset=1; set +u ;; *) ident_nounset= ;; esac
 . "$ident_root/install/setup.$ident_shell" # where ROS 2 was sourced to build it, also that ROS 2
 [ -z "$ident_nounset" ] || set -u
 
+# What is run from a clone: `python -m checks.blind`, and what scripts take from there.
+ident_prepend PYTHONPATH "$ident_root"
 # `ros2 run` looks here; the wheels bring no `ros2`, so the programs are commands too.
 ident_prepend PATH "$ident_root/install/ros2_ident/lib/ros2_ident"
 
