@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run that is killed goes on, and ends with the bits it would have had.
 
-`benchmarks/kills.py` kills commands a hundred times and looks at their files.
+`checks/benchmarks/kills.py` kills commands a hundred times and looks at their files.
 """
 
 from dataclasses import replace
@@ -193,7 +193,7 @@ def test_a_diagnosis_that_was_stopped_goes_on_as_if_it_had_not_been(tmp_path):
 
 def test_commands_survive_a_real_kill():
     for name, kills in (('identify', 2), ('diagnose', 1)):
-        words = [sys.executable, str(ROOT / 'benchmarks' / 'kills.py'), name]
+        words = [sys.executable, str(ROOT / 'checks' / 'benchmarks' / 'kills.py'), name]
         more = '--population 128 --generations 4' if name == 'identify' else '--no-report'
         done = subprocess.run(
             [*words, '--kills', str(kills), '--seed', '5', f'--words={more}'],

@@ -65,7 +65,7 @@ def says_long(block: Block) -> bool:
     return any(
         words[:2] in (['ident', 'diagnose'], *(['make', x] for x in ('bench', 'checks', 'demo')))
         or words[0] == 'python'
-        and (words[1].startswith('benchmarks/') or words[2].startswith('checks.'))
+        and (words[1].startswith('checks/benchmarks/') or words[2].startswith('checks.'))
         for words in block.commands
     )
 
@@ -221,7 +221,7 @@ def test_the_shell_and_the_marks_are_seen() -> None:
     [
         'ident identify bags/axis_reversals --machine config/emps.yaml --ou build',
         'ident identfy bags/axis_reversals',
-        'python benchmarks/latency.py --wrong',
+        'python checks/benchmarks/latency.py --wrong',
         'make tests',
         'ros2 run ros2_ident identifyer',
         'ros2 topic echo /identifier/results',

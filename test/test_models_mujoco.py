@@ -7,11 +7,11 @@ from pathlib import Path
 import pickle
 import sys
 
-from mujoco_mjcf import tripod_mjcf
 import numpy as np
 import pytest
 import yaml
 
+from checks.generators.mujoco_mjcf import tripod_mjcf
 from checks.reference.tripod import simulate_tripod
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
@@ -381,7 +381,7 @@ def test_joints_that_slide_are_in_metres_and_their_actuators_in_newtons(looped, 
 
 @pytest.fixture(scope='module')
 def blind():
-    file = ROOT / 'benchmarks/mujoco_machine_blind.py'
+    file = ROOT / 'checks/benchmarks/mujoco_machine_blind.py'
     spec = importlib.util.spec_from_file_location('mujoco_machine_blind', file)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -75,7 +75,7 @@ def test_torque_follows_the_reference(machine, kind) -> None:
 def test_torque_follows_mujoco(machine) -> None:
     sys.path.append(str(ROOT / 'build/peers'))
     pytest.importorskip('mujoco', reason='MuJoCo is not installed; see CONTRIBUTING.md')
-    mujoco_rotary = importlib.import_module('mujoco_rotary')
+    mujoco_rotary = importlib.import_module('checks.generators.mujoco_rotary')
     motion, log = run(machine, 'multi_point', seconds=1.2)
     effort, course = mujoco_rotary.simulate(machine, TRUTH, motion)
     model = model_of(machine, motion, log)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fuzzing: whatever the bytes are, a log is read, salvaged or refused in one sentence.
 
-`benchmarks/fuzz_readers.py` does the same for hours; what it found lies in `corpus/readers`.
+`checks/benchmarks/fuzz_readers.py` does the same for hours; what it found is in `corpus/readers`.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Machine files, messages and goals with odd content are taken, or refused in a sentence.
 
-`benchmarks/fuzz_requests.py` does the same for hours.
+`checks/benchmarks/fuzz_requests.py` does the same for hours.
 """
 
 import importlib.util
@@ -12,7 +12,7 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 
-SCRIPT = Path(__file__).parents[1] / 'benchmarks' / 'fuzz_requests.py'
+SCRIPT = Path(__file__).parents[1] / 'checks' / 'benchmarks' / 'fuzz_requests.py'
 
 
 @pytest.fixture(scope='module')

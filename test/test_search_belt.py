@@ -10,7 +10,7 @@ import pytest
 
 @pytest.fixture(scope='module')
 def benchmark():
-    path = Path(__file__).parents[1] / 'benchmarks' / 'search_belt.py'
+    path = Path(__file__).parents[1] / 'checks' / 'benchmarks' / 'search_belt.py'
     spec = importlib.util.spec_from_file_location('search_belt', path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -8,9 +8,8 @@
 # mujoco_blind is not among them: it needs what the first installs, takes half an hour, and writes
 # docs/blind_mujoco.md.
 #
-# Nor are: benchmarks/coverage.py (five minutes and more), benchmarks/practice.py (wants a
-# folder of cases), benchmarks/report.py (wants result directories and Chromium),
-# benchmarks/kernel.py (wants gcc and AVX-512).
+# Nor are interval_coverage (five minutes and more), practice (wants a folder of cases), report (wants result
+# directories and Chromium) and kernel (wants gcc and AVX-512).
 set -uo pipefail
 cd "${0%/*}/.." || exit
 failed=0
@@ -25,12 +24,12 @@ with_peers() {
 
 [ $# -gt 0 ] || set -- peers search_mutation search_belt convergence latency timer cluster
 for name; do
-  printf '\n== benchmarks/%s.py\n' "$name"
+  printf '\n== checks/benchmarks/%s.py\n' "$name"
   SECONDS=0
   case $name in
-    peers) with_peers benchmarks/peers.py --write docs ;;
-    mujoco_blind) with_peers benchmarks/mujoco_blind.py --write docs/blind_mujoco.md ;;
-    *) python "benchmarks/$name.py" ;;
+    peers) with_peers checks/benchmarks/peers.py --write docs ;;
+    mujoco_blind) with_peers checks/benchmarks/mujoco_blind.py --write docs/blind_mujoco.md ;;
+    *) python "checks/benchmarks/$name.py" ;;
   esac || { echo "bench: $name failed." >&2; failed=1; }
   printf '(%d s)\n' "$SECONDS"
 done

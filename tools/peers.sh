@@ -5,7 +5,7 @@
 set -euo pipefail
 cd "${0%/*}/.."
 
-cmp -s benchmarks/peers.lock build/peers/.lock && exit
+cmp -s checks/benchmarks/peers.lock build/peers/.lock && exit
 rm -rf build/peers
-python -m pip install --quiet --no-input --no-deps --target build/peers -r benchmarks/peers.lock
-cp benchmarks/peers.lock build/peers/.lock
+python -m pip install --quiet --no-input --no-deps --target build/peers -r checks/benchmarks/peers.lock
+cp checks/benchmarks/peers.lock build/peers/.lock

@@ -21,6 +21,7 @@ FORBIDDEN = (
     'checks.blind.draw',
     'checks.blind.forms',
     'checks.blind.seal',
+    'checks.generators',
 )
 
 

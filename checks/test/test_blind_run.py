@@ -112,7 +112,7 @@ def test_scoring_opens_only_what_is_diagnosed(tmp_path) -> None:
 
 def test_practice_script_skips_where_there_is_nothing(tmp_path) -> None:
     done = subprocess.run(
-        [sys.executable, str(ROOT / 'benchmarks' / 'practice.py'), str(tmp_path)],
+        [sys.executable, str(ROOT / 'checks' / 'benchmarks' / 'practice.py'), str(tmp_path)],
         env={'PYTHONPATH': str(ROOT), 'PATH': '/usr/bin:/bin'},
         capture_output=True,
         text=True,

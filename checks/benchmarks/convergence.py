@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How many integration steps the tripod's kernel needs: its torque against the slow reference.
+
+Usage: python checks/benchmarks/convergence.py [--write docs/convergence.md]
+"""
+
+import argparse
+import itertools
+from pathlib import Path
+
+import numpy as np
+
+from checks.reference.tripod import simulate_tripod
+from ros2_ident.models import load_machine
+from ros2_ident.models.tripod.model import Tripod
+from ros2_ident.recording import Dataset
+from ros2_ident.simulate.motions import draw_motion
+
+TABLE_5 = {
+    'measurement_delay': 0.024903,
+    'gear_stiffness': 232139.0,
+    'gear_damping_ratio': 0.396306,
+    'tool_mass': 1.76244,
+    'drive_inertia': 89.0817e-6,
+    'coulomb_torque': 0.05,
+    'viscous_torque': 0.05,
+}
+STEPS = (1, 2, 4, 8, 16)
+
+
+def model_and_reference(
+    parameters: dict[str, float], kind: str, seconds: float
+) -> tuple[Tripod, np.ndarray]:
+    """Return the fast model on a motion, and the reference's logged torque (3, K)."""
+    machine = load_machine(Path(__file__).parents[2] / 'config' / 'tripod.yaml')
+    motion = draw_motion(kind, machine, seconds, 7)
+    log = simulate_tripod(machine, parameters, motion.position, motion.velocity)
+    data = Dataset(
+        machine.drives,
+        machine.number('cycle'),
+        0,
+        motion.position,
+        motion.velocity,
+        None,
+        None,
+        log.effort,
+    )
+    return Tripod(machine, data), log.effort
+
+
+def theta_of(model: Tripod, parameters: dict[str, float]) -> np.ndarray:
+    """Return (1, N) the model's parameters at the given values."""
+    return np.array([[parameters[p.name.split('.')[-1]] for p in model.parameters]])
+
+
+def errors(parameters: dict[str, float], kind: str, seconds: float) -> dict[int | None, float]:
+    """Return the worst drive's RMS error [N m] by steps a cycle; None: the model's choice."""
+    model, effort = model_and_reference(parameters, kind, seconds)
+    theta = theta_of(model, parameters)
+    out: dict[int | None, float] = {}
+    for steps in (*STEPS, None):
+        model.substeps = steps
+        error = model.simulate(theta)[0] - effort
+        out[steps] = float(np.sqrt(np.mean(error**2, axis=1)).max())
+    model.substeps = None
+    return out
+
+
+def chosen(parameters: dict[str, float]) -> int:
+    """Return the number of steps the model chooses by itself."""
+    model, _ = model_and_reference(parameters, 'pick_and_place', 1.0)
+    return int(model._steps(model.rows(theta_of(model, parameters)))[0])
+
+
+def table() -> list[str]:
+    """Return the study as lines of Markdown."""
+    head = (
+        '| ' + ' | '.join(f'{s} ({500 / s:.4g} us)' for s in STEPS) + ' | chosen | error there |'
+    )
+    lines = [
+        '| motion | c_G [N/m] | zeta_G | J_D [kg m^2] | M_C [N m] ' + head,
+        '|' + ' --- |' * (5 + len(STEPS) + 2),
+    ]
+    cases = [(kind, TABLE_5) for kind in ('pick_and_place', 'multi_point', 'chirp', 'creep')]
+    for stiffness, damping, inertia, friction in itertools.product(
+        (1e2, 1e4, 3e5), (0.0, 0.4, 2.0), (5e-5, 15e-5), (0.0, 0.2)
+    ):
+        corner = {
+            **TABLE_5,
+            'gear_stiffness': stiffness,
+            'gear_damping_ratio': damping,
+            'drive_inertia': inertia,
+            'coulomb_torque': friction,
+        }
+        cases.append(('pick_and_place', corner))
+    for kind, p in cases:
+        found = errors(p, kind, 3.0)
+        cells = ' | '.join(f'{found[s]:.1e}' for s in STEPS)
+        lines.append(
+            f'| {kind} | {p["gear_stiffness"]:.3g} | {p["gear_damping_ratio"]:.2g} '
+            f'| {p["drive_inertia"]:.2g} | {p["coulomb_torque"]:.2g} | {cells} '
+            f'| {chosen(p)} | {found[None]:.1e} |'
+        )
+    return lines
+
+
+def main() -> None:
+    """Print the study, or write the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--write', metavar='FILE', help='write the page')
+    args = parser.parse_args()
+    lines = table()
+    print('\n'.join(lines))
+    if args.write:
+        path = Path(args.write)
+        text = path.read_text(encoding='utf-8')
+        begin, end = '<!-- table -->\n', '<!-- end -->'
+        before, rest = text.split(begin)
+        path.write_text(
+            before + begin + '\n'.join(lines) + '\n' + end + rest.split(end)[1], encoding='utf-8'
+        )
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,333 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Machine files, descriptions, messages and goals by the hundred thousand: what is made of them.
+
+Machine files from `config/` are damaged in their bytes, or one of their values is replaced by an
+odd one; so are a URDF and an MJCF, whose elements are also repeated, nested and put elsewhere;
+JointState messages are damaged and given to what the node feeds them to; goals get odd values in
+one to four fields. Each has to be taken, or refused in one printable sentence with a code, within
+ten seconds of CPU time and 2 GiB. Whatever else is raised is printed.
+
+Example: python checks/benchmarks/fuzz_requests.py --machines 200000 --messages 100000 --goals 1000
+"""
+
+import argparse
+from collections import Counter
+from collections.abc import Callable
+import copy
+from pathlib import Path
+import random
+import re
+import resource
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from typing import Any
+import warnings
+
+import yaml
+
+sys.path.insert(0, str(Path(__file__).parents[2] / 'test'))
+
+from reader_cases import damage, make_recording, raw_messages  # noqa: E402
+
+from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
+from ros2_ident.models import load_machine  # noqa: E402
+from ros2_ident.models.registry import kind_of, read_machine_file  # noqa: E402
+from ros2_ident.recording import RecordingBuilder  # noqa: E402
+from ros2_ident.recording.cdr import decode  # noqa: E402
+from ros2_ident.recording.limits import Limits  # noqa: E402
+
+ROOT = Path(__file__).parents[2]
+ODD: tuple[Any, ...] = (
+    *(None, True, False, 0, -1, 1, 2, 1e-300, -1e300, 1e308, 10**400, 1 << 63, 0.1),
+    *(float('nan'), float('inf'), -float('inf'), '', ' ', 'x', 'nan', '1e3', '\x1b[31m', '\0'),
+    *('drive_1', 'emps_axis', 'é' * 300, '../..', '/dev/zero', '/dev/stdin', '~', '~nobody/x'),
+    *([], {}, [1.0], [1.0, 'x'], [[]], {'a': 1}, ['drive_1'] * 3, [0.0] * 1000),
+)
+
+
+class Slow(Exception):
+    """An input took too long."""
+
+
+def too_long(*_: object) -> None:
+    """End it."""
+    raise Slow
+
+
+def swapped(value: Any, generator: random.Random) -> Any:
+    """Return nested plain data with one value, somewhere, replaced by an odd one."""
+    places: list[tuple[Any, Any]] = []
+
+    def walk(here: Any) -> None:
+        for key in here if isinstance(here, dict) else range(len(here)):
+            places.append((here, key))
+            if isinstance(here[key], (dict, list)):
+                walk(here[key])
+
+    out = copy.deepcopy(value)
+    walk(out)
+    where, key = generator.choice(places)
+    how = generator.random()
+    if how < 0.15:
+        del where[key]
+    elif how < 0.3 and isinstance(where, dict):
+        where[generator.choice(('x', 1, None, 'kind', '\x1b'))] = where.pop(key)
+    else:
+        where[key] = generator.choice(ODD)
+    return out
+
+
+class Machines:
+    """Damaged machine files."""
+
+    def __init__(self, room: Path) -> None:
+        self.path = room / 'machine.yaml'
+        files = ('emps', 'tripod', 'belt_drive', 'xl330')
+        self.texts = [(ROOT / 'config' / f'{x}.yaml').read_bytes() for x in files]
+        self.plain = [yaml.safe_load(x) for x in self.texts]
+
+    def __call__(self, generator: random.Random) -> str:
+        """Read one."""
+        if generator.random() < 0.4:
+            data = damage(generator.choice(self.texts), generator)
+        else:
+            plain = swapped(generator.choice(self.plain), generator)
+            if generator.random() < 0.3:
+                plain = swapped(plain, generator) if plain else plain
+            data = yaml.safe_dump(plain, allow_unicode=True).encode()
+        self.path.write_bytes(data)
+        if generator.random() < 0.2:
+            read_machine_file(self.path)
+        load_machine(self.path)
+        return 'taken'
+
+
+MJCF = '''<mujoco><option timestep="0.001"/><compiler angle="radian" autolimits="true"/>
+<default><joint damping="0.1"/></default><worldbody><geom type="plane" size="1 1 1"/>
+<body name="upper"><joint name="one" axis="0 1 0" range="-1 1"/>
+<inertial pos="0 0 -0.1" mass="0.5" diaginertia="0.002 0.002 0.001"/>
+<body name="lower" pos="0 0 -0.2"><joint name="two" type="slide" axis="0 1 0"/>
+<geom type="capsule" size="0.02" fromto="0 0 0 0 0 0.1" density="900"/></body></body></worldbody>
+<actuator><position joint="one" kp="20"/><motor joint="two"/></actuator>
+<equality><joint joint1="one" joint2="two"/></equality><size memory="1M"/></mujoco>'''
+PARTS = (
+    *('<include file="/dev/zero"/>', '<mesh file="/dev/stdin"/>', '<x:y/>', '<!--'),
+    '<![CDATA[<]]>',
+    *('<replicate count="1000000000"><geom size="1"/></replicate>', '&#0;', '&e;', '\ufeff'),
+    *('<hfield name="h" nrow="90000" ncol="90000" size="1 1 1 1"/>', '<mimic joint="one"/>'),
+    *('<?xml version="1.0" encoding="utf-7"?>', '<!DOCTYPE r [<!ENTITY e "&e;">]>', '\ud800'),
+    *('<key qpos="nan"/>', '<composite type="cable" count="1000000 1 1"/>', '<freejoint/>'),
+    *('<attach model="m"/>', '<inertial/>', '<link/>', '<joint/>', '<numeric size="-1"/>'),
+    '<body><joint type="ball"/></body>',
+)  # fmt: skip
+
+
+class Urdf:
+    """Descriptions of an arm."""
+
+    text = (ROOT / 'config' / 'kr300.urdf').read_text()
+
+    def __init__(self, room: Path) -> None:
+        self.path, self.machine = room / 'robot.xml', room / 'machine.yaml'
+        plain = yaml.safe_load((ROOT / 'config' / 'kr300.yaml').read_text())
+        plain['geometry']['description'] = 'robot.xml'
+        self.write(plain)
+
+    def write(self, plain: dict[str, Any]) -> None:
+        """Write the machine file."""
+        self.machine.write_text(yaml.safe_dump(plain))
+
+    def __call__(self, generator: random.Random) -> str:
+        """Read one as `ident check` and a model do."""
+        text = self.text
+        for _ in range(generator.choice((1, 1, 2, 4))):
+            text = changed(text, generator)
+        data = text.encode(generator.choice(('utf-8',) * 40 + ('utf-16',)), 'surrogatepass')
+        if generator.random() < 0.1:
+            data = damage(data, generator)
+        self.path.write_bytes(data)
+        machine = load_machine(self.machine)
+        read = kind_of(machine).read
+        assert read is not None
+        read(machine)
+        return 'taken'
+
+
+class Mjcf(Urdf):
+    """Descriptions of an arm, of the other format."""
+
+    text = MJCF
+    kind = 'serial'
+
+    def write(self, plain: dict[str, Any]) -> None:
+        """Write the machine file."""
+        boxes = {'serial': {'link_mass': [-1, 1, 'kg']}, 'mujoco': {'kp': [1, 9, 'N m/rad']}}
+        content = {'machine': self.kind, 'drives': ['one', 'two'], 'parameters': boxes[self.kind]}
+        geometry = {'geometry': {'description': 'robot.xml'}, 'controller': {'cycle': 0.002}}
+        super().write(content | geometry)
+
+
+class Simulators(Mjcf):
+    """Descriptions of a simulator."""
+
+    kind = 'mujoco'
+
+
+def changed(text: str, generator: random.Random) -> str:
+    """Return a description's text with one change."""
+    how = generator.random()
+    pattern = r'[\w]="([^"]*)"' if how < 0.5 else r'<(\w+)[^<>]{0,300}>' if how < 0.85 else r'()<'
+    found = list(re.finditer(pattern, text))
+    if not found:
+        return text
+    place = generator.choice(found)
+    count = generator.choice((0, 2, 2, 300, 20_000))
+    if how < 0.5:
+        odd = [*map(str, ODD), '1 2', '1e9', '-5 1 1', 'x' * 99_999, generator.choice(found)[1]]
+        return text[: place.start(1)] + str(generator.choice(odd)) + text[place.end(1) :]
+    if how < 0.7:
+        return text[: place.start()] + place[0] * count + text[place.end() :]
+    if how < 0.85:
+        nested = place[0].replace('/>', '>') * count + f'</{place[1]}>' * count
+        return text[: place.start()] + nested + text[place.start() :]
+    return text[: place.start()] + generator.choice(PARTS) + text[place.start() :]
+
+
+class Messages:
+    """Damaged JointState messages, a hundred to a recording."""
+
+    def __init__(self, room: Path) -> None:
+        self.whole = [data for _, _, data in raw_messages(make_recording(24))]
+        self.builder = RecordingBuilder()
+        self.fed = 0
+
+    def __call__(self, generator: random.Random) -> str:
+        """Feed one as the node does, and build after a hundred."""
+        data = generator.choice(self.whole)
+        if generator.random() < 0.8:
+            data = damage(data, generator)
+        role = generator.choice(('state', 'effort', 'command'))
+        try:
+            for block in decode([data], Limits()):
+                self.builder.add_block(role, block.stamp, block.names, *block.fields)
+        except (ValueError, IndexError):
+            return 'refused'
+        self.fed += 1
+        if self.fed % 100 == 0:
+            built, self.builder = self.builder, RecordingBuilder()
+            built.build()
+        return 'taken'
+
+
+class Goals:
+    """Goals with odd values."""
+
+    def __init__(self, room: Path) -> None:
+        from ros2_ident_msgs.action import Diagnose, Identify
+
+        from ros2_ident.ros.goals import diagnose_request_of, request_of
+        from ros2_ident.ros.parameter_table import BY_NAME
+        from ros2_ident.ros.parameters import Snapshot
+
+        self.kinds = ((Identify.Goal, request_of), (Diagnose.Goal, diagnose_request_of))
+        values: dict[str, Any] = {name: entry.default for name, entry in BY_NAME.items()}
+        values |= {'machine_file': str(ROOT / 'config' / 'emps.yaml'), 'drives': []}
+        self.parameters = [Snapshot(values), Snapshot(values | {'allowed_directory': str(room)})]
+        paths = (str(ROOT / 'bags' / 'axis_reversals'), str(room), '/proc/self/mem', '/')
+        self.words = (*paths, 'viscous_friction', 'backlash', 'effort', 'linear_axis')
+
+    def __call__(self, generator: random.Random) -> str:
+        """Ask for one."""
+        kind, ask = generator.choice(self.kinds)
+        goal = kind()
+        fields = goal.get_fields_and_field_types()
+        for name in generator.sample(list(fields), generator.randrange(1, 5)):
+            setattr(goal, name, self.value(fields[name], generator))
+        ask(goal, generator.choice(self.parameters))
+        return 'taken'
+
+    def value(self, kind: str, generator: random.Random) -> Any:
+        """Return an odd value of a type, or one that is close to a good one."""
+        if kind.startswith('sequence'):
+            inner = kind[len('sequence<') : -1]
+            return [self.value(inner, generator) for _ in range(generator.choice((0, 1, 2, 50)))]
+        if kind == 'boolean':
+            return generator.random() < 0.5
+        if kind == 'string':
+            return generator.choice((*(x for x in ODD if isinstance(x, str)), *self.words))
+        if kind in ('double', 'float'):
+            odd = [float(x) for x in ODD if isinstance(x, float)]
+            return generator.choice((*odd, 0.0, 1.0, 1e9, -1e-9, 0.5))
+        most = (1 << int(kind.removeprefix('uint'))) - 1
+        return generator.choice((0, 1, 2, 10, most // 2, most))
+
+
+def run(make: Callable[[Path], Any], name: str, count: int, seed: int, minutes: float) -> bool:
+    """Give `count` inputs to what `make` makes; print what came of them."""
+    outcomes: Counter[str] = Counter()
+    slowest, begin = 0.0, time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        take = make(Path(folder))
+        for number in range(count):
+            if time.monotonic() - begin > 60.0 * minutes:
+                break
+            generator = random.Random(f'{name} {seed} {number}')
+            started = time.process_time()
+            signal.setitimer(signal.ITIMER_PROF, 10.0)
+            try:
+                outcomes[take(generator)] += 1
+            except IdentError as error:
+                good = error.message.isprintable() and error.code != ErrorCode.INTERNAL
+                outcomes['refused' if good else 'badly said'] += 1
+                if not good:
+                    print(f'{name} {number}: {error.message!r}', flush=True)
+            except Slow:
+                outcomes['over 10 s'] += 1
+                print(f'{name} {number}: over 10 s', flush=True)
+            except MemoryError:
+                outcomes['over 2 GiB'] += 1
+                print(f'{name} {number}: over 2 GiB', flush=True)
+            except Exception:
+                outcomes['traceback'] += 1
+                print(f'{name} {number}\n{traceback.format_exc(limit=-3)}', flush=True)
+            finally:
+                signal.setitimer(signal.ITIMER_PROF, 0.0)
+            slowest = max(slowest, time.process_time() - started)
+    seconds = time.monotonic() - begin
+    told = ', '.join(f'{n} {what}' for what, n in sorted(outcomes.items()))
+    print(f'{name}: {sum(outcomes.values())} in {seconds:.0f} s, slowest {slowest:.2f} s; {told}')
+    return not set(outcomes) - {'taken', 'refused'}
+
+
+def main() -> int:
+    """Make, give, count."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--urdf', type=int, default=1000, help='needs pinocchio')
+    parser.add_argument('--mjcf', type=int, default=1000, help='needs pinocchio')
+    parser.add_argument('--simulators', type=int, default=0, help='needs MuJoCo')
+    for name in ('machines', 'messages', 'goals'):
+        parser.add_argument(f'--{name}', type=int, default=1000)
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--minutes', type=float, default=1e9, help='longest time of each kind')
+    args = parser.parse_args()
+    warnings.simplefilter('ignore')
+    signal.signal(signal.SIGPROF, too_long)
+    used = int(Path('/proc/self/statm').read_text().split()[5]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_DATA, (used + (2 << 30), resource.RLIM_INFINITY))
+    kinds: tuple[tuple[str, Callable[[Path], Any]], ...] = (
+        ('machines', Machines),
+        ('urdf', Urdf),
+        ('mjcf', Mjcf),
+        ('simulators', Simulators),
+        ('messages', Messages),
+        ('goals', Goals),
+    )
+    good = [run(make, name, getattr(args, name), args.seed, args.minutes) for name, make in kinds]
+    return not all(good)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
