@@ -271,20 +271,14 @@ def write_table(
     return write_text(path, text.getvalue())
 
 
-def write_arrays(path: str | Path, arrays: Mapping[str, Any], *, packed: bool = True) -> Path:
-    """Write arrays as NPZ without pickle; see `replacing`.
-
-    Args:
-        path: The file.
-        arrays: By name.
-        packed: Whether to compress them.
+def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
+    """Write arrays by name as NPZ without pickle; see `replacing`.
 
     Returns:
         The path.
     """
-    save = np.savez_compressed if packed else np.savez
     with replacing(path) as file:
-        save(file, allow_pickle=False, **{mark('arrays'): np.array(1), **arrays})
+        np.savez_compressed(file, allow_pickle=False, **{mark('arrays'): np.array(1), **arrays})
     return Path(path)
 
 

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The genetic algorithm's core: its equations, repeatability, state, errors."""
+"""The genetic algorithm's core: its equations, repeatability, errors."""
 
 from dataclasses import replace
-import json
 import math
 from pathlib import Path
 
@@ -18,9 +17,7 @@ from ros2_ident.search import (
     GeneticSearch,
     GeneticSettings,
     MANY_MINIMA,
-    read_state,
     StopReason,
-    write_state,
 )
 from ros2_ident.search.operators import (
     gaussian_root,
@@ -229,60 +226,6 @@ def test_above_the_last_survivors_cost_nobody_survives():
     assert search.limit(search.ask()[:1], np.array([math.inf])) == np.sort(costs)[3]
 
 
-# state
-
-
-@pytest.mark.parametrize('asked', [False, True])
-@pytest.mark.parametrize('first', ['uniform', 'kronecker'])
-def test_state_round_trip_is_bit_exact(tmp_path, asked, first):
-    settings = replace(SMALL, min_distance=0.2, first_generation=first)
-    whole = run(GeneticSearch(3, settings, seed=5))
-    search = GeneticSearch(3, settings, seed=5)
-    run(search, generations=6)
-    if asked:
-        search.ask()
-    write_state(tmp_path / 'state.npz', search.state())
-    again = GeneticSearch.from_state(read_state(tmp_path / 'state.npz'))
-    rest = run(again)
-    assert len(rest) == 6
-    for ours, expected in zip(rest, whole[6:], strict=True):
-        np.testing.assert_array_equal(ours, expected)
-    assert again.evaluations == 64 + 11 * 16
-    assert not list(tmp_path.glob('*.partial'))
-
-
-def test_state_survives_json():
-    search = GeneticSearch(2, SMALL, seed=1)
-    run(search, generations=4)
-
-    def plain(value):
-        return value.tolist() if isinstance(value, np.ndarray) else value
-
-    text = json.dumps({k: plain(v) for k, v in search.state().items()})
-    again = GeneticSearch.from_state(json.loads(text))
-    np.testing.assert_array_equal(search.ask(), again.ask())
-
-
-def test_state_of_an_ended_search_is_ended():
-    search = GeneticSearch(2, SMALL, seed=1)
-    run(search)
-    assert GeneticSearch.from_state(search.state()).stop_reason is StopReason.GENERATIONS
-
-
-def test_damaged_states_are_refused(tmp_path):
-    state = GeneticSearch(2, SMALL).state()
-    with pytest.raises(IdentError, match='version 99 and this package reads 1'):
-        GeneticSearch.from_state({**state, 'version': 99})
-    with pytest.raises(IdentError, match='damaged .*start the search anew'):
-        GeneticSearch.from_state({k: v for k, v in state.items() if k != 'survivors'})
-    with pytest.raises(IdentError, match='no such file') as caught:
-        read_state(tmp_path / 'none.npz')
-    assert caught.value.code == ErrorCode.NO_DATA
-    (tmp_path / 'junk.npz').write_bytes(b'junk')
-    with pytest.raises(IdentError, match='is no search state'):
-        read_state(tmp_path / 'junk.npz')
-
-
 # infinities and refusals
 
 
@@ -366,21 +309,6 @@ def test_the_first_of_a_generation_is_in_doubt_like_any_other():
     assert search.in_doubt(costs, exact).size == 0
     exact[0] = exact[-1] = False
     assert search.in_doubt(costs, exact).tolist() == [0]
-
-
-def test_a_state_that_would_run_code_is_refused(tmp_path):
-    class Runs:
-        def __reduce__(self):
-            return (Path.touch, (tmp_path / 'ran',))
-
-    write_state(tmp_path / 'state.npz', GeneticSearch(2, SMALL).state())
-    with np.load(tmp_path / 'state.npz') as file:
-        arrays = dict(file)
-    arrays['survivors'] = np.array([Runs()], dtype=object)
-    np.savez(tmp_path / 'evil.npz', **arrays)
-    with pytest.raises(IdentError):
-        GeneticSearch.from_state(read_state(tmp_path / 'evil.npz'))
-    assert not (tmp_path / 'ran').exists()
 
 
 def test_eqs_8_and_9_bound_the_distance():

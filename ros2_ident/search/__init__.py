@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Search: the genetic algorithm, its driver, the refinement and the intervals."""
 
-from ros2_ident.search.checkpoint import read_state as read_state
-from ros2_ident.search.checkpoint import write_state as write_state
 from ros2_ident.search.driver import Budget as Budget
 from ros2_ident.search.driver import minimise as minimise
 from ros2_ident.search.driver import Progress as Progress

@@ -277,7 +277,6 @@ def minimise(
     on_progress: Callable[[Progress], None] | None = None,
     on_generation: Callable[[Array, Array, Flags], None] | None = None,
     cancel: Cancel | None = None,
-    on_survivors: Callable[[GeneticSearch], None] | None = None,
     known: Callable[[Array], tuple[Array, Flags] | None] | None = None,
     slice_seconds: float = 0.05,
     lot: int = 1,
@@ -305,7 +304,6 @@ def minimise(
             candidates (S, N), physical units, their costs (S,) as far as they were evaluated, and
             where (S,) that is the cost and not a lower bound of it.
         cancel: Looked at between slices, and while a queue is waited for.
-        on_survivors: Called with the search after every complete generation.
         known: Gets the candidates of a generation (S, N), physical units, and returns costs (S,)
             of an earlier run, and where (S,) that is the cost; None where there are none. Those
             of survivors are computed again.
@@ -357,8 +355,6 @@ def minimise(
             run.best_cost, run.best_point = search.best_cost, search.best_point
         completed += 1
         best_costs.append(search.best_cost)
-        if on_survivors is not None:
-            on_survivors(search)
         stop = search.stop_reason
     run.report(last=True)
     return SearchResult(

@@ -281,7 +281,6 @@ class _Fit:
             cancel=self.cancel,
             lot=self.evaluators.lot,
             on_generation=self._note,
-            on_survivors=self._keep,
             known=self._known,
             give_up=self.settings.give_up,
             work=self.problem.work,
@@ -301,6 +300,8 @@ class _Fit:
         self.told.append(costs)
         self.exact.append(exact)
         self.generations += [self.search.generation] * len(theta)
+        if self.new and len(theta) == len(self.search.ask()):
+            self.journal.put({'costs': costs, 'exact': exact}, *self.key, theta)
 
     def _known(self, theta: Array) -> tuple[Array, Flags] | None:
         """Return costs of a generation (S, N) that an earlier run of the same fit has left."""
@@ -309,12 +310,6 @@ class _Fit:
         kept = self.journal.get(wanted, *self.key, theta)
         self.new = kept is None
         return None if kept is None else (kept['costs'], kept['exact'])
-
-    def _keep(self, search: GeneticSearch) -> None:
-        """Write down a generation that is complete."""
-        if self.new:
-            costs = {'costs': self.told[-1], 'exact': self.exact[-1]}
-            self.journal.put(costs, *self.key, self.candidates[-1])
 
     def _report_search(self, progress: Progress) -> None:
         assert self.on_progress is not None

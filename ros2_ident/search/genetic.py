@@ -5,8 +5,7 @@ No objective, clock, thread or print: whoever owns the loop evaluates what `ask`
 the costs. Everything happens in the unit cube; bounds in physical units are the driver's business.
 """
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 import enum
 import math
 from typing import Any
@@ -24,8 +23,6 @@ from ros2_ident.search.operators import (
     select,
     survive,
 )
-
-STATE_VERSION = 1
 
 
 class StopReason(enum.Enum):
@@ -317,69 +314,3 @@ class GeneticSearch:
         if cost < self.best_cost:
             self.best_cost = cost
             self.best_point = self.survivors[0].copy()
-
-    def state(self) -> dict[str, Any]:
-        """Return all that the future depends on, as plain data.
-
-        Returns:
-            Numbers, strings, dictionaries of them, and float64 arrays; `write_state` keeps it in a
-            file. A generation that was asked for and not told is part of it.
-        """
-        population = self._population if self._population is not None else np.empty((0, 0))
-        return {
-            'version': STATE_VERSION,
-            'dimension': self.dimension,
-            'seed': self.seed,
-            'settings': asdict(self.settings),
-            'generation': self.generation,
-            'evaluations': self.evaluations,
-            'finished': self._finished,
-            'stagnant': self._stagnant,
-            'best_cost': self.best_cost,
-            'best_point': self.best_point.copy(),
-            'survivors': self.survivors.copy(),
-            'survivor_costs': self.survivor_costs.copy(),
-            'population': population.copy(),
-            'bit_generator': self._rng.bit_generator.state,
-        }
-
-    @classmethod
-    def from_state(cls, state: Mapping[str, Any]) -> 'GeneticSearch':
-        """Continue where `state` was taken, to the bit.
-
-        Args:
-            state: From `state()`; arrays may come as lists.
-
-        Returns:
-            A search that asks for the same candidates the other one would have asked for.
-
-        Raises:
-            IdentError: BAD_VALUES where the state is another version's or incomplete.
-        """
-        version = state.get('version')
-        if version != STATE_VERSION:
-            raise _refuse(
-                f'the search state has version {version!r} and this package reads '
-                f'{STATE_VERSION}; continue with the package version that wrote it'
-            )
-        try:
-            known = {f.name for f in fields(GeneticSettings)}
-            chosen = {k: v for k, v in state['settings'].items() if k in known}
-            search = cls(int(state['dimension']), GeneticSettings(**chosen), int(state['seed']))
-            width = search.dimension
-            search.generation = int(state['generation'])
-            search.evaluations = int(state['evaluations'])
-            search._finished = bool(state['finished'])
-            search._stagnant = int(state['stagnant'])
-            search.best_cost = float(state['best_cost'])
-            search.best_point = np.array(state['best_point'], dtype=np.float64)
-            search.survivors = np.array(state['survivors'], dtype=np.float64).reshape(-1, width)
-            search.survivor_costs = np.array(state['survivor_costs'], dtype=np.float64)
-            population = np.array(state['population'], dtype=np.float64)
-            if population.size:
-                search._population = population.reshape(-1, width)
-                search._population.flags.writeable = False
-            search._rng.bit_generator.state = state['bit_generator']
-        except (KeyError, TypeError, ValueError) as exc:
-            raise _refuse(f'the search state is damaged ({exc}); start the search anew') from None
-        return search
