@@ -6,6 +6,7 @@ the cache carries a digest of all sources that a function is made of instead of 
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 import hashlib
 from pathlib import Path
 from typing import Any, cast, TypeVar
@@ -39,4 +40,11 @@ def compiled(function: F, sources: str, **options: Any) -> F:
     cache_file = getattr(getattr(dispatcher, '_cache', None), '_cache_file', None)
     if cache_file is not None:
         cache_file._source_stamp = sources
+        save = cache_file.save
+
+        def kept(*what: Any) -> None:
+            with suppress(OSError):  # where the disk is full, the next run compiles again
+                save(*what)
+
+        cache_file.save = kept
     return cast(F, dispatcher)

@@ -25,6 +25,7 @@ from ros2_ident.cli.main import main
 from ros2_ident.cli.report import page_line
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.export.estimate import read_estimate
 from ros2_ident.gap.compose import _hidden_by_noise
 from ros2_ident.gap.diagnosis import DriveGap, to_mapping
 from ros2_ident.gap.maps import chosen
@@ -50,9 +51,11 @@ from ros2_ident.report.page.numbers import (
 )
 from ros2_ident.report.page.plots import one_a_cell
 from ros2_ident.report.page.sentences import hidden, joined, leading, moved
+from ros2_ident.report.page.several import write_comparison
 from ros2_ident.report.page.symbols import legend, MEANINGS
 from ros2_ident.report.page.thin import breaks, extremes, worst_moments
 from ros2_ident.report.signals import load_signals, write_signals
+from ros2_ident.report.tables import write_tables
 
 DIAGNOSED = ['where', 'gap', 'time', 'values']
 IDENTIFIED = ['effort', 'parameters', 'search', 'correlations']
@@ -947,3 +950,19 @@ def test_the_worst_moments_are_the_largest_and_apart():
     moments = worst_moments(time, residual)
     assert [drive for _, _, drive in moments] == [0, 1]
     assert moments[0][0] < 2.0 < 2.1 < moments[0][1] and moments[1][0] < 7.0 < moments[1][1]
+
+
+@pytest.mark.parametrize(
+    'read',
+    [
+        *(write_report, read_estimate),
+        *(lambda x: write_tables(x, x), lambda x: write_comparison([x, x])),
+    ],
+)
+def test_a_diagnosis_that_was_changed_is_refused(tmp_path, read):
+    write_diagnosed(tmp_path)
+    path = tmp_path / 'diagnosis.json'
+    data = json.loads(path.read_text())
+    path.write_text(json.dumps(data | {'parameters': {'x': 1}, 'also': 3}))
+    with pytest.raises(IdentError, match=r'diagnosis.json: is incomplete or changed \(\w+Error'):
+        read(tmp_path)

@@ -4,8 +4,10 @@
 Machine files from `config/` are damaged in their bytes, or one of their values is replaced by an
 odd one; so are a URDF and an MJCF, whose elements are also repeated, nested and put elsewhere;
 JointState messages are damaged and given to what the node feeds them to; goals get odd values in
-one to four fields. Each has to be taken, or refused in one printable sentence with a code, within
-ten seconds of CPU time and 2 GiB. Whatever else is raised is printed.
+one to four fields; files of results are damaged or get an odd value before page, tables or
+estimate are made of them; a checkpoint's records get odd values under valid checksums before a run
+goes on from it. Each has to be taken, or refused in one printable sentence with a code, within ten
+seconds of CPU time and 2 GiB. Whatever else is raised is printed.
 
 Example: python checks/benchmarks/fuzz_requests.py --machines 200000 --messages 100000 --goals 1000
 """
@@ -14,6 +16,7 @@ import argparse
 from collections import Counter
 from collections.abc import Callable
 import copy
+import json
 from pathlib import Path
 import random
 import re
@@ -26,18 +29,28 @@ import traceback
 from typing import Any
 import warnings
 
+import numpy as np
 import yaml
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'test'))
 
+from identify_cases import axis, axis_data  # noqa: E402
 from reader_cases import damage, make_recording, raw_messages  # noqa: E402
+from report_cases import write_diagnosed, write_identified  # noqa: E402
 
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
+from ros2_ident.export.estimate import read_estimate  # noqa: E402
+from ros2_ident.identify.run import identify  # noqa: E402
+from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
+from ros2_ident.identify.setup import problem_of  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
 from ros2_ident.models.registry import kind_of, read_machine_file  # noqa: E402
 from ros2_ident.recording import RecordingBuilder  # noqa: E402
 from ros2_ident.recording.cdr import decode  # noqa: E402
 from ros2_ident.recording.limits import Limits  # noqa: E402
+from ros2_ident.report.page import write_report  # noqa: E402
+from ros2_ident.report.tables import write_tables  # noqa: E402
+from ros2_ident.search import GeneticSettings, journal  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 ODD: tuple[Any, ...] = (
@@ -265,6 +278,76 @@ class Goals:
         return generator.choice((0, 1, 2, 10, most // 2, most))
 
 
+class Results:
+    """Damaged files of an identification and a diagnosis."""
+
+    def __init__(self, room: Path) -> None:
+        self.room = room / 'run'
+        write_identified(self.room)
+        write_diagnosed(self.room)
+        self.whole = {path: path.read_bytes() for path in sorted(self.room.iterdir())}
+
+    def __call__(self, generator: random.Random) -> str:
+        """Make page, tables or estimate."""
+        for path, data in self.whole.items():
+            path.write_bytes(data)
+        path = generator.choice([*self.whole, *self.room.glob('*.json')])
+        if path.suffix == '.json' and generator.random() < 0.8:
+            path.write_text(json.dumps(swapped(json.loads(self.whole[path]), generator)))
+        else:
+            path.write_bytes(damage(self.whole[path], generator))
+        if path.suffix == '.yaml':
+            path.with_suffix('.json').unlink()
+        make = generator.choice((write_report, write_tables, read_estimate))
+        make(self.room, *([self.room / 'tables'] if make is write_tables else []))
+        return 'taken'
+
+
+class Checkpoints:
+    """Records with odd values, whole by their checksums."""
+
+    def __init__(self, room: Path) -> None:
+        self.path = room / 'run.checkpoint'
+        small = GeneticSettings(initial_population=16, survivors=2, children=4, generations=3)
+        self.settings = IdentifySettings(genetic=small)
+        self.key = f'{problem_of(axis(), axis_data()).key} 0 {small}'
+        self.records: list[tuple[Any, ...]] = []
+        journal.SMALL, put = 1 << 30, journal.Journal.put
+        journal.Journal.put = lambda _, *what: self.records.append(what)  # type: ignore
+        self.whole = self.identified()
+        journal.Journal.put = put  # type: ignore[method-assign]
+
+    def identified(self) -> Any:
+        """Identify."""
+        return identify(axis(), axis_data(), settings=self.settings, checkpoint=self.path)
+
+    def __call__(self, generator: random.Random) -> str:
+        """Write a checkpoint of odd records, and go on from it."""
+        self.path.unlink(missing_ok=True)
+        with journal.Journal(self.path, self.key) as kept:
+            for values, *what in self.records:
+                kept.put({x: self.odd(y, generator) for x, y in values.items()}, *what)
+        if generator.random() < 0.2:
+            self.path.write_bytes(damage(self.path.read_bytes(), generator))
+        cost = self.identified().cost.refined
+        assert np.isclose(cost, self.whole.cost.refined, rtol=1e-3), cost
+        return 'taken'
+
+    def odd(self, value: Any, generator: random.Random) -> Any:
+        """Return a value, or often an odd one."""
+        if generator.random() < 0.7:
+            return value
+        factor = generator.choice((0.5, -1.0, 1e300, float('nan'), 1.001))
+        with np.errstate(all='ignore'):
+            shaken = np.asarray(value, float) * factor
+        shapes = (
+            [float(shaken)]
+            if not np.ndim(value)
+            else [*(shaken, shaken.ravel()[:-1], np.resize(shaken, (2, 3)), shaken.astype('f4'))]
+        )
+        return generator.choice([*shapes, generator.choice(ODD)])
+
+
 def run(make: Callable[[Path], Any], name: str, count: int, seed: int, minutes: float) -> bool:
     """Give `count` inputs to what `make` makes; print what came of them."""
     outcomes: Counter[str] = Counter()
@@ -310,6 +393,8 @@ def main() -> int:
     parser.add_argument('--simulators', type=int, default=0, help='needs MuJoCo')
     for name in ('machines', 'messages', 'goals'):
         parser.add_argument(f'--{name}', type=int, default=1000)
+    parser.add_argument('--results', type=int, default=100)
+    parser.add_argument('--checkpoints', type=int, default=10)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--minutes', type=float, default=1e9, help='longest time of each kind')
     args = parser.parse_args()
@@ -324,6 +409,8 @@ def main() -> int:
         ('simulators', Simulators),
         ('messages', Messages),
         ('goals', Goals),
+        ('results', Results),
+        ('checkpoints', Checkpoints),
     )
     good = [run(make, name, getattr(args, name), args.seed, args.minutes) for name, make in kinds]
     return not all(good)

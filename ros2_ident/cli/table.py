@@ -21,7 +21,7 @@ def columns(rows: Sequence[Sequence[str]], right: Sequence[bool]) -> list[str]:
         rows: Cells, the same number in each row.
         right: For each column whether it is set to the right.
     """
-    widths = [max(len(row[c]) for row in rows) for c in range(len(right))]
+    widths = [max((len(row[c]) for row in rows), default=0) for c in range(len(right))]
     return [
         '  '.join(
             cell.rjust(width) if to_right else cell.ljust(width)

@@ -9,7 +9,7 @@ from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt
-from ros2_ident.report.files import DIAGNOSIS, JSON, load_diagnosis, load_result, YAML
+from ros2_ident.report.files import DIAGNOSIS, intact, JSON, load_diagnosis, load_result, YAML
 
 # Half a 95 % interval in standard deviations.
 _HALF = 1.96
@@ -51,7 +51,11 @@ def read_estimate(path: str | Path) -> Estimate:
     """
     folder = Path(path)
     whole = not folder.is_dir() or (folder / JSON).exists() or (folder / YAML).exists()
-    found = _identified(folder) if whole or not (folder / DIAGNOSIS).exists() else _found(folder)
+    if whole or not (folder / DIAGNOSIS).exists():
+        found = _identified(folder)
+    else:
+        with intact(folder / DIAGNOSIS):
+            found = _found(folder)
     several = [name for name in found.values if '@' in name]
     if several:
         raise IdentError(

@@ -25,6 +25,7 @@ from ros2_ident.identify.result import History, Identification
 from ros2_ident.models import Machine
 from ros2_ident.report.remedy import machine_lines
 from ros2_ident.report.schema import from_mapping, plain, to_mapping
+from ros2_ident.report.schema import intact as intact
 from ros2_ident.report.signals import signals_of_diagnosis, signals_of_problem, write_signals
 
 JSON, YAML, HISTORY, SIGNALS = 'result.json', 'result.yaml', 'history.npz', 'signals.npz'

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A result as plain data and back; `null` stands for what is not a number."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 import math
 from pathlib import Path
@@ -136,9 +137,16 @@ def from_mapping(data: Any, path: Path) -> Identification:
             f'{path}: has version {data.get("version")!r} and this package reads {VERSION}; '
             'read it with the package version it names',
         )
-    try:
+    with intact(path):
         return _result(data)
-    except (AttributeError, KeyError, TypeError, ValueError) as exc:
+
+
+@contextmanager
+def intact(path: Path) -> Iterator[None]:
+    """Refuse a file whose content turns out not to be what was written there."""
+    try:
+        yield
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as exc:
         raise IdentError(
             ErrorCode.BAD_VALUES,
             f'{path}: is incomplete or changed ({type(exc).__name__}: {exc}); write it anew',

@@ -12,6 +12,7 @@ from ros2_ident.files import make_directory, require_ours, write_table
 from ros2_ident.report.files import (
     DIAGNOSIS,
     DIAGNOSIS_SIGNALS,
+    intact,
     JSON,
     load_diagnosis,
     load_result,
@@ -52,8 +53,9 @@ def write_tables(results: str | Path, directory: str | Path) -> tuple[Path, ...]
         found = to_mapping(load_result(source))['parameters']
         files += _write(folder, '', found, source / SIGNALS)
     if (source / DIAGNOSIS).exists():
-        found = load_diagnosis(source)['parameters']
-        files += _write(folder, 'diagnosis_', found, source / DIAGNOSIS_SIGNALS)
+        with intact(source / DIAGNOSIS):
+            found = load_diagnosis(source)['parameters']
+            files += _write(folder, 'diagnosis_', found, source / DIAGNOSIS_SIGNALS)
     if not files:
         raise IdentError(
             ErrorCode.NO_DATA,

@@ -2,6 +2,7 @@
 """From the files of a result directory to `report.html`."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from ros2_ident.report.files import (
     DIAGNOSIS,
     DIAGNOSIS_SIGNALS,
     FLEET,
+    intact,
     JSON,
     load_diagnosis,
     load_result,
@@ -70,7 +72,9 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
         )
     target = folder / PAGE if page is None else Path(page)
     make_directory(target.parent)
-    return write_text(target, _render(folder, result, diagnosis))
+    with intact(folder / DIAGNOSIS) if diagnosis else nullcontext():
+        text = _render(folder, result, diagnosis)
+    return write_text(target, text)
 
 
 def _render(folder: Path, result: Identification | None, diagnosis: dict[str, Any] | None) -> str:

@@ -15,6 +15,7 @@ from ros2_ident.identify.result import half_of_difference, smallest_shown
 from ros2_ident.report.files import (
     DIAGNOSIS,
     FLEET,
+    intact,
     JSON,
     load_diagnosis,
     load_result,
@@ -194,13 +195,14 @@ def _run(folder: Path) -> _Run:
     """
     if (folder / DIAGNOSIS).exists():
         data = load_diagnosis(folder)
-        said = answer.of_diagnosis(data, str(folder))
-        named = [data['verdict'], *data['also']]
-        return _Run(
-            str(folder), (said.headline, *said.more), said.gaps, data['parameters'],
-            frozenset((x['effect'], w) for x in named if x['effect'] in CATALOGUE
-                      for w in x['where']),
-        )  # fmt: skip
+        with intact(folder / DIAGNOSIS):
+            said = answer.of_diagnosis(data, str(folder))
+            named = [data['verdict'], *data['also']]
+            return _Run(
+                str(folder), (said.headline, *said.more), said.gaps, data['parameters'],
+                frozenset((x['effect'], w) for x in named if x['effect'] in CATALOGUE
+                          for w in x['where']),
+            )  # fmt: skip
     if not any((folder / name).exists() for name in (JSON, YAML)):
         raise IdentError(
             ErrorCode.NO_DATA,
