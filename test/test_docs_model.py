@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from ros2_ident.fleet.entries import read_fleet
+from ros2_ident.fleet.entries import read_fleet, Wish
 from ros2_ident.fleet.row import key_of, run_entry
 from ros2_ident.recording import Stream, write_bag
 
@@ -64,15 +64,15 @@ def test_it_stands_in_the_list_of_a_fleet(swings: Path) -> None:
     entries = [{'bag': f'swing_{n}', 'model': 'my_pendulum:Pendulum'} for n in (1, 2)]
     (swings / 'fleet.yaml').write_text(yaml.safe_dump({'bags': entries}))
     first, second = read_fleet(swings / 'fleet.yaml')
-    row = run_entry(first, 1, True)
+    row = run_entry(first, Wish())
     assert row['state'] == 'done', row
     assert row['parameters']['weight']['value'] == pytest.approx(3.0, rel=0.01)
     assert row['effect'] == 'none'
-    key = key_of(second, 1, True)
+    key = key_of(second, Wish())
     (swings / 'my_pendulum.py').write_text(MODEL + '# changed\n')
-    assert key_of(second, 1, True) != key
+    assert key_of(second, Wish()) != key
     entries[0]['model'] = 'my_pendulum:Nothing'
     (swings / 'fleet.yaml').write_text(yaml.safe_dump({'bags': entries}))
-    failed = run_entry(read_fleet(swings / 'fleet.yaml')[0], 1, False)
+    failed = run_entry(read_fleet(swings / 'fleet.yaml')[0], Wish(diagnosed=False))
     assert failed['code'] == 'INVALID_GOAL'
     assert 'write module:function' in failed['message']

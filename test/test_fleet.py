@@ -53,6 +53,7 @@ def test_bad_bag_costs_its_row_only_and_the_rest_is_not_done_twice(
 ) -> None:
     out = tmp_path / 'out'
     words = ['fleet', str(listed), '--out', str(out), '--no-diagnosis', '--quiet']
+    words += ['--fix', 'viscous_friction=203.5']
     assert main(words) == 1
     content = json.loads((out / 'fleet.json').read_text())
     good, bad = content['rows']
@@ -60,6 +61,7 @@ def test_bad_bag_costs_its_row_only_and_the_rest_is_not_done_twice(
     assert 'bad.mcap' in bad['message']
     assert good['labels'] == {'hall': 'north'}
     assert Path(good['bag']).is_absolute() and Path(good['machine_file']).is_absolute()
+    assert 'emps_axis.viscous_friction' not in good['parameters']
     mass = good['parameters']['emps_axis.moving_mass']
     assert mass['low'] < 95.1 < mass['high']
     table = list(csv.DictReader((out / 'fleet.csv').open()))
@@ -68,8 +70,9 @@ def test_bad_bag_costs_its_row_only_and_the_rest_is_not_done_twice(
 
     begun: list[str] = []
     entries = fleet.read_fleet(listed)
+    wish = fleet.Wish(diagnosed=False, fixed={'viscous_friction': 203.5})
     again = fleet.run_fleet(
-        entries, out, diagnosed=False, on_start=lambda entry: begun.append(entry.name)
+        entries, out, wish=wish, on_start=lambda entry: begun.append(entry.name)
     )
     assert begun == ['bad.mcap']
     assert again[0] == good
@@ -77,26 +80,26 @@ def test_bad_bag_costs_its_row_only_and_the_rest_is_not_done_twice(
 
 def test_row_is_done_anew_where_the_bag_has_changed(listed: Path) -> None:
     entry = fleet.read_fleet(listed)[0]
-    before = fleet.key_of(entry, 1, True)
-    assert fleet.key_of(entry, 1, True) == before
-    assert fleet.key_of(entry, 2, True) != before
+    before = fleet.key_of(entry, fleet.Wish())
+    assert fleet.key_of(entry, fleet.Wish()) == before
+    assert fleet.key_of(entry, fleet.Wish(seed=2)) != before
     with Path(entry.machine_file).open('a') as file:
         file.write('# another machine file\n')
-    assert fleet.key_of(entry, 1, True) != before
+    assert fleet.key_of(entry, fleet.Wish()) != before
 
 
 def test_row_is_done_anew_where_a_library_has_changed(
     listed: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     entry = fleet.read_fleet(listed)[0]
-    before = fleet.key_of(entry, 1, True)
+    before = fleet.key_of(entry, fleet.Wish())
     installed = sources.version
     monkeypatch.setattr(
         sources, 'version', lambda name: '0.1' if name == 'scipy' else installed(name)
     )
     sources.result_digest.cache_clear()
     try:
-        assert fleet.key_of(entry, 1, True) != before
+        assert fleet.key_of(entry, fleet.Wish()) != before
     finally:
         sources.result_digest.cache_clear()
 
@@ -139,7 +142,7 @@ def test_the_key_covers_every_module_that_a_row_loads(listed: Path) -> None:
     script = (
         'import sys; from ros2_ident import fleet;'
         'entry = fleet.read_fleet(sys.argv[1])[0];'
-        'row = fleet.run_entry(entry, 1, diagnosed=True); assert row["state"] == "done", row;'
+        'row = fleet.run_entry(entry, fleet.Wish()); assert row["state"] == "done", row;'
         'print(*(m for m in sys.modules if m.startswith("ros2_ident.")))'
     )
     done = subprocess.run(
@@ -220,7 +223,7 @@ def test_rows_are_compared_with_the_same_effects_in_the_model_only(
     rows = {'a1': row('a1', 'a', '', 100.0), 'b1': row('b1', 'b', '', 150.0, 'backlash')}
     fitted = []
 
-    def run(entry, seed, diagnosed, asked='', known=None):
+    def run(entry, wish, asked='', known=None):
         if known is None:
             return {**rows[entry.name], 'beside': []}
         fitted.append((entry.name, known['common']))
@@ -249,14 +252,15 @@ def test_effects_after_the_first_are_in_the_summary_too() -> None:
 
 def test_where_nothing_is_missing_the_values_of_the_identification_stay(listed: Path) -> None:
     entry = fleet.read_fleet(listed)[0]
-    alone = fleet.run_entry(entry, 1, diagnosed=False)
-    diagnosed = fleet.run_entry(entry, 1, diagnosed=True)
+    alone = fleet.run_entry(entry, fleet.Wish(diagnosed=False))
+    diagnosed = fleet.run_entry(entry, fleet.Wish())
     assert diagnosed['effect'] == 'none'
     assert diagnosed['parameters'] == alone['parameters']
 
 
 def test_a_worker_with_other_sources_is_refused(listed: Path) -> None:
-    found = fleet.run_entry(fleet.read_fleet(listed)[0], 1, diagnosed=False, asked='other')
+    entry = fleet.read_fleet(listed)[0]
+    found = fleet.run_entry(entry, fleet.Wish(diagnosed=False), asked='other')
     assert (found['state'], found['code']) == ('failed', 'INVALID_GOAL')
     assert 'same version' in found['message']
 

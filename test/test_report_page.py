@@ -392,7 +392,8 @@ def test_the_first_screen_answers_four_questions(both):
 def test_a_page_on_positions_speaks_of_positions(both):
     data = content(both)
     maps = [{**m, 'unit': 'm'} for m in data['maps']]
-    of_positions = {**data, 'maps': maps, 'settings': {**data['settings'], 'output': 'position'}}
+    settings = {**data['settings'], 'outputs': {'position': None}}
+    of_positions = {**data, 'maps': maps, 'settings': settings}
     hero, _ = charts.all_of(of_positions, 'Stribeck friction on drive_1')
     assert hero.title == 'drive_1: measured minus simulated position over the velocity'
     code = of_diagnosis(of_positions, 'out').steps[-1].code

@@ -173,7 +173,7 @@ def test_a_run_that_does_not_end_is_answered_all_the_same(start) -> None:
     assert 'did not end in time' in result.error_message
 
 
-@pytest.mark.parametrize('where', ['request_of', 'run', 'result_message'])
+@pytest.mark.parametrize('where', ['identify_wanted', 'identify', 'result_message'])
 def test_whatever_is_raised_becomes_an_answer_with_a_code(start, monkeypatch, where) -> None:
     from ros2_ident.errors import ErrorCode
     from ros2_ident.ros import node as module
@@ -244,7 +244,7 @@ def test_the_end_of_a_stream_does_not_end_the_node(start, monkeypatch, raised) -
 def test_a_full_disk_leaves_the_result_on_the_topic_and_to_be_saved(start, monkeypatch) -> None:
     from std_srvs.srv import Trigger
 
-    from ros2_ident.ros import files
+    from ros2_ident.report import files
 
     def full(*arguments, **options):
         raise OSError(28, 'No space left on device')

@@ -47,7 +47,7 @@ def test_the_node_hears_it_and_goals_use_it(asking: Path) -> None:
     from std_msgs.msg import String
 
     from ros2_ident.ros import parameters
-    from ros2_ident.ros.goals import diagnose_request_of, request_of
+    from ros2_ident.ros.goals import diagnose_wanted, identify_wanted
     from ros2_ident.ros.node import Identifier
     from ros2_ident.ros.outlet import LATCHED
 
@@ -61,11 +61,11 @@ def test_the_node_hears_it_and_goals_use_it(asking: Path) -> None:
         now = parameters.snapshot(late.node)
         bag = {'data_source': Identify.Goal.DATA_SOURCE_BAG, 'machine_file': str(asking)}
         for ask, goal in (
-            (request_of, Identify.Goal(bag_path=log, **bag)),
-            (diagnose_request_of, Diagnose.Goal(fit_bag_path=log, **bag)),
+            (identify_wanted, Identify.Goal(bag_path=log, **bag)),
+            (diagnose_wanted, Diagnose.Goal(bag_path=log, **bag)),
         ):
-            request = ask(goal, now, heard=late.node.heard)
-            assert request.machine.text('description') == request.description == URDF
+            wanted = ask(goal, now, heard=late.node.heard)
+            assert wanted.request.machine.text('description') == wanted.description == URDF
             with pytest.raises(IdentError) as caught:
                 ask(goal, now)
             assert caught.value.code is ErrorCode.MISSING_STREAM
@@ -139,7 +139,7 @@ def test_a_robot_that_is_only_heard_is_identified_without_a_machine_file(tmp_pat
             states.publish(message)
             time.sleep(0.0005)
         node.until(lambda: node.node.last or node.node.board.state >= 4, 'the result')
-        found = node.node.last.identification
+        found = node.node.last.done.result
         values = {parameter.name: parameter.value for parameter in found.parameters}
         assert values['swing.coulomb_torque'] == pytest.approx(0.4, abs=0.02)
         assert values['swing.viscous_torque'] == pytest.approx(0.3, abs=0.02)

@@ -50,7 +50,7 @@ def goal_of(**changes: Any) -> Any:
 
     goal = Diagnose.Goal(
         data_source=Diagnose.Goal.DATA_SOURCE_BAG,
-        fit_bag_path=str(BAG),
+        bag_path=str(BAG),
         without_effects=[name for name in CATALOGUE if name not in KEPT],
     )
     for name, value in changes.items():
@@ -185,7 +185,7 @@ def test_cancel_is_answered_at_once_and_keeps_the_best(shared: Any) -> None:
     feedback: list[Any] = []
     handle = shared.send(
         goal_of(
-            machine_file=str(TRIPOD), fit_bag_path=str(TRIPOD_BAG), without_effects=[],
+            machine_file=str(TRIPOD), bag_path=str(TRIPOD_BAG), without_effects=[],
             drives=['drive_1'],
         ),
         lambda x: feedback.append(x.feedback),
@@ -220,10 +220,10 @@ def test_cancel_is_answered_at_once_and_keeps_the_best(shared: Any) -> None:
 @pytest.mark.parametrize(
     ('changes', 'code', 'said'),
     [
-        ({'data_source': 0, 'fit_bag_path': ''}, 'NO_DATA', '/joint_states has 0 publishers'),
-        ({'data_source': 0}, 'INVALID_GOAL', 'fit_bag_path is given and data_source is 0'),
-        ({'fit_bag_path': ''}, 'INVALID_GOAL', 'fit_bag_path is empty'),
-        ({'fit_bag_path': '/nowhere'}, 'NO_DATA', '/nowhere: does not exist'),
+        ({'data_source': 0, 'bag_path': ''}, 'NO_DATA', '/joint_states has 0 publishers'),
+        ({'data_source': 0}, 'INVALID_GOAL', 'bag_path is given and data_source is 0'),
+        ({'bag_path': ''}, 'INVALID_GOAL', 'bag_path is empty'),
+        ({'bag_path': '/nowhere'}, 'NO_DATA', '/nowhere: does not exist'),
         ({'check_bag_path': '/nowhere'}, 'NO_DATA', '/nowhere: does not exist'),
         ({'check_bag_path': str(TRIPOD_BAG)}, 'MISSING_STREAM', 'emps_axis'),
         ({'machine_file': '/nowhere.yaml'}, 'BAD_MACHINE_FILE', 'cannot be read'),
@@ -266,7 +266,7 @@ def test_live_data_is_diagnosed(shared: Any) -> None:
         code, text = ended(replay)
         assert code == 0, text
     shared.until(lambda: shared.state() == Status.STATE_READY, 'the end of the stream')
-    _, gap = shared.diagnose(goal_of(data_source=0, fit_bag_path=''))
+    _, gap = shared.diagnose(goal_of(data_source=0, bag_path=''))
     assert gap.error_message == '' and gap.effect == 'coulomb_friction'
 
 

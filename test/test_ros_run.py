@@ -9,46 +9,46 @@ from identify_cases import After, AXIS_FILE, ROOT
 import numpy as np
 import pytest
 
+from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
+from ros2_ident.jobs import Request
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag
 from ros2_ident.report.preview import Preview, SAMPLES
-from ros2_ident.ros.diagnose_run import DiagnoseRequest, run_diagnosis
-from ros2_ident.ros.files import save_diagnosis, save_result
-from ros2_ident.ros.run import Request, run
+from ros2_ident.ros.files import save
+from ros2_ident.ros.run import diagnose, identify, Wanted
 from ros2_ident.ros.unfinished import MOST, place_of
-from ros2_ident.search import GeneticSearch, GeneticSettings
+from ros2_ident.search import GeneticSettings
 from ros2_ident.search.journal import Journal
 
 BAG = ROOT / 'bags/axis_reversals'
 
 
 @pytest.fixture(scope='module')
-def request_():
-    return Request(
-        machine=load_machine(AXIS_FILE),
-        machine_text='',
-        drives=('emps_axis',),
-        bag_paths=(str(BAG),),
-        settings=IdentifySettings(
-            genetic=GeneticSettings(initial_population=64, generations=4), refine=False
-        ),
+def wanted():
+    genetic = GeneticSettings(initial_population=64, generations=4)
+    return Wanted(
+        Request(
+            load_machine(AXIS_FILE),
+            bags=(str(BAG),),
+            settings=IdentifySettings(genetic=genetic, refine=False),
+        )
     )
 
 
-def test_better_and_better_candidates_are_shown_during_a_run(request_):
+def test_better_and_better_candidates_are_shown_during_a_run(wanted):
     shown, heard = [], []
 
     def preview(simulated, residual):
         shown.append((heard[-1].best_cost, simulated, residual))
 
-    finished = run(
-        request_, None, on_progress=heard.append, on_preview=preview, preview_period=0.0
+    finished = identify(
+        wanted, None, on_progress=heard.append, on_preview=preview, preview_period=0.0
     )
     (log,) = read_bag(BAG)
     costs = [cost for cost, _, _ in shown]
     assert costs and costs == sorted(set(costs), reverse=True)
-    assert costs[-1] >= finished.identification.cost.ga
+    assert costs[-1] >= finished.done.result.cost.ga
     for cost, (simulated,), (residual,) in shown:
         assert 0.5 * SAMPLES < simulated.stamp.size <= SAMPLES
         row = np.searchsorted(log.effort.stamp, simulated.stamp)
@@ -59,20 +59,19 @@ def test_better_and_better_candidates_are_shown_during_a_run(request_):
         assert np.sqrt(np.mean(residual.effort**2)) == pytest.approx(cost, rel=0.3)
 
 
-def test_previews_leave_the_result_as_it_is(request_):
-    with_previews = run(request_, None, on_preview=lambda *_: None, preview_period=0.0)
-    without = run(request_, None)
-    np.testing.assert_array_equal(with_previews.identification.theta, without.identification.theta)
+def test_previews_leave_the_result_as_it_is(wanted):
+    with_previews = identify(wanted, None, on_preview=lambda *_: None, preview_period=0.0)
+    without = identify(wanted, None)
+    np.testing.assert_array_equal(with_previews.done.result.theta, without.done.result.theta)
 
 
 def progress(cost, theta):
     return IdentifyProgress('search', 1, 1, 1, 1, cost, 'N', (), theta, 0.0, 0.0, 0.0)
 
 
-def test_a_preview_waits_for_its_period_and_for_something_better(request_, monkeypatch):
+def test_a_preview_waits_for_its_period_and_for_something_better(wanted, monkeypatch):
     monkeypatch.setattr('ros2_ident.report.preview.SHARE', np.inf)
-    data = run(request_, None).data
-    problem = request_.problem(data)
+    problem = identify(wanted, None).done.problem()
     theta = 0.5 * (problem.low + problem.high)
     shown = []
     soon = Preview(problem, lambda *x: shown.append(x), 0.0)
@@ -89,8 +88,9 @@ def test_a_preview_waits_for_its_period_and_for_something_better(request_, monke
     assert len(shown) == 3
 
 
-def test_a_run_without_previews_and_progress(request_):
-    assert run(replace(request_, seed=5), None).identification.seed == 5
+def test_a_run_without_previews_and_progress(wanted):
+    other = replace(wanted, request=replace(wanted.request, seed=5))
+    assert identify(other, None).done.result.seed == 5
 
 
 class Killed(BaseException):
@@ -122,36 +122,36 @@ def left_in(directory):
     return sorted(x.name for x in (directory / 'unfinished').iterdir())
 
 
-def test_a_goal_that_is_sent_again_after_a_kill_goes_on(request_, tmp_path, dying, monkeypatch):
-    request_ = replace(request_, output_directory=str(tmp_path))
-    whole = run(replace(request_, output_directory=''), None).identification
+def test_a_goal_that_is_sent_again_after_a_kill_goes_on(wanted, tmp_path, dying, monkeypatch):
+    wanted = replace(wanted, output_directory=str(tmp_path))
+    whole = identify(replace(wanted, output_directory=''), None).done.result
     revive = dying(3)
     with pytest.raises(Killed):
-        run(request_, None)
+        identify(wanted, None)
     revive()
     assert len(left_in(tmp_path)) == 1
-    asked = []
-    real = GeneticSearch.ask
+    simulated = 0
+    real = Problem.costs
 
-    def ask(self):
-        asked.append(self.generation)
-        return real(self)
+    def costs(self, theta, *rest):
+        nonlocal simulated
+        simulated += len(theta)
+        return real(self, theta, *rest)
 
-    monkeypatch.setattr(GeneticSearch, 'ask', ask)
-    finished = run(request_, None)
-    assert asked == [4], 'three generations were kept'
-    assert finished.identification.theta.tobytes() == whole.theta.tobytes()
-    save_result(finished)
+    monkeypatch.setattr(Problem, 'costs', costs)
+    finished = identify(wanted, None)
+    assert simulated < 0.8 * whole.evaluations, 'generations were kept'
+    assert finished.done.result.theta.tobytes() == whole.theta.tobytes()
+    save(finished)
     assert left_in(tmp_path) == []
 
 
 def test_a_diagnosis_goal_goes_on_likewise(tmp_path, dying):
-    wanted = DiagnoseRequest(
-        load_machine(AXIS_FILE), '', ('emps_axis',), (str(BAG),), output_directory=str(tmp_path)
-    )
+    request = Request(load_machine(AXIS_FILE), bags=(str(BAG),))
+    wanted = Wanted(request, output_directory=str(tmp_path))
 
     def go():
-        return run_diagnosis(wanted, None, threading.Event(), lambda progress: None)
+        return diagnose(wanted, None, threading.Event(), lambda progress: None)
 
     revive = dying(12)
     with pytest.raises(Killed):
@@ -162,22 +162,22 @@ def test_a_diagnosis_goal_goes_on_likewise(tmp_path, dying):
     done = go()
     assert left_in(tmp_path) == [name]
     assert (tmp_path / 'unfinished' / name).stat().st_size > size > 10_000
-    save_diagnosis(done)
+    save(done)
     assert left_in(tmp_path) == []
 
 
-def test_a_cancelled_goal_keeps_its_checkpoint(request_, tmp_path):
-    request_ = replace(request_, output_directory=str(tmp_path))
-    save_result(run(request_, None, cancel=After(9)))
+def test_a_cancelled_goal_keeps_its_checkpoint(wanted, tmp_path):
+    wanted = replace(wanted, output_directory=str(tmp_path))
+    save(identify(wanted, None, cancel=After(9)))
     assert len(left_in(tmp_path)) == 1
 
 
-def test_a_directory_that_cannot_be_written_costs_the_checkpoint_only(request_, tmp_path):
+def test_a_directory_that_cannot_be_written_costs_the_checkpoint_only(wanted, tmp_path):
     (tmp_path / 'file').write_text('in the way')
-    request_ = replace(request_, output_directory=str(tmp_path / 'file'))
-    finished = run(request_, None)
-    assert finished.checkpoint is None
-    assert np.isfinite(finished.identification.theta).all()
+    wanted = replace(wanted, output_directory=str(tmp_path / 'file'))
+    finished = identify(wanted, None)
+    assert finished.done.checkpoint is None
+    assert np.isfinite(finished.done.result.theta).all()
 
 
 def test_checkpoints_do_not_pile_up_and_none_is_shared(tmp_path):

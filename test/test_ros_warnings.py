@@ -63,7 +63,7 @@ def heard(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[di
             found['silent'] = identified(bag_path=str(folder / 'silent'))
             found['fit'] = status_of('fit', SILENT)
             found['wrong'] = identified(
-                bag_path=goal_of().fit_bag_path,
+                bag_path=goal_of().bag_path,
                 machine_file=str(folder / 'wrong.yaml'),
             )
             found['wrong fit'] = status_of('fit', GAIN)

@@ -241,11 +241,11 @@ class Goals:
     def __init__(self, room: Path) -> None:
         from ros2_ident_msgs.action import Diagnose, Identify
 
-        from ros2_ident.ros.goals import diagnose_request_of, request_of
+        from ros2_ident.ros.goals import diagnose_wanted, identify_wanted
         from ros2_ident.ros.parameter_table import BY_NAME
         from ros2_ident.ros.parameters import Snapshot
 
-        self.kinds = ((Identify.Goal, request_of), (Diagnose.Goal, diagnose_request_of))
+        self.kinds = ((Identify.Goal, identify_wanted), (Diagnose.Goal, diagnose_wanted))
         values: dict[str, Any] = {name: entry.default for name, entry in BY_NAME.items()}
         values |= {'machine_file': str(ROOT / 'config' / 'emps.yaml'), 'drives': []}
         self.parameters = [Snapshot(values), Snapshot(values | {'allowed_directory': str(room)})]

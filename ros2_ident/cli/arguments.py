@@ -200,6 +200,11 @@ def add_bags(parser: argparse.ArgumentParser) -> None:
         'one fit',
     )
     complete(action, bags)
+    add_conditions(parser)
+
+
+def add_conditions(parser: argparse.ArgumentParser) -> None:
+    """Add what differs between several bags of one machine."""
     group = parser.add_argument_group('several bags')
     each = group.add_argument(
         '--each',
@@ -264,6 +269,19 @@ def add_machine(parser: argparse.ArgumentParser, *, required: bool = True) -> No
         help='machine file: what is known and the bounds of what is not, as config/tripod.yaml',
     )
     complete(action, machine_files)
+
+
+def add_fix(parser: argparse.ArgumentParser) -> None:
+    """Add the parameters that are held."""
+    fix = parser.add_argument(
+        '--fix',
+        action='append',
+        default=[],
+        type=assignment,
+        metavar='NAME=VALUE',
+        help='hold a parameter; gear_stiffness means that of every drive',
+    )
+    complete(fix, parameters)
 
 
 def add_drives(parser: argparse.ArgumentParser) -> None:
@@ -377,6 +395,16 @@ def workers_of(args: argparse.Namespace) -> Any:
     return Threads(args.threads)
 
 
-def asked(args: argparse.Namespace) -> dict[str, object]:
-    """Return which files a run was asked to read, for the commands that a page proposes next."""
-    return {'bags': [str(bag) for bag in args.bag], 'machine_file': str(args.machine)}
+def asked(args: argparse.Namespace) -> dict[str, Any]:
+    """Return what identification and diagnosis ask alike, as fields of a `jobs.Request`."""
+    return {
+        'machine': machine_of(args),
+        'machine_file': str(args.machine),
+        'bags': tuple(str(bag) for bag in args.bag),
+        'check': tuple(str(bag) for bag in args.check),
+        'drives': args.drives,
+        'topics': topics_of(args),
+        'conditions': conditions_of(args),
+        'seed': args.seed,
+        'workers': workers_of(args),
+    }

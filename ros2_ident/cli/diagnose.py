@@ -4,33 +4,27 @@
 import argparse
 from contextlib import nullcontext
 from dataclasses import replace
-from pathlib import Path
 import time
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
     add_bags,
     add_drives,
     add_effects,
     add_effort,
+    add_fix,
     add_machine,
     add_scheduler,
     add_topics,
     asked,
-    assignment,
     bags,
     complete,
-    conditions_of,
     count,
     effects,
-    machine_of,
     names,
     not_negative,
     once,
-    parameters,
-    topics_of,
     whole,
-    workers_of,
 )
 from ros2_ident.cli.report import add_page, answered, live_page, page_line
 from ros2_ident.errors import ErrorCode, IdentError
@@ -38,8 +32,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 if TYPE_CHECKING:
     from ros2_ident.gap.diagnose import DiagnoseProgress
     from ros2_ident.gap.diagnosis import Diagnosis
-    from ros2_ident.identify.data import Data
-    from ros2_ident.models import Machine
+    from ros2_ident.jobs import Request
 
 DESCRIPTION = (
     'Say where the gap between simulation and log lies, which unmodelled effect causes it, '
@@ -96,15 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     complete(without, effects)
     add_effects(parser)
     add_drives(parser)
-    fix = parser.add_argument(
-        '--fix',
-        action='append',
-        default=[],
-        type=assignment,
-        metavar='NAME=VALUE',
-        help='hold a parameter',
-    )
-    complete(fix, parameters)
+    add_fix(parser)
     parser.add_argument(
         '--output',
         choices=('effort', 'position', 'velocity'),
@@ -125,6 +110,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_topics(parser)
 
 
+def request_of(args: argparse.Namespace) -> 'Request':
+    """Return what parsed arguments ask for."""
+    from ros2_ident.identify.settings import IdentifySettings
+    from ros2_ident.jobs import Request
+    from ros2_ident.search import Budget
+
+    return Request(
+        **asked(args),
+        fixed=once(args.fix, '--fix'),
+        outputs={args.output: None} if args.output else None,
+        without=args.without,
+        settings=IdentifySettings(
+            budget=Budget(seconds=args.seconds or None), threads=args.threads
+        ),
+    )
+
+
 def run(args: argparse.Namespace) -> int:
     """Diagnose, write the result, print it."""
     begun = time.monotonic()
@@ -132,14 +134,12 @@ def run(args: argparse.Namespace) -> int:
 
     # Before the simulations are composed of the effects there are.
     add_effect_files(args.effect)
+    from ros2_ident import jobs
     from ros2_ident.cli.interrupt import interrupts
     from ros2_ident.cli.progress import FractionMeter, WRITING
     from ros2_ident.files import sole_writer
-    from ros2_ident.gap.diagnose import diagnose
     from ros2_ident.gap.verdict import REFUSED
-    from ros2_ident.identify.run import read_data
-    from ros2_ident.report.files import DIAGNOSIS_CHECKPOINT, OF_DIAGNOSIS, write_diagnosis
-    from ros2_ident.report.overlay import OVERLAY, require_place, withdraw_overlay
+    from ros2_ident.report.files import DIAGNOSIS_CHECKPOINT, OF_DIAGNOSIS
     from ros2_ident.search.journal import forget
 
     if args.resume and not args.out:
@@ -147,22 +147,16 @@ def run(args: argparse.Namespace) -> int:
             ErrorCode.INVALID_GOAL,
             '--resume goes on by a file in the directory for the results; give --out, too',
         )
-    machine = machine_of(args)
-    topics, conditions = topics_of(args), conditions_of(args)
-    read: dict[str, Any] = {'topics': topics}
-    if args.output is not None:
-        read['quantities'] = (args.output,)
-    fit = read_data(args.bag, machine, args.drives, **read)
-    check = read_data(args.check, machine, args.drives, **read) if args.check else None
+    request = request_of(args)
+    logs = jobs.read(request)
     place = sole_writer(args.out, OF_DIAGNOSIS) if args.out else nullcontext()
     # last: whoever reads the output may leave early, as `head` does
     with answered(print_diagnosis) as answer, place as out:
         if out is not None and not args.no_overlay:
-            require_place(out / OVERLAY, fit, [*args.bag, *args.check])
+            jobs.require_room(request, logs, out)
         checkpoint = None if out is None else out / DIAGNOSIS_CHECKPOINT
         if checkpoint is not None and not args.resume:
             forget(checkpoint)
-        fixed = once(args.fix, '--fix')
         said = ''
 
         def show(progress: 'DiagnoseProgress') -> None:
@@ -177,77 +171,22 @@ def run(args: argparse.Namespace) -> int:
 
         writing = WRITING * (time.monotonic() - begun) if out is not None else 0.0
         with (
-            live_page(args, out, fit) as live,
+            live_page(args, out, logs.fit) as live,
             FractionMeter(quiet=args.quiet) as meter,
             interrupts() as cancel,
         ):
-            found = diagnose(
-                machine,
-                fit.datasets,
-                check.datasets if check else (),
-                labels=fit.labels,
-                check_labels=check.labels if check else (),
-                conditions=conditions,
-                drives=args.drives,
-                without=args.without,
-                fixed=fixed,
-                output=args.output,
-                seed=args.seed,
-                seconds=args.seconds,
-                cancelled=cancel.is_set,
-                on_progress=show,
-                workers=workers_of(args),
-                checkpoint=checkpoint,
+            done = jobs.diagnose(
+                request, logs, cancel=cancel, on_progress=show, checkpoint=checkpoint
             )
-            answer(found)
+            answer(done.result)
             files, page = [], ''
             if out is not None:
-                settings = {
-                    **asked(args),
-                    'check_bags': args.check,
-                    'drives': args.drives or machine.drives,
-                    'without_effects': args.without,
-                    **({'output': args.output} if args.output else {}),
-                    'fixed': fixed,
-                    'time_budget': args.seconds,
-                }
-                withdraw_overlay(out / OVERLAY)
-                files = [*write_diagnosis(out, found, machine, fit, check, settings)]
-                files += _overlay(args, out, machine, fit, found)
+                files = jobs.save(done, out, overlay=not args.no_overlay)
                 page = page_line(out, wanted=not args.no_report)
-        if checkpoint is not None and found.complete:
-            forget(checkpoint)  # all is written that it could lead to
     if files:
         print('written: ' + ', '.join(str(path) for path in files))
     print(page, end='', flush=True)
-    return 0 if found.complete and found.effect not in REFUSED else 1
-
-
-def _overlay(
-    args: argparse.Namespace, out: Path, machine: 'Machine', data: 'Data', found: 'Diagnosis'
-) -> tuple[Path, ...]:
-    """Write the overlay bags."""
-    if args.no_overlay:
-        return ()
-    from ros2_ident.identify.setup import problem_of
-    from ros2_ident.report.overlay import diagnosed_problem, OVERLAY, verdict_of, write_overlay
-
-    nominal = problem_of(
-        machine,
-        data,
-        drives=args.drives,
-        fixed=once(args.fix, '--fix'),
-        conditions=conditions_of(args),
-    )
-    problem, theta = diagnosed_problem(nominal, found)
-    return write_overlay(
-        out / OVERLAY,
-        problem,
-        theta,
-        topics=topics_of(args),
-        verdict=verdict_of(found),
-        moving=found.complete,
-    )
+    return 0 if done.complete and done.result.effect not in REFUSED else 1
 
 
 def print_diagnosis(d: 'Diagnosis') -> None:

@@ -6,10 +6,21 @@ from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
 
-from ros2_ident.cli.arguments import add_machine, whole
+from ros2_ident.cli.arguments import (
+    add_conditions,
+    add_fix,
+    add_machine,
+    add_topics,
+    conditions_of,
+    count,
+    once,
+    positive,
+    topics_of,
+    whole,
+)
 
 if TYPE_CHECKING:
-    from ros2_ident.fleet import Entry, Row
+    from ros2_ident.fleet import Entry, Row, Wish
 
 DESCRIPTION = (
     'Identify and diagnose many bags as one job, and compare the machines. The same command goes '
@@ -40,7 +51,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='ADDRESS',
         help='run the bags on the workers of this Dask scheduler; they have to see the same paths',
     )
+    add_fix(parser)
+    parser.add_argument(
+        '--evaluations', type=count, metavar='N', help='simulate at most N candidates a bag'
+    )
+    parser.add_argument(
+        '--seconds',
+        type=positive,
+        metavar='N',
+        help='end the identification of a bag after N seconds, and its diagnosis likewise',
+    )
     parser.add_argument('--quiet', action='store_true', help='show no progress')
+    add_conditions(parser)
+    add_topics(parser)
 
 
 class _Board:
@@ -90,6 +113,23 @@ class _Board:
             )
 
 
+def wish_of(args: argparse.Namespace) -> 'Wish':
+    """Return how the bags are to be run."""
+    from ros2_ident.fleet import Wish
+    from ros2_ident.identify.settings import IdentifySettings
+    from ros2_ident.search import Budget
+
+    budget = Budget(evaluations=args.evaluations, seconds=args.seconds)
+    return Wish(
+        diagnosed=not args.no_diagnosis,
+        topics=topics_of(args),
+        conditions=conditions_of(args),
+        fixed=once(args.fix, '--fix'),
+        settings=IdentifySettings(budget=budget),
+        seed=args.seed,
+    )
+
+
 def run(args: argparse.Namespace) -> int:
     """Run the fleet and print how its machines compare."""
     from ros2_ident.cli.interrupt import interrupts
@@ -114,8 +154,7 @@ def run(args: argparse.Namespace) -> int:
         run_fleet(
             entries,
             args.out,
-            seed=args.seed,
-            diagnosed=not args.no_diagnosis,
+            wish=wish_of(args),
             scheduler=args.scheduler,
             cancel=cancel,
             on_start=board.started,

@@ -4,36 +4,33 @@
 import argparse
 from dataclasses import replace
 import time
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
     add_bags,
     add_drives,
     add_effort,
+    add_fix,
     add_machine,
     add_outputs,
     add_scheduler,
     add_topics,
     asked,
-    assignment,
     bags,
     complete,
-    conditions_of,
     count,
     interval,
-    machine_of,
     once,
     outputs_of,
     parameters,
     positive,
-    topics_of,
     whole,
-    workers_of,
 )
 from ros2_ident.cli.report import add_page, answered, live_page, page_line
 
 if TYPE_CHECKING:
     from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
+    from ros2_ident.jobs import Request
 
 DESCRIPTION = (
     "Identify a machine's parameters from a bag: the paper's genetic algorithm, a local "
@@ -78,14 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--out', required=True, metavar='DIR', help='directory for the results')
     add_drives(parser)
     parser.add_argument('--seed', type=whole, default=0, help='same seed and data, same result')
-    fix = parser.add_argument(
-        '--fix',
-        action='append',
-        default=[],
-        type=assignment,
-        metavar='NAME=VALUE',
-        help='hold a parameter; gear_stiffness means that of every drive',
-    )
+    add_fix(parser)
     bounds = parser.add_argument(
         '--bounds',
         action='append',
@@ -94,7 +84,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='NAME=LOW:HIGH',
         help="search here instead of in the machine file's bounds",
     )
-    complete(fix, parameters)
     complete(bounds, parameters)
     add_outputs(parser)
     parser.add_argument('--no-overlay', action='store_true', help='write no overlay bag')
@@ -178,58 +167,43 @@ def settings_of(args: argparse.Namespace) -> 'IdentifySettings':
     )
 
 
+def request_of(args: argparse.Namespace) -> 'Request':
+    """Return what parsed arguments ask for."""
+    from ros2_ident.jobs import Request
+
+    return Request(
+        **asked(args),
+        fixed=once(args.fix, '--fix'),
+        bounds=once(args.bounds, '--bounds'),
+        outputs=outputs_of(args),
+        settings=settings_of(args),
+        **({} if args.samples is None else {'samples': args.samples}),
+    )
+
+
 def run(args: argparse.Namespace) -> int:
     """Identify, write the results, print them."""
     begun = time.monotonic()
+    from ros2_ident import jobs
     from ros2_ident.cli.interrupt import interrupts
     from ros2_ident.cli.progress import make_meter, WRITING
     from ros2_ident.cli.table import print_result
     from ros2_ident.files import sole_writer
-    from ros2_ident.identify.held_out import check_problem
-    from ros2_ident.identify.outputs import checked
     from ros2_ident.identify.result import Outcome
-    from ros2_ident.identify.run import identify, read_data
-    from ros2_ident.identify.setup import problem_of
-    from ros2_ident.models.registry import compared_of
-    from ros2_ident.report.files import CHECKPOINT, OF_RESULT, write_result
-    from ros2_ident.report.overlay import (
-        OVERLAY,
-        require_place,
-        verdict_of,
-        withdraw_overlay,
-        write_overlay,
-    )
+    from ros2_ident.report.files import CHECKPOINT, OF_RESULT
     from ros2_ident.search.journal import forget
 
-    fixed, bounds = once(args.fix, '--fix'), once(args.bounds, '--bounds')
-    settings, conditions, outputs = settings_of(args), conditions_of(args), outputs_of(args)
-    machine = machine_of(args)
-    read: dict[str, Any] = {} if args.samples is None else {'samples': args.samples}
-    read['quantities'] = tuple(checked(outputs, compared_of(machine)))
-    data = read_data(args.bag, machine, args.drives, topics=topics_of(args), **read)
-    if settings.method == 'algebraic':
-        data = data.without_command()
-    check = None
-    if args.check:
-        check = read_data(args.check, machine, args.drives, topics=topics_of(args), **read)
-        check = check.without_command() if settings.method == 'algebraic' else check
+    request = request_of(args)
+    logs = jobs.read(request)
     # last: whoever reads the output may leave early, as `head` does
     with answered(print_result) as answer, sole_writer(args.out, OF_RESULT) as out:
         if not args.no_overlay:
-            require_place(out / OVERLAY, data, args.bag)
-        checkpoint = out / CHECKPOINT
+            jobs.require_room(request, logs, out)
         if not args.resume:
-            forget(checkpoint)
-        what: dict[str, Any] = {
-            'drives': args.drives,
-            'fixed': fixed,
-            'bounds': bounds,
-            'conditions': conditions,
-            'outputs': outputs,
-        }
-        shown = problem_of(machine, data, **what) if args.live else None
+            forget(out / CHECKPOINT)
+        shown = request.problem(logs.fit) if args.live else None
         with (
-            live_page(args, out, data, shown) as live,
+            live_page(args, out, logs.fit, shown) as live,
             interrupts() as cancel,
             make_meter(quiet=args.quiet) as meter,
         ):
@@ -242,45 +216,12 @@ def run(args: argparse.Namespace) -> int:
                 if live is not None:
                     live.identifying(progress)
 
-            result = identify(
-                machine,
-                data,
-                **what,
-                settings=settings,
-                seed=args.seed,
-                cancel=cancel,
-                on_progress=tell,
-                workers=workers_of(args),
-                checkpoint=checkpoint,
-                check=check,
+            done = jobs.identify(
+                request, logs, cancel=cancel, on_progress=tell, checkpoint=out / CHECKPOINT
             )
-            answer(result)
-            problem = problem_of(
-                machine,
-                data,
-                drives=result.drives,
-                fixed=result.fixed,
-                conditions=conditions,
-                outputs=outputs,
-            )
-            settled = {**result.settings, **asked(args), 'check_bags': args.check}
-            result = replace(result, settings=settled)
-            withdraw_overlay(out / OVERLAY)
-            held_out = None if check is None else check_problem(problem, check)
-            files = list(write_result(out, result, problem, held_out))
-            if not args.no_overlay:
-                files += write_overlay(
-                    out / OVERLAY,
-                    problem,
-                    result.theta,
-                    topics=topics_of(args),
-                    verdict=verdict_of(result),
-                    # whoever cancels wants it to end
-                    moving=result.outcome is not Outcome.CANCELLED,
-                )
+            answer(done.result)
+            files = jobs.save(done, out, overlay=not args.no_overlay)
             page = page_line(out, wanted=not args.no_report)
-        if result.outcome not in (Outcome.CANCELLED, Outcome.BUDGET_SPENT):
-            forget(checkpoint)  # all is written that it could lead to
     print('written: ' + ', '.join(str(path) for path in files))
     print(page, end='', flush=True)
-    return 0 if result.outcome is Outcome.IDENTIFIED else 1
+    return 0 if done.result.outcome is Outcome.IDENTIFIED else 1

@@ -11,8 +11,27 @@ from typing import Any
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.identify.layout import Conditions
+from ros2_ident.identify.settings import IdentifySettings
+from ros2_ident.recording import Topics
 
 _KEYS = {'bag', 'check', 'machine_file', 'model', 'machine', 'date', 'labels'}
+
+
+@dataclass(frozen=True)
+class Wish:
+    """How every bag of a fleet is run; fields as of a `jobs.Request`.
+
+    Attributes:
+        diagnosed: Whether to diagnose, too.
+    """
+
+    diagnosed: bool = True
+    topics: Topics = field(default_factory=Topics)
+    conditions: Conditions = Conditions()
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    settings: IdentifySettings = field(default_factory=IdentifySettings)
+    seed: int = 1
 
 
 @dataclass(frozen=True)
@@ -25,6 +44,7 @@ class Entry:
         machine_file: Path of the machine file; empty where `model` makes the model.
         check: Path of a second bag to judge the diagnosis on; empty for none.
         model: `module:function` that makes a model of one's own from a bag's path; empty for none.
+        more: Paths of further bags of the same machine, for the same fit.
         machine: Which machine it was recorded on.
         date: When, in a form that sorts, as 2026-01-31; empty where unknown.
         labels: Whatever else the list says.
@@ -38,6 +58,7 @@ class Entry:
     date: str = ''
     labels: Mapping[str, str] = field(default_factory=dict)
     model: str = ''
+    more: tuple[str, ...] = ()
 
 
 def read_fleet(path: str | Path, machine_file: str | None = None) -> list[Entry]:
@@ -116,7 +137,7 @@ def _entry(
             f'{where} names no machine file; add `machine_file` to it or to the list, or give '
             '--machine',
         )
-    bag = str(given['bag'])
+    bag, *more = map(str, given['bag'] if isinstance(given['bag'], list) else [given['bag']])
     stem = re.sub(r'[^\w.-]+', '_', bag).strip('._') or 'bag'
     taken = {x.name for x in before}
     name = next(n for n in (stem, *(f'{stem}_{k}' for k in range(2, 10**6))) if n not in taken)
@@ -129,4 +150,5 @@ def _entry(
         str(given.get('date') or ''),
         {str(k): str(v) for k, v in (given.get('labels') or {}).items()},
         model,
+        tuple(os.path.abspath(base / x) for x in more),
     )

@@ -2,7 +2,7 @@
 """What is found in one bag of a fleet, and the key of everything that it depends on."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 import hashlib
 import importlib
 import json
@@ -12,7 +12,7 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.fleet.entries import Entry
+from ros2_ident.fleet.entries import Entry, Wish
 
 if TYPE_CHECKING:
     from ros2_ident.gap.diagnosis import Diagnosis
@@ -23,7 +23,7 @@ Row = dict[str, Any]
 Effects = Sequence[Sequence[str]]
 
 
-def key_of(entry: Entry, seed: int, diagnosed: bool) -> str:
+def key_of(entry: Entry, wish: Wish) -> str:
     """Return a digest of what a row depends on.
 
     That is what the list says, the settings, the sources of everything that has a part in a
@@ -33,24 +33,21 @@ def key_of(entry: Entry, seed: int, diagnosed: bool) -> str:
     from ros2_ident.identify.problem import sources
     from ros2_ident.recording.storage import digest, storage_files
 
-    total = hashlib.sha256(json.dumps([asdict(entry), seed, diagnosed], default=dict).encode())
+    total = hashlib.sha256(f'{json.dumps(asdict(entry), default=dict)}{wish!r}'.encode())
     total.update(sources().encode())
     described = _maker_file(entry.model) if entry.model else entry.machine_file
     total.update(Path(described).read_bytes())
-    for bag in filter(None, (entry.bag, entry.check)):
+    for bag in filter(None, (entry.bag, *entry.more, entry.check)):
         total.update(digest(storage_files(bag)[0]).encode())
     return total.hexdigest()
 
 
-def run_entry(
-    entry: Entry, seed: int, diagnosed: bool, asked: str = '', known: Row | None = None
-) -> Row:
+def run_entry(entry: Entry, wish: Wish, asked: str = '', known: Row | None = None) -> Row:
     """Identify and diagnose one bag; an error is part of the row.
 
     Args:
         entry: What to run.
-        seed: Of every search.
-        diagnosed: Whether to diagnose, too.
+        wish: How.
         asked: What `identify.problem.sources` has to return here; empty for anything.
         known: A row whose parameters alone are fitted anew, beside those of its `common` effects.
     """
@@ -60,11 +57,11 @@ def run_entry(
             from ros2_ident.identify.problem import require_sources
 
             require_sources(asked)
-        row['key'] = key_of(entry, seed, diagnosed)
+        row['key'] = key_of(entry, wish)
         row.update(
-            _found(entry, seed, diagnosed)
+            _found(entry, wish)
             if known is None
-            else _values(*_job(entry, seed)[0](known['common']))
+            else _values(*_job(entry, wish)[0](known['common']))
         )
     except IdentError as error:
         row.update(state='failed', code=error.code.name, message=error.message)
@@ -85,8 +82,8 @@ def run_entry(
     return row
 
 
-def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
-    fit, diagnosis = _job(entry, seed)
+def _found(entry: Entry, wish: Wish) -> Row:
+    fit, diagnosis = _job(entry, wish)
     result, _ = fit(())
     found: Row = {
         'state': 'done',
@@ -98,7 +95,7 @@ def _found(entry: Entry, seed: int, diagnosed: bool) -> Row:
         'unit': result.cost.unit,
         **_values(result),
     }
-    if not diagnosed:
+    if not wish.diagnosed:
         return found
     verdict = diagnosis()
     return {
@@ -131,41 +128,51 @@ def _values(result: 'Identification', beside: Effects = ()) -> Row:
 
 
 def _job(
-    entry: Entry, seed: int
+    entry: Entry, wish: Wish
 ) -> 'tuple[Callable[[Effects], tuple[Identification, Effects]], Callable[[], Diagnosis]]':
     """Return what identifies a bag with those effects it can have, and what diagnoses it."""
-    from ros2_ident.gap.case import recordings_from, recordings_of
+    from ros2_ident import jobs
+    from ros2_ident.gap.case import recordings_from
     from ros2_ident.gap.diagnose import diagnose
-    from ros2_ident.identify.run import identify, read_data
+    from ros2_ident.identify.run import identify
     from ros2_ident.models import EffectAt, load_machine
 
-    def fit(asked: Effects) -> 'tuple[Identification, Effects]':
-        if not asked:
-            return identify(machine, data, model=model, seed=seed), ()
-        nominal = recordings_of(machine, data.datasets) if machine else recordings_from(model)
-        known = {(at.effect, at.where) for at in nominal.models[0].extensions()}
+    def able(asked: Effects, model: Any) -> 'tuple[list[EffectAt], Effects]':
+        known = {(at.effect, at.where) for at in model.extensions()} if asked else set()
         beside = [at for at in asked if tuple(at) in known]
-        effects = [EffectAt(*at) for at in beside]
-        if machine:
-            return identify(machine, data, effects=effects, seed=seed), beside
-        return identify(model=[m.extended(effects) for m in nominal.models], seed=seed), beside
+        return [EffectAt(*at) for at in beside], beside
 
-    machine: Any = None
-    data: Any = None
-    model: Any = None
     if entry.model:
         make = _maker(entry.model)
-        model = make(entry.bag)
+        models = recordings_from(make(entry.bag)).models
         check = make(entry.check) if entry.check else ()
-        return fit, lambda: diagnose(model=model, check_model=check, seed=seed)
-    machine = load_machine(entry.machine_file)
-    data = read_data(entry.bag, machine)
 
-    def diagnosis() -> 'Diagnosis':
-        held_out = read_data(entry.check, machine).datasets if entry.check else ()
-        return diagnose(machine, data.datasets, held_out, seed=seed)
+        def fit(asked: Effects) -> 'tuple[Identification, Effects]':
+            effects, beside = able(asked, models[0])
+            extended = [m.extended(effects) for m in models] if effects else models
+            return identify(model=extended, fixed=wish.fixed, seed=wish.seed), beside
 
-    return fit, diagnosis
+        return fit, lambda: diagnose(
+            model=models, check_model=check, fixed=wish.fixed, seed=wish.seed
+        )
+    request = jobs.Request(
+        load_machine(entry.machine_file),
+        bags=(entry.bag, *entry.more),
+        check=(entry.check,) if entry.check else (),
+        topics=wish.topics,
+        conditions=wish.conditions,
+        fixed=wish.fixed,
+        settings=wish.settings,
+        seed=wish.seed,
+        machine_file=entry.machine_file,
+    )
+    logs = jobs.read(request)
+
+    def fit_bag(asked: Effects) -> 'tuple[Identification, Effects]':
+        effects, beside = able(asked, request.problem(logs.fit).models[0])
+        return jobs.identify(replace(request, effects=tuple(effects)), logs).result, beside
+
+    return fit_bag, lambda: jobs.diagnose(request, logs).result
 
 
 def _maker(model: str) -> Any:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, require_ours, write_text
-from ros2_ident.fleet.entries import Entry
+from ros2_ident.fleet.entries import Entry, Wish
 from ros2_ident.fleet.row import key_of, plain, Row, run_entry
 from ros2_ident.fleet.summary import effects_named, PAGE, sound, SUMMARY, TABLE, write_summary
 from ros2_ident.search.evaluators import Cancel
@@ -23,8 +23,7 @@ def run_fleet(
     entries: Sequence[Entry],
     out: str | Path,
     *,
-    seed: int = 1,
-    diagnosed: bool = True,
+    wish: Wish | None = None,
     scheduler: str | None = None,
     cancel: Cancel | None = None,
     on_start: Callable[[Entry], None] | None = None,
@@ -35,8 +34,7 @@ def run_fleet(
     Args:
         entries: From `read_fleet`.
         out: Output directory; holds a file for each row, `fleet.json` and `fleet.csv`.
-        seed: Of every search.
-        diagnosed: Whether to diagnose, too.
+        wish: How; as a command without options where None.
         scheduler: Address of a Dask scheduler whose workers see the same files; a bag is one task.
         cancel: Looked at between bags; rows that are done stay.
         on_start: Called before a bag is begun in this process.
@@ -49,6 +47,7 @@ def run_fleet(
         IdentError: INVALID_GOAL where something is there that is not ours to replace; or, when all
             is worked out, where a file could not be written.
     """
+    wish = wish or Wish()
     rows_folder = make_directory(Path(out) / 'rows')
     names = SUMMARY, TABLE, PAGE, *(f'rows/{entry.name}.json' for entry in entries)
     require_ours(Path(out) / name for name in names)
@@ -68,7 +67,7 @@ def run_fleet(
 
     left = []
     for entry in entries:
-        known = _kept(rows_folder / f'{entry.name}.json', entry, seed, diagnosed)
+        known = _kept(rows_folder / f'{entry.name}.json', entry, wish)
         if known is None:
             left.append(entry)
             continue
@@ -78,9 +77,9 @@ def run_fleet(
 
     def work(tasks: Tasks) -> None:
         for row in (
-            _here(tasks, seed, diagnosed, cancel, on_start)
+            _here(tasks, wish, cancel, on_start)
             if scheduler is None
-            else _there(tasks, seed, diagnosed, cancel, scheduler)
+            else _there(tasks, wish, cancel, scheduler)
         ):
             take(row)
 
@@ -96,12 +95,12 @@ def run_fleet(
     return ordered
 
 
-def _kept(path: Path, entry: Entry, seed: int, diagnosed: bool) -> Row | None:
+def _kept(path: Path, entry: Entry, wish: Wish) -> Row | None:
     """Return a row of an earlier run that still holds; failed ones are tried again."""
     try:
         row: Row = json.loads(path.read_text(encoding='utf-8'))
         row.pop('format', None)
-        holds = row['state'] == 'done' and row['key'] == key_of(entry, seed, diagnosed)
+        holds = row['state'] == 'done' and row['key'] == key_of(entry, wish)
     except (OSError, ValueError, KeyError, TypeError, IdentError):
         return None
     return row if holds else None
@@ -109,8 +108,7 @@ def _kept(path: Path, entry: Entry, seed: int, diagnosed: bool) -> Row | None:
 
 def _here(
     tasks: Tasks,
-    seed: int,
-    diagnosed: bool,
+    wish: Wish,
     cancel: Cancel | None,
     on_start: Callable[[Entry], None] | None,
 ) -> Iterator[Row]:
@@ -119,11 +117,11 @@ def _here(
             return
         if on_start is not None:
             on_start(entry)
-        yield run_entry(entry, seed, diagnosed, '', known)
+        yield run_entry(entry, wish, '', known)
 
 
 def _there(
-    entries: Tasks, seed: int, diagnosed: bool, cancel: Cancel | None, scheduler: str
+    entries: Tasks, wish: Wish, cancel: Cancel | None, scheduler: str
 ) -> Iterator[Row]:
     from ros2_ident.identify.problem import sources
     from ros2_ident.search.cluster import connect
@@ -134,7 +132,7 @@ def _there(
     try:
         executor = client.get_executor(pure=False)
         tasks: dict[Future[Row], Entry] = {
-            executor.submit(run_entry, entry, seed, diagnosed, sources(), known): entry
+            executor.submit(run_entry, entry, wish, sources(), known): entry
             for entry, known in entries
         }
         for task in as_completed(tasks):

@@ -7,6 +7,7 @@ does not name what it refuses.
 
 from collections.abc import Iterator
 from pathlib import Path
+import re
 from typing import Any
 import xml.etree.ElementTree as ET
 
@@ -101,7 +102,7 @@ class _Bounded(ET.TreeBuilder):
 def _problems(root: ET.Element, shapes: bool) -> Iterator[str]:
     if any('xacro' in element.tag for element in root.iter()):
         yield 'is a xacro; give what `xacro arm.urdf.xacro > arm.urdf` makes of it'
-    elif root.tag not in ('robot', 'mujoco'):
+    elif not re.fullmatch('robot|mujoco', root.tag):
         yield (
             f'has the root element {name_of(root.tag)}; give a URDF (robot) or an MJCF file '
             '(mujoco)'

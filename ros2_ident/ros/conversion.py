@@ -13,6 +13,7 @@ from ros2_ident_msgs.msg import IdentificationResult, ParameterEstimate, Progres
 from ros2_ident.errors import IdentError
 from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.identify.settings import IdentifyProgress
+from ros2_ident.jobs import Identified
 from ros2_ident.models import Machine
 from ros2_ident.recording import cdr, Stream
 from ros2_ident.ros.run import Finished
@@ -74,7 +75,7 @@ def progress_message(progress: IdentifyProgress, machine: Machine, stamp: Time) 
 
 
 def result_message(
-    finished: Finished | None,
+    finished: Finished[Identified] | None,
     error: IdentError | None,
     stamp: Time,
     result_file: str = '',
@@ -94,8 +95,8 @@ def result_message(
     return message
 
 
-def _fill(message: IdentificationResult, finished: Finished) -> None:
-    found: Identification = finished.identification
+def _fill(message: IdentificationResult, finished: Finished[Identified]) -> None:
+    found = finished.done.result
     # undetermined parameters are no error as long as there is one that is determined
     if found.outcome != Outcome.NOT_IDENTIFIABLE or not any(
         p.identifiable for p in found.parameters
@@ -115,12 +116,12 @@ def _fill(message: IdentificationResult, finished: Finished) -> None:
     message.residual_rms = doubles([x.rms for x in found.residuals])
     message.residual_share = doubles([x.share for x in found.residuals])
     message.evaluations = found.evaluations
-    message.seconds = finished.seconds
+    message.seconds = finished.done.seconds
     message.seed = found.seed
     message.missing_fraction = max(found.quality.missing.values(), default=math.nan)
-    message.bag_path = ' + '.join(finished.request.bag_paths)
-    message.bag_sha256 = finished.data_sha256
-    message.configuration = finished.request.configuration
+    message.bag_path = ' + '.join(finished.done.request.bags)
+    message.bag_sha256 = finished.done.logs.sha256
+    message.configuration = finished.wanted.configuration
     message.configuration_sha256 = finished.configuration_sha256
     message.package_version = found.provenance.package_version
 

@@ -8,13 +8,14 @@ from ros2_ident_msgs.action import Diagnose
 from ros2_ident_msgs.msg import Gap, Status
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.jobs import Diagnosed
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.ros import parameters
 from ros2_ident.ros.actions import GoalServer
 from ros2_ident.ros.board import Board
-from ros2_ident.ros.diagnose_run import Diagnosed, run_diagnosis
 from ros2_ident.ros.diagnostics import Diagnostics
-from ros2_ident.ros.files import attempted, draw_diagnosis, save_diagnosis
+from ros2_ident.ros.files import attempted, draw_diagnosis, save
 from ros2_ident.ros.gap_conversion import (
     diagnose_code,
     diagnose_result,
@@ -22,9 +23,10 @@ from ros2_ident.ros.gap_conversion import (
     feedback_sentence,
     gap_message,
 )
-from ros2_ident.ros.goals import diagnose_request_of
+from ros2_ident.ros.goals import diagnose_wanted
 from ros2_ident.ros.outlet import Outlet
 from ros2_ident.ros.page import PageWriter
+from ros2_ident.ros.run import diagnose, Finished
 from ros2_ident.ros.worker import Worker
 
 Says = Callable[[Any], None]
@@ -98,14 +100,13 @@ class Diagnoser:
     def _begin(self, goal: Any, tell: Says, done: Says) -> None:
         node = self._node
         now = parameters.snapshot(node)
-        request = diagnose_request_of(
-            goal, now, receiving=node.receiving, heard=node.heard
-        )
-        buffer = None if request.fit_paths else node.received()
+        wanted = diagnose_wanted(goal, now, receiving=node.receiving, heard=node.heard)
+        request = wanted.request
+        buffer = None if request.bags else node.received()
 
-        def job(cancel: Any, say: Says) -> tuple[Diagnosed, str, Exception | None]:
-            found = run_diagnosis(request, buffer, cancel, say)
-            return found, *attempted(lambda: save_diagnosis(found))
+        def job(cancel: Any, say: Says) -> tuple[Finished[Diagnosed], str, Exception | None]:
+            found = diagnose(wanted, buffer, cancel, say)
+            return found, *attempted(lambda: save(found))
 
         def said(progress: Any) -> None:
             feedback = feedback_message(progress)
@@ -120,13 +121,15 @@ class Diagnoser:
             done(diagnose_result(message))
 
         node.diagnostics.progress = None  # an earlier run's would pass for this one's
-        source = ' + '.join(request.fit_paths) or 'the data received'
+        source = ' + '.join(request.bags) or 'the data received'
         node.board.change(
-            Status.STATE_DIAGNOSING, f'diagnosing {", ".join(request.drives)} from {source}'
+            Status.STATE_DIAGNOSING, f'diagnosing {", ".join(request.drives or ())} from {source}'
         )
         node.worker.start(job, said, ended, rate=now['progress_rate'])
 
-    def _message(self, found: Diagnosed | None, error: IdentError | None, path: str = '') -> Gap:
+    def _message(
+        self, found: Finished[Diagnosed] | None, error: IdentError | None, path: str = ''
+    ) -> Gap:
         return gap_message(found, error, self._node.get_clock().now().to_msg(), path)
 
     def _ended(self, value: Any, error: BaseException | None) -> Gap:
@@ -139,10 +142,10 @@ class Diagnoser:
         else:
             found, path, unwritten = value
             node.last = found
-            node.diagnostics.data = found.data
+            node.diagnostics.data = found.done.logs.fit
             message = self._message(found, None, path)
             fault = unwritten = unwritten and node.board.unwritten(unwritten)
-            state, sentence = Status.STATE_DONE, found.diagnosis.sentence
+            state, sentence = Status.STATE_DONE, found.done.result.sentence
             if found.cancelled:
                 state = Status.STATE_CANCELLED
                 sentence = f'The diagnosis was {message.error_message}. By then: {sentence}'
@@ -151,13 +154,13 @@ class Diagnoser:
             node.board.warnings(message.warnings)
             if unwritten is not None:
                 message.warnings = [*message.warnings, unwritten.message]
-            self._draw(found, path)
+            self._draw(found.done.result, path)
             node.pages.start(path)
         node.diagnostics.gap = message
         node.outlet.gap(message)
         return message
 
-    def _draw(self, found: Diagnosed, path: str) -> None:
+    def _draw(self, found: Diagnosis, path: str) -> None:
         """Draw the charts after the result is out; they take longer than all other files."""
         if not path:
             return

@@ -6,34 +6,33 @@ from dataclasses import dataclass
 from datetime import datetime
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import yaml
 
+from ros2_ident import jobs
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import replacing, write_text
-from ros2_ident.identify.result import Outcome
+from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.jobs import Identified
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC
 from ros2_ident.recording import Stream
-from ros2_ident.report.files import write_diagnosis, write_result
 from ros2_ident.report.overlay import OVERLAY, overlay_streams, verdict_of, write_overlay
 from ros2_ident.report.scene import largest_gap, scene_of
-from ros2_ident.ros.diagnose_run import Diagnosed, DiagnoseRequest
 from ros2_ident.ros.paths import expanded
-from ros2_ident.ros.run import Finished, Request
-from ros2_ident.search.journal import forget
+from ros2_ident.ros.run import Finished, Wanted
 
 CONFIGURATION = 'configuration.yaml'
 ROBOT, MACHINE = 'robot.urdf', 'machine.yaml'
 
 
-def save_result(finished: Finished, directory: str | None = None) -> str:
-    """Write the result and the configuration it was found with.
+def save(finished: Finished[Any], directory: str | None = None) -> str:
+    """Write a result and the configuration it was found with.
 
     Args:
         finished: The run.
-        directory: Where to make its folder; the request's output directory where None.
+        directory: Where to make its folder; that of the goal where None.
 
     Returns:
         Path of the result file; empty where the directory is.
@@ -41,15 +40,13 @@ def save_result(finished: Finished, directory: str | None = None) -> str:
     Raises:
         IdentError: INVALID_GOAL where nothing can be written there.
     """
-    base = finished.request.output_directory if directory is None else directory
+    base = finished.wanted.output_directory if directory is None else directory
     if not base:
         return ''
     folder = _folder(base)
-    path = write_result(folder, finished.identification, finished.problem())[0]
-    _write_configuration(folder, finished.request)
-    unfinished = finished.identification.outcome in (Outcome.CANCELLED, Outcome.BUDGET_SPENT)
-    if finished.checkpoint is not None and not unfinished:
-        forget(finished.checkpoint)
+    # The overlay takes longer than the answer may.
+    path = jobs.save(finished.done, folder, overlay=False)[0]
+    _write_configuration(folder, finished.wanted)
     return str(path)
 
 
@@ -61,46 +58,17 @@ def attempted(save: Callable[[], str]) -> tuple[str, Exception | None]:
         return '', error
 
 
-def save_diagnosis(done: Diagnosed, directory: str | None = None) -> str:
-    """Write a diagnosis and the configuration it was made with.
-
-    Args:
-        done: The run.
-        directory: Where to make its folder; the request's output directory where None.
-
-    Returns:
-        Path of the diagnosis file; empty where the directory is.
-
-    Raises:
-        IdentError: INVALID_GOAL where nothing can be written there.
-    """
-    base = done.request.output_directory if directory is None else directory
-    if not base:
-        return ''
-    folder = _folder(base)
-    request = done.request
-    _write_configuration(folder, request)
-    settings = yaml.safe_load(request.configuration)['settings']
-    files = write_diagnosis(
-        folder, done.diagnosis, request.machine, done.data, done.check, settings
-    )
-    if done.checkpoint is not None and done.diagnosis.complete:
-        forget(done.checkpoint)
-    return str(files[0])
-
-
-def draw_diagnosis(done: Diagnosed, result_file: str) -> None:
+def draw_diagnosis(found: Diagnosis, result_file: str) -> None:
     """Draw how far the gap closes and what is most probable, beside the diagnosis file.
 
     Args:
-        done: The run.
-        result_file: Path of its diagnosis file.
+        found: The diagnosis.
+        result_file: Path of its file.
     """
     # matplotlib takes a second to load, and most runs of the node need none of it
     from ros2_ident.gap.blocks import Interval
     from ros2_ident.report.pictures.charts import Rank, ranking, Stage, waterfall
 
-    found = done.diagnosis
     floor = Interval(found.floor.together, math.nan, math.nan)
     stages = [Stage(step.label, step.gap) for step in found.steps]
     ranks = [
@@ -130,7 +98,7 @@ class Compared:
     scene: bytes | None = None
 
 
-def compare(finished: Finished, result_file: str) -> Compared:
+def compare(finished: Finished[Identified], result_file: str) -> Compared:
     """Set the simulated effort beside the measured one, and write both as a bag beside the result.
 
     Args:
@@ -140,17 +108,18 @@ def compare(finished: Finished, result_file: str) -> Compared:
     Returns:
         The comparison; nothing in it where no candidate converged.
     """
-    theta = finished.identification.theta
+    done = finished.done
+    theta = done.result.theta
     if not np.isfinite(theta).all():
         return Compared([], [])
-    problem = finished.problem()
+    problem = done.problem()
     if result_file:
         write_overlay(
             Path(result_file).with_name(OVERLAY),
             problem,
             theta,
-            topics=finished.request.topics,
-            verdict=verdict_of(finished.identification),
+            topics=done.request.topics,
+            verdict=verdict_of(done.result),
         )
     streams = overlay_streams(problem, theta)
     scene = scene_of(problem, theta, streams[0]['residual'])
@@ -161,12 +130,12 @@ def compare(finished: Finished, result_file: str) -> Compared:
     )
 
 
-def _write_configuration(folder: Path, request: Request | DiagnoseRequest) -> None:
+def _write_configuration(folder: Path, wanted: Wanted) -> None:
     """Write what a run was asked, and a robot that was heard so that `ident` can read it."""
-    write_text(folder / CONFIGURATION, request.configuration)
-    if request.description is not None:
-        write_text(folder / ROBOT, request.description)
-        write_text(folder / MACHINE, request.machine_text.replace(DESCRIPTION_TOPIC, ROBOT))
+    write_text(folder / CONFIGURATION, wanted.configuration)
+    if wanted.description is not None:
+        write_text(folder / ROBOT, wanted.description)
+        write_text(folder / MACHINE, wanted.machine_text.replace(DESCRIPTION_TOPIC, ROBOT))
 
 
 def _folder(directory: str) -> Path:

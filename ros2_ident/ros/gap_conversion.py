@@ -15,9 +15,10 @@ from ros2_ident.gap.diagnosis import Diagnosis, Ranked, Value
 from ros2_ident.identify.certainty import NOT_IDENTIFIABLE, state_of
 from ros2_ident.identify.outcome import package_version
 from ros2_ident.identify.result import bound_of
+from ros2_ident.jobs import Diagnosed
 from ros2_ident.models import EffectAt, Parameter
 from ros2_ident.ros.conversion import doubles, KINDS
-from ros2_ident.ros.diagnose_run import Diagnosed
+from ros2_ident.ros.run import Finished
 
 # A value as near to a bound as this share of the range lies on it.
 _AT_BOUND = 1e-3
@@ -62,12 +63,15 @@ def diagnose_code(result: Any) -> int:
 
 
 def gap_message(
-    done: Diagnosed | None, error: IdentError | None, stamp: Time, result_file: str = ''
+    finished: Finished[Diagnosed] | None,
+    error: IdentError | None,
+    stamp: Time,
+    result_file: str = '',
 ) -> Gap:
     """Return a diagnosis' end as a message: what it found, or what kept it from finding it.
 
     Args:
-        done: The diagnosis, None where there is none.
+        finished: The diagnosis, None where there is none.
         error: What went wrong, None for nothing.
         stamp: Of the end, node clock.
         result_file: Path of diagnosis.json, empty where it was not written.
@@ -76,13 +80,13 @@ def gap_message(
     message.header.stamp = stamp
     for field in _UNKNOWN:
         setattr(message, field, math.nan)
-    if done is not None:
-        _fill(message, done)
-    if done is not None and done.cancelled:
+    if finished is not None:
+        _fill(message, finished)
+    if finished is not None and finished.cancelled:
         error = IdentError(
             ErrorCode.CANCELLED,
-            f'cancelled after {done.seconds:.1f} s; the best so far is kept, effects that had '
-            'not been tried by then may close more of the gap',
+            f'cancelled after {finished.done.seconds:.1f} s; the best so far is kept, effects '
+            'that had not been tried by then may close more of the gap',
         )
     if error is not None:
         message.error_code = int(error.code)
@@ -90,16 +94,17 @@ def gap_message(
     return message
 
 
-def _fill(message: Gap, done: Diagnosed) -> None:
-    found = done.diagnosis
+def _fill(message: Gap, finished: Finished[Diagnosed]) -> None:
+    done, declared = finished.done, finished.declared
+    found = done.result
     message.effect = found.effect
     message.where = list(found.where)
     message.probability = found.probability
     message.sentence = found.sentence
     message.warnings = warnings_of(done)
-    message.also = [_also(found, done.declared, at) for at in found.also]
-    message.confusable = [_candidate(found, done.declared, r) for r in found.confusable]
-    message.ranking = [_candidate(found, done.declared, r) for r in found.ranking]
+    message.also = [_also(found, declared, at) for at in found.also]
+    message.confusable = [_candidate(found, declared, r) for r in found.confusable]
+    message.ranking = [_candidate(found, declared, r) for r in found.ranking]
     message.unit = found.unit
     if found.steps:
         for name, gap in (('before', found.steps[0].gap), ('after', found.steps[-1].gap)):
@@ -117,7 +122,7 @@ def _fill(message: Gap, done: Diagnosed) -> None:
     message.drive_share_closed = doubles([x.share_closed for x in drives])
     message.localisation = [finding.sentence for finding in found.localisation]
     message.advice = list(found.advice)
-    if not found.complete and not done.cancelled:
+    if not found.complete and not finished.cancelled:
         message.advice.insert(
             0,
             f'The time budget of {done.request.seconds:g} s ended the run before every effect '
@@ -129,8 +134,9 @@ def _fill(message: Gap, done: Diagnosed) -> None:
 
 def warnings_of(done: Diagnosed) -> list[str]:
     """Return what gates and data warn of, each sentence once."""
-    gates = [text for _, level, text in done.diagnosis.gates if level != 'ok']
-    said = [w for data in (done.data, done.check) if data for w in data.quality(0).warnings]
+    gates = [text for _, level, text in done.result.gates if level != 'ok']
+    logs = done.logs.fit, done.logs.check
+    said = [w for data in logs if data for w in data.quality(0).warnings]
     return list(dict.fromkeys([*gates, *said]))
 
 

@@ -2,7 +2,7 @@
 """From a goal to a request: everything a run needs, checked before it starts."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import Any
 
@@ -14,17 +14,17 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
 from ros2_ident.identify.data import chosen_drives
 from ros2_ident.identify.layout import Conditions, read_conditions
-from ros2_ident.identify.outputs import QUANTITIES, read_outputs
+from ros2_ident.identify.outputs import Outputs, QUANTITIES, read_outputs
 from ros2_ident.identify.settings import IdentifySettings
+from ros2_ident.jobs import Request
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.models.new_file import arm_from_topic
 from ros2_ident.models.registry import machine_from_mapping
 from ros2_ident.recording import Stream, Topics
-from ros2_ident.ros.diagnose_run import DiagnoseRequest
 from ros2_ident.ros.parameter_table import BY_NAME
 from ros2_ident.ros.parameters import Snapshot
 from ros2_ident.ros.paths import allowed, expanded
-from ros2_ident.ros.run import Request
+from ros2_ident.ros.run import Wanted
 from ros2_ident.search import Budget
 from ros2_ident.threads import processors
 
@@ -56,9 +56,9 @@ def automatic_goal(parameters: Snapshot) -> Any:
     return Identify.Goal(refine=parameters['refine'])
 
 
-def request_of(
+def identify_wanted(
     goal: Any, parameters: Snapshot, *, receiving: bool = False, heard: Heard = _NOTHING
-) -> Request:
+) -> Wanted:
     """Return what a goal asks for, with the node's parameters where it says nothing.
 
     Args:
@@ -70,79 +70,73 @@ def request_of(
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, or what is wrong with the machine file.
     """
-    _check_ranges(goal)
-    machine, text, description = _machine(goal, parameters, heard)
+    wanted = _wanted(goal, parameters, heard)
+    machine = wanted.request.machine
     if goal.model and goal.model != machine.kind:
         raise _refuse(
             f'model is {goal.model!r} and the machine file describes a {machine.kind}; '
             'leave model empty or give another machine file'
         )
-    drives = tuple(goal.drives) or tuple(parameters['drives']) or None
-    fixed, bounds = _overrides(goal, machine)
-    return Request(
-        machine=machine,
-        machine_text=text,
-        description=description,
-        drives=chosen_drives(machine, drives),
-        bag_paths=_bag_paths(goal, 'bag_path', parameters),
-        conditions=_conditions(goal, parameters),
-        outputs=read_outputs(tuple(goal.outputs)),
-        topics=_topics(parameters),
-        fixed=fixed,
-        bounds=bounds,
-        settings=_settings(goal, parameters, receiving),
-        seed=goal.seed or parameters['seed'],
-        output_directory=parameters['output_directory'],
+    settings = _settings(goal, parameters, receiving)
+    outputs = read_outputs(tuple(goal.outputs))
+    return replace(
+        wanted, request=replace(wanted.request, settings=settings, outputs=outputs)
     )
 
 
-def diagnose_request_of(
+def diagnose_wanted(
     goal: Any, parameters: Snapshot, *, receiving: bool = False, heard: Heard = _NOTHING
-) -> DiagnoseRequest:
-    """Return what a goal asks for, with the node's parameters where it says nothing.
-
-    Args:
-        goal: A `Diagnose.Goal`.
-        parameters: The node's.
-        receiving: Whether messages arrive that must not wait for the simulation.
-        heard: What was heard of the robot.
+) -> Wanted:
+    """Return what a goal asks for; as `identify_wanted`, of a `Diagnose.Goal`.
 
     Raises:
         IdentError: INVALID_GOAL, NO_DATA, UNKNOWN_PARAMETER for a strange effect, or what is wrong
             with the machine file.
     """
-    _check_ranges(goal)
-    machine, text, description = _machine(goal, parameters, heard)
+    wanted = _wanted(goal, parameters, heard)
     for name in goal.without_effects:
         get_effect(name)
-    drives = tuple(goal.drives) or tuple(parameters['drives']) or None
-    return DiagnoseRequest(
-        machine=machine,
-        machine_text=text,
-        description=description,
-        drives=chosen_drives(machine, drives),
-        fit_paths=_bag_paths(goal, 'fit_bag_path', parameters),
-        check_paths=_paths(
-            goal.check_bag_path, goal.more_check_bag_paths, 'check_bag_path', parameters
-        ),
-        conditions=_conditions(goal, parameters),
-        topics=_topics(parameters),
-        without=tuple(goal.without_effects),
-        output=_output(goal.output),
-        threads=_threads(parameters, receiving),
-        seconds=goal.time_budget or parameters['time_budget'],
-        seed=goal.seed or parameters['seed'],
-        output_directory=parameters['output_directory'],
+    seconds = goal.time_budget or parameters['time_budget']
+    settings = IdentifySettings(
+        budget=Budget(seconds=seconds or None), threads=_threads(parameters, receiving)
     )
+    request = replace(
+        wanted.request,
+        settings=settings,
+        outputs=_output(goal.output),
+        without=tuple(goal.without_effects),
+    )
+    return replace(wanted, request=request)
 
 
-def _output(name: str) -> str | None:
+def _wanted(goal: Any, parameters: Snapshot, heard: Heard) -> Wanted:
+    """Return what the goals of both actions say alike."""
+    _check_ranges(goal)
+    machine, text, description = _machine(goal, parameters, heard)
+    drives = tuple(goal.drives) or tuple(parameters['drives']) or None
+    fixed, bounds = _overrides(goal, machine)
+    request = Request(
+        machine=machine,
+        machine_file=goal.machine_file or parameters['machine_file'],
+        bags=_bag_paths(goal, parameters),
+        check=_paths(goal.check_bag_path, goal.more_check_bag_paths, 'check_bag_path', parameters),
+        drives=chosen_drives(machine, drives),
+        topics=_topics(parameters),
+        conditions=_conditions(goal, parameters),
+        fixed=fixed,
+        bounds=bounds,
+        seed=goal.seed or parameters['seed'],
+    )
+    return Wanted(request, text, parameters['output_directory'], description)
+
+
+def _output(name: str) -> Outputs | None:
     """Return the quantity that a goal names; None where it names none."""
     if not name:
         return None
     if name not in QUANTITIES:
         raise _refuse(f'output is {name!r}; choose from {", ".join(QUANTITIES)}')
-    return name
+    return {name: None}
 
 
 def _check_ranges(goal: Any) -> None:
@@ -202,17 +196,17 @@ def _topics(parameters: Snapshot) -> Topics:
     )
 
 
-def _bag_paths(goal: Any, field: str, parameters: Snapshot) -> tuple[str, ...]:
-    """Return the paths of the bags in a field of the goal and its further ones; none if live."""
-    path = getattr(goal, field)
+def _bag_paths(goal: Any, parameters: Snapshot) -> tuple[str, ...]:
+    """Return the paths of the bags to fit; none if live."""
+    path = goal.bag_path
     if goal.data_source not in (goal.DATA_SOURCE_LIVE, goal.DATA_SOURCE_BAG):
         raise _refuse(f'data_source is {goal.data_source}; give 0 (live) or 1 (bag)')
     from_bag = goal.data_source == goal.DATA_SOURCE_BAG
     if from_bag and not path:
-        raise _refuse(f'data_source is 1 (bag) and {field} is empty; give the path of a bag')
+        raise _refuse('data_source is 1 (bag) and bag_path is empty; give the path of a bag')
     if path and not from_bag:
-        raise _refuse(f'{field} is given and data_source is 0 (live); set it to 1 to read the bag')
-    return _paths(path, getattr(goal, f'more_{field}s'), field, parameters)
+        raise _refuse('bag_path is given and data_source is 0 (live); set it to 1 to read the bag')
+    return _paths(path, goal.more_bag_paths, 'bag_path', parameters)
 
 
 def _paths(
@@ -288,7 +282,7 @@ def _overrides(
 
 
 def _column(goal: Any, field: str, count: int) -> Sequence[float]:
-    values = list(getattr(goal, field))
+    values = list(getattr(goal, field, ()))  # a diagnosis has no bounds
     if values and len(values) != count:
         raise _refuse(
             f'{field} has {len(values)} values and override_names {count} names; '

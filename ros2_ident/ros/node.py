@@ -19,6 +19,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.jobs import Identified
 from ros2_ident.recording import RecordingBuilder, Stream
 from ros2_ident.ros import parameters, start
 from ros2_ident.ros.actions import (
@@ -36,14 +37,13 @@ from ros2_ident.ros.conversion import (
     progress_sentence,
     result_message,
 )
-from ros2_ident.ros.diagnose_run import Diagnosed
 from ros2_ident.ros.diagnoser import Diagnoser
 from ros2_ident.ros.diagnostics import Diagnostics
-from ros2_ident.ros.files import attempted, compare, save_diagnosis, save_result
-from ros2_ident.ros.goals import automatic_goal, Heard, request_of
+from ros2_ident.ros.files import attempted, compare, save
+from ros2_ident.ros.goals import automatic_goal, Heard, identify_wanted
 from ros2_ident.ros.outlet import LATCHED, Outlet
 from ros2_ident.ros.page import PageWriter
-from ros2_ident.ros.run import Finished, run
+from ros2_ident.ros.run import Finished, identify
 from ros2_ident.ros.worker import Worker
 
 TICK = 0.1  # s
@@ -93,7 +93,7 @@ class Identifier(Node):
         self.pages = PageWriter()
         self.outlet = Outlet(self)
         self.diagnostics = Diagnostics(self.get_name(), now['missing_warning'])
-        self.last: Finished | Diagnosed | None = None
+        self.last: Finished[Any] | None = None
         self.description: str | None = None
         self.stopping = False
         self.twin = False  # whether another node has its name
@@ -166,19 +166,20 @@ class Identifier(Node):
             IdentError: Where the goal is unusable; nothing has been started then.
         """
         now = parameters.snapshot(self)
-        request = request_of(goal, now, receiving=self.receiving, heard=self.heard)
-        buffer = None if request.bag_paths else self.received()
+        wanted = identify_wanted(goal, now, receiving=self.receiving, heard=self.heard)
+        request = wanted.request
+        buffer = None if request.bags else self.received()
 
         def preview(simulated: list[Stream], residual: list[Stream]) -> None:
             series = _messages(simulated), _messages(residual)
             self.worker.post(lambda: self._begin_series(*series))
 
-        def job(cancel: Any, say: Says) -> tuple[Finished, str, Exception | None]:
+        def job(cancel: Any, say: Says) -> tuple[Finished[Identified], str, Exception | None]:
             rate = now['preview_rate']
-            finished = run(
-                request, buffer, cancel, say, preview if rate else None, 1.0 / (rate or 1.0)
+            finished = identify(
+                wanted, buffer, cancel, say, preview if rate else None, 1.0 / (rate or 1.0)
             )
-            return finished, *attempted(lambda: save_result(finished))
+            return finished, *attempted(lambda: save(finished))
 
         def said(progress: Any) -> None:
             message = progress_message(progress, request.machine, self.get_clock().now().to_msg())
@@ -196,10 +197,10 @@ class Identifier(Node):
             if done is not None:
                 done(message)
 
-        source = ' + '.join(request.bag_paths) or 'the data received'
+        source = ' + '.join(request.bags) or 'the data received'
         self.board.change(
             Status.STATE_IDENTIFYING,
-            f'identifying {", ".join(request.drives)} from {source}',
+            f'identifying {", ".join(request.drives or ())} from {source}',
         )
         self.worker.start(job, said, ended, rate=now['progress_rate'])
 
@@ -242,7 +243,7 @@ class Identifier(Node):
         else:
             finished, path, unwritten = value
             self.last = finished
-            self.diagnostics.data = finished.data
+            self.diagnostics.data = finished.done.logs.fit
             message = result_message(finished, None, self.get_clock().now().to_msg(), path)
             self._compare(finished, path)
             state = Status.STATE_DONE
@@ -263,7 +264,7 @@ class Identifier(Node):
         self.outlet.result(message)
         return message
 
-    def _compare(self, finished: Finished, path: str) -> None:
+    def _compare(self, finished: Finished[Identified], path: str) -> None:
         """Publish and write the simulated machine beside the measured one, after the result."""
 
         def work() -> tuple[list[bytes], list[bytes], bytes | None]:
@@ -355,7 +356,6 @@ class Identifier(Node):
         def ended(value: Any, error: BaseException | None) -> None:
             done.set_result((value, error))
 
-        save = save_result if isinstance(last, Finished) else save_diagnosis
         self.worker.chore(lambda: save(last, directory), ended)
         path, error = await done
         response.success = error is None and bool(path)

@@ -97,12 +97,11 @@ SLOTS: Mapping[str, Slot] = dict(
     duty_limit=Slot('torque_limit', False, 'physical', _FILE),
 )
 # Of these zero is an answer: a machine can be without them, and an angle may be any.
-MAY_BE_ZERO = frozenset(
-    ('measurement_delay', 'gear_damping_ratio', 'coulomb_torque', 'viscous_torque',
-     'coulomb_friction', 'viscous_friction', 'constant_force', 'integral_gain',
-     'velocity_feedforward', 'rail_azimuth', 'arm_zero', 'load_angle',
-     'damping', 'frictionloss', 'stiffness', 'kv', 'set_point_delay', 'joint_zero')
-)  # fmt: skip
+_ZERO = ('measurement_delay', 'gear_damping_ratio', 'integral_gain', 'velocity_feedforward',
+         'rail_azimuth', 'arm_zero', 'load_angle', 'damping', 'frictionloss', 'stiffness', 'kv',
+         'set_point_delay', 'joint_zero')  # fmt: skip
+_ZERO_ROWS = 'coulomb', 'viscous', 'constant_load'
+MAY_BE_ZERO = {*_ZERO, *(name for name, slot in SLOTS.items() if slot.row in _ZERO_ROWS)}
 # Fills rows of one drive, of all candidates, from other rows of it.
 Derive = Callable[[Array, int], None]
 

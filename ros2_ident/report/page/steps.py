@@ -228,8 +228,8 @@ def _export(settings: Mapping[str, Any], out: str) -> Iterator[Step]:
 
 
 def _output(settings: Mapping[str, Any]) -> str:
-    """Return the option that says what is compared; nothing where nobody said it."""
-    return f' --output {settings["output"]}' if settings.get('output') else ''
+    """Return the option for the quantity compared; empty where that is the kind's own."""
+    return ''.join(f' --output {name}' for name in settings.get('outputs') or ())
 
 
 def _diagnose(data: Mapping[str, Any], out: str) -> str:

@@ -1,0 +1,365 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One run, whoever asks for it: a command, a goal of the node, a row of a fleet.
+
+Each of them is a `Request`; `read` its logs, `identify` or `diagnose` them, `save` what was found.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+import hashlib
+from pathlib import Path
+import time
+from typing import Any
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.diagnose import diagnose as find_gap
+from ros2_ident.gap.diagnose import DiagnoseProgress
+from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.identify.data import Data, gather
+from ros2_ident.identify.held_out import check_problem
+from ros2_ident.identify.layout import Conditions
+from ros2_ident.identify.outputs import checked, Outputs
+from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.result import Identification, Outcome
+from ros2_ident.identify.run import identify as find_parameters
+from ros2_ident.identify.settings import IdentifySettings, OnProgress
+from ros2_ident.identify.setup import problem_of
+from ros2_ident.models import EffectAt, Machine
+from ros2_ident.models.registry import compared_of
+from ros2_ident.recording import read_bags, Recording, RecordingBuilder, SAMPLES, Topics
+from ros2_ident.search import Threads
+from ros2_ident.search.evaluators import Cancel, Workers
+from ros2_ident.search.journal import forget
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a run is to do.
+
+    Attributes:
+        machine: The machine.
+        bags: Paths of the recordings to fit; none for what was received.
+        check: Paths of the recordings to judge on; none for parts held out of the others.
+        drives: Drives to compare, in the machine's order; all where None.
+        topics: Names of the topics in the bags.
+        conditions: What differs between the recordings.
+        fixed: Parameters held at a value [their units].
+        bounds: (low, high) instead of the machine file's [their units]; of an identification.
+        outputs: What is compared, with weights; what the kind of machine compares where None. A
+            diagnosis takes one.
+        effects: Effects beside the nominal physics; of an identification.
+        without: Ids of effects to leave out of the catalogue; of a diagnosis.
+        settings: Search, budgets, threads.
+        seed: Of the random generator.
+        samples: Effort samples to fit on, all drives together; of an identification.
+        workers: Who simulates; `settings.threads` threads of this process where None.
+        machine_file: Path of the machine file, for the record; empty where there is none.
+    """
+
+    machine: Machine
+    bags: tuple[str, ...] = ()
+    check: tuple[str, ...] = ()
+    drives: tuple[str, ...] | None = None
+    topics: Topics = field(default_factory=Topics)
+    conditions: Conditions = Conditions()
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    outputs: Outputs | None = None
+    effects: tuple[EffectAt, ...] = ()
+    without: tuple[str, ...] = ()
+    settings: IdentifySettings = field(default_factory=IdentifySettings)
+    seed: int = 1
+    samples: int = SAMPLES
+    workers: Workers | None = field(default=None, compare=False)
+    machine_file: str = ''
+
+    def problem(self, data: Data) -> Problem:
+        """Return the nominal model on some data."""
+        return problem_of(
+            self.machine,
+            data,
+            drives=self.drives,
+            fixed=self.fixed,
+            bounds=self.bounds,
+            effects=self.effects,
+            cutoff=self.settings.cutoff,
+            conditions=self.conditions,
+            outputs=self.outputs,
+        )
+
+    @property
+    def seconds(self) -> float:
+        """Time budget, s; 0 for none."""
+        return self.settings.budget.seconds or 0.0
+
+    def plain(self) -> dict[str, Any]:
+        """Return what was asked for, as JSON and YAML hold it."""
+        return {
+            'bags': list(self.bags),
+            'check_bags': list(self.check),
+            'machine_file': self.machine_file,
+            'drives': list(self.drives or self.machine.drives),
+            'fixed': dict(self.fixed),
+            'bounds': {name: list(pair) for name, pair in self.bounds.items()},
+            **({'outputs': dict(self.outputs)} if self.outputs else {}),
+            **({'without_effects': list(self.without)} if self.without else {}),
+            'time_budget': self.seconds,
+            'seed': self.seed,
+            **self.conditions.plain(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Logs:
+    """What a run works on.
+
+    Attributes:
+        fit: The recordings to fit.
+        check: The recordings to judge on; None for parts held out of the others.
+        sha256: Hash of the bags to fit, or of the samples received.
+        since: When reading began, by `time.monotonic`, s.
+    """
+
+    fit: Data
+    check: Data | None
+    sha256: str
+    since: float
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """An identification that has ended.
+
+    Attributes:
+        request: What was asked for.
+        logs: What it was found from.
+        result: What was found.
+        seconds: From reading to the result, s.
+        checkpoint: File that the run could go on from; of no use once the result is safe.
+    """
+
+    request: Request
+    logs: Logs
+    result: Identification
+    seconds: float
+    checkpoint: Path | None = None
+
+    @property
+    def complete(self) -> bool:
+        """Whether no cancel and no budget cut it short."""
+        return self.result.outcome not in (Outcome.CANCELLED, Outcome.BUDGET_SPENT)
+
+    def problem(self) -> Problem:
+        """Return the model on the data it was found from, held as in the result."""
+        result = self.result
+        return replace(self.request, drives=result.drives, fixed=result.fixed, bounds={}).problem(
+            self.logs.fit
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosed:
+    """A diagnosis that has ended; attributes as of `Identified`."""
+
+    request: Request
+    logs: Logs
+    result: Diagnosis
+    seconds: float
+    checkpoint: Path | None = None
+
+    @property
+    def complete(self) -> bool:
+        """Whether no cancel and no budget cut it short."""
+        return self.result.complete
+
+
+def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
+    """Read the logs of a request.
+
+    Args:
+        request: Names the bags.
+        received: What was received, for a request that names none.
+
+    Raises:
+        IdentError: NO_DATA, MISSING_STREAM, BAD_VALUES and what else a log can lack.
+    """
+    since = time.monotonic()
+    if not request.bags and received is None:
+        raise IdentError(ErrorCode.NO_DATA, 'there is no live data; replay a bag or name its path')
+    if received is None or request.bags:
+        recordings = read_bags(request.bags, request.topics)
+    else:
+        recordings = received.build()
+    fit = _gathered(request, recordings)
+    check = None
+    if request.check:
+        check = _gathered(request, read_bags(request.check, request.topics))
+    return Logs(fit, check, fit.sha256 or _digest_of(recordings), since)
+
+
+def identify(
+    request: Request,
+    logs: Logs,
+    *,
+    cancel: Cancel | None = None,
+    on_progress: OnProgress | None = None,
+    checkpoint: Path | None = None,
+) -> Identified:
+    """Identify the parameters; arguments and errors as of `identify.run.identify`."""
+    result = find_parameters(
+        request.machine,
+        logs.fit,
+        drives=request.drives,
+        fixed=request.fixed,
+        bounds=request.bounds,
+        effects=request.effects,
+        conditions=request.conditions,
+        outputs=request.outputs,
+        settings=request.settings,
+        seed=request.seed,
+        cancel=cancel,
+        on_progress=on_progress,
+        workers=request.workers,
+        checkpoint=checkpoint,
+        check=logs.check,
+    )
+    return Identified(request, logs, result, time.monotonic() - logs.since, checkpoint)
+
+
+def diagnose(
+    request: Request,
+    logs: Logs,
+    *,
+    cancel: Cancel | None = None,
+    on_progress: Callable[[DiagnoseProgress], None] | None = None,
+    checkpoint: Path | None = None,
+) -> Diagnosed:
+    """Find the gap and its cause; arguments and errors as of `gap.diagnose`."""
+    if request.outputs is not None and len(request.outputs) > 1:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'a diagnosis compares one quantity and {" and ".join(request.outputs)} are given; '
+            'give one of them',
+        )
+    check = logs.check
+    result = find_gap(
+        request.machine,
+        logs.fit.datasets,
+        check.datasets if check else (),
+        labels=logs.fit.labels,
+        check_labels=check.labels if check else (),
+        conditions=request.conditions,
+        drives=request.drives,
+        without=request.without,
+        fixed=request.fixed,
+        output=next(iter(request.outputs)) if request.outputs else None,
+        seed=request.seed,
+        seconds=request.seconds,
+        cancelled=cancel.is_set if cancel is not None else lambda: False,
+        on_progress=on_progress,
+        workers=request.workers or Threads(request.settings.threads),
+        checkpoint=checkpoint,
+    )
+    return Diagnosed(request, logs, result, time.monotonic() - logs.since, checkpoint)
+
+
+def require_room(request: Request, logs: Logs, folder: Path) -> None:
+    """Refuse, before any work, a directory whose overlay bags are not ours to replace.
+
+    Raises:
+        IdentError: INVALID_GOAL with the remedy.
+    """
+    from ros2_ident.report.overlay import OVERLAY, require_place
+
+    require_place(folder / OVERLAY, logs.fit, [*request.bags, *request.check])
+
+
+def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) -> list[Path]:
+    """Write what a run found, and forget its checkpoint where it came to its end.
+
+    Args:
+        done: The run.
+        folder: Where to write; it exists.
+        overlay: Whether to write the overlay bags, too.
+
+    Returns:
+        The files.
+
+    Raises:
+        IdentError: INVALID_GOAL where something cannot be written.
+    """
+    # A fleet writes nothing of this, and its rows do not depend on it.
+    from ros2_ident.report.files import write_diagnosis, write_result
+    from ros2_ident.report.overlay import (
+        diagnosed_problem,
+        OVERLAY,
+        verdict_of,
+        withdraw_overlay,
+        write_overlay,
+    )
+
+    request, logs = done.request, done.logs
+    withdraw_overlay(folder / OVERLAY)  # what is new does not lie beside what is old
+    if isinstance(done, Identified):
+        problem, theta = done.problem(), done.result.theta
+        held_out = None if logs.check is None else check_problem(problem, logs.check)
+        asked = {k: v for k, v in request.plain().items() if k in _ASKED}
+        result = replace(done.result, settings={**done.result.settings, **asked})
+        files = list(write_result(folder, result, problem, held_out))
+    else:
+        files = list(
+            write_diagnosis(
+                folder, done.result, request.machine, logs.fit, logs.check, request.plain()
+            )
+        )
+    if overlay:
+        if isinstance(done, Diagnosed):
+            nominal = replace(request, outputs=None).problem(logs.fit)
+            problem, theta = diagnosed_problem(nominal, done.result)
+        files += write_overlay(
+            folder / OVERLAY,
+            problem,
+            theta,
+            topics=request.topics,
+            verdict=verdict_of(done.result),
+            # to simulate the motion takes seconds, and a cancelled run is wanted to end
+            moving=_wanted_whole(done),
+        )
+    if done.checkpoint is not None and done.complete:
+        forget(done.checkpoint)
+    return files
+
+
+# What a result says of its logs beside its own settings: the commands that a page proposes next.
+_ASKED = 'bags', 'check_bags', 'machine_file'
+
+
+def _wanted_whole(done: Identified | Diagnosed) -> bool:
+    if isinstance(done, Identified):
+        return done.result.outcome is not Outcome.CANCELLED
+    return done.complete
+
+
+def _gathered(request: Request, recordings: Sequence[Recording]) -> Data:
+    data = gather(
+        recordings,
+        request.machine,
+        request.drives,
+        samples=request.samples,
+        quantities=tuple(checked(request.outputs, compared_of(request.machine))),
+    )
+    return data.without_command() if request.settings.method == 'algebraic' else data
+
+
+def _digest_of(recordings: Sequence[Recording]) -> str:
+    """Return a hash of the samples: the same live data are recognised as the same."""
+    total = hashlib.sha256()
+    for recording in recordings:
+        for role, stream in recording.streams.items():
+            total.update(f'{role} {" ".join(stream.names)}'.encode())
+            for values in (stream.stamp, stream.position, stream.velocity, stream.effort):
+                if values is not None:
+                    total.update(np.ascontiguousarray(values).tobytes())
+    return total.hexdigest()
