@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 from scipy.signal import lfilter
 
 from ros2_ident.gates.log import SEEN
@@ -25,6 +26,8 @@ _REST, _SLOW, _STEADY = 0.01, 0.1, 0.1
 ORDERS = 24
 # A friction that lags behind does so by these times, s, or by these shares of the stroke.
 _LAGS, _WAYS = (0.01, 0.03, 0.1, 0.3), (0.0005, 0.002, 0.01, 0.05)
+# Knots of the splines that an answer to a switch of the motion may follow, until it is over, s.
+_AFTER = np.pad(np.expm1(np.linspace(0.0, math.log(8.0), 16)) / 7.0, 3, mode='edge')
 # An order has to go round so often within the stroke to be told from a plain position.
 _TURNS = 1.5
 
@@ -229,6 +232,10 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
     lags = range(-20, 45, 5)
     recent = [_late(motion.acceleration[d], at, 1e-3 * lag / motion.cycle) for lag in lags]
     found.append(_linear('recent acceleration', tuple(f'{lag} ms ago' for lag in lags), recent))
+    turn, push = 0.5 * direction(motion.velocity[d]), motion.acceleration[d]
+    push = _sign(push) * (np.abs(push) > _STEADY * _top(push))
+    found += _answers('time since reversal', 'odd', turn, motion.cycle, at)
+    found += _answers('time since a jump of the acceleration', '', push, motion.cycle, at)
     labels, rows = _memories(motion, d, at)
     found += [_linear('lagging friction', labels, rows)] if rows else []
     others = [o for o in range(len(motion.drives)) if o != d]
@@ -241,6 +248,29 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
     if motion.gear[d]:
         found += _orders(position, float(motion.gear[d]))
     return [c for c in found if c.columns.shape[1]]
+
+
+def _answers(
+    name: str, parity: Parity, state: Array, cycle: float, at: NDArray[np.int64]
+) -> list[Coordinate]:
+    """Return what follows each step of a state (K,) by its sign, and what follows any step alike.
+
+    The courses are splines: noise of a long memory would follow a stair better than they do.
+    """
+    steps = np.diff(state, prepend=state[0])
+    lags = np.arange(0.0, _AFTER[-1], cycle)
+    courses = BSpline.design_matrix(lags, _AFTER, 3).toarray()[:, :-3]  # 0 at the end
+    signed, alike = np.zeros((2, at.size, courses.shape[1]))
+    for k in np.flatnonzero(steps):
+        near = slice(*np.searchsorted(at, (k, k + lags.size)))
+        signed[near] += steps[k] * courses[at[near] - k]
+        alike[near] += abs(steps[k]) * courses[at[near] - k]
+    there = alike.any(axis=0)
+    place = np.stack([_AFTER[1:-6], _AFTER[4:-3]], axis=1)[there]
+    return [
+        Coordinate(name, parity, 's', signed[:, there], place),
+        Coordinate(name, 'even', 's', alike[:, there], place),
+    ]
 
 
 def _memories(
