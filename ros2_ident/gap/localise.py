@@ -75,7 +75,6 @@ def localise(
     *,
     seed: int = 0,
     flips: int = _FLIPS,
-    everything: bool = False,
 ) -> tuple[Finding, ...]:
     """Find the coordinates that explain the gap.
 
@@ -85,7 +84,6 @@ def localise(
         floor: Noise floor of the D drives.
         seed: Seed of the coin.
         flips: How often it is thrown.
-        everything: Return coordinates that are not significant too.
 
     Returns:
         The findings: the drive with the largest gap first, then what explains most of it. Where a
@@ -113,7 +111,7 @@ def localise(
     size = np.sqrt(np.nanmean(residual**2, axis=1)) / floor.per_drive
     gap = dict(zip(motion.drives, size.tolist(), strict=True))
     found.sort(key=lambda f: (-f.significant, -gap[f.drive], -f.over_floor))
-    return tuple(f for f in found if everything or f.significant or f.sentence.endswith(_DOUBT))
+    return tuple(f for f in found if f.significant or f.sentence.endswith(_DOUBT))
 
 
 def _likely(found: list[Finding], drives: Sequence[str]) -> list[Finding]:

@@ -37,7 +37,6 @@ class Joint:
         name: In bags and descriptions.
         travel: `rad` or `m`.
         coulomb: Coulomb friction.
-        width: Speed v of its step, tanh(speed / v).
         viscous: Viscous friction, what a motor brakes by its own voltage included.
         armature: Inertia of motor and gear, kg m^2 or kg.
         offset: Constant in the effort.
@@ -48,27 +47,23 @@ class Joint:
     name: str
     travel: str
     coulomb: float
-    width: float
     viscous: float
     armature: float
     offset: float
     gains: Gains | None = None
     limit: float = math.inf
 
-    def effort(
-        self, velocity: Array, acceleration: Array, *, armature: bool, smooth: bool = False
-    ) -> Array:
+    def effort(self, velocity: Array, acceleration: Array, *, armature: bool) -> Array:
         """Return (K,) what friction takes, and armature where it counts, without the offset.
 
         Args:
             velocity: (K,).
             acceleration: (K,).
             armature: Whether the armature counts.
-            smooth: Whether friction turns over as it is identified, else at once.
         """
-        sign = np.tanh(velocity / self.width) if smooth else np.sign(velocity)
         inertia = self.armature if armature else 0.0
-        return np.asarray(self.coulomb * sign + self.viscous * velocity + inertia * acceleration)
+        friction = self.coulomb * np.sign(velocity) + self.viscous * velocity
+        return np.asarray(friction + inertia * acceleration)
 
     def closest(self, effort: Array, velocity: Array, acceleration: Array) -> 'Joint':
         """Return the joint whose friction and armature come closest to an effort, by squares.
@@ -119,7 +114,6 @@ def _joint(model: DriveModel, block: Array, d: int, name: str) -> Joint:
         name=name,
         travel=model.travels[d],
         coulomb=gear * of('coulomb'),
-        width=of('regularisation'),
         viscous=gear * of('viscous') + braking,
         armature=of('motor_mass'),
         offset=of('constant_load') + gear * of('log_bias'),
