@@ -37,7 +37,7 @@ ROOT = Path(__file__).parents[2]
 MACHINE = ROOT / 'config' / 'emps.yaml'
 # So that a diagnosis has rounds of fits to be killed in.
 LOG = ['--motion', 'reversals', '--seconds', '8', '--seed', '3']
-LOG += ['--effect', 'stribeck@emps_axis:torque=12,speed=0.02']
+LOG += ['--effect', 'stribeck@emps_axis:torque=12,velocity=0.02']
 # What of a result says when and where it was made, not what was found.
 OCCASION = ('seconds', 'created', 'host', 'settings', 'provenance')
 AGAIN = 0.25  # share of the runs started again that are killed, too

@@ -133,8 +133,8 @@ def fit(
         cancel: A `threading.Event` or the like; the best so far is kept.
         on_progress: Called from this thread at most ten times a second.
         workers: Who evaluates; threads of this process, one for each processor, where None.
-        journal: Gets every generation and every step of the refinement; a fit of the same
-            problem, settings and seed goes on from it, with the same result to the bit.
+        journal: Gets every generation and the end of every start of the refinement; a fit of the
+            same problem, settings and seed goes on from it, with the same result to the bit.
 
     Returns:
         The estimate with what is known of it.

@@ -8,7 +8,7 @@ A checksum shows damage, not that a record is what the run would have written: w
 says what it has to be, and computes again what the answer rests on.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 import hashlib
 import json
@@ -80,7 +80,6 @@ class Journal(AbstractContextManager['Journal']):
         key: Of all that the run depends on.
 
     Attributes:
-        old: Whether an earlier run has left records.
         failed: Why it is written no longer, a sentence; empty where it is. A full disk ends the
             journal, not the run.
 
@@ -101,7 +100,6 @@ class Journal(AbstractContextManager['Journal']):
             except BaseException:
                 self._file.close()
                 raise
-        self.old = bool(self._places)
 
     def _open(self, file: Growing, head: bytes) -> None:
         """Read where the records are; what does not end whole goes."""
@@ -177,15 +175,6 @@ class Journal(AbstractContextManager['Journal']):
         except IdentError as error:
             self.failed = error.message
         self._spent += time.monotonic() - begin
-
-    def once(self, work: Callable[[], Any], wanted: Within, *what: Any) -> Any:
-        """Return an array that was kept for inputs, or work it out and keep it."""
-        kept = self.get({'value': wanted}, *what)
-        if kept is not None:
-            return kept['value']
-        value = work()
-        self.put({'value': value}, *what)
-        return value
 
     def close(self) -> None:
         """Let go of the file."""

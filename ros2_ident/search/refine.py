@@ -109,8 +109,6 @@ class _Start:
         self.cost = math.inf
         self.residual: Array = np.empty(0)
         self._here: tuple[Array, Array] | None = None
-        self._length = 0  # R, once something was simulated
-        self._last: tuple[Array, Array] | None = None  # candidates and what was told of them
 
     def evaluate(self, theta: Array) -> Array:
         """Return (S, R) residuals of (S, N) physical candidates."""
@@ -119,15 +117,7 @@ class _Start:
         if self.evaluations + len(theta) > self.limit:
             raise _Stop(RefineStatus.EVALUATIONS)
         self.evaluations += len(theta)
-        if not self._length:
-            return self._told(theta)
-        told: Array = self.journal.once(
-            lambda: self._told(theta),
-            Within((len(theta), self._length)),
-            *('residuals', self.key, theta),
-        )
-        self._last = theta, told
-        return told
+        return self._told(theta)
 
     def _told(self, theta: Array) -> Array:
         """Return what the residuals say, once it has been looked at."""
@@ -144,7 +134,6 @@ class _Start:
                 'residuals returned NaN; leave out samples that were not measured, '
                 'and return inf for a diverged candidate',
             )
-        self._length = told.shape[1]
         return told
 
     def fun(self, unit: Array) -> Array:
@@ -178,28 +167,11 @@ class _Start:
         if kept is not None and self._stands(kept['point'], kept['cost']):
             self.evaluations = kept['evaluations']
             return ways[int(kept['status'])]
-        begin = self.point
-        try:
-            status = self._solve(tolerance)
-            sound = not self.journal.old or status is RefineStatus.CANCELLED or self._sound()
-        except ValueError:  # scipy takes nothing that overflows
-            if not self.journal.old:
-                raise
-            sound = False
-        if not sound:
-            self.journal, self._here = Journal(), None
-            self.evaluations, self.point, self.cost = 0, begin, math.inf
-            status = self._solve(tolerance)
+        status = self._solve(tolerance)
         if status is not RefineStatus.CANCELLED:
             ended = {'cost': self.cost, 'evaluations': self.evaluations}
             self.journal.put({'point': self.point, **ended, 'status': ways.index(status)}, *what)
         return status
-
-    def _sound(self) -> bool:
-        """Return whether the end, by residual and slope, rests on residuals of this problem."""
-        theta, told = self._last or (np.empty((0, len(self.point))), np.empty(0))
-        slope = not len(theta) or np.array_equal(self._told(theta), told)
-        return slope and self._stands(self.point, self.cost)
 
     def _stands(self, point: Array, cost: float) -> bool:
         """Take a point up where its cost comes out again; return whether it does."""
@@ -275,7 +247,8 @@ def refine(
             `finite_differences`.
         tolerance: Relative change of cost or parameters that counts as converged.
         good_enough: RMS of the residual below which the remaining starts are left out.
-        journal: Gets every step, and what an earlier run has put there is not worked out again.
+        journal: Gets the end of every start; what an earlier run has put there is not worked out
+            again.
         key: Of the residuals, to tell them apart from others in the journal.
 
     Returns:
