@@ -36,15 +36,23 @@ def compiled(function: F, sources: str, **options: Any) -> F:
     Returns:
         The compiled function under the type of the plain one.
     """
-    dispatcher = numba.njit(cache=True, nogil=True, **options)(function)
+    dispatcher: Any = cached(function, **options)
     cache_file = getattr(getattr(dispatcher, '_cache', None), '_cache_file', None)
     if cache_file is not None:
         cache_file._source_stamp = sources
-        save = cache_file.save
+    return cast(F, dispatcher)
+
+
+def cached(function: F, **options: Any) -> F:
+    """Compile a function of one file, releasing the GIL, cached on disk where there is room."""
+    dispatcher = numba.njit(cache=True, nogil=True, **options)(function)
+    cache = getattr(dispatcher, '_cache', None)
+    save = getattr(cache, 'save_overload', None)
+    if cache is not None and save is not None:
 
         def kept(*what: Any) -> None:
             with suppress(OSError):  # where the disk is full, the next run compiles again
                 save(*what)
 
-        cache_file.save = kept
+        cache.save_overload = kept
     return cast(F, dispatcher)

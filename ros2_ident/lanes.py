@@ -12,6 +12,7 @@ inf or NaN, as in numpy.
 # mypy: ignore-errors
 # numba's extension interface is not typed.
 
+from functools import partial
 import math
 import operator
 from typing import Any
@@ -23,6 +24,8 @@ from numba.core.typing.templates import ConcreteTemplate, infer_global, signatur
 from numba.extending import intrinsic as _intrinsic
 from numba.extending import lower_builtin, lower_cast, models, register_model
 import numpy as np
+
+from ros2_ident.compiled import cached
 
 # One register of AVX-512, two of AVX2. Twice as many hide more latency, but small batches, as
 # local fits make them, then fill half a vector only.
@@ -41,7 +44,7 @@ _INSIDE = {'_nrt': False, 'no_cpython_wrapper': True, 'no_cfunc_wrapper': True}
 INLINED = {'forceinline': True, **_INSIDE}
 inlined = njit(**INLINED)
 called = njit(**_INSIDE)
-kernel = njit(nogil=True, cache=True, _nrt=False)
+kernel = partial(cached, _nrt=False)
 # Contraction lets the compiler fuse a*b + c; reassociation would make results depend on its mood.
 _FLAGS = ('contract',)
 _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)

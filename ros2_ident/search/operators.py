@@ -9,11 +9,12 @@ eqs. 4, 6 and 7.
 from collections.abc import Callable
 import math
 
-from numba import njit
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import qmc
+
+from ros2_ident.compiled import cached
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -80,7 +81,7 @@ def _steps(uniform: Array, root: bool) -> Array:
     return steps.reshape(uniform.shape)
 
 
-@njit(cache=True, nogil=True)
+@cached
 def _distance(uniform: Array, distance: Array) -> None:
     """Write 2 |x - 1/2|."""
     for i in range(uniform.size):
@@ -89,7 +90,7 @@ def _distance(uniform: Array, distance: Array) -> None:
         distance[i] = max(2.0 * abs(uniform[i] - 0.5), TINY)
 
 
-@njit(cache=True, nogil=True)
+@cached
 def _with_sign(uniform: Array, steps: Array, root: bool) -> None:
     """Turn logarithms of the distances into steps."""
     for i in range(steps.size):
@@ -193,7 +194,7 @@ def mutate(
     return steps
 
 
-@njit(cache=True, nogil=True)
+@cached
 def _step(parents: Array, scale: float, steps: Array) -> None:
     """Turn the children's steps into their places in the cube."""
     children = len(steps) // len(parents)
@@ -253,7 +254,7 @@ def survive(
     return places[:size], values[:size]
 
 
-@njit(cache=True, nogil=True)
+@cached
 def _survive(
     parents: Array,
     parent_costs: Array,
@@ -273,7 +274,7 @@ def _survive(
     return chosen.size
 
 
-@njit(cache=True, nogil=True)
+@cached
 def _take_apart(points: Array, costs: Array, count: int, squared: float) -> Index:
     """Take points by rising cost, each farther than the root of `squared` from those taken."""
     # Mostly the best are apart as they are; all are sorted where they are not.
@@ -284,7 +285,7 @@ def _take_apart(points: Array, costs: Array, count: int, squared: float) -> Inde
     return _apart(points, costs, np.argsort(costs, kind='mergesort'), count, squared)  # stable
 
 
-@njit(cache=True, nogil=True)
+@cached
 def _best(costs: Array, count: int) -> Index:
     """Return at most `count` indices by rising cost, of equal ones the earlier first; no inf."""
     best = np.empty(count, dtype=np.intp)
@@ -303,7 +304,7 @@ def _best(costs: Array, count: int) -> Index:
     return best[:size]
 
 
-@njit(cache=True, nogil=True)
+@cached
 def _apart(points: Array, costs: Array, order: Index, count: int, squared: float) -> Index:
     """Take points in an order of rising cost, as `_take_apart` does."""
     taken = np.empty(count, dtype=np.intp)
