@@ -9,18 +9,25 @@ what it refuses is no matter here, since it refuses that again.
 import resource
 import sys
 
-import mujoco
-
 _BYTES, _SECONDS = 1 << 29, 5
 
-mujoco.set_mju_user_warning(print)
-with open('/proc/self/statm', encoding='ascii') as file:
-    data = int(file.read().split()[5]) * resource.getpagesize()
-resource.setrlimit(resource.RLIMIT_DATA, (data + _BYTES, data + _BYTES))
-resource.setrlimit(resource.RLIMIT_CPU, (_SECONDS, _SECONDS))
-try:
-    model = mujoco.MjModel.from_xml_string(sys.stdin.read())
-except ValueError:
-    sys.exit()
-mujoco.set_mju_user_warning(lambda text: None)
-mujoco.mj_step(model, mujoco.MjData(model))
+
+def main() -> None:
+    """Compile and step, within limits of memory and processor time."""
+    import mujoco
+
+    mujoco.set_mju_user_warning(print)
+    with open('/proc/self/statm', encoding='ascii') as file:
+        data = int(file.read().split()[5]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_DATA, (data + _BYTES, data + _BYTES))
+    resource.setrlimit(resource.RLIMIT_CPU, (_SECONDS, _SECONDS))
+    try:
+        model = mujoco.MjModel.from_xml_string(sys.stdin.read())
+    except ValueError:
+        return
+    mujoco.set_mju_user_warning(lambda text: None)
+    mujoco.mj_step(model, mujoco.MjData(model))
+
+
+if __name__ == '__main__':
+    main()
