@@ -320,7 +320,7 @@ def test_nothing_to_check_is_said(capsys):
         ('tripod', 'warn', 'cycle: 5.0e-4', 'cycle: 5.0e-3', 'cycle', 'set-points come every'),
         ('tripod', 'warn', 'noise: 0.01', 'noise: 1.0', 'effort_noise', 'the log looks like 0.01'),
         ('tripod', 'warn', 'gravity: 9.81', 'gravity: -9.81', 'gravity', 'it pulls downwards'),
-        ('emps', 'error', 'limit: 351.5', 'limit: 3.5', 'effort_unit', 'it is no torque in N m'),
+        ('emps', 'error', 'limit: 351.5', 'limit: 3.5', 'effort_unit', '78.72, the limit is'),
     ],
 )
 def test_what_does_not_fit_the_bag_names_the_line(

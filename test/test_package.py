@@ -148,7 +148,7 @@ def test_requirements_name_what_the_set_up_script_names() -> None:
 def test_what_the_tests_import_is_declared() -> None:
     own = {path.stem for folder in ('test', 'tools') for path in (ROOT / folder).glob('*.py')}
     # MuJoCo is of no distribution; without it its tests are skipped.
-    modules = imported('test') - own - {'mujoco'}
+    modules = imported('test') - own - {'checks', 'conftest', 'mujoco'}
     known = depends('exec') | depends('test')
     names = {x: {x, KEYS.get(x, f'python3-{x}'), f'{x}-ros2-support'} for x in modules}
     assert not [x for x, keys in names.items() if not keys & known]

@@ -14,6 +14,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.errors import IdentError
+from ros2_ident.files import write_arrays
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.identify.run import read_data
 from ros2_ident.identify.setup import problem_of
@@ -97,7 +98,7 @@ def test_the_page_shows_a_rod_where_it_is(scene):
 
 def test_a_later_run_without_an_overlay_shows_no_old_motion(tmp_path):
     write_identified(tmp_path)
-    (tmp_path / 'motion.npz').write_bytes(b'old')
+    write_arrays(tmp_path / 'motion.npz', {'old': np.zeros(1)})
     write_identified(tmp_path)
     assert 'class="machine"' not in write_report(tmp_path).read_text()
 
