@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Efforts as they are compared where the recorded motion drives a model.
 
-Measured and simulated efforts pass the same low-pass without phase, as the motion does, and as
-many rows are left as it needs: identification by inverse dynamics as in Gautier, Janot,
-Vandanjon, IEEE TCST 21(2), 2013, section III. Rows at which a drive stands are left out: what
-friction is at rest no motion tells, it is what holds the drive. They are left out behind the
-low-pass; before it, their edges would fold into the band what links and frames shake above it.
+Measured and simulated efforts pass the same low-pass without phase, as the motion does, and the
+rows that are left are as many as are independent: identification by inverse dynamics as in
+Gautier, Janot, Vandanjon, IEEE TCST 21(2), 2013, section III. Samples at which a drive stands are
+left out before, for what friction is at rest no motion tells: it is what holds the drive.
 """
 
 from dataclasses import dataclass
@@ -13,16 +12,14 @@ import functools
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter1d
 
-from ros2_ident.recording.motion import fill_gaps
 from ros2_ident.recording.smooth import low_pass
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# Rows that are kept for a period of the band's end.
-_KEPT = 4.0
+# Rows that are kept for a period of the band's end: so many are independent.
+_KEPT = 2.0
 # A row has at least this share of the samples about it.
 _LEAST = 0.5
 
@@ -69,21 +66,9 @@ class Band:
         stride = max(1, int(1.0 / (_KEPT * self.cutoff * self.cycle)))
         out = np.zeros_like(self.there)
         out[:, ::stride] = True
-        # Of a log slower than the grid the samples lie between its cycles.
-        near = [
-            maximum_filter1d(row, 2 * int(0.5 * usual) + 1)
-            for row, usual in zip(self.there, self._usual[:, 0], strict=True)
-        ]
-        out &= np.array(near) & self._told
-        return out
+        return out & self._told
 
     def passed(self, efforts: Array) -> Array:
-        """Return efforts (..., O, K) behind the low-pass."""
-        rows = efforts.reshape(-1, efforts.shape[-1])
-        low = [
-            low_pass(fill_gaps(row)[None], self.cycle, self.cutoff)[0]
-            if np.isfinite(row).any() and not np.isinf(row).any()  # diverged, or never measured
-            else row
-            for row in rows
-        ]
-        return np.stack(low).reshape(efforts.shape)
+        """Return efforts (..., O, K) behind the low-pass; as they are where samples are few."""
+        low = low_pass(np.where(self.there, efforts, 0.0), self.cycle, self.cutoff)
+        return np.where(self._told, low / np.where(self._told, self._share, 1.0), efforts)
