@@ -106,19 +106,19 @@ def low_pass(values: FloatArray, cycle: float, cutoff: float, order: int = _ORDE
     """Low-pass rows forwards and backwards: no delay.
 
     Args:
-        values: Rows (..., K) without NaN.
+        values: Rows (D, K) without NaN.
         cycle: Time from column to column, s.
         cutoff: Frequency of gain one half, Hz; at or above half the rate the values come back as
             they are.
         order: Of the Butterworth filter that runs each way.
 
     Returns:
-        The smooth rows (..., K).
+        The smooth rows (D, K).
     """
     if cutoff >= 0.499 / cycle:
         return np.array(values, dtype=np.float64)
     sections = butter(order, cutoff, fs=1.0 / cycle, output='sos')
     # the filter has forgotten its start after a few periods of the cutoff
-    reach = min(values.shape[-1] - 1, int(np.ceil(3.0 / (cutoff * cycle))))
+    reach = min(values.shape[1] - 1, int(np.ceil(3.0 / (cutoff * cycle))))
     out: FloatArray = sosfiltfilt(sections, values, axis=-1, padtype='odd', padlen=reach)
     return np.ascontiguousarray(out)
