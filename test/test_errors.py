@@ -18,7 +18,7 @@ AXIS = ROOT / 'bags' / 'axis_reversals'
 # In V s/m, without the force constant of 35.15 N/V.
 WRONG_GAIN = 'velocity_gain: 243.45'
 # Only a node can be busy; the test of that is this one.
-BY_A_NODE = {ErrorCode.BUSY: ('test_ros_node.py', 'test_a_second_goal_is_refused_with_a_reason')}
+BY_A_NODE = {ErrorCode.BUSY: ('ros/test_node.py', 'test_a_second_goal_is_refused_with_a_reason')}
 
 
 def identify(bag: Path, folder: Path, *more: str, machine: Path = AXIS_FILE) -> list[str]:

@@ -146,7 +146,8 @@ def test_requirements_name_what_the_set_up_script_names() -> None:
 
 
 def test_what_the_tests_import_is_declared() -> None:
-    own = {path.stem for folder in ('test', 'tools') for path in (ROOT / folder).glob('*.py')}
+    found = [*(ROOT / 'test').iterdir(), *(ROOT / 'tools').glob('*.py')]
+    own = {path.stem for path in found}
     # MuJoCo is of no distribution; without it its tests are skipped.
     modules = imported('test') - own - {'checks', 'conftest', 'mujoco'}
     known = depends('exec') | depends('test')

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write test/slow.txt from the durations that a run of all tests has printed.
 
-python -m pytest --durations=0 | tee build/tests.log
+python -m pytest --durations=0 | tee build/tests.log   (in CI build/durations.txt has them)
 python tools/slow_tests.py build/tests.log
 """
 

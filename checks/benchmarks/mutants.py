@@ -32,7 +32,7 @@ ROOT = Path(__file__).parents[2]
 RULES = ('criteria', 'explain', 'verdict')
 # Modules whose tests start processes or a cluster, and are all slow.
 REMOTE = ('cluster', 'remote')
-# Tests, test/test_*.py, that are for a module and not named after it; they run first.
+# Tests, test/<room>/test_*.py, that are for a module and not named after it; they run first.
 OWN: dict[str, str] = {
     'gap.criteria': 'gap_rules gap_verdict',
     'gap.explain': 'gap_rules gap_verdict',
@@ -286,7 +286,8 @@ def tests(room: str, module: str, *, own: bool = False) -> Iterator[Tests]:
 
     Where `own`, only the first of these.
     """
-    whole = sorted(path.stem.removeprefix('test_') for path in (ROOT / 'test').glob('test_*.py'))
+    files = (ROOT / 'test').glob('*/test_*.py')
+    whole = sorted(f'{x.parent.name}_{x.stem.removeprefix("test_")}' for x in files)
     named = [f'{room}_{module}'] if f'{room}_{module}' in whole else []
     first = list(dict.fromkeys([*named, *OWN.get(f'{room}.{module}', '').split()]))
     yield 'not slow', _files(first)
@@ -308,7 +309,7 @@ def every(room: str, *, own: bool = False) -> list[Tests]:
 
 
 def _files(names: Iterable[str]) -> list[str]:
-    return [f'test/test_{name}.py' for name in names]
+    return [f'test/{name.replace("_", "/test_", 1)}.py' for name in names]
 
 
 class _Fair:

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ident identify` and `ident export` one after the other, on an arm's bag."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pinocchio = pytest.importorskip('pinocchio', reason='pinocchio is not installed')
+
+from models.test_serial import described, moving  # noqa: E402
+
+from ros2_ident.cli.main import main  # noqa: E402
+from ros2_ident.models import load_machine, make_model  # noqa: E402
+from ros2_ident.recording import Stream, write_bag  # noqa: E402
+
+BOXES = {
+    'link_moment': [-5.0, 5.0, 'kg m'],
+    'link_inertia': [-5.0, 5.0, 'kg m^2'],
+    'coulomb_torque': [0.0, 20.0, 'N m'],
+    'viscous_torque': [0.0, 20.0, 'N m s/rad'],
+}
+
+
+@pytest.fixture(scope='module')
+def identified(tmp_path_factory) -> Path:
+    """A folder with machine file, bag and results."""
+    folder = tmp_path_factory.mktemp('arm')
+    machine = described(folder, **BOXES)
+    model = make_model(machine, moving(machine))
+    # Every link heavier by a quarter.
+    told, _ = model.inertials.changes
+    change = 0.25 * told @ np.concatenate([body.inertials for body in model.arm.bodies])
+    more = dict(zip(model.inertials.names_and_middles()[0], change, strict=True))
+    theta = np.array([0.5 * (p.low + p.high) + more.get(p.name, 1.0) for p in model.parameters])
+    effort = model.simulate(theta)[0]
+    effort = effort + np.random.default_rng(0).normal(0.0, 2.0, effort.shape)
+    data = model.data
+    stamp = (1e9 * (100.0 + data.time)).astype(np.int64)
+    streams = {'/joint_states': Stream(data.names, stamp, data.position.T, None, effort.T)}
+    write_bag(folder / 'log', streams)
+    words = ['identify', str(folder / 'log'), '--machine', str(folder / 'arm.yaml')]
+    words += ['--out', str(folder / 'out'), '--method', 'algebraic', '--quiet', '--no-report']
+    assert main(words) in (0, 1)
+    return folder
+
+
+def test_the_results_know_their_machine_file_and_their_log(identified, capsys) -> None:
+    out = identified / 'simulator'
+    assert main(['export', str(identified / 'out'), '--out', str(out)]) == 0
+    said = capsys.readouterr().out
+    assert f'urdf: {out / "robot.urdf"}' in said
+    assert 'masses of the description ± 30 %' in said
+    assert sorted(path.name for path in out.iterdir()) == [
+        'export.json',
+        'isaac.yaml',
+        'robot.urdf',
+    ]
+    model = pinocchio.buildModelFromUrdf(str(out / 'robot.urdf'))
+    assert model.damping[model.joints[model.getJointId('elbow')].idx_v] == pytest.approx(
+        11.0, rel=0.05
+    )
+
+
+def test_the_weight_of_the_description_counts(identified) -> None:
+    masses = []
+    for weight in ('1e-5', '10'):
+        out = identified / f'prior_{weight}'
+        words = ['export', str(identified / 'out'), '--out', str(out), '--to', 'urdf']
+        assert main([*words, '--prior', weight]) == 0
+        model = pinocchio.buildModelFromUrdf(str(out / 'robot.urdf'))
+        masses.append(model.inertias[model.getJointId('elbow')].mass)
+    # Believed to a hundred-thousandth it stays; else its weight is what the log says.
+    assert masses[0] == pytest.approx(3.0, rel=0.01)
+    assert masses[1] > 3.2
+
+
+@pytest.mark.parametrize(
+    ('words', 'remedy'),
+    [
+        (['--to', 'sdf'], 'sdf is no target; choose from urdf, mjcf, isaac, ros2_control'),
+        (['--to', 'mjcf'], '--into'),
+        (['--machine', 'nowhere.yaml'], 'the machine file nowhere.yaml is not there'),
+        (['--into', 'nowhere.urdf'], 'nowhere.urdf: cannot be read'),
+    ],
+)
+def test_mistakes_are_told_with_the_remedy(identified, tmp_path, capsys, words, remedy) -> None:
+    out = ['export', str(identified / 'out'), '--out', str(tmp_path / 'none')]
+    assert main([*out, *words]) == 2
+    assert remedy in capsys.readouterr().err
+    assert not (tmp_path / 'none').exists()
+    assert main(['export', str(tmp_path), '--out', str(tmp_path / 'none')]) == 2
+
+
+def test_a_machine_file_from_description_and_bag(identified, tmp_path, capsys) -> None:
+    out = tmp_path / 'files' / 'mine.yaml'
+    out.parent.mkdir()
+    words = ['new-machine', '--kind', 'serial', '--description', str(identified / 'arm.urdf')]
+    assert main([*words, '--bag', str(identified / 'log'), '--out', str(out)]) == 0
+    machine = load_machine(out)
+    assert machine.drives == ('base', 'slide', 'elbow', 'wrist')
+    assert machine.number('cycle') == 0.004
+    assert machine.number('bandwidth') == 25.0
+    assert machine.text('description') == (identified / 'arm.urdf').read_text()
+    model = make_model(machine, moving(machine))
+    assert len(model.parameters) == 18 + 3 * 4
+    # What acts linearly by itself.
+    capsys.readouterr()
+    words = ['identify', str(identified / 'log'), '--machine', str(out), '--quiet']
+    words += ['--method', 'algebraic', '--no-report', '--no-overlay']
+    assert main([*words, '--out', str(tmp_path / 'out')]) in (0, 1)
+    assert 'elbow.viscous_torque' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('words', 'remedy'),
+    [
+        (['linear_axis', '--description', 'arm.urdf'], 'leave out --description'),
+        (['serial', '--description', 'none.urdf'], 'none.urdf: cannot be read (No such file'),
+    ],
+)
+def test_a_description_that_does_not_fit_is_refused(capsys, words, remedy) -> None:
+    assert main(['new-machine', '--kind', *words]) == 2
+    assert remedy in capsys.readouterr().err
+
+
+def test_joints_of_another_machine_are_refused(identified, tmp_path, capsys) -> None:
+    other = tmp_path / 'other.urdf'
+    text = (identified / 'arm.urdf').read_text()
+    for name in ('base', 'slide', 'elbow', 'wrist'):
+        text = text.replace(f'<joint name="{name}"', f'<joint name="my_{name}"')
+    other.write_text(text)
+    words = ['new-machine', '--kind', 'serial', '--description', str(other)]
+    assert main([*words, '--bag', str(identified / 'log')]) == 2
+    assert 'give both of one machine' in capsys.readouterr().err

@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every command on every page is run as it stands, or is marked with what keeps it from that.
+
+Commands stand in fenced blocks of `bash`. The blocks of a page are run one after the other in one
+shell, in a folder that looks like the clone. A block that cannot be run has a line above it,
+
+    <!-- not run: REASON -->
+
+with a reason of `REASONS`, and what the reason claims is checked. Its commands are checked, but
+not run: arguments of `ident` by its parser, of scripts by their help, targets of `make` by the
+Makefile, names behind `ros2` by what the package has.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import cache
+import os
+from pathlib import Path
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+
+from docs_cases import Block, blocks, FENCE, PAGES, ROOT, run_of, run_pages
+import pytest
+
+from ros2_ident.cli.main import make_parser
+
+# What a command begins with; elsewhere than in a block of `bash` it is a mistake.
+PROGRAMS = (
+    'ident',
+    'make',
+    'python',
+    'ros2',
+    'git',
+    'colcon',
+    'rosdep',
+    'pip',
+    'dask',
+    'eval',
+    '.',
+    'cd',
+)
+ASSIGNMENT = re.compile(r'^\w+=')
+
+
+def marked() -> list[Block]:
+    return [block for block in blocks('bash') if block.mark == 'not run']
+
+
+@pytest.mark.parametrize('page', run_pages())
+def test_the_commands_of_a_page_run_as_they_stand(page: str, clone: Path) -> None:
+    done = run_of(page, clone)
+    assert done.returncode == 0, f'{page}: {done.stdout[-4000:]}'
+
+
+# ------------------------------------------------------------------ commands that are not run
+
+
+def begins_with(*programs: str) -> Callable[[Block], bool]:
+    return lambda block: any(words[0] in programs for words in block.commands)
+
+
+def says_long(block: Block) -> bool:
+    return any(
+        words[:2] in (['ident', 'diagnose'], *(['make', x] for x in ('bench', 'checks', 'demo')))
+        or words[0] == 'python'
+        and (words[1].startswith('checks/benchmarks/') or words[2].startswith('checks.'))
+        for words in block.commands
+    )
+
+
+# Arguments of `ident` that name what has to be there.
+FILES = ('bag', 'list', 'machine', 'results')
+
+
+def names_missing_files(block: Block) -> bool:
+    bags = [make_parser(w[1:]).parse_args(w[1:]) for w in block.commands if w[0] == 'ident']
+    paths = [str(x) for args in bags for name in FILES if (x := vars(args).get(name))]
+    return any(not (ROOT / path).exists() for path in paths)
+
+
+def makes_what_is_there(block: Block) -> bool:
+    made = [words[2] for words in block.commands if words[:2] == ['ident', 'simulate']]
+    return bool(made) and all((ROOT / path).exists() for path in made)
+
+
+def is_a_help_page(block: Block) -> bool:
+    return block.page == 'docs/cli.md'
+
+
+# Why a block is not run, and how it is seen that this is so.
+REASONS: dict[str, Callable[[Block], bool]] = {
+    'takes minutes': says_long,
+    'needs ros2': begins_with('ros2', 'colcon'),
+    'needs a cluster': begins_with('pip', 'dask'),
+    'needs your own files': names_missing_files,
+    'sets up the environment': begins_with('make'),
+    'makes what is there already': makes_what_is_there,
+    'examples': is_a_help_page,  # of the help of `ident`; cli/test_main.py checks them there, too
+}
+
+
+@pytest.mark.parametrize('block', marked(), ids=lambda b: f'{b.page}-{b.text.split()[0]}')
+def test_a_mark_is_true_and_its_commands_are_known(block: Block) -> None:
+    assert block.reason in REASONS, f'{block.page}: no reason is called {block.reason!r}'
+    assert REASONS[block.reason](block), f'{block.page}: not true that it {block.reason}'
+    for words in block.commands:
+        if not ASSIGNMENT.match(words[0]):
+            CHECKS[words[0]](words)
+
+
+def check_ident(words: list[str]) -> None:
+    words = [word for word in words[1:] if not word.startswith('$')]
+    args = make_parser(words).parse_args(words)
+    assert args.command
+    for word in words:
+        if word.startswith('config/'):
+            assert (ROOT / word).exists(), f'{word} is not there'
+
+
+def check_make(words: list[str]) -> None:
+    targets = re.findall(r'^([a-z]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE)
+    assert set(words[1:2]) <= set(targets), words
+
+
+@cache
+def help_of(*command: str) -> str:
+    done = subprocess.run(
+        [sys.executable, *command, '--help'],
+        cwd=ROOT,
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def check_python(words: list[str]) -> None:
+    if words[1] == '-m':
+        path = ROOT / words[2].replace('.', '/')
+        there = path.with_suffix('.py').exists() or (path / '__main__.py').exists()
+        assert there or words[2] == 'pytest', words
+        return
+    assert (ROOT / words[1]).is_file(), words
+    options = {word for word in words[2:] if word.startswith('--')}
+    assert options <= set(re.findall(r'--[\w-]+', help_of(words[1]))), words
+
+
+def check_ros2(words: list[str]) -> None:
+    from ros2_ident.ros.parameter_table import TABLE
+
+    if words[1:3] == ['run', 'robot_state_publisher']:
+        return  # of another package
+    if words[1] in ('run', 'launch'):
+        assert words[2] == 'ros2_ident'
+        name = words[3]
+        programs = re.findall(r"f'(\w+) = \{NAME\}", (ROOT / 'setup.py').read_text())
+        assert name in programs if words[1] == 'run' else (ROOT / 'launch' / name).is_file()
+    for before, word in zip(words, words[1:], strict=False):
+        if before == '-p' and not word.startswith('qos_overrides'):
+            assert word.split(':=')[0] in {entry.name for entry in TABLE}, word
+        if word.startswith('/identifier/'):
+            text = (ROOT / 'docs/node.md').read_text()
+            assert f'`~/{word.removeprefix("/identifier/")}`' in text, word
+        if word.startswith('ros2_ident_msgs/'):
+            folder, kind, name = word.split('/')
+            assert (ROOT / 'msg_defs' / kind / f'{name}.{kind}').is_file(), word
+
+
+def check_pip(words: list[str]) -> None:
+    extra = re.fullmatch(r'\.\[(\w+)\]', words[-1])
+    assert extra is not None and f"'{extra[1]}': [" in (ROOT / 'setup.py').read_text(), words
+
+
+CHECKS: dict[str, Callable[[list[str]], None]] = {
+    'ident': check_ident,
+    'make': check_make,
+    'pip': check_pip,
+    'python': check_python,
+    'ros2': check_ros2,
+    # nothing of this package is in them
+    **dict.fromkeys(
+        ('cd', 'git', 'ln', 'rosdep', 'colcon', 'dask', 'xacro', '.'), lambda words: None
+    ),
+}
+
+
+# ------------------------------------------------------------------ nothing slips through
+
+
+def outside_of_bash() -> Iterator[tuple[str, str]]:
+    """Lines that look like commands and do not stand in a block of `bash`."""
+    for page in PAGES:
+        text = page.read_text(encoding='utf-8')
+        name = page.relative_to(ROOT).as_posix()
+        for match in FENCE.finditer(text):
+            if match['language'] == '':
+                yield from ((name, line) for line in match['text'].splitlines())
+        for line in FENCE.sub('', text).splitlines():
+            if line.startswith('    '):
+                yield name, line.strip()
+
+
+def test_every_command_stands_in_a_block_of_bash() -> None:
+    for page, line in outside_of_bash():
+        first = line.split(' ')[0]
+        assert first not in PROGRAMS or not line.split(' ')[1:], f'{page}: {line!r}; write ```bash'
+
+
+def test_the_shell_and_the_marks_are_seen() -> None:
+    assert 'docs/tutorial.md' in run_pages()
+    assert {block.reason for block in marked()} == set(REASONS)
+    assert shutil.which('bash')
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'ident identify bags/axis_reversals --machine config/emps.yaml --ou build',
+        'ident identfy bags/axis_reversals',
+        'python checks/benchmarks/latency.py --wrong',
+        'make tests',
+        'ros2 run ros2_ident identifyer',
+        'ros2 topic echo /identifier/results',
+    ],
+)
+def test_a_wrong_command_is_found(text: str) -> None:
+    words = shlex.split(text)
+    with pytest.raises((AssertionError, SystemExit)):
+        CHECKS[words[0]](words)

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The example of docs/own_model.md works as it stands on the page, and in a fleet."""
+
+from pathlib import Path
+import re
+import sys
+
+import numpy as np
+import pytest
+import yaml
+
+from ros2_ident.fleet.entries import read_fleet, Wish
+from ros2_ident.fleet.row import key_of, run_entry
+from ros2_ident.recording import Stream, write_bag
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / 'docs/own_model.md').read_text(encoding='utf-8')
+MODEL, USE = re.findall(r'^```python\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)
+TRUTH = {'inertia': 0.2, 'weight': 3.0, 'damping': 0.1}
+
+
+def write_swing(path: Path, seed: int) -> None:
+    time = np.arange(4000) * 0.002
+    draw = np.random.default_rng(seed)
+    waves = [(a, 6.0 * np.pi * f) for a, f in zip(*draw.random((2, 4)), strict=True)]
+    angle = sum(a * np.sin(w * time) for a, w in waves)
+    rate = sum(a * w * np.cos(w * time) for a, w in waves)
+    bend = sum(-a * w * w * np.sin(w * time) for a, w in waves)
+    torque = TRUTH['inertia'] * bend + TRUTH['weight'] * np.sin(angle) + TRUTH['damping'] * rate
+    torque += 0.02 * draw.standard_normal(time.size)
+    stamp = np.round(1e18 + time * 1e9).astype(np.int64)
+    stream = Stream(('shaft',), stamp, position=angle[:, None], effort=torque[:, None])
+    write_bag(path, {'/joint_states': stream})
+
+
+@pytest.fixture
+def swings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for number in (1, 2):
+        write_swing(tmp_path / f'swing_{number}', number)
+    (tmp_path / 'my_pendulum.py').write_text(MODEL)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, 'my_pendulum', raising=False)
+    return tmp_path
+
+
+def test_it_is_thirty_lines() -> None:
+    body = MODEL[MODEL.index('class Pendulum') :].splitlines()
+    assert sum(bool(line.strip()) for line in body) <= 30
+
+
+def test_the_example_finds_the_parameters(
+    swings: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    space: dict[str, object] = {}
+    exec(MODEL + USE, space)  # noqa: S102
+    result = space['result']
+    for estimate in result.parameters:  # type: ignore[attr-defined]
+        assert estimate.low <= TRUTH[estimate.name] <= estimate.high
+    assert 'Nothing is missing' in capsys.readouterr().out
+
+
+def test_it_stands_in_the_list_of_a_fleet(swings: Path) -> None:
+    entries = [{'bag': f'swing_{n}', 'model': 'my_pendulum:Pendulum'} for n in (1, 2)]
+    (swings / 'fleet.yaml').write_text(yaml.safe_dump({'bags': entries}))
+    first, second = read_fleet(swings / 'fleet.yaml')
+    row = run_entry(first, Wish())
+    assert row['state'] == 'done', row
+    assert row['parameters']['weight']['value'] == pytest.approx(3.0, rel=0.01)
+    assert row['effect'] == 'none'
+    key = key_of(second, Wish())
+    (swings / 'my_pendulum.py').write_text(MODEL + '# changed\n')
+    assert key_of(second, Wish()) != key
+    entries[0]['model'] = 'my_pendulum:Nothing'
+    (swings / 'fleet.yaml').write_text(yaml.safe_dump({'bags': entries}))
+    failed = run_entry(read_fleet(swings / 'fleet.yaml')[0], Wish(diagnosed=False))
+    assert failed['code'] == 'INVALID_GOAL'
+    assert 'write module:function' in failed['message']

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Effects of the user: in files of their own and in other packages."""
+
+import json
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import pytest
+
+from ros2_ident.effects import add_effect_files, CATALOGUE
+from ros2_ident.effects.loading import Catalogue, VARIABLE
+from ros2_ident.errors import IdentError
+from ros2_ident.kernel import rows
+
+ROOT = Path(__file__).parents[2]
+MACHINE = ROOT / 'config/emps.yaml'
+PAGE = (ROOT / 'docs/adding_an_effect.md').read_text(encoding='utf-8')
+SOURCE = re.findall(r'^```python\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)[0]
+SPAWNED = '''
+from concurrent.futures import ProcessPoolExecutor
+import multiprocessing
+from ros2_ident.cli.main import main
+from ros2_ident.effects import add_effect_files
+
+def known(name):
+    from ros2_ident.kernel.hooks import sources_digest
+    from ros2_ident.kernel.rows import KERNEL_EFFECTS
+    return name in {e.id for e in KERNEL_EFFECTS}, sources_digest()
+
+if __name__ == '__main__':
+    add_effect_files(['rubber_buffer.py'])
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context('spawn')) as pool:
+        there = pool.submit(known, 'rubber_buffer').result()
+    print(there == known('rubber_buffer'), there[0])
+'''
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / 'rubber_buffer.py'
+    path.write_text(SOURCE, encoding='utf-8')
+    return path
+
+
+def run(folder: Path, *words: str, path: str = '', **variables: str) -> str:
+    """Run Python in a process of its own; return what it prints."""
+    search = os.pathsep.join(filter(None, [path, str(ROOT), os.environ.get('PYTHONPATH', '')]))
+    done = subprocess.run(
+        [sys.executable, *words],
+        cwd=folder,
+        env={**os.environ, 'PYTHONPATH': search, **variables},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def bag(folder: Path, seed: int) -> str:
+    """Make a bag of an axis whose carriage runs into a soft pad at 0.15 m."""
+    path = str(folder / f'bag_{seed}')
+    words = ['simulate', path, '--machine', str(MACHINE), '--seed', str(seed), '--seconds', '8']
+    words += ['--set', 'moving_mass=95', '--set', 'coulomb_friction=20']
+    words += ['--set', 'viscous_friction=215', '--set', 'constant_force=0']
+    words += ['--effect', 'rubber_buffer.py:stiffness=3e4,place=0.15']
+    run(folder, '-m', 'ros2_ident.cli.main', *words)
+    return path
+
+
+def test_one_file_outside_the_package_is_diagnosed_by_name(file: Path, tmp_path: Path) -> None:
+    words = ['diagnose', bag(tmp_path, 1), '--check', bag(tmp_path, 2)]
+    words += ['--machine', str(MACHINE), '--quiet', '--out', 'out']
+    words += ['--no-overlay', '--no-report']
+    run(tmp_path, '-m', 'ros2_ident.cli.main', *words, '--effect', file.name)
+    found = json.loads((tmp_path / 'out/diagnosis.json').read_text(encoding='utf-8'))
+    assert (found['verdict']['effect'], found['verdict']['where']) == (
+        'rubber_buffer',
+        ['emps_axis'],
+    )
+    place = found['parameters']['emps_axis.rubber_buffer.place']['value']
+    stiffness = found['parameters']['emps_axis.rubber_buffer.stiffness']['value']
+    assert place == pytest.approx(0.15, abs=2e-3) and stiffness == pytest.approx(3e4, rel=0.1)
+
+
+def test_what_was_compiled_serves_the_same_file_elsewhere(tmp_path: Path) -> None:
+    code = (
+        'import numpy as np\n'
+        'from ros2_ident.models import EffectAt, load_machine, make_model\n'
+        'from ros2_ident.recording import Dataset\n'
+        f'machine = load_machine({str(MACHINE)!r})\n'
+        'row = np.linspace(0.1, 0.2, 200)[None]\n'
+        'data = Dataset(machine.drives, 1e-3, 0, row, 0.5 + 0.0 * row, None, None, 0.0 * row)\n'
+        "at = EffectAt('rubber_buffer', machine.drives[0])\n"
+        'model = make_model(machine, data, effects=[at])\n'
+        'print(model.simulate(np.array([[95.0, 200.0, 20.0, 0.0, 1e4, 0.1]])).sum())\n'
+    )
+    said = []
+    for name in ('here', 'there'):
+        folder = tmp_path / name
+        folder.mkdir()
+        path = folder / f'{name}.py'
+        path.write_text(SOURCE, encoding='utf-8')
+        compiled = {'NUMBA_CACHE_DIR': str(tmp_path / 'numba'), VARIABLE: str(path)}
+        said.append(run(folder, '-c', code, **compiled))
+    assert said[0] == said[1]
+
+
+def test_workers_learn_of_the_file(file: Path, tmp_path: Path) -> None:
+    (tmp_path / 'spawned.py').write_text(SPAWNED, encoding='utf-8')
+    assert run(tmp_path, 'spawned.py') == 'True True\n'
+
+
+def test_the_digest_of_the_kernels_covers_the_file(file: Path, tmp_path: Path) -> None:
+    code = 'from ros2_ident.kernel.hooks import sources_digest; print(sources_digest())'
+    plain = run(tmp_path, '-c', code)
+    first = run(tmp_path, '-c', code, **{VARIABLE: str(file)})
+    file.write_text(SOURCE.replace('depth * depth', 'depth'), encoding='utf-8')
+    changed = run(tmp_path, '-c', code, **{VARIABLE: str(file)})
+    assert len({plain, first, changed}) == 3
+
+
+@pytest.mark.parametrize('value', ['other_effects:EFFECT', 'other_effects'])
+def test_another_package_brings_an_effect(value: str, tmp_path: Path) -> None:
+    (tmp_path / 'other_effects.py').write_text(SOURCE, encoding='utf-8')
+    about = tmp_path / 'other_effects-1.0.dist-info'
+    about.mkdir()
+    about.joinpath('METADATA').write_text('Metadata-Version: 2.1\nName: other_effects\n')
+    about.joinpath('entry_points.txt').write_text(f'[ros2_ident.effects]\nbuffer = {value}\n')
+    code = 'from ros2_ident.effects import CATALOGUE, sources; '
+    code += "print(CATALOGUE['rubber_buffer'].title, [p.name for p in sources()])"
+    assert run(tmp_path, '-c', code, path=str(tmp_path)) == "rubber buffer ['other_effects.py']\n"
+
+
+def test_a_file_that_comes_too_late_is_refused(file: Path) -> None:
+    assert rows.KERNEL_EFFECTS
+    with pytest.raises(IdentError, match=f'compiled without it already; .* {VARIABLE}'):
+        add_effect_files([str(file)])
+    assert 'rubber_buffer' not in CATALOGUE
+
+
+@pytest.mark.parametrize(
+    ('source', 'message'),
+    [
+        ('', 'defines no EFFECT; write EFFECT'),
+        ('EFFECT = 3', 'defines no EFFECT'),
+        ('import nothing_of_this_name', 'cannot be imported, ModuleNotFoundError'),
+        (SOURCE.replace("id='rubber_buffer'", "id='stribeck'"), 'has an effect stribeck already'),
+        (SOURCE.replace("id='rubber_buffer'", "id='Rubber buffer'"), 'is no id; write it like'),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said(
+    source: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    path = tmp_path / 'mine.py'
+    path.write_text(source, encoding='utf-8')
+    with pytest.raises(IdentError, match=message):
+        Catalogue('ros2_ident.effects', [str(ROOT / 'ros2_ident/effects')]).add_files([str(path)])
+    assert VARIABLE not in os.environ
+    with pytest.raises(IdentError, match='there is no file .*; name the file'):
+        Catalogue('ros2_ident.effects', []).add_files([str(tmp_path / 'nowhere.py')])

@@ -1,0 +1,396 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was identified, in files that pinocchio, MuJoCo, Isaac Lab and ros2_control read."""
+
+from dataclasses import replace
+import json
+from pathlib import Path
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+
+pinocchio = pytest.importorskip('pinocchio', reason='pinocchio is not installed')
+
+from models.test_serial import described, JOINTS, moving  # noqa: E402
+
+from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
+from ros2_ident.export.content import Content, content_of  # noqa: E402
+from ros2_ident.export.estimate import Estimate, read_estimate  # noqa: E402
+from ros2_ident.export.targets import fitting, TARGETS, write  # noqa: E402
+from ros2_ident.gap.diagnosis import SCHEMA  # noqa: E402
+from ros2_ident.identify.data import Data  # noqa: E402
+from ros2_ident.identify.run import identify  # noqa: E402
+from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
+from ros2_ident.identify.setup import problem_of  # noqa: E402
+from ros2_ident.machine.machine import Machine  # noqa: E402
+from ros2_ident.models import EffectAt, load_machine, make_model  # noqa: E402
+from ros2_ident.report.files import DIAGNOSIS, write_result  # noqa: E402
+
+ROOT = Path(__file__).parents[2]
+BOXES = {
+    'link_moment': [-5.0, 5.0, 'kg m'],
+    'link_inertia': [-5.0, 5.0, 'kg m^2'],
+    'coulomb_torque': [0.0, 20.0, 'N m'],
+    'viscous_torque': [0.0, 20.0, 'N m s/rad'],
+}
+SMOOTH = {name: box for name, box in BOXES.items() if name != 'coulomb_torque'}
+# How far the compiled tanh stays below one.
+TANH = 3e-8
+ROTOR = {'drive_inertia': [0.0, 1.0, 'kg m^2']}
+OFFSET = {'constant_force': [-9.0, 9.0, 'N m']}
+MJCF = '''<mujoco><compiler angle="radian"/><option gravity="0 0 -9.81"/>
+  <default><joint damping="7" armature="9"/></default>
+  <worldbody><body name="column" pos="0 0 0.4" euler="0.1 0 0.2">
+    <joint name="base" axis="0 0 1"/>
+    <inertial pos="0.05 -0.1 0.2" mass="7.5" fullinertia="0.3 0.4 0.35 0.01 -0.02 0.03"/>
+    <body name="carriage" pos="0.3 0 0.1" euler="0 0.7 0">
+      <joint name="slide" type="slide" axis="0 0.6 0.8"/>
+      <inertial pos="0 0.1 0.3" mass="4" diaginertia="0.05 0.06 0.03"/>
+      <body name="cover" pos="0 0 0.1">
+        <inertial pos="0.1 0 0" mass="0.6" diaginertia="0.01 0.01 0.01"/></body>
+      <body name="upper" pos="0 0.2 0.5" euler="1.5 0 0">
+        <joint name="elbow" axis="0 1 0" pos="0.02 0 0.03"/>
+        <inertial pos="0.2 0 0.01" mass="3" diaginertia="0.02 0.05 0.05"/>
+        <body name="hand" pos="0.5 0 0" euler="0 -0.4 0.3"><joint name="wrist" axis="1 0 0"/>
+          <inertial pos="0.02 0.03 0.1" mass="1.5" diaginertia="0.004 0.005 0.003"/>
+  </body></body></body></body></worldbody></mujoco>'''
+
+
+def in_mjcf(folder: Path, **parameters: object) -> Machine:
+    (folder / 'arm.xml').write_text(MJCF)
+    boxes = ''.join(f'  {name}: {box}\n' for name, box in parameters.items())
+    (folder / 'arm.yaml').write_text(
+        f'machine: serial\ndrives: [{", ".join(JOINTS)}]\n'
+        f'geometry: {{description: arm.xml}}\ncontroller: {{cycle: 0.004}}\nparameters:\n{boxes}'
+    )
+    return load_machine(folder / 'arm.yaml')
+
+
+def known(problem, values: dict[str, float], deviation: float = 1e-3) -> Estimate:
+    """Return an estimate: the middle of every box but for some values."""
+    middle = {p.name: 0.5 * (p.low + p.high) for p in problem.parameters}
+    names = list(middle)
+    return Estimate(
+        middle | values,
+        dict.fromkeys(names, deviation),
+        {},
+        problem.drives,
+        {},
+        '',
+    )
+
+
+def content(machine: Machine, effects=(), deviation: float = 1e-3, **values: float) -> Content:
+    data = moving(machine)
+    model = make_model(machine, data, effects=effects)
+    theta = np.array([values.get(p.name, 0.5 * (p.low + p.high)) for p in model.parameters])
+    logged = replace(data, effort=model.simulate(theta)[0])
+    problem = problem_of(machine, Data((logged,), labels=('log',)), effects=effects)
+    return content_of(problem, known(problem, values, deviation), 0.3)
+
+
+def efforts(found: Content) -> np.ndarray:
+    """Return what was identified asks of the joints, links consistent."""
+    return found.model.simulate(found.theta)[0]
+
+
+def by_pinocchio(text: str, found: Content) -> np.ndarray:
+    """Return (D, K) what a URDF asks along the log: links, damping and friction."""
+    model = pinocchio.buildModelFromXML(text)
+    data = model.createData()
+    machine = found.machine
+    down = np.array([0.0, 0.0, -machine.number('free_fall')])
+    tilt = pinocchio.rpy.rpyToMatrix(machine.number('base_roll'), machine.number('base_pitch'), 0)
+    model.gravity.linear = tilt.T @ down
+    place, speed, bend = found.model.motion
+    order = [model.joints[model.getJointId(name)] for name in machine.drives]
+    out = np.empty_like(place)
+    for k in range(place.shape[1]):
+        q, v, a = np.empty(model.nq), np.empty(model.nv), np.empty(model.nv)
+        for d, joint in enumerate(order):
+            v[joint.idx_v], a[joint.idx_v] = speed[d, k], bend[d, k]
+            if joint.nq == 1:
+                q[joint.idx_q] = place[d, k]
+            else:
+                q[joint.idx_q : joint.idx_q + 2] = np.cos(place[d, k]), np.sin(place[d, k])
+        asked = pinocchio.rnea(model, data, q, v, a) + model.damping * v
+        asked += model.upperDryFrictionLimit * np.sign(v)
+        out[:, k] = [asked[joint.idx_v] for joint in order]
+    return out
+
+
+def into_urdf(folder: Path, found: Content) -> tuple[Path, tuple[str, ...]]:
+    return write(folder, ('urdf',), found, (folder / 'arm.urdf').read_text())['urdf']
+
+
+def sliding(found: Content) -> np.ndarray:
+    """Return (D, K) where friction has turned over altogether."""
+    return np.abs(found.model.motion[1]) > 20.0 * found.machine.number('coulomb_regularisation')
+
+
+def test_a_urdf_asks_what_was_identified(tmp_path: Path) -> None:
+    found = content(described(tmp_path, **SMOOTH), **{'elbow.link_moment_x': 0.5})
+    path, words = into_urdf(tmp_path, found)
+    off = by_pinocchio(path.read_text(), found) - efforts(found)
+    assert np.abs(off).max() < 1e-9
+    assert [w for w in words if 'no place' in w] == []
+
+
+def test_friction_in_a_urdf_turns_over_at_once(tmp_path: Path) -> None:
+    found = content(described(tmp_path, **BOXES))
+    path, _ = into_urdf(tmp_path, found)
+    there = sliding(found)
+    assert there.mean() > 0.5
+    off = np.abs(by_pinocchio(path.read_text(), found) - efforts(found))
+    assert off[there].max() < TANH * 10.0
+    assert 1.0 < off[~there].max() < 10.1
+
+
+def test_what_a_urdf_cannot_say_is_as_large_as_stated(tmp_path: Path) -> None:
+    found = content(
+        described(tmp_path, **BOXES, **ROTOR, **OFFSET), **{'wrist.constant_force': 2.0}
+    )
+    path, words = into_urdf(tmp_path, found)
+    off = efforts(found) - by_pinocchio(path.read_text(), found)
+    told = json.loads((tmp_path / 'export.json').read_text())['targets']['urdf']['joints']
+    for d, name in enumerate(JOINTS):
+        missed = np.sqrt(np.nanmean((found.measured[d] - efforts(found)[d] + off[d]) ** 2))
+        assert told[name]['missed_as_exported'] == pytest.approx(missed, rel=1e-6)
+    assert 'inertia of motors and gears (base, slide, elbow and wrist)' in words[0]
+    assert 'a constant in the effort (wrist 2 N m, the largest)' in words[0]
+    assert 'of the improvement on each joint' in words[-1]
+
+
+def test_efforts_of_motors_become_those_of_joints(tmp_path: Path) -> None:
+    machine = described(tmp_path, **SMOOTH, **ROTOR).with_constants(gear_factor=50.0)
+    found = content(machine)
+    elbow = found.joints[JOINTS.index('elbow')]
+    # The middle of the boxes, at the motor.
+    assert elbow.armature == pytest.approx(0.5 * 50.0**2, rel=1e-4)
+    assert elbow.viscous == pytest.approx(10.0 * 50.0, rel=1e-4)
+    for row in found.missed(armature=True):
+        assert row.exported < 1e-3 * row.described
+
+
+def test_the_rest_of_a_urdf_stays(tmp_path: Path) -> None:
+    text = (described(tmp_path, **BOXES), (tmp_path / 'arm.urdf').read_text())[1]
+    text = text.replace('<link name="hand">', '<!-- mine --><link name="hand"><visual/>')
+    found = content(load_machine(tmp_path / 'arm.yaml'))
+    out = TARGETS['urdf'].write(text, found)
+    assert '<!-- mine -->' in out and '<visual' in out
+    before, after = (pinocchio.buildModelFromXML(t) for t in (text, out))
+    tool = after.frames[after.getFrameId('flange')].inertia
+    assert tool.isApprox(before.frames[before.getFrameId('flange')].inertia)
+    assert after.inertias[0].isApprox(before.inertias[0])
+
+
+# ---------------------------------------------------------------------- MuJoCo
+
+
+@pytest.fixture
+def mujoco():
+    sys.path.append(str(ROOT / 'build/peers'))  # where tools/peers.sh installs it
+    return pytest.importorskip('mujoco', reason='MuJoCo is not installed; see CONTRIBUTING.md')
+
+
+def by_mujoco(mujoco, text: str, found: Content) -> np.ndarray:
+    """Return (D, K) what an MJCF asks along the log, by MuJoCo's inverse dynamics."""
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    place, speed, bend = found.model.motion
+    joints = [model.joint(name) for name in found.machine.drives]
+    out = np.empty_like(place)
+    for k in range(place.shape[1]):
+        for d, joint in enumerate(joints):
+            data.qpos[joint.qposadr[0]] = place[d, k]
+            data.qvel[joint.dofadr[0]] = speed[d, k]
+            data.qacc[joint.dofadr[0]] = bend[d, k]
+        mujoco.mj_inverse(model, data)
+        out[:, k] = [data.qfrc_inverse[joint.dofadr[0]] for joint in joints]
+    return out
+
+
+def test_an_mjcf_asks_what_was_identified(tmp_path: Path, mujoco) -> None:
+    found = content(in_mjcf(tmp_path, **SMOOTH, **ROTOR), **{'elbow.link_moment_x': 0.9})
+    path, words = write(tmp_path, ('mjcf',), found, MJCF)['mjcf']
+    off = by_mujoco(mujoco, path.read_text(), found) - efforts(found)
+    assert np.abs(off).max() < 1e-9
+    assert [w for w in words if 'no place' in w] == []
+
+
+def test_friction_in_an_mjcf_where_it_slides(tmp_path: Path, mujoco) -> None:
+    found = content(in_mjcf(tmp_path, **BOXES, **ROTOR))
+    path, _ = write(tmp_path, ('mjcf',), found, MJCF)['mjcf']
+    there = sliding(found).all(axis=0)
+    assert there.sum() > 20
+    off = by_mujoco(mujoco, path.read_text(), found) - efforts(found)
+    assert np.abs(off[:, there]).max() < TANH * 10.0
+
+
+def test_a_servo_in_an_mjcf_follows_as_it_was_identified(tmp_path: Path, mujoco) -> None:
+    from models.test_servo import machine, set_points, TRUTH
+
+    from ros2_ident.recording import Dataset
+
+    one = machine()
+    position, velocity = set_points()
+    seen = np.full_like(position, np.nan)
+    seen[:, :12] = position[0, 0]
+    seen[:, 12::2] = 0.0
+    data = Dataset(one.drives, 1e-3, 0, position, velocity, seen, None, None)
+    problem = problem_of(one, Data((data,), labels=('log',)))
+    values = {f'joint.{name}': TRUTH[name] for name in one.bounds}
+    found = content_of(problem, known(problem, values), 0.3)
+    drive = SimpleNamespace(**{name: one.number(name) for name in ('load_mass', 'arm_mass')})
+    arm = f'''<mujoco><option timestep="1e-4" gravity="0 0 -9.81"/><worldbody>
+      <body euler="0 {np.degrees(0.03)} 0"><joint name="joint" axis="0 1 0"/>
+      <inertial pos="0 0 {-0.1 * (drive.load_mass + 0.5 * drive.arm_mass) / 0.51}" mass="0.51"
+        diaginertia="1 1 1"/></body></worldbody></mujoco>'''
+    path, words = write(tmp_path, ('mjcf',), found, arm)['mjcf']
+    model = mujoco.MjModel.from_xml_string(path.read_text())
+    actuator = model.actuator('joint')
+    stall = 0.37 * 7.4 / 3.1
+    assert actuator.gainprm[0] == pytest.approx(0.9 * stall)
+    assert actuator.biasprm[2] == pytest.approx(-0.02 * stall)
+    assert actuator.forcerange[1] == pytest.approx(0.4 * stall)
+    assert model.dof_damping[0] == pytest.approx(0.004 + 0.37**2 / 3.1)
+    assert model.dof_armature[0] == pytest.approx(1.8e-3)
+    assert model.dof_frictionloss[0] == pytest.approx(0.011)
+    # The arm's inertia about the joint is the load's; then MuJoCo follows the same set-points.
+    length, mass = 0.1, drive.load_mass + 0.5 * drive.arm_mass
+    inertia = 4e-4 + (drive.load_mass + drive.arm_mass / 3.0) * length**2
+    model.body_inertia[1] = inertia - 0.51 * (mass * length / 0.51) ** 2
+    sim = mujoco.MjData(model)
+    mujoco.mj_setConst(model, sim)
+    sim.qpos[0] = position[0, 0]
+    out = []
+    for command in position[0]:
+        out.append(sim.qpos[0])
+        sim.ctrl[0] = command
+        mujoco.mj_step(model, sim, 10)
+    ours = found.model.simulate(found.theta)[0, 0]
+    assert np.sqrt(np.mean((np.array(out) - ours) ** 2)) < 0.01 * np.ptp(ours)
+    assert words == ()
+
+
+# ---------------------------------------------------------------------- tables
+
+
+def test_effects_become_the_closest_friction_and_are_named(tmp_path: Path) -> None:
+    there = [EffectAt('load_dependent_friction', 'elbow')]
+    machine = described(tmp_path, **BOXES)
+    plain = content(machine)
+    found = content(machine, effects=there)
+    path, words = into_urdf(tmp_path, found)
+    assert 'load_dependent_friction of elbow' in words[0]
+    assert 'best approximation of friction and effects' in words[-1]
+    elbow = JOINTS.index('elbow')
+    assert found.joints[elbow].coulomb > 1.05 * found.identified[elbow].coulomb
+    assert found.joints[0].coulomb == pytest.approx(plain.joints[0].coulomb, rel=1e-6)
+    # Closer than without.
+    row = found.missed(armature=False)[elbow]
+    without = replace(found, joints=found.identified).missed(armature=False)[elbow]
+    assert row.exported < 0.8 * without.exported
+    assert yaml.safe_load(path.with_name('export.json').read_text())['spread'] == 0.3
+
+
+def test_how_a_log_was_made_stays_out(tmp_path: Path) -> None:
+    there = [EffectAt('effort_smoothing', 'all')]
+    machine = described(tmp_path, **BOXES)
+    found = content(machine, effects=there)
+    assert found.logged == tuple(there)
+    _, words = into_urdf(tmp_path, found)
+    assert any('effort_smoothing' in w and 'left out' in w for w in words)
+    # What the log swallowed is put back: the identified model misses nothing of it.
+    for row in found.missed(armature=False):
+        assert row.identified < 1e-9
+
+
+def test_isaac_and_ros2_control(tmp_path: Path) -> None:
+    machine = load_machine(ROOT / 'config/emps.yaml')
+    from ros2_ident.recording import Dataset
+
+    time = np.arange(400) * machine.number('cycle')
+    place = 0.1 * np.sin(9.0 * time)[None]
+    rate = np.gradient(place, time, axis=1)
+    data = Dataset(
+        machine.drives, machine.number('cycle'), 0, place, rate, place, rate, 10.0 * rate
+    )
+    problem = problem_of(machine, Data((data,), labels=('log',)))
+    found = content_of(problem, known(problem, {}), 0.3)
+    assert fitting(found, '') == ('isaac', 'ros2_control')
+    write(tmp_path, ('isaac', 'ros2_control'), found, '')
+    joint = found.joints[0]
+    actuators = yaml.safe_load((tmp_path / 'isaac.yaml').read_text())
+    assert actuators['dynamic_friction'] == {joint.name: pytest.approx(joint.coulomb)}
+    assert actuators['armature'] == {joint.name: pytest.approx(joint.armature)}
+    control = yaml.safe_load((tmp_path / 'ros2_control.yaml').read_text())
+    gains = control['joint_trajectory_controller']['ros__parameters']['gains'][joint.name]
+    position, velocity = (machine.number(f'{name}_gain') for name in ('position', 'velocity'))
+    share = machine.number('velocity_feedforward')
+    assert gains['p'] == pytest.approx(position * velocity)
+    assert gains['d'] == pytest.approx(velocity)
+    assert gains['ff_velocity_scale'] == pytest.approx(velocity * (share - 1.0))
+
+
+def test_a_target_without_its_description_is_refused(tmp_path: Path) -> None:
+    found = content(described(tmp_path, **BOXES))
+    for name, word in (('urdf', '--into'), ('ros2_control', 'position_gain')):
+        with pytest.raises(IdentError) as caught:
+            write(tmp_path / 'out', (name,), found, '')
+        assert caught.value.code is ErrorCode.INVALID_GOAL
+        assert word in caught.value.message
+    other = (tmp_path / 'arm.urdf').read_text().replace('"elbow"', '"knee"')
+    with pytest.raises(IdentError, match='no joint elbow'):
+        write(tmp_path / 'out', ('urdf',), found, other)
+    assert not (tmp_path / 'out').exists()
+
+
+def test_an_estimate_comes_back_from_its_files(tmp_path: Path) -> None:
+    machine = described(tmp_path, **BOXES)
+    model = make_model(machine, moving(machine))
+    theta = np.array([p.low + 0.55 * (p.high - p.low) for p in model.parameters])
+    noise = np.random.default_rng(0).normal(0.0, 0.05, (4, 1000))
+    data = replace(model.data, effort=model.simulate(theta)[0] + noise)
+    result = identify(machine, data, settings=IdentifySettings(method='algebraic'))
+    write_result(tmp_path / 'out', result)
+    estimate = read_estimate(tmp_path / 'out')
+    assert list(estimate.values) == [p.name for p in result.parameters]
+    half = {p.name: 0.5 * (p.high - p.low) for p in result.parameters}
+    for name, deviation in estimate.deviations.items():
+        assert deviation == pytest.approx(half[name] / 1.96)
+    assert estimate.effects(list(half)) == ()
+
+
+def test_a_diagnosis_brings_its_effects(tmp_path: Path) -> None:
+    def value(number: float, high: float | None) -> dict[str, float | str | bool | None]:
+        low = None if high is None else 2.0 * number - high
+        return {'value': number, 'unit': 'N m', 'low': low, 'high': high, 'at_bound': False}
+
+    content = {
+        'schema': SCHEMA,
+        'verdict': {},
+        'parameters': {
+            'elbow.coulomb_torque': value(3.0, 3.5),
+            'elbow.stribeck.size': value(0.4, None),
+            'effort_smoothing.period': value(0.5, 0.6),
+        },
+        'settings': {'drives': ['elbow'], 'fixed': {'payload_mass': 1.0}, 'bags': ['log']},
+        'provenance': {'source': 'log'},
+    }
+    (tmp_path / DIAGNOSIS).write_text(json.dumps(content))
+    estimate = read_estimate(tmp_path)
+    assert estimate.effects(['elbow.coulomb_torque']) == (
+        EffectAt('stribeck', 'elbow'),
+        EffectAt('effort_smoothing', 'all'),
+    )
+    assert estimate.deviations['elbow.coulomb_torque'] == pytest.approx(0.5 / 1.96)
+    assert np.isinf(estimate.deviations['elbow.stribeck.size'])
+    assert estimate.fixed == {'payload_mass': 1.0}
+    # Values of single recordings are none of the machine's.
+    content['parameters']['payload_mass@log'] = value(1.0, 2.0)
+    (tmp_path / DIAGNOSIS).write_text(json.dumps(content))
+    with pytest.raises(IdentError, match='is the value of one recording'):
+        read_estimate(tmp_path)

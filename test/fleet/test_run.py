@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Many bags as one job: resumed, compared, and one bad bag among them."""
+
+import csv
+import json
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from ros2_ident import fleet, sources
+from ros2_ident.cli.main import main
+from ros2_ident.errors import ErrorCode, IdentError
+
+ROOT = Path(__file__).parents[2]
+
+
+def row(name: str, machine: str, date: str, mass: float, effect: str = 'none') -> fleet.Row:
+    return {
+        'name': name,
+        'machine': machine,
+        'date': date,
+        'state': 'done',
+        'code': 'OK',
+        'message': '',
+        'effect': effect,
+        'where': ['d'] if effect != 'none' else [],
+        'parameters': {'mass': {'value': mass, 'low': mass - 1, 'high': mass + 1, 'unit': 'kg'}},
+    }
+
+
+@pytest.fixture
+def listed(tmp_path: Path) -> Path:
+    shutil.copytree(ROOT / 'bags/axis_reversals', tmp_path / 'good')
+    (tmp_path / 'bad.mcap').write_bytes(b'no bag at all')
+    shutil.copy(ROOT / 'config/emps.yaml', tmp_path / 'machine.yaml')
+    path = tmp_path / 'fleet.yaml'
+    path.write_text(
+        'machine_file: machine.yaml\n'
+        'bags:\n'
+        '- {bag: good, machine: press_1, date: 2026-01-05, labels: {hall: north}}\n'
+        '- {bag: bad.mcap, machine: press_2}\n'
+    )
+    return path
+
+
+def test_bad_bag_costs_its_row_only_and_the_rest_is_not_done_twice(
+    listed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / 'out'
+    words = ['fleet', str(listed), '--out', str(out), '--no-diagnosis', '--quiet']
+    words += ['--fix', 'viscous_friction=203.5']
+    assert main(words) == 1
+    content = json.loads((out / 'fleet.json').read_text())
+    good, bad = content['rows']
+    assert (good['state'], bad['state'], bad['code']) == ('done', 'failed', 'DAMAGED_BAG')
+    assert 'bad.mcap' in bad['message']
+    assert good['labels'] == {'hall': 'north'}
+    assert Path(good['bag']).is_absolute() and Path(good['machine_file']).is_absolute()
+    assert 'emps_axis.viscous_friction' not in good['parameters']
+    mass = good['parameters']['emps_axis.moving_mass']
+    assert mass['low'] < 95.1 < mass['high']
+    table = list(csv.DictReader((out / 'fleet.csv').open()))
+    assert {x['bag'] for x in table} == {'good', 'bad.mcap'}
+    assert 'DAMAGED_BAG' in capsys.readouterr().out
+
+    begun: list[str] = []
+    entries = fleet.read_fleet(listed)
+    wish = fleet.Wish(diagnosed=False, fixed={'viscous_friction': 203.5})
+    again = fleet.run_fleet(
+        entries, out, wish=wish, on_start=lambda entry: begun.append(entry.name)
+    )
+    assert begun == ['bad.mcap']
+    assert again[0] == good
+
+
+def test_row_is_done_anew_where_the_bag_has_changed(listed: Path) -> None:
+    entry = fleet.read_fleet(listed)[0]
+    before = fleet.key_of(entry, fleet.Wish())
+    assert fleet.key_of(entry, fleet.Wish()) == before
+    assert fleet.key_of(entry, fleet.Wish(seed=2)) != before
+    with Path(entry.machine_file).open('a') as file:
+        file.write('# another machine file\n')
+    assert fleet.key_of(entry, fleet.Wish()) != before
+
+
+def test_row_is_done_anew_where_a_library_has_changed(
+    listed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    entry = fleet.read_fleet(listed)[0]
+    before = fleet.key_of(entry, fleet.Wish())
+    installed = sources.version
+    monkeypatch.setattr(
+        sources, 'version', lambda name: '0.1' if name == 'scipy' else installed(name)
+    )
+    sources.result_digest.cache_clear()
+    try:
+        assert fleet.key_of(entry, fleet.Wish()) != before
+    finally:
+        sources.result_digest.cache_clear()
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    return shutil.copytree(
+        ROOT / 'ros2_ident', tmp_path / 'ros2_ident', ignore=shutil.ignore_patterns('__pycache__')
+    )
+
+
+@pytest.mark.parametrize(
+    ('module', 'counts'),
+    [
+        ('gap/verdict.py', True),
+        ('gap/floor.py', True),
+        ('identify/run.py', True),
+        ('search/refine.py', True),
+        ('recording/align.py', True),
+        ('models/tripod/kernel.py', True),
+        ('fleet/row.py', True),
+        ('report/page/plots.py', False),
+        ('cli/progress.py', False),
+        ('ros/node.py', False),
+    ],
+)
+def test_one_byte_in_what_a_row_depends_on_changes_its_key(
+    package: Path, module: str, counts: bool
+) -> None:
+    before = sources.digest_of(package)
+    # what the key holds is this digest, and the copy's is the package's
+    assert before == sources.result_digest()
+    path = package / module
+    content = path.read_bytes()
+    path.write_bytes(content[:-2] + b'#' + content[-1:])
+    assert (sources.digest_of(package) != before) is counts
+
+
+def test_the_key_covers_every_module_that_a_row_loads(listed: Path) -> None:
+    script = (
+        'import sys; from ros2_ident import fleet;'
+        'entry = fleet.read_fleet(sys.argv[1])[0];'
+        'row = fleet.run_entry(entry, fleet.Wish()); assert row["state"] == "done", row;'
+        'print(*(m for m in sys.modules if m.startswith("ros2_ident.")))'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', script, str(listed)],
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    rooms = {name.split('.')[1] for name in done.stdout.split()}
+    assert {'gap', 'identify', 'kernel'} <= rooms
+    # How files are written has no part in what is in them.
+    assert rooms & {x.removesuffix('.py') for x in sources.NO_PART} <= {'files'}
+
+
+def test_drift_is_told_and_chance_is_not() -> None:
+    rows = [
+        row('a1', 'a', '2026-01-01', 100.0),
+        row('a2', 'a', '2026-02-01', 100.5),
+        row('a3', 'a', '2026-03-01', 110.0, 'backlash'),
+        row('b1', 'b', '2026-01-01', 100.2),
+    ]
+    summary = fleet.summarise(rows)
+    assert [(x['bag'], x['against']) for x in summary['drifts']] == [('a3', 'a1')]
+    assert summary['drifts'][0]['change'] == pytest.approx(0.1)
+    assert {x['machine']: x['against'] for x in summary['machines']} == {'a': 'b'}
+    assert summary['effects'] == {'backlash': ['a3: d']}
+
+
+def test_one_machine_that_is_off_does_not_make_the_others_differ() -> None:
+    rows = [row(f'{name}1', name, '2026-01-01', 100.0 + 0.01 * k) for k, name in enumerate('abc')]
+    summary = fleet.summarise([*rows, row('d1', 'd', '2026-01-01', 120.0)])
+    (told,) = summary['machines']
+    assert (told['machine'], told['against']) == ('d', 'median of the machines')
+    assert told['reference'] == pytest.approx(100.015)
+
+
+def test_a_value_that_is_hardly_known_does_not_hide_how_the_others_differ() -> None:
+    rows = [row(name, name, '', mass) for name, mass in zip('abc', (100, 100.1, 104), strict=True)]
+    vague = row('d', 'd', '', 60.0)
+    vague['parameters']['mass'].update(low=0.0, high=120.0)
+    assert {x['machine'] for x in fleet.summarise([*rows, vague])['machines']} == {'c'}
+    unknown = row('d', 'd', '', 60.0)
+    unknown['parameters']['mass'].update(low=None, high=None)
+    assert fleet.summarise([*rows, unknown])['machines'] == []
+
+
+@pytest.mark.parametrize(('mass', 'told'), [(101.9, set()), (102.1, {'d'})])
+def test_a_difference_smaller_than_a_warm_day_makes_is_not_told(mass, told) -> None:
+    values = {'a': 100.0, 'b': 100.0, 'c': 100.0, 'd': mass}
+    rows = [row(name, name, '', value) for name, value in values.items()]
+    assert {x['machine'] for x in fleet.summarise(rows)['machines']} == told
+
+
+@pytest.mark.parametrize(('mass', 'told'), [(110.0, {'a'}), (90.0, set())])
+def test_of_an_interval_longer_to_one_side_the_side_towards_the_other_counts(mass, told) -> None:
+    rows = [row('a1', 'a', '', 100.0), row('b1', 'b', '', mass)]
+    rows[0]['parameters']['mass'].update(low=70.0, high=101.0)
+    assert {x['machine'] for x in fleet.summarise(rows)['machines']} == told
+
+
+def test_of_equal_machines_known_unequally_well_hardly_any_differs() -> None:
+    random = np.random.default_rng(3)
+    told = 0
+    for _ in range(200):
+        rows = []
+        for name, half in zip('abcd', 10.0 ** random.uniform(-1, 1, 4), strict=True):
+            rows.append(row(name, name, '', 100.0 + float(random.normal()) * half / 1.96))
+            value = rows[-1]['parameters']['mass']
+            value.update(low=value['value'] - half, high=value['value'] + half)
+        told += bool(fleet.summarise(rows)['machines'])
+    assert told <= 20
+
+
+def test_rows_are_compared_with_the_same_effects_in_the_model_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = {'a1': row('a1', 'a', '', 100.0), 'b1': row('b1', 'b', '', 150.0, 'backlash')}
+    fitted = []
+
+    def run(entry, wish, asked='', known=None):
+        if known is None:
+            return {**rows[entry.name], 'beside': []}
+        fitted.append((entry.name, known['common']))
+        found = row(entry.name, entry.machine, '', 100.0)['parameters']
+        return {**known, 'parameters': found, 'beside': known['common']}
+
+    monkeypatch.setattr('ros2_ident.fleet.run.run_entry', run)
+    listed = tmp_path / 'list.yaml'
+    listed.write_text('{bags: [{bag: a1, machine: a}, {bag: b1, machine: b}], machine_file: m}')
+    assert main(['fleet', str(listed), '--out', str(tmp_path / 'out'), '--quiet']) == 0
+    assert capsys.readouterr().out.count('\nb1 ') == 1
+    summary = json.loads((tmp_path / 'out/fleet.json').read_text())
+    assert fitted == [('a1', [['backlash', 'd']]), ('b1', [['backlash', 'd']])]
+    assert summary['machines'] == [] and summary['smallest']['mass']['change'] > 2.0
+    # one that could not be fitted so is not compared
+    rows['b1']['beside'] = [['backlash', 'd']]
+    assert fleet.summarise([*rows.values()])['smallest'] == {}
+
+
+def test_effects_after_the_first_are_in_the_summary_too() -> None:
+    several = row('a1', 'a', '2026-01-01', 100.0, 'backlash')
+    several['also'] = [{'effect': 'stribeck', 'where': 'e'}]
+    summary = fleet.summarise([several, row('b1', 'b', '2026-01-01', 100.0, 'stribeck')])
+    assert summary['effects'] == {'backlash': ['a1: d'], 'stribeck': ['a1: e', 'b1: d']}
+
+
+def test_where_nothing_is_missing_the_values_of_the_identification_stay(listed: Path) -> None:
+    entry = fleet.read_fleet(listed)[0]
+    alone = fleet.run_entry(entry, fleet.Wish(diagnosed=False))
+    diagnosed = fleet.run_entry(entry, fleet.Wish())
+    assert diagnosed['effect'] == 'none'
+    assert diagnosed['parameters'] == alone['parameters']
+
+
+def test_a_worker_with_other_sources_is_refused(listed: Path) -> None:
+    entry = fleet.read_fleet(listed)[0]
+    found = fleet.run_entry(entry, fleet.Wish(diagnosed=False), asked='other')
+    assert (found['state'], found['code']) == ('failed', 'INVALID_GOAL')
+    assert 'same version' in found['message']
+
+
+def test_directory_needs_a_machine_file(listed: Path) -> None:
+    with pytest.raises(IdentError, match='--machine') as caught:
+        fleet.read_fleet(listed.parent)
+    assert caught.value.code is ErrorCode.INVALID_GOAL
+    names = [x.name for x in fleet.read_fleet(listed.parent, 'machine.yaml')]
+    assert names == ['bad.mcap', 'good']
+
+
+@pytest.mark.parametrize('text', ['bags: []', 'bags: [{machine: x}]', 'bags: [{bag: x, day: 1}]'])
+def test_list_that_is_wrong_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / 'fleet.yaml'
+    path.write_text(text)
+    with pytest.raises(IdentError, match='fleet.yaml'):
+        fleet.read_fleet(path, 'machine.yaml')

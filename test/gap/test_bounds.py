@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bounds of effects follow the logged effort, not a limit that a file may leave out."""
+
+from dataclasses import replace
+import math
+from pathlib import Path
+import re
+
+import numpy as np
+import pytest
+
+from checks.reference.axis import simulate_axis
+from checks.reference.effects import Effect
+from ros2_ident.effects import EffectParameter
+from ros2_ident.gap.criteria import at_bound
+from ros2_ident.gap.diagnose import diagnose
+from ros2_ident.gap.diagnosis import Diagnosis, to_mapping
+from ros2_ident.identify.run import read_data
+from ros2_ident.models import EffectAt, load_machine, Machine, make_model
+from ros2_ident.models.drives.effort_range import effort_range
+from ros2_ident.recording import Dataset
+from ros2_ident.simulate.motions import draw_motion
+
+ROOT = Path(__file__).parents[2]
+AXIS = load_machine(ROOT / 'config/emps.yaml')
+DRIVE = AXIS.drives[0]
+TRUTH = {'moving_mass': 95.0, 'coulomb_friction': 20.0, 'viscous_friction': 215.0}
+
+
+def without_limit(machine: Machine) -> Machine:
+    return machine.with_constants(torque_limit=math.inf)
+
+
+def recording(effect: Effect, seed: int) -> Dataset:
+    motion = draw_motion('reversals', AXIS, 6.0, seed)
+    log = simulate_axis(AXIS, TRUTH, motion.position, motion.velocity, [effect])
+    noise = AXIS.effort_noise * np.random.default_rng(seed).standard_normal(log.effort.shape)
+    return Dataset(
+        AXIS.drives, log.cycle, 0, motion.position, motion.velocity, log.position, log.velocity,
+        log.effort + noise,
+    )  # fmt: skip
+
+
+def diagnosed(machine: Machine, effect: Effect) -> Diagnosis:
+    return diagnose(machine, [recording(effect, 1)], [recording(effect, 2)], seed=1)
+
+
+def test_the_bundled_axis_needs_no_limit() -> None:
+    fit = read_data(str(ROOT / 'bags/axis_reversals'), AXIS).datasets
+    stated, unstated = (diagnose(m, fit, seed=1) for m in (AXIS, without_limit(AXIS)))
+    assert (unstated.effect, unstated.where) == (stated.effect, stated.where)
+    assert unstated.sentence == stated.sentence
+    assert unstated.not_testable == stated.not_testable
+    for name, value in stated.parameters.items():
+        assert unstated.parameters[name].value == pytest.approx(value.value, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('name', 'values', 'size'),
+    [
+        ('stribeck', {'torque': 12.0, 'speed': 0.02}, 'torque'),
+        ('torque_saturation', {'limit': 65.0}, 'share'),
+    ],
+)
+def test_an_effect_is_found_with_a_limit_and_without(
+    name: str, values: dict[str, float], size: str
+) -> None:
+    effect = Effect(name, AXIS.drives, values, 'same')
+    found = [diagnosed(machine, effect) for machine in (AXIS, without_limit(AXIS))]
+    for one in found:
+        assert (one.effect, one.where) == (name, AXIS.drives)
+        assert not one.parameters[f'{DRIVE}.{name}.{size}'].at_bound
+    sizes = [one.parameters[f'{DRIVE}.{name}.{size}'].value for one in found]
+    if size == 'torque':
+        assert sizes == pytest.approx([12.0, 12.0], rel=0.1)
+    else:
+        # A share of the stated limit, or of twice the effort that was seen.
+        seen = max(np.quantile(np.abs(recording(effect, n).effort), 0.999) for n in (1, 2))
+        limit = AXIS.number('torque_limit')
+        assert [sizes[0] * limit, 2.0 * sizes[1] * seen] == pytest.approx([65.0, 65.0], rel=0.01)
+
+
+def test_a_size_beyond_its_bound_is_flagged() -> None:
+    # More than a quarter of the effort, which is what is looked for.
+    effect = Effect('stribeck', AXIS.drives, {'torque': 70.0, 'speed': 0.02}, 'same')
+    found = diagnosed(AXIS, effect)
+    name = f'{DRIVE}.stribeck.torque'
+    assert found.effect == 'stribeck'
+    assert found.parameters[name].at_bound
+    assert re.search(f'{name}.* ends? at (a bound|bounds) of the search', found.sentence)
+    assert any(name in text and 'check the unit' in text for text in found.advice)
+    assert to_mapping(found)['parameters'][name]['at_bound'] is True
+
+
+def test_the_range_is_what_one_sample_in_a_thousand_exceeds() -> None:
+    still = np.zeros((1, 4000))
+    effort = np.linspace(-50.0, 50.0, 4000)[None].copy()
+    effort[0, 7], effort[0, 9] = 1e4, np.nan
+    data = Dataset(AXIS.drives, 1e-3, 0, still, still, None, None, effort)
+    assert effort_range(AXIS, [data])[0] == pytest.approx(50.0, rel=2e-3)
+    quiet = replace(data, effort=0.1 * effort)
+    assert effort_range(AXIS, [quiet, data])[0] == effort_range(AXIS, [data])[0]
+    assert effort_range(AXIS, [replace(data, effort=still)])[0] == AXIS.effort_noise
+
+
+def test_bounds_are_shares_of_the_range_whatever_the_limit() -> None:
+    still = np.zeros((1, 4000))
+    effort = np.linspace(-50.0, 50.0, 4000)[None]
+    data = Dataset(AXIS.drives, 1e-3, 0, still, still, None, None, effort)
+    at = EffectAt('coulomb_friction', DRIVE)
+    limits = [AXIS, without_limit(AXIS)]
+    limits.append(AXIS.with_constants(torque_limit=20.0))
+    for machine in limits:
+        (torque,) = make_model(machine, data).scaled(at)
+        assert torque.high == pytest.approx(50.0, rel=2e-3)
+
+
+def test_only_sizes_away_from_neutral_are_at_a_bound() -> None:
+    size = EffectParameter('torque', 'N m', 0.0, 2.0, 0.0)
+    assert at_bound(size, 2.0) and at_bound(size, 1.999)
+    assert not at_bound(size, 0.0) and not at_bound(size, 1.9)
+    assert not at_bound(replace(size, role='shape'), 2.0)
+
+
+def test_each_drive_has_its_own_measure() -> None:
+    tripod = load_machine(ROOT / 'config/tripod.yaml').with_constants(
+        torque_limit=(6.0, 3.0, math.inf), gear_factor=(80.0, 40.0, 20.0)
+    )
+    still = np.full((3, 4000), 0.2)
+    ramp = np.linspace(-1.0, 1.0, 4000)
+    effort = np.array([2.0 * ramp, 1.0 * ramp, 0.5 * ramp])
+    data = Dataset(tripod.drives, 5e-4, 0, still, 0.0 * still, None, None, effort)
+    model = make_model(tripod, data)
+    drives = tripod.drives
+    high = [model.scaled(EffectAt('coulomb_friction', d))[0].high for d in drives]
+    assert high == pytest.approx([2.0, 1.0, 0.5], rel=2e-3)
+    # A share of the limit is one of the drive's own, or of twice what it was seen to make.
+    limits = [model.effort_limit(d) for d in drives]
+    assert limits == pytest.approx([6.0, 3.0, 1.0], rel=2e-3)
+    heating = [model.scaled(EffectAt('friction_drift', d))[1].high for d in drives]
+    assert heating == pytest.approx([100.0 / x for x in (160.0, 40.0, 10.0)], rel=2e-3)

@@ -1,0 +1,373 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole diagnosis on an axis whose logs the slow reference makes."""
+
+from dataclasses import replace
+import json
+from pathlib import Path
+import threading
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from checks.reference.axis import simulate_axis
+from checks.reference.effects import Effect
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.attribute import Attribution
+from ros2_ident.gap.case import Case, recordings_of
+from ros2_ident.gap.criteria import Rules
+from ros2_ident.gap.diagnose import diagnose
+from ros2_ident.gap.diagnosis import to_mapping
+from ros2_ident.gap.explain import Explainer
+from ros2_ident.gap.fits import Explanation
+from ros2_ident.gap.floor import Floor
+from ros2_ident.identify.data import gather
+from ros2_ident.models import load_machine, machine_from_mapping
+from ros2_ident.recording import Dataset
+from ros2_ident.recording.bag import read_bag
+from ros2_ident.search.noise import NoiseModel, white
+
+CYCLE = 1e-3
+NOISE = 0.01
+MACHINE = machine_from_mapping(
+    {
+        'machine': 'linear_axis',
+        'drives': ['lift'],
+        'geometry': {'gravity': 9.81},
+        'drive': {'gear_factor': 78.54, 'rail_mass': 1.5, 'coulomb_regularisation': 5e-3},
+        'controller': {
+            'cycle': CYCLE,
+            'position_gain': 60.0,
+            'velocity_gain': 4.5,
+            'integral_gain': 250.0,
+            'velocity_feedforward': 1.0,
+            'torque_limit': 6.0,
+        },
+        'effort_noise': NOISE,
+        'parameters': {
+            'gear_stiffness': [1e4, 3e5, 'N/m'],
+            'gear_damping_ratio': [0.0, 2.0, '1'],
+            'drive_inertia': [5e-5, 15e-5, 'kg m^2'],
+            'coulomb_torque': [0.0, 0.2, 'N m'],
+            'viscous_torque': [0.0, 0.2, 'N m s/m'],
+        },
+    }
+)
+TRUTH = {
+    'gear_stiffness': 1.5e5,
+    'gear_damping_ratio': 0.4,
+    'drive_inertia': 9e-5,
+    'coulomb_torque': 0.05,
+    'viscous_torque': 0.05,
+}
+
+LEVEL = np.array([NOISE])
+FLOOR = Floor(LEVEL, LEVEL, LEVEL, 'prediction', None, 0.0 * LEVEL, (white(NOISE),), '')
+
+
+def recording(
+    seed: int, effects: tuple[Effect, ...] = (), scale: float = 1.0, noise: float = NOISE
+) -> Dataset:
+    rng = np.random.default_rng(seed)
+    time = np.arange(5000) * CYCLE
+    position = np.full_like(time, 0.4)
+    for _ in range(4):
+        rate, phase, size = rng.uniform(1.0, 9.0), rng.uniform(0, 6.28), rng.uniform(0.01, 0.04)
+        position += size * (np.sin(rate * time + phase) - np.sin(phase))
+    ramp = np.clip(time / 0.5, 0.0, 1.0)
+    position = 0.4 + scale * (position - 0.4) * ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
+    velocity = np.gradient(position, CYCLE)
+    log = simulate_axis(MACHINE, TRUTH, position[None], velocity[None], effects)
+    effort = log.effort + noise * rng.standard_normal(log.effort.shape)
+    return Dataset(
+        MACHINE.drives,
+        CYCLE,
+        0,
+        position[None],
+        velocity[None],
+        log.position,
+        log.velocity,
+        np.round(effort / 0.002) * 0.002,
+    )
+
+
+def coloured(data: Dataset, size: float, rho: float) -> Dataset:
+    """Return a log with other noise: `size` times what is stated, neighbours correlated."""
+    rng = np.random.default_rng(int(1e6 * data.effort[0, -1]) % 1000)
+    drawn = rng.standard_normal(data.effort.size + 500)
+    noise = lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], drawn)[500:]
+    return replace(data, effort=data.effort + size * NOISE * noise)
+
+
+def stribeck() -> Effect:
+    return Effect('stribeck', ('lift',), {'torque': 0.08, 'speed': 0.03}, 'other')
+
+
+@pytest.fixture(scope='module')
+def found():
+    effects = (stribeck(),)
+    return diagnose(MACHINE, [recording(1, effects)], [recording(2, effects)], seed=3)
+
+
+def test_an_effect_is_named_with_its_place(found) -> None:
+    assert (found.effect, found.where) == ('stribeck', ('lift',))
+    assert found.probability > 0.5
+    assert found.complete
+    assert found.held_out == 'check bag'
+    assert found.confusable[0].at.effect == 'stribeck'
+
+
+def test_the_gap_closes_on_data_not_used_for_fitting(found) -> None:
+    gaps = [step.gap.value for step in found.steps]
+    assert gaps[-1] < 0.6 * gaps[0]
+    assert found.share_closed.value > 0.9
+    assert found.floor.per_drive[0] == pytest.approx(NOISE, rel=0.05)
+
+
+def test_the_effect_gives_the_nominal_parameters_back(found) -> None:
+    # Friction had carried the effect as far as it could.
+    for name in ('lift.coulomb_torque', 'lift.viscous_torque'):
+        truth = TRUTH[name.split('.')[1]]
+        after = abs(found.parameters[name].value - truth)
+        assert after < 0.5 * abs(found.nominal[name] - truth), name
+    assert found.moved.keys() <= found.nominal.keys()
+
+
+def test_the_gap_is_found_where_the_axis_reverses(found) -> None:
+    assert found.localisation
+    assert all(finding.drive == 'lift' for finding in found.localisation)
+
+
+def test_the_file_holds_what_the_interface_promises(found) -> None:
+    data = json.loads(json.dumps(to_mapping(found), allow_nan=False))
+    assert set(data['verdict']) >= {'effect', 'where', 'probability'}
+    assert set(data['gap']) >= {
+        'unit',
+        'before',
+        'after',
+        'noise_floor',
+        'share_closed',
+        'per_drive',
+        'held_out',
+    }
+    for entry in data['ranking']:
+        assert set(entry) >= {'effect', 'where', 'probability', 'gap_after', 'parameters'}
+    for entry in data['localisation']:
+        assert set(entry) >= {
+            'drive',
+            'coordinate',
+            'region',
+            'statistic',
+            'p_value',
+            'sentence',
+        }
+    assert data['also'] == [] and isinstance(data['advice'], list)
+
+
+def test_the_residual_is_kept_and_its_maps_are_in_the_file(found) -> None:
+    fit, check = found.traces
+    assert (fit.held_out, check.held_out) == (False, True)
+    assert np.isnan(check.before).all()
+    assert np.nanstd(fit.before) == pytest.approx(found.steps[0].gap.value, rel=0.3)
+    assert np.nanstd(fit.after) == pytest.approx(NOISE, rel=0.1)
+    maps = to_mapping(found)['maps']
+    assert {m['drive'] for m in maps} == {f.drive for f in found.localisation}
+
+    def largest(lines) -> float:
+        return max(abs(mean) for line in lines for mean in line['mean'])
+
+    assert largest(maps[0]['after']) < 0.3 * largest(maps[0]['before'])
+
+
+def test_nothing_is_missing_where_nothing_is() -> None:
+    found = diagnose(MACHINE, [recording(4)], [recording(5)], seed=3)
+    assert found.effect == 'none'
+    assert found.where == ()
+    assert 'Nothing is missing' in found.sentence
+    assert found.not_testable and '; this motion cannot show: ' in found.sentence
+
+
+@pytest.mark.parametrize('scale', [5e-4, 2e-3, 1e-2])
+def test_nothing_is_missing_where_the_recording_fitted_on_shows_little(scale: float) -> None:
+    # Hardly any motion: friction and inertia are what the search happened upon, and wrong.
+    found = diagnose(MACHINE, [recording(1, scale=scale)], [recording(2)], seed=3)
+    assert found.effect == 'none', found.sentence
+    assert found.held_out == 'blocks'
+
+
+def test_one_recording_is_split_into_blocks() -> None:
+    found = diagnose(MACHINE, [recording(1, (stribeck(),))], seed=3, without=('presliding',))
+    assert found.held_out == 'blocks'
+    assert found.effect == 'stribeck'
+    assert all(r.at.effect != 'presliding' for r in found.ranking)
+
+
+def test_same_seed_same_diagnosis() -> None:
+    data = recording(1, (stribeck(),))
+    few = ('torque_ripple', 'friction_drift', 'transmission_eccentricity', 'backlash')
+    first, second = (to_mapping(diagnose(MACHINE, [data], seed=3, without=few)) for _ in range(2))
+    first.pop('seconds'), second.pop('seconds')
+    assert first == second
+
+
+def test_a_cancel_keeps_the_best_so_far() -> None:
+    effects = (stribeck(),)
+    event = threading.Event()
+
+    def stop(progress) -> None:
+        if progress.fraction > 0.3:
+            event.set()
+
+    found = diagnose(
+        MACHINE, [recording(1, effects)], seed=3, cancelled=event.is_set, on_progress=stop
+    )
+    assert not found.complete
+    assert found.steps[0].gap.value > NOISE
+
+
+def test_bad_input_is_one_sentence() -> None:
+    with pytest.raises(IdentError, match='there is no recording to fit on') as info:
+        diagnose(MACHINE, [])
+    assert info.value.code is ErrorCode.NO_DATA
+    with pytest.raises(IdentError, match="no effect is called 'gremlins'"):
+        diagnose(MACHINE, [recording(4)], without=('gremlins',))
+
+
+@pytest.mark.parametrize(('size', 'rho'), [(0.4, 0.5), (2.5, 0.9)])
+def test_noise_that_nobody_stated_is_no_gap(size, rho) -> None:
+    rough = [coloured(recording(seed, noise=0.0), size, rho) for seed in (1, 2)]
+    quiet = diagnose(MACHINE, rough[:1], rough[1:], seed=3)
+    assert quiet.effect == 'none'
+    assert quiet.floor.per_drive[0] == pytest.approx(size * NOISE, rel=0.1)
+    assert quiet.floor.noise[0].correlation == pytest.approx(rho, abs=0.1)
+    assert 'the machine file states 0.01' in quiet.floor.sentence
+
+
+def swinging(data: Dataset, size: float) -> Dataset:
+    """Return a log in which something swings at 4 Hz, now more, now less, as nothing predicts."""
+    seed = int(1e6 * data.effort[0, -1]) % 1000
+    drawn = np.random.default_rng(seed).standard_normal(data.effort.size + 4000)
+    turn = 2.0 * 0.99 * np.cos(2.0 * np.pi * 4.0 * CYCLE)
+    swing = lfilter([1.0], [1.0, -turn, 0.99**2], drawn)[4000:]
+    return replace(data, effort=data.effort + size * NOISE * swing / swing.std())
+
+
+@pytest.mark.parametrize('stated', [True, False])
+def test_what_swings_by_itself_is_no_noise_that_somebody_stated(stated: bool) -> None:
+    given = MACHINE.given if stated else MACHINE.given - {'effort_noise'}
+    logs = [swinging(recording(seed), 8.0) for seed in (1, 2)]
+    found = diagnose(replace(MACHINE, given=given), logs[:1], logs[1:], seed=3)
+    assert (found.effect, found.where) == (('unknown', ('lift',)) if stated else ('none', ()))
+    assert ('a load that swings' in found.sentence) == stated
+
+
+def test_noise_is_too_large_and_too_slow_only_beyond_what_people_are_wrong_by() -> None:
+    level = 10.0 * LEVEL
+
+    def floor(open_part: float) -> Floor:
+        noise = NoiseModel(np.array([0.0]), 1.0, open_part**2, 5000)
+        return replace(FLOOR, per_drive=level, noise=(noise,))
+
+    for open_part, stated, restless in (
+        (1.0, NOISE, False),  # white: the noise is another than stated
+        (0.14, 4.0 * NOISE, False),  # correlated by 0.99, of two and a half times what is stated
+        (0.14, NOISE, True),
+        (0.14, 0.0, False),  # nobody stated any
+        (0.02, 0.0, True),
+    ):
+        found = floor(open_part).restless(('lift',), stated)
+        assert found == ({'lift': level[0]} if restless else {}), (open_part, stated)
+
+
+def test_an_effect_is_named_though_the_noise_is_coloured_and_larger_than_stated() -> None:
+    effects = (stribeck(),)
+    rough = [coloured(recording(seed, effects, noise=0.0), 2.0, 0.9) for seed in (1, 2)]
+    seen = diagnose(MACHINE, rough[:1], rough[1:], seed=3)
+    assert (seen.effect, seen.where) == ('stribeck', ('lift',))
+    for name in ('lift.coulomb_torque', 'lift.viscous_torque', 'lift.drive_inertia'):
+        value = seen.parameters[name]
+        assert value.low <= value.noise_low < value.noise_high <= value.high
+
+
+def test_rules_say_when_something_counts() -> None:
+    effects = (stribeck(),)
+    lenient = diagnose(
+        MACHINE, [recording(1, effects)], seed=3, rules=Rules(material=50.0), without=('backlash',)
+    )
+    assert lenient.effect == 'none'
+
+
+def test_a_trifle_on_one_drive_contradicts_nothing() -> None:
+    case = Case(recordings_of(MACHINE, [recording(1)]))
+    explainer = Explainer(Attribution(case, LEVEL), FLOOR, Rules())
+    law = {name: np.array(values) for name, values in {
+        'right': [4.9, 1.10, 1.07], 'wrong': [16.4, 1.0, 1.0], 'clean': [1.0, 1.0, 1.0],
+    }.items()}  # fmt: skip
+    empty = np.empty(0)
+    e = {name: Explanation((), empty, empty, empty, x, empty, empty, empty, empty)
+         for name, x in law.items()}  # fmt: skip
+    assert not explainer.contradicted(e['right'], e['wrong'])
+    assert explainer.contradicted(e['wrong'], e['right'])
+    assert explainer.contradicted(e['right'], e['clean'])
+
+
+def test_a_nominal_fit_that_had_ended_too_early_goes_on() -> None:
+    case = Case(recordings_of(MACHINE, [recording(1)]), recordings_of(MACHINE, [recording(2)]))
+    attribution = Attribution(case, LEVEL)
+    explainer = Explainer(attribution, FLOOR, Rules())
+    names = [p.name for p in case.fit.with_effects(()).parameters]
+    truth = np.array([TRUTH[name.removeprefix('lift.')] for name in names])
+    stuck = truth.copy()
+    stuck[names.index('lift.coulomb_torque')] = 0.15
+    early = attribution.refit((), stuck, iterations=0)
+    right = attribution.refit((), truth, iterations=0)
+    assert explainer.size(early) > 1.0, 'the wrong friction shows'
+    better = explainer.better_nominal(early, right)
+    assert explainer.size(better) < 0.2
+    assert explainer.better_nominal(better, early) is better
+
+
+def test_a_kind_that_compares_two_quantities_of_a_drive_is_refused() -> None:
+    belt = load_machine(Path(__file__).parents[2] / 'config/belt_drive.yaml')
+    row = np.sin(np.linspace(0.0, 6.0, 400))[None]
+    data = Dataset(belt.drives, belt.number('cycle'), 0, row, 0.0 * row, row, 0.0 * row, row)
+    with pytest.raises(IdentError, match='compares 2 outputs of 1 drives.*name it') as error:
+        diagnose(belt, [data])
+    assert error.value.code is ErrorCode.INVALID_GOAL
+    (model,) = recordings_of(belt, [data], output='position').models
+    assert [(o.quantity, o.unit) for o in model.outputs] == [('position', 'rad')]
+
+
+def test_the_gap_of_a_position_is_diagnosed_with_an_effort_beside_it() -> None:
+    rng = np.random.default_rng(8)
+    logs = []
+    for seed in (1, 2):
+        data = recording(seed, (stribeck(),))
+        noisy = data.position + 1e-6 * rng.standard_normal(data.position.shape)
+        logs.append(replace(data, position=noisy))
+    found = diagnose(MACHINE, logs[:1], logs[1:], output='position', seed=3)
+    assert (found.effect, found.where, found.unit) == ('stribeck', ('lift',), 'm')
+    assert found.per_drive['lift'].noise_floor == pytest.approx(1e-6, rel=0.1)
+    # Gates go by the effort, whatever is compared: none takes metres for newton metres.
+    assert not [text for *_, text in found.gates if 'where the noise is' in text]
+
+
+def test_a_bag_without_an_effect_has_none_in_its_position_either() -> None:
+    root = Path(__file__).parents[2]
+    emps = load_machine(root / 'config/emps.yaml')
+    (data,) = gather(read_bag(root / 'bags/axis_reversals'), emps).datasets
+    assert diagnose(emps, [data], output='position', seed=1).effect == 'none'
+
+
+def test_a_limit_is_found_in_a_position_though_no_effort_is_logged() -> None:
+    free = recording(1)
+    limit = 0.92 * np.abs(free.effort).max()
+    data = recording(1, (Effect('torque_saturation', ('lift',), {'limit': limit}, 'same'),))
+    noise = 2e-6 * np.random.default_rng(8).standard_normal(data.position.shape)
+    # A little above what the drive ever does: no share that is always tried is near.
+    machine = MACHINE.with_constants(torque_limit=(0.42,))
+    silent = replace(data, position=data.position + noise, effort=None)
+    found = diagnose(machine, [silent], output='position', seed=3)
+    assert (found.effect, found.where) == ('torque_saturation', ('lift',))
+    share = found.parameters['lift.torque_saturation.share']
+    assert share.value == pytest.approx(limit / 0.42, rel=0.01)

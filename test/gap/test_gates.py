@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+from pathlib import Path
+
+from gap_signals import needs_practice, practice_case
+import numpy as np
+import pytest
+
+from ros2_ident.gap.floor import noise_floor
+from ros2_ident.gap.gates import run_gates
+from ros2_ident.gates import controller
+from ros2_ident.gates.controller import check_law
+from ros2_ident.gates.law import fit_law, Gain, Law
+from ros2_ident.gates.log import check_effort, check_streams
+from ros2_ident.identify.run import read_data
+from ros2_ident.models import load_machine
+from ros2_ident.recording import AlignQuality, StreamQuality
+from ros2_ident.recording.dataset import Dataset
+
+ROOT = Path(__file__).parents[2]
+MACHINE = load_machine(ROOT / 'config/tripod.yaml')
+
+
+def _law(**changes):
+    gains = (Gain('velocity_gain', 4.5, 0.01, 4.5, 0.01),)
+    base = Law('drive_1', gains, 0.03, 0.0, 0.01, 0.01, 0.999, 8000)
+    return replace(base, **changes)
+
+
+def test_a_law_that_fits_passes():
+    (gate,) = check_law(MACHINE, _law(), 'drive_1', 0.01)
+    assert (gate.gate, gate.level) == ('law', 'ok')
+
+
+def test_a_wrong_gain_is_named_with_its_size():
+    gains = (Gain('velocity_gain', 5.4, 0.01, 4.5, 0.01), Gain('scale', 1.1, 0.01, 1.0, 0.03))
+    (gate,) = check_law(MACHINE, _law(gains=gains, misfit_file=0.04), 'drive_1')
+    assert gate.level == 'warn'
+    assert gate.number == pytest.approx(1.2)
+    assert 'your velocity_gain is 4.5; 5.4 fits the log to 0.01 N m' in gate.sentence
+    assert (gate.contradicts, gate.key) == (True, 'velocity_gain')
+
+
+def test_a_law_that_explains_nothing_fails():
+    (gate,) = check_law(MACHINE, _law(explained=0.2, misfit=0.5, misfit_file=2.0), 'drive_1')
+    assert (gate.level, gate.contradicts) == ('fail', True)
+    # An effect in the controller or its sensor may leave as little as half.
+    (gate,) = check_law(MACHINE, _law(explained=0.5, misfit=0.5, misfit_file=2.0), 'drive_1')
+    assert (gate.level, gate.contradicts) == ('warn', False)
+
+
+def test_a_law_that_no_other_gains_would_explain_better_has_run():
+    found = check_law(MACHINE, _law(explained=0.4, misfit=0.5, misfit_file=0.51), 'drive_1', 0.01)
+    assert [(g.gate, g.level) for g in found] == [('law_noise', 'warn'), ('law', 'ok')]
+    (gate,) = check_law(MACHINE, _law(explained=0.2, misfit=0.5, misfit_file=0.6), 'drive_1')
+    assert (gate.level, gate.contradicts) == ('fail', True)
+
+
+def test_noise_beyond_the_floor_is_told_apart_from_gains():
+    found = check_law(MACHINE, _law(misfit=0.02, misfit_file=0.02), 'drive_1', 0.01)
+    assert [g.gate for g in found] == ['law_noise', 'law']
+
+
+def test_steps_of_the_logged_position_are_no_noise_between_controller_and_log():
+    (gate,) = check_law(
+        MACHINE, _law(misfit=0.02, misfit_file=0.02, steps=0.021), 'drive_1', 0.01
+    )
+    assert (gate.gate, gate.level) == ('law', 'ok')
+    assert 'steps of the logged position' in gate.sentence
+
+
+def test_a_log_of_the_package_passes_its_own_law():
+    machine = load_machine(ROOT / 'config/emps.yaml')
+    data = read_data(ROOT / 'bags/axis_reversals', machine).datasets[0]
+    law = fit_law(machine, data, 'emps_axis')
+    # The bag holds positions in steps of 1 um.
+    assert law.steps == pytest.approx(machine.number('velocity_gain') * 1e-6 / 4e-3, rel=1e-6)
+    assert [g.level for g in check_law(machine, law, 'emps_axis', 0.3)] == ['ok']
+    moved = np.array(data.position) + 1e-7 * np.random.default_rng(0).standard_normal(data.cycles)
+    assert fit_law(machine, replace(data, position=moved), 'emps_axis').steps < 1e-6
+
+
+def _rubbing_joint(way, gain=1.0, late=0.025):
+    """Return 6 s of a joint with dry friction under a PI law; its effort is noisy and late."""
+    names = ('cycle', 'position_gain', 'velocity_gain', 'integral_gain')
+    cycle, kp, kv, ki = (MACHINE.number(name, 'drive_1') for name in names)
+    time = cycle * np.arange(12000)
+    goal = way * np.sin(0.8 * np.pi * time) * np.sin(0.14 * np.pi * time)
+    rate = np.gradient(goal, cycle)
+    position, velocity, effort = np.empty((3, 1, time.size))
+    place = speed = total = 0.0
+    for k in range(time.size):
+        slip = kp * (goal[k] - place) + rate[k] - speed
+        total += cycle * slip
+        torque = gain * kv * slip + ki * total
+        position[0, k], velocity[0, k], effort[0, k] = place, speed, torque
+        for _ in range(5):
+            speed += 0.2 * cycle * (torque - 0.1 * np.tanh(speed / 5e-3)) / 0.03
+            place += 0.2 * cycle * speed
+    effort = np.interp(time - late, time, effort[0])
+    effort += 0.01 * np.random.default_rng(0).standard_normal(time.size)
+    command = goal[None], rate[None]
+    return Dataset(('drive_1',), cycle, 0, *command, position, velocity, effort[None])
+
+
+@pytest.mark.parametrize('way', [0.002, 0.01])
+def test_a_slow_motion_does_not_make_a_late_effort_a_wrong_gain(way):
+    law = fit_law(MACHINE, _rubbing_joint(way), 'drive_1')
+    assert law.effort_delay == pytest.approx(0.025, abs=2e-3)
+    assert law.misfit_file == pytest.approx(0.01, rel=0.02)
+    (gate,) = check_law(MACHINE, law, 'drive_1', 0.01)
+    assert (gate.gate, gate.level) == ('law', 'ok')
+
+
+@pytest.mark.parametrize('gain', [0.5, 1.3])
+def test_a_gain_that_no_delay_makes_right_is_named(gain):
+    law = fit_law(MACHINE, _rubbing_joint(0.1, gain), 'drive_1')
+    (gate,) = check_law(MACHINE, law, 'drive_1', 0.01)
+    assert (gate.key, gate.contradicts) == ('velocity_gain', True)
+    assert gate.number == pytest.approx(gain, rel=0.05)
+
+
+@pytest.mark.parametrize(('misfit', 'swapped'), [(0.9, True), (2.0, False)])
+def test_efforts_are_swapped_only_where_the_other_law_explains_them(monkeypatch, misfit, swapped):
+    data = _rubbing_joint(0.002)
+    effort = np.repeat(data.effort, 2, axis=0)
+    data = replace(
+        data, names=('drive_1', 'drive_2'), effort=effort, command_position=effort,
+        command_velocity=effort, position=effort, velocity=effort,
+    )  # fmt: skip
+    own = _law(explained=0.7, misfit=0.8, misfit_file=40.0)
+    other = replace(own, misfit_file=misfit)
+    assert (other.followed > 0.5, own.followed < -100.0) == (swapped, True)
+    monkeypatch.setattr(controller, 'fit_law', lambda *about: other)
+    gates = controller.check_swapped(MACHINE, data, [own, replace(own, drive='drive_2')])
+    assert [g.gate for g in gates] == (['names'] if swapped else [])
+
+
+def test_without_a_command_there_is_nothing_to_check():
+    (gate,) = check_law(MACHINE, None, 'drive_1')
+    assert gate.level == 'warn'
+    assert 'cannot be checked' in gate.sentence
+
+
+def test_an_effort_without_its_sign_fails():
+    machine = load_machine(ROOT / 'config/emps.yaml')
+    data = read_data(ROOT / 'bags/axis_reversals', machine).datasets[0]
+    (_, gate) = check_effort(machine, data, 'emps_axis')
+    assert (gate.gate, gate.level) == ('sign', 'ok')
+    folded = replace(data, effort=np.abs(data.effort))
+    (_, gate) = check_effort(machine, folded, 'emps_axis')
+    assert (gate.gate, gate.level) == ('sign', 'fail')
+    assert 'only its size was logged; log the signed torque' in gate.sentence
+
+
+@pytest.mark.parametrize(('missing', 'level'), [(0, 'ok'), (50, 'warn'), (500, 'fail')])
+def test_missing_samples(missing, level):
+    case = type('Data', (), {})()
+    stream = StreamQuality('effort', 1000, missing, 1000.0, 1e-5, 2)
+    case.quality = AlignQuality((stream,))
+    assert check_streams(case)[0].level == level
+
+
+@needs_practice
+@pytest.mark.parametrize(
+    ('number', 'gain', 'ratio'), [(10, 'velocity_gain', 1.2584), (8, 'scale', 1.0672)]
+)
+def test_a_wrong_gain_shows_in_the_log(number, gain, ratio):
+    case = practice_case(number)
+    law = fit_law(case.model.machine, case.data, 'drive_1')
+    assert law.gains[0].name == gain
+    assert law.gains[0].ratio == pytest.approx(ratio, rel=0.005)
+    others = run_gates([case.model]).of('law')
+    assert [g.drive for g in others if g.level != 'ok'] == ['drive_1']
+
+
+@needs_practice
+@pytest.mark.parametrize('number', [5, 9])
+def test_delays_do_not_spoil_the_law(number):
+    case = practice_case(number)
+    law = fit_law(case.model.machine, case.data, 'drive_2')
+    assert law.effort_delay == pytest.approx(case.label['theta'][0]['dT'], abs=2e-4)
+    late = case.label['values'].get('cmd_delay', 0.0)
+    assert law.command_delay == pytest.approx(late, abs=2e-4)
+    assert law.misfit_file == pytest.approx(0.01, rel=0.05)
+
+
+@needs_practice
+@pytest.mark.parametrize('number', [15, 16, 17])
+def test_nulls_pass_all_gates(number):
+    case = practice_case(number)
+    report = run_gates([case.model], case.theta, noise_floor(case.residual, case.data))
+    assert report.level == 'ok'
+    assert {g.gate for g in report.gates} >= {'missing', 'jitter', 'sign', 'limit', 'law', 'step'}
+    assert max(g.number for g in report.of('step')) < 0.1
+
+
+@needs_practice
+def test_a_reversed_effort_fails():
+    case = practice_case(15)
+    reversed_data = replace(case.data, effort=-case.data.effort)
+    found = check_effort(case.model.machine, reversed_data, 'drive_1')
+    assert {g.gate: g.level for g in found}['sign'] == 'fail'
+    scaled = replace(case.data, effort=1000.0 * np.asarray(case.data.effort))
+    found = check_effort(case.model.machine, scaled, 'drive_1')
+    assert {g.gate: g.level for g in found}['limit'] == 'fail'

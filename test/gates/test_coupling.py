@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A joint of an arm is told from a machine of its own, and a diagnosis then names no effect."""
+
+from dataclasses import replace
+
+from identify_cases import axis, recording_of
+import numpy as np
+import pytest
+
+from gates.test_faults import bag_of
+from ros2_ident.gap.diagnose import diagnose
+from ros2_ident.gates import examine
+from ros2_ident.identify.data import gather
+from ros2_ident.models import Machine
+from ros2_ident.models.linear_axis import KIND
+from ros2_ident.recording import Recording, Stream
+
+RATE, SECONDS = 250.0, 20.0
+
+
+def joint() -> Machine:
+    """Return the elbow of an arm as an axis of its own, driven by the recorded motion."""
+    machine = axis().with_bounds(
+        {
+            'moving_mass': (0.1, 20.0, 'kg m^2'),
+            'viscous_friction': (0.0, 50.0, 'N m s/rad'),
+            'coulomb_friction': (0.0, 20.0, 'N m'),
+            'constant_force': (-50.0, 50.0, 'N m'),
+        }
+    )
+    return replace(machine, drives=('elbow',), effort_unit='N m', effort_noise=0.05)
+
+
+def swing(seed: int) -> tuple[np.ndarray, ...]:
+    """Return position, velocity and acceleration of a joint (T,) as a sum of slow waves."""
+    random = np.random.default_rng(seed)
+    time = np.arange(0.0, SECONDS, 1.0 / RATE)
+    rates = 2.0 * np.pi * random.uniform(0.1, 0.8, 6)
+    phases, sizes = random.uniform(0.0, 6.28, 6), random.uniform(0.1, 0.4, 6)
+    angles = rates[:, None] * time + phases[:, None]
+    terms = sizes * np.sin(angles.T), sizes * rates * np.cos(angles.T)
+    change = -(sizes * rates**2 * np.sin(angles.T)).sum(axis=1)
+    return terms[0].sum(axis=1), terms[1].sum(axis=1), change
+
+
+def recording(gravity: float) -> Recording:
+    """Return an elbow behind a shoulder; gravity acts by the sum of both angles."""
+    (shoulder, _, _), (elbow, speed, change) = swing(1), swing(2)
+    effort = 2.0 * change + 3.0 * np.tanh(speed / 0.01) + 4.0 * speed
+    effort += gravity * np.cos(shoulder + elbow)
+    effort += 0.05 * np.random.default_rng(3).standard_normal(effort.size)
+    stamp = (np.arange(effort.size) * 1e9 / RATE).astype(np.int64)
+    state = Stream(
+        ('shoulder', 'elbow'),
+        stamp,
+        position=np.stack([shoulder, elbow], axis=1),
+        effort=np.stack([0.0 * effort, effort], axis=1),
+    )
+    return Recording(state=state, source='arm')
+
+
+def test_an_elbow_that_carries_its_weight_behind_a_shoulder():
+    report = examine(joint(), gather([recording(60.0)], joint()).datasets)
+    (gate,) = report.of('coupling')
+    assert report.blocked
+    assert gate.number > 0.5
+    assert 'that of shoulder takes all but' in gate.sentence
+    assert 'gravity and coupling of an arm' in gate.sentence
+
+
+def test_an_elbow_without_weight_is_a_machine_of_its_own():
+    report = examine(joint(), gather([recording(0.0)], joint()).datasets)
+    assert report.of('coupling') == ()
+
+
+def test_a_kind_that_knows_its_coupling_is_not_doubted(monkeypatch):
+    monkeypatch.setattr(
+        'ros2_ident.gates.coupling.kind_of', lambda machine: replace(KIND, coupled=True)
+    )
+    report = examine(joint(), gather([recording(60.0)], joint()).datasets)
+    assert report.of('coupling') == ()
+
+
+def test_a_diagnosis_of_it_says_so_and_names_no_effect():
+    data = gather([recording(60.0)], joint())
+    found = diagnose(joint(), data.datasets)
+    assert (found.effect, found.where) == ('model', ('elbow',))
+    assert found.sentence.startswith('elbow: the model is the wrong one, its own motion leaves')
+    assert found.sentence.endswith('No effect is named.')
+    assert (found.also, found.confusable, found.ranking) == ((), (), ())
+    assert found.complete
+
+
+def test_what_no_effect_makes_a_model_carry_is_another_machine():
+    # Alone in its log, nothing shows what the elbow hangs on.
+    whole = recording(60.0)
+    alone = replace(whole.state, names=('elbow',), **{
+        field: np.ascontiguousarray(whole.state.values(field)[:, 1:])
+        for field in ('position', 'effort')
+    })
+    data = gather([replace(whole, state=alone)], joint())
+    found = diagnose(joint(), data.datasets)
+    assert found.effect == 'model'
+    assert found.sentence.startswith('The model is not the one of this machine: ')
+    assert (found.also, found.ranking) == ((), ())
+
+
+@pytest.mark.parametrize(
+    ('factor', 'effect', 'first'),
+    [(1.0 / 35.15, 'bookkeeping', True), (1.3, 'velocity_gain_error', False)],
+)
+def test_a_gain_comes_before_any_effect(factor, effect, first):
+    machine = axis().with_constants(velocity_gain=factor * axis().number('velocity_gain'))
+    data = gather([recording_of(bag_of('axis'))], machine)
+    kept = {'velocity_gain_error', 'position_gain_error', 'backlash', 'stribeck'}
+    from ros2_ident.effects import CATALOGUE
+
+    found = diagnose(machine, data.datasets, without=[e for e in CATALOGUE if e not in kept])
+    assert found.effect == effect
+    assert found.sentence.startswith('emps_axis: your velocity_gain is ')
+    assert found.sentence.endswith('No effect is named.') == first

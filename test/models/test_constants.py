@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Constants that differ from drive to drive, and from candidate to candidate."""
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from checks.reference.axis import simulate_axis
+from checks.reference.tripod import simulate_tripod
+from ros2_ident.kernel import rows
+from ros2_ident.models import load_machine, Machine, machine_from_mapping
+from ros2_ident.models.linear_axis.model import LinearAxis
+from ros2_ident.models.recorded import recorded_motion
+from ros2_ident.models.tripod.model import Tripod
+from ros2_ident.recording import Dataset
+from ros2_ident.simulate.motions import draw_motion
+
+Array = npt.NDArray[np.float64]
+
+TRIPOD = load_machine(Path(__file__).parents[2] / 'config' / 'tripod.yaml')
+CYCLE = 5e-4
+TIME = np.arange(1600) * CYCLE
+POSITION = np.stack([0.05 * np.sin(9.0 * TIME) ** 2, 0.03 * np.sin(14.0 * TIME) ** 2])
+VELOCITY = np.gradient(POSITION, CYCLE, axis=1)
+# What two drives have that otherwise are the same.
+OWN = {
+    'gear_factor': [78.54, 50.0],
+    'rail_mass': [1.5, 1.1],
+    'coulomb_regularisation': [5e-3, 2e-3],
+    'law': ['cascade_pi', 'cascade_p'],
+    'position_gain': [61.3, 40.0],
+    'velocity_gain': [4.5, 6.0],
+    'integral_gain': [250.0, 90.0],
+    'velocity_feedforward': [1.0, 0.7],
+    'torque_limit': [6.0, 0.3],
+}
+TRUTH = {
+    'measurement_delay': 0.0249,
+    'gear_stiffness': 232139.0,
+    'gear_damping_ratio': 0.396,
+    'tool_mass': 1.762,
+    'drive_inertia': 89.08e-6,
+    'coulomb_torque': 0.05,
+    'viscous_torque': 0.05,
+}
+
+
+def axes(*which: int) -> Machine:
+    """Return axes that have the constants of these drives."""
+    own = {key: [values[d] for d in which] for key, values in OWN.items()}
+    of_drive = ('gear_factor', 'rail_mass', 'coulomb_regularisation')
+    return machine_from_mapping(
+        {
+            'machine': 'linear_axis',
+            'drives': [f'axis_{d}' for d in range(len(which))],
+            'drive': {key: own[key] for key in of_drive},
+            'controller': {
+                'cycle': CYCLE, **{key: own[key] for key in own if key not in of_drive}
+            },
+            'parameters': {
+                'gear_stiffness': [1e3, 3e5, 'N/m'],
+                'gear_damping_ratio': [0.0, 2.0, '1'],
+                'drive_inertia': [5e-5, 15e-5, 'kg m^2'],
+                'coulomb_torque': [0.0, 0.2, 'N m'],
+                'viscous_torque': [0.0, 0.2, 'N m s/m'],
+            },
+        }
+    )  # fmt: skip
+
+
+def model_of(machine: Machine, which: slice) -> LinearAxis:
+    position, velocity = POSITION[which], VELOCITY[which]
+    data = Dataset(
+        machine.drives, CYCLE, 0, position, velocity, position, velocity, 0.0 * position
+    )
+    return LinearAxis(machine, data, substeps=16)
+
+
+def replay(model: LinearAxis, theta: Array) -> Array:
+    there = np.ones((len(model.drives), TIME.size), dtype=bool)
+    seen = recorded_motion(model.data, model.machine.drives)
+    return model.replay_law(seen, theta, there).reshape(len(theta), *there.shape)
+
+
+def test_every_constant_is_each_drives_own() -> None:
+    both = model_of(axes(0, 1), slice(2))
+    names = [p.name for p in both.parameters]
+    low, high = np.array([(p.low, p.high) for p in both.parameters]).T
+    theta = low + (high - low) * np.random.default_rng(4).random((9, len(low)))
+    for d in range(2):
+        alone = model_of(axes(d), slice(d, d + 1))
+        own = theta[
+            :, [names.index(p.name.replace('axis_0', f'axis_{d}')) for p in alone.parameters]
+        ]
+        for of in (LinearAxis.simulate, replay):
+            np.testing.assert_array_equal(of(both, theta)[:, d], of(alone, own)[:, 0])
+    plain = model_of(axes(0, 0), slice(2)).simulate(theta)
+    assert np.abs(both.simulate(theta) - plain).max(axis=(0, 2)).tolist()[0] == 0.0
+    assert np.abs(both.simulate(theta) - plain)[:, 1].max() > 0.05
+
+
+def test_drives_that_differ_follow_their_reference() -> None:
+    machine = axes(0, 1)
+    values = {key: value for key, value in TRUTH.items() if key != 'tool_mass'}
+    del values['measurement_delay']
+    log = simulate_axis(machine, values, POSITION, VELOCITY)
+    model = model_of(machine, slice(2))
+    theta = np.array([[values[p.name.split('.')[-1]] for p in model.parameters]])
+    error = model.simulate(theta)[0] - log.effort
+    assert np.abs(log.effort[1]).max() == 0.3  # its own limit
+    assert np.sqrt(np.mean(error**2, axis=1)).max() < 1e-3 * np.abs(log.effort).max()
+
+
+def tripod(machine: Machine) -> Tripod:
+    motion = draw_motion('multi_point', TRIPOD, 1.0, 3)
+    still = np.zeros_like(motion.position)
+    data = Dataset(machine.drives, CYCLE, 0, motion.position, motion.velocity, None, None, still)
+    return Tripod(machine, data)
+
+
+def test_rails_stand_where_each_candidate_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    uneven = [0.1, 2.3, 4.0]
+    machine = TRIPOD.with_constants(rail_azimuth=uneven)
+    model, other = tripod(TRIPOD), tripod(machine)
+    theta = np.array([[TRUTH[p.name.split('.')[-1]] for p in model.parameters]] * 2)
+    expected = np.concatenate([model.simulate(theta[:1]), other.simulate(theta[:1])])
+    plain = model.candidates.rows
+
+    def turned(values: Array, *more: object) -> Array:
+        block = plain(values, *more)
+        for d, angle in enumerate(uneven):
+            block[1::2, rows.row_of('rail_azimuth', d)] = angle
+        return block
+
+    monkeypatch.setattr(model.candidates, 'rows', turned)
+    np.testing.assert_array_equal(model.simulate(theta), expected)
+    assert np.abs(expected[1] - expected[0]).max() > 0.05
+    assert other.data.command_position is not None and other.data.command_velocity is not None
+    log = simulate_tripod(machine, TRUTH, other.data.command_position, other.data.command_velocity)
+    assert np.sqrt(np.mean((expected[1] - log.effort) ** 2, axis=1)).max() < 1e-5

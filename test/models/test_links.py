@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Full inertials of links: what fit and description say, and that bodies can have them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip('pinocchio', reason='pinocchio is not installed')
+
+from models.test_serial import described, moving, tabled, URDF  # noqa: E402
+from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
+from ros2_ident.models import make_model  # noqa: E402
+from ros2_ident.models.serial.arm import arm_of  # noqa: E402
+from ros2_ident.models.serial.cone import consistent  # noqa: E402
+from ros2_ident.models.serial.links import effort_of, links_of  # noqa: E402
+
+BOXES = {
+    'link_moment': [-5.0, 5.0, 'kg m'],
+    'link_inertia': [-5.0, 5.0, 'kg m^2'],
+    'drive_inertia': [0.0, 1.0, 'kg m^2'],
+    'coulomb_torque': [0.0, 20.0, 'N m'],
+    'viscous_torque': [0.0, 20.0, 'N m s/rad'],
+}
+
+
+@pytest.fixture
+def model(tmp_path: Path):
+    machine = described(tmp_path, **BOXES)
+    return make_model(machine, moving(machine))
+
+
+def middle(model) -> np.ndarray:
+    return np.array([0.5 * (p.low + p.high) for p in model.parameters])
+
+
+def links_alone(model, theta: np.ndarray) -> np.ndarray:
+    """Return what a candidate's links and rotors ask, without friction."""
+    values = dict(zip([p.name for p in model.parameters], theta, strict=True))
+    for name in values:
+        if name.endswith(('coulomb_torque', 'viscous_torque')):
+            values[name] = 0.0
+    return model.simulate(np.array(list(values.values())))[0]
+
+
+def rotors(model, theta: np.ndarray) -> np.ndarray:
+    sizes = [
+        t for p, t in zip(model.parameters, theta, strict=True) if p.name.endswith('drive_inertia')
+    ]
+    return np.array(sizes)[:, None] * model.motion[2]
+
+
+def test_a_body_is_what_its_link_says(tmp_path: Path) -> None:
+    bodies = arm_of(described(tmp_path)).bodies
+    assert [body.name for body in bodies] == ['column', 'carriage', 'upper', 'hand']
+    mass, centre, inertia = bodies[2].inertial(bodies[2].inertials)
+    assert mass == pytest.approx(3.0)
+    np.testing.assert_allclose(centre, [0.2, 0.0, 0.01], atol=1e-12)
+    assert np.trace(inertia) == pytest.approx(0.1)
+
+
+def test_the_body_behind_an_empty_link_is_the_one_that_is_changed(tmp_path: Path) -> None:
+    text = URDF.replace('<mass value="1.5"/>', '<mass value="0.05"/>')
+    machine = described(tmp_path).with_constants(description=text)
+    body = arm_of(machine).bodies[3]
+    assert body.name == 'tool'
+    mass, centre, _ = body.inertial(body.inertials)
+    assert mass == pytest.approx(0.4)
+    np.testing.assert_allclose(centre, [0.0, 0.0, 0.05], atol=1e-12)
+
+
+def test_links_ask_what_the_candidate_asks(model) -> None:
+    rng = np.random.default_rng(0)
+    low, high = np.array([(p.low, p.high) for p in model.parameters]).T
+    theta = middle(model) + 0.01 * rng.normal(size=len(low)) * (high - low)
+    found = links_of(model, theta, np.diag((0.05 * (high - low)) ** -2.0), 0.3)
+    assert consistent(found.inertials).all()
+    expected = links_alone(model, found.theta)
+    asked = effort_of(model, found) + rotors(model, found.theta)
+    np.testing.assert_allclose(asked, expected, rtol=0, atol=1e-9)
+    # Flat: its inertia about z is the sum of the two others.
+    assert found.mended == ('upper',)
+
+
+def test_what_a_fit_knows_stays_and_what_it_does_not_is_the_descriptions(model) -> None:
+    low, high = np.array([(p.low, p.high) for p in model.parameters]).T
+    names = [p.name for p in model.parameters]
+    theta = middle(model)
+    known, unknown = names.index('elbow.link_moment_x'), names.index('wrist.link_inertia_xx')
+    theta[[known, unknown]] += [0.3, 2.0]
+    sure = np.full(len(names), 1e-4)
+    sure[unknown] = 50.0
+    found = links_of(model, theta, np.diag(sure**-2.0), 0.3)
+    assert found.theta[known] == pytest.approx(theta[known], abs=1e-3)
+    assert found.theta[unknown] == pytest.approx(middle(model)[unknown], abs=0.05)
+
+
+def test_friction_moves_with_what_it_is_correlated_with(model) -> None:
+    names = [p.name for p in model.parameters]
+    one, other = names.index('wrist.link_inertia_xx'), names.index('wrist.viscous_torque')
+    theta = middle(model)
+    # No body: the wrist's inertia about its axis would be below zero.
+    theta[one] -= 3.0
+    covariance = np.diag(np.full(len(names), 0.1**2))
+    covariance[one, other] = covariance[other, one] = 0.5 * 0.1**2
+    found = links_of(model, theta, np.linalg.inv(covariance), 0.3)
+    moved = found.theta - theta
+    assert moved[one] > 1.0
+    assert moved[other] == pytest.approx(0.5 * moved[one], rel=1e-6)
+    assert consistent(found.inertials).all()
+
+
+def test_a_held_parameter_stays(tmp_path: Path) -> None:
+    machine = described(tmp_path, **BOXES)
+    free = make_model(machine, moving(machine))
+    name = 'elbow.link_moment_x'
+    value = dict(zip([p.name for p in free.parameters], middle(free), strict=True))[name] + 0.2
+    model = make_model(machine, moving(machine), fixed={name: value})
+    theta = middle(model)
+    found = links_of(model, theta, np.eye(len(theta)), 0.3)
+    asked = effort_of(model, found) + rotors(model, found.theta)
+    np.testing.assert_allclose(asked, links_alone(model, found.theta), rtol=0, atol=1e-4)
+    told, _ = model.inertials.changes
+    names, middles = model.inertials.names_and_middles()
+    now = middles + told @ (found.inertials - [b.inertials for b in found.bodies]).ravel()
+    assert now[names.index(name)] == pytest.approx(value, abs=1e-4)
+
+
+def test_a_description_that_no_body_can_have_is_mended(model, tmp_path: Path) -> None:
+    text = URDF.replace('ixx="0.2" ixy="0.01"', 'ixx="0.9" ixy="0.01"')
+    machine = model.machine.with_constants(description=text)
+    other = make_model(machine, moving(machine))
+    found = links_of(other, middle(other), np.eye(len(middle(other))), 0.3)
+    assert found.mended == ('column', 'upper')
+    assert consistent(found.inertials).all()
+
+
+def test_a_table_says_nothing_of_links() -> None:
+    machine = tabled()
+    model = make_model(machine, moving(machine))
+    with pytest.raises(IdentError) as caught:
+        links_of(model, middle(model), np.eye(len(model.parameters)), 0.3)
+    assert caught.value.code is ErrorCode.INVALID_GOAL
+    assert 'geometry.description' in caught.value.message

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Effects with a memory: several on one hook, each with its own, or none at all.
+
+The catalogue is what lies in the package, so each runs in a copy of it, in a process of its own.
+"""
+
+from dataclasses import replace
+import inspect
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from ros2_ident.effects import get_effect, Hook
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.kernel.hooks import check_memories
+
+ROOT = Path(__file__).parents[2]
+WITH_MEMORY = 'current_loop_lag', 'friction_drift', 'presliding'
+
+
+def axis(*effects):
+    """Return an EMPS axis that goes to and fro; in the copy, too."""
+    import numpy as np
+
+    from ros2_ident.models import EffectAt, load_machine, make_model
+    from ros2_ident.recording import Dataset
+
+    time = np.arange(600) * 1e-3
+    position = 0.05 * (1.0 - np.cos(12.0 * time))[None]
+    velocity = 0.6 * np.sin(12.0 * time)[None]
+    data = Dataset(
+        ('emps_axis',), 1e-3, 0, position, velocity, None, None, np.zeros_like(position)
+    )
+    at = [EffectAt(effect, 'emps_axis') for effect in effects]
+    return make_model(load_machine('config/emps.yaml'), data, effects=at)
+
+
+def simulated(effects, values):
+    """Return (K,) what the axis logs with effects at the given values."""
+    import numpy as np
+
+    return axis(*effects).simulate(np.array([[95.0, 200.0, 20.0, 0.0, *values]]))[0, 0]
+
+
+def twice_on_each_hook():
+    """Run in the copy, where each effect with a memory is there twice."""
+    from numba import njit
+    import numpy as np
+
+    from ros2_ident.effects import DriveState
+    from ros2_ident.kernel import hooks
+    from ros2_ident.kernel.rows import bit, DRIVE_COUNT, effect_row, MEMORY_COUNT
+    from ros2_ident.lanes import spread, store, WIDTH
+
+    values = {
+        'current_loop_lag': [0.003],
+        'friction_drift': [0.0, 2e-3, 0.2],
+        'presliding': [2e-4],
+    }
+    for effect, value in values.items():
+        first = simulated([effect], value)
+        np.testing.assert_array_equal(simulated([f'more_{effect}'], value), first)
+        plain = simulated([], [])
+        assert np.abs(first - plain).max() > 0.1, effect
+        both = simulated([effect, f'more_{effect}'], [*value, *value])
+        if effect == 'presliding':
+            # The second says what direction there is, whatever the first made of it.
+            np.testing.assert_array_equal(both, first)
+        else:
+            assert np.abs(both - first).max() > 0.1, effect
+
+    names = 'current_loop_lag', 'more_current_loop_lag'
+    on = sum(bit(name) for name in names)
+
+    @njit
+    def run(torque, par, mem, out):
+        zero = spread(0.0)
+        for k in range(torque.size):
+            drive = DriveState(
+                zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, spread(1e-3), zero,
+                zero, zero,
+            )  # fmt: skip
+            value = spread(torque[k])
+            store(out, k * WIDTH, hooks.command_hook(value, drive, on, par, 0, mem, 0))
+            hooks.command_keeps(value, drive, on, par, 0, mem, 0, None)
+
+    torque = np.random.default_rng(1).standard_normal(40)
+    lags = np.array([0.002, 0.007])
+    par, mem = np.zeros(DRIVE_COUNT * WIDTH), np.zeros(MEMORY_COUNT * WIDTH)
+    for name, lag in zip(names, lags, strict=True):
+        par[effect_row(name) * WIDTH :][:WIDTH] = lag
+    out = np.empty((torque.size, WIDTH))
+    run(torque, par, mem, out.ravel())
+    # The second lag follows the mean of what the first lets through in a cycle.
+    state = np.zeros(2)
+    for k, value in enumerate(torque):
+        through = value
+        for i, lag in enumerate(lags):
+            share = (1.0 - np.exp(-1e-3 / lag)) * lag / 1e-3
+            mean = through + (state[i] - through) * share
+            state[i] = through + (state[i] - through) * np.exp(-1e-3 / lag)
+            through = mean
+        np.testing.assert_allclose(out[k], through, rtol=1e-13, atol=1e-15)
+
+
+def none_left(path):
+    """Run in the copy, where no effect has a memory."""
+    import numpy as np
+
+    from ros2_ident.effects import CATALOGUE
+
+    assert not any(effect.keeps for effect in CATALOGUE.values())
+    np.save(path, simulated(['stribeck', 'torque_ripple'], [5.0, 0.02, 0.5, 1.0, 0.0]))
+
+
+def in_a_copy(tmp_path: Path, call: str) -> None:
+    functions = axis, simulated, twice_on_each_hook, none_left
+    source = '\n\n'.join([*map(inspect.getsource, functions), call])
+    ran = subprocess.run(
+        [sys.executable, '-c', source],
+        cwd=tmp_path,
+        env={
+            **os.environ,
+            'PYTHONPATH': str(tmp_path),
+            'NUMBA_CACHE_DIR': str(tmp_path / 'numba'),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+
+
+@pytest.fixture
+def effects(tmp_path: Path) -> Path:
+    """Return the folder of effects of a copy of the package."""
+    without = shutil.ignore_patterns('__pycache__')
+    shutil.copytree(ROOT / 'ros2_ident', tmp_path / 'ros2_ident', ignore=without)
+    shutil.copytree(ROOT / 'config', tmp_path / 'config')
+    return tmp_path / 'ros2_ident' / 'effects'
+
+
+def test_effects_of_one_hook_have_a_memory_each(effects: Path, tmp_path: Path) -> None:
+    for effect in WITH_MEMORY:
+        text = (effects / f'{effect}.py').read_text(encoding='utf-8')
+        more = text.replace(f"id='{effect}'", f"id='more_{effect}'")
+        (effects / f'more_{effect}.py').write_text(more, encoding='utf-8')
+    in_a_copy(tmp_path, 'twice_on_each_hook()')
+
+
+def test_a_catalogue_without_memories_simulates_the_same(
+    effects: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for effect in WITH_MEMORY:
+        (effects / f'{effect}.py').unlink()
+    in_a_copy(tmp_path, "none_left('out.npy')")
+    monkeypatch.chdir(ROOT)
+    here = simulated(['stribeck', 'torque_ripple'], [5.0, 0.02, 0.5, 1.0, 0.0])
+    np.testing.assert_allclose(np.load(tmp_path / 'out.npy'), here, rtol=1e-12)
+    assert np.abs(here - simulated([], [])).max() > 0.1
+
+
+def test_a_memory_where_none_is_written_is_refused() -> None:
+    lag = get_effect('current_loop_lag')
+    check_memories([lag, get_effect('backlash')])
+    with pytest.raises(IdentError, match='an effect of TORQUE has no memory') as info:
+        check_memories([lag, replace(lag, hook=Hook.TORQUE)])
+    assert info.value.code is ErrorCode.INVALID_GOAL

@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Positions and velocities beside the effort: against the reference, and in residuals and costs.
+
+Tolerances are RMS: 1e-5 N m, 2e-8 m and 2e-6 m/s, the worst drive's.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from checks.reference.axis import simulate_axis
+from checks.reference.effects import Effect
+from checks.reference.plant import Log
+from checks.reference.tripod import simulate_tripod
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model, Output
+from ros2_ident.models.recorded import recorded_motion
+from ros2_ident.models.tripod.model import Tripod
+from ros2_ident.recording import Dataset
+from ros2_ident.simulate.motions import draw_motion
+
+FILE = Path(__file__).parents[2] / 'config' / 'tripod.yaml'
+MACHINE = load_machine(FILE)
+TRUTH = {
+    'measurement_delay': 0.0249,
+    'gear_stiffness': 232139.0,
+    'gear_damping_ratio': 0.396,
+    'tool_mass': 1.762,
+    'drive_inertia': 89.08e-6,
+    'coulomb_torque': 0.05,
+    'viscous_torque': 0.05,
+}
+ALL = 'effort', 'position', 'velocity'
+TOLERANCE = {'effort': 1e-5, 'position': 2e-8, 'velocity': 2e-6}
+
+
+def dataset(log: Log, command: tuple[np.ndarray, np.ndarray]) -> Dataset:
+    return Dataset(log.names, log.cycle, 0, *command, log.position, log.velocity, log.effort)
+
+
+@pytest.fixture(scope='module')
+def data() -> Dataset:
+    motion = draw_motion('multi_point', MACHINE, 2.0, 5)
+    command = motion.position, motion.velocity
+    return dataset(simulate_tripod(MACHINE, TRUTH, *command), command)
+
+
+def truth(model) -> np.ndarray:
+    return np.array([[TRUTH[p.name.split('.')[-1]] for p in model.parameters]])
+
+
+def misses(model, log, theta=None) -> dict[str, float]:
+    """Return the worst drive's RMS difference to the reference, by quantity."""
+    theta = truth(model) if theta is None else theta
+    simulated = model.simulate(theta)[0].reshape(len(ALL), -1, model.data.cycles)
+    return {
+        q: float(np.sqrt(np.mean((simulated[i] - getattr(log, q)) ** 2, axis=1)).max())
+        for i, q in enumerate(ALL)
+    }
+
+
+def test_the_tripods_motion_is_the_references(data) -> None:
+    missed = misses(Tripod(MACHINE, data, quantities=ALL), data)
+    assert all(missed[q] < TOLERANCE[q] for q in ALL), missed
+
+
+P_LAW = {'law': 'cascade_p', 'integral_gain': 0.0}
+
+
+@pytest.mark.parametrize('law', [{}, P_LAW], ids=['pi', 'p'])
+def test_a_constant_on_a_tripods_drives_moves_it_as_in_the_reference(law: dict) -> None:
+    plain = yaml.safe_load(FILE.read_text())
+    machine = machine_from_mapping(
+        {
+            **plain,
+            'controller': {**plain['controller'], **law},
+            'parameters': {**plain['parameters'], 'constant_force': [-1.0, 1.0, 'N m']},
+        }
+    )
+    motion = draw_motion('multi_point', machine, 2.0, 5)
+    command = motion.position, motion.velocity
+    values = TRUTH | {'constant_force': 0.2}
+    log = simulate_tripod(machine, values, *command)
+    model = Tripod(machine, dataset(log, command), quantities=ALL)
+    theta = np.array([[values[p.name.split('.')[-1]] for p in model.parameters]])
+    missed = misses(model, log, theta)
+    assert all(missed[q] < TOLERANCE[q] for q in ALL), missed
+    more = log.effort - simulate_tripod(machine, TRUTH, *command).effort
+    assert np.mean(more, axis=1) == pytest.approx(0.2, abs=0.01)
+
+
+def test_a_tripod_whose_controllers_have_no_integral_part_sags_as_the_reference_does() -> None:
+    plain = yaml.safe_load(FILE.read_text())
+    machine = machine_from_mapping({**plain, 'controller': {**plain['controller'], **P_LAW}})
+    motion = draw_motion('multi_point', machine, 2.0, 5)
+    command = motion.position, motion.velocity
+    log = simulate_tripod(machine, TRUTH, *command)
+    assert np.all(command[0][:, 0] - log.position[:, 0] > 1e-5), 'weight shows in the position'
+    missed = misses(Tripod(machine, dataset(log, command), quantities=ALL), log)
+    assert all(missed[q] < TOLERANCE[q] for q in ALL), missed
+
+
+@pytest.mark.parametrize('elastic', [True, False])
+@pytest.mark.parametrize('law', [{}, P_LAW], ids=['pi', 'p'])
+def test_an_axis_motion_is_the_references(elastic: bool, law: dict) -> None:
+    units = (
+        {'drive_inertia': 'kg m^2', 'gear_stiffness': 'N/m', 'gear_damping_ratio': '1'}
+        if elastic
+        else {'moving_mass': 'kg'}
+    )
+    units['constant_force'] = 'N m'
+    values = {name: TRUTH.get(name, 3.0) for name in units} | {'constant_force': 0.2}
+    machine = machine_from_mapping(
+        {
+            'machine': 'linear_axis',
+            'drives': ['lift'],
+            'geometry': {'gravity': 9.81 if elastic or law else 0.0},
+            'drive': {'gear_factor': 78.54, 'coulomb_regularisation': 5e-3}
+            | ({'rail_mass': 1.5} if elastic else {}),
+            'controller': yaml.safe_load(FILE.read_text())['controller'] | law,
+            'parameters': {name: [0.0, 2.0 * values[name], unit] for name, unit in units.items()},
+        }
+    )
+    time = np.arange(3000) * 5e-4
+    position = (0.2 + 0.05 * np.clip(time / 0.5, 0.0, 1.0) ** 3 * np.sin(9.0 * time))[None]
+    command = position, np.gradient(position, 5e-4, axis=1)
+    log = simulate_axis(machine, values, *command)
+    model = make_model(machine, dataset(log, command), quantities=ALL)
+    simulated = model.simulate(np.array([list(values.values())]))[0]
+    for row, quantity in zip(simulated, ALL, strict=True):
+        rms = np.sqrt(np.mean((row - getattr(log, quantity)[0]) ** 2))
+        assert rms < TOLERANCE[quantity], quantity
+
+
+def test_the_logged_position_is_the_motors_not_what_an_encoder_makes_of_it(data) -> None:
+    step = 2e-5
+    at = [EffectAt('encoder_quantisation', 'drive_2')]
+    model = Tripod(MACHINE, data, effects=at, quantities=['position'])
+    theta = np.array([[*truth(Tripod(MACHINE, data))[0], step]])
+    command = data.command_position, data.command_velocity
+    coarse = Effect('encoder_quantisation', ('drive_2',), {'step': step})
+    reference = simulate_tripod(MACHINE, TRUTH, *command, [coarse])
+    for seen in (model.simulate(theta)[0, 1], reference.position[1]):
+        assert np.std(np.mod(seen, step)) > 0.2 * step
+
+
+def test_outputs_come_quantity_by_quantity_whatever_the_order_asked_for(data) -> None:
+    model = Tripod(
+        MACHINE,
+        data,
+        drives=['drive_1', 'drive_3'],
+        quantities=['velocity', 'effort'],
+        weights=[3.0, 2.0],
+    )
+    assert model.outputs == (
+        Output('drive_1', 'N m', 2.0, 'drive_1', 'effort'),
+        Output('drive_3', 'N m', 2.0, 'drive_3', 'effort'),
+        Output('drive_1.velocity', 'm/s', 3.0, 'drive_1', 'velocity'),
+        Output('drive_3.velocity', 'm/s', 3.0, 'drive_3', 'velocity'),
+    )
+    assert model.places == ('drive_1', 'drive_3')
+    assert model.extended([EffectAt('stribeck', 'drive_1')]).outputs == model.outputs
+    expected = np.concatenate([data.effort[::2], data.velocity[::2]])
+    np.testing.assert_array_equal(model.measured, expected)
+    assert model.simulate(truth(model)).shape == (1, 4, data.cycles)
+    assert Tripod(MACHINE, data, quantities=['position']).unit == 'm'
+    assert [o.name for o in Tripod(MACHINE, data).outputs] == list(MACHINE.drives)
+
+
+def holed(data: Dataset) -> Dataset:
+    """Return the recording with 1 kHz of noisy effort, few positions, one drive without any."""
+    rng = np.random.default_rng(2)
+    effort = data.effort + 0.01 * rng.standard_normal(data.effort.shape)
+    effort[:, 1::2] = np.nan
+    position = data.position + 1e-5 * rng.standard_normal(data.effort.shape)
+    position[0, :] = np.nan
+    position[:, 700:] = np.nan
+    return replace(data, effort=effort, position=position)
+
+
+def around(model, count: int) -> np.ndarray:
+    rng = np.random.default_rng(6)
+    theta = truth(model) * (1.0 + 0.2 * rng.standard_normal((count, len(model.parameters))))
+    theta[0] = truth(model)
+    return np.maximum(theta, 0.0)
+
+
+def test_costs_are_the_weighted_rms_errors_of_the_outputs_that_have_samples(data) -> None:
+    data = holed(data)
+    model = Tripod(MACHINE, data, quantities=ALL, weights=[1.0, 1e3, 10.0])
+    plain = Tripod(MACHINE, data)
+    theta = around(model, 11)
+    simulated = model.simulate(theta)
+    np.testing.assert_allclose(simulated[:, :3], plain.simulate(theta), rtol=0.0, atol=1e-12)
+    weights = np.repeat([1.0, 1e3, 10.0], 3)[:, None]
+    errors = weights * (np.concatenate([data.effort, data.position, data.velocity]) - simulated)
+    there = np.isfinite(model.measured)
+    np.testing.assert_allclose(model.residuals(theta), errors[:, there], rtol=1e-12, atol=1e-12)
+    rms = [
+        np.sqrt(np.mean(errors[:, o, row] ** 2, axis=1))
+        for o, row in enumerate(there)
+        if row.any()
+    ]
+    assert len(rms) == 8
+    np.testing.assert_allclose(model.costs(theta), np.mean(rms, axis=0), rtol=1e-12)
+    assert np.abs(model.costs(theta) / plain.costs(theta) - 1.0).min() > 0.01
+
+
+def test_what_is_given_up_never_costs_more_than_it_would_have(data) -> None:
+    model = Tripod(MACHINE, holed(data), quantities=ALL, weights=[1.0, 1e3, 10.0])
+    theta = around(model, 40)
+    whole = model.costs(theta)
+    limit = float(np.percentile(whole, 30))
+    limited = model.costs(theta, limit)
+    np.testing.assert_array_equal(limited[whole <= limit], whole[whole <= limit])
+    assert (limited[whole > limit] > limit).all()
+    assert (limited <= whole).all()
+    assert np.count_nonzero(limited < whole) > 10
+
+
+def test_positions_alone_are_compared_where_there_is_no_effort(data) -> None:
+    blind = replace(data, effort=None)
+    model = Tripod(MACHINE, blind, quantities=['position'])
+    assert [o.name for o in model.outputs] == [f'{d}.position' for d in MACHINE.drives]
+    np.testing.assert_array_equal(model.measured, data.position)
+    assert model.recorded_motion() is None
+    costs = model.costs(around(model, 9))
+    assert costs[0] < TOLERANCE['position'] < costs[1:].min()
+    np.testing.assert_array_equal(
+        model.simulate(truth(model)),
+        Tripod(MACHINE, data, quantities=ALL).simulate(truth(model))[:, 3:6],
+    )
+    with pytest.raises(IdentError, match='the recording holds no effort; record it') as info:
+        _ = Tripod(MACHINE, blind).measured
+    assert info.value.code is ErrorCode.MISSING_STREAM
+
+
+def test_a_controllers_replay_is_its_effort_whatever_is_compared(data) -> None:
+    there = np.isfinite(data.effort)
+    seen = recorded_motion(data, MACHINE.drives)
+    replays = [
+        model.replay_law(seen, truth(model), there)
+        for model in (Tripod(MACHINE, data), Tripod(MACHINE, data, quantities=['position']))
+    ]
+    np.testing.assert_array_equal(*replays)
+
+
+def test_what_drives_the_model_is_not_compared_with_it(data) -> None:
+    inverse = replace(data, command_position=None, command_velocity=None)
+    assert len(Tripod(MACHINE, inverse).outputs) == 3
+    with pytest.raises(IdentError, match='the recorded motion drives the model') as info:
+        Tripod(MACHINE, inverse, quantities=['effort', 'position'])
+    assert info.value.code is ErrorCode.INVALID_GOAL
+
+
+@pytest.mark.parametrize(
+    ('quantities', 'weights', 'said'),
+    [
+        (['colour'], None, 'colour cannot be compared; choose from effort, position, velocity'),
+        ([], None, 'nothing cannot be compared'),
+        (['effort', 'effort'], None, 'effort, effort cannot be compared'),
+        (['effort', 'position'], [1.0], 'weights 1 do not suit effort, position'),
+        (['effort'], [0.0], 'weights 0 do not suit effort; give one positive number for each'),
+        (['effort'], [float('nan')], 'weights nan do not suit effort'),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(data, quantities, weights, said: str) -> None:
+    with pytest.raises(IdentError, match=said) as info:
+        Tripod(MACHINE, data, quantities=quantities, weights=weights)
+    assert info.value.code is ErrorCode.INVALID_GOAL

@@ -1,0 +1,348 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arms as they are built: couplings, counterbalances, a band, commands; bags of simulated arms."""
+
+from dataclasses import replace
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip('pinocchio', reason='pinocchio is not installed')
+
+from checks.reference.bag_making import simulate_bag  # noqa: E402
+from checks.reference.twin import twin_of  # noqa: E402
+from models.test_serial import described, JOINTS, TILT, URDF  # noqa: E402
+from ros2_ident.cli.main import main  # noqa: E402
+from ros2_ident.commissioning import check_both  # noqa: E402
+from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
+from ros2_ident.export.content import content_of  # noqa: E402
+from ros2_ident.export.estimate import Estimate  # noqa: E402
+from ros2_ident.identify.data import Data  # noqa: E402
+from ros2_ident.identify.run import identify  # noqa: E402
+from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
+from ros2_ident.identify.setup import problem_of  # noqa: E402
+from ros2_ident.machine.machine import Machine  # noqa: E402
+from ros2_ident.models import load_machine, make_model  # noqa: E402
+from ros2_ident.models.registry import read_machine_file  # noqa: E402
+from ros2_ident.recording import Dataset, read_bag, Stream, write_bag  # noqa: E402
+from ros2_ident.simulate.bag import CLEAN, START  # noqa: E402
+from ros2_ident.simulate.log import simulate  # noqa: E402
+from ros2_ident.simulate.motions import draw_motion  # noqa: E402
+
+ALGEBRAIC = IdentifySettings(method='algebraic')
+BOXES = {
+    'link_moment': '[-5.0, 5.0, kg m]',
+    'link_inertia': '[-5.0, 5.0, kg m^2]',
+    'coulomb_torque': '[0.0, 20.0, N m]',
+    'viscous_torque': '[0.0, 20.0, N m s/rad]',
+}
+BUILT = '''
+  gear_factor: [80.0, 1.0, 1.0, 60.0]
+  coulomb_regularisation: 0.05
+  coupled_to: [none, none, none, elbow]
+  coupling: -0.7
+  balance_base: [0.0, 0.0, 0.7, 0.0]
+  balance_arm: [0.0, 0.0, 0.15, 0.0]
+  balance_angle: 0.4
+  balance_stroke: 0.5
+'''
+
+
+def arm(
+    folder: Path, drive: str = '', controller: str = '', urdf: str = URDF, **boxes: str
+) -> Machine:
+    folder.mkdir(exist_ok=True)
+    (folder / 'arm.urdf').write_text(urdf)
+    tilt = ', '.join(f'{name}: {value}' for name, value in TILT.items())
+    lines = [f'  {name}: {box}' for name, box in (boxes or BOXES).items()]
+    (folder / 'arm.yaml').write_text(
+        f'machine: serial\ndrives: [{", ".join(JOINTS)}]\neffort_noise: 0.05\n'
+        f'geometry: {{description: arm.urdf, {tilt}}}\n'
+        + (f'drive:{drive}' if drive else '')
+        + f'controller:\n  cycle: 0.004\n{controller}parameters:\n'
+        + '\n'.join(lines)
+        + '\n'
+    )
+    return load_machine(folder / 'arm.yaml')
+
+
+def logged(machine: Machine, truth: dict, seconds: float = 12.0, seed: int = 1) -> Dataset:
+    """A simulated log without noise, as the model takes it."""
+    motion = draw_motion('multisine', machine, seconds, seed)
+    log = simulate_bag(machine, truth, motion, 0, CLEAN).log
+    return Dataset(machine.drives, log.cycle, 0, None, None, log.position, None, log.effort)
+
+
+def noisy(data: Dataset, size: float, seed: int = 0) -> Dataset:
+    assert data.effort is not None
+    rng = np.random.default_rng(seed)
+    return replace(data, effort=data.effort + rng.normal(0.0, size, data.effort.shape))
+
+
+def values(model, truth: dict) -> np.ndarray:
+    """Return a candidate: the description's links, and what the truth says of the rest."""
+    out = []
+    for p in model.parameters:
+        shared = p.name.rpartition('.')[2]
+        middle = 0.5 * (p.low + p.high)
+        out.append(truth.get(p.name, truth.get(shared, middle)))
+    return np.array(out)
+
+
+# ---------------------------------------------------------------------- model and reference
+
+
+def test_gears_couplings_and_counterbalances_are_those_of_the_reference(tmp_path: Path) -> None:
+    boxes = {
+        **BOXES,
+        'drive_inertia': '[0.0, 0.1, kg m^2]',
+        'constant_force': '[-2.0, 2.0, N m]',
+        'balance_force': '[0.0, 4000.0, N]',
+        'balance_rate': '[0.0, 9000.0, N/m]',
+        'payload_mass': '[0.0, 4.0, kg]',
+        'payload_x': '[-0.5, 0.5, m]',
+        'payload_z': '[-0.5, 0.5, m]',
+    }
+    machine = arm(tmp_path, BUILT, **boxes)
+    truth = {
+        'drive_inertia': 0.002, 'wrist.drive_inertia': 0.004, 'coulomb_torque': 0.5,
+        'viscous_torque': 0.2, 'elbow.constant_force': 0.3, 'constant_force': -0.1,
+        'elbow.balance_force': 3000.0, 'elbow.balance_rate': 7000.0,
+        'payload_mass': 1.2, 'payload_x': 0.1, 'payload_z': -0.2,
+    }  # fmt: skip
+    data = logged(machine, truth)
+    model = make_model(machine, data)
+    # Rotors take what the same rotation of links shows: their names stand for both.
+    theta = values(model, truth)
+    inside = slice(100, -100)
+    told = model.simulate(theta)[0][:, inside]
+    assert data.effort is not None
+    plain = data.effort[:, inside]
+    # Splines through samples, here through positions and there through set-points' speeds.
+    size = np.abs(plain).max(axis=1)
+    assert (np.abs(told - plain).max(axis=1) < 1e-3 * size).all()
+    for name in ('elbow.balance_force', 'elbow.balance_rate', 'wrist.drive_inertia'):
+        other = theta.copy()
+        other[[p.name for p in model.parameters].index(name)] *= 1.2
+        changed = np.abs(model.simulate(other)[0][:, inside] - plain).max(axis=1)
+        assert (changed > 5e-3 * size)[2 if 'balance' in name else 3]
+    # The elbow's motor bears the wrist's: without the coupling its effort is another one.
+    free = make_model(arm(tmp_path, BUILT.replace('-0.7', '0.0'), **boxes), data)
+    missed = np.abs(free.simulate(theta)[0][:, inside] - plain).max(axis=1)
+    assert (missed[2:] > 2e-3 * size[2:]).all()
+
+
+def test_a_counterbalance_is_found_beside_links_and_friction(tmp_path: Path) -> None:
+    machine = arm(tmp_path, BUILT, **BOXES, balance_force='[0.0, 9000.0, N]')
+    truth = {'coulomb_torque': 0.4, 'viscous_torque': 0.2, 'elbow.balance_force': 3000.0}
+    found = identify(machine, noisy(logged(machine, truth, 25.0), 0.01), settings=ALGEBRAIC)
+    force = {p.name: p for p in found.parameters}['elbow.balance_force']
+    assert force.low < 3000.0 < force.high
+    assert force.high - force.low < 600.0
+
+
+def test_what_cannot_be_built_is_refused(tmp_path: Path) -> None:
+    def refusal(drive: str, **boxes: str) -> IdentError:
+        with pytest.raises(IdentError) as caught:
+            machine = arm(tmp_path, drive, **{**BOXES, **boxes})
+            make_model(machine, logged(arm(tmp_path), {}, 3.0)).simulate(np.zeros((1, 1)))
+        assert caught.value.code is ErrorCode.BAD_MACHINE_FILE
+        return caught.value
+
+    strange = '\n  coupled_to: [none, none, none, knee]\n'
+    assert "wrist is coupled_to 'knee'" in refusal(strange).message
+    both = '\n  coupled_to: [none, none, wrist, elbow]\n'
+    assert 'a joint that no motor moves' in refusal(both).message
+    alone = refusal('', balance_force='[0.0, 1.0, N]').message
+    assert 'nothing says where it pulls; add balance_base' in alone
+    short = BUILT.replace('balance_stroke: 0.5', 'balance_stroke: 0.01')
+    with pytest.raises(IdentError, match='its balance_stroke is 0.01 m; correct balance_stroke'):
+        machine = arm(tmp_path, short)
+        model = make_model(machine, logged(arm(tmp_path), {}, 3.0))
+        model.simulate(values(model, {}))
+
+
+def test_no_file_of_a_simulator_has_them(tmp_path: Path) -> None:
+    data = logged(arm(tmp_path), {}, 2.0)
+    problem = problem_of(arm(tmp_path, BUILT), Data((data,)))
+    nothing = Estimate({}, {}, {}, (), {}, '')
+    with pytest.raises(IdentError, match='none of the files has a place for couplings'):
+        content_of(problem, nothing, 0.3)
+
+
+# ---------------------------------------------------------------------- what is compared
+
+
+def shaken(data: Dataset) -> Dataset:
+    """Return a log whose encoders and torques shake at 25 Hz as no rigid body does."""
+    time = data.cycle * np.arange(data.cycles)
+    shake = np.sin(2.0 * np.pi * 25.0 * time)
+    assert data.position is not None
+    assert data.effort is not None
+    return replace(data, position=data.position + 1e-4 * shake, effort=data.effort + 6.0 * shake)
+
+
+def test_below_its_bandwidth_an_arm_is_rigid(tmp_path: Path) -> None:
+    truth = {'coulomb_torque': 2.0, 'viscous_torque': 3.0}
+    plain = arm(tmp_path)
+    log = shaken(noisy(logged(plain, truth), 0.05))
+    bounded = arm(tmp_path, controller='  bandwidth: 6.0\n')
+    clean = make_model(plain, logged(plain, truth, 8.0, seed=2))
+    size = np.nanstd(clean.measured, axis=1)
+    errors = []
+    for machine in (plain, bounded):
+        found = identify(machine, log, settings=replace(ALGEBRAIC, decimation=1))
+        missed = clean.residuals(found.theta)[0].reshape(len(size), -1)
+        errors.append(missed.std(axis=1) / size)
+    assert (errors[1] < 0.03).all()
+    assert (errors[1] < 0.3 * errors[0]).all()
+    model = make_model(bounded, log)
+    there = np.flatnonzero(np.isfinite(model.measured[0]))
+    # Four samples in a period of 6 Hz, none within one and a half of the ends.
+    assert np.diff(there).max() == int(1.0 / (4.0 * 6.0 * 0.004))
+    assert there[0] * 0.004 == pytest.approx(1.5 / 6.0, abs=0.005)
+
+
+def test_what_holds_a_joint_at_rest_is_left_out(tmp_path: Path) -> None:
+    plain = arm(tmp_path)
+    truth = {'coulomb_torque': 2.0, 'viscous_torque': 3.0}
+    data = noisy(logged(plain, truth), 0.05)
+    assert data.effort is not None
+    speed = make_model(plain, data).motion[1]
+    slow = np.abs(speed) < 0.1
+    # At rest friction is whatever the motor asks of it, here more than when it moves.
+    held = replace(data, effort=data.effort + np.where(slow, 2.5 * np.sign(speed), 0.0))
+    errors = []
+    for machine in (plain, arm(tmp_path, controller='  least_speed: 0.1\n')):
+        model = make_model(machine, held)
+        errors.append(
+            max(
+                abs(p.value - truth[p.name.partition('.')[2]])
+                for p in identify(machine, held, settings=ALGEBRAIC).parameters
+                if p.name.endswith('coulomb_torque')
+            )
+        )
+    assert np.isnan(model.measured[slow]).all()
+    assert np.isfinite(model.measured[~slow]).sum() > 0.5 * slow.size
+    assert errors[1] < 0.05 < 0.2 < errors[0]
+
+
+def test_an_effort_may_stand_before_its_motion(tmp_path: Path) -> None:
+    machine = arm(tmp_path, **BOXES, measurement_delay='[-0.03, 0.03, s]')
+    truth = {'coulomb_torque': 2.0, 'viscous_torque': 3.0}
+    data = noisy(logged(machine, truth, 8.0), 0.05)
+    assert data.effort is not None
+    early = replace(data, effort=np.roll(data.effort, -3, axis=1))
+    found = identify(machine, early, settings=IdentifySettings(starts=1))
+    delay = {p.name: p for p in found.parameters}['measurement_delay']
+    assert delay.low < -0.012 < delay.high
+    assert delay.high - delay.low < 1e-3
+    model = make_model(machine, early)
+    np.testing.assert_allclose(model.effort_delay(found.theta), delay.value)
+    # The motion that belongs to a cycle is told as it was then, whatever drives the model.
+    assert early.position is not None
+    inside = slice(50, -50)
+    np.testing.assert_allclose(
+        model.motion[0][:, inside], early.position[:, inside], rtol=0, atol=2e-4
+    )
+
+
+def test_a_command_of_torques_is_left_out(tmp_path: Path, capsys) -> None:
+    machine = arm(tmp_path)
+    data = logged(machine, {}, 4.0)
+    stamp = START + (4_000_000 * np.arange(data.cycles)).astype(np.int64)
+    assert data.effort is not None
+    assert data.position is not None
+    streams = {
+        '/joint_states': Stream(JOINTS, stamp, position=data.position.T, effort=data.effort.T),
+        '/joint_command': Stream(JOINTS, stamp, effort=data.effort.T),
+    }
+    path = write_bag(tmp_path / 'bag', streams)
+    report = check_both(read_bag(path), read_machine_file(tmp_path / 'arm.yaml'))
+    assert not [f.sentence for f in report.findings if f.level == 'error']
+    said = ' '.join(f.sentence for f in report.findings)
+    assert 'command:' not in said
+    assert 'record the set-point' not in said
+    out = str(tmp_path / 'out')
+    words = ['identify', str(path), '--machine', str(tmp_path / 'arm.yaml'), '--out', out]
+    main([*words, '--method', 'algebraic', '--no-report', '--no-overlay', '--quiet'])
+    assert found_in(Path(out))
+    assert 'record the set-point' not in capsys.readouterr().out
+
+
+# ---------------------------------------------------------------------- simulated bags
+
+
+def found_in(path: Path) -> dict:
+    found: dict = json.loads((path / 'result.json').read_text())['parameters']
+    return found
+
+
+def test_intervals_of_a_simulated_arm_hold_the_truth(tmp_path: Path, capsys) -> None:
+    # The description that is corrected has other masses than the arm.
+    boxes = {**BOXES, 'link_mass': '[-5.0, 5.0, kg]'}
+    true = arm(tmp_path / 'true', **boxes)
+    wrong = URDF.replace('<mass value="3"/>', '<mass value="3.6"/>')
+    wrong = wrong.replace('<mass value="1.5"/>', '<mass value="1.2"/>')
+    believed = arm(tmp_path / 'believed', urdf=wrong, **boxes)
+    bag, out = str(tmp_path / 'bag'), tmp_path / 'out'
+    file = str(tmp_path / 'true/arm.yaml')
+    simulate = ['simulate', bag, '--machine', file, '--motion', 'multisine', '--seconds', '20']
+    assert main([*simulate, '--seed', '3', '--set', 'coulomb_torque=4']) == 0
+    assert 'viscous_torque  5  N m s/rad' in capsys.readouterr().out
+    file = str(tmp_path / 'believed/arm.yaml')
+    words = ['identify', bag, '--machine', file, '--method', 'algebraic', '--out', str(out)]
+    main([*words, '--no-report', '--no-overlay', '--quiet'])
+    data = logged(true, {}, 2.0)
+    model = make_model(true, data)
+    truth = dict(
+        zip(
+            [p.name for p in model.parameters],
+            values(model, {'coulomb_torque': 4.0, 'viscous_torque': 5.0}),
+            strict=True,
+        )
+    )
+    found = found_in(out)
+    assert found.keys() == truth.keys()
+    held = [found[n]['low'] <= value <= found[n]['high'] for n, value in truth.items()]
+    assert np.mean(held) > 0.85
+    before = dict(zip(truth, values(make_model(believed, data), {}), strict=True))
+    name = 'elbow.link_moment_x'
+    assert abs(before[name] - truth[name]) > 10.0 * abs(found[name]['value'] - truth[name])
+
+
+def test_a_load_is_found_by_two_bags(tmp_path: Path) -> None:
+    boxes = {**BOXES, 'payload_mass': '[0.0, 6.0, kg]'}
+    boxes |= {f'payload_{axis}': '[-0.3, 0.3, m]' for axis in 'xyz'}
+    arm(tmp_path, **boxes)
+    file = str(tmp_path / 'arm.yaml')
+    truth = {'payload_mass': 2.5, 'payload_x': 0.05, 'payload_y': -0.03, 'payload_z': 0.12}
+    for name, seed, mass in (('empty', 1, 0.0), ('loaded', 2, 2.5)):
+        told = [f'--set={k}={v}' for k, v in (truth | {'payload_mass': mass}).items()]
+        words = ['simulate', str(tmp_path / name), '--machine', file, '--seed', str(seed)]
+        assert main([*words, '--motion', 'multisine', '--seconds', '15', *told]) == 0
+    words = ['identify', str(tmp_path / 'empty'), str(tmp_path / 'loaded'), '--machine', file]
+    words += ['--each', 'payload_mass', '--fix', 'payload_mass@empty=0', '--starts', '1']
+    out = tmp_path / 'out'
+    main([*words, '--out', str(out), '--no-report', '--no-overlay', '--quiet'])
+    found = found_in(out)
+    assert found['payload_mass@loaded']['value'] == pytest.approx(2.5, rel=0.01)
+    for axis in 'xyz':
+        name = f'payload_{axis}'
+        assert found[name]['value'] == pytest.approx(truth[name], abs=5e-3)
+
+
+def test_a_simulated_arm_takes_links_as_set_and_no_effects(tmp_path: Path, capsys) -> None:
+    machine = described(tmp_path)
+    motion = draw_motion('multi_point', machine, 1.5, 1)
+    for values in ({}, {'wrist.link_mass': 9.0}):
+        slow = twin_of(machine).simulate(machine, values, motion.position, motion.velocity)
+        off = np.abs(simulate(machine, values, motion).effort - slow.effort)
+        # At its ends a log is smoothed like the motion.
+        assert np.quantile(off, 0.95) < 1e-3 * np.abs(slow.effort).max()
+    words = ['simulate', str(tmp_path / 'bag'), '--machine', str(tmp_path / 'arm.yaml')]
+    words += ['--seconds', '1.5', '--clean']
+    assert main([*words, '--set', 'wrist.link_mass=9', '--effect', 'stribeck@wrist:size=0.5']) == 0
+    assert 'wrist.link_mass  9  kg' in capsys.readouterr().out
+    assert main([*words, '--set', 'wrist.weight=9']) == 2

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings made elsewhere: real machines, and a simulator that is not this project's."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
+
+from ros2_ident.recording import align, check, read_bag, smooth_motion, Topics
+
+SHARED = Path(__file__).parents[3] / 'shared'
+DATA, PRACTICE = SHARED / 'data', SHARED / 'blind' / 'practice'
+CYCLES = {'emps': 1e-3, 'kr300': 4e-3, 'ur10': 8e-3, 'so101': 5e-3, 'bam': 1e-3} | {
+    'dp': 1e-3, 'odrive': 1e-3,
+}
+DRIVES = ('drive_1', 'drive_2', 'drive_3')
+
+real = pytest.mark.skipif(not DATA.is_dir(), reason='../shared/data is not there')
+practice = pytest.mark.skipif(not PRACTICE.is_dir(), reason='../shared/blind is not there')
+
+
+def bags():
+    return sorted(x.parent.name for x in DATA.glob('*/metadata.yaml'))
+
+
+def cases(effect=None):
+    found = sorted(PRACTICE.glob('case_*'))
+    if effect is not None:
+        found = [
+            x for x in found if json.loads((x / 'label.json').read_text())['effect'] == effect
+        ]
+    return found
+
+
+@real
+@pytest.mark.parametrize('name', bags())
+def test_every_measured_bag_comes_onto_a_grid(name):
+    # The double pendulum is commanded torques, and no set-point is recorded.
+    topics = Topics(command='') if name.startswith('dp_') else Topics()
+    (recording,) = read_bag(DATA / name, topics)
+    # one sample of an effort that is else 0 there, at 50 Hz: said, and left as it is
+    jumps = 'state: effort of Elbow jumps by 0.114 at 72.0761 s and back'
+    expected = [jumps] if name == 'so101_large_amplitude' else []
+    assert [x.split(';')[0] for x in recording.warnings] == expected
+    data = align(recording, recording.state.names, CYCLES[name.split('_')[0]], need=('position',))
+    assert data.position.shape == (len(recording.state.names), data.cycles)
+    used = np.isfinite(data.position[0]).sum()
+    if 'lift_and_drop' in name:
+        # the motor is switched off after 2 s, and with it the command
+        assert recording.command.stamp.size <= used < recording.state.stamp.size
+    else:
+        assert used == recording.state.stamp.size
+    if recording.command is not None:
+        assert np.isfinite(data.command_velocity).all()
+        for column, row in enumerate(data.command_position):
+            samples = recording.command.position[:, column]
+            slack = 0.02 * np.ptp(samples) + 1e-9
+            assert samples.min() - slack <= row.min() <= row.max() <= samples.max() + slack
+
+
+@real
+def test_emps_samples_are_at_every_cycle():
+    (recording,) = read_bag(DATA / 'emps_train')
+    data = align(recording, ['emps_axis'], 1e-3)
+    assert data.cycles == 24841
+    assert np.isfinite(data.effort).all()
+    assert data.velocity is None
+    assert [x.missing for x in data.quality.streams] == [0, 0]
+    # its recorded stamps are float32 seconds: they scatter by nanoseconds only
+    assert max(x.jitter for x in data.quality.streams) < 1e-7
+    np.testing.assert_array_equal(data.position[0], recording.state.position[:, 0])
+    np.testing.assert_allclose(
+        data.command_position[0], recording.command.position[:, 0], atol=1e-12
+    )
+
+
+@real
+def test_emps_obeys_its_control_law_without_an_offset_of_a_cycle():
+    """Force = 35.15 N/V kv (kp (q_ref - q) - dq) with the filter that its authors give."""
+    data = align(read_bag(DATA / 'emps_train')[0], ['emps_axis'], 1e-3)
+    q = data.position[0]
+    filtered = 0.5 * (q + np.r_[q[0], q[:-1]])
+    dq = np.diff(filtered, prepend=filtered[0]) / 1e-3
+
+    def error(shift):
+        command = np.roll(data.command_position[0], shift)
+        law = 35.15065 * 243.45 * (160.18 * (command - q) - dq)
+        return np.std((data.effort[0] - law)[10:-10])
+
+    assert error(0) < 0.02 * np.std(data.effort[0])
+    assert error(0) < 0.1 * min(error(-1), error(1))
+
+
+@real
+def test_the_check_says_what_is_known_of_the_machines():
+    so101 = check(read_bag(DATA / 'so101_large_amplitude'))
+    said = [x.sentence for x in so101.of('effort_sign') if x.level == 'error']
+    assert len(said) == 5 and all('only its size was logged' in x for x in said)
+    assert len(so101.of('velocity_lag')) == 5
+    for name in ('emps_train', 'kr300_a', 'ur10_exciting'):
+        report = check(read_bag(DATA / name))
+        assert report.level != 'error'
+        assert len(report.of('effort')) + len(report.of('effort_unexplained')) == len(
+            report.drives
+        )
+    kr300 = check(read_bag(DATA / 'kr300_a'))
+    # its velocities lag by one sample of 4 ms and a little
+    assert len(kr300.of('velocity_lag')) == 6
+    assert check(read_bag(DATA / 'ur10_exciting')).of('no_command')
+
+
+@practice
+@pytest.mark.parametrize('case', cases(), ids=lambda x: x.name)
+def test_streams_of_a_case_agree_on_the_grid(case):
+    (recording,) = read_bag(case / 'check')
+    data = align(recording, DRIVES, 5e-4, need=('position', 'velocity', 'effort', 'command'))
+    assert {x.stride for x in data.quality.streams} == {2}
+    assert max(x.missing_share for x in data.quality.streams) < 0.01
+    assert data.quality.warnings == ()
+    ticks = [np.flatnonzero(np.isfinite(x[0])) for x in (data.position, data.effort)]
+    assert {int(t % 2) for tick in ticks for t in tick} == {0}
+    tick = ticks[0]
+    for position, velocity in zip(data.position, data.velocity, strict=True):
+        slope = make_interp_spline(tick * 5e-4, position[tick], k=5)
+        errors = [
+            np.std((velocity[tick] - slope((tick - shift) * 5e-4, 1))[9:-9])
+            for shift in (-2, 0, 2)
+        ]
+        assert errors[1] < 0.5 * min(errors[0], errors[2])
+
+
+@practice
+@pytest.mark.parametrize('case', cases('none'), ids=lambda x: x.name)
+def test_the_set_point_reproduces_the_controller_to_the_noise(case):
+    """The controller ran at 2 kHz, the bag holds its set-point at 1 kHz with drops."""
+    cycle, noise = 5e-4, 0.01
+    (recording,) = read_bag(case / 'fit')
+    data = align(recording, DRIVES, cycle)
+    delay = json.loads((case / 'label.json').read_text())['theta'][0]['dT']
+    time = data.time
+    for drive in range(3):
+        there = np.isfinite(data.position[drive])
+        position = make_interp_spline(time[there], data.position[drive, there], k=5)(time)
+        velocity = make_interp_spline(time[there], data.velocity[drive, there], k=5)(time)
+
+        def left(shift, drive=drive, position=position, velocity=velocity):
+            wanted = np.interp(time - shift * cycle, time, data.command_position[drive])
+            feed = np.interp(time - shift * cycle, time, data.command_velocity[drive])
+            error = 60.0 * (wanted - position) + feed - velocity
+            torque = 4.5 * error + 250.0 * cycle * np.cumsum(error)
+            late = np.interp(time - delay, time, torque)
+            rest = (data.effort[drive] - late)[time > delay + 0.05]
+            return np.nanstd(rest)
+
+        assert left(0) < 1.05 * noise
+        assert left(0) < 0.1 * min(left(-1), left(1))
+
+
+@practice
+def test_smoothed_motion_of_a_case_has_the_measured_velocity():
+    data = align(read_bag(cases()[0] / 'fit')[0], DRIVES, 5e-4)
+    _, velocity, _ = smooth_motion(data.position, data.cycle, 80.0)
+    there = np.isfinite(data.velocity)
+    rest = (velocity - data.velocity)[there]
+    assert np.std(rest) < 0.02 * np.nanstd(data.velocity)

@@ -1,0 +1,517 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Damaged and crafted logs: what is whole is read and what is lost is said, within bounds."""
+
+import bz2
+import json
+from pathlib import Path
+import random
+import re
+import resource
+import sqlite3
+import struct
+import time
+import zlib
+
+import lz4.frame
+import numpy as np
+import pytest
+from reader_cases import (
+    chunk_record,
+    damage,
+    definitions,
+    kinds,
+    MAGIC,
+    make_recording,
+    mcap_bytes,
+    message_record,
+    MS,
+    outcome,
+    record,
+    ros_1_file,
+    START,
+    TOPICS,
+)
+import yaml
+import zstandard
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording import align, check, read_bag, RecordingBuilder, Stream, write_bag
+from ros2_ident.recording.cdr import encode
+from ros2_ident.recording.damage import Damage
+from ros2_ident.recording.inflate import inflate
+from ros2_ident.recording.limits import Limits
+from ros2_ident.recording.shown import printable
+from ros2_ident.recording.streams import FIELDS
+
+ROOT = Path(__file__).parents[2]
+BAGS = ('axis_reversals', 'tripod_mixed', 'tripod_pick_and_place')
+
+
+@pytest.fixture(scope='module')
+def logs(tmp_path_factory):
+    return kinds(tmp_path_factory.mktemp('logs'))
+
+
+def file_of(tmp_path, data, name='a.mcap'):
+    path = tmp_path / name
+    path.write_bytes(data)
+    return path
+
+
+def refused(path, text, code=ErrorCode.DAMAGED_BAG, limits=None):
+    with pytest.raises(IdentError, match=text) as caught:
+        read_bag(path, limits=limits)
+    assert caught.value.code == code
+    assert '\n' not in caught.value.message
+    return caught.value.message
+
+
+# ---------------------------------------------------------------------- checksums
+
+
+def test_what_is_written_carries_every_checksum(tmp_path):
+    bag = write_bag(tmp_path / 'log', make_recording(4000))
+    data = (bag / 'log.mcap').read_bytes()
+    at, chunks = len(MAGIC), 0
+    while True:
+        opcode, size = struct.unpack_from('<BQ', data, at)
+        if opcode == 6:
+            length, crc = struct.unpack_from('<QI', data, at + 9 + 16)
+            packed = data[at + 9 + 44 : at + 9 + size]
+            raw = zstandard.ZstdDecompressor().decompress(packed)
+            assert (len(raw), zlib.crc32(raw)) == (length, crc)
+            chunks += 1
+        if opcode == 15:
+            assert struct.unpack_from('<I', data, at + 9) == (zlib.crc32(data[:at]),)
+            break
+        at += 9 + size
+    assert chunks > 1
+    footer = len(data) - 37
+    (summary,) = struct.unpack_from('<Q', data, footer + 9)
+    expected = zlib.crc32(data[summary : footer + 25])
+    assert struct.unpack_from('<I', data, footer + 25) == (expected,)
+
+
+def test_the_bundled_bags_carry_them_too():
+    for name in BAGS:
+        data = (ROOT / 'bags' / name / f'{name}.mcap').read_bytes()
+        (summary,) = struct.unpack_from('<Q', data, len(data) - 37 + 9)
+        assert struct.unpack_from('<I', data, summary - 4) == (zlib.crc32(data[: summary - 13]),)
+
+
+@pytest.mark.parametrize('kind', ['mcap', 'db3', 'mcap_plain', 'mcap_lz4'])
+def test_no_flipped_byte_passes_in_silence(logs, tmp_path, kind):
+    """Every so many bytes of a small log, each with another bit."""
+    log = logs[kind]
+    truth = read_bag(log.write(tmp_path, log.data))
+    assert truth[0].warnings == ()
+    for at in range(0, len(log.data), max(61, len(log.data) // 40)):
+        data = bytearray(log.data)
+        data[at] ^= 1 << at % 8
+        assert outcome(log.write(tmp_path, bytes(data)), truth) != 'silent', at
+
+
+def test_a_flip_in_a_bundled_bag_is_said(tmp_path):
+    name = 'axis_reversals'
+    data = (ROOT / 'bags' / name / f'{name}.mcap').read_bytes()
+    truth = read_bag(ROOT / 'bags' / name)
+    rng = random.Random(3)
+    for _ in range(12):
+        other = bytearray(data)
+        other[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+        assert outcome(file_of(tmp_path, bytes(other)), truth) != 'silent'
+
+
+def test_a_sound_db3_is_read_by_sqlite_without_a_word(tmp_path):
+    recording = make_recording()
+    bag = write_bag(tmp_path / 'log', recording, storage='sqlite3')
+    for path in (bag, bag / 'log.db3'):
+        (read,) = read_bag(path)
+        assert read.warnings == () and read.state == recording.state
+    # With a name that a URI would read otherwise.
+    odd = (bag / 'log.db3').rename(bag / 'a b?c#%41.db3')
+    assert read_bag(odd)[0].warnings == ()
+    odd.with_name(odd.name + '-wal').write_bytes(b'x')
+    assert 'holds messages that were never moved into it' in read_bag(odd)[0].warnings[0]
+
+
+def test_a_db3_with_topics_that_are_not_read_misses_none_of_their_messages(tmp_path):
+    recording = make_recording()
+    bag = write_bag(tmp_path / 'log', recording, storage='sqlite3')
+    base = sqlite3.connect(bag / 'log.db3')
+    (_, _, *rest) = base.execute('SELECT * FROM topics').fetchone()
+    base.execute(f'INSERT INTO topics VALUES (99, "/other"{", ?" * len(rest)})', rest)
+    base.execute('INSERT INTO messages SELECT max(id) + 1, 99, timestamp, data FROM messages')
+    base.commit()
+    base.close()
+    metadata = bag / 'metadata.yaml'
+    plain = yaml.safe_load(metadata.read_text())
+    info = plain['rosbag2_bagfile_information']
+    one = dict(info['topics_with_message_count'][0])
+    one = {'topic_metadata': {**one['topic_metadata'], 'name': '/other'}, 'message_count': 1}
+    info['topics_with_message_count'].append(one)
+    info['message_count'] += 1
+    metadata.write_text(yaml.safe_dump(plain))
+    (read,) = read_bag(bag)
+    assert read.state == recording.state
+    assert not [text for text in read.warnings if 'missing' in text or 'lost' in text]
+
+
+def test_a_db3_of_ours_tells_a_flip_in_a_message(tmp_path):
+    recording = make_recording()
+    bag = write_bag(tmp_path / 'log', recording, storage='sqlite3')
+    file = bag / 'log.db3'
+    data = bytearray(file.read_bytes())
+    value = struct.pack('<d', recording.state.position[7, 0])
+    assert data.count(value) == 1
+    data[data.index(value)] ^= 1
+    file.write_bytes(bytes(data))
+    (read,) = read_bag(bag)
+    assert read.state.position[7, 0] != recording.state.position[7, 0]
+    assert 'the checksum of /joint_states does not fit' in read.warnings[0]
+
+
+# ---------------------------------------------------------------------- salvage
+
+
+@pytest.mark.parametrize('method', ['', 'zstd', 'lz4'])
+@pytest.mark.parametrize('crc', [True, False])
+def test_one_deleted_byte_costs_one_block(tmp_path, method, crc):
+    """It was a traceback in 160 of 260 tries."""
+    data = mcap_bytes(make_recording(400), method, crc=crc)
+    rng = random.Random(1)
+    for _ in range(25):
+        at = rng.randrange(300, len(data) - 900)
+        path = file_of(tmp_path, data[:at] + data[at + 1 :])
+        (read, *_) = read_bag(path)
+        assert 'is damaged: ' in read.warnings[0]
+        counts = [x.stamp.size for x in read.streams.values()]
+        assert all(400 - 65 <= x <= 400 for x in counts)
+        said = ' '.join(read.warnings)
+        lost = re.findall(r'(\d+) are lost|(\d+) of \d+ messages are no valid', said)
+        assert sum(int(a or b) for a, b in lost) == 1200 - sum(counts)
+
+
+def test_the_first_block_may_go_when_topics_stand_at_the_end(logs, tmp_path):
+    log = logs['mcap_late']
+    at = log.data.index(b'\x28\xb5\x2f\xfd') + 40
+    data = bytearray(log.data)
+    data[at] ^= 0x10
+    (read,) = read_bag(log.write(tmp_path, bytes(data)))
+    assert read.state.stamp.size == 100
+    assert (
+        '1 block inside is damaged, 300 whole messages were read, 60 are lost'
+        in (read.warnings[0])
+    )
+
+
+def test_messages_outside_of_blocks_are_found_after_damage(tmp_path):
+    recording = make_recording()
+    data = mcap_bytes(recording, chunk=0, crc=False)
+    at = len(data) // 2
+    (read,) = read_bag(file_of(tmp_path, data[:at] + data[at + 3 :]))
+    assert sum(x.stamp.size for x in read.streams.values()) >= 358
+    assert 'bytes make no sense' in read.warnings[0]
+
+
+@pytest.mark.parametrize('compression', [None, 'BZ2', 'LZ4'])
+def test_a_cut_ros_1_bag_gives_what_is_whole(tmp_path, compression):
+    recording = make_recording()
+    ros_1_file(tmp_path / 'whole.bag', recording, compression)
+    data = (tmp_path / 'whole.bag').read_bytes()
+    whole = outcome(file_of(tmp_path, data, 'a.bag'), read_bag(tmp_path / 'whole.bag'))
+    assert whole == 'same'
+    # without its index: never closed
+    path = file_of(tmp_path, data[: int(0.5 * len(data))], 'a.bag')
+    (read,) = read_bag(path)
+    assert 60 < sum(x.stamp.size for x in read.streams.values()) < 300
+    for role, stream in read.streams.items():
+        whole = recording.streams[role].between(START, int(stream.stamp[-1]) + 1)
+        assert stream == whole
+    assert 'the file breaks off after byte' in read.warnings[0]
+
+
+def test_a_cut_db3_gives_what_is_whole(tmp_path):
+    recording = make_recording(600)
+    bag = write_bag(tmp_path / 'log', recording, storage='sqlite3')
+    data = (bag / 'log.db3').read_bytes()
+    path = file_of(tmp_path, data[: len(data) // 2], 'a.db3')
+    with pytest.raises(sqlite3.DatabaseError):
+        sqlite3.connect(path).execute('SELECT count(*) FROM messages').fetchall()
+    (read,) = read_bag(path)
+    size = read.state.stamp.size
+    assert size > 150
+    rows = np.searchsorted(recording.state.stamp, read.state.stamp)
+    np.testing.assert_array_equal(read.state.position, recording.state.position[rows])
+    assert 'the file breaks off' in read.warnings[0]
+    # beside its metadata.yaml the number of messages lost is known
+    (bag / 'log.db3').write_bytes(data[: len(data) // 2])
+    (again,) = read_bag(bag)
+    lost = 1800 - sum(x.stamp.size for x in again.streams.values())
+    assert f'{lost} are lost' in again.warnings[0]
+
+
+def test_one_unreadable_file_of_a_split_bag(tmp_path):
+    recording = make_recording()
+    bag = write_bag(tmp_path / 'a', recording)
+    (bag / 'b.mcap').write_bytes(b'nothing at all')
+    (bag / 'metadata.yaml').unlink()
+    (read,) = read_bag(bag)
+    assert read.state == recording.state
+    assert any('b.mcap: cannot be read' in x for x in read.warnings)
+
+
+def test_files_of_a_bag_follow_each_other_as_its_metadata_say(tmp_path):
+    builder, early = RecordingBuilder('x'), make_recording(seed=1)
+    for role, stream in make_recording().streams.items():
+        later = stream.stamp + 1000 * MS
+        builder.add_block(role, later, stream.names, *map(stream.values, FIELDS))
+    (moved,) = builder.build()
+    for name, recording in (('log_0.mcap', moved), ('log_1.mcap', early)):
+        (tmp_path / name).write_bytes(mcap_bytes(recording, crc=False))
+    topics = [{'topic_metadata': {'name': t}, 'message_count': 240} for t in TOPICS]
+    notes = {'topics_with_message_count': topics}
+    notes['relative_file_paths'] = ['log_0.mcap', 'log_1.mcap']
+    (tmp_path / 'metadata.yaml').write_text(json.dumps({'rosbag2_bagfile_information': notes}))
+    one, two = read_bag(tmp_path)
+    assert one.state == moved.state and two.state == early.state
+    assert one.warnings == ()
+    # Without them, all messages stand in the order of their times.
+    (tmp_path / 'metadata.yaml').unlink()
+    (read,) = read_bag(tmp_path)
+    assert read.state.stamp[0] == early.state.stamp[0] and read.state.stamp.size == 240
+
+
+def test_a_compressed_file_that_is_cut_is_read_as_far_as_it_goes(tmp_path):
+    whole = mcap_bytes(make_recording(), chunk=30)
+    frames = [whole[:20_000], whole[20_000:]]
+    packed = b''.join(map(zstandard.ZstdCompressor().compress, frames))
+    path = file_of(tmp_path, packed, 'a.mcap.zstd')
+    assert read_bag(path)[0].warnings == ()
+    path.write_bytes(packed[:-3])
+    (said,) = read_bag(path)[0].warnings
+    assert 'it cannot be unpacked to its end' in said and 'the file breaks off' in said
+
+
+# ---------------------------------------------------------------------- bombs
+
+
+def small_memory(path, text, limits=None):
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    begin = time.process_time()
+    message = refused(path, text, limits=limits)
+    assert time.process_time() - begin < 5.0
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 400_000  # KiB
+    return message
+
+
+@pytest.mark.parametrize('claimed', [None, 1000])
+def test_a_block_that_unpacks_to_gigabytes_is_refused(tmp_path, claimed):
+    packed = b''.join([zstandard.ZstdCompressor().compress(bytes(1 << 28))] * 16)
+    head = struct.pack('<QQQI', 0, 0, claimed or 1 << 32, 0) + struct.pack('<I', 4) + b'zstd'
+    chunk = record(6, head + struct.pack('<Q', len(packed)) + packed)
+    path = file_of(tmp_path, MAGIC + record(1, bytes(8)) + definitions() + chunk)
+    text = 'claims to unpack to 4 GiB, more than the 128 MiB allowed .ROS2_IDENT_MAX_CHUNK'
+    small_memory(path, '1 block inside is damaged' if claimed else text)
+
+
+def test_a_file_that_would_fill_the_disk_is_refused(tmp_path):
+    packed = zstandard.ZstdCompressor().compress(bytes(1 << 28)) * 4
+    path = file_of(tmp_path, packed, 'a.mcap.zstd')
+    text = 'unpacks from .* KiB to more than 256 MiB, the most .* raise ROS2_IDENT_MAX_UNPACKED'
+    small_memory(path, text)
+
+
+def test_many_small_blocks_may_not_grow_without_end(tmp_path):
+    raw = message_record(0, START, bytes(1 << 26))
+    blocks = chunk_record(raw, 'zstd') * 8
+    path = file_of(tmp_path, MAGIC + record(1, bytes(8)) + definitions(topics=['/x']) + blocks)
+    with pytest.raises(IdentError):
+        read_bag(path)
+    limits = Limits(chunk=1 << 30)
+    refused(path, 'holds none of /joint_states', ErrorCode.MISSING_STREAM, limits)
+
+
+def joint_log(tmp_path, names, count=3):
+    stamp = START + np.arange(count) * MS
+    data = encode(stamp, names, [np.zeros((count, len(names))), None, None])
+    body = b''.join(message_record(0, int(t), x) for t, x in zip(stamp, data, strict=True))
+    return file_of(
+        tmp_path, MAGIC + record(1, bytes(8)) + definitions() + body + record(15, bytes(4))
+    )
+
+
+def test_names_are_bounded_in_number_and_length(tmp_path):
+    bad = ErrorCode.BAD_VALUES
+    path = joint_log(tmp_path, [f'j{k}' for k in range(10_000)])
+    begin = time.process_time()
+    refused(path, 'names 10000 joints, more than the 1000 allowed.*ROS2_IDENT_MAX_JOINTS', bad)
+    assert time.process_time() - begin < 2.0
+    assert read_bag(path, limits=Limits(joints=10_000))[0].state.stamp.size == 3
+    refused(joint_log(tmp_path, ['x' * 5000]), 'name of 5000 bytes, more than the 256', bad)
+
+
+def test_ten_thousand_names_in_as_many_messages_are_refused_at_once(tmp_path):
+    data = [
+        encode(np.array([START + k]), [f'joint_{k:05d}'], [np.zeros((1, 1)), None, None])[0]
+        for k in range(10_000)
+    ]
+    body = b''.join(message_record(0, START + k, x) for k, x in enumerate(data))
+    path = file_of(
+        tmp_path, MAGIC + record(1, bytes(8)) + definitions() + body + record(15, bytes(4))
+    )
+    begin = time.process_time()
+    refused(path, 'state names more than 1000 joints', ErrorCode.BAD_VALUES)
+    assert time.process_time() - begin < 5.0
+
+
+def test_control_sequences_in_names_never_reach_the_terminal(tmp_path):
+    (read,) = read_bag(joint_log(tmp_path, ['\x1b[2J\x1b]0;owned\x07', 'b'], 50))
+    assert read.state.names[0] == r'\x1b[2J\x1b]0;owned\x07'
+    assert all(x.sentence.isprintable() for x in check([read]).findings)
+    kind = '\x1b[31mstd_msgs/msg/String'
+    path = file_of(
+        tmp_path,
+        MAGIC
+        + record(1, bytes(8))
+        + definitions(kind)
+        + message_record(0, START, b'x')
+        + record(15, bytes(4)),
+    )
+    assert refused(path, 'is of type', ErrorCode.MISSING_STREAM).isprintable()
+    assert printable('a\u202eb' + 'c' * 300, 10) == r'a\u202ebc…'
+
+
+def test_what_a_file_may_unpack_to_follows_its_size_but_for_small_ones():
+    limits = Limits(ratio=10)
+    assert limits.total(1000) == 256 << 20
+    assert limits.total(1 << 30) == 10 << 30
+
+
+def test_a_block_of_several_frames_is_unpacked_and_one_that_is_cut_is_not():
+    frames = zstandard.compress(b'abc') + zstandard.compress(b'defg')
+    assert inflate('zstd', frames, 7) == b'abcdefg'
+    with pytest.raises(Damage):
+        inflate('zstd', frames[:-2], 7)
+    with pytest.raises(Damage, match='another size than stated'):
+        inflate('zstd', frames, 6)
+
+
+def test_limits_are_overridden_by_the_environment(tmp_path, monkeypatch):
+    path = write_bag(tmp_path / 'log', make_recording())
+    monkeypatch.setenv('ROS2_IDENT_MAX_JOINTS', '1')
+    refused(path, 'names 2 joints, more than the 1 allowed', ErrorCode.BAD_VALUES)
+    for wrong in ('none', '0', '-1', '1' * 40):
+        monkeypatch.setenv('ROS2_IDENT_MAX_JOINTS', wrong)
+        refused(path, 'ROS2_IDENT_MAX_JOINTS is .* positive', ErrorCode.INVALID_GOAL)
+
+
+# ---------------------------------------------------------------------- clocks
+
+
+def moved(recording, begin, end, by):
+    """Return a recording in which some samples' stamps are off by some ns."""
+    streams = {}
+    for role, x in recording.streams.items():
+        stamp = x.stamp.copy()
+        stamp[begin:end] += by
+        streams[role] = stamp, x
+    builder = RecordingBuilder('log')
+    for role, (stamp, x) in streams.items():
+        builder.add_block(role, stamp, x.names, x.position, x.velocity, x.effort)
+    return builder.build()
+
+
+def test_a_clock_that_is_set_splits_the_recording():
+    """It laid a grid over the gap: 80 GiB."""
+    recording = make_recording(2000)
+    parts = moved(recording, 900, None, 3_000_000 * 10**9)
+    assert [x.state.stamp.size for x in parts] == [900, 1100]
+    assert 'nothing came for up to 3e+06 s' in parts[0].warnings[0]
+    for part in parts:
+        assert align(part, recording.state.names, 1e-3).cycles == part.state.stamp.size
+    assert any(x.code == 'segments' for x in check(parts).findings)
+
+
+@pytest.mark.parametrize('by', [1 << 52, -(1 << 52), 1 << 32, -(1 << 32)])
+def test_one_wrong_stamp_costs_one_message(by):
+    recording = make_recording(2000)
+    (read,) = moved(recording, 900, 901, by)
+    assert read.state.stamp.size == 1999
+    assert 'state: 1 message has a stamp up to' in read.warnings[0]
+    assert 'the first is number 901, and is left out' in read.warnings[0]
+
+
+def test_a_set_point_sent_when_it_changes_is_no_pause():
+    stamp = START + np.arange(60_000) * MS
+    position = np.repeat([[0.0], [1.0], [2.0]], 20_000, axis=0)
+    builder = RecordingBuilder('log')
+    builder.add_block('state', stamp, ['a'], position)
+    builder.add_block('command', stamp[[0, 20_000, 40_000]], ['a'], position[[0, 20_000, 40_000]])
+    (read,) = builder.build()
+    assert read.warnings == ()
+
+
+def test_a_grid_is_estimated_before_it_is_made():
+    stream = Stream(('a',), START + np.arange(10) * 10**9, np.zeros((10, 1)))
+    builder = RecordingBuilder('log')
+    builder.add_block('state', stream.stamp, ['a'], stream.position)
+    (read,) = builder.build()
+    with pytest.raises(IdentError, match='controller cycles'):
+        align(read, ['a'], 1e-9, need=('position',))
+    with pytest.raises(IdentError, match='ROS2_IDENT_MAX_MEMORY'):
+        align(read, ['a'], 1e-6, need=('position',), limits=Limits(memory=1 << 20))
+
+
+@pytest.mark.parametrize('stamp', [1 << 62, -(1 << 62), (1 << 63) - 1])
+def test_a_stamp_that_is_no_time(stamp):
+    builder = RecordingBuilder('log')
+    with pytest.raises(IdentError, match='no time'):
+        builder.add('state', stamp, ['a'], [1.0])
+    with pytest.raises(IdentError, match='no time'):
+        builder.add_block('state', np.array([stamp]), ['a'], np.ones((1, 1)))
+
+
+def test_log_times_and_nanoseconds_beyond_their_range_are_left_out(tmp_path):
+    good = encode(START + np.arange(9) * MS, ['a'], [np.zeros((9, 1)), None, None])
+    bad = good[0][:8] + struct.pack('<I', 4_000_000_000) + good[0][12:]
+    body = message_record(0, (1 << 64) - 1, good[0]) + message_record(0, START, bad)
+    body += b''.join(message_record(0, START + k, x) for k, x in enumerate(good))
+    path = file_of(
+        tmp_path, MAGIC + record(1, bytes(8)) + definitions() + body + record(15, bytes(4))
+    )
+    (read,) = read_bag(path)
+    assert read.state.stamp.size == 9
+    assert '2 of 11 messages are no valid JointState' in read.warnings[0]
+
+
+def test_random_damage_of_every_kind_is_answered(logs, tmp_path):
+    for name, log in logs.items():
+        room = tmp_path / name
+        room.mkdir()
+        truth = read_bag(log.write(room, log.data))
+        for number in range(4):
+            data = damage(log.data, random.Random(f'test {name} {number}'))
+            outcome(log.write(room, data), truth)
+
+
+def test_a_limit_of_up_to_twelve_digits_is_taken(monkeypatch):
+    monkeypatch.setenv('ROS2_IDENT_MAX_JOINTS', '9' * 12)
+    assert Limits.from_environment().joints == int('9' * 12)
+    monkeypatch.setenv('ROS2_IDENT_MAX_JOINTS', '9' * 13)
+    with pytest.raises(IdentError, match='positive whole number'):
+        Limits.from_environment()
+
+
+@pytest.mark.parametrize('method', ['zstd', 'lz4', 'bz2'])
+def test_a_block_becomes_what_it_states_or_nothing(method):
+    raw = bytes(range(256)) * 40
+    packed = {
+        'zstd': zstandard.compress(raw), 'lz4': lz4.frame.compress(raw), 'bz2': bz2.compress(raw),
+    }[method]  # fmt: skip
+    assert inflate(method, packed, len(raw)) == raw
+    for size in (len(raw) - 1, len(raw) + 1):
+        with pytest.raises(Damage):
+            inflate(method, packed, size)
+    with pytest.raises(Damage):
+        inflate(method, packed[:-9], len(raw))

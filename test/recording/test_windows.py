@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which parts of a long log are fitted on, and what the reader keeps of it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ros2_ident.identify.run import identify, read_data
+from ros2_ident.models import load_machine
+from ros2_ident.recording import choose_windows, read_bag, Recording, Stream, write_bag
+from ros2_ident.recording.windows import _features, _greedy, effort_samples
+from ros2_ident.report.files import load_result, write_result
+
+ROOT = Path(__file__).parents[2]
+
+
+def log(seconds: float, moving: list[tuple[float, float]], rate: float = 200.0) -> Recording:
+    """Return a log of one drive that swings in the given spans and rests elsewhere."""
+    time = np.arange(0.0, seconds, 1.0 / rate)
+    position = np.zeros_like(time)
+    for begin, end in moving:
+        there = (time >= begin) & (time < end)
+        position[there] = 0.1 * (1.0 - np.cos(4.0 * np.pi * (time[there] - begin)))
+    stamp = np.round(time * 1e9).astype(np.int64)
+    column = position[:, None]
+    return Recording(
+        Stream(('a',), stamp, column), Stream(('a',), stamp, effort=column), None, 'log'
+    )
+
+
+def test_short_log_is_taken_whole() -> None:
+    assert choose_windows([log(60.0, [(1.0, 50.0)])], ('a',), samples=12_000) is None
+
+
+def test_motion_is_taken_and_rest_is_not() -> None:
+    recording = log(300.0, [(120.0, 150.0), (230.0, 250.0)])
+    chosen = choose_windows([recording], ('a',), samples=8_000)
+    assert chosen is not None
+    assert chosen.samples == 60_000
+    assert sum(e - b for _, b, e in chosen.fit) * 1e-9 * 200.0 <= 8_000
+    moving = 0.0
+    for _, begin, end in chosen.fit:
+        part = recording.between(begin, end).state
+        assert part is not None and part.position is not None
+        moving += float((np.abs(np.diff(part.position[:, 0])) > 0.0).mean())
+    assert moving / len(chosen.fit) > 0.8
+
+
+def test_parts_do_not_overlap_and_begin_at_rest() -> None:
+    recording = log(200.0, [(k + 3.0, k + 9.0) for k in range(0, 200, 10)])
+    chosen = choose_windows([recording], ('a',), samples=12_000)
+    assert chosen is not None and len(chosen.check) == len(chosen.fit)
+    parts = sorted(chosen.fit + chosen.check)
+    assert all(one[2] <= two[1] for one, two in zip(parts, parts[1:], strict=False))
+    for _, begin, _ in parts:
+        near = recording.between(begin, begin + 20_000_000).state
+        assert near is not None and near.position is not None
+        assert np.ptp(near.position) < 1e-4
+
+
+def test_one_window_is_taken_where_none_fits() -> None:
+    chosen = choose_windows([log(100.0, [(10.0, 90.0)])], ('a',), samples=100)
+    assert chosen is not None and len(chosen.fit) == 1
+
+
+def test_long_log_is_fitted_in_part_and_validated_on_the_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The bundled bag lasts six seconds: what is long is a matter of scale.
+    monkeypatch.setattr('ros2_ident.recording.windows.LENGTH', 2.0)
+    monkeypatch.setattr('ros2_ident.recording.windows._SHIFT', 0.4)
+    machine = load_machine(ROOT / 'config/emps.yaml')
+    data = read_data(ROOT / 'bags/axis_reversals', machine, samples=3_500)
+    assert data.held_out is not None
+    assert sum(d.duration for d in data.datasets) < 4.0
+    result = identify(machine, data)
+    assert result.validation[0].samples > 1000
+    # as good where it was not fitted on, but for chance
+    assert result.validation[0].rms == pytest.approx(result.residuals[0].rms, rel=0.1)
+    assert any('windows' in warning for warning in result.quality.warnings)
+    write_result(tmp_path, result)
+    assert load_result(tmp_path).validation == result.validation
+
+
+def test_messages_are_decoded_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = log(20.0, [(1.0, 19.0)])
+    bag = write_bag(tmp_path / 'bag', recording)
+    whole = read_bag(bag)[0]
+    monkeypatch.setattr('ros2_ident.recording.content._PIECE', 7)
+    pieces = read_bag(bag)[0]
+    assert pieces.streams == whole.streams
+    np.testing.assert_array_equal(whole.streams['state'].stamp, recording.streams['state'].stamp)
+
+
+# ---------------------------------------------------------------------- rule by rule
+
+
+def test_samples_of_all_drives_count_where_the_efforts_are() -> None:
+    recording = log(60.0, [(1.0, 50.0)])
+    assert effort_samples(recording, ('a',)) == 12_000
+    assert effort_samples(recording, ('a', 'b')) == 12_000
+    state = recording.state
+    assert state is not None
+    assert effort_samples(Recording(state), ('a',)) == 0
+    both = Stream(('a', 'b'), state.stamp, effort=np.zeros((12_000, 2)))
+    assert effort_samples(Recording(state, both), ('a', 'b')) == 24_000
+    assert choose_windows([recording], ('a',), samples=11_999) is not None
+
+
+def test_windows_begin_where_it_is_slowest_in_their_first_two_seconds() -> None:
+    recording = log(60.0, [(0.5, 11.3), (11.5, 21.9), (22.5, 60.0)])
+    state = recording.state
+    assert state is not None
+    features, edges, begin = _features(state, ('a', 'none'))
+    assert begin == 0 and features.shape == (1, 2999, 4)
+    # Every ten seconds, the last half window with the one before.
+    at = 0.02 * np.array(edges)
+    assert len(at) == 7 and at[-1] == pytest.approx(59.98)
+    for k, moment in enumerate(at[:-1]):
+        assert 10.0 * k <= moment < 10.0 * k + 2.0
+    assert at[0] < 0.5 and 11.3 <= at[1] <= 11.5
+    rest = np.abs(features[0, :20, 1])
+    assert rest.max() == 0.0 and (features[..., 3] == 1.0).all()
+    np.testing.assert_allclose(np.mean(features[0, :, 0] ** 2), 1.0)
+    np.testing.assert_allclose(np.mean(features[0, :, 1] ** 2), 1.0)
+    assert set(np.unique(features[0, :, 2])) == {-1.0, 0.0, 1.0}
+    np.testing.assert_array_equal(np.sign(features[0, :, 1]), features[0, :, 2])
+    half, whole = (
+        _features(log(25.0, []).state, ('a',))[1],
+        _features(log(25.2, []).state, ('a',))[1],
+    )
+    assert len(half) == 3 and len(whole) == 4
+
+
+def plainly(told: np.ndarray, sizes: np.ndarray, samples: float) -> list[int]:
+    known = 1e-6 * max(np.trace(x) for x in told.mean(axis=0)) * np.eye(told.shape[-1])
+    have = [known.copy() for _ in range(told.shape[1])]
+    taken: list[int] = []
+    while True:
+        gains = {
+            k: sum(np.linalg.slogdet(h + t)[1] for h, t in zip(have, told[k], strict=True))
+            for k in range(len(told))
+            if k not in taken and sizes[k] <= samples
+        }
+        if not gains:
+            return taken or [int(np.argmin(sizes))]
+        best = max(gains, key=lambda k: gains[k])
+        taken.append(best)
+        have = [h + t for h, t in zip(have, told[best], strict=True)]
+        samples -= sizes[best]
+
+
+def test_each_time_the_window_that_tells_most_is_taken() -> None:
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        rows = rng.normal(size=(12, 2, 30, 3)) * rng.uniform(0.1, 2.0, (12, 1, 1, 3))
+        told = np.einsum('wdti,wdtj->wdij', rows, rows)
+        sizes = rng.uniform(1.0, 5.0, 12).round(1)
+        for samples in (0.5, 6.0, 15.0, 100.0):
+            assert _greedy(told, sizes, samples) == plainly(told, sizes, samples)
+
+
+def test_as_many_windows_again_are_spread_over_the_rest() -> None:
+    recording = log(300.0, [(k + 1.0, k + 9.0) for k in range(0, 300, 10)])
+    chosen = choose_windows([recording, log(5.0, [])], ('a',), samples=10_000)
+    assert chosen is not None and chosen.samples == 61_000
+    assert len(chosen.fit) == 5 == len(chosen.check)
+    assert chosen.fit == tuple(sorted(chosen.fit))
+    assert not set(chosen.fit) & set(chosen.check)
+    begins = [begin for _, begin, _ in chosen.check]
+    assert begins[0] < 30e9 and begins[-1] > 250e9 and min(np.diff(begins)) > 30e9
+    assert {number for number, *_ in chosen.fit + chosen.check} == {0}
+
+
+def test_without_positions_windows_are_taken_as_they_come() -> None:
+    stamp = np.arange(12_000, dtype=np.int64) * 5_000_000
+    chosen = choose_windows(
+        [Recording(Stream(('a',), stamp, effort=np.zeros((12_000, 1))))], ('a',), samples=4_500
+    )
+    assert chosen is not None and len(chosen.fit) == len(chosen.check) == 2
+    assert {begin % 10**10 for _, begin, _ in chosen.fit} == {0}

@@ -1,0 +1,340 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The genetic algorithm's core: its equations, repeatability, errors."""
+
+from dataclasses import replace
+import math
+from pathlib import Path
+
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.search import (
+    GeneticSearch,
+    GeneticSettings,
+    MANY_MINIMA,
+    StopReason,
+)
+from ros2_ident.search.operators import (
+    gaussian_root,
+    kronecker,
+    laplace,
+    latin_hypercube,
+    mutate,
+    normal,
+    select,
+)
+
+SMALL = GeneticSettings(initial_population=64, survivors=4, children=4, generations=12)
+
+
+def rough(points):
+    """Return a cost with many local minima; the lowest one at 0.3."""
+    return ((points - 0.3) ** 2 + 0.01 * np.sin(60.0 * (points - 0.3)) ** 2).sum(axis=1)
+
+
+def run(search, generations=None, cost=rough):
+    told = []
+    while search.stop_reason is None and (generations is None or len(told) < generations):
+        points = search.ask()
+        told.append(points.copy())
+        search.tell(cost(points))
+    return told
+
+
+# eqs. 5 and 6
+
+
+def test_gaussian_root_at_known_places():
+    uniform = np.array([0.0, 0.5, 1.0, 0.5 + 0.5 * math.exp(-1.0), 0.5 - 0.5 * math.exp(-4.0)])
+    np.testing.assert_allclose(gaussian_root(uniform), [0.0, 0.0, 0.0, 1.0, -2.0], atol=1e-12)
+    np.testing.assert_allclose(laplace(uniform), [0.0, 0.0, 0.0, 1.0, -4.0], atol=1e-12)
+    assert np.isfinite(normal(uniform)).all() and normal(uniform)[1] == 0.0
+    assert normal(np.array([ndtr(1.3)]))[0] == pytest.approx(1.3)
+
+
+@pytest.mark.parametrize(
+    ('law', 'beyond', 'variance'),
+    [
+        (gaussian_root, lambda a: np.exp(-(a**2)), 1.0),
+        (laplace, lambda a: np.exp(-a), 2.0),
+        (normal, lambda a: 2.0 * ndtr(-a), 1.0),
+    ],
+)
+def test_mutation_follows_its_analytic_law(law, beyond, variance):
+    steps = law(np.random.default_rng(0).random(200_000))
+    for a in (0.05, 0.3, 1.0, 1.7):
+        # Five standard deviations of a binomial share.
+        assert np.mean(np.abs(steps) > a) == pytest.approx(beyond(a), abs=5 * 0.5 / 447)
+    assert np.mean(steps > 0) == pytest.approx(0.5, abs=0.006)
+    assert steps.var() == pytest.approx(variance, rel=0.02)
+
+
+def test_children_stay_in_the_cube_and_shrink_with_the_scale():
+    parents = np.random.default_rng(1).random((6, 3))
+    wide = mutate(parents, 50, 1.0, 'gaussian_root', np.random.default_rng(2))
+    near = mutate(parents, 50, 1e-3, 'gaussian_root', np.random.default_rng(2))
+    assert wide.shape == (300, 3)
+    assert wide.min() == 0.0
+    assert wide.max() == 1.0
+    steps = (near - np.repeat(parents, 50, axis=0)) / 1e-3
+    assert steps.std() == pytest.approx(1.0, rel=0.1)
+
+
+@pytest.mark.parametrize('law', ['gaussian_root', 'laplace', 'normal'])
+def test_mutation_scale_is_that_of_eq_6(law):
+    settings = GeneticSettings(200, 1, 5000, 4, 0.5, mutation=law)
+    search = GeneticSearch(2, settings, seed=3)
+    # Only the first generation's most central one ever survives: every later one is worse.
+    first = np.linalg.norm(search.ask() - 0.5, axis=1)
+    costs = iter([first, *(np.full(5000, 1e3 + g) for g in range(3))])
+    spreads = []
+    while search.stop_reason is None:
+        points = search.ask()
+        if search.generation > 1:
+            spreads.append(np.median(np.abs(points - search.survivors[0])[:, 0]))
+        search.tell(next(costs))
+    # Generations 3 and 4 have xi^1 and xi^2; their medians are not clipped.
+    assert spreads[1] / spreads[2] == pytest.approx(2.0, rel=0.1)
+
+
+# eqs. 7 to 9
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    count=st.integers(1, 60),
+    survivors=st.integers(1, 12),
+    distance=st.sampled_from([0.0, 0.05, 0.2, 0.5, 1.2]),
+    dimension=st.integers(1, 3),
+)
+@hypothesis_settings(max_examples=150, deadline=None)
+def test_selection_is_eq_7_by_brute_force(seed, count, survivors, distance, dimension):
+    rng = np.random.default_rng(seed)
+    points = np.round(rng.random((count, dimension)), 1)  # makes copies and equal costs
+    costs = np.round(points.sum(axis=1), 1)
+    costs[rng.random(count) < 0.2] = math.inf
+    taken = []
+    for i in sorted(range(count), key=lambda i: (costs[i], i)):
+        far = all(np.sum((points[i] - points[j]) ** 2) > distance**2 for j in taken)
+        if far and math.isfinite(costs[i]) and len(taken) < survivors:
+            taken.append(i)
+    assert select(points, costs, survivors, distance).tolist() == taken
+
+
+def test_fewer_survive_where_the_distance_leaves_no_room():
+    settings = GeneticSettings(400, 20, 8, 3, min_distance=0.5)
+    search = GeneticSearch(2, settings, seed=0)
+    search.tell(rough(search.ask()))
+    assert 1 < len(search.survivors) < 20
+    apart = np.linalg.norm(search.survivors[:, None] - search.survivors[None, :], axis=2)
+    assert apart[~np.eye(len(apart), dtype=bool)].min() > 0.5
+    assert len(search.ask()) == 8 * len(search.survivors)
+
+
+def test_previous_survivors_take_part():
+    search = GeneticSearch(2, SMALL, seed=0)
+    search.tell(rough(search.ask()))
+    best = search.survivors.copy()
+    search.tell(np.full(len(search.ask()), 1e6))
+    np.testing.assert_array_equal(search.survivors, best)
+
+
+def test_copies_survive_once():
+    search = GeneticSearch(1, replace(SMALL, initial_population=8), seed=0)
+    search.ask()
+    search._population = np.zeros((8, 1))
+    search.tell(np.zeros(8))
+    assert len(search.survivors) == 1
+
+
+# the run as a whole
+
+
+def test_simulations_are_those_of_table_4():
+    assert GeneticSettings().evaluations == 1024 + 11 * 8 * 8
+    search = GeneticSearch(5, GeneticSettings(), seed=0)
+    assert sum(len(points) for points in run(search)) == 1728
+    assert search.evaluations == 1728
+    assert search.stop_reason is StopReason.GENERATIONS
+
+
+@pytest.mark.parametrize('first', ['uniform', 'latin_hypercube', 'kronecker'])
+def test_same_seed_same_run(first):
+    settings = replace(SMALL, first_generation=first)
+    one, other = (np.concatenate(run(GeneticSearch(3, settings, seed=7))) for _ in range(2))
+    np.testing.assert_array_equal(one, other)
+    third = np.concatenate(run(GeneticSearch(3, settings, seed=8)))
+    assert not np.array_equal(one[:64], third[:64])
+
+
+def test_golden_run():
+    search = GeneticSearch(2, replace(SMALL, min_distance=0.3), seed=2011)
+    run(search)
+    # Any change here changes every published result: say so in the changelog.
+    np.testing.assert_allclose(search.best_point, GOLDEN_POINT, rtol=1e-9)
+    assert search.best_cost == pytest.approx(GOLDEN_COST, rel=1e-6)
+
+
+def test_latin_hypercube_fills_every_layer():
+    points = latin_hypercube(50, 3, np.random.default_rng(0))
+    for column in points.T:
+        np.testing.assert_array_equal(np.sort((column * 50).astype(int)), np.arange(50))
+
+
+def test_kronecker_leaves_smaller_holes_than_chance():
+    def hole(points):
+        grid = np.stack(np.meshgrid(*[np.linspace(0, 1, 40)] * 2), -1).reshape(-1, 1, 2)
+        return np.linalg.norm(grid - points, axis=2).min(axis=1).max()
+
+    rng = np.random.default_rng(0)
+    assert hole(kronecker(200, 2, rng)) < 0.75 * hole(rng.random((200, 2)))
+
+
+def test_stagnation_stops():
+    search = GeneticSearch(2, replace(SMALL, stagnation_generations=3), seed=0)
+    told = run(search, cost=lambda p: np.ones(len(p)))
+    assert search.stop_reason is StopReason.STAGNATION
+    assert len(told) == 4
+    assert 'stagnation_generations' in StopReason.STAGNATION.value
+
+
+@pytest.mark.parametrize(('better', 'stops'), [(0.005, True), (0.02, False)])
+def test_an_improvement_below_the_tolerance_is_none(better, stops):
+    settings = replace(SMALL, stagnation_generations=3, stagnation_tolerance=0.01)
+    search = GeneticSearch(2, settings, seed=0)
+    while search.stop_reason is None:
+        count = len(search.ask())
+        search.tell(np.full(count, (1.0 - better) ** search.generation))
+    assert (search.stop_reason is StopReason.STAGNATION) is stops
+    assert search.generation == (5 if stops else 12)
+    assert search.best_cost == (1.0 - better) ** (4 if stops else 12)
+
+
+def test_above_the_last_survivors_cost_nobody_survives():
+    search = GeneticSearch(2, SMALL, seed=3)
+    points = search.ask()
+    costs = rough(points)
+    assert search.limit(points[:3], costs[:3]) == math.inf
+    assert search.limit(points[:30], costs[:30]) == np.sort(costs[:30])[3]
+    search.tell(costs)
+    # the parents count
+    assert search.limit(search.ask()[:1], np.array([math.inf])) == np.sort(costs)[3]
+
+
+# infinities and refusals
+
+
+def test_diverged_candidates_never_survive():
+    search = GeneticSearch(2, SMALL, seed=0)
+    points = search.ask()
+    costs = np.full(len(points), math.inf)
+    costs[5] = 1.0
+    search.tell(costs)
+    np.testing.assert_array_equal(search.survivors, points[5:6])
+    assert len(search.ask()) == 4
+
+
+def test_search_goes_on_where_everything_diverged():
+    search = GeneticSearch(2, SMALL, seed=0)
+    for _ in range(3):
+        search.tell(np.full(len(search.ask()), math.inf))
+    assert len(search.ask()) == 16
+    search.tell(rough(search.ask()))
+    assert math.isfinite(search.best_cost)
+
+
+@pytest.mark.parametrize(
+    ('costs', 'text'),
+    [
+        (np.full(64, math.nan), 'candidate 0 is nan; give inf for a diverged candidate'),
+        (np.full(64, -math.inf), 'candidate 0 is -inf; give inf for a diverged candidate'),
+        (np.zeros(63), 'give one number for each of the 64 candidates'),
+    ],
+)
+def test_unusable_costs_are_refused(costs, text):
+    search = GeneticSearch(2, SMALL)
+    search.ask()
+    with pytest.raises(IdentError, match=text) as caught:
+        search.tell(costs)
+    assert caught.value.code == ErrorCode.BAD_VALUES
+    assert search.evaluations == 0
+
+
+def test_order_of_calls_is_kept():
+    search = GeneticSearch(2, SMALL)
+    with pytest.raises(IdentError, match='tell was called before ask'):
+        search.tell(np.zeros(64))
+    run(search)
+    with pytest.raises(IdentError, match='the search has ended'):
+        search.ask()
+
+
+@pytest.mark.parametrize(
+    ('change', 'text'),
+    [
+        ({'survivors': 0}, 'survivors is 0; give a whole number of at least 1'),
+        ({'children': 2.5}, 'children is 2.5; give a whole number'),
+        ({'range_reduction': 1.1}, 'range_reduction is 1.1; give a number above 0 and at most 1'),
+        ({'range_reduction': 0.0}, 'range_reduction is 0.0; give a number above 0 and at most 1'),
+        ({'min_distance': -1.0}, 'min_distance is -1.0; give a number of at least 0'),
+        ({'mutation': 'cauchy'}, "'cauchy'; give one of gaussian_root, laplace, normal"),
+        ({'first_generation': 'grid'}, "first_generation is 'grid'; give one of kronecker"),
+        ({'first_step': 1.1}, 'first_step is 1.1; give a number above 0 and at most 1'),
+        ({'first_step': 0.0}, 'first_step is 0.0; give a number above 0'),
+        ({'stagnation_generations': -1}, 'give a whole number, 0 for never'),
+        ({'stagnation_tolerance': 1.0}, 'at least 0 and below 1'),
+    ],
+)
+def test_unusable_settings_are_refused(change, text):
+    with pytest.raises(IdentError, match=text):
+        GeneticSettings(**change)
+
+
+@pytest.mark.parametrize('name', ['range_reduction', 'first_step'])
+def test_the_ends_of_a_share_are_usable(name):
+    for value in (1e-9, 1.0):
+        assert getattr(GeneticSettings(**{name: value}), name) == value
+
+
+def test_the_first_of_a_generation_is_in_doubt_like_any_other():
+    search = GeneticSearch(2, SMALL, seed=3)
+    points = search.ask()
+    costs = np.arange(1.0, len(points) + 1.0)
+    exact = np.ones(len(points), dtype=bool)
+    assert search.in_doubt(costs, exact).size == 0
+    exact[0] = exact[-1] = False
+    assert search.in_doubt(costs, exact).tolist() == [0]
+
+
+def test_eqs_8_and_9_bound_the_distance():
+    GeneticSearch(2, replace(SMALL, min_distance=1.4))
+    with pytest.raises(IdentError, match='below 1, the diagonal'):
+        GeneticSearch(1, replace(SMALL, min_distance=1.0))
+    with pytest.raises(IdentError, match='below 1.414, the diagonal'):
+        GeneticSearch(2, replace(SMALL, min_distance=1.5))
+    with pytest.raises(IdentError, match='at least one parameter'):
+        GeneticSearch(0)
+    with pytest.raises(IdentError, match='seed is -1'):
+        GeneticSearch(1, seed=-1)
+
+
+GOLDEN_POINT = [0.35107914058606365, 0.3000800276692563]
+GOLDEN_COST = 0.002668249764180974
+
+
+def test_the_settings_for_many_minima_are_those_that_the_docs_state():
+    m = MANY_MINIMA
+    assert (m.survivors, m.children, m.initial_population, m.evaluations) == (40, 4, 500, 2260)
+    assert (m.range_reduction, m.min_distance, m.first_step) == (0.8, 0.05, 0.05)
+    page = (Path(__file__).parents[2] / 'docs/search.md').read_text(encoding='utf-8')
+    for said in (
+        '40\nparents with 4 children, and 500 first',
+        '2260\nsimulations',
+        '`first_step` = 0.05',
+    ):
+        assert said in page

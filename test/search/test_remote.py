@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Evaluating elsewhere gives the same bits, whoever is lost on the way."""
+
+from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
+import multiprocessing
+import os
+from pathlib import Path
+import pickle
+import signal
+import threading
+from typing import Any
+
+from bowl import Bowl, Broken
+import numpy as np
+import pytest
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.identify.result import Identification, Outcome
+from ros2_ident.identify.run import identify, read_data
+from ros2_ident.identify.settings import IdentifySettings
+from ros2_ident.identify.setup import problem_of
+from ros2_ident.models import load_machine
+from ros2_ident.search import (
+    Budget,
+    GeneticSearch,
+    GeneticSettings,
+    minimise,
+    StopReason,
+    Threads,
+)
+from ros2_ident.search.cluster import Cluster
+from ros2_ident.search.remote import Executors
+
+ROOT = Path(__file__).parents[2]
+SETTINGS = GeneticSettings(initial_population=64, survivors=4, children=8, generations=4)
+LOW, HIGH = np.full(3, -2.0), np.full(3, 3.0)
+# A new interpreter, as on another machine; forked ones would inherit what is to be sent.
+processes = partial(ProcessPoolExecutor, mp_context=multiprocessing.get_context('spawn'))
+
+
+def search() -> GeneticSearch:
+    return GeneticSearch(3, SETTINGS, 5)
+
+
+def run(workers: Any, objective: Any, **more: Any) -> Any:
+    with workers.open(objective) as evaluators:
+        return minimise(evaluators.costs, search(), low=LOW, high=HIGH, lot=evaluators.lot, **more)
+
+
+@pytest.fixture(scope='module')
+def cluster() -> Iterator[Any]:
+    """Return a scheduler with two workers, each a process of its own."""
+    distributed = pytest.importorskip('distributed')
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None
+    ) as cluster:
+        yield cluster
+
+
+def same(one: Identification, other: Identification) -> None:
+    np.testing.assert_array_equal(one.theta, other.theta)
+    for name in ('candidates', 'costs', 'generations', 'best_costs'):
+        np.testing.assert_array_equal(getattr(one.history, name), getattr(other.history, name))
+    assert [(p.low, p.high) for p in one.parameters] == [(p.low, p.high) for p in other.parameters]
+    np.testing.assert_equal((one.cost.ga, one.cost.refined), (other.cost.ga, other.cost.refined))
+    assert one.evaluations == other.evaluations
+    assert dict(one.settings) == dict(other.settings)
+
+
+def test_executors_give_the_bits_of_threads() -> None:
+    here = run(Threads(1), Bowl())
+    there = run(Executors(ThreadPoolExecutor, 3), Bowl())
+    np.testing.assert_array_equal(here.theta, there.theta)
+    assert here.best_costs == there.best_costs
+    assert here.evaluations == there.evaluations
+
+
+def test_killed_process_costs_its_batch_only(tmp_path: Path) -> None:
+    deadly = tmp_path / 'died'
+    there = run(Executors(processes, 2), Bowl(deadly))
+    assert deadly.exists()
+    np.testing.assert_array_equal(there.theta, run(Threads(1), Bowl()).theta)
+
+
+def test_failure_of_the_work_is_no_loss_of_the_worker() -> None:
+    with pytest.raises(IdentError, match='mend it') as caught:
+        run(Executors(ThreadPoolExecutor, 1), Broken())
+    assert caught.value.code is ErrorCode.BAD_VALUES
+    assert isinstance(pickle.loads(pickle.dumps(caught.value)), IdentError)
+
+
+def test_workers_that_never_start_leave_the_work_here() -> None:
+    made = []
+
+    class Stillborn(ThreadPoolExecutor):
+        def __init__(self, **more: Any) -> None:
+            super().__init__(max_workers=1)
+            made.append(self)
+
+        def submit(self, *_: Any, **__: Any) -> Any:
+            raise BrokenExecutor('no process came up')
+
+    there = run(Executors(Stillborn, 1), Bowl())
+    np.testing.assert_array_equal(there.theta, run(Threads(1), Bowl()).theta)
+    assert 1 < len(made) < 20
+
+
+def test_cancel_is_seen_while_workers_are_busy() -> None:
+    cancel = threading.Event()
+    workers = Executors(ThreadPoolExecutor, 1)
+    with workers.open(Bowl(slow=0.2), cancel) as evaluators:
+        result = minimise(
+            evaluators.costs,
+            search(),
+            low=LOW,
+            high=HIGH,
+            lot=8,
+            cancel=cancel,
+            on_progress=lambda _: cancel.set(),
+        )
+    assert result.stop is StopReason.CANCELLED
+    assert 0 < result.evaluations < SETTINGS.initial_population
+
+
+def test_budget_of_evaluations_is_kept_with_batches_on_their_way() -> None:
+    workers = Executors(ThreadPoolExecutor, 2)
+    for count in (8, 20, 64, 77):
+        result = run(workers, Bowl(), budget=Budget(evaluations=count))
+        assert result.evaluations == count
+
+
+def test_cut_batches_are_put_together_again() -> None:
+    theta = np.random.default_rng(1).random((37, 3))
+    with Executors(ThreadPoolExecutor, 3).open(Bowl()) as evaluators:
+        for count in (37, 3):
+            batch = evaluators.costs.submit(theta[:count])
+            while not batch.wait(1.0):
+                pass
+            np.testing.assert_array_equal(batch.result(), Bowl().costs(theta[:count]))
+
+
+def test_dask_gives_the_bits_of_threads(cluster: Any) -> None:
+    machine = load_machine(ROOT / 'config/emps.yaml')
+    data = read_data(ROOT / 'bags/axis_reversals', machine)
+    seen: list[str] = []
+    here = identify(machine, data, seed=3)
+    there = identify(
+        machine,
+        data,
+        seed=3,
+        workers=Cluster(cluster.scheduler_address),
+        on_progress=lambda p: seen.append(p.phase),
+    )
+    same(here, there)
+    # A refinement may be over before it is due to say something.
+    assert 'search' in seen
+
+
+def test_dask_worker_killed_in_mid_run_leaves_the_result_unchanged(cluster: Any) -> None:
+    machine = load_machine(ROOT / 'config/emps.yaml')
+    data = read_data(ROOT / 'bags/axis_reversals', machine)
+    here = identify(machine, data, seed=4)
+    victims = [worker.process.pid for worker in cluster.workers.values()]
+    killed: list[int] = []
+
+    def kill(progress: Any) -> None:
+        if not killed and progress.evaluations > 100:
+            os.kill(victims[0], signal.SIGKILL)
+            killed.append(progress.evaluations)
+
+    there = identify(
+        machine,
+        data,
+        seed=4,
+        workers=Cluster(cluster.scheduler_address),
+        on_progress=kill,
+    )
+    assert killed and killed[0] < here.evaluations
+    same(here, there)
+
+
+def test_work_is_done_here_when_every_dask_worker_is_gone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    distributed = pytest.importorskip('distributed')
+    monkeypatch.setattr('ros2_ident.search.cluster.PATIENCE', 1.0)
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+        ) as lonely,
+        distributed.Client(lonely) as client,
+        Cluster(client).open(Bowl()) as evaluators,
+    ):
+        lonely.scale(0)
+        there = minimise(evaluators.costs, search(), low=LOW, high=HIGH, lot=8)
+    np.testing.assert_array_equal(there.theta, run(Threads(1), Bowl()).theta)
+
+
+def test_no_scheduler_is_said_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip('distributed')
+    monkeypatch.setattr('ros2_ident.search.cluster.PATIENCE', 1.0)
+    machine = load_machine(ROOT / 'config/emps.yaml')
+    data = read_data(ROOT / 'bags/axis_reversals', machine)
+    with pytest.raises(IdentError, match='dask scheduler') as caught:
+        identify(machine, data, workers=Cluster('tcp://127.0.0.1:1'))
+    assert caught.value.code is ErrorCode.INVALID_GOAL
+
+
+def test_problem_refuses_to_be_unpacked_by_other_sources(monkeypatch: pytest.MonkeyPatch) -> None:
+    machine = load_machine(ROOT / 'config/emps.yaml')
+    problem = problem_of(machine, read_data(ROOT / 'bags/axis_reversals', machine))
+    packed = pickle.dumps(problem)
+    again = pickle.loads(packed)
+    theta = 0.5 * (problem.low + problem.high)[None]
+    np.testing.assert_array_equal(problem.residuals(theta), again.residuals(theta))
+    assert again.data.recordings == ()
+    monkeypatch.setattr('ros2_ident.identify.problem.result_digest', lambda: 'other')
+    with pytest.raises(IdentError, match='same version'):
+        pickle.loads(packed)
+
+
+def test_result_does_not_depend_on_how_candidates_are_cut() -> None:
+    machine = load_machine(ROOT / 'config/tripod.yaml')
+    problem = problem_of(machine, read_data(ROOT / 'bags/tripod_mixed', machine))
+    draw = np.random.default_rng(2).random((17, len(problem.low)))
+    draw[5, 1:4] = 1e-12  # so soft that it may diverge beside others that do not
+    theta = problem.low + draw * (problem.high - problem.low)
+    whole = problem.residuals(theta)
+    for size in (1, 5, 8):
+        cut = [problem.residuals(theta[at : at + size]) for at in range(0, len(theta), size)]
+        np.testing.assert_array_equal(np.concatenate(cut), whole)
+
+
+def test_budget_and_outcome_across_an_executor() -> None:
+    machine = load_machine(ROOT / 'config/emps.yaml')
+    data = read_data(ROOT / 'bags/axis_reversals', machine)
+    settings = IdentifySettings(budget=Budget(evaluations=120), refine=False)
+    workers = Executors(ThreadPoolExecutor, 2)
+    there = identify(machine, data, settings=settings, workers=workers)
+    same(identify(machine, data, settings=settings), there)
+    assert there.outcome is Outcome.BUDGET_SPENT
