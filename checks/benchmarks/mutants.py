@@ -30,8 +30,8 @@ from types import ModuleType
 ROOT = Path(__file__).parents[2]
 # Modules of `gap/` that are rules; the others simulate, which takes minutes for each change.
 RULES = ('criteria', 'explain', 'verdict')
-# Modules whose tests start processes or a cluster, and are all slow.
-REMOTE = ('cluster', 'remote')
+# Modules whose tests start a cluster, and are all slow.
+REMOTE = ('cluster',)
 # Tests, test/<room>/test_*.py, that are for a module and not named after it; they run first.
 OWN: dict[str, str] = {
     'gap.criteria': 'gap_rules gap_verdict',
@@ -105,7 +105,7 @@ LOADED = (
     'checks.reference',
 )
 # Tests of a room that are left out: they draw at random for long, or read other data.
-LEFT_OUT = {'recording_fuzz', 'recording_shared', 'search_belt', 'search_remote'}
+LEFT_OUT = {'recording_fuzz', 'recording_shared', 'search_belt', 'search_cluster'}
 ROOMS = ('gap', 'search', 'recording')
 COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Lt: ast.LtE,

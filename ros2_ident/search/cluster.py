@@ -1,16 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluate candidates on a Dask cluster."""
+"""Evaluate candidates on a Dask cluster, some of whose workers may be lost on the way.
 
-from collections.abc import Callable, Iterator
+Batches are cut to the number of workers. What a lost worker had is sent again, and what is lost
+again and again is evaluated in this process.
+"""
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, wait
 from contextlib import contextmanager, suppress
+import hashlib
 import math
+import pickle
+from threading import Lock
 import time
 from typing import Any
 
+import numpy as np
+
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.evaluators import Cancel, Evaluators, Objective, RunTasks, Subject
-from ros2_ident.search.remote import call, Carrier, hold, remote, remote_tasks, said
+from ros2_ident.lanes import WIDTH
+from ros2_ident.search.evaluators import (
+    Cancel,
+    dealt,
+    Evaluators,
+    Objective,
+    Queue,
+    RunTasks,
+    Stop,
+    Subject,
+    Threads,
+)
+from ros2_ident.search.operators import Array
 
 # So long to reach a scheduler, and to wait for a worker where there is none, s.
 PATIENCE = 30.0
@@ -18,6 +39,44 @@ PATIENCE = 30.0
 _FRESH = 1.0
 # How long to wait before looking again, s.
 _LOOK = 0.05
+# What was lost so often is evaluated in this process.
+_ATTEMPTS = 3
+# Objects a worker keeps unpacked; a fleet has one for each bag that is being identified.
+_KEPT = 4
+
+
+# ---------------------------------------------------------------- in the worker
+
+_held: OrderedDict[str, Subject] = OrderedDict()
+_lock = Lock()
+
+
+def _hold(digest: str, packed: bytes) -> None:
+    """Unpack an object and compile what it needs, the first time this process sees it."""
+    with _lock:
+        if digest not in _held:
+            subject: Subject = pickle.loads(packed)  # noqa: S301 - from who sends the work
+            subject.prepare()
+            _held[digest] = subject
+            while len(_held) > _KEPT:
+                _held.popitem(last=False)
+        _held.move_to_end(digest)
+
+
+def _call(digest: str, packed: bytes, name: str, arguments: tuple[Any, ...]) -> Any:
+    """Return what a method of an object says, on a worker.
+
+    Args:
+        digest: Of the packed object.
+        packed: The object; the same for all calls.
+        name: The method.
+        arguments: Its arguments.
+    """
+    _hold(digest, packed)
+    return getattr(_held[digest], name)(*arguments)
+
+
+# ---------------------------------------------------------------- in this process
 
 
 def connect(scheduler: Any) -> Any:
@@ -71,8 +130,10 @@ class Cluster:
         Raises:
             IdentError: INVALID_GOAL where there is no Dask, no scheduler, or no worker.
         """
-        with self._carrier(cancel) as carrier, remote(objective, carrier) as evaluators:
-            yield evaluators
+        with self._link(objective, cancel) as link, Threads().open(objective) as here:
+            # A candidate's residuals are as long as the log: sending them takes longer than
+            # simulating them anew.
+            yield Evaluators(_Costs(link, here.costs), here.residuals, WIDTH * max(1, link.slots))
 
     @contextmanager
     def tasks(self, subject: Subject) -> Iterator[RunTasks]:
@@ -81,23 +142,32 @@ class Cluster:
         Raises:
             IdentError: As `open`.
         """
-        with self._carrier(None) as carrier, remote_tasks(subject, carrier) as run:
+        with self._link(subject, None) as link:
+
+            def run(name: str, items: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
+                calls = [_Away(link, getattr(subject, name), name, item) for item in items]
+                return (one.result() for one in calls)
+
             yield run
 
     @contextmanager
-    def _carrier(self, cancel: Cancel | None) -> Iterator[Callable[[str, bytes], Carrier]]:
-        """Connect to the scheduler, wait for its workers, and give what makes a carrier."""
+    def _link(self, subject: Subject, cancel: Cancel | None) -> Iterator['_Link']:
+        """Connect to the scheduler, wait for its workers, and bring an object to them."""
         own = isinstance(self._scheduler, str)
         client = connect(self._scheduler) if own else self._scheduler
         try:
             _await_workers(client, cancel)
-            yield lambda digest, packed: _DaskCarrier(digest, packed, client, cancel)
+            link = _Link(subject, client, cancel)
+            try:
+                yield link
+            finally:
+                link.close()
         finally:
             if own:
                 client.close()
 
 
-def slots(client: Any) -> int:
+def _slots(client: Any) -> int:
     """Return how many tasks the workers of a client's cluster run at the same time."""
     return sum(int(worker['nthreads']) for worker in _workers(client).values())
 
@@ -109,7 +179,7 @@ def _workers(client: Any) -> dict[str, Any]:
 
 def _await_workers(client: Any, cancel: Cancel | None) -> None:
     end = time.monotonic() + PATIENCE
-    while not slots(client):
+    while not _slots(client):
         if time.monotonic() > end or (cancel is not None and cancel.is_set()):
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
@@ -119,11 +189,12 @@ def _await_workers(client: Any, cancel: Cancel | None) -> None:
         time.sleep(_LOOK)
 
 
-class _DaskCarrier(Carrier):
-    """A Dask scheduler; it sends again by itself what a lost worker had."""
+class _Link:
+    """A Dask scheduler, whose workers have an object."""
 
-    def __init__(self, digest: str, packed: bytes, client: Any, cancel: Cancel | None) -> None:
-        super().__init__(digest, packed)
+    def __init__(self, subject: Subject, client: Any, cancel: Cancel | None) -> None:
+        self._packed = pickle.dumps(subject, protocol=pickle.HIGHEST_PROTOCOL)
+        self._digest = hashlib.sha256(self._packed).hexdigest()
         self._client = client
         self._executor = client.get_executor(pure=False)
         self._asked = -math.inf
@@ -135,13 +206,13 @@ class _DaskCarrier(Carrier):
     def _scatter(self) -> None:
         """Bring the data to every worker."""
         self._data = self._client.scatter(
-            self.packed, broadcast=True, hash=False, timeout=PATIENCE
+            self._packed, broadcast=True, hash=False, timeout=PATIENCE
         )
 
     def _prepare(self, cancel: Cancel | None) -> None:
         """Let every worker compile, before a clock runs."""
         ready = [
-            self._executor.submit(hold, self.digest, self._data, workers=[address])
+            self._executor.submit(_hold, self._digest, self._data, workers=[address])
             for address in _workers(self._client)
         ]
         while wait(ready, _LOOK).not_done and not (cancel is not None and cancel.is_set()):
@@ -150,18 +221,20 @@ class _DaskCarrier(Carrier):
             if future.done() and not future.cancelled():
                 error = future.exception()
                 if error is not None and not self.lost(error):
-                    raise said(error) from error
+                    raise _said(error) from error
 
     @property
     def slots(self) -> int:
+        """Batches that are evaluated at the same time; 0 where no worker is there now."""
         # Each question is a message to the scheduler.
         if time.monotonic() - self._asked > _FRESH and self._client.status == 'running':
-            self._slots = slots(self._client)
+            self._slots = _slots(self._client)
             self._asked = time.monotonic()
         return self._slots
 
     @property
     def hopeless(self) -> bool:
+        """Whether to wait for workers no longer."""
         if self._client.status != 'running':
             return True
         if self.slots:
@@ -170,26 +243,135 @@ class _DaskCarrier(Carrier):
             self._alone_since = time.monotonic()
         return time.monotonic() - self._alone_since > PATIENCE
 
-    def send(self, name: str, *arguments: Any) -> 'Future[Any]':
+    def send(self, name: str, arguments: tuple[Any, ...]) -> 'Future[Any]':
+        """Send a call of the object's method."""
         future: Future[Any] = self._executor.submit(
-            call, self.digest, self._data, name, arguments
+            _call, self._digest, self._data, name, arguments
         )
         return future
 
     def lost(self, error: BaseException) -> bool:
+        """Return whether an error means that the worker is gone, not that its work failed."""
         from distributed import KilledWorker
         from distributed.comm.core import CommClosedError
 
         return isinstance(error, KilledWorker | CancelledError | CommClosedError | TimeoutError)
 
     def repair(self) -> None:
+        """Make ready to send again what was lost."""
         # The only worker that held the data may be the one that was lost.
-        if self._data.status != 'finished' and slots(self._client):
+        if self._data.status != 'finished' and _slots(self._client):
             # No worker after all: what cannot be sent is evaluated in this process.
             with suppress(TimeoutError):
                 self._scatter()
 
     def close(self) -> None:
+        """Let go of the workers."""
         # What is still on its way belongs to a run that has ended.
         if self._client.status == 'running':
             self._executor.shutdown(wait=False)
+
+
+class _Away:
+    """A call on its way: sent again where its worker was lost, done here in the end."""
+
+    def __init__(
+        self, link: _Link, here: Callable[..., Any], name: str, arguments: tuple[Any, ...]
+    ) -> None:
+        self._link, self._here, self._name, self._arguments = link, here, name, arguments
+        self._attempts, self._there, self._value = 0, False, None
+        self._future = self._send()
+
+    def _send(self) -> 'Future[Any] | None':
+        """Send it; None where it has to be done here."""
+        while self._attempts < _ATTEMPTS and not self._link.hopeless:
+            self._attempts += 1
+            try:
+                return self._link.send(self._name, self._arguments)
+            except Exception as error:
+                if not self._link.lost(error):
+                    raise
+                self._link.repair()
+        return None
+
+    def wait(self, seconds: float) -> bool:
+        """Return whether the result is there, after waiting at most so long."""
+        if self._there:
+            return True
+        if self._future is None or self._link.hopeless:
+            self._there, self._value = True, self._here(*self._arguments)
+        elif wait([self._future], seconds).done:
+            try:
+                self._there, self._value = True, self._future.result()
+            except (CancelledError, Exception) as error:
+                self._there = False
+                if not self._link.lost(error):
+                    raise _said(error) from error
+                self._link.repair()
+                self._future = self._send()
+        return self._there
+
+    def result(self) -> Any:
+        """Wait for the result."""
+        while not self.wait(_LOOK):
+            pass
+        return self._value
+
+    def drop(self) -> None:
+        """Take it back where no worker has begun."""
+        if self._future is not None:
+            self._future.cancel()
+
+
+class _Batch:
+    """A batch, cut into equal pieces, one for each worker."""
+
+    def __init__(self, link: _Link, theta: Array, limit: float, here: Any) -> None:
+        self._count = len(theta)
+        self._pieces = [
+            (rows, _Away(link, here, 'costs', (theta[rows], limit)))
+            for rows in dealt(len(theta), link.slots)
+        ]
+
+    def wait(self, seconds: float) -> bool:
+        """Return whether all pieces are there, after waiting for one at most so long."""
+        return all(piece.wait(seconds) for _, piece in self._pieces)
+
+    def result(self) -> Array:
+        """Return the result in the order of the candidates."""
+        out = np.empty(self._count)
+        for rows, piece in self._pieces:
+            out[rows] = piece.result()
+        return out
+
+    def drop(self) -> None:
+        """Take back what no worker has begun."""
+        for _, piece in self._pieces:
+            piece.drop()
+
+
+class _Costs(Queue):
+    """The costs as a queue to the workers."""
+
+    # A worker that has done its piece shall find the next one with it, not on the way.
+    ahead = 3
+    # `stop` stays here: who waits looks at the same himself.
+    limited = True
+
+    def __init__(self, link: _Link, here: Any) -> None:
+        self._link = link
+        self._here = here
+
+    def submit(self, theta: Array, limit: float = math.inf, stop: Stop | None = None) -> _Batch:
+        return _Batch(self._link, theta, limit, self._here)
+
+
+def _said(error: BaseException) -> BaseException:
+    """Return an error of a worker as the user shall see it."""
+    if isinstance(error, ImportError):
+        return IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'a worker cannot import what it needs ({error}); install the same version of '
+            'ros2_ident on every worker',
+        )
+    return error

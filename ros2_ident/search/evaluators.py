@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where candidates are evaluated: the seam, and threads of this process behind it.
 
-`Workers` is what a caller chooses, `Evaluators` is what a run gets from it. Processes and clusters
-are in `remote` and `cluster`.
+`Workers` is what a caller chooses, `Evaluators` is what a run gets from it. A cluster is in
+`cluster`.
 """
 
 from abc import ABC, abstractmethod
@@ -112,7 +112,7 @@ RunTasks = Callable[[str, Sequence[tuple[Any, ...]]], Iterator[Any]]
 
 
 class Workers(Protocol):
-    """Who evaluates: threads, processes, a cluster."""
+    """Who evaluates: threads, a cluster."""
 
     def tasks(self, subject: Subject) -> AbstractContextManager[RunTasks]:
         """Make ready to run a subject's methods side by side, until the context is left.

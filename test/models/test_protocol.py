@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any model that meets the protocol is identified and diagnosed, on one recording or several."""
 
-from concurrent.futures import ProcessPoolExecutor
 import gc
 import math
 from pathlib import Path
@@ -21,7 +20,7 @@ from ros2_ident.models import load_machine, make_model
 from ros2_ident.models.protocol import complete, Model, Output
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings
-from ros2_ident.search.remote import Executors
+from ros2_ident.search.cluster import Cluster
 
 ROOT = Path(__file__).parents[2]
 SMALL = IdentifySettings(genetic=GeneticSettings(initial_population=64, generations=4))
@@ -189,11 +188,16 @@ def test_conditions_that_make_no_sense_are_refused(tmp_path):
     assert read_conditions(('a',), path) == Conditions(('a',), {'with_load': {'tool_mass': 0.5}})
 
 
-def test_other_processes_give_the_diagnosis_of_threads():
+def test_a_cluster_gives_the_diagnosis_of_threads():
     def run(workers):
         return diagnose(model=Pendulum(TRUTH, 1, cubic=2e-3), seed=1, workers=workers)
 
-    here, there = run(None), run(Executors(ProcessPoolExecutor, 2))
+    distributed = pytest.importorskip('distributed')
+    with (
+        distributed.LocalCluster(n_workers=2, processes=False, dashboard_address=None) as near,
+        distributed.Client(near, set_as_default=False) as client,
+    ):
+        here, there = run(None), run(Cluster(client))
     assert here.sentence == there.sentence
     assert here.parameters == there.parameters
 

@@ -2,9 +2,6 @@
 """Evaluating elsewhere gives the same bits, whoever is lost on the way."""
 
 from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor
-from functools import partial
-import multiprocessing
 import os
 from pathlib import Path
 import pickle
@@ -31,13 +28,10 @@ from ros2_ident.search import (
     Threads,
 )
 from ros2_ident.search.cluster import Cluster
-from ros2_ident.search.remote import Executors
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = GeneticSettings(initial_population=64, survivors=4, children=8, generations=4)
 LOW, HIGH = np.full(3, -2.0), np.full(3, 3.0)
-# A new interpreter, as on another machine; forked ones would inherit what is to be sent.
-processes = partial(ProcessPoolExecutor, mp_context=multiprocessing.get_context('spawn'))
 
 
 def search() -> GeneticSearch:
@@ -59,6 +53,19 @@ def cluster() -> Iterator[Any]:
         yield cluster
 
 
+@pytest.fixture(scope='module')
+def near() -> Iterator[Any]:
+    """Return three workers in this process."""
+    distributed = pytest.importorskip('distributed')
+    with (
+        distributed.LocalCluster(
+            n_workers=3, threads_per_worker=1, processes=False, dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        yield Cluster(client)
+
+
 def same(one: Identification, other: Identification) -> None:
     np.testing.assert_array_equal(one.theta, other.theta)
     for name in ('candidates', 'costs', 'generations', 'best_costs'):
@@ -69,48 +76,29 @@ def same(one: Identification, other: Identification) -> None:
     assert dict(one.settings) == dict(other.settings)
 
 
-def test_executors_give_the_bits_of_threads() -> None:
-    here = run(Threads(1), Bowl())
-    there = run(Executors(ThreadPoolExecutor, 3), Bowl())
+def test_a_cluster_gives_the_bits_of_threads(near: Any) -> None:
+    here, there = run(Threads(1), Bowl()), run(near, Bowl())
     np.testing.assert_array_equal(here.theta, there.theta)
     assert here.best_costs == there.best_costs
     assert here.evaluations == there.evaluations
 
 
-def test_killed_process_costs_its_batch_only(tmp_path: Path) -> None:
+def test_killed_process_costs_its_batch_only(cluster: Any, tmp_path: Path) -> None:
     deadly = tmp_path / 'died'
-    there = run(Executors(processes, 2), Bowl(deadly))
+    there = run(Cluster(cluster.scheduler_address), Bowl(deadly))
     assert deadly.exists()
     np.testing.assert_array_equal(there.theta, run(Threads(1), Bowl()).theta)
 
 
-def test_failure_of_the_work_is_no_loss_of_the_worker() -> None:
+def test_failure_of_the_work_is_no_loss_of_the_worker(near: Any) -> None:
     with pytest.raises(IdentError, match='mend it') as caught:
-        run(Executors(ThreadPoolExecutor, 1), Broken())
+        run(near, Broken())
     assert caught.value.code is ErrorCode.BAD_VALUES
-    assert isinstance(pickle.loads(pickle.dumps(caught.value)), IdentError)
 
 
-def test_workers_that_never_start_leave_the_work_here() -> None:
-    made = []
-
-    class Stillborn(ThreadPoolExecutor):
-        def __init__(self, **more: Any) -> None:
-            super().__init__(max_workers=1)
-            made.append(self)
-
-        def submit(self, *_: Any, **__: Any) -> Any:
-            raise BrokenExecutor('no process came up')
-
-    there = run(Executors(Stillborn, 1), Bowl())
-    np.testing.assert_array_equal(there.theta, run(Threads(1), Bowl()).theta)
-    assert 1 < len(made) < 20
-
-
-def test_cancel_is_seen_while_workers_are_busy() -> None:
+def test_cancel_is_seen_while_workers_are_busy(near: Any) -> None:
     cancel = threading.Event()
-    workers = Executors(ThreadPoolExecutor, 1)
-    with workers.open(Bowl(slow=0.2), cancel) as evaluators:
+    with near.open(Bowl(slow=0.2), cancel) as evaluators:
         result = minimise(
             evaluators.costs,
             search(),
@@ -124,16 +112,15 @@ def test_cancel_is_seen_while_workers_are_busy() -> None:
     assert 0 < result.evaluations < SETTINGS.initial_population
 
 
-def test_budget_of_evaluations_is_kept_with_batches_on_their_way() -> None:
-    workers = Executors(ThreadPoolExecutor, 2)
+def test_budget_of_evaluations_is_kept_with_batches_on_their_way(near: Any) -> None:
     for count in (8, 20, 64, 77):
-        result = run(workers, Bowl(), budget=Budget(evaluations=count))
+        result = run(near, Bowl(), budget=Budget(evaluations=count))
         assert result.evaluations == count
 
 
-def test_cut_batches_are_put_together_again() -> None:
+def test_cut_batches_are_put_together_again(near: Any) -> None:
     theta = np.random.default_rng(1).random((37, 3))
-    with Executors(ThreadPoolExecutor, 3).open(Bowl()) as evaluators:
+    with near.open(Bowl()) as evaluators:
         for count in (37, 3):
             batch = evaluators.costs.submit(theta[:count])
             while not batch.wait(1.0):
@@ -233,11 +220,10 @@ def test_result_does_not_depend_on_how_candidates_are_cut() -> None:
         np.testing.assert_array_equal(np.concatenate(cut), whole)
 
 
-def test_budget_and_outcome_across_an_executor() -> None:
+def test_budget_and_outcome_across_a_cluster(near: Any) -> None:
     machine = load_machine(ROOT / 'config/emps.yaml')
     data = read_data(ROOT / 'bags/axis_reversals', machine)
     settings = IdentifySettings(budget=Budget(evaluations=120), refine=False)
-    workers = Executors(ThreadPoolExecutor, 2)
-    there = identify(machine, data, settings=settings, workers=workers)
+    there = identify(machine, data, settings=settings, workers=near)
     same(identify(machine, data, settings=settings), there)
     assert there.outcome is Outcome.BUDGET_SPENT
