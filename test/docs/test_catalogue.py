@@ -57,10 +57,11 @@ def test_the_tests_that_the_page_on_reliability_names_are_there() -> None:
     page = (ROOT / 'docs' / 'reliability.md').read_text(encoding='utf-8')
     table = page[page.index('## What once went wrong') :]
     file, found = '', 0
-    for name in re.findall(r'`((?:\w+/)?test_\w+(?:\.py)?(?:::test_\w+)?)`', table):
+    for name in re.findall(r'`((?:\w+/)*test_\w+(?:\.py)?(?:::test_\w+)?)`', table):
         at, _, test = name.partition('::')
         if at.endswith('.py'):
-            file = (ROOT / 'test' / at).read_text(encoding='utf-8')
+            root = ROOT if at.startswith('checks/') else ROOT / 'test'
+            file = (root / at).read_text(encoding='utf-8')
         else:
             test = at
         if test:

@@ -12,7 +12,6 @@ from gap_fits import (
     explainer_of,
     floor_of,
     found,
-    FRICTION,
     made,
     of_round,
     RULES,
@@ -23,11 +22,9 @@ import numpy as np
 import pytest
 
 from ros2_ident.effects import get_effect
-from ros2_ident.gap.compose import _hidden_by_noise
 from ros2_ident.gap.explain import Explainer
 from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.gap.verdict import (
-    _together,
     advice,
     judge,
     NONE,
@@ -49,26 +46,6 @@ def explainer(attribution):
     return explainer_of(attribution)
 
 
-# ---------------------------------------------------------------------- the best of a round
-
-
-def test_one_more_number_makes_a_rival_no_likelier(explainer):
-    base = made((2.0, 0.0))
-    simple, rival = made((0.23, 0.0), effects=[DRAG]), made((0.2, 0.0), effects=[SPRING])
-    said = answered(explainer, [base, simple], [simple, rival])
-    assert said.effect == DRAG.effect
-    weights = {w.at: w.probability for w in said.ranking}
-    assert weights[DRAG] == pytest.approx(weights[SPRING])
-
-
-def test_what_comes_near_makes_unknown_less_sure(explainer):
-    base, near = made((2.0, 0.0)), made((1.2, 0.0), effects=[STRIBECK])
-    said = judge(explainer, found([base], [of_round(base, near)]))
-    odds = 0.88 / (1.0 + math.exp((RULES.closed - 0.4) / 0.1))
-    assert said.effect == UNKNOWN
-    assert said.probability == pytest.approx(1.0 - 0.12 - odds, abs=1e-6)
-
-
 # ---------------------------------------------------------------------- limits
 
 
@@ -79,12 +56,6 @@ def test_an_effort_that_stays_below_what_is_asked_names_its_limit(explainer):
     said = answered(explainer, chain, [chain[-1]], remaining=1.2)
     assert said.named == (EffectAt('torque_saturation', 'one'), DRAG)
     assert (said.probability, said.limits) == (0.9, {'one': 0.4})
-
-
-def test_a_limit_on_a_drive_without_a_gap_is_no_answer(explainer):
-    explainer.attribution.limits = {'two': 0.4}
-    said = answered(explainer, [made((2.0, 0.0))])
-    assert (said.effect, said.where, said.limits) == (UNKNOWN, ('one',), {})
 
 
 def test_every_drive_with_a_limit_is_named_and_what_stood_in_for_it_is_not(explainer):
@@ -105,6 +76,7 @@ def test_every_drive_with_a_limit_is_named_and_what_stood_in_for_it_is_not(expla
 
 
 # ---------------------------------------------------------------------- the answer
+
 
 SHARP = Temperatures(size=1e-3, closed=1e-3)
 
@@ -149,35 +121,6 @@ def test_a_name_is_believed_where_enough_closes_or_little_is_left(
         assert said.probability > 0.85
 
 
-def test_probabilities_follow_what_is_left_and_what_controllers_say(explainer):
-    base = made((2.0, 0.0))
-    one, two = made((0.2, 0.0), effects=[STRIBECK]), made((0.4, 0.0), effects=[DRAG])
-    said = answered(explainer, [base, one], [one, two])
-    weights = {w.at: w.probability for w in said.ranking}
-    assert weights[STRIBECK] / weights[DRAG] == pytest.approx((0.22 / 0.12) ** 5)
-    assert sum(weights.values()) == pytest.approx(1.0)
-    assert [w.at for w in said.ranking] == [STRIBECK, DRAG]
-    refuted = replace(two, law=np.array([2.0, 1.0]))
-    again = answered(explainer, [base, one], [one, refuted])
-    less = {w.at: w.probability for w in again.ranking}
-    assert less[STRIBECK] / less[DRAG] == pytest.approx(50.0 * (0.22 / 0.12) ** 5)
-
-
-def test_where_nothing_counts_the_controllers_weigh_no_candidate(explainer):
-    base = made((0.7, 0.0), law=(1.0, 1.0))
-    one = made((0.5, 0.0), effects=[STRIBECK])
-    refuted = made((0.5, 0.0), effects=[DRAG], law=(2.0, 1.0))
-    said = answered(explainer, [base], [one, refuted])
-    assert said.effect == UNKNOWN
-    assert said.ranking[0].probability == said.ranking[1].probability > 0.0
-
-
-def test_every_one_of_several_drives_is_the_machine():
-    assert _together(('a', 'b'), ('a', 'b')) == ('all',)
-    assert _together(('a',), ('a', 'b')) == ('a',)
-    assert _together(('a',), ('a',)) == ('a',)
-
-
 def test_what_closes_nearly_as_much_cannot_be_told_apart(explainer):
     base, one = made((2.0, 0.0)), made((0.0, 0.0), effects=[STRIBECK])
     near, far = made((0.19, 0.0), effects=[DRAG]), made((0.21, 0.0), effects=[SPRING])
@@ -206,49 +149,6 @@ def test_twins_are_one_answer_under_two_names(explainer):
     said = answered(explainer, [base, one], [one])
     assert [w.at for w in said.confusable] == [force, bias]
     assert said.confusable[1].probability == said.confusable[0].probability
-
-
-def test_outputs_too_violent_to_be_repeated_tell_nothing_of_any_candidate(explainer):
-    explainer.floor = floor_of(1e6)
-    base = made((2.0, 0.0), law=(41.0, 1.0))
-    vouched = made((1.9, 0.0), effects=[STRIBECK], law=(1.2, 1.0))
-    others = made((1.0, 0.0), effects=[DRAG], law=(1.2, 1.0)), made((1.5, 0.0), effects=[SPRING])
-    said = answered(explainer, [base, vouched], [vouched, *others], remaining=1.4)
-    assert said.effect == STRIBECK.effect
-    assert [w.probability for w in said.ranking] == pytest.approx([0.3] * 3)
-    # Where enough closes, what is left tells them apart.
-    closing = made((0.1, 0.0), effects=[STRIBECK], law=(1.2, 1.0))
-    said = answered(explainer, [base, closing], [closing, *others])
-    assert said.ranking[0].probability > 0.9
-
-
-def test_a_candidate_weighs_by_its_share_and_no_share_is_below_nothing(explainer):
-    base = made((2.0, 0.0))
-    one, none = made((0.2, 0.0), effects=[STRIBECK]), made((2.0, 0.0), effects=[DRAG])
-    said = answered(explainer, [base, one], [one, none])
-    weights = {w.at: w.probability for w in said.ranking}
-    assert weights[STRIBECK] / weights[DRAG] == pytest.approx((1.02 / 0.12) ** 5)
-    # What leaves less than nothing leaves nothing.
-    best = made((-0.2, 0.0), effects=[STRIBECK])
-    said = answered(explainer, [base, best], [best, none])
-    weights = {w.at: w.probability for w in said.ranking}
-    assert weights[STRIBECK] / weights[DRAG] == pytest.approx((1.02 / 0.02) ** 5)
-
-
-def test_a_rival_is_held_against_what_the_effect_takes_away_not_the_chain(explainer):
-    base, one = made((9.0, 1.0)), made((0.0, 1.0), effects=[STRIBECK])
-    both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
-    without = made((2.0, 0.0), effects=[DRAG])
-    near = made((0.19, 0.0), effects=[DRAG, FRICTION])
-    far = made((0.21, 0.0), effects=[DRAG, FRICTION])
-    chain = [base, one, both]
-    for rival, told in ((near, [STRIBECK, FRICTION]), (far, [STRIBECK])):
-        rivals = [(both, rival), (both,)]
-        said = answered(explainer, chain, [one], rivals, [without, one])
-        assert [w.at for w in said.confusable] == told
-    # One that the final model does not need closes nothing that another could.
-    said = answered(explainer, chain, [one], [(both, near), (both,)], [both, one])
-    assert [w.at for w in said.confusable] == [STRIBECK]
 
 
 def test_further_effects_are_told_in_their_order(explainer):
@@ -281,6 +181,7 @@ def test_advice_says_how_to_tell_apart_and_what_was_not_to_be_seen():
 
 
 # ---------------------------------------------------------------------- steps of encoders
+
 
 STEPS = EffectAt('encoder_quantisation', 'one')
 
@@ -316,34 +217,6 @@ def test_more_than_steps_is_missing_where_another_drive_has_a_gap(explainer):
     assert (said.effect, said.readings) == (UNKNOWN, ())
 
 
-def test_strong_steps_shake_the_other_drives(explainer):
-    # A quarter of the strongest gap: of 20, a mean square of 1.25.
-    assert read_coarsely(explainer, [made((20.0, 1.2))], 'one').effect == STEPS.effect
-    assert read_coarsely(explainer, [made((20.0, 1.3))], 'one').effect == UNKNOWN
-
-
-def test_steps_that_the_search_has_found_are_named_once(explainer):
-    base, one = made((3.0, 2.0)), made((3.0, 1.0), effects=[STEPS])
-    said = read_coarsely(explainer, [base, one], 'one')
-    assert said.named == (STEPS,)
-    chain = [made((3.0, 6.0)), made((2.0, 0.0), effects=[STEPS])]
-    assert read_coarsely(explainer, chain, 'one').named == (STEPS,)
-    two = EffectAt(STEPS.effect, 'two')
-    said = read_coarsely(explainer, [made((3.0, 2.0)), made((2.9, 2.0), effects=[two])], *DRIVES)
-    assert said.named == (STEPS, two)
-
-
-def test_an_effect_that_closes_more_than_the_steps_leave_comes_first(explainer):
-    base = made((0.0, 4.0))
-    one = made((1.0, 0.0), effects=[DRAG])
-    said = read_coarsely(explainer, [base, one], 'one')
-    assert (said.effect, said.where, said.also) == ('quadratic_drag', ('two',), (STEPS,))
-    assert [r.drive for r in said.readings] == ['one']
-    # It closes two, and the steps leave three.
-    less = read_coarsely(explainer, [made((3.0, 2.0)), made((3.0, 0.0), effects=[DRAG])], 'one')
-    assert (less.effect, less.where, less.also) == (STEPS.effect, ('one',), (DRAG,))
-
-
 def test_an_effect_is_named_where_only_steps_are_left(explainer):
     """It closes too little to be believed, for the steps' part of the gap cannot be closed."""
     base, one = made((1.9, 2.0)), made((1.9, 0.0), effects=[DRAG])
@@ -357,16 +230,6 @@ def test_an_effect_is_named_where_only_steps_are_left(explainer):
 
 
 # ---------------------------------------------------------------------- what is left to tell
-
-
-def test_how_sure_an_answer_is_follows_how_far_it_is_from_the_other(explainer):
-    base = made((0.46**2, 0.0))
-    said = judge(explainer, found([base]))
-    assert said.effect == NONE
-    assert said.probability == pytest.approx(1.0 / (1.0 + math.exp(-1.0)))
-    small = judge(explainer, found([made((0.76**2, 0.0))]))
-    assert small.effect == NONE
-    assert small.probability == pytest.approx(1.0 / (1.0 + math.exp(-1.0)))
 
 
 def test_a_floor_that_is_no_noise_is_something_unknown(explainer):
@@ -390,16 +253,6 @@ def test_a_floor_that_is_no_noise_is_something_unknown(explainer):
     assert not judge(explainer, found([made((2.0, 0.0))])).restless
 
 
-def test_the_one_effect_left_is_weighed_by_its_last_fit(explainer):
-    base, first = made((2.0, 0.0)), made((0.6, 0.0), effects=[STRIBECK])
-    other = made((0.4, 0.0), effects=[DRAG])
-    last = made((0.2, 0.0), effects=[STRIBECK])
-    said = answered(explainer, [base, last], [first, other])
-    assert said.ranking[0].at == STRIBECK and said.ranking[0].model is last
-    weights = {w.at: w.probability for w in said.ranking}
-    assert weights[STRIBECK] / weights[DRAG] == pytest.approx((0.22 / 0.12) ** 5)
-
-
 @pytest.mark.parametrize(('high', 'said'), [(1.05, 'unknown'), (1.2, 'none')])
 def test_what_noise_may_be_is_nothing_unknown(attribution, high, said):
     # 0.9 of the noise are left, and what is called noise may be larger.
@@ -407,12 +260,3 @@ def test_what_noise_may_be_is_nothing_unknown(attribution, high, said):
     floor.high = np.full(2, high)
     verdict = answered(Explainer(attribution, floor, RULES), [made((0.81, 0.0))])
     assert verdict.effect == said
-
-
-@pytest.mark.parametrize(('effect', 'told'), [(NONE, 1), (UNKNOWN, 0)])
-def test_nothing_is_missing_says_what_slow_noise_may_hide(effect, told):
-    floor = SimpleNamespace(per_drive=np.array([0.5, 0.5]), low=np.array([0.3, 0.45]))
-    verdict = Verdict(effect, (), 0.9, (), (), (), 0.0)
-    said = list(_hidden_by_noise(verdict, floor, DRIVES, 'N m'))
-    assert len(said) == told and all('What is left on one is so slow' in x for x in said)
-    assert all('up to 0.4 N m' in x for x in said)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A user's own MJCF as the model: MuJoCo's numbers, its attributes, what is missing in it."""
 
-import importlib.util
-import json
 from pathlib import Path
 import pickle
 import sys
@@ -18,7 +16,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.run import identify
-from ros2_ident.models import EffectAt, load_machine, make_model
+from ros2_ident.models import EffectAt, load_machine
 from ros2_ident.models.mujoco.model import Mujoco
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.effects import read_effect
@@ -377,115 +375,6 @@ def test_joints_that_slide_are_in_metres_and_their_actuators_in_newtons(looped, 
     effort = model.simulated_effort(np.array([tool, rail, rail]))
     force = GEAR * log.effort
     assert np.sqrt(np.mean((effort - force)[:, 200:] ** 2)) < 0.05 * np.abs(force).max()
-
-
-@pytest.fixture(scope='module')
-def blind():
-    file = ROOT / 'checks/benchmarks/mujoco_machine_blind.py'
-    spec = importlib.util.spec_from_file_location('mujoco_machine_blind', file)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_blind_cases_are_what_the_machine_simulates_and_can_be_asked_for(folder, blind) -> None:
-    plant = blind.Plant(MJCF)
-    command = blind.motion(2, 2.0, np.random.default_rng(2))
-    plain, effort = plant.run([0.02, 0.03], None, command)
-    machine = machine_of(folder, {'armature': [0.0, 1.0, 'kg m^2']})
-    # The model steps as the description says; its set-points come every 4 ms here.
-    twice = [np.repeat(x, 2, axis=1) for x in (plain, command)]
-    data = data_with(machine, twice[0], twice[0], command=twice[1])
-    model = Mujoco(machine, data, quantities=('effort', 'position'))
-    model._begin[:] = np.stack([command[:, 0], np.zeros(2)])
-    told = model.simulate(np.array([[0.02, 0.03]]))[0][:, ::2]
-    assert told[2:] == pytest.approx(plain, abs=1e-9)
-    assert told[:2] == pytest.approx(effort, abs=1e-7)
-    offered = {at.effect for at in model.extensions()}
-    assert set(blind.HIDDEN) <= offered
-    for effect, (size, _, _) in blind.HIDDEN.items():
-        size = 11.0 if effect == 'torque_saturation' else 0.1 * size  # of 6 N m, 0.5 are left
-        other, _ = plant.run([0.02, 0.03], (effect, 'one', size), command)
-        assert not np.array_equal(other[0], plain[0]), effect
-
-
-def test_a_change_is_as_large_as_what_the_hidden_inertias_leave_of_it(blind) -> None:
-    owned = blind.arm_of(MJCF, np.random.default_rng(4))
-    command = blind.motion(2, 2.0, np.random.default_rng(2))
-    seen = blind.Seen(owned, command)
-    change, rho = seen.sized('viscous_friction', 'two', 4.0, 1.0)
-    assert 3.4 < rho < 4.7 and change[:2] == ('viscous_friction', 'two')
-    # What another armature does, an armature can imitate.
-    other = owned.inertia * [1.01, 1.0]
-    moved = seen._moved(other, None) - seen.plain
-    fitted = np.linalg.lstsq(seen.columns, moved.ravel(), rcond=None)[0]
-    left = np.abs(moved.ravel() - seen.columns @ fitted).max()
-    assert left < 0.05 * np.abs(moved).max()
-
-
-def test_blind_cases_are_planned_half_and_half(blind) -> None:
-    plan = blind.planned(40, 3)
-    for tripod in (True, False):
-        names = [w.effect for w in plan if w.tripod is tripod]
-        assert len(names) == 20 and names.count(None) == 4
-        assert {names.count(name) for name in blind.HIDDEN} <= {3, 4}
-
-
-def test_a_blind_case_is_sealed_and_judged(blind, tmp_path) -> None:
-    store = blind.Store(tmp_path / 'run')
-    store.begin({'cases': 1, 'seed': 5, 'shares': ''}, blind.TRIPOD)
-    wanted = blind.Wanted(False, 'coulomb_friction', 3.0)
-    closed = blind.write_case(store, 1, wanted, MJCF, 5)
-    store.seal(1, closed)
-    store.close_seals(1)
-    case = store.case(1)
-    assert sorted(p.name for p in case.iterdir()) == ['check', 'fit', 'machine.yaml']
-    load_machine(case / 'machine.yaml')
-    label = blind.seal.unseal(closed, 5)
-    verdict = {'effect': label['change'][0], 'where': [label['change'][1]], 'probability': 1.0}
-    # As it comes from JSON.
-    label = json.loads(json.dumps(label))
-    effects = [{'effect': label['change'][0], 'where': [label['change'][1]]}]
-    row = {**label, 'effects': effects, 'verdict': verdict, 'also': [], 'confusable': []}
-    assert blind.placed(row) and blind.joint_right(row) and blind.of_class(row)
-    none = {**row, 'verdict': {'effect': 'none', 'where': [], 'probability': 1.0}}
-    assert not blind.placed(none) and blind.placed({**none, 'effects': []})
-    elsewhere = {**row, 'verdict': {**verdict, 'where': ['nowhere']}}
-    assert not blind.placed(elsewhere) and blind.exact(elsewhere)
-    blind.keep_seals(store, tmp_path / 'kept')
-    blind.keep(store, tmp_path / 'kept', [row], {})
-    assert blind.verified(tmp_path / 'kept')[0][0]['case'] == 1
-    (tmp_path / 'kept/table.jsonl').write_text(json.dumps({**row, 'rho': 9.0, 'twin': None}))
-    with pytest.raises(SystemExit, match='does not say what its label says'):
-        blind.verified(tmp_path / 'kept')
-
-
-def test_a_tripod_of_the_blind_cases_is_the_packages_own_too(blind, tmp_path) -> None:
-    owned = blind.tripod_of(np.random.default_rng(11))
-    (tmp_path / 'robot.xml').write_text(owned.plant.text)
-    blind.write_machine(tmp_path, {**owned.content, 'geometry': {'description': 'robot.xml'}})
-    boxes = load_machine(tmp_path / 'machine.yaml').bounds
-    assert set(boxes) == {'armature', 'body_mass'}
-    command = blind.motion(3, 1.0, np.random.default_rng(1), blind.TRIPOD_LOG)
-    position, effort = owned.plant.run(owned.inertia, None, command)
-    machine = blind.machine_of(owned.twin)
-    cut = slice(round(blind.SETTLED / blind.TRIPOD_LOG.cycle), None)
-    rate = np.gradient(command, blind.TRIPOD_LOG.cycle, axis=1)
-    data = Dataset(
-        machine.drives, blind.TRIPOD_LOG.cycle, 0, command[:, cut], rate[:, cut],
-        position[:, cut], None, effort[:, cut],
-    )  # fmt: skip
-    model = make_model(machine, data)
-    known = {'tool_mass': owned.inertia[-1], 'measurement_delay': 0.0, 'gear_stiffness': 4e6,
-             'gear_damping_ratio': 0.5}  # fmt: skip
-    inertia = dict(zip(machine.drives, owned.inertia[:3], strict=True))
-    names = [p.name.rpartition('.') for p in model.parameters]
-    theta = [inertia[d] if n == 'drive_inertia' else known[n] for d, _, n in names]
-    told = model.simulate(np.array([theta]))[0]
-    law = owned.twin['controller']
-    noise = blind.TRIPOD_LOG.noise * law['velocity_gain'] * law['position_gain']
-    apart = np.sqrt(np.mean((told - effort[:, cut]) ** 2))
-    assert apart < 0.2 * noise < 0.02 * np.std(told)
 
 
 def test_a_model_goes_to_another_process_and_simulates_the_same(folder) -> None:

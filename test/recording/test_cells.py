@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cells of a table: times to the nanosecond, numbers, lines, each rule at its edge."""
 
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,12 +8,10 @@ from reader_cases import make_recording
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import Recording, Stream, table
-from ros2_ident.recording.columns import Column, ColumnMap, load_columns
+from ros2_ident.recording.columns import Column, load_columns
 from ros2_ident.recording.limits import Limits
-from ros2_ident.recording.table import _check_steps, _floats, _stamps, read_table
+from ros2_ident.recording.table import read_table
 from ros2_ident.recording.table_write import write_table
-
-MAP = ColumnMap('t', 9, (Column('a', 'position', 'q'),))
 
 
 def map_of(tmp_path, text):
@@ -57,66 +54,6 @@ def test_an_effort_takes_the_sign_of_the_velocity_and_keeps_it_at_rest(tmp_path,
 
 def rows(count, step=0.01, head='t,q\n'):
     return head + ''.join(f'{step * k:.9f},{k}\n' for k in range(count))
-
-
-@pytest.mark.parametrize(
-    ('cell', 'digits', 'stamp'),
-    [
-        ('1700000000.123456789', 9, 1_700_000_000_123_456_789),
-        (' 1.5 ', 6, 1_500_000),
-        ('-2', 3, -2000),
-        ('7', 0, 7),
-        ('1e3', 0, 1000),
-        ('0.4', 0, 0),
-    ],
-)
-def test_times_keep_every_digit(cell, digits, stamp):
-    layout = ColumnMap('t', digits, ())
-    assert _stamps(Path('x'), (cell,), [2], layout).tolist() == [stamp]
-    comma = ColumnMap('t', digits, (), decimal=',')
-    assert _stamps(Path('x'), (cell.replace('.', ','),), [2], comma).tolist() == [stamp]
-
-
-@pytest.mark.parametrize('cell', ['', 'abc', '1_000', 'nan', 'inf', '1e99', '1,5'])
-def test_what_is_no_time_names_its_line(cell):
-    with pytest.raises(IdentError, match='x: line 9: the time .* is no number'):
-        _stamps(Path('x'), ('1', cell), [8, 9], MAP)
-
-
-@pytest.mark.parametrize('scale', [1.0, 2.0, 0.5, -1e-3])
-def test_values_are_scaled_and_empty_cells_are_none(scale):
-    column = Column('a', 'position', 'q', scale)
-    found = _floats(Path('x'), ('1.5', ' ', '-2e1', ''), [1, 2, 3, 4], column, '.')
-    np.testing.assert_array_equal(found, np.array([1.5, np.nan, -20.0, np.nan]) * scale)
-    whole = _floats(Path('x'), ('1,5', '3'), [1, 2], column, ',')
-    np.testing.assert_array_equal(whole, np.array([1.5, 3.0]) * scale)
-    for wrong in ('1_5', 'x'):
-        with pytest.raises(IdentError, match='x: line 3, column q: .* is no number'):
-            _floats(Path('x'), ('1', '', wrong), [1, 2, 3], column, '.')
-
-
-@pytest.mark.parametrize(
-    ('step', 'good'), [(999, False), (1_000, True), (2_000_000_000, True), (2_000_000_001, False)]
-)
-def test_rows_are_a_microsecond_to_two_seconds_apart(step, good):
-    stamp = np.arange(50) * step
-    if good:
-        _check_steps(Path('x'), stamp)
-    else:
-        with pytest.raises(IdentError, match='the rows are .* s apart; correct the unit'):
-            _check_steps(Path('x'), stamp)
-
-
-def test_one_row_in_a_hundred_may_repeat_its_time():
-    for size, good in ((300, True), (299, False)):
-        stamp = np.arange(size) * 1_000_000
-        stamp[[10, 50, 90]] -= 1_000_000
-        if good:
-            _check_steps(Path('x'), stamp)
-        else:
-            with pytest.raises(IdentError, match='3 of 299 rows have the time of the row before'):
-                _check_steps(Path('x'), stamp)
-    _check_steps(Path('x'), np.array([5]))
 
 
 def test_lines_are_counted_from_the_first_of_the_file(tmp_path):

@@ -8,7 +8,7 @@ import struct
 import pytest
 
 from ros2_ident.recording.damage import Damage
-from ros2_ident.recording.sqlite_pages import _values, _varint, Pages
+from ros2_ident.recording.sqlite_pages import Pages
 
 # Every kind of value: integers by their bytes, at both ends.
 INTEGERS = [0, 1, -1, 2] + [s * (1 << n) for n in (7, 15, 23, 31, 47, 62) for s in (1, -1)]
@@ -76,47 +76,6 @@ def test_numbers_of_rows_have_up_to_nine_bytes(tmp_path):
     _, found = pages_of(base_of(tmp_path / 'b', [(n, n, 'x') for n in numbers]))
     assert {row.number for row in found} == {n % (1 << 64) for n in numbers}
     assert {row.values[1] for row in found} == set(numbers)
-
-
-@pytest.mark.parametrize(
-    ('data', 'expected'),
-    [
-        ('00', (0, 1)),
-        ('7f', (127, 1)),
-        ('8100', (128, 2)),
-        ('ffffffffffffff7f', ((1 << 56) - 1, 8)),
-        ('80c080808080808005', ((0x40 << 50) + 5, 9)),
-        ('ffffffffffffffffff', ((1 << 64) - 1, 9)),
-    ],
-)
-def test_a_number_of_several_bytes(data, expected):
-    raw = bytes.fromhex(data)
-    assert _varint(raw, 0) == expected
-    assert _varint(b'\xff' + raw + b'\x00', 1) == (expected[0], expected[1] + 1)
-    with pytest.raises(IndexError):
-        _varint(raw[:-1], 0)
-
-
-@pytest.mark.parametrize(
-    'payload',
-    [
-        b'\x02\x0a\x00',  # kinds 10 and 11 are none
-        b'\x02\x0b\x00',
-        b'\x02\x01',  # an integer without its byte
-        b'\x02\x01\x05\x00',  # a byte too many
-        b'\x05\x01',  # the kinds go on beyond the end
-        b'\x02\x12ab',  # a text of three
-    ],
-)
-def test_a_row_that_makes_no_sense_is_damage(payload):
-    with pytest.raises((Damage, IndexError)):
-        list(_values(payload))
-
-
-def test_values_by_their_kinds():
-    payload = b'\x0a\x00\x01\x02\x06\x07\x08\x09\x0e\x0f' + b'\xfe' + b'\x7f\xff'
-    payload += struct.pack('>q', -5) + struct.pack('>d', 0.1) + b'z' + b'y'
-    assert list(_values(payload)) == [None, -2, 32767, -5, 0.1, 0, 1, b'z', 'y']
 
 
 # ---------------------------------------------------------------------- heads and damage

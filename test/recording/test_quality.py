@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The check: what it finds in recordings that are fine, and in those that are not."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
 import re
 
@@ -10,7 +10,7 @@ import pytest
 
 from ros2_ident.recording import check, Recording, render, Stream
 from ros2_ident.recording.findings import DriveSummary, Finding, Report
-from ros2_ident.recording.quality import _judge_recording, _judge_stream, _judge_weight, summarise
+from ros2_ident.recording.quality import _judge_weight, summarise
 
 MS = 1_000_000
 TIME = np.arange(8000) * 1e-3
@@ -262,59 +262,6 @@ def test_how_a_stream_arrived_is_counted():
     assert (single.longest_gap, single.missing_share) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize(
-    ('changes', 'level', 'code'),
-    [
-        ({}, 'ok', 'rate'),
-        ({'missing': 10}, 'ok', 'rate'),
-        ({'missing': 11}, 'warn', 'missing'),
-        ({'missing': 247}, 'warn', 'missing'),
-        ({'missing': 253}, 'error', 'missing'),
-        ({'jitter': 1.6e-3, 'gaps': 21}, 'warn', 'irregular'),
-        ({'jitter': 1.4e-3, 'gaps': 21}, 'ok', 'rate'),
-        ({'jitter': 1.6e-3, 'gaps': 20}, 'ok', 'rate'),
-        ({'rate': 0.0, 'jitter': 1.0, 'gaps': 500}, 'ok', 'rate'),
-    ],
-)
-def test_missing_and_irregular_samples_at_the_edge(changes, level, code):
-    base = summarise(0, 'state', stream(range(0, 10_000, 10)))
-    kept = {'missing': 0, 'jitter': 1e-5, 'gaps': 0, 'rate': 100.0} | changes
-    (found,) = _judge_stream(replace(base, **kept))
-    assert (found.level, found.code) == (level, code)
-    assert found.sentence.startswith(f'state: 1000 samples at {kept["rate"]:.6g} Hz')
-    if changes == {'missing': 11}:
-        assert '1.09 % of the samples are missing' in found.sentence
-    if code == 'irregular':
-        assert 'scatter by 1.6 ms and 21 are far longer' in found.sentence
-    if level == 'ok':
-        scatter = f'scatter by {kept["jitter"] * 1e3:.3g} ms'
-        assert scatter in found.sentence
-        assert (', none missing' in found.sentence) is (not kept['missing'])
-
-
-def test_values_that_were_not_measured_at_the_edge():
-    base = summarise(0, 'state', stream(range(0, 10_000, 10)))
-
-    def said(**changes):
-        _, *more = _judge_stream(replace(base, **changes))
-        return [x.sentence for x in more]
-
-    assert said(nan=(('effort a', 10),)) == []
-    assert '1.1 % of the values of the effort of a' in said(nan=(('effort a', 11),))[0]
-    assert said(silent=('velocity a',)) == [
-        'state: every value of the velocity of a is NaN: it was not measured'
-    ]
-    assert 'name the topic that carries the effort' in said(silent=('effort a',))[0]
-    assert said(role='effort', silent=('effort a',))[0].endswith('it was not measured')
-
-
-@pytest.mark.parametrize(('last', 'said'), [(1_990, True), (2_010, False)])
-def test_a_short_recording_is_told(last, said):
-    state = stream(range(0, last + 1, 10))
-    found = _judge_recording(Recording(state, command=state), None, ())
-    assert [x.code for x in found] == (['short'] if said else [])
-
-
 def held(rest, drive='a'):
     return DriveSummary(0, drive, *([0.0] * 3), 0, *([0.0] * 3), rest, 0.0, 0.0)
 
@@ -360,25 +307,6 @@ def test_findings_stand_worst_first_and_once():
     assert report.findings == (error, warn, ok)
     assert (report.level, report.of('warn')) == ('error', (warn,))
     assert Report('log').level == 'ok'
-
-
-def test_a_table_of_what_was_found_is_aligned():
-    drive = replace(held(0.2), recording=1, stroke=0.5, rest_share=0.256, effort_lag=0.0123)
-    silent = replace(drive, effort_low=math.nan, effort_lag=math.nan, explained=math.nan)
-    lines = render(Report('', (), (drive, silent), (Finding('warn', 'x', '', 'look'),)))
-    assert lines[0] == 'recording' and lines[-1] == 'warn  look'
-    head, one, two = lines[2:5]
-    assert one.split()[:2] == ['2', 'a']
-    for title, value in (('at rest', '26 %'), ('effort', '0 .. 0'), ('late', '12 ms')):
-        assert one[head.index(title) :].startswith(value)
-    for title in ('effort', 'late', 'explained'):
-        assert two[head.index(title)] == '-'
-    rows = summarise(0, 'state', stream([0, 10, 20, 30, 60]))
-    found = render(Report('log', (rows,)))
-    assert found[0] == 'log'
-    assert found[3].split() == [
-        '1', 'state', '2', 'position', '5', '0.06', 's', '100', 'Hz', '0', 'ms', '29', '%',
-    ]  # fmt: skip
 
 
 @pytest.mark.parametrize('lost', [0, 1, 4])

@@ -13,7 +13,6 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import check, read_bag, render, Topics
 from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.ros2_control import (
-    _array_names,
     ARRAY,
     JOINT_STATE,
     parser,
@@ -320,11 +319,3 @@ def test_what_lies_beyond_the_end_is_never_read(cut):
                 continue
             places = [x for x in layout.places if x is not None]
             assert all((x + 8 <= len(short)).all() for x in places), topic
-
-
-def test_names_of_an_arrays_numbers_may_say_their_field():
-    names = ['a', 'b/effort', 'robot/b', '/velocity', 'robot/c/position']
-    assert _array_names(names, 'position') == [
-        ('a', 'position'), ('b', 'effort'), ('robot/b', 'position'), ('/velocity', 'position'),
-        ('robot/c', 'position'),
-    ]  # fmt: skip

@@ -6,9 +6,8 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import align, Recording, Stream
-from ros2_ident.recording.grid import Ticks
 from ros2_ident.recording.limits import Limits
-from ros2_ident.recording.placing import _remarks, place
+from ros2_ident.recording.placing import place
 
 CYCLE = 1e-3
 MS = 1_000_000
@@ -105,13 +104,6 @@ def test_a_command_that_stops_before_the_state_switches_the_motors_off(last, ste
     assert kept.released is None
 
 
-def test_a_few_set_points_stop_nothing():
-    for count, off in ((49, False), (50, True)):
-        command = np.arange(0, 10 * count, 10)
-        found, _ = spanned(np.arange(0, 2000), command, released=True)
-        assert (found.released is not None) is off
-
-
 def test_memory_of_the_grid_is_bounded():
     recording = Recording(sampled(np.arange(0, 1000)))
     needed = 10 * 1000 * 8
@@ -158,39 +150,6 @@ def test_the_account_of_a_stream_is_that_of_its_cycles():
 
 
 # ---------------------------------------------------------------------- how samples fell
-
-
-def remarks(stride=2, drift=0.0, jitter=0.0, doubled=0, cycle=CYCLE):
-    keep = np.ones(100, dtype=bool)
-    keep[:doubled] = False
-    tick = np.arange(100)
-    ticks = Ticks(tick, tick.astype(float), keep, stride, 0.0, drift, jitter)
-    return _remarks('state', sampled(2 * tick), ticks, cycle)
-
-
-def test_what_is_worth_a_warning_of_a_stream_on_the_grid():
-    assert remarks() == remarks(jitter=0.39e-3) == remarks(drift=1.9e-5) == []
-    (said,) = remarks(doubled=3)
-    assert said.startswith('state: 3 samples share a controller cycle of 1 ms with another')
-    (said,) = remarks(stride=0, jitter=9.0)
-    assert said.startswith('state: the samples, 2 ms apart, do not keep to the controller cycle')
-    (said,) = remarks(jitter=0.41e-3)
-    assert 'the stamps scatter by 0.41 ms about the controller cycles' in said
-    assert remarks(stride=4, jitter=0.41e-3) == []
-    for drift, length in ((2.1e-5, '1.00002'), (-2.1e-5, '0.999979')):
-        (said,) = remarks(drift=drift)
-        assert f'the controller cycle is {length} ms on the clock of the stamps, not 1 ms' in said
-
-
-def test_a_stream_that_lies_near_half_a_cycle_beside_is_told():
-    ticks = np.arange(0, 1000, 2)
-    state = sampled(ticks)
-    for beside, said in ((0.3, False), (-0.3, False), (0.4, True), (-0.4, True)):
-        stamp = state.stamp + round(beside * MS)
-        command = Stream(NAMES, stamp, state.position)
-        found = align(Recording(state, command=command), NAMES, CYCLE).quality.warnings
-        near = f'command: stamps lie {abs(beside):.3g} ms beside those of state, near half a cycle'
-        assert any(near in x for x in found) is said
 
 
 def test_stamps_come_back_from_cycles():

@@ -9,7 +9,7 @@ import pytest
 from ros2_ident.identify.run import identify, read_data
 from ros2_ident.models import load_machine
 from ros2_ident.recording import choose_windows, read_bag, Recording, Stream, write_bag
-from ros2_ident.recording.windows import _features, _greedy, effort_samples
+from ros2_ident.recording.windows import effort_samples
 from ros2_ident.report.files import load_result, write_result
 
 ROOT = Path(__file__).parents[2]
@@ -106,59 +106,6 @@ def test_samples_of_all_drives_count_where_the_efforts_are() -> None:
     both = Stream(('a', 'b'), state.stamp, effort=np.zeros((12_000, 2)))
     assert effort_samples(Recording(state, both), ('a', 'b')) == 24_000
     assert choose_windows([recording], ('a',), samples=11_999) is not None
-
-
-def test_windows_begin_where_it_is_slowest_in_their_first_two_seconds() -> None:
-    recording = log(60.0, [(0.5, 11.3), (11.5, 21.9), (22.5, 60.0)])
-    state = recording.state
-    assert state is not None
-    features, edges, begin = _features(state, ('a', 'none'))
-    assert begin == 0 and features.shape == (1, 2999, 4)
-    # Every ten seconds, the last half window with the one before.
-    at = 0.02 * np.array(edges)
-    assert len(at) == 7 and at[-1] == pytest.approx(59.98)
-    for k, moment in enumerate(at[:-1]):
-        assert 10.0 * k <= moment < 10.0 * k + 2.0
-    assert at[0] < 0.5 and 11.3 <= at[1] <= 11.5
-    rest = np.abs(features[0, :20, 1])
-    assert rest.max() == 0.0 and (features[..., 3] == 1.0).all()
-    np.testing.assert_allclose(np.mean(features[0, :, 0] ** 2), 1.0)
-    np.testing.assert_allclose(np.mean(features[0, :, 1] ** 2), 1.0)
-    assert set(np.unique(features[0, :, 2])) == {-1.0, 0.0, 1.0}
-    np.testing.assert_array_equal(np.sign(features[0, :, 1]), features[0, :, 2])
-    half, whole = (
-        _features(log(25.0, []).state, ('a',))[1],
-        _features(log(25.2, []).state, ('a',))[1],
-    )
-    assert len(half) == 3 and len(whole) == 4
-
-
-def plainly(told: np.ndarray, sizes: np.ndarray, samples: float) -> list[int]:
-    known = 1e-6 * max(np.trace(x) for x in told.mean(axis=0)) * np.eye(told.shape[-1])
-    have = [known.copy() for _ in range(told.shape[1])]
-    taken: list[int] = []
-    while True:
-        gains = {
-            k: sum(np.linalg.slogdet(h + t)[1] for h, t in zip(have, told[k], strict=True))
-            for k in range(len(told))
-            if k not in taken and sizes[k] <= samples
-        }
-        if not gains:
-            return taken or [int(np.argmin(sizes))]
-        best = max(gains, key=lambda k: gains[k])
-        taken.append(best)
-        have = [h + t for h, t in zip(have, told[best], strict=True)]
-        samples -= sizes[best]
-
-
-def test_each_time_the_window_that_tells_most_is_taken() -> None:
-    for seed in range(10):
-        rng = np.random.default_rng(seed)
-        rows = rng.normal(size=(12, 2, 30, 3)) * rng.uniform(0.1, 2.0, (12, 1, 1, 3))
-        told = np.einsum('wdti,wdtj->wdij', rows, rows)
-        sizes = rng.uniform(1.0, 5.0, 12).round(1)
-        for samples in (0.5, 6.0, 15.0, 100.0):
-            assert _greedy(told, sizes, samples) == plainly(told, sizes, samples)
 
 
 def test_as_many_windows_again_are_spread_over_the_rest() -> None:

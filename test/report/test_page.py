@@ -5,11 +5,8 @@ from dataclasses import replace
 from html.parser import HTMLParser
 import json
 import math
-import re
-from types import SimpleNamespace
 
 from bokeh.models import GlyphRenderer
-from bokeh.plotting import figure
 import numpy as np
 import pytest
 from report_cases import (
@@ -20,40 +17,29 @@ from report_cases import (
     write_identified,
 )
 
-from ros2_ident.cli import table
 from ros2_ident.cli.main import main
 from ros2_ident.cli.report import page_line
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export.estimate import read_estimate
-from ros2_ident.gap.compose import _hidden_by_noise
 from ros2_ident.gap.diagnosis import DriveGap, to_mapping
-from ros2_ident.gap.maps import chosen
 from ros2_ident.gap.verdict import PUSHED, RESTLESS
 from ros2_ident.identify.result import Outcome
 from ros2_ident.recording import LIVE
 from ros2_ident.report.files import write_result
-from ros2_ident.report.page import answer, charts, write_report
+from ros2_ident.report.page import charts, write_report
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot
 from ros2_ident.report.page.numbers import (
-    change,
-    command,
     compared,
-    equation,
     from_to,
     number,
-    percent,
     plus_minus,
-    precision,
-    prose,
     shares,
 )
-from ros2_ident.report.page.plots import one_a_cell
-from ros2_ident.report.page.sentences import hidden, joined, leading, moved
+from ros2_ident.report.page.sentences import hidden, moved
 from ros2_ident.report.page.several import write_comparison
-from ros2_ident.report.page.symbols import legend, MEANINGS
-from ros2_ident.report.page.thin import breaks, extremes, worst_moments
+from ros2_ident.report.page.thin import extremes
 from ros2_ident.report.signals import load_signals, write_signals
 from ros2_ident.report.tables import write_tables
 
@@ -231,20 +217,6 @@ def test_a_cancelled_run_and_a_diagnosis_cut_short(tmp_path):
     assert page.pictures == ['gap-effort-plot', 'effort-plot', 'generations-plot', 'costs-plot']
 
 
-@pytest.mark.parametrize(
-    ('low', 'high', 'row', 'first'),
-    [
-        (9.0, 11.0, '± 1', '± 10 %'),
-        (9.0, 18.0, '-1 +8', '−10 %, +80 %'),
-        (10.0, 12.0, '-0 +2', '−0 %, +20 %'),
-    ],
-)
-def test_an_interval_that_reaches_further_to_one_side_is_told_side_by_side(low, high, row, first):
-    estimate = replace(identified().parameters[0], value=10.0, low=low, high=high)
-    assert table._row(estimate)[2] == row
-    assert answer._known(estimate) == first
-
-
 def test_what_is_too_slow_for_noise_is_not_called_noise(tmp_path):
     found = diagnosed()
     restless = replace(
@@ -308,13 +280,6 @@ def test_what_only_the_log_shows_is_not_to_be_simulated(both):
     assert [law.anchor for law in steps[1].laws] == ['effort_delay']
 
 
-def test_a_drive_at_its_noise_floor_shows_a_bar_that_remains(both):
-    page = both.read_text(encoding='utf-8')
-    bars = re.findall(r'<div class="bar" aria-hidden="true">(.*?)</div>', page, re.S)[:2]
-    kinds = [re.findall(r'<([ibu]) ', bar) for bar in bars]
-    assert kinds == [['i', 'b', 'u'], ['b', 'u']]  # drive_1 closes; drive_2 is noise only
-
-
 def many(count, **changes):
     """A result of so many parameters, the first known best, the last worst."""
     good = identified()
@@ -331,22 +296,6 @@ def test_of_many_parameters_those_known_best_are_on_the_first_screen():
     said = of_identification(replace(result, parameters=result.parameters[::-1]), 'out')
     assert [name for name, *_ in said.values] == [f'link_{k}' for k in range(9, -1, -1)]
     assert said.sure == ('link_0 is known best, to ± 5 % (95 % intervals).',)
-
-
-def test_several_parameters_at_a_bound_are_one_warning():
-    result = many(9)
-    ends = tuple(replace(p, at_bound=True) for p in result.parameters[:3])
-    said = of_identification(replace(result, parameters=ends + result.parameters[3:]), 'out')
-    (told,) = [text for text in said.careful if 'bound' in text]
-    assert told.startswith('3 parameters are at or beyond a bound') and 'link_2 (1' in told
-
-
-def test_a_long_headline_ends_before_its_names():
-    names = ', '.join(f'shoulder_pan_joint.link_{k}' for k in range(4))
-    message = f'This data does not determine 4 of 9 parameters: {names}; hold them.'
-    said = of_identification(many(9, outcome=Outcome.NOT_IDENTIFIABLE, message=message), 'out')
-    assert said.headline == 'This data does not determine 4 of 9 parameters.'
-    assert said.sure[0] == f'Not determined: {names}; hold them.'
 
 
 def test_a_solution_by_least_squares_has_no_search(tmp_path):
@@ -450,28 +399,6 @@ def test_of_many_effects_the_headline_names_the_first_and_the_rest_stand_below(b
     assert 'and current-loop lag on drive_1 are missing' in said.headline and said.more == ()
 
 
-def test_where_nothing_is_found_the_headline_says_what_could_hide(both):
-    data = content(both)
-    verdict = {**data['verdict'], 'effect': 'none', 'where': [], 'probability': 1.0}
-    evidence = {**data['evidence'], 'size': 0.1, 'material': 0.45}
-    none = {**data, 'verdict': verdict, 'also': [], 'confusable': [], 'evidence': evidence}
-    said = of_diagnosis(none, 'out')
-    largest = max(d['noise_floor'] for d in data['gap']['per_drive'].values())
-    assert said.headline == (
-        'Nothing found missing: what is left is noise, in which a gap of '
-        f'{0.45 * largest:.2g} N m would show.'
-    )
-    assert said.sure[0] == 'Over 99 % that nothing larger is missing.'
-    # The sentence of the diagnosis itself, for noise that may be a gap.
-    floor = SimpleNamespace(per_drive=(0.3, 0.1), low=(0.1, 0.1))
-    advice = list(_hidden_by_noise(SimpleNamespace(effect='none'), floor, ('a', 'b'), 'N m'))
-    assert len(advice) == 1
-    said = of_diagnosis({**none, 'advice': advice}, 'out')
-    assert said.headline.endswith('but slow noise may hide more.')
-    assert 'noise' in said.sure[0]
-    assert said.careful[0] == advice[0] and said.level == 'doubtful'
-
-
 def test_numbers_that_are_known_together_only_are_given_together(both):
     data = content(both)
     wide = {n: dict(v) for n, v in data['parameters'].items()}
@@ -490,28 +417,6 @@ def test_numbers_that_are_known_together_only_are_given_together(both):
     assert name in values.code
 
 
-def test_dots_that_would_overlap_are_one():
-    axis = charts._Axis(0.0, 1.0, 0.0, 100.0)
-    line = {
-        'heading': 'both', 'place': [0.1, 0.12, 0.5], 'mean': [1.0, 3.0, 5.0],
-        'half': [0.3, 0.4, 0.1],
-    }
-    merged = charts._merged(line, axis)
-    assert merged['place'] == pytest.approx([0.11, 0.5])
-    assert merged['mean'] == pytest.approx([2.0, 5.0])
-    assert merged['half'] == pytest.approx([0.25, 0.1])
-
-
-def test_a_rival_brings_the_motion_that_tells_it_apart(both):
-    data = content(both)
-    rival = {'effect': 'backlash', 'where': ['drive_1'], 'probability': 0.4}
-    said = of_diagnosis({**data, 'confusable': [data['ranking'][0], rival]}, 'out')
-    assert any('cannot tell it from backlash on drive_1' in text for text in said.sure)
-    assert f'backlash: {CATALOGUE["backlash"].separated_by.format(drive="drive_1")}' in (
-        said.steps[-1].text
-    )
-
-
 def test_a_diagnosis_says_what_moves_and_what_cannot_be_seen(both):
     data = content(both)
     assert 'drive_1.coulomb_torque (−37.5 %)' in moved(data)
@@ -520,37 +425,11 @@ def test_a_diagnosis_says_what_moves_and_what_cannot_be_seen(both):
     assert hidden({**data, 'not_testable': everywhere}) == [('backlash', 'any drive')]
 
 
-def test_warnings_that_differ_in_drive_and_figures_are_one():
-    texts = [f'axis_{n}: the effort lags by {n}.5 ms; shift it.' for n in (1, 2, 3)]
-    assert joined([*texts, 'state: 4 samples missing.', 'no set-point was recorded.']) == [
-        f'{texts[0]} (likewise axis_2, axis_3)',
-        'state: 4 samples missing.',  # begins with a name
-        'No set-point was recorded.',
-    ]
-
-
 def finding(drive, coordinate, size, beyond):
     return {
         'drive': drive, 'coordinate': coordinate, 'size_over_floor': size, 'beyond': beyond,
         'sentence': f'{drive} {coordinate}',
     }
-
-
-def test_where_lists_three_that_do_not_overlap_and_the_worst_drive(both):
-    data = content(both)
-    found = [
-        finding('drive_1', 'velocity, odd', 3.0, 0.9),
-        finding('drive_1', 'position', 2.0, 0.02),
-        finding('drive_1', 'load', 1.5, 0.3),
-        finding('drive_1', 'size by phase', 1.4, 0.9),
-        finding('drive_2', 'time', 0.4, 0.4),
-        finding('drive_3', 'time', 0.3, 0.3),
-    ]
-    first, rest = leading({**data, 'localisation': found})
-    assert first == ['drive_1 velocity, odd', 'drive_1 load', 'drive_2 time']
-    assert rest == ['drive_1 position', 'drive_1 size by phase', 'drive_3 time']
-    first, _ = leading({**data, 'localisation': found[4:]})
-    assert first[0].startswith('drive_1: the largest gap')
 
 
 def test_the_worst_drive_and_the_named_one_have_a_map_whatever_was_found_there():
@@ -564,83 +443,6 @@ def test_the_worst_drive_and_the_named_one_have_a_map_whatever_was_found_there()
     noise = {**found.evidence, 'size': 0.1}
     quiet = replace(found, per_drive=worst, localisation=(), evidence=noise)
     assert to_mapping(quiet)['maps'] == []
-
-
-def test_many_findings_of_one_drive_leave_room_for_another():
-    (one, *_) = diagnosed().localisation
-    names = ('velocity', 'position', 'load', 'time', 'jerk')
-    findings = [replace(one, drive='a', coordinate=n, significant=True) for n in names]
-    findings.append(replace(one, drive='b', coordinate='time', significant=True))
-    assert chosen(findings) == (
-        ('a', 'velocity'), ('a', 'position'), ('a', 'load'), ('b', 'time'),
-    )
-
-
-@pytest.mark.parametrize(
-    ('again', 'said'),
-    [
-        ([1.0, 1.0], 'Each effect is needed again in all resamples of those data.'),
-        (
-            [0.99, 0.95],
-            'Each effect is needed again in 95 % or more of the resamples of those data.',
-        ),
-        (
-            [0.99, 0.61],
-            'Current-loop lag on drive_2 is needed in only 61 % of the resamples of those data.',
-        ),
-    ],
-)
-def test_the_first_screen_says_how_sure_every_effect_is(both, again, said):
-    late = {'effect': 'current_loop_lag', 'where': ['drive_2']}
-    data = {**content(both), 'also': [late]}
-    assert said in of_diagnosis({**data, 'again': again}, 'out').sure
-    assert len(of_diagnosis({**data, 'again': []}, 'out').sure) == len(
-        of_diagnosis({**data, 'again': again}, 'out').sure
-    ) - 1
-
-
-def test_the_picture_of_the_first_screen_draws_the_law_through_the_residual(both):
-    data = content(both)
-    hero, others = charts.all_of(data, 'Stribeck friction on drive_1')
-    assert hero.title == 'drive_1: measured minus simulated effort over the velocity'
-    assert hero.svg.count('class="law ') == 1 and hero.svg.count('class="dot ') > 10
-    assert hero.law == (
-        'what Stribeck friction on drive_1 adds to the simulation, with its parameters refitted'
-    )
-    # The law is what the effect takes away: the two residuals' difference.
-    velocity = next(m for m in data['maps'] if m['coordinate'] == 'velocity')
-    ((_, places, law),) = charts._laws(velocity)
-    gone = np.subtract(velocity['before'][0]['mean'], velocity['after'][0]['mean'])
-    assert law == pytest.approx(gone) and np.abs(law).max() > 0.02
-    # What lags behind the motion and what depends on time are one picture, over the time.
-    titles = [c.title for c in others]
-    assert titles == ['drive_1: measured minus simulated effort over the time']
-    assert len(data['maps']) == 3
-    # Where no effect sits on its drive alone, the title says why it is shown.
-    verdict = {**data['verdict'], 'where': ['all']}
-    hero, _ = charts.all_of({**data, 'verdict': verdict}, 'smoothed effort')
-    assert hero.title.startswith('drive_1, where the effects explain most: measured minus')
-    # A drive that an effect sits on goes before one that shares an effect of the machine.
-    maps = [{**m, 'drive': f'drive_{k + 2}'} for k, m in enumerate(data['maps'])]
-    late = {'effect': 'stribeck', 'where': [maps[-1]['drive']]}
-    both = {**data, 'maps': maps, 'verdict': verdict, 'also': [late]}
-    assert charts.all_of(both, 'the effects')[0].title.startswith(f'{maps[-1]["drive"]}: measured')
-    nothing, _ = charts.all_of(data, '')
-    assert nothing.law == '' and 'class="law' not in nothing.svg
-
-
-def test_no_line_is_drawn_where_there_are_no_data(both):
-    data = content(both)
-    velocity = next(m for m in data['maps'] if m['coordinate'] == 'velocity')
-    drawn = charts.picture(velocity, 'Stribeck friction on drive_1').svg
-    assert drawn.count('class="law ') == drawn.count('class="band ') == 1
-    for line in (velocity['before'][0], velocity['after'][0]):
-        count = len(line['place'])
-        middle = np.linspace(0.1, 0.2, count - count // 2)
-        line['place'] = [*np.linspace(-0.2, -0.1, count // 2), *middle]
-    velocity['linear'] = 0.0
-    drawn = charts.picture(velocity, 'Stribeck friction on drive_1').svg
-    assert drawn.count('class="law ') == drawn.count('class="band ') == 2
 
 
 def test_the_edge_of_the_answer_is_green_only_where_nothing_is_to_be_careful_about(both):
@@ -668,34 +470,6 @@ def test_the_edge_of_the_answer_is_green_only_where_nothing_is_to_be_careful_abo
     )
     assert shown(complete=False) == ('bad', 'No clear answer yet')
     assert '<p class="state"><i></i>Clear answer</p>' in both.read_text()
-
-
-def test_the_first_screen_lists_the_drives_as_the_machine_does(both):
-    data = content(both)
-    gaps = data['gap']['per_drive']
-    assert list(gaps) == ['drive_1', 'drive_2']
-    turned = {**data['gap'], 'per_drive': {n: gaps[n] for n in ('drive_2', 'drive_1')}}
-    said = of_diagnosis({**data, 'gap': turned}, '')
-    assert [g.drive for g in said.gaps] == ['drive_2', 'drive_1']
-    # The gap of one closes, though not that of the first.
-    assert said.gaps[0].after is None and said.closing
-    many = {f'drive_{k}': {**gaps['drive_2'], 'before': 0.01 * k} for k in range(1, 10)}
-    of_nine = of_diagnosis({**data, 'gap': {**data['gap'], 'per_drive': many}}, '')
-    assert [g.drive for g in of_nine.gaps] == [f'drive_{k}' for k in range(4, 10)]
-
-
-def test_only_signs_that_an_equation_uses_are_explained(both):
-    (law,) = of_diagnosis(content(both), '').steps[0].laws
-    assert legend([(law.equation, ['M_S', 'v_S'])]) == [('v', 'motor speed')]
-    assert '<p class="note">v: motor speed; ±: 95 % interval.</p>' in both.read_text()
-    # What is no word, no parameter and not explained where it stands has a meaning.
-    spelled = {'u', 'omega', 'w', 'h', 'e', 'q', 'M_commanded'}  # told by the equation itself
-    words = {'a', 'at', 'of', 'on', 'to', 'pi', 'in', 'or', 'sin', 'cos', 'sgn', 'exp', 'tanh'}
-    for effect in CATALOGUE.values():
-        signs = re.findall(r'[A-Za-z]+(?:_\w+)?', effect.equation)
-        short = {s for s in signs if len(s) < 3 or '_' in s} - words - spelled
-        own = {p.symbol for p in effect.parameters}
-        assert {s for s in short if not re.match('d[a-z]$', s)} <= own | {*MEANINGS}, effect.id
 
 
 def test_no_equation_of_a_drive_speaks_of_a_carriage():
@@ -730,22 +504,6 @@ def test_a_contradiction_comes_before_the_answer(both):
     assert [step.code for step in refused.steps] == [
         'ident check bags/fit --machine MACHINE.yaml'
     ]
-
-
-def test_the_page_keeps_room_for_a_picture_until_it_is_drawn(both):
-    text = both.read_text()
-    for name in Page(both).pictures:
-        (height,) = re.findall(f'<div id="{name}" [^>]*min-height: ([0-9]+)px', text)
-        assert int(height) > 80, name
-
-
-def test_no_line_ends_before_a_percent_sign_or_within_a_unit(both):
-    said = re.findall('<(?:p|li)>(.*?)</(?:p|li)>', both.read_text())
-    assert said and not any(' %' in text for text in said)
-    space = '\N{NO-BREAK SPACE}'
-    assert prose('a gap of 0.01 N m RMS, 3 N s/m') == (
-        f'a gap of 0.01{space}N{space}m RMS, 3{space}N{space}s/m'
-    )
 
 
 @pytest.mark.parametrize(
@@ -799,26 +557,6 @@ def test_a_drive_without_samples_and_one_that_diverged():
     sizes = [len(c['x']) for c in curves if 'x' in c]
     assert 0 in sizes and max(sizes) >= 1000
     assert all(np.isfinite(c['y']).all() for c in curves if 'y' in c)
-
-
-def test_a_drive_behind_its_tab_takes_no_room_until_it_is_asked_for():
-    figures = effort_plot(long_signals(2000, drives=6)).plot.select({'type': figure})
-    sizes = {
-        made.name: sum(
-            len(r.data_source.data['x'])
-            for r in made.select({'type': GlyphRenderer})
-            if 'x' in r.data_source.data
-        )
-        for made in figures
-    }
-    assert [name for name, size in sizes.items() if size] == ['drive-0']
-    assert set(sizes) == {f'drive-{d}' for d in range(6)}
-
-
-def test_one_dot_stands_for_many():
-    x, y = np.array([0.0, 0.0, 1.0, 1.0]), np.array([0.0, 1e-9, 1.0, 0.5])
-    assert one_a_cell(x, y).tolist() == [1, 2, 3]
-    assert one_a_cell(np.ones(3), np.ones(3)).tolist() == [2]
 
 
 def test_an_identification_keeps_where_it_began(tmp_path):
@@ -889,18 +627,6 @@ def test_the_first_screen_of_an_identification_tells_the_held_out_error():
     assert {gap.note for gap in none.gaps} == {''} and none.closes == ()
 
 
-def test_shares_that_say_nothing_are_words():
-    assert percent(2.7e-11) == 'below 0.01 %'
-    assert percent(280.0) == 'over 1000 %'
-    assert precision(280.0) == 'not determined' and precision(0.034) == '± 3.4 %'
-    assert change(280.0) == '× 280' and change(-0.375) == '−37.5 %'
-    assert change(-2.98) == 'changes its sign'
-    assert change(-2e-4) == change(2e-4) == '0.0 %'
-    told = '<span class="shown">--out</span> a&lt;b'
-    assert command('ident report --out a<b') == f'ident report {told}'
-    assert prose('0.5 m/s, 1 s, 3 N, 4 sets') == '0.5\xa0m/s, 1\xa0s, 3\xa0N, 4 sets'
-
-
 @pytest.mark.parametrize(
     ('value', 'half', 'text'),
     [
@@ -916,41 +642,12 @@ def test_a_value_ends_where_its_interval_does(value, half, text):
     assert plus_minus(value, half, 'N m') == f'{text} N m'
 
 
-def test_no_zero_has_a_sign():
-    assert number(-0.0) == '0' and change(-1e-4) == '0.0 %' and change(-4e-3, 0) == '0 %'
-
-
 def test_pairs_of_numbers_have_the_same_decimals():
     assert from_to(2.481, 1.192) == '2.48 → 1.19'
     assert from_to(0.0339, 0.00997) == '0.0339 → 0.0100'
     assert from_to(231.6, 9.8) == '232 → 10'
     assert shares(0.0451, 0.0213) == '4.5 → 2.1 %'
     assert shares(0.14, 0.0012) == '14.00 → 0.12 %'
-
-
-def test_equations_have_indices_powers_and_greek_letters():
-    assert equation('M_S exp(-(v/v_S)^2) sgn v') == (
-        'M<sub>S</sub> exp(-(v/v<sub>S</sub>)<sup>2</sup>) sgn v'
-    )
-    assert equation("tau M_log' = mu <x>") == 'τ M<sub>log</sub>&#39; = μ &lt;x&gt;'
-
-
-def test_a_curve_breaks_where_samples_are_missing_and_a_recording_ends():
-    time = np.concatenate([np.arange(100) * 1e-3, 1.0 + np.arange(100) * 1e-3])
-    there = np.ones(200, dtype=bool)
-    there[[10, 11]] = False  # two lost samples are no gap
-    assert breaks(time, there, [200]) == [100, 200]
-    there[20:60] = False
-    assert breaks(time, there, [150, 200]) == [60, 100, 150, 200]
-
-
-def test_the_worst_moments_are_the_largest_and_apart():
-    time = np.arange(10_000) * 1e-3
-    residual = np.zeros((2, 10_000))
-    residual[0, 2000:2050], residual[1, 7000:7020], residual[0, 2100] = 3.0, 2.0, 9.9
-    moments = worst_moments(time, residual)
-    assert [drive for _, _, drive in moments] == [0, 1]
-    assert moments[0][0] < 2.0 < 2.1 < moments[0][1] and moments[1][0] < 7.0 < moments[1][1]
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ from ros2_ident.search import (
     StopReason,
     ThreadedEvaluator,
 )
-from ros2_ident.search.packing import Packing
 
 LOW, HIGH = [10.0, -2.0], [20.0, 2.0]
 SETTINGS = GeneticSettings(initial_population=100, survivors=5, children=4, generations=10)
@@ -68,19 +67,6 @@ def test_slices_do_not_change_the_result():
     assert sizes[0] == 16
     assert sum(sizes) == whole.evaluations
     assert max(sizes) > 20
-
-
-def test_slow_candidates_are_cut_to_single_ones():
-    sizes = []
-    clock = Clock(0.0)
-
-    def slow(theta):
-        sizes.append(len(theta))
-        clock.now += 0.3 * len(theta)
-        return cost(theta)
-
-    minimise(slow, search(), low=LOW, high=HIGH, budget=Budget(evaluations=40), clock=clock)
-    assert sizes == [16] + [1] * 24
 
 
 @pytest.mark.parametrize('count', [1, 17, 100, 101, 150])
@@ -161,37 +147,6 @@ def test_progress_is_throttled_frozen_and_ends_complete():
         last.eta = 1.0
 
 
-def test_eta_counts_down():
-    seen = []
-    clock = Clock(0.0)
-
-    def slow(theta):
-        clock.now += 0.01 * len(theta)
-        return cost(theta)
-
-    minimise(
-        slow, search(), low=LOW, high=HIGH, on_progress=seen.append, interval=0.0, clock=clock
-    )
-    assert np.isnan(seen[0].eta), 'the first slice may have compiled'
-    for progress in seen[1:-1]:
-        assert progress.eta == pytest.approx(0.01 * (280 - progress.evaluations), abs=1e-6)
-
-
-def test_eta_leaves_out_what_the_first_slice_took_to_compile():
-    seen = []
-    clock = Clock(0.0)
-
-    def compiled(theta):
-        clock.now += 0.01 * len(theta) + (60.0 if not seen else 0.0)
-        return cost(theta)
-
-    minimise(
-        compiled, search(), low=LOW, high=HIGH, on_progress=seen.append, interval=0.0, clock=clock
-    )
-    assert seen[0].elapsed > 60.0
-    assert seen[1].eta == pytest.approx(0.01 * (280 - seen[1].evaluations), abs=1e-6)
-
-
 def test_all_diverged_is_no_crash():
     result = minimise(lambda t: np.full(len(t), math.inf), search(), low=LOW, high=HIGH)
     assert math.isinf(result.cost)
@@ -223,11 +178,6 @@ def test_unusable_costs_are_refused(evaluate, text):
         minimise(evaluate, search(), low=LOW, high=HIGH)
 
 
-def test_unusable_budget_is_refused():
-    with pytest.raises(IdentError, match='budget of seconds is 0; give a number above 0'):
-        Budget(seconds=0)
-
-
 @pytest.mark.parametrize('threads', [1, 2, 3])
 def test_threads_do_not_change_the_result(threads):
     with ThreadedEvaluator(cost, threads) as evaluate:
@@ -243,20 +193,3 @@ def test_an_error_in_a_thread_reaches_the_caller():
 
     with ThreadedEvaluator(broken, 2) as evaluate, pytest.raises(ValueError, match='broken'):
         evaluate(np.zeros((40, 2)))
-
-
-def test_candidates_are_ordered_in_pieces_and_no_more_of_them_after_a_cancel():
-    points = np.random.default_rng(0).random((30_000, 2))
-    sizes = []
-
-    def work(part):
-        sizes.append(len(part))
-        return (part[:, 0] * 5).astype(int)
-
-    packing = Packing(points, work)
-    assert max(sizes) <= 8192 and sum(sizes) == len(points)
-    whole = packing.packed(work(points))
-    assert all((np.diff(whole[k : k + 128]) >= 0).all() for k in range(0, 30_000, 128))
-    sizes.clear()
-    assert Packing(points, work, lambda: len(sizes) == 2).packed(points) is points
-    assert len(sizes) == 2

@@ -11,7 +11,7 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search import fit as module
-from ros2_ident.search.driver import Budget, Progress
+from ros2_ident.search.driver import Budget
 from ros2_ident.search.evaluators import Threads
 from ros2_ident.search.fit import fit
 from ros2_ident.search.genetic import GeneticSettings, StopReason
@@ -152,54 +152,8 @@ def test_a_budget_of_candidates_is_shared_and_kept(whole, search):
     assert alone.ga.evaluations == 95 and alone.evaluations == 100
 
 
-@pytest.mark.parametrize(
-    ('whole', 'starts', 'each'),
-    [
-        (190, 1, 53),  # 133 for the search, 4 for the last Jacobian; 36 are usual for a start
-        (270, 2, 38),
-        (400, 3, 38),
-    ],
-)
-def test_what_a_budget_leaves_is_shared_by_the_starts(monkeypatch, whole, starts, each):
-    seen = []
-    refine = module.refine
-
-    def watched(residuals, starts, *box, **more):
-        seen.append((len(starts), more['max_evaluations']))
-        return refine(residuals, starts, *box, **more)
-
-    monkeypatch.setattr(module, 'refine', watched)
-    many = replace(GENETIC, initial_population=200, generations=40)
-    found = run(budget=Budget(evaluations=whole), genetic=many)
-    assert seen == [(starts, each)]
-    assert found.evaluations <= whole
-
-
-def test_each_start_has_sixty_jacobians_or_what_is_said(monkeypatch):
-    seen = []
-
-    def watched(*arguments, **more):
-        seen.append((more['max_evaluations'], more['good_enough']))
-        raise _Enough
-
-    monkeypatch.setattr(module, 'refine', watched)
-    problem = Oscillation()
-    problem.noise = 0.5
-    for more in ({}, {'refine_evaluations': 9}):
-        with pytest.raises(_Enough):
-            run(problem, **more)
-    assert seen == [(180, pytest.approx(0.6)), (9, pytest.approx(0.6))]
-
-
 class _Enough(Exception):
     """Ends a fit."""
-
-
-def test_starts_are_as_many_as_are_asked_for_and_none_beyond_the_noise():
-    assert len(run(starts=2).refined.starts) == 2
-    problem = Oscillation()
-    problem.noise = 1e-3
-    assert len(run(problem).refined.starts) < 4
 
 
 def test_seconds_are_shared_and_the_rest_is_left_out(monkeypatch):
@@ -240,23 +194,6 @@ def test_a_deadline_ends_the_refinement(monkeypatch):
     np.testing.assert_array_equal(found.theta, found.ga.theta)
 
 
-def test_a_cancel_is_answered_at_once():
-    event = threading.Event()
-
-    class Cancels(Oscillation):
-        def costs(self, theta, limit=math.inf, stop=None):
-            if self.simulated >= 60:
-                event.set()
-            return super().costs(theta)
-
-    problem = Cancels()
-    found = run(problem, cancel=event)
-    assert found.cancelled and found.left_out and found.refined is None
-    assert found.intervals is None and found.residual.size == TIME.size
-    assert found.evaluations == found.ga.evaluations + 1 == problem.simulated
-    assert len(found.ga.best_costs) == 2
-
-
 def test_a_cancel_of_the_refinement_keeps_its_best_with_intervals():
     event = threading.Event()
 
@@ -289,89 +226,6 @@ def test_where_everything_diverges_nothing_is_said():
     assert np.isnan(found.theta).all() and not found.residual.size
     assert found.intervals is None and found.evaluations == PLANNED
     assert np.isinf(found.costs).all()
-
-
-# ---------------------------------------------------------------------- progress
-
-
-def test_a_search_reports_with_the_refinement_to_come(monkeypatch):
-    told = []
-
-    def reports(*arguments, on_progress, **more):
-        point = np.array([1.0, 2.0])
-        on_progress(Progress(2, 4, 50, PLANNED, 0.5, point, 0.25, 1.0, 0.01, 3.0))
-        raise _Enough
-
-    monkeypatch.setattr(module, 'minimise', reports)
-    for more in ({}, {'refine': False}, {'budget': Budget(seconds=4.0)}):
-        with pytest.raises(_Enough):
-            run(on_progress=told.append, **more)
-    first, alone, short = told
-    # Four starts of twelve Jacobians of three candidates, each five times as dear.
-    assert first.budget == PLANNED + 144
-    assert first.eta == pytest.approx(3.0 + 5.0 * 144 * 0.01)
-    assert (first.phase, first.generation, first.generations) == ('search', 2, 4)
-    assert (first.evaluations, first.best_cost, first.spread) == (50, 0.5, 0.25)
-    assert (first.unit, first.names) == ('N', Oscillation.names)
-    assert (alone.budget, alone.eta) == (PLANNED, 3.0)
-    assert 3.0 < short.eta <= 4.0 - short.elapsed + 1e-3
-
-
-def test_a_refinement_reports_its_starts(monkeypatch):
-    monkeypatch.setattr(module._Watched, 'INTERVAL', 0.0)
-    told = []
-    found = run(on_progress=told.append)
-    late = [p for p in told if p.phase == 'refinement']
-    counts = [p.evaluations for p in late]
-    assert counts == sorted(counts)
-    # Not the last Jacobian of the search, and every call of the refinement.
-    assert counts[0] == PLANNED + 1 and counts[-1] == found.evaluations
-    assert {p.generations for p in late} == {len(found.refined.starts)} == {4}
-    assert late[0].generation == 1 and all(1 <= p.generation <= 4 for p in late)
-    for p in late:
-        done = p.evaluations - PLANNED
-        assert p.generation == min(4, 1 + done // 36)
-        assert p.budget == PLANNED + max(144, done)
-    assert late[-1].eta == 0.0 or late[-1].evaluations < PLANNED + 144
-    costs = [p.best_cost for p in late]
-    assert costs == sorted(costs, reverse=True)
-    assert costs[-1] == pytest.approx(found.refined.cost)
-    np.testing.assert_allclose(late[-1].best_theta, found.theta)
-
-
-def test_a_refinement_reports_at_most_ten_times_a_second(monkeypatch):
-    clock = SimpleNamespace(now=0.0)
-
-    class Slow(Oscillation):
-        def residuals(self, theta):
-            clock.now += 0.03
-            return super().residuals(theta)
-
-    monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=lambda: clock.now))
-    told = []
-    run(Slow(), on_progress=told.append)
-    times = np.array([p.elapsed for p in told if p.phase == 'refinement'])
-    assert len(times) > 5
-    np.testing.assert_allclose(np.diff(times), 0.12)
-
-
-def test_the_time_to_go_follows_what_a_candidate_takes(monkeypatch):
-    clock = SimpleNamespace(now=0.0)
-
-    class Slow(Oscillation):
-        def residuals(self, theta):
-            clock.now += 0.5 * len(theta)
-            return super().residuals(theta)
-
-    monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=lambda: clock.now))
-    for seconds, most in ((None, math.inf), (1e3, 1e3)):
-        clock.now, told = 0.0, []
-        run(Slow(), on_progress=told.append, budget=Budget(seconds=seconds), starts=2)
-        late = [p for p in told if p.phase == 'refinement']
-        assert len(late) > 5
-        for p in late:
-            left = max(0, 72 - (p.evaluations - PLANNED))
-            assert p.eta == pytest.approx(min(0.5 * left, most - p.elapsed))
 
 
 # ---------------------------------------------------------------------- going on, limits
@@ -444,19 +298,3 @@ def test_settings_are_checked():
     for level in (0.0, 1.0):
         with pytest.raises(IdentError, match='give a probability between 0 and 1'):
             FitSettings(level=level)
-
-
-def test_time_runs_from_after_what_is_prepared(monkeypatch):
-    clock = SimpleNamespace(now=5.0)
-
-    class Prepared(Oscillation):
-        def prepare(self):
-            clock.now += 100.0
-
-        def residuals(self, theta):
-            clock.now += 1.0
-            return super().residuals(theta)
-
-    monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=lambda: clock.now))
-    problem = Prepared()
-    assert run(problem, refine=False).seconds == len(problem.asked)

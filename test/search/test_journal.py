@@ -2,9 +2,7 @@
 """A journal gives back what was put, and nothing that is not whole."""
 
 import errno
-import itertools
 import os
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -125,34 +123,6 @@ def test_a_full_disk_ends_the_journal_and_not_the_run(tmp_path, monkeypatch):
         monkeypatch.setattr(os, 'pwrite', real)
         assert journal.get({}, 'step', 2) is not None
     assert whole(path, values) == 3
-
-
-def test_large_records_wait_while_they_take_too_much_time_or_room(tmp_path, monkeypatch):
-    large = np.zeros(module.SMALL // 8 + 1)
-    monkeypatch.setattr(module, 'MOST', 10 * large.nbytes)
-    with Journal(tmp_path / 'a.checkpoint', KEY) as journal:
-        journal._begun -= 1000.0  # the run has worked for a while
-        for k in range(20):
-            journal.put({'value': large}, k)
-        assert sum(journal.get({}, k) is not None for k in range(20)) == 9
-        journal.put({'value': np.ones(3)}, 'small')
-        assert journal.get({}, 'small') is not None
-    monkeypatch.undo()
-    with Journal(tmp_path / 'b.checkpoint', KEY) as journal:
-        journal._spent = 1e9
-        journal.put({'value': large}, 'large')
-        assert journal.get({}, 'large') is None
-
-
-def test_large_records_take_a_twentieth_of_the_time(tmp_path, monkeypatch):
-    ticks = itertools.count()  # a second for every look
-    monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=lambda: float(next(ticks))))
-    large = np.zeros(module.SMALL // 8 + 1)
-    with Journal(tmp_path / 'c.checkpoint', KEY) as journal:
-        for k in range(70):
-            journal.put({'value': large}, k)
-        kept = [k for k in range(70) if journal.get({}, k) is not None]
-    assert kept == [0, 18, 37, 56]
 
 
 def test_arrays_differ_by_their_type_and_shape_too():

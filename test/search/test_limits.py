@@ -118,12 +118,6 @@ def test_who_survives_by_a_bound_is_evaluated_to_the_end():
     assert finished > 20
 
 
-def test_settings_can_ask_for_every_cost():
-    evaluate = Bounded(0.5)
-    searched(evaluate, SETTINGS, 1, give_up=False)
-    assert evaluate.given_up == 0
-
-
 def test_what_is_given_up_is_told_and_does_not_depend_on_the_threads():
     seen = []
     for threads in (1, 2, 3):
@@ -138,18 +132,6 @@ def test_what_is_given_up_is_told_and_does_not_depend_on_the_threads():
         seen.append([(costs.tobytes(), exact.tobytes()) for costs, exact in told])
     assert seen[0] == seen[1] == seen[2]
     assert not all(exact.all() for _, exact in told)
-
-
-def test_what_is_no_bound_is_told_as_a_cost():
-    for share in (0.0, 0.5):
-        told = []
-        evaluate = Bounded(share)
-        searched(evaluate, SETTINGS, 3, on_generation=lambda *x, told=told: told.append(x))
-        theta, costs, exact = (np.concatenate(x) for x in zip(*told, strict=True))
-        whole = cost(theta)
-        np.testing.assert_array_equal(costs[exact], whole[exact])
-        assert (costs[~exact] < whole[~exact]).all()
-        assert (~exact).sum() <= evaluate.given_up and exact.sum() > 50
 
 
 def test_a_search_goes_on_where_it_was_cut_off():

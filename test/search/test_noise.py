@@ -32,14 +32,6 @@ def first_order(a, count=1000):
     return NoiseModel(np.array([a]), 1.0, 1.0 - a**2, count)
 
 
-@pytest.mark.parametrize('a', [0.0, 0.5, 0.9, -0.5])
-def test_a_first_order_has_the_moments_of_the_book(a):
-    model = first_order(a)
-    assert model.effective_samples == pytest.approx(1000 * min(1.0, (1.0 - a) / (1.0 + a)))
-    assert model.independent_squares == pytest.approx((1.0 - a**2) / (1.0 + a**2), rel=1e-3)
-    assert model.correlation == pytest.approx(a)
-
-
 def test_neighbours_of_a_second_and_third_order_correlate_as_yule_and_walker_say():
     one, two = 0.6, 0.3
     second = NoiseModel(np.array([one, two]), 1.0, 0.5, 100)
@@ -50,29 +42,6 @@ def test_neighbours_of_a_second_and_third_order_correlate_as_yule_and_walker_say
     r1 = (a[0] + a[1] * a[2]) / (1.0 - a[1] - a[2] * (a[0] + a[2]))
     assert third.correlation == pytest.approx(r1)
     assert white(2.0).correlation == 0.0
-
-
-def test_squares_of_a_second_order_tell_as_little_as_their_correlations_say():
-    one, two = 0.6, 0.3
-    found = [1.0, one / (1.0 - two)]
-    for _ in range(2000):
-        found.append(one * found[-1] + two * found[-2])
-    share = 1.0 / (2.0 * np.sum(np.square(found)) - 1.0)
-    model = NoiseModel(np.array([one, two]), 1.0, 0.5, 100)
-    assert model.independent_squares == pytest.approx(share, rel=1e-3)
-
-
-def test_no_samples_and_samples_that_tell_each_other_make_plain_noise():
-    none = fit_noise(np.empty(0))
-    assert (none.variance, none.samples, none.coefficients.size) == (0.0, 0, 0)
-    turning = fit_noise(np.tile([1.0, -1.0], 500))
-    assert np.isfinite(turning.coefficients).all() and turning.innovation >= 0.0
-    assert turning.variance == 1.0
-
-
-def test_scaled_noise_has_both_of_its_variances_scaled():
-    found = NoiseModel(np.array([0.5]), 2.0, 1.5, 10).scaled(3.0)
-    assert (found.variance, found.innovation, found.samples) == (18.0, 13.5, 10)
 
 
 def test_white_and_scaled_noise():

@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import IdentError
-from ros2_ident.lanes import WIDTH
-from ros2_ident.search.evaluators import AtOnce, dealt, ThreadedEvaluator, Threads
-from ros2_ident.search.operators import kronecker, latin_hypercube
-from ros2_ident.search.packing import Packing
+from ros2_ident.search.evaluators import ThreadedEvaluator
 from ros2_ident.search.starts import APART, distinct_starts
 
 WIDE = np.array([10.0, 2.0])
@@ -83,68 +80,7 @@ def test_a_stop_takes_what_is_known():
     assert len(found) == 4 and (found[0] == best).all()
 
 
-# ---------------------------------------------------------------------- the first generation
-
-
-@pytest.mark.parametrize('dimension', [1, 2, 5])
-def test_a_lattice_is_a_shift_and_multiples_of_the_golden_ratios_kin(dimension):
-    points = kronecker(50, dimension, np.random.default_rng(7))
-    shift = np.random.default_rng(7).random(dimension)
-    root = max(np.roots([1.0] + [0.0] * (dimension - 1) + [-1.0, -1.0]).real)
-    steps = np.outer(np.arange(1, 51), root ** -np.arange(1.0, dimension + 1.0))
-    np.testing.assert_allclose(points, (shift + steps) % 1.0, atol=1e-12)
-
-
-def test_a_latin_hypercube_is_drawn_from_the_searchs_own_generator():
-    one, same, other = (latin_hypercube(9, 3, np.random.default_rng(s)) for s in (1, 1, 2))
-    np.testing.assert_array_equal(one, same)
-    assert (one != other).any()
-
-
 # ---------------------------------------------------------------------- who evaluates
-
-
-@pytest.mark.parametrize('count', [1, 7, 8, 9, 16, 17, 40, 100])
-@pytest.mark.parametrize('parts', [1, 2, 3, 8])
-def test_whole_vectors_are_dealt_in_turn(count, parts):
-    hands = dealt(count, parts)
-    vectors = -(-count // WIDTH)
-    assert len(hands) == min(parts, vectors)
-    for hand, rows in enumerate(hands):
-        expected = [i for i in range(count) if i // WIDTH % len(hands) == hand]
-        assert rows.tolist() == expected
-
-
-def test_nobody_is_left_without_a_hand():
-    assert [rows.tolist() for rows in dealt(0, 3)] == [[]]
-
-
-@pytest.mark.parametrize(
-    ('threads', 'count', 'sizes'),
-    [
-        (1, 40, [40]),
-        (3, 8, [8]),  # one vector is not worth another thread
-        (3, 9, [1, 8]),
-        (3, 40, [8, 16, 16]),
-        (2, 40, [16, 24]),
-    ],
-)
-def test_threads_share_the_candidates_and_put_them_back(threads, count, sizes):
-    seen, told = [], []
-
-    def evaluate(theta, limit, stop):
-        seen.append(len(theta))
-        told.append((limit, stop))
-        return theta * 2.0
-
-    theta = np.random.default_rng(0).random((count, 3))
-    with ThreadedEvaluator(evaluate, threads, limited=True) as evaluator:
-        np.testing.assert_array_equal(evaluator(theta, 5.0, bool), 2.0 * theta)
-    assert sorted(seen) == sizes
-    assert set(told) == {(5.0, bool)}
-    with ThreadedEvaluator(lambda theta: theta[:, 0], threads) as plain:
-        np.testing.assert_array_equal(plain(theta), theta[:, 0])
-        assert not plain.limited
 
 
 def test_threads_are_as_many_as_are_asked_for():
@@ -163,61 +99,3 @@ def test_threads_are_as_many_as_are_asked_for():
     assert len(names) == 3
     # They end with the context.
     assert not names & {t.name for t in threading.enumerate()} - {'MainThread'}
-
-
-def test_a_functions_result_is_there_at_once():
-    plain = AtOnce(lambda theta: theta.sum(axis=1))
-    assert (plain.ahead, plain.limited) == (0, False)
-    batch = plain.submit(np.ones((2, 3)), 1.0, bool)
-    assert batch.wait(0.0) is True and batch.result().tolist() == [3.0, 3.0]
-    seen = []
-
-    def heeds(*arguments):
-        seen.append(arguments[1:])
-        return arguments[0]
-
-    heeds.limited = True
-    AtOnce(heeds).submit(np.ones((1, 1)), 7.0, bool)
-    assert AtOnce(heeds).limited and seen == [(7.0, bool)]
-
-
-def test_tasks_are_methods_of_the_subject_in_their_order():
-    class Subject:
-        def power(self, base, exponent):
-            return base**exponent
-
-    with Threads(2).tasks(Subject()) as run:
-        assert list(run('power', [(2, 3), (3, 2), (5, 1)])) == [8, 9, 5]
-    with Threads(2).open(_Objective()) as evaluators:
-        assert evaluators.lot == 2 * WIDTH
-        assert evaluators.costs(np.ones((3, 2)), 1.5, bool).tolist() == [1.5] * 3
-        assert evaluators.residuals(np.ones((3, 2))).shape == (3, 2)
-
-
-class _Objective:
-    def costs(self, theta, limit, stop):
-        return np.full(len(theta), limit)
-
-    def residuals(self, theta):
-        return theta
-
-
-# ---------------------------------------------------------------------- packing
-
-
-@pytest.mark.parametrize('count', [1, 128, 129, 300])
-def test_packed_values_find_their_places_again(count):
-    points = np.random.default_rng(3).random((count, 2))
-    packing = Packing(points, lambda part: np.round(9.0 * part[:, 0]))
-    packed = packing.packed(points)
-    np.testing.assert_array_equal(packing.drawn(packed), points)
-    few = np.random.default_rng(4).permutation(count)[:20]
-    np.testing.assert_array_equal(packed[packing.places(few)], points[few])
-    # In parts, and of equal work the one that was drawn first.
-    expected = [
-        begin + np.argsort(np.round(9.0 * points[begin : begin + 128, 0]), kind='stable')
-        for begin in range(0, count, 128)
-    ]
-    np.testing.assert_array_equal(packed, points[np.concatenate(expected)])
-    plain = Packing(points, None)
-    assert plain.packed(points) is plain.drawn(points) is plain.places(points) is points

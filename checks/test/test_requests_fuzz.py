@@ -12,7 +12,7 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 
-SCRIPT = Path(__file__).parents[1] / 'checks' / 'benchmarks' / 'fuzz_requests.py'
+SCRIPT = Path(__file__).parents[2] / 'checks' / 'benchmarks' / 'fuzz_requests.py'
 
 
 @pytest.fixture(scope='module')
