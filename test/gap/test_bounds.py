@@ -4,7 +4,6 @@
 from dataclasses import replace
 import math
 from pathlib import Path
-import re
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from checks.reference.effects import Effect
 from ros2_ident.effects import EffectParameter
 from ros2_ident.gap.criteria import at_bound
 from ros2_ident.gap.diagnose import diagnose
-from ros2_ident.gap.diagnosis import Diagnosis, to_mapping
 from ros2_ident.identify.run import read_data
 from ros2_ident.models import EffectAt, load_machine, Machine, make_model
 from ros2_ident.models.drives.effort_range import effort_range
@@ -41,10 +39,6 @@ def recording(effect: Effect, seed: int) -> Dataset:
     )  # fmt: skip
 
 
-def diagnosed(machine: Machine, effect: Effect) -> Diagnosis:
-    return diagnose(machine, [recording(effect, 1)], [recording(effect, 2)], seed=1)
-
-
 def test_the_bundled_axis_needs_no_limit() -> None:
     fit = read_data(str(ROOT / 'bags/axis_reversals'), AXIS).datasets
     stated, unstated = (diagnose(m, fit, seed=1) for m in (AXIS, without_limit(AXIS)))
@@ -53,43 +47,6 @@ def test_the_bundled_axis_needs_no_limit() -> None:
     assert unstated.not_testable == stated.not_testable
     for name, value in stated.parameters.items():
         assert unstated.parameters[name].value == pytest.approx(value.value, rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ('name', 'values', 'size'),
-    [
-        ('stribeck', {'torque': 12.0, 'speed': 0.02}, 'torque'),
-        ('torque_saturation', {'limit': 65.0}, 'share'),
-    ],
-)
-def test_an_effect_is_found_with_a_limit_and_without(
-    name: str, values: dict[str, float], size: str
-) -> None:
-    effect = Effect(name, AXIS.drives, values, 'same')
-    found = [diagnosed(machine, effect) for machine in (AXIS, without_limit(AXIS))]
-    for one in found:
-        assert (one.effect, one.where) == (name, AXIS.drives)
-        assert not one.parameters[f'{DRIVE}.{name}.{size}'].at_bound
-    sizes = [one.parameters[f'{DRIVE}.{name}.{size}'].value for one in found]
-    if size == 'torque':
-        assert sizes == pytest.approx([12.0, 12.0], rel=0.1)
-    else:
-        # A share of the stated limit, or of twice the effort that was seen.
-        seen = max(np.quantile(np.abs(recording(effect, n).effort), 0.999) for n in (1, 2))
-        limit = AXIS.number('torque_limit')
-        assert [sizes[0] * limit, 2.0 * sizes[1] * seen] == pytest.approx([65.0, 65.0], rel=0.01)
-
-
-def test_a_size_beyond_its_bound_is_flagged() -> None:
-    # More than a quarter of the effort, which is what is looked for.
-    effect = Effect('stribeck', AXIS.drives, {'torque': 70.0, 'speed': 0.02}, 'same')
-    found = diagnosed(AXIS, effect)
-    name = f'{DRIVE}.stribeck.torque'
-    assert found.effect == 'stribeck'
-    assert found.parameters[name].at_bound
-    assert re.search(f'{name}.* ends? at (a bound|bounds) of the search', found.sentence)
-    assert any(name in text and 'check the unit' in text for text in found.advice)
-    assert to_mapping(found)['parameters'][name]['at_bound'] is True
 
 
 def test_the_range_is_what_one_sample_in_a_thousand_exceeds() -> None:

@@ -86,23 +86,12 @@ def test_a_load_carried_all_the_time_is_a_heavier_tool() -> None:
 
 
 def test_a_payload_taken_up_three_times_is_named_with_its_mass() -> None:
-    found = diagnose(tripod(), [recording(1)], [recording(2)], seed=1)
+    # Of the others those that it may be taken for.
+    near = {'payload_turns', 'constant_force'}
+    data = [recording(1)], [recording(2)]
+    found = diagnose(tripod(), *data, without=sorted(set(CATALOGUE) - near), seed=1)
     assert (found.effect, found.where) == ('payload_turns', ('all',))
     mass = found.parameters['payload_turns.mass']
     # Its interval does not know how sharp the instants are.
     assert mass.value == pytest.approx(MASS, rel=0.03)
     assert found.share_closed.value > 0.95
-
-
-def test_a_tool_whose_bounds_are_with_the_load_loses_it() -> None:
-    machine = tripod()
-    low = TRIPOD_TRUTH['tool_mass'] + 0.8 * MASS
-    machine = replace(machine, bounds=machine.bounds | {'tool_mass': (low, 2.0 * low, 'kg')})
-    others = [name for name in CATALOGUE if name != 'payload_turns']
-    found = diagnose(machine, [recording(1)], [recording(2)], without=others, seed=1)
-    assert (found.effect, found.where) == ('payload_turns', ('all',))
-    assert found.share_closed.value > 0.95
-    # Neither interval knows how sharp the instants are.
-    mass, tool = found.parameters['payload_turns.mass'], found.parameters['tool_mass']
-    assert mass.value == pytest.approx(-MASS, rel=0.06)
-    assert tool.value == pytest.approx(TRIPOD_TRUTH['tool_mass'] + MASS, rel=0.01)

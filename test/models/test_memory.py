@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects with a memory: several on one hook, each with its own, or none at all.
+"""Effects with a memory: several on one hook, each with its own.
 
 The catalogue is what lies in the package, so each runs in a copy of it, in a process of its own.
 """
@@ -12,7 +12,6 @@ import shutil
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from ros2_ident.effects import get_effect, Hook
@@ -108,18 +107,8 @@ def twice_on_each_hook():
         np.testing.assert_allclose(out[k], through, rtol=1e-13, atol=1e-15)
 
 
-def none_left(path):
-    """Run in the copy, where no effect has a memory."""
-    import numpy as np
-
-    from ros2_ident.effects import CATALOGUE
-
-    assert not any(effect.keeps for effect in CATALOGUE.values())
-    np.save(path, simulated(['stribeck', 'torque_ripple'], [5.0, 0.02, 0.5, 1.0, 0.0]))
-
-
 def in_a_copy(tmp_path: Path, call: str) -> None:
-    functions = axis, simulated, twice_on_each_hook, none_left
+    functions = axis, simulated, twice_on_each_hook
     source = '\n\n'.join([*map(inspect.getsource, functions), call])
     ran = subprocess.run(
         [sys.executable, '-c', source],
@@ -151,18 +140,6 @@ def test_effects_of_one_hook_have_a_memory_each(effects: Path, tmp_path: Path) -
         more = text.replace(f"id='{effect}'", f"id='more_{effect}'")
         (effects / f'more_{effect}.py').write_text(more, encoding='utf-8')
     in_a_copy(tmp_path, 'twice_on_each_hook()')
-
-
-def test_a_catalogue_without_memories_simulates_the_same(
-    effects: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for effect in WITH_MEMORY:
-        (effects / f'{effect}.py').unlink()
-    in_a_copy(tmp_path, "none_left('out.npy')")
-    monkeypatch.chdir(ROOT)
-    here = simulated(['stribeck', 'torque_ripple'], [5.0, 0.02, 0.5, 1.0, 0.0])
-    np.testing.assert_allclose(np.load(tmp_path / 'out.npy'), here, rtol=1e-12)
-    assert np.abs(here - simulated([], [])).max() > 0.1
 
 
 def test_a_memory_where_none_is_written_is_refused() -> None:
