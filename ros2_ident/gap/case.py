@@ -3,15 +3,17 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from threading import Lock
 
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.identify.data import chosen_drives
 from ros2_ident.identify.hidden import settled
 from ros2_ident.identify.layout import Conditions, Layout
+from ros2_ident.identify.setup import held_of
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models import complete, EffectAt, FullModel, make_model, Model
@@ -64,7 +66,7 @@ def recordings_of(
         machine: The machine.
         data: The recordings, on the controller's grid.
         drives: The drives compared; all by default.
-        fixed: Parameters not to be identified.
+        fixed: Parameters that are held; `gear_stiffness` means that of every drive.
         output: Quantity that is compared: `effort`, `position` or `velocity`; what the machine's
             kind compares where None.
         labels: For each recording, the bag it came from.
@@ -75,12 +77,10 @@ def recordings_of(
     """
     efforts = efforts_of(machine, [*data, *beside])
     quantities = None if output is None else (output,)
-    models = [
-        make_model(
-            machine, d, drives=drives, fixed=fixed, efforts=efforts, quantities=quantities
-        )
-        for d in data
-    ]
+    make = partial(make_model, machine, drives=drives, efforts=efforts, quantities=quantities)
+    if fixed and data:
+        fixed = held_of(machine, make(data[0]), chosen_drives(machine, drives), fixed)
+    models = [make(d, fixed=fixed) for d in data]
     _one_output_a_drive(models)
     return Recordings(tuple(models), tuple(labels))
 

@@ -70,15 +70,8 @@ class Setup:
             weights=weights,
         )
         known = [p.name for p in free.parameters]
-        # Drives that only follow have no free parameters; their gears may be known all the same.
-        followers = [
-            f'{drive}.{name}'
-            for drive in machine.drives
-            for name in machine.bounds
-            if drive not in drives and name in SLOTS and not SLOTS[name].shared
-        ]
         everywhere, somewhere = self._held()
-        fixed = _expanded([*known, *followers], machine, everywhere, 'fixed')
+        fixed = held_of(machine, free, drives, everywhere)
         models = [
             make_model(
                 machine,
@@ -250,6 +243,30 @@ def _check_names(machine: Machine, data: Data, effort: bool) -> None:
                 ErrorCode.MISSING_STREAM,
                 'the data hold no effort; record it, or name the topic that carries it',
             )
+
+
+def held_of(
+    machine: Machine, free: Model, drives: Sequence[str], given: Mapping[str, float]
+) -> dict[str, float]:
+    """Return what is held in a model, by full name.
+
+    Args:
+        machine: The machine.
+        free: Its model with nothing held.
+        drives: The drives that are compared.
+        given: Values by name; `gear_stiffness` means that of every drive.
+
+    Raises:
+        IdentError: UNKNOWN_PARAMETER where nothing is called so.
+    """
+    # Drives that only follow have no free parameters; their gears may be known all the same.
+    followers = [
+        f'{drive}.{name}'
+        for drive in machine.drives
+        for name in machine.bounds
+        if drive not in drives and name in SLOTS and not SLOTS[name].shared
+    ]
+    return _expanded([*(p.name for p in free.parameters), *followers], machine, given, 'fixed')
 
 
 def _expanded(

@@ -371,3 +371,11 @@ def test_a_limit_is_found_in_a_position_though_no_effort_is_logged() -> None:
     assert (found.effect, found.where) == ('torque_saturation', ('lift',))
     share = found.parameters['lift.torque_saturation.share']
     assert share.value == pytest.approx(limit / 0.42, rel=0.01)
+
+
+@pytest.mark.parametrize('name', ['coulomb_torque', 'lift.coulomb_torque'])
+def test_a_parameter_is_held_by_its_name_alone_too(name: str) -> None:
+    (model,) = recordings_of(MACHINE, [recording(1)], fixed={name: 0.1}).models
+    assert 'lift.coulomb_torque' not in [p.name for p in model.parameters]
+    with pytest.raises(IdentError, match="'torque' cannot be fixed: no such parameter; choose"):
+        recordings_of(MACHINE, [recording(1)], fixed={'torque': 0.1})
