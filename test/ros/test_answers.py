@@ -90,31 +90,6 @@ def answer(listener, **changes):
     return listener.request(handle.get_result_async, 'the result', 60.0)
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_the_end_of_the_node_answers_its_goal(tmp_path, number) -> None:
-    from action_msgs.msg import GoalStatus
-    from ros2_ident_msgs.msg import IdentificationResult
-
-    domain = new_domain()
-    with identifier(domain, tmp_path, 'initial_population:=1000000') as process:
-        listener = Listener(domain)
-        try:
-            feedback = []
-            handle = listener.send(goal_of(), feedback.append)
-            done = listener.asked(handle.get_result_async)
-            listener.until(lambda: feedback, 'feedback')
-            process.send_signal(number)
-            answered = listener.wait_future(done, 'the result', 20.0)
-            assert answered.status == GoalStatus.STATUS_ABORTED
-            result = answered.result.identification
-            assert result.outcome == IdentificationResult.OUTCOME_CANCELLED
-            assert result.error_message and len(result.parameters) == 7
-        finally:
-            listener.close()
-        code, text = ended(process, 30.0)
-    assert code == 0 and 'Traceback' not in text, text
-
-
 def test_the_end_of_the_node_waits_for_the_overlay_of_a_run_that_is_done(tmp_path) -> None:
     domain = new_domain()
     with identifier(domain, tmp_path) as process:

@@ -34,24 +34,6 @@ def told(bag, machine, output, *more):
     return result
 
 
-def test_a_delta_is_identified_from_what_its_topics_say(tmp_path) -> None:
-    file = ROOT / 'config/delta.yaml'
-    machine = load_machine(file)
-    truth = {name: 0.5 * (low + high) for name, (low, high, _) in machine.bounds.items()}
-    truth |= {'measurement_delay': 0.002, 'gear_stiffness': 6e3, 'gear_damping_ratio': 0.2}
-    motion = draw_motion('multi_point', machine, 3.0, 3)
-    bag = write_simulated(tmp_path / 'bag', simulate_bag(machine, truth, motion, 3))
-    drives = 'drives:=[drive_1,drive_2,drive_3]'
-    result = told(bag, file, tmp_path / 'out', drives, 'generations:=6')
-    assert result.error_code == 0 and result.model == 'rotary_tripod'
-    assert result.cost_refined < 1.1 * machine.effort_noise
-    by_name = {p.name: p for p in result.parameters}
-    assert by_name['drive_1.arm_inertia'].unit == 'kg m^2'
-    for name, p in by_name.items():
-        # twice the interval: twenty are looked at
-        assert abs(p.value - truth[name.split('.')[-1]]) < p.high - p.low, name
-
-
 def test_a_belt_drive_is_identified_from_angle_and_moment_on_topics(tmp_path) -> None:
     file = ROOT / 'config/belt_drive.yaml'
     machine = load_machine(file)

@@ -129,28 +129,6 @@ def test_a_goal_gives_feedback_and_a_result(shared) -> None:
     assert len(result.parameters) ** 2 == len(result.correlation)
 
 
-def test_simulated_and_residual_come_while_the_search_runs(shared) -> None:
-    shared.simulated.clear(), shared.residual.clear()
-    feedback = []
-    handle = shared.send(
-        bag_goal(initial_population=4000, drives=['drive_1', 'drive_2', 'drive_3']),
-        feedback.append,
-    )
-    done = shared.asked(handle.get_result_async)
-    # The series of the run before, of one drive, may still be on its way.
-    drives = ['drive_1', 'drive_2', 'drive_3']
-
-    def previews(messages) -> int:
-        return sum(list(m.name) == drives and len(m.effort) == 3 for m in list(messages))
-
-    shared.until(lambda: previews(shared.simulated) >= 400, 'a preview')
-    shared.until(lambda: previews(shared.residual) >= 400, 'its residual')
-    assert not done.done()
-    shared.asked(handle.cancel_goal_async)
-    shared.wait_future(done, 'the result', 10.0)
-    shared.until(lambda: last_series(shared.residual) > 6500, 'the whole series', 120.0)
-
-
 def test_cancel_is_answered_at_once_and_keeps_the_best(shared) -> None:
     from action_msgs.msg import GoalStatus
     from ros2_ident_msgs.msg import IdentificationResult, Status
@@ -282,35 +260,55 @@ def test_services(shared) -> None:
     assert answer.success and answer.message == '0 messages are forgotten'
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_run_and_keeps_its_result(
-    domain: int, listener: Listener, tmp_path: Path, number: int
+def test_a_signal_ends_a_run_answers_its_goal_and_keeps_its_result(
+    domain: int, listener: Listener, tmp_path: Path
 ) -> None:
+    from action_msgs.msg import GoalStatus
     from ros2_ident_msgs.msg import IdentificationResult
 
     # Long enough on any machine to be in the middle of it.
     with identifier(domain, tmp_path, 'initial_population:=1000000') as node:
         feedback = []
-        listener.send(bag_goal(), feedback.append)
+        handle = listener.send(bag_goal(), feedback.append)
+        done = listener.asked(handle.get_result_async)
         listener.until(lambda: len(feedback) > 1, 'feedback', 60.0)
         sent = time.monotonic()
-        node.send_signal(number)
+        node.send_signal(signal.SIGINT)
+        answered = listener.wait_future(done, 'the result', 20.0)
         code, text = ended(node, 10.0)
         took = time.monotonic() - sent
     assert code == 0 and 'Traceback' not in text, text
     assert took < 3.0
+    assert answered.status == GoalStatus.STATUS_ABORTED
+    result = answered.result.identification
+    assert result.outcome == IdentificationResult.OUTCOME_CANCELLED
+    assert result.error_message and len(result.parameters) == 7
     listener.until(lambda: listener.results, 'the last result')
     assert listener.results[0].outcome == IdentificationResult.OUTCOME_CANCELLED
     files = list(tmp_path.glob('*/result.json'))
     assert len(files) == 1 and 'cancelled' in files[0].read_text(encoding='utf-8')
 
 
-def test_a_signal_ends_an_idle_node(domain: int, listener: Listener, tmp_path: Path) -> None:
-    with identifier(domain, tmp_path) as node:
-        listener.until(lambda: listener.statuses, 'the node')
-        node.send_signal(signal.SIGINT)
-        code, text = ended(node, 10.0)
-    assert code == 0 and 'Traceback' not in text, text
+@pytest.mark.parametrize(
+    ('arguments', 'code', 'said'),
+    [
+        (['/nowhere'], 1, 'does not exist'),
+        ([str(MACHINE)], 1, 'cannot be played'),
+        ([str(BAG), '--topics', '/x'], 1, 'has no JointState topic /x'),
+        ([str(BAG), '--rate', '0'], 2, '0 is not above 0'),
+    ],
+)
+def test_replay_says_what_is_wrong(
+    monkeypatch, capsys, arguments: list[str], code: int, said: str
+) -> None:
+    from ros2_ident.ros.replay import main
+
+    monkeypatch.setattr('ros2_ident.ros.replay.Stop.install', lambda self: self)
+    try:
+        assert main(arguments) == code
+    except SystemExit as end:
+        assert end.code == code
+    assert said in ''.join(capsys.readouterr())
 
 
 def test_two_nodes_on_one_domain_do_not_interfere(domain: int, tmp_path: Path) -> None:
@@ -360,19 +358,6 @@ def test_silence_is_explained(domain: int, listener: Listener, tmp_path: Path) -
         _, text = ended(node)
     assert 'no data yet: /joint_states has a publisher of the wrong type' in text
     assert '/effort has 0 publishers' in text
-
-
-def test_replay_says_what_is_wrong(domain: int, tmp_path: Path) -> None:
-    for arguments, code, said in (
-        ([str(tmp_path / 'none')], 1, 'does not exist'),
-        ([str(MACHINE)], 1, 'cannot be played'),
-        ([str(BAG), '--topics', '/x'], 1, 'has no JointState topic /x'),
-        ([str(BAG), '--wait-for-subscribers', '0.2'], 1, 'nobody listened to'),
-        ([str(BAG), '--rate', '0'], 2, '0 is not above 0'),
-    ):
-        with program('replay', *arguments, domain=domain) as process:
-            got, text = ended(process)
-        assert got == code and said in text and 'Traceback' not in text, text
 
 
 def test_replay_stops_on_a_signal(domain: int) -> None:
