@@ -141,15 +141,6 @@ def test_a_directory_goes_only_where_it_was_said(old):
     assert sorted(x.name for x in old.iterdir()) == ['file', 'folder', 'link']
 
 
-def test_a_file_is_on_the_disk_before_it_is_in_its_place(tmp_path, monkeypatch):
-    order = []
-    sync, replace = os.fsync, os.replace
-    monkeypatch.setattr(os, 'fsync', lambda n: (order.append('sync'), sync(n)))
-    monkeypatch.setattr(os, 'replace', lambda a, b: (order.append('place'), replace(a, b)))
-    files.write_text(tmp_path / 'a', 'text')
-    assert order == ['sync', 'place', 'sync']
-
-
 def test_arrays_come_back_and_texts_keep_their_line_ends(tmp_path):
     path = files.write_arrays(tmp_path / 'a.npz', {'x': np.arange(3.0)})
     with np.load(path, allow_pickle=False) as read:
@@ -333,13 +324,6 @@ def test_a_file_takes_the_place_of_its_own_kind_only(tmp_path):
             files.remove_file(tmp_path / name)
     assert path.read_text() == text
     assert sorted(x.name for x in tmp_path.iterdir()) == ['file', 'link', 'pipe']
-
-
-def test_a_file_that_cannot_be_removed_is_said(tmp_path):
-    with pytest.raises(IdentError, match='is a directory where a file has to go') as caught:
-        files.remove_file(tmp_path)
-    assert caught.value.code == ErrorCode.INVALID_GOAL
-    files.remove_file(tmp_path / 'none')
 
 
 @pytest.mark.parametrize('name', ['identify', 'diagnose'])

@@ -13,18 +13,12 @@ from scipy.signal import lfilter
 from checks.reference.axis import simulate_axis
 from checks.reference.effects import Effect
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.attribute import Attribution
-from ros2_ident.gap.case import Case, recordings_of
-from ros2_ident.gap.criteria import Rules
+from ros2_ident.gap.case import recordings_of
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import to_mapping
-from ros2_ident.gap.explain import Explainer
-from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.floor import Floor
-from ros2_ident.identify.data import gather
 from ros2_ident.models import load_machine, machine_from_mapping
 from ros2_ident.recording import Dataset
-from ros2_ident.recording.bag import read_bag
 from ros2_ident.search.noise import NoiseModel, white
 
 CYCLE = 1e-3
@@ -187,10 +181,9 @@ def test_nothing_is_missing_where_nothing_is() -> None:
     assert found.not_testable and '; this motion cannot show: ' in found.sentence
 
 
-@pytest.mark.parametrize('scale', [5e-4, 2e-3, 1e-2])
-def test_nothing_is_missing_where_the_recording_fitted_on_shows_little(scale: float) -> None:
+def test_nothing_is_missing_where_the_recording_fitted_on_shows_little() -> None:
     # Hardly any motion: friction and inertia are what the search happened upon, and wrong.
-    found = diagnose(MACHINE, [recording(1, scale=scale)], [recording(2)], seed=3)
+    found = diagnose(MACHINE, [recording(1, scale=2e-3)], [recording(2)], seed=3)
     assert found.effect == 'none', found.sentence
     assert found.held_out == 'blocks'
 
@@ -200,14 +193,6 @@ def test_one_recording_is_split_into_blocks() -> None:
     assert found.held_out == 'blocks'
     assert found.effect == 'stribeck'
     assert all(r.at.effect != 'presliding' for r in found.ranking)
-
-
-def test_same_seed_same_diagnosis() -> None:
-    data = recording(1, (stribeck(),))
-    few = ('torque_ripple', 'friction_drift', 'transmission_eccentricity', 'backlash')
-    first, second = (to_mapping(diagnose(MACHINE, [data], seed=3, without=few)) for _ in range(2))
-    first.pop('seconds'), second.pop('seconds')
-    assert first == second
 
 
 def test_a_cancel_keeps_the_best_so_far() -> None:
@@ -233,8 +218,8 @@ def test_bad_input_is_one_sentence() -> None:
         diagnose(MACHINE, [recording(4)], without=('gremlins',))
 
 
-@pytest.mark.parametrize(('size', 'rho'), [(0.4, 0.5), (2.5, 0.9)])
-def test_noise_that_nobody_stated_is_no_gap(size, rho) -> None:
+def test_noise_that_nobody_stated_is_no_gap() -> None:
+    size, rho = 2.5, 0.9
     rough = [coloured(recording(seed, noise=0.0), size, rho) for seed in (1, 2)]
     quiet = diagnose(MACHINE, rough[:1], rough[1:], seed=3)
     assert quiet.effect == 'none'
@@ -289,44 +274,6 @@ def test_an_effect_is_named_though_the_noise_is_coloured_and_larger_than_stated(
         assert value.low <= value.noise_low < value.noise_high <= value.high
 
 
-def test_rules_say_when_something_counts() -> None:
-    effects = (stribeck(),)
-    lenient = diagnose(
-        MACHINE, [recording(1, effects)], seed=3, rules=Rules(material=50.0), without=('backlash',)
-    )
-    assert lenient.effect == 'none'
-
-
-def test_a_trifle_on_one_drive_contradicts_nothing() -> None:
-    case = Case(recordings_of(MACHINE, [recording(1)]))
-    explainer = Explainer(Attribution(case, LEVEL), FLOOR, Rules())
-    law = {name: np.array(values) for name, values in {
-        'right': [4.9, 1.10, 1.07], 'wrong': [16.4, 1.0, 1.0], 'clean': [1.0, 1.0, 1.0],
-    }.items()}  # fmt: skip
-    empty = np.empty(0)
-    e = {name: Explanation((), empty, empty, empty, x, empty, empty, empty, empty)
-         for name, x in law.items()}  # fmt: skip
-    assert not explainer.contradicted(e['right'], e['wrong'])
-    assert explainer.contradicted(e['wrong'], e['right'])
-    assert explainer.contradicted(e['right'], e['clean'])
-
-
-def test_a_nominal_fit_that_had_ended_too_early_goes_on() -> None:
-    case = Case(recordings_of(MACHINE, [recording(1)]), recordings_of(MACHINE, [recording(2)]))
-    attribution = Attribution(case, LEVEL)
-    explainer = Explainer(attribution, FLOOR, Rules())
-    names = [p.name for p in case.fit.with_effects(()).parameters]
-    truth = np.array([TRUTH[name.removeprefix('lift.')] for name in names])
-    stuck = truth.copy()
-    stuck[names.index('lift.coulomb_torque')] = 0.15
-    early = attribution.refit((), stuck, iterations=0)
-    right = attribution.refit((), truth, iterations=0)
-    assert explainer.size(early) > 1.0, 'the wrong friction shows'
-    better = explainer.better_nominal(early, right)
-    assert explainer.size(better) < 0.2
-    assert explainer.better_nominal(better, early) is better
-
-
 def test_a_kind_that_compares_two_quantities_of_a_drive_is_refused() -> None:
     belt = load_machine(Path(__file__).parents[2] / 'config/belt_drive.yaml')
     row = np.sin(np.linspace(0.0, 6.0, 400))[None]
@@ -350,27 +297,6 @@ def test_the_gap_of_a_position_is_diagnosed_with_an_effort_beside_it() -> None:
     assert found.per_drive['lift'].noise_floor == pytest.approx(1e-6, rel=0.1)
     # Gates go by the effort, whatever is compared: none takes metres for newton metres.
     assert not [text for *_, text in found.gates if 'where the noise is' in text]
-
-
-def test_a_bag_without_an_effect_has_none_in_its_position_either() -> None:
-    root = Path(__file__).parents[2]
-    emps = load_machine(root / 'config/emps.yaml')
-    (data,) = gather(read_bag(root / 'bags/axis_reversals'), emps).datasets
-    assert diagnose(emps, [data], output='position', seed=1).effect == 'none'
-
-
-def test_a_limit_is_found_in_a_position_though_no_effort_is_logged() -> None:
-    free = recording(1)
-    limit = 0.92 * np.abs(free.effort).max()
-    data = recording(1, (Effect('torque_saturation', ('lift',), {'limit': limit}, 'same'),))
-    noise = 2e-6 * np.random.default_rng(8).standard_normal(data.position.shape)
-    # A little above what the drive ever does: no share that is always tried is near.
-    machine = MACHINE.with_constants(torque_limit=(0.42,))
-    silent = replace(data, position=data.position + noise, effort=None)
-    found = diagnose(machine, [silent], output='position', seed=3)
-    assert (found.effect, found.where) == ('torque_saturation', ('lift',))
-    share = found.parameters['lift.torque_saturation.share']
-    assert share.value == pytest.approx(limit / 0.42, rel=0.01)
 
 
 @pytest.mark.parametrize('name', ['coulomb_torque', 'lift.coulomb_torque'])

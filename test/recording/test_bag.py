@@ -5,7 +5,7 @@ import hashlib
 from pathlib import Path
 import time
 
-from hypothesis import given, HealthCheck, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -356,45 +356,6 @@ def test_bags_without_what_is_needed(tmp_path):
     fails(unmeasured, ErrorCode.NO_DATA, 'no measured value arrived')
 
 
-def test_a_cut_bag_gives_what_is_whole(bag, recording, tmp_path):
-    data = (bag / 'log.mcap').read_bytes()
-    path = tmp_path / 'cut.mcap'
-    path.write_bytes(data[: len(data) // 2])
-    (read,) = read_bag(path)
-    size = read.state.stamp.size
-    assert 500 < size < 2000
-    np.testing.assert_array_equal(read.state.position, recording.state.position[:size])
-    assert 'is damaged: the file breaks off after byte' in read.warnings[0]
-    assert '`mcap recover cut.mcap` writes a sound file' in read.warnings[0]
-    assert len(read.warnings) == 1
-
-
-@settings(
-    max_examples=40,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
-@given(cut=st.floats(0.0, 1.0), flips=st.lists(st.floats(0.0, 1.0), max_size=3))
-def test_damage_anywhere_gives_true_samples_or_one_sentence(bag, recording, tmp_path, cut, flips):
-    data = bytearray((bag / 'log.mcap').read_bytes())
-    for place in flips:
-        data[int(place * (len(data) - 1))] ^= 0x55
-    path = tmp_path / 'damaged.mcap'
-    path.write_bytes(bytes(data[: int(cut * len(data))]))
-    try:
-        parts = read_bag(path)
-    except IdentError as exc:
-        assert '\n' not in exc.message
-        assert exc.code != ErrorCode.INTERNAL
-        return
-    for part in parts:
-        assert part.state is None or part.state.stamp.size <= 2000
-        if not flips and part.state is not None:
-            # what a cut leaves is true
-            size = part.state.stamp.size
-            np.testing.assert_array_equal(part.state.velocity, recording.state.velocity[:size])
-
-
 @settings(max_examples=60, deadline=None)
 @given(
     joints=st.lists(
@@ -419,24 +380,6 @@ def test_the_fast_decoder_agrees_with_rosbags(joints, filled, frame):
                 expected = getattr(data[place], field)
                 found = np.empty(0) if values is None else values[row]
                 np.testing.assert_array_equal(found, expected)
-
-
-def test_the_fast_encoder_agrees_with_rosbags():
-    stamp = START + np.arange(3) * MS
-    values = np.arange(6.0).reshape(3, 2)
-    for fields in ([values, None, None], [None, None, values], [values, values, values]):
-        for k, raw in enumerate(encode(stamp, ('ab', 'c'), fields, 'base')):
-            arrays = [() if x is None else x[k] for x in fields]
-            expected = message(('ab', 'c'), *arrays, stamp=int(stamp[k]), frame='base')
-            assert raw == bytes(STORE.serialize_cdr(expected, JOINT_STATE))
-
-
-def test_big_endian_messages():
-    data = message(('a', 'b'), (1.5, -2.0))
-    raw = bytes(STORE.serialize_cdr(data, JOINT_STATE, little_endian=False))
-    (block,) = decode([raw])
-    np.testing.assert_array_equal(block.fields[0], [[1.5, -2.0]])
-    assert block.stamp[0] == START
 
 
 def test_reading_is_fast_enough(tmp_path):

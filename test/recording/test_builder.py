@@ -11,8 +11,6 @@ import pytest
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import RecordingBuilder
 from ros2_ident.recording.limits import Limits
-from ros2_ident.recording.shown import listed
-from ros2_ident.recording.streams import LATEST_STAMP
 
 MS = 1_000_000
 
@@ -135,12 +133,6 @@ def test_messages_that_overtook_each_other_are_put_back(places, data):
     assert any('overtook' in text for text in recording.warnings) == bool(swapped)
 
 
-def test_a_very_short_loop_is_no_overtaking():
-    builder = RecordingBuilder()
-    play(builder, 'state', [0, MS, 2 * MS] * 3)
-    assert [r.state.stamp.tolist() for r in builder.build()] == [[0, MS, 2 * MS]] * 3
-
-
 def test_two_clocks_on_one_topic_are_refused():
     builder = RecordingBuilder('bag')
     play(builder, 'state', [k * MS + (k % 2) * 500 * MS for k in range(200)])
@@ -240,60 +232,6 @@ def test_a_block_is_the_same_as_its_messages(stamps, seed):
 # ---------------------------------------------------------------------- each rule at its edge
 
 
-def built(stamps, values=None, role='state', limits=None, names=('a',)):
-    builder = RecordingBuilder('log', limits=limits)
-    stamps = np.array(stamps, dtype=np.int64)
-    values = np.zeros((stamps.size, len(names))) if values is None else np.array(values)
-    builder.add_block(role, stamps, names, values)
-    return builder.build()
-
-
-def test_values_beyond_anything_measured_are_none():
-    (read,) = built(np.arange(4) * MS, [[1e30], [1.1e30], [-np.inf], [-1e30]])
-    assert np.isnan(read.state.position[:, 0]).tolist() == [False, True, True, False]
-    assert read.warnings == ('state: 2 infinite values are taken as not measured',)
-
-
-@pytest.mark.parametrize(
-    ('begin', 'end', 'moved'),
-    [
-        (0, 5, 0),
-        (-1, 5, 1),
-        ((1 << 31) * 10**9 - 10, (1 << 31) * 10**9 - 1, 0),
-        ((1 << 31) * 10**9 - 10, (1 << 31) * 10**9, (1 << 31) - 1),
-    ],
-)
-def test_stamps_that_no_ros_time_can_be_count_from_0(begin, end, moved):
-    (read,) = built([begin, end])
-    shift = -(10**9) if begin < 0 else moved * 10**9
-    assert read.state.stamp.tolist() == [begin - shift, end - shift]
-    assert bool(read.warnings) is bool(moved)
-    if moved:
-        assert f'{shift // 10**9} s are taken from all of them' in read.warnings[0]
-
-
-def test_pauses_are_told_with_the_longest():
-    s = 10**9
-    parts = built([0, s, 2 * s, 100 * s, 101 * s, 400 * s, 401 * s])
-    assert [x.state.stamp.size for x in parts] == [3, 2, 2]
-    (said,) = parts[0].warnings
-    assert said.startswith('nothing came for up to 299 s') and 'the 3 stretches' in said
-
-
-def test_a_stray_stamp_is_told_with_its_number():
-    stamps = np.arange(40) * MS
-    stamps[20] += 5 * 10**9
-    (read,) = built(stamps)
-    (said,) = read.warnings
-    assert said == (
-        'state: 1 message has a stamp up to 5 s apart from those before and after, the first is '
-        'number 21, and is left out'
-    )
-    stamps[30] += 3 * 10**9
-    (said,) = built(stamps)[0].warnings
-    assert said.startswith('state: 2 messages have stamps up to 5 s') and 'and are left' in said
-
-
 def test_joints_and_names_are_limited_and_those_known_are_not_counted_twice():
     limits = Limits(joints=3, name=4)
     builder = RecordingBuilder('log', limits=limits)
@@ -309,44 +247,3 @@ def test_joints_and_names_are_limited_and_those_known_are_not_counted_twice():
     assert read.state.names == ('a', 'b', 'cccc') and read.effort.names == ('d', 'e', 'f')
     builder.clear()
     assert builder.counts == {'state': 0, 'effort': 0, 'command': 0}
-
-
-def test_memory_is_estimated_before_it_is_taken():
-    stamps = np.arange(100) * MS
-    needed = 3 * 1 * 2 * 100 * 8
-    assert built(stamps, limits=Limits(memory=needed), names=('a', 'b'))
-    with pytest.raises(IdentError, match='log: state with 2 joints takes'):
-        built(stamps, limits=Limits(memory=needed - 1), names=('a', 'b'))
-
-
-@pytest.mark.parametrize('stamp', [LATEST_STAMP, -LATEST_STAMP])
-def test_a_stamp_a_century_off_is_none(stamp):
-    inside = stamp - int(np.sign(stamp))
-    builder = RecordingBuilder()
-    builder.add('state', inside, ('a',), (1.0,))
-    builder.add_block('state', np.array([inside]), ('a',), np.zeros((1, 1)))
-    for add in (
-        lambda: builder.add('state', stamp, ('a',), (1.0,)),
-        lambda: builder.add_block('state', np.array([stamp]), ('a',), np.zeros((1, 1))),
-    ):
-        with pytest.raises(IdentError, match='no time'):
-            add()
-    assert builder.counts['state'] == 2
-
-
-def test_what_comes_twice_is_merged_joint_by_joint():
-    nan = np.nan
-    values = [[1.0, nan], [nan, 2.0], [3.0, 4.0], [5.0, nan], [nan, nan], [6.0, 7.0]]
-    (read,) = built([0, 0, MS, MS, 2 * MS, 3 * MS], values, names=('a', 'b'))
-    np.testing.assert_array_equal(
-        read.state.position, [[1.0, 2.0], [5.0, 4.0], [nan, nan], [6.0, 7.0]]
-    )
-    assert read.state.stamp.tolist() == [0, MS, 2 * MS, 3 * MS]
-    assert read.warnings[0].startswith('state: 1 values came twice with the same stamp')
-
-
-def test_long_lists_of_names_are_cut():
-    assert listed(['a', 'b']) == 'a, b'
-    assert listed(map(str, range(12))) == ', '.join(map(str, range(12)))
-    said = listed(map(str, range(15)))
-    assert said.startswith(', '.join(map(str, range(12)))) and '3 more' in said
