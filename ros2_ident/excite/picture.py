@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.excite.plan import Excitation
-from ros2_ident.report.pictures.style import (
+from ros2_ident.report.style import (
     BLUE,
     GREEN,
     GREY,

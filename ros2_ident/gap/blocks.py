@@ -160,12 +160,6 @@ class Blocks:
         )
         return each, self.interval(lambda m: np.sqrt(m[..., which, :].mean(axis=-1)), level)
 
-    def difference(self, before: int, after: int, level: float = 0.95) -> Interval:
-        """Return by how much the mean square over all drives falls from one to another."""
-        return self.interval(
-            lambda m: (m[..., before, :] - m[..., after, :]).mean(axis=-1), level
-        )
-
     def above(self, floor: Floor, before: int, after: int) -> npt.NDArray[np.bool_]:
         """Return (D,) which drives show a gap before or after; all where none does."""
         worst = np.maximum(self.squares[before], self.squares[after])

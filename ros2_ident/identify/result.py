@@ -305,14 +305,3 @@ class Identification:
     def best_cost(self) -> float:
         """Cost of the estimate, `cost.unit`."""
         return self.cost.ga if np.isnan(self.cost.refined) else self.cost.refined
-
-    def parameter(self, name: str) -> ParameterEstimate:
-        """Return one estimate by its name.
-
-        Raises:
-            KeyError: Where no parameter is called so.
-        """
-        for estimate in self.parameters:
-            if estimate.name == name:
-                return estimate
-        raise KeyError(name)

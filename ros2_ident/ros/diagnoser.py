@@ -8,14 +8,13 @@ from ros2_ident_msgs.action import Diagnose
 from ros2_ident_msgs.msg import Gap, Status
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.jobs import Diagnosed
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.ros import parameters
 from ros2_ident.ros.actions import GoalServer
 from ros2_ident.ros.board import Board
 from ros2_ident.ros.diagnostics import Diagnostics
-from ros2_ident.ros.files import attempted, draw_diagnosis, save
+from ros2_ident.ros.files import attempted, save
 from ros2_ident.ros.gap_conversion import (
     diagnose_code,
     diagnose_result,
@@ -154,20 +153,7 @@ class Diagnoser:
             node.board.warnings(message.warnings)
             if unwritten is not None:
                 message.warnings = [*message.warnings, unwritten.message]
-            self._draw(found.done.result, path)
             node.pages.start(path)
         node.diagnostics.gap = message
         node.outlet.gap(message)
         return message
-
-    def _draw(self, found: Diagnosis, path: str) -> None:
-        """Draw the charts after the result is out; they take longer than all other files."""
-        if not path:
-            return
-        node = self._node
-
-        def drawn(_: Any, error: BaseException | None) -> None:
-            if error is not None:
-                node.get_logger().error(node.board.fault(error).message)
-
-        node.worker.chore(lambda: None if node.stopping else draw_diagnosis(found, path), drawn)

@@ -94,16 +94,6 @@ def one_mode_set(c: Array, square: Array, weight: Array) -> bool:
     return square[0] > 0.0 and math.isfinite(weight[0] + weight[1] + weight[2])
 
 
-@cached
-def modes(constants: Array) -> tuple[Array, Array]:
-    """Return squared angular eigenfrequencies [1/s^2] and weights, each (S, 3), of (S, 10)."""
-    square = np.empty((constants.shape[0], 3))
-    weight = np.empty((constants.shape[0], 3))
-    for s in range(constants.shape[0]):
-        one_mode_set(constants[s], square[s], weight[s])
-    return square, weight
-
-
 @fused
 def modal_response(
     constants: Array, cycle: float, reference: Array, step_at: Index, step_by: Array

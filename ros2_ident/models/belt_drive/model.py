@@ -63,27 +63,6 @@ class StepReference:
     command_position: Array
 
 
-def step_reference(
-    *, cycle: float = 2e-4, duration: float = 1.0, steps: int = 9, height: float = np.pi / 1800.0
-) -> StepReference:
-    """Return a step-like set-point as in Fig. 5, its steps evenly spread over the duration.
-
-    Args:
-        cycle: Sampling interval, s.
-        duration: Length, s.
-        steps: Number of steps upwards.
-        height: Height of a step, rad; 0.1 degrees by default.
-
-    Returns:
-        The set-point from 0 to `duration`, both included.
-    """
-    count = round(duration / cycle) + 1
-    at = [round(duration / cycle * (i + 1) / (steps + 1)) for i in range(steps)]
-    change = np.zeros(count)
-    np.add.at(change, at, height)
-    return StepReference(cycle, np.cumsum(change)[None, :])
-
-
 class BeltDrive:
     """A batch of belt drives with different parameters and the same set-point.
 
@@ -186,14 +165,3 @@ class BeltDrive:
                 f'the measured outputs have the shape {measured.shape}; '
                 f'give (2, {self.reference.size}) finite numbers',
             )
-
-    def eigenfrequencies(self, theta: Array) -> Array:
-        """Return the eigenfrequencies of candidates, eq. 22.
-
-        Args:
-            theta: (S, N) parameters, physical units.
-
-        Returns:
-            (S, 3) rising, Hz.
-        """
-        return np.sqrt(belt_kernels.modes(self.constants(theta))[0]) / (2.0 * np.pi)
