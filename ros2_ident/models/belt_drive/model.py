@@ -7,7 +7,6 @@ integration step, no integration error. The drive starts at rest at its first se
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 
@@ -36,23 +35,9 @@ CONSTANTS = {
 }
 
 
-class BeltData(Protocol):
-    """What the model takes from a data set."""
-
-    @property
-    def cycle(self) -> float:
-        """Sampling interval, s."""
-        ...
-
-    @property
-    def command_position(self) -> Any:
-        """(D, K) or (K,) set-point phi1d, rad."""
-        ...
-
-
 @dataclass(frozen=True)
 class StepReference:
-    """A set-point given by its samples; usable as the model's data.
+    """A set-point given by its samples.
 
     Attributes:
         cycle: Sampling interval, s.
@@ -77,7 +62,7 @@ class BeltDrive:
 
     outputs: tuple[str, ...] = OUTPUTS
 
-    def __init__(self, machine: Machine, data: BeltData) -> None:
+    def __init__(self, machine: Machine, data: StepReference) -> None:
         if machine.kind != KIND.name:
             raise IdentError(
                 ErrorCode.UNKNOWN_MODEL,
