@@ -15,10 +15,11 @@ from numba import njit
 import numpy as np
 
 from ros2_ident import lanes
+from ros2_ident.arrays import Array
 from ros2_ident.compiled import compiled, digest_of
 from ros2_ident.lanes import load, spread, store, WIDTH
 from ros2_ident.models.belt_drive import kernels
-from ros2_ident.models.belt_drive.kernels import Array, J1, J2, MASS, P, RADIUS, stiffnesses
+from ros2_ident.models.belt_drive.kernels import J1, J2, MASS, P, RADIUS, stiffnesses
 from ros2_ident.models.belt_drive.model import BeltDrive, StepReference
 
 _SOURCES = digest_of(Path(__file__), Path(kernels.__file__), Path(lanes.__file__))

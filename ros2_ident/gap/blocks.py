@@ -14,10 +14,9 @@ import numpy.typing as npt
 from scipy.special import ndtr, ndtri
 from scipy.stats import t as student
 
+from ros2_ident.arrays import Array
 from ros2_ident.gap.floor import Floor
 from ros2_ident.search.noise import correlation_time
-
-Array = npt.NDArray[np.float64]
 
 # The closed loop has forgotten what was before after this time, s.
 SETTLING = 0.1

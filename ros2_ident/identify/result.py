@@ -11,11 +11,10 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode
 from ros2_ident.gates import Gate
 from ros2_ident.machine.parameter import Kind
-
-Array = npt.NDArray[np.float64]
 
 # An interval that reaches so many times as far to one side as to the other is lopsided.
 LOPSIDED = 2.0

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.evaluators import Cancel
 from ros2_ident.search.jacobian import Box, finite_differences, Residuals
 from ros2_ident.search.journal import digest_of, Journal, Within
-from ros2_ident.search.operators import Array
 
 # What SciPy keeps a start away from its bounds, as a share of the cube.
 _INSIDE = 1e-10

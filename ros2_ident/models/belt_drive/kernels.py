@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ros2_ident import lanes
+from ros2_ident.arrays import Array
 from ros2_ident.compiled import compiled, digest_of
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Index = NDArray[np.intp]
 

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.belt_drive import cost as belt_cost
 from ros2_ident.models.belt_drive import kernels as belt_kernels
 from ros2_ident.models.belt_drive import KIND
-from ros2_ident.models.belt_drive.kernels import Array
 
 PAPER = 'Ludwig and Gerstmayr (2011)'
 OUTPUTS = ('phi1', 'M1')
