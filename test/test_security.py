@@ -132,8 +132,8 @@ def renamed(value, old, new):
     return value.replace(old, new) if isinstance(value, str) else value
 
 
-@pytest.mark.parametrize('evil', ['</script><img src=x onerror=alert(1)>', '"><svg onload=x>'])
-def test_names_in_a_result_are_only_text_on_its_page(tmp_path, evil):
+def test_names_in_a_result_are_only_text_on_its_page(tmp_path):
+    evil = '"><svg onload=x></script><img src=x onerror=alert(1)>'
     pages = {}
     for name in ('drivex', evil):
         folder = tmp_path / str(len(pages))

@@ -4,7 +4,6 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from checks.belt_matrix import eigenfrequencies, step_reference
 from checks.paper import figures
 from checks.paper.belt import (
     belt_machine,
@@ -19,7 +18,7 @@ from checks.paper.belt import (
 from checks.paper.page import belt_section, BeltFindings
 from checks.paper.tripod import tripod_section
 from ros2_ident.files import write_text
-from ros2_ident.models.belt_drive.model import BeltDrive
+from ros2_ident.models.belt_drive.model import BeltDrive, step_reference
 
 HEAD = (
     '# The paper, run again\n\n'
@@ -111,7 +110,7 @@ def belt_findings(
         figures.cloud(pictures / f'figure_{number}.png', belt, trial, title)
     return BeltFindings(
         frequencies=frequencies,
-        modes=tuple(eigenfrequencies(belt, TRUTH[None, :])[0].tolist()),
+        modes=tuple(belt.eigenfrequencies(TRUTH[None, :])[0].tolist()),
         minima=local_minima(belt),
         largest_torque=largest,
         close_torque=close,

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from ros2_ident.arrays import Array
+Array = NDArray[np.float64]
 
 # Segments of about a second, but so many at least.
 _SEGMENTS = 6

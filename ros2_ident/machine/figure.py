@@ -3,7 +3,10 @@
 
 from dataclasses import dataclass
 
-from ros2_ident.arrays import Array
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from ros2_ident.arrays import Array
+Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.operators import Index
+from ros2_ident.search.operators import Array, Index
 
 Residuals = Callable[[Array], Array]
 

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ros2_ident.arrays import Array
-from ros2_ident.search.operators import Index
+from ros2_ident.search.operators import Array, Index
 
 # (S, N) candidates in the unit cube -> (S,) how much work each of them is.
 Work = Callable[[Array], Any]

@@ -526,12 +526,12 @@ def test_numbers_for_people(value, text):
 def test_long_logs_of_many_drives_stay_below_the_limit(tmp_path):
     write_identified(tmp_path)
     write_diagnosed(tmp_path)
-    signals = long_signals(300_000, drives=6)
+    signals = long_signals(150_000, drives=6)
     for name in ('signals.npz', 'diagnosis.npz'):
         write_signals(tmp_path / name, signals)
     page = write_report(tmp_path)
     assert 0.5 * LIMIT < page.stat().st_size < LIMIT
-    assert Page(page).text.count('of 300000 samples') == 2
+    assert Page(page).text.count('of 150000 samples') == 2
 
 
 def test_thinning_keeps_the_extremes():

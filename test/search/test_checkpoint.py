@@ -23,10 +23,14 @@ from ros2_ident.search import Budget
 from ros2_ident.search.journal import digest_of, Journal
 
 
-@pytest.mark.parametrize('questions', [4, 9, 14, 30])
-def test_a_cancelled_run_goes_on_to_the_same_bits(tmp_path, questions):
+@pytest.fixture(scope='module')
+def whole():
+    return identify(axis(), axis_data(), settings=QUICK, seed=3)
+
+
+@pytest.mark.parametrize('questions', [4, 9, 30])
+def test_a_cancelled_run_goes_on_to_the_same_bits(tmp_path, whole, questions):
     path = tmp_path / 'fit.checkpoint'
-    whole = identify(axis(), axis_data(), settings=QUICK, seed=3)
     cut = identify(
         axis(), axis_data(), settings=QUICK, seed=3, checkpoint=path, cancel=After(questions)
     )
@@ -41,9 +45,8 @@ def test_a_cancelled_run_goes_on_to_the_same_bits(tmp_path, questions):
     assert again.history.costs.tobytes() == whole.history.costs.tobytes()
 
 
-def test_a_run_that_spent_its_budget_goes_on_with_a_larger_one(tmp_path):
+def test_a_run_that_spent_its_budget_goes_on_with_a_larger_one(tmp_path, whole):
     path = tmp_path / 'fit.checkpoint'
-    whole = identify(axis(), axis_data(), settings=QUICK, seed=3)
     few = replace(QUICK, budget=Budget(evaluations=whole.evaluations // 3))
     identify(axis(), axis_data(), settings=few, seed=3, checkpoint=path)
     again = identify(axis(), axis_data(), settings=QUICK, seed=3, checkpoint=path)
@@ -81,12 +84,9 @@ def halved(value):
 
 HARMS = {
     'rubbish': rubbish,
-    'nothing': lambda value: None,
     'another shape': lambda value: np.resize(value, (3, 2)),
-    'another type': lambda value: np.asarray(value).astype('<U8'),
     'no numbers': lambda value: np.full_like(value, -np.inf) if np.ndim(value) else np.nan,
     'forged': halved,
-    'too large': lambda value: 1e300 * np.asarray(value) if np.ndim(value) == 2 else value,
 }
 
 
@@ -101,16 +101,18 @@ def harmed(monkeypatch, harm):
 
 
 @pytest.mark.parametrize('harm', HARMS)
-def test_a_record_that_is_whole_and_wrong_costs_time_and_no_result(tmp_path, monkeypatch, harm):
-    def run(path=None):
+def test_a_record_that_is_whole_and_wrong_costs_time_and_no_result(
+    tmp_path, monkeypatch, whole, harm
+):
+    def run():
+        path = tmp_path / 'fit.checkpoint'
         return identify(axis(), axis_data(), settings=QUICK, seed=3, checkpoint=path)
 
-    whole, path = run(), tmp_path / 'fit.checkpoint'
     with monkeypatch.context() as patch:
         harmed(patch, HARMS[harm])
         with suppress(ValueError):  # of a record of its own
-            run(path)
-    again = run(path)
+            run()
+    again = run()
     assert again.theta.tobytes() == whole.theta.tobytes()
     assert again.cost.refined == whole.cost.refined
     assert again.cost.ga == whole.cost.ga

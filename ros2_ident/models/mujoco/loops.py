@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from ros2_ident.arrays import Array
+Array = npt.NDArray[np.float64]
 
 # Steps to close a loop, and how far apart its ends may be, m or rad.
 _STEPS, _CLOSED = 30, 1e-10
