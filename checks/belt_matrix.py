@@ -15,15 +15,52 @@ from numba import njit
 import numpy as np
 
 from ros2_ident import lanes
+from ros2_ident.arrays import Array
 from ros2_ident.compiled import compiled, digest_of
 from ros2_ident.lanes import load, spread, store, WIDTH
 from ros2_ident.models.belt_drive import kernels
-from ros2_ident.models.belt_drive.kernels import Array, J1, J2, MASS, P, RADIUS, stiffnesses
-from ros2_ident.models.belt_drive.model import BeltDrive
+from ros2_ident.models.belt_drive.kernels import J1, J2, MASS, P, RADIUS, stiffnesses
+from ros2_ident.models.belt_drive.model import BeltDrive, StepReference
 
 _SOURCES = digest_of(Path(__file__), Path(kernels.__file__), Path(lanes.__file__))
 cached = partial(compiled, sources=_SOURCES)
 fused = partial(compiled, sources=_SOURCES, fastmath={'contract'})
+
+
+def step_reference(
+    *, cycle: float = 2e-4, duration: float = 1.0, steps: int = 9, height: float = np.pi / 1800.0
+) -> StepReference:
+    """Return a step-like set-point as in Fig. 5, its steps evenly spread over the duration.
+
+    Args:
+        cycle: Sampling interval, s.
+        duration: Length, s.
+        steps: Number of steps upwards.
+        height: Height of a step, rad; 0.1 degrees by default.
+
+    Returns:
+        The set-point from 0 to `duration`, both included.
+    """
+    count = round(duration / cycle) + 1
+    at = [round(duration / cycle * (i + 1) / (steps + 1)) for i in range(steps)]
+    change = np.zeros(count)
+    np.add.at(change, at, height)
+    return StepReference(cycle, np.cumsum(change)[None, :])
+
+
+@cached
+def modes(constants: Array) -> tuple[Array, Array]:
+    """Return squared angular eigenfrequencies [1/s^2] and weights, each (S, 3), of (S, 10)."""
+    square = np.empty((constants.shape[0], 3))
+    weight = np.empty((constants.shape[0], 3))
+    for s in range(constants.shape[0]):
+        kernels.one_mode_set(constants[s], square[s], weight[s])
+    return square, weight
+
+
+def eigenfrequencies(belt: BeltDrive, theta: Array) -> Array:
+    """Return the eigenfrequencies (S, 3) [Hz], rising, of candidates (S, N), eq. 22."""
+    return np.sqrt(modes(belt.constants(theta))[0]) / (2.0 * np.pi)
 
 
 def simulate_generic(belt: BeltDrive, theta: Array) -> Array:

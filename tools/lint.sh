@@ -8,6 +8,7 @@ mkdir -p build
 
 python -m ruff check . || failed=1
 python -m mypy || failed=1
+python tools/callers.py || failed=1
 lint-imports --no-cache > build/imports.log 2>&1 || { cat build/imports.log; failed=1; }
 
 # Every source file says what licence it is under.

@@ -26,10 +26,10 @@ from ros2_ident.search import (
     GeneticSettings,
     minimise,
     refine,
-    spread_starts,
     ThreadedEvaluator,
 )
 from ros2_ident.search.jacobian import Box, finite_differences
+from ros2_ident.search.operators import select
 from ros2_ident.simulate.motions import Motion
 from ros2_ident.threads import processors
 
@@ -186,9 +186,10 @@ def ours(
         minimise(costs, search, low=task.low, high=task.high)
         candidates = np.concatenate([theta for theta, _ in seen])
         told = np.concatenate([cost for _, cost in seen])
+        box = Box.of(task.low, task.high)
         refine(
             watched.residuals,
-            spread_starts(candidates, told, task.low, task.high, count=starts, distance=distance),
+            candidates[select(box.inside(candidates), told, starts, distance)],
             task.low,
             task.high,
             max_evaluations=most,

@@ -12,8 +12,9 @@ import argparse
 
 import numpy as np
 
+from checks.belt_matrix import step_reference
 from checks.paper.belt import belt_machine, PAPER_SETTINGS, shipped_machine, trials
-from ros2_ident.models.belt_drive.model import BeltDrive, step_reference
+from ros2_ident.models.belt_drive.model import BeltDrive
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSearch, GeneticSettings, minimise, ThreadedEvaluator

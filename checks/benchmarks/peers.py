@@ -23,12 +23,12 @@ import measure  # noqa: E402
 import mujoco_models  # noqa: E402
 import numpy as np  # noqa: E402
 
-from checks.belt_matrix import cost_generic, simulate_generic  # noqa: E402
+from checks.belt_matrix import cost_generic, simulate_generic, step_reference  # noqa: E402
 from checks.reference.belt_drive import simulate_belt  # noqa: E402
 from checks.reference.tripod import simulate_tripod  # noqa: E402
 from ros2_ident.lanes import WIDTH  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
-from ros2_ident.models.belt_drive.model import BeltDrive, CONSTANTS, step_reference  # noqa: E402
+from ros2_ident.models.belt_drive.model import BeltDrive, CONSTANTS  # noqa: E402
 from ros2_ident.models.tripod.model import Tripod  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
 from ros2_ident.search import (  # noqa: E402

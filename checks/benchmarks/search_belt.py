@@ -10,16 +10,12 @@ import time
 
 import numpy as np
 
+from checks.belt_matrix import step_reference
 from ros2_ident.models import load_machine
-from ros2_ident.models.belt_drive.model import BeltDrive, step_reference
-from ros2_ident.search import (
-    GeneticSearch,
-    GeneticSettings,
-    MANY_MINIMA,
-    minimise,
-    refine,
-    spread_starts,
-)
+from ros2_ident.models.belt_drive.model import BeltDrive
+from ros2_ident.search import GeneticSearch, GeneticSettings, MANY_MINIMA, minimise, refine
+from ros2_ident.search.jacobian import Box
+from ros2_ident.search.operators import select
 
 BUDGET = 2760
 MACHINE = load_machine(Path(__file__).parents[2] / 'config' / 'belt_drive.yaml')
@@ -59,9 +55,10 @@ def identify(truth, settings, seed):
     def residuals(theta):
         return ((BELT.simulate(theta) - measured) / size[:, None]).reshape(len(theta), -1)
 
+    inside = Box.of(LOW, HIGH).inside(result.survivors)
     refined = refine(
         residuals,
-        spread_starts(result.survivors, result.survivor_costs, LOW, HIGH, count=16, distance=0.01),
+        result.survivors[select(inside, result.survivor_costs, 16, 0.01)],
         LOW,
         HIGH,
         max_evaluations=36,

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from checks.belt_matrix import step_reference
 from ros2_ident.models import load_machine
-from ros2_ident.models.belt_drive.model import BeltDrive, step_reference
+from ros2_ident.models.belt_drive.model import BeltDrive
 from ros2_ident.search import GeneticSearch, GeneticSettings, MANY_MINIMA, minimise
 
 MACHINE = load_machine(Path(__file__).parents[2] / 'config' / 'belt_drive.yaml')

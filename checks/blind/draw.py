@@ -8,14 +8,13 @@ import numpy as np
 
 from checks.blind.faults import draw_fault
 from checks.blind.forms import draw_form, FORMS
-from checks.blind.forms.form import Hidden
+from checks.blind.forms.form import Hidden, twins
 from checks.blind.label import Label, MotionOrder, Part
 from checks.blind.machines import draw_machine, machine_of, Plain
 from checks.blind.planning import forms_of, Wanted
 from checks.blind.probe import Left, Probe
 from checks.blind.rough import draw_rough
 from checks.reference.bag_making import draw_parameters
-from ros2_ident.effects import twins
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 

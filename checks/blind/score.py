@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from checks.blind.forms.form import twins
 from checks.share import share_interval
-from ros2_ident.effects import CATALOGUE, twins
+from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.criteria import Rules
 from ros2_ident.gap.verdict import NAMELESS, NONE, UNKNOWN
 

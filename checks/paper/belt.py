@@ -2,15 +2,16 @@
 """Section 3 of the paper: the belt drive's experiments, as numbers."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from checks.belt_matrix import eigenfrequencies, step_reference
 from ros2_ident.models import load_machine, Machine
-from ros2_ident.models.belt_drive.model import BeltDrive, step_reference
+from ros2_ident.models.belt_drive.model import BeltDrive
 from ros2_ident.search import GeneticSearch, GeneticSettings, MANY_MINIMA, minimise
 
 Array = NDArray[np.float64]
@@ -104,8 +105,8 @@ def eigenfrequencies_over_position(positions: Array, found: Array = TRUTH) -> Ar
     bounds = {'rail_position': (0.0, 0.7, 'm')}
     stiffness, gain = (float(x) for x in found)
     machine = belt_machine().with_constants(axial_stiffness=stiffness, position_gain=gain)
-    machine = machine.with_bounds(bounds)
-    return BeltDrive(machine, step_reference()).eigenfrequencies(positions[:, None])
+    machine = replace(machine, bounds=bounds, own_bounds={})
+    return eigenfrequencies(BeltDrive(machine, step_reference()), positions[:, None])
 
 
 def identify(

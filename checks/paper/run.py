@@ -4,6 +4,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from checks.belt_matrix import eigenfrequencies, step_reference
 from checks.paper import figures
 from checks.paper.belt import (
     belt_machine,
@@ -18,7 +19,7 @@ from checks.paper.belt import (
 from checks.paper.page import belt_section, BeltFindings
 from checks.paper.tripod import tripod_section
 from ros2_ident.files import write_text
-from ros2_ident.models.belt_drive.model import BeltDrive, step_reference
+from ros2_ident.models.belt_drive.model import BeltDrive
 
 HEAD = (
     '# The paper, run again\n\n'
@@ -110,7 +111,7 @@ def belt_findings(
         figures.cloud(pictures / f'figure_{number}.png', belt, trial, title)
     return BeltFindings(
         frequencies=frequencies,
-        modes=tuple(belt.eigenfrequencies(TRUTH[None, :])[0].tolist()),
+        modes=tuple(eigenfrequencies(belt, TRUTH[None, :])[0].tolist()),
         minima=local_minima(belt),
         largest_torque=largest,
         close_torque=close,

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from checks.belt_matrix import step_reference
 from checks.paper import run
 from checks.paper.belt import (
     belt_machine,
@@ -21,7 +22,7 @@ from checks.paper.belt import (
 from checks.paper.page import belt_section
 from checks.paper.tripod import tripod_section
 from checks.paper.tripod_runs import Plan
-from ros2_ident.models.belt_drive.model import BeltDrive, step_reference
+from ros2_ident.models.belt_drive.model import BeltDrive
 from ros2_ident.search import GeneticSettings
 
 # A log of the least length that still moves, and a search that only has to run through.

@@ -223,6 +223,18 @@ def add_conditions(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_check(parser: argparse.ArgumentParser, what: str, otherwise: str) -> None:
+    """Add the bags that are held out."""
+    check = parser.add_argument(
+        '--check',
+        action='append',
+        default=[],
+        metavar='BAG',
+        help=f'{what}, more than once for several; without it, {otherwise}',
+    )
+    complete(check, bags)
+
+
 def add_outputs(parser: argparse.ArgumentParser) -> None:
     """Add what is compared with the simulation."""
     parser.add_argument(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
     add_bags,
+    add_check,
     add_drives,
     add_effects,
     add_effort,
@@ -17,7 +18,6 @@ from ros2_ident.cli.arguments import (
     add_scheduler,
     add_topics,
     asked,
-    bags,
     complete,
     count,
     effects,
@@ -61,15 +61,7 @@ EXIT_CODES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_bags(parser)
-    check = parser.add_argument(
-        '--check',
-        action='append',
-        default=[],
-        metavar='BAG',
-        help='recording to judge on, more than once for several; without it, every second block '
-        'of the others',
-    )
-    complete(check, bags)
+    add_check(parser, 'recording to judge on', 'every second block of the others')
     add_machine(parser)
     parser.add_argument('--out', metavar='DIR', help='directory for the results')
     parser.add_argument(

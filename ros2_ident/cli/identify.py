@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
     add_bags,
+    add_check,
     add_drives,
     add_effort,
     add_fix,
@@ -16,7 +17,6 @@ from ros2_ident.cli.arguments import (
     add_scheduler,
     add_topics,
     asked,
-    bags,
     complete,
     count,
     interval,
@@ -62,15 +62,11 @@ EXIT_CODES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_bags(parser)
-    check = parser.add_argument(
-        '--check',
-        action='append',
-        default=[],
-        metavar='BAG',
-        help='recording that the held-out error is judged on, more than once for several; '
-        'without it, each quarter of the log is predicted from the other three',
+    add_check(
+        parser,
+        'recording that the held-out error is judged on',
+        'each quarter of the log is predicted from the other three',
     )
-    complete(check, bags)
     add_machine(parser)
     parser.add_argument('--out', required=True, metavar='DIR', help='directory for the results')
     add_drives(parser)

@@ -2,13 +2,13 @@
 """Progress of a run: a dashboard on a terminal, now and then a line elsewhere."""
 
 from collections.abc import Sequence
+import io
 import math
 import os
 import sys
 import threading
 import time
-from types import TracebackType
-from typing import Any, Protocol, Self, TextIO
+from typing import Any, Self, TextIO
 
 from ros2_ident.identify.settings import IdentifyProgress
 
@@ -76,27 +76,6 @@ def best(progress: IdentifyProgress) -> str:
     if not math.isfinite(progress.best_cost):
         return 'no candidate converged yet'
     return f'best {progress.best_cost:.5g} {progress.unit}'
-
-
-class Meter(Protocol):
-    """What shows progress."""
-
-    def __enter__(self) -> Self:
-        """Begin."""
-        ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        value: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """End."""
-        ...
-
-    def __call__(self, progress: IdentifyProgress) -> None:
-        """Show it."""
-        ...
 
 
 class Lines:
@@ -202,25 +181,9 @@ class Dashboard:
         return Group(head, table, *([f'and {more} more'] if more > 0 else []))
 
 
-class Silence:
-    """Nothing at all."""
-
-    def __enter__(self) -> Self:
-        """Return itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Leave nothing behind."""
-
-    def __call__(self, progress: IdentifyProgress) -> None:
-        """Show nothing."""
-
-
-def make_meter(*, quiet: bool = False, stream: TextIO | None = None) -> Meter:
+def make_meter(*, quiet: bool = False, stream: TextIO | None = None) -> Lines | Dashboard:
     """Return what shows progress on a stream, standard error by default."""
-    stream = stream or sys.stderr
-    if quiet:
-        return Silence()
+    stream = io.StringIO() if quiet else stream or sys.stderr
     return Dashboard(stream) if fancy(stream) else Lines(stream)
 
 

@@ -56,11 +56,6 @@ def get_effect(name: str) -> Effect:
         ) from None
 
 
-def twins(name: str) -> frozenset[str]:
-    """Return an id with those that are the same answer; alone where the catalogue lacks it."""
-    return frozenset({name, *CATALOGUE[name].twins}) if name in CATALOGUE else frozenset({name})
-
-
 def shown_by(detector: Detector) -> Effect | None:
     """Return the effect that something of a log shows by itself; None where there is none."""
     return next((e for e in CATALOGUE.values() if e.shown_by == detector), None)
@@ -78,5 +73,4 @@ __all__ = [
     'get_effect',
     'shown_by',
     'sources',
-    'twins',
 ]

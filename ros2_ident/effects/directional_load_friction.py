@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook, motor_torque
+from ros2_ident.effects.effect import Effect, Hook, motor_torque, pressing
 from ros2_ident.lanes import absolute, inlined
 
 
@@ -19,28 +19,7 @@ EFFECT = Effect(
     title='directional load friction',
     equation='|mu_M M + mu_F F / gear| sgn v added to the friction torque',
     source='Duclusaud, Passault, Padois, Ly, ICRA 2025, models M3 (mu_M = mu_F) and M5',
-    parameters=(
-        EffectParameter(
-            'motor',
-            '1',
-            0.0,
-            0.95,
-            0.0,
-            starts=(0.1,),
-            symbol='mu_M',
-            meaning='coefficient of the motor torque',
-        ),
-        EffectParameter(
-            'load',
-            '1',
-            0.0,
-            0.95,
-            0.0,
-            starts=(0.1,),
-            symbol='mu_F',
-            meaning='coefficient of the load',
-        ),
-    ),
+    parameters=pressing('1', 0.95, 'mu'),
     hook=Hook.FRICTION,
     kernel=_kernel,
     place='drive',

@@ -169,6 +169,25 @@ class EffectParameter:
     meaning: str = ''
 
 
+def pressing(unit: str, high: float, sign: str) -> tuple[EffectParameter, ...]:
+    """Return coefficients of the motor's torque and of the load, which press a gear together."""
+    return tuple(
+        EffectParameter(
+            name, unit, 0.0, high, 0.0, (0.1,), 'size', '', 'add', f'{sign}_{of}',
+            f'coefficient of {what}',
+        )  # fmt: skip
+        for name, of, what in (('motor', 'M', 'the motor torque'), ('load', 'F', 'the load'))
+    )
+
+
+def fading(starts: tuple[float, ...] = (0.01, 0.03, 0.1)) -> EffectParameter:
+    """Return the speed over which friction fades, of Stribeck."""
+    return EffectParameter(
+        'velocity', 'm/s', 0.005, 0.2, 0.03, starts, 'shape', symbol='v_S',
+        meaning='speed over which it fades',
+    )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Effect:
     """One deviation of a real machine from its nominal model.

@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook, motor_torque
+from ros2_ident.effects.effect import Effect, fading, Hook, motor_torque, pressing
 from ros2_ident.lanes import absolute, exp, inlined, spread, where
 
 
@@ -27,39 +27,7 @@ EFFECT = Effect(
     title='quadratic load friction',
     equation='c_F F^2 where |F| < |M|, else c_M M^2, times exp(-(v/v_S)^2) sgn v, M against F',
     source='Duclusaud, Passault, Padois, Ly, ICRA 2025, model M6',
-    parameters=(
-        EffectParameter(
-            'motor',
-            '1/(effort)',
-            0.0,
-            1.0,
-            0.0,
-            starts=(0.1,),
-            symbol='c_M',
-            meaning='coefficient of the motor torque',
-        ),
-        EffectParameter(
-            'load',
-            '1/(effort)',
-            0.0,
-            1.0,
-            0.0,
-            starts=(0.1,),
-            symbol='c_F',
-            meaning='coefficient of the load',
-        ),
-        EffectParameter(
-            'velocity',
-            'm/s',
-            0.005,
-            0.2,
-            0.03,
-            starts=(0.01, 0.03, 0.1),
-            role='shape',
-            symbol='v_S',
-            meaning='speed over which it fades',
-        ),
-    ),
+    parameters=(*pressing('1/(effort)', 1.0, 'c'), fading()),
     hook=Hook.FRICTION,
     kernel=_kernel,
     place='drive',

@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter, fading, Hook
 from ros2_ident.lanes import exp, inlined
 
 
@@ -23,17 +23,7 @@ EFFECT = Effect(
         EffectParameter(
             'torque', 'effort', 0.0, 0.25, 0.0, symbol='M_S', meaning='friction added at rest'
         ),
-        EffectParameter(
-            'velocity',
-            'm/s',
-            0.005,
-            0.2,
-            0.03,
-            starts=(0.01, 0.03, 0.08),
-            role='shape',
-            symbol='v_S',
-            meaning='speed over which it fades',
-        ),
+        fading((0.01, 0.03, 0.08)),
     ),
     hook=Hook.FRICTION,
     kernel=_kernel,

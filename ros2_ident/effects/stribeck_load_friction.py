@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook, motor_torque
+from ros2_ident.effects.effect import Effect, fading, Hook, motor_torque, pressing
 from ros2_ident.lanes import absolute, exp, inlined
 
 
@@ -20,39 +20,7 @@ EFFECT = Effect(
     title='Stribeck load friction',
     equation='|mu_M M + mu_F F / gear| exp(-(v/v_S)^2) sgn v added to the friction torque',
     source='Duclusaud, Passault, Padois, Ly, ICRA 2025, models M4 (mu_M = mu_F) and M5',
-    parameters=(
-        EffectParameter(
-            'motor',
-            '1',
-            0.0,
-            1.0,
-            0.0,
-            starts=(0.1,),
-            symbol='mu_M',
-            meaning='coefficient of the motor torque',
-        ),
-        EffectParameter(
-            'load',
-            '1',
-            0.0,
-            1.0,
-            0.0,
-            starts=(0.1,),
-            symbol='mu_F',
-            meaning='coefficient of the load',
-        ),
-        EffectParameter(
-            'velocity',
-            'm/s',
-            0.005,
-            0.2,
-            0.03,
-            starts=(0.01, 0.03, 0.1),
-            role='shape',
-            symbol='v_S',
-            meaning='speed over which it fades',
-        ),
-    ),
+    parameters=(*pressing('1', 1.0, 'mu'), fading()),
     hook=Hook.FRICTION,
     kernel=_kernel,
     place='drive',

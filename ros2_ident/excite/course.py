@@ -5,15 +5,13 @@ from dataclasses import dataclass, replace
 import functools
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.excite.limits import carries, Limits, Moved, transmission
 from ros2_ident.excite.series import Series, series_for
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.registry import set_points_of
-
-Array = npt.NDArray[np.float64]
 
 # Rounds in which a motion grows or shrinks until it touches its first limit.
 _ROUNDS = 3

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
@@ -16,8 +15,6 @@ from ros2_ident.excite.plan import Excitation
 from ros2_ident.files import make_directory, mark, replacing, require_ours, write_table, write_text
 from ros2_ident.recording import Stream, write_bag
 from ros2_ident.recording.write import require_room, Topic
-
-Array = npt.NDArray[np.float64]
 
 BAG, TRAJECTORY, TABLE, WORTH, PICTURE = (
     'set_points', 'trajectory.yaml', 'motion.csv', 'excite.json', 'motion.png',

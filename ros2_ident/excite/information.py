@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import functools
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import norm
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.excite.course import derived, tool_of
 from ros2_ident.excite.limits import carries, Moved, transmission
@@ -19,8 +19,6 @@ from ros2_ident.models.protocol import FullModel
 from ros2_ident.models.registry import compared_of
 from ros2_ident.search import finite_differences
 from ros2_ident.search.jacobian import Box
-
-Array = npt.NDArray[np.float64]
 
 # Noise of outputs for which a machine file states none, their unit.
 _NOISE = 1e-3

@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.registry import kind_of, set_points_of, space_of
 from ros2_ident.models.serial.arm import arm_of
-
-Array = npt.NDArray[np.float64]
 
 # Keys of a drive in a file of limits, as in MoveIt's joint_limits.yaml, by our names.
 KEYS = {

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.excite.plan import Excitation
-from ros2_ident.report.pictures.style import (
+from ros2_ident.report.style import (
     BLUE,
     GREEN,
     GREY,
@@ -23,8 +24,6 @@ from ros2_ident.report.pictures.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Array = npt.NDArray[np.float64]
 
 _COLOURS = (BLUE, ORANGE, GREEN, RED, SKY, GREY)
 # Points of a line, and bars that fit beneath one another.

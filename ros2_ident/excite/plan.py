@@ -9,6 +9,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.excite.course import Courses
 from ros2_ident.excite.information import Sensitivity, Shown
@@ -17,8 +18,6 @@ from ros2_ident.machine.parameter import Parameter
 from ros2_ident.search import Budget, GeneticSearch, GeneticSettings, minimise, SearchResult
 from ros2_ident.search.driver import Progress
 from ros2_ident.search.evaluators import Cancel
-
-Array = npt.NDArray[np.float64]
 
 # Rest before the one period that is simulated in the search, s.
 _SHORT_REST = 0.05

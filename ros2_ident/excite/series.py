@@ -11,11 +11,9 @@ import functools
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-
-Array = npt.NDArray[np.float64]
 
 # A harmonic has at least so many cycles of the controller in its period.
 _FINEST = 20.0

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export.estimate import Estimate
@@ -17,8 +17,6 @@ from ros2_ident.models.drives.joints import at_joints, Joint, joints_of
 from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.serial.links import effort_of, Links, links_of
 from ros2_ident.models.serial.model import Serial
-
-Array = npt.NDArray[np.float64]
 
 # Step of a derivative and least share of the box that counts, in box widths; also the least share
 # of the effort that is ever missed.

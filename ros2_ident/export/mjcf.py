@@ -4,7 +4,8 @@
 import math
 import xml.etree.ElementTree as ET
 
-from ros2_ident.export.content import Array, Content
+from ros2_ident.arrays import Array
+from ros2_ident.export.content import Content
 from ros2_ident.export.description import named, number, numbers, parsed, put_inertial, written
 from ros2_ident.models.drives.joints import Joint
 

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.chance import standing
@@ -27,7 +27,6 @@ from ros2_ident.search.fit import fit
 from ros2_ident.search.journal import Journal, Within
 from ros2_ident.search.settings import FitProgress, FitSettings
 
-Array = npt.NDArray[np.float64]
 # Joint fits of one round: at most, and at least whatever the screen says of them.
 _FITS = 12
 _LEAST = 4

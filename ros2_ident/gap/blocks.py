@@ -14,10 +14,9 @@ import numpy.typing as npt
 from scipy.special import ndtr, ndtri
 from scipy.stats import t as student
 
+from ros2_ident.arrays import Array
 from ros2_ident.gap.floor import Floor
 from ros2_ident.search.noise import correlation_time
-
-Array = npt.NDArray[np.float64]
 
 # The closed loop has forgotten what was before after this time, s.
 SETTLING = 0.1
@@ -159,12 +158,6 @@ class Blocks:
             for d in range(drives)
         )
         return each, self.interval(lambda m: np.sqrt(m[..., which, :].mean(axis=-1)), level)
-
-    def difference(self, before: int, after: int, level: float = 0.95) -> Interval:
-        """Return by how much the mean square over all drives falls from one to another."""
-        return self.interval(
-            lambda m: (m[..., before, :] - m[..., after, :]).mean(axis=-1), level
-        )
 
     def above(self, floor: Floor, before: int, after: int) -> npt.NDArray[np.bool_]:
         """Return (D,) which drives show a gap before or after; all where none does."""

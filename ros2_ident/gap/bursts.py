@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from ros2_ident.arrays import Array
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.wording import figure, percent
@@ -16,8 +17,6 @@ from ros2_ident.gates.instants import highest, peaks_of, robust_size, robust_wei
 from ros2_ident.models import FullModel
 from ros2_ident.search.levenberg import difference_jacobian
 from ros2_ident.search.noise import correlation_time
-
-Array = NDArray[np.float64]
 
 # A burst stands out by so many standard deviations of what is left elsewhere.
 _STANDS_OUT = 5.0

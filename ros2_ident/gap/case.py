@@ -9,6 +9,7 @@ from threading import Lock
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import chosen_drives
 from ros2_ident.identify.hidden import settled
@@ -21,7 +22,6 @@ from ros2_ident.models.recorded import RecordedMotion
 from ros2_ident.models.registry import efforts_of
 from ros2_ident.recording import Dataset
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 # Seconds at a log's start at which a delayed effort does not yet belong to the motion beside it.

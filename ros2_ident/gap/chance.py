@@ -6,13 +6,11 @@ away much of its square without being there.
 """
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.gap.case import Joint
 from ros2_ident.identify.hidden import residual_of, rows_of, slopes_of
 from ros2_ident.search.noise import fit_noise, Whitening
-
-Array = npt.NDArray[np.float64]
 
 # Samples times parameters, at most.
 _MOST = 4_000_000

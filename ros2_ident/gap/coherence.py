@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ros2_ident.arrays import Array
 from ros2_ident.gap.blocks import FEWEST, SETTLING
 from ros2_ident.gap.coordinates import Coordinate
 from ros2_ident.search.noise import correlation_time
-
-Array = NDArray[np.float64]
 
 # Samples are averaged over so long, s: the coordinates change little meanwhile.
 STEP = 0.005

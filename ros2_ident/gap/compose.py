@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.gap.blocks import Blocks, Interval
@@ -34,8 +33,6 @@ from ros2_ident.gap.wording import length
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.search import intervals
 from ros2_ident.search.evidence import Evidence
-
-Array = npt.NDArray[np.float64]
 
 # A noise floor that is so many times the lower end of its interval may hide a gap.
 _VAGUE = 1.2

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.signal import lfilter
 
+from ros2_ident.arrays import Array
 from ros2_ident.gates.log import SEEN
 from ros2_ident.models import FullModel
 from ros2_ident.recording import smooth_motion
 from ros2_ident.recording.smooth import allowed_cutoff
 
-Array = NDArray[np.float64]
 Parity = Literal['', 'odd', 'even']
 
 PHASES = ('rest', 'creep', 'acceleration', 'cruise', 'deceleration', 'reversal')

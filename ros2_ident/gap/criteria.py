@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import EffectParameter, get_effect
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.fits import Explanation
@@ -14,8 +14,6 @@ from ros2_ident.gap.floor import Floor
 from ros2_ident.gates.law import GAINS
 from ros2_ident.identify.hidden import MATERIAL
 from ros2_ident.models import EffectAt
-
-Array = npt.NDArray[np.float64]
 
 # Share of what controllers miss of the log that an effect may leave and still restore their law.
 _MISSED = 0.05

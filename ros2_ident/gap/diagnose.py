@@ -8,8 +8,8 @@ import math
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution, visibility
@@ -41,8 +41,6 @@ from ros2_ident.search import GeneticSettings, Workers
 from ros2_ident.search.journal import Journal
 from ros2_ident.search.levenberg import DIVERGED, local_fit
 from ros2_ident.search.settings import FitSettings
-
-Array = npt.NDArray[np.float64]
 
 # The nominal search need not be sharp: joint fits follow.
 SEARCH = FitSettings(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.gap.blocks import Interval
 from ros2_ident.gap.coordinates import Motion
 from ros2_ident.gap.floor import Floor
@@ -17,8 +18,6 @@ from ros2_ident.gap.maps import chosen, map_of, ResidualMap
 from ros2_ident.models import EffectAt
 
 SCHEMA = 2
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.criteria import Criteria, Rules
@@ -14,8 +14,6 @@ from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.predictability import Predictability, predictability
 from ros2_ident.models import EffectAt
-
-Array = npt.NDArray[np.float64]
 
 # Half a 95 % interval in standard errors.
 _NORMAL = 1.96

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.gap.case import Case, Joint
 from ros2_ident.gap.screen import screen, Start
 from ros2_ident.models import EffectAt
@@ -17,7 +18,6 @@ from ros2_ident.models.orders import orders_shown
 from ros2_ident.search.journal import digest_of
 from ros2_ident.search.levenberg import difference_jacobian, fit_at, local_fit, LocalFit
 
-Array = npt.NDArray[np.float64]
 # Mean square, beyond the noise's, from which a controller misses the log.
 _LAW_OFF = 0.05
 # Orders of a turn are looked for where what is left has this mean square, in floors squared.

@@ -2,12 +2,10 @@
 """The size beyond which a logged effort does not go, by the flat tops that a limit leaves."""
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
+from ros2_ident.arrays import Array
 from ros2_ident.search.noise import correlation_time, fast_noise
-
-Array = npt.NDArray[np.float64]
 
 # Samples below which there is no top to speak of, and of a mean that tells where one is.
 _FEWEST, _MEAN = 100, 9

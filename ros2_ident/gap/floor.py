@@ -13,15 +13,14 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammainc, ndtr
 from scipy.stats import t as student
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import Dataset
 from ros2_ident.search.noise import NoiseModel, white
 
-Array = NDArray[np.float64]
 Method = Literal['repeats', 'prediction', 'high frequency']
 
 # Differences of this order: the square gain at a fifth of the Nyquist frequency is below 1e-3.

@@ -5,13 +5,11 @@ from collections.abc import Sequence
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ros2_ident.arrays import Array
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gates import examine, Gate, GateReport, Level
 from ros2_ident.models import FullModel
-
-Array = NDArray[np.float64]
 
 # The simulation's own error, as a share of the noise floor.
 STEP_ERROR = 0.1

@@ -12,16 +12,14 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import false_discovery_control
 
+from ros2_ident.arrays import Array
 from ros2_ident.gap.coherence import bases_of, blocks_of, Coarse, coarse_of, LEAST, tested, thrown
 from ros2_ident.gap.coordinates import Coordinate, coordinates, Motion, PHASES, phases, places
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.spectrum import find_peak, motion_band
 from ros2_ident.gap.wording import concentration, figure, percent, region_of, sentence_of
-
-Array = NDArray[np.float64]
 
 # Sign changes thrown.
 _FLIPS = 3999

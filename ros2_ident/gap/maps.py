@@ -8,12 +8,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ros2_ident.arrays import Array
 from ros2_ident.gap.blocks import block_length
 from ros2_ident.gap.coordinates import bin_edges, direction, Motion, since_reversal
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.spectrum import spectrum
 
-Array = NDArray[np.float64]
 Heading = Literal['both', 'forwards', 'backwards']
 
 _BINS = 24

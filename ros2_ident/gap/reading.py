@@ -11,14 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
+from ros2_ident.arrays import Array
 from ros2_ident.gap.case import Case, LAW_SETTLE
 from ros2_ident.models import FullModel
 from ros2_ident.models.recorded import recorded_motion, RecordedMotion
-
-Array = npt.NDArray[np.float64]
 
 # Steps looked for, m (see `FullModel.travel` for joints that turn); a smaller one drowns in the
 # resolution of the log's own position.

@@ -10,14 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.flat_top import flat_top, highest
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.trials import LARGE, TRIAL, trials
 
-Array = npt.NDArray[np.float64]
 # A flat top below this share of the highest effort of all recordings is no limit.
 _AT_TOP = 0.98
 # Shares of the highest effort that a drive would make without a limit, to start looking below.

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
-Array = NDArray[np.float64]
+from ros2_ident.arrays import Array
 
 # Segments of about a second, but so many at least.
 _SEGMENTS = 6

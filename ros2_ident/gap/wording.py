@@ -4,11 +4,9 @@
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ros2_ident.arrays import Array
 from ros2_ident.gap.coordinates import Coordinate, PHASES
-
-Array = NDArray[np.float64]
 
 # The regions that hold this share of what is explained are named.
 _MOST = 0.75

@@ -12,16 +12,14 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.instants import highest, peaks_of, robust_size, robust_weights
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import fill_gaps
 from ros2_ident.recording.smooth import allowed_cutoff, low_pass
-
-Array = NDArray[np.float64]
 
 # Efforts are compared up to this frequency, Hz, where the machine file states no band, at so many
 # values a period of it; so many periods are left out at either end.

@@ -5,7 +5,6 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ros2_ident.effects import shown_by
 from ros2_ident.gates.delays import LATEST_COMMAND
@@ -15,8 +14,6 @@ from ros2_ident.gates.signals import LATEST_EFFORT
 from ros2_ident.models import Machine
 from ros2_ident.models.drives.candidates import SLOTS
 from ros2_ident.recording import Dataset
-
-Array = NDArray[np.float64]
 
 # A gain has to be off by this share to be spoken of.
 GAIN_OFF = 0.02

@@ -5,8 +5,8 @@ from itertools import combinations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.finding import Gate
 from ros2_ident.models import Machine
@@ -14,8 +14,6 @@ from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import fill_gaps
 from ros2_ident.recording.smooth import allowed_cutoff, low_pass
-
-Array = NDArray[np.float64]
 
 # Motion faster than this is left out, Hz; samples at twice the Nyquist rate of it are enough.
 _SLOW, _RATE = 10.0, 40.0

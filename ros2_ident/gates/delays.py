@@ -2,12 +2,10 @@
 """How late effort and set-point are in a log: the delays at which the free law leaves least."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
+from ros2_ident.arrays import Array
 from ros2_ident.gates.signals import APART, Fit, LATEST_EFFORT, Signals
-
-Array = NDArray[np.float64]
 
 # Set-points later than this are no matter of a log, s.
 LATEST_COMMAND = 0.012

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import find_peaks, peak_widths
 from scipy.stats import median_abs_deviation
 
-Array = NDArray[np.float64]
+from ros2_ident.arrays import Array
 
 # A peak sinks by this share of what makes it stand out before the next one.
 _SINKS = 0.5

@@ -9,15 +9,13 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ros2_ident.arrays import Array
 from ros2_ident.gates.delays import COUNTS, delay_as_stated, delays_apart, usual_delays
 from ros2_ident.gates.signals import FEWEST, Fit, sane, Signals, signals_of
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 from ros2_ident.search.noise import correlation_time
-
-Array = NDArray[np.float64]
 
 # Stamps that lie far apart are looked for where a law misses the effort by so many times its
 # noise, and believed where it then leaves so much less (mean square).

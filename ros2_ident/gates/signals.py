@@ -7,11 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ros2_ident.arrays import Array
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import fill_smoothly
-
-Array = NDArray[np.float64]
 
 # Efforts later than this are no matter of a log, s.
 LATEST_EFFORT = 0.12

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import correlate
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.finding import Gate
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.smooth import allowed_cutoff
-
-Array = NDArray[np.float64]
 
 # Motion faster than this is left out, Hz, and speeds are compared at about this rate, Hz.
 _SLOW, _RATE = 15.0, 250.0

@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.hidden import Weighed
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification
-
-Array = npt.NDArray[np.float64]
 
 # A log is left out in so many parts.
 PARTS = 4

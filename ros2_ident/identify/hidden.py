@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.orders import orders_shown
 from ros2_ident.models.trials import LARGE, TRIAL, trials
@@ -17,7 +18,6 @@ from ros2_ident.search.levenberg import difference_jacobian
 from ros2_ident.search.noise import Run
 from ros2_ident.threads import processors
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 # What is predicted of a residual counts from this share of the noise on.

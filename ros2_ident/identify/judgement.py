@@ -6,15 +6,13 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.gates import GateReport
 from ros2_ident.identify.certainty import doubted
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.search.noise import fast_noise
-
-Array = npt.NDArray[np.float64]
 
 # A model that leaves this share of how an output varies, and so many times its noise, is not the
 # machine's.

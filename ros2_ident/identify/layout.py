@@ -9,12 +9,11 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.protocol import FullModel
-
-Array = npt.NDArray[np.float64]
 
 _FORMAT = 'write what differs in each bag, as `with_load: {tool_mass: 0.5}`'
 

@@ -5,15 +5,13 @@ from collections.abc import Sequence
 from itertools import accumulate, pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.identify.problem import Problem
 from ros2_ident.search import RefineStatus
 from ros2_ident.search.fit import Fitted
 from ros2_ident.search.noise import fit_noise
 from ros2_ident.search.refine import StartOutcome
-
-Array = npt.NDArray[np.float64]
 
 # Minima lie apart by this part of the box in some parameter, and by so many half widths of its
 # interval: a parameter that the data do not determine makes none.

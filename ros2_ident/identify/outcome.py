@@ -8,7 +8,6 @@ import importlib.metadata
 import platform
 
 import numpy as np
-import numpy.typing as npt
 
 from ros2_ident.identify.certainty import doubted, estimates_of, HIDDEN
 from ros2_ident.identify.data import Data
@@ -30,8 +29,6 @@ from ros2_ident.search import RefineStatus, StopReason
 from ros2_ident.search.evidence import Evidence
 from ros2_ident.search.fit import Fitted
 from ros2_ident.search.refine import StartOutcome
-
-Array = npt.NDArray[np.float64]
 
 PACKAGE = 'ros2_ident'
 # Of every parameter where refinements ended in different minima.

@@ -5,14 +5,11 @@ from collections.abc import Mapping, Sequence
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel.measurement import QUANTITIES
 from ros2_ident.recording import Dataset
 from ros2_ident.search.noise import fast_noise
-
-Array = npt.NDArray[np.float64]
 
 # What is compared, and its weight; None for one by its noise.
 Outputs = Mapping[str, float | None]

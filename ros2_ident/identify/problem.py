@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.layout import Conditions, Layout
@@ -20,8 +21,6 @@ from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.protocol import complete, FullModel, Model
 from ros2_ident.sources import result_digest
-
-Array = npt.NDArray[np.float64]
 
 
 class Origin(Protocol):

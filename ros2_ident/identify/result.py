@@ -11,11 +11,10 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode
 from ros2_ident.gates import Gate
 from ros2_ident.machine.parameter import Kind
-
-Array = npt.NDArray[np.float64]
 
 # An interval that reaches so many times as far to one side as to the other is lopsided.
 LOPSIDED = 2.0
@@ -305,14 +304,3 @@ class Identification:
     def best_cost(self) -> float:
         """Cost of the estimate, `cost.unit`."""
         return self.cost.ga if np.isnan(self.cost.refined) else self.cost.refined
-
-    def parameter(self, name: str) -> ParameterEstimate:
-        """Return one estimate by its name.
-
-        Raises:
-            KeyError: Where no parameter is called so.
-        """
-        for estimate in self.parameters:
-            if estimate.name == name:
-                return estimate
-        raise KeyError(name)

@@ -7,9 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident import lanes
+from ros2_ident.arrays import Array
 from ros2_ident.kernel import measurement
-
-Array = npt.NDArray[np.float64]
 
 # Cycles after which candidates that were not given up move together into fewer vectors.
 PART = 8 * measurement.PIECE

@@ -3,10 +3,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
-Array = npt.NDArray[np.float64]
+from ros2_ident.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

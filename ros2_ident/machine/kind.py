@@ -7,16 +7,12 @@ import functools
 import pkgutil
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
+from ros2_ident.arrays import Array
 from ros2_ident.machine.draft import Draft, Path, Remark
 from ros2_ident.machine.figure import Figure
 from ros2_ident.machine.keys import Key
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.space import Space
-
-Array = npt.NDArray[np.float64]
 
 
 def later(name: str) -> Callable[..., Any]:

@@ -162,10 +162,6 @@ class Machine:
 
     # ------------------------------------------------------------------ changes
 
-    def with_bounds(self, bounds: Mapping[str, Box]) -> 'Machine':
-        """Return the same machine with another box, the same for all drives."""
-        return replace(self, bounds=dict(bounds), own_bounds={})
-
     def with_constants(self, **changed: Value | Sequence[Value]) -> 'Machine':
         """Return the same machine with other constants: one value each, or one for each drive.
 

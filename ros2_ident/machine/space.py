@@ -4,9 +4,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from ros2_ident.arrays import Array
 
 
 @dataclass(frozen=True)

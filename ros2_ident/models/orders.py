@@ -8,14 +8,12 @@ a little explains nothing: only a simulation of each tells.
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import median_filter
 from scipy.stats import chi2
 
+from ros2_ident.arrays import Array
 from ros2_ident.models.protocol import EffectAt, FullModel
 from ros2_ident.models.trials import TRIAL
-
-Array = npt.NDArray[np.float64]
 
 # Orders looked at; a stroke of fewer turns tells none; orders so far apart, in periods over the
 # stroke, still look alike.

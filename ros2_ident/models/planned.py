@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.machine.machine import Machine
-from ros2_ident.models.protocol import Array, FullModel
+from ros2_ident.models.protocol import FullModel
 from ros2_ident.models.registry import compared_of, make_model
 from ros2_ident.recording import Dataset
 

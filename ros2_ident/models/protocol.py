@@ -15,6 +15,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import EffectParameter, get_effect
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.lever import per_metre
@@ -23,7 +24,6 @@ from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.recorded import RecordedMotion
 from ros2_ident.recording import Dataset
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Stop = Callable[[], bool]
 

@@ -5,12 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import fill_smoothly
-
-Array = npt.NDArray[np.float64]
 
 # The effort before the first cycle is the mean of this much of the log, s.
 _BEGINNING = 0.05

@@ -4,12 +4,10 @@
 import itertools
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import EffectParameter
 from ros2_ident.models.protocol import EffectAt, FullModel
-
-Array = npt.NDArray[np.float64]
 
 # Share of a size's range that is tried where the output is linear in it.
 TRIAL = 0.03

@@ -14,7 +14,6 @@ from ros2_ident.recording.outliers import leave_out
 from ros2_ident.recording.segments import match_segments, split_pauses, split_stamps
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.streams import (
-    FIELDS,
     FloatArray,
     IntArray,
     LATEST_STAMP,
@@ -27,8 +26,6 @@ from ros2_ident.recording.streams import (
 _LAST_ROS_TIME = (1 << 31) * 1_000_000_000
 # Nothing that is measured is larger; its square would overflow soon.
 _ABSURD = 1e30
-
-Values = Sequence[float] | NDArray[np.float64]
 
 # The source of messages that come as they are sent.
 LIVE = 'live'
@@ -68,16 +65,6 @@ class _Track:
             for name in names:
                 self.joints.setdefault(name, len(self.joints))
         return number
-
-
-def _append(values: 'array[float]', data: Values) -> int:
-    """Append numbers and return how many; arrays of doubles are copied as bytes."""
-    before = len(values)
-    if isinstance(data, np.ndarray):
-        values.frombytes(np.ascontiguousarray(data, dtype=np.float64).tobytes())
-    else:
-        values.extend(data)
-    return len(values) - before
 
 
 class RecordingBuilder:
@@ -123,56 +110,6 @@ class RecordingBuilder:
         self._tracks = {role: _Track() for role in ROLES}
         self._warnings = []
 
-    def add(
-        self,
-        role: str,
-        stamp: int,
-        names: Sequence[str],
-        position: Values = (),
-        velocity: Values = (),
-        effort: Values = (),
-    ) -> None:
-        """Append one message.
-
-        Args:
-            role: `state`, `effort` or `command`.
-            stamp: Header stamp, ns.
-            names: The D joints of this message.
-            position: D positions, rad or m, or empty where not measured.
-            velocity: D velocities, rad/s or m/s, or empty.
-            effort: D efforts in the log's unit, or empty.
-
-        Raises:
-            IdentError: BAD_VALUES where the arrays do not fit the names; the message is not taken.
-        """
-        track = self._track(role)
-        data = (position, velocity, effort)
-        sizes = (len(position), len(velocity), len(effort))
-        joints = self._named(role, names)
-        self._check(role, joints, sizes)
-        if not -LATEST_STAMP < stamp < LATEST_STAMP:
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                f'{self.source}: a message of {role} has the stamp {stamp:.6g} ns, which is no '
-                'time; send nanoseconds since 1970',
-            )
-        number = track.layout(joints, (sizes[0] > 0, sizes[1] > 0, sizes[2] > 0))
-        values = track.layouts[number].values
-        mark = len(values)
-        try:
-            for part, size in zip(data, sizes, strict=True):
-                if size:
-                    _append(values, part)
-            track.stamp.append(stamp)
-        except (TypeError, OverflowError):
-            del values[mark:]
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                f'{self.source}: a message of {role} holds something that is no number; send '
-                'stamps as integer ns and values as floats',
-            ) from None
-        track.layout_id.append(number)
-
     def add_block(
         self,
         role: str,
@@ -182,7 +119,7 @@ class RecordingBuilder:
         velocity: FloatArray | None = None,
         effort: FloatArray | None = None,
     ) -> None:
-        """Append T messages of the same joints at once: the same as T calls of `add`, faster.
+        """Append T messages of the same joints.
 
         Args:
             role: `state`, `effort` or `command`.
@@ -207,7 +144,12 @@ class RecordingBuilder:
                     f'{(rows, len(joints))} (messages, joints)',
                 )
         filled = tuple(x is not None for x in (position, velocity, effort))
-        self._check(role, joints, tuple(len(joints) if there else 0 for there in filled))
+        if len(set(joints)) != len(joints):
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'{self.source}: a message of {role} names a joint twice ({listed(joints)}); '
+                'give each joint its own name',
+            )
         if not rows:
             return
         if int(stamp.max()) >= LATEST_STAMP or int(stamp.min()) <= -LATEST_STAMP:
@@ -218,7 +160,9 @@ class RecordingBuilder:
             )
         number = track.layout(joints, (filled[0], filled[1], filled[2]))
         if parts:
-            _append(track.layouts[number].values, np.concatenate(parts, axis=1))
+            track.layouts[number].values.frombytes(
+                np.concatenate(parts, axis=1, dtype=np.float64).tobytes()
+            )
         track.stamp.frombytes(np.ascontiguousarray(stamp, dtype=np.int64).tobytes())
         track.layout_id.frombytes(np.full(rows, number, dtype=np.uint32).tobytes())
 
@@ -286,21 +230,6 @@ class RecordingBuilder:
             )
             raise IdentError(ErrorCode.BAD_VALUES, f'{self.source}: {role} names {what}')
         return tuple(printable(name, 8 * limits.name) for name in joints)
-
-    def _check(self, role: str, names: tuple[str, ...], sizes: Sequence[int]) -> None:
-        if len(set(names)) != len(names):
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                f'{self.source}: a message of {role} names a joint twice ({listed(names)}); '
-                'give each joint its own name',
-            )
-        for name, size in zip(FIELDS, sizes, strict=True):
-            if size not in (0, len(names)):
-                raise IdentError(
-                    ErrorCode.BAD_VALUES,
-                    f'{self.source}: a message of {role} has {len(names)} names but {size} values '
-                    f'of {name}; arrays have to be empty or as long as the names',
-                )
 
     def _streams(self, role: str, track: _Track, warnings: list[str]) -> list[Stream]:
         """Return the segments of one role."""

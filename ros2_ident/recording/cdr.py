@@ -110,10 +110,6 @@ class Cursor:
         self.fixed[begin : self.at] = True
         return int(self._unpack(self._data, begin)[0])
 
-    def word(self) -> int:
-        """Return a number of 4 bytes that is no length."""
-        return int(self._unpack(self._data, self.skip(4, 4))[0])
-
     def text(self, *, free: bool = False) -> str:
         """Return a string; a free one may differ from message to message."""
         size = self.count()

@@ -76,7 +76,6 @@ class DriveSummary:
         drive: Joint name.
         stroke: Largest less smallest position, rad or m.
         top_speed: Largest speed, rad/s or m/s.
-        top_acceleration: Largest acceleration, rad/s^2 or m/s^2.
         reversals: Changes of the direction of motion.
         rest_share: Share of the time at rest.
         effort_low: Smallest effort, N m or N; NaN where not measured, as the next three.
@@ -91,7 +90,6 @@ class DriveSummary:
     drive: str
     stroke: float
     top_speed: float
-    top_acceleration: float
     reversals: int
     rest_share: float
     effort_low: float

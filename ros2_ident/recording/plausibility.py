@@ -78,7 +78,6 @@ def judge_drive(
         name,
         stroke,
         float(np.abs(motion.velocity).max()),
-        float(np.abs(motion.acceleration).max()),
         reversals,
         1.0 if still else float(motion.resting.mean()),
         *([float('nan')] * 5),

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnosis import Diagnosis, to_mapping
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.problem import Problem
-from ros2_ident.identify.result import Array, Identification, Outcome
+from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import Dataset, Recording, Stream, Topics, write_bag

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import write_arrays
 from ros2_ident.identify.problem import Problem
-from ros2_ident.identify.result import Array
 from ros2_ident.machine.figure import Figure
 from ros2_ident.models.registry import kind_of, make_model
 from ros2_ident.recording import Stream

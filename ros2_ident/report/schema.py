@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import Gate
 from ros2_ident.identify.result import (
-    Array,
     Cost,
     DriveResidual,
     History,

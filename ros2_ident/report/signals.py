@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import write_arrays
 from ros2_ident.gap.coordinates import following_error
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.identify.problem import Problem
-from ros2_ident.identify.result import Array
 
 SCHEMA, VERSION = 'ros2_ident.signals', 2
 

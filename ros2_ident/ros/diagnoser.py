@@ -2,20 +2,16 @@
 """The action ~/diagnose: from a goal to a run, and from its end to messages and files."""
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 from ros2_ident_msgs.action import Diagnose
 from ros2_ident_msgs.msg import Gap, Status
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.jobs import Diagnosed
-from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.ros import parameters
 from ros2_ident.ros.actions import GoalServer
-from ros2_ident.ros.board import Board
-from ros2_ident.ros.diagnostics import Diagnostics
-from ros2_ident.ros.files import attempted, draw_diagnosis, save
+from ros2_ident.ros.files import attempted, save
 from ros2_ident.ros.gap_conversion import (
     diagnose_code,
     diagnose_result,
@@ -24,63 +20,22 @@ from ros2_ident.ros.gap_conversion import (
     gap_message,
 )
 from ros2_ident.ros.goals import diagnose_wanted
-from ros2_ident.ros.outlet import Outlet
-from ros2_ident.ros.page import PageWriter
 from ros2_ident.ros.run import diagnose, Finished
-from ros2_ident.ros.worker import Worker
 
 Says = Callable[[Any], None]
-
-
-class Host(Protocol):
-    """What the node has for those that serve its actions.
-
-    Attributes:
-        board: What the node is doing, in a sentence.
-        diagnostics: Its entry in `/diagnostics`.
-        last: The last result, which can be saved again.
-        outlet: Its publishers.
-        pages: The process that writes pages.
-        stopping: Whether it is being ended.
-        worker: The thread of its runs.
-    """
-
-    board: Board
-    diagnostics: Diagnostics
-    last: Any
-    outlet: Outlet
-    pages: PageWriter
-    stopping: bool
-    worker: Worker
-
-    def occupation(self) -> str:
-        """Return what runs now as words for a sentence, empty for nothing."""
-        ...
-
-    def received(self) -> RecordingBuilder:
-        """Return what has been received."""
-        ...
-
-    def get_clock(self) -> Any:
-        """Return the node's clock."""
-        ...
-
-    def get_logger(self) -> Any:
-        """Return the node's logger."""
-        ...
 
 
 class Diagnoser:
     """Serves ~/diagnose with the node's worker, board and outlet.
 
     Args:
-        node: The node.
+        node: The node, with the board, outlet, pages and worker that its runs share.
 
     Attributes:
         server: The action's server.
     """
 
-    def __init__(self, node: Host) -> None:
+    def __init__(self, node: Any) -> None:
         self._node = node
         self.server = GoalServer(
             node,
@@ -154,20 +109,7 @@ class Diagnoser:
             node.board.warnings(message.warnings)
             if unwritten is not None:
                 message.warnings = [*message.warnings, unwritten.message]
-            self._draw(found.done.result, path)
             node.pages.start(path)
         node.diagnostics.gap = message
         node.outlet.gap(message)
         return message
-
-    def _draw(self, found: Diagnosis, path: str) -> None:
-        """Draw the charts after the result is out; they take longer than all other files."""
-        if not path:
-            return
-        node = self._node
-
-        def drawn(_: Any, error: BaseException | None) -> None:
-            if error is not None:
-                node.get_logger().error(node.board.fault(error).message)
-
-        node.worker.chore(lambda: None if node.stopping else draw_diagnosis(found, path), drawn)

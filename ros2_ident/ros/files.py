@@ -4,17 +4,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ros2_ident import jobs
-from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import replacing, write_text
-from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.files import write_text
 from ros2_ident.jobs import Identified
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC
 from ros2_ident.recording import Stream
@@ -56,31 +53,6 @@ def attempted(save: Callable[[], str]) -> tuple[str, Exception | None]:
         return save(), None
     except Exception as error:
         return '', error
-
-
-def draw_diagnosis(found: Diagnosis, result_file: str) -> None:
-    """Draw how far the gap closes and what is most probable, beside the diagnosis file.
-
-    Args:
-        found: The diagnosis.
-        result_file: Path of its file.
-    """
-    # matplotlib takes a second to load, and most runs of the node need none of it
-    from ros2_ident.gap.blocks import Interval
-    from ros2_ident.report.pictures.charts import Rank, ranking, Stage, waterfall
-
-    floor = Interval(found.floor.together, math.nan, math.nan)
-    stages = [Stage(step.label, step.gap) for step in found.steps]
-    ranks = [
-        Rank(f'{get_effect(r.at.effect).title} on {r.at.where}', r.probability, r.gap_after)
-        for r in found.ranking
-    ]
-    figures = {'waterfall': waterfall(stages, floor, found.unit)} if stages else {}
-    if ranks:
-        figures['ranking'] = ranking(ranks, found.unit)
-    for name, figure in figures.items():
-        with replacing(Path(result_file).with_name(f'{name}.png')) as file:
-            figure.savefig(file, format='png', dpi=120)
 
 
 @dataclass(frozen=True)

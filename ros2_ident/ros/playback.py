@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The messages of a bag and the pace they come at; knows nothing of rclpy."""
 
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-import itertools
 from pathlib import Path
 import time
 
@@ -15,11 +13,6 @@ from ros2_ident.errors import ErrorCode, IdentError
 
 TYPE = 'sensor_msgs/msg/JointState'
 
-# Messages read ahead, and how many of them in one go: reading must not make the next one late.
-_AHEAD = 5000
-_PIECE = 20
-# A gap this long [ns] is used to read ahead.
-_GAP = 300_000
 # The longest sleep [s]: a signal is noticed after it.
 _NAP = 0.05
 
@@ -111,59 +104,32 @@ class Bag:
         self._reader.close()
 
 
-class Player:
-    """Hands out messages at the recorded pace.
+def play(
+    messages: Iterable[Message],
+    publish: Callable[[Message], None],
+    *,
+    rate: float = 1.0,
+    stopped: Callable[[], bool] = lambda: False,
+    between: Callable[[int], None] = lambda log_time: None,
+) -> bool:
+    """Hand out messages at the recorded pace; return whether the end was reached.
 
     Args:
         messages: In the order of log time.
         publish: Takes a message when it is due.
         rate: Times faster than recorded.
         stopped: Whether to end now.
-        on_round: Called with the log time now, ns, between the messages; has to be quick.
+        between: Called with the log time now, ns, between the messages; has to be quick.
     """
-
-    def __init__(
-        self,
-        messages: Iterator[Message],
-        publish: Callable[[Message], None],
-        *,
-        rate: float = 1.0,
-        stopped: Callable[[], bool] = lambda: False,
-        on_round: Callable[[int], None] = lambda log_time: None,
-    ) -> None:
-        self._messages = messages
-        self._ahead: deque[Message] = deque()
-        self._publish = publish
-        self._rate = rate
-        self._stopped = stopped
-        self._on_round = on_round
-        self.count = 0
-
-    def play(self) -> bool:
-        """Play to the end; return whether it was reached."""
-        self._read(_AHEAD)
-        if not self._ahead:
-            return True
-        first = self._ahead[0].log_time
-        start = time.monotonic_ns()
-        while self._ahead:
-            if self._stopped():
-                return False
-            now = time.monotonic_ns()
-            due = start + round((self._ahead[0].log_time - first) / self._rate)
-            if due > now:
-                self._on_round(first + round((now - start) * self._rate))
-                if due - now > _GAP and len(self._ahead) < _AHEAD:
-                    self._read(_PIECE)
-                left = (due - time.monotonic_ns()) * 1e-9
-                if left > 0.0:
-                    time.sleep(min(left, _NAP))
-                continue
-            self._publish(self._ahead.popleft())
-            self.count += 1
-            if not self._ahead:
-                self._read(_PIECE)
-        return True
-
-    def _read(self, count: int) -> None:
-        self._ahead.extend(itertools.islice(self._messages, count))
+    first, start = None, time.monotonic_ns()
+    for message in messages:
+        if first is None:
+            first, start = message.log_time, time.monotonic_ns()
+        due = start + round((message.log_time - first) / rate)
+        while not stopped() and (now := time.monotonic_ns()) < due:
+            between(first + round((now - start) * rate))
+            time.sleep(min((due - now) * 1e-9, _NAP))
+        if stopped():
+            return False
+        publish(message)
+    return True

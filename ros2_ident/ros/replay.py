@@ -9,7 +9,7 @@ import time
 
 from ros2_ident.errors import IdentError
 from ros2_ident.ros.identifier import missing, Stop
-from ros2_ident.ros.playback import Bag, Message, Player
+from ros2_ident.ros.playback import Bag, Message, play
 
 # A publisher knows of a subscriber a little before that one knows of it; what is sent in between
 # is lost, and nothing tells when it is over.
@@ -166,14 +166,14 @@ class Station:
                 file=sys.stderr,
             )
             return 1
-        player = Player(
+        whole = play(
             self._bag.messages(),
             self._publish,
             rate=options.rate,
             stopped=lambda: bool(stop.signal),
-            on_round=self._tick_clock,
+            between=self._tick_clock,
         )
-        return 0 if player.play() else 128 + stop.signal
+        return 0 if whole else 128 + stop.signal
 
     def _publish(self, message: Message) -> None:
         self._tick_clock(message.log_time)

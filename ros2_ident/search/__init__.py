@@ -16,7 +16,6 @@ from ros2_ident.search.jacobian import finite_differences as finite_differences
 from ros2_ident.search.refine import refine as refine
 from ros2_ident.search.refine import Refinement as Refinement
 from ros2_ident.search.refine import RefineStatus as RefineStatus
-from ros2_ident.search.refine import spread_starts as spread_starts
 from ros2_ident.search.refine import StartOutcome as StartOutcome
 from ros2_ident.search.uncertainty import Intervals as Intervals
 from ros2_ident.search.uncertainty import intervals as intervals

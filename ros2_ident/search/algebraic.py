@@ -14,11 +14,11 @@ import numpy as np
 from scipy.optimize import lsq_linear
 from scipy.signal import decimate
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.driver import SearchResult
 from ros2_ident.search.fit import Fitted, Solvable
 from ros2_ident.search.genetic import StopReason
-from ros2_ident.search.operators import Array
 from ros2_ident.search.uncertainty import INSENSITIVE, intervals
 
 # Step to either side, in box widths, and what of it may be curved.

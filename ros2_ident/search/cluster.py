@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.lanes import WIDTH
 from ros2_ident.search.evaluators import (
@@ -31,7 +32,6 @@ from ros2_ident.search.evaluators import (
     Subject,
     Threads,
 )
-from ros2_ident.search.operators import Array
 
 # So long to reach a scheduler, and to wait for a worker where there is none, s.
 PATIENCE = 30.0

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.evaluators import AtOnce, Batch, Cancel, Evaluate, Queue
 from ros2_ident.search.genetic import GeneticSearch, StopReason
-from ros2_ident.search.operators import Array, Flags
+from ros2_ident.search.operators import Flags
 from ros2_ident.search.packing import Packing, Work
 
 # How long to wait for a slice before looking at cancel event and budget again, s.

@@ -15,9 +15,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.lanes import WIDTH
-from ros2_ident.search.operators import Array, Index
+from ros2_ident.search.operators import Index
 from ros2_ident.threads import processors
 
 Evaluate = Callable[[Array], Array]

@@ -11,13 +11,14 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.driver import Budget, minimise, Progress, SearchResult
 from ros2_ident.search.evaluators import Cancel, Evaluators, Objective, Threads, Workers
 from ros2_ident.search.genetic import GeneticSearch, StopReason
 from ros2_ident.search.jacobian import Box, finite_differences
 from ros2_ident.search.journal import Journal, Within
-from ros2_ident.search.operators import Array, Flags
+from ros2_ident.search.operators import Flags
 from ros2_ident.search.refine import refine, Refinement
 from ros2_ident.search.settings import FitProgress, FitSettings, OnProgress
 from ros2_ident.search.starts import distinct_starts

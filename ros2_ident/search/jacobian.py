@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.operators import Array, Index
+from ros2_ident.search.operators import Index
 
 Residuals = Callable[[Array], Array]
 

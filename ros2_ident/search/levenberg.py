@@ -9,9 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from ros2_ident.arrays import Array
+
 # Damping factors tried in one iteration, relative to the last one accepted.
 _LADDER = np.array([1e-3, 1e-2, 0.1, 0.3, 1.0, 3.0, 30.0, 1e3])
 _STEP = 1e-4

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from scipy.signal import lfilter
 
-from ros2_ident.search.operators import Array
+from ros2_ident.arrays import Array
 
 MOST_COEFFICIENTS = 20
 # Points of a spectral density, for sums over it.

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ros2_ident.search.operators import Array, Index
+from ros2_ident.arrays import Array
+from ros2_ident.search.operators import Index
 
 # (S, N) candidates in the unit cube -> (S,) how much work each of them is.
 Work = Callable[[Array], Any]

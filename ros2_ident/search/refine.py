@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.evaluators import Cancel
 from ros2_ident.search.jacobian import Box, finite_differences, Residuals
 from ros2_ident.search.journal import digest_of, Journal, Within
-from ros2_ident.search.operators import Array, select
 
 # What SciPy keeps a start away from its bounds, as a share of the cube.
 _INSIDE = 1e-10
@@ -287,27 +287,6 @@ def refine(
             break
     assert best is not None
     return _result(best, status, tuple(outcomes), residuals)
-
-
-def spread_starts(
-    theta: Array, costs: Array, low: Any, high: Any, *, count: int = 8, distance: float = 0.02
-) -> Array:
-    """Choose candidates worth a refinement of their own: good ones that are not neighbours.
-
-    Args:
-        theta: (P, N) candidates, such as a search's survivors, physical units.
-        costs: (P,) their costs.
-        low: (N,) lower bounds, physical units.
-        high: (N,) upper bounds, physical units.
-        count: Most starts.
-        distance: Least distance between two of them, in box widths.
-
-    Returns:
-        (B, N) the best first, B <= count.
-    """
-    box = Box.of(low, high)
-    chosen: Array = theta[select(box.inside(theta), costs, count, distance)]
-    return chosen
 
 
 def _without_copies(starts: Array) -> Array:

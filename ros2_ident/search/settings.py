@@ -4,10 +4,10 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.driver import Budget
 from ros2_ident.search.genetic import GeneticSettings
-from ros2_ident.search.operators import Array
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.search.evaluators import Cancel
-from ros2_ident.search.operators import Array, Flags
+from ros2_ident.search.operators import Flags
 
 # Starts differ in at least one parameter by this part of the box.
 APART = 0.1

@@ -8,9 +8,10 @@ import math
 import numpy as np
 from scipy.stats import t as student
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.noise import fit_noise, NoiseModel, weighted_normal_matrix
-from ros2_ident.search.operators import Array, Flags
+from ros2_ident.search.operators import Flags
 
 # Box-scaled columns smaller than this against the largest do not act on the data at all.
 INSENSITIVE = 1e-9

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.machine.machine import Machine
 from ros2_ident.recording import Stream, write_bag
 from ros2_ident.simulate.effects import Added
-from ros2_ident.simulate.log import Array, Log, simulate
+from ros2_ident.simulate.log import Log, simulate
 from ros2_ident.simulate.motions import Motion
 
 Whole = np.ndarray[Any, np.dtype[np.int64]]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.drives.effort_range import effort_range
@@ -16,8 +16,6 @@ from ros2_ident.models.protocol import FullModel
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.effects import Added
 from ros2_ident.simulate.motions import Motion
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

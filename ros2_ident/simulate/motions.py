@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.space import Space
 from ros2_ident.models.registry import set_points_of, space_of
-from ros2_ident.simulate.paths import Array, Path
+from ros2_ident.simulate.paths import Path
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,8 @@
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from ros2_ident.arrays import Array
 
 # Largest speed and acceleration of the unit quintic 10 u^3 - 15 u^4 + 6 u^5.
 QUINTIC_SPEED = 1.875

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from values import with_bounds
 
-from ros2_ident.effects import CATALOGUE, Context, twins
+from checks.blind.forms.form import twins
+from ros2_ident.effects import CATALOGUE, Context
 from ros2_ident.errors import IdentError
 from ros2_ident.models import EffectAt, load_machine, Machine, make_model
 from ros2_ident.recording import Dataset
@@ -68,7 +70,7 @@ def test_a_weight_does_not_hang_behind_a_spring() -> None:
 def test_a_parameter_of_the_machine_is_no_effect() -> None:
     emps = machine_of('emps')
     fewer = {name: box for name, box in emps.bounds.items() if name != 'viscous_friction'}
-    assert left_out(emps) - left_out(emps.with_bounds(fewer)) == {'viscous_friction'}
+    assert left_out(emps) - left_out(with_bounds(emps, fewer)) == {'viscous_friction'}
 
 
 def test_one_of_two_sizes_is_still_an_effect() -> None:

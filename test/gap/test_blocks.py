@@ -78,7 +78,7 @@ def test_a_paired_difference_is_sharper_than_either():
     shared = 3.0 * _coloured(generator, 0.99, (1, 8000))
     one = shared + generator.standard_normal((1, 8000))
     found = Blocks([one, 0.99 * one], 1e-3)
-    gain = found.difference(0, 1)
+    gain = found.interval(lambda m: (m[..., 0, :] - m[..., 1, :]).mean(axis=-1), 0.95)
     assert gain.low > 0.0
     assert gain.value == pytest.approx(found.squares[0, 0] * (1.0 - 0.99**2))
 

@@ -7,6 +7,7 @@ from typing import Any
 from identify_cases import axis
 import numpy as np
 import pytest
+from values import with_bounds
 
 from ros2_ident.gap.bursts import not_asked
 from ros2_ident.gap.floor import Floor
@@ -33,7 +34,7 @@ def machine() -> Machine:
         'coulomb_friction': (0.0, 20.0, 'N m'),
         'constant_force': (-50.0, 50.0, 'N m'),
     }
-    found = axis().with_bounds(bounds)
+    found = with_bounds(axis(), bounds)
     return replace(found, drives=('knee',), effort_unit='N m', effort_noise=NOISE)
 
 

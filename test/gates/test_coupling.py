@@ -6,6 +6,7 @@ from dataclasses import replace
 from identify_cases import axis, recording_of
 import numpy as np
 import pytest
+from values import with_bounds
 
 from gates.test_faults import bag_of
 from ros2_ident.gap.diagnose import diagnose
@@ -20,8 +21,8 @@ RATE, SECONDS = 250.0, 20.0
 
 def joint() -> Machine:
     """Return the elbow of an arm as an axis of its own, driven by the recorded motion."""
-    machine = axis().with_bounds(
-        {
+    machine = with_bounds(
+        axis(), {
             'moving_mass': (0.1, 20.0, 'kg m^2'),
             'viscous_friction': (0.0, 50.0, 'N m s/rad'),
             'coulomb_friction': (0.0, 20.0, 'N m'),

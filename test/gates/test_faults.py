@@ -10,6 +10,7 @@ from identify_cases import axis as axis_machine
 from identify_cases import AXIS_TRUTH, recording_of, tripod, TRIPOD_TRUTH
 import numpy as np
 import pytest
+from values import with_bounds
 
 from checks.reference.bag_making import simulate_bag
 from ros2_ident.gates import examine, GateReport
@@ -154,8 +155,8 @@ def test_a_fault_is_named_first(kind, change, gate, drive, said):
 
 def test_a_joint_that_turns_logged_in_degrees():
     machine = axis_machine()
-    turning = machine.with_bounds(
-        {**machine.bounds, 'moving_mass': (50.0, 150.0, 'kg m^2')}
+    turning = with_bounds(
+        machine, {**machine.bounds, 'moving_mass': (50.0, 150.0, 'kg m^2')}
     )
     report = report_of('axis', times('state', 57.29578), turning)
     assert 'the position is logged in degrees; log rad' in report.headline

@@ -16,6 +16,7 @@ from identify_cases import (
 )
 import numpy as np
 import pytest
+from values import parameter
 import yaml
 
 from checks.reference.bag_making import simulate_bag
@@ -55,7 +56,7 @@ def test_a_gain_and_a_mass_are_recovered_and_the_position_makes_them_sharp():
         assert found[name].outcome is Outcome.IDENTIFIED
     for drive in machine.drives:
         for name, value in (truth | {'drive_inertia': TRIPOD_TRUTH['drive_inertia']}).items():
-            alone, both = (found[x].parameter(f'{drive}.{name}') for x in ('effort', 'both'))
+            alone, both = (parameter(found[x], f'{drive}.{name}') for x in ('effort', 'both'))
             assert abs(alone.value - value) < 1.5 * half_width(alone), alone
             assert abs(both.value - value) < 0.02 * value, both
             assert half_width(both) < 0.5 * half_width(alone), name
@@ -81,7 +82,7 @@ def test_a_log_without_effort_is_identified_by_its_position():
     assert found.cost.unit == 'm'
     # Its controller has no integral part: the axis stands off its set-point by what pulls at it.
     for name in ('moving_mass', 'viscous_friction', 'coulomb_friction', 'constant_force'):
-        estimate = found.parameter(f'emps_axis.{name}')
+        estimate = parameter(found, f'emps_axis.{name}')
         assert estimate.value == pytest.approx(AXIS_TRUTH[name], rel=0.01), name
     with pytest.raises(IdentError) as caught:
         gather([without_effort()], axis())

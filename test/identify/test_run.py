@@ -19,6 +19,7 @@ from identify_cases import (
 )
 import numpy as np
 import pytest
+from values import parameter
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
@@ -73,17 +74,17 @@ def test_tripod_drive_alone_takes_the_others_from_their_recorded_motion():
     result = identify(tripod(), data, drives=['drive_2'], settings=settings, seed=1)
     assert result.drives == ('drive_2',)
     assert result.cost.refined == pytest.approx(0.01, rel=0.1)
-    assert result.parameter('tool_mass').value == pytest.approx(
+    assert parameter(result, 'tool_mass').value == pytest.approx(
         TRIPOD_TRUTH['tool_mass'], rel=0.02
     )
-    stiffness = result.parameter('drive_2.gear_stiffness').value
+    stiffness = parameter(result, 'drive_2.gear_stiffness').value
     assert stiffness == pytest.approx(TRIPOD_TRUTH['gear_stiffness'], rel=0.02)
 
 
 def test_without_a_command_the_recorded_motion_drives_the_axis():
     data = gather([recording_of(axis_bag(), command=None)], axis())
     result = identify(axis(), data, settings=QUICK, seed=1)
-    assert result.parameter('emps_axis.moving_mass').value == pytest.approx(95.0, rel=0.02)
+    assert parameter(result, 'emps_axis.moving_mass').value == pytest.approx(95.0, rel=0.02)
 
 
 def test_two_segments_are_one_problem():
@@ -93,7 +94,7 @@ def test_two_segments_are_one_problem():
     assert result.quality.segments == 2
     assert result.residuals[0].samples == 2 * single.residuals[0].samples
     assert result.theta == pytest.approx(single.theta, rel=1e-6)
-    mass = [r.parameter('emps_axis.moving_mass') for r in (result, single)]
+    mass = [parameter(r, 'emps_axis.moving_mass') for r in (result, single)]
     # Of noise alone: noise that comes twice is no noise.
     narrower = (mass[0].noise_high - mass[0].noise_low) / (mass[1].noise_high - mass[1].noise_low)
     assert narrower == pytest.approx(math.sqrt(0.5), rel=0.05)
@@ -109,7 +110,7 @@ def test_an_estimate_at_its_bound_is_said():
     result = identify(
         axis(), axis_data(), bounds={'viscous_friction': (0.0, 100.0)}, settings=QUICK
     )
-    estimate = result.parameter('emps_axis.viscous_friction')
+    estimate = parameter(result, 'emps_axis.viscous_friction')
     assert estimate.value == 100.0
     assert estimate.at_bound
     assert 'at its upper bound' in estimate.note
@@ -121,7 +122,7 @@ def test_a_parameter_that_the_data_do_not_determine_is_said():
         axis(), axis_data(), bounds={'moving_mass': (94.9999, 95.0001)}, settings=QUICK
     )
     assert result.outcome is Outcome.NOT_IDENTIFIABLE
-    estimate = result.parameter('emps_axis.moving_mass')
+    estimate = parameter(result, 'emps_axis.moving_mass')
     assert not estimate.identifiable
     assert 'not identifiable from this data' in estimate.note
     assert 'does not determine 1 of 4 parameters: emps_axis.moving_mass;' in result.message
@@ -249,7 +250,7 @@ def test_emps_comes_out_as_published():
     machine = load_machine(AXIS_FILE)
     result = identify(machine, read_data(SHARED / 'data' / 'emps_train', machine), seed=1)
     # Its friction trades with what the model lacks: beside degressive friction it is 13.8 N.
-    friction = result.parameter('emps_axis.coulomb_friction')
+    friction = parameter(result, 'emps_axis.coulomb_friction')
     assert friction.state == 'bounded' and 'once model error' in friction.note
     assert friction.low < 14.0 < friction.noise_low
     published = {
@@ -259,7 +260,7 @@ def test_emps_comes_out_as_published():
         'constant_force': (-3.1648, 0.05),
     }
     for name, (value, tolerance) in published.items():
-        assert result.parameter(f'emps_axis.{name}').value == pytest.approx(value, rel=tolerance)
+        assert parameter(result, f'emps_axis.{name}').value == pytest.approx(value, rel=tolerance)
     assert result.residuals[0].share < 0.045
 
 

@@ -9,6 +9,7 @@ import textwrap
 
 import numpy as np
 import pytest
+from values import parameter
 
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
@@ -198,7 +199,7 @@ def test_it_is_identified_from_a_bag_like_any_other(installed, tmp_path):
     few = GeneticSettings(initial_population=24, survivors=3, children=4, generations=3)
     result = identify(machine, data, settings=IdentifySettings(genetic=few))
     for name, value in TRUTH.items():
-        assert result.parameter(name).value == pytest.approx(value, rel=0.02)
+        assert parameter(result, name).value == pytest.approx(value, rel=0.02)
     assert result.model == 'two_mass'
     assert result.cost.refined == pytest.approx(0.05, rel=0.1)
 

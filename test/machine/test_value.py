@@ -10,6 +10,7 @@ import re
 from identify_cases import QUICK, ROOT
 import numpy as np
 import pytest
+from values import parameter
 import yaml
 
 from checks.reference import twin_of
@@ -300,9 +301,9 @@ def test_free_gains_and_masses_are_found_from_a_bag(tmp_path: Path):
     machine = load_machine(file)
     held = {n: v for n, v in TRUTH.items() if n in ('measurement_delay', 'gear_damping_ratio')}
     result = identify(machine, gather(read_bag(bag), machine), fixed=held, settings=QUICK)
-    assert result.parameter('drive_2.position_gain').value == pytest.approx(55.0, rel=0.01)
+    assert parameter(result, 'drive_2.position_gain').value == pytest.approx(55.0, rel=0.01)
     for drive in machine.drives:
-        mass = result.parameter(f'{drive}.rail_mass')
+        mass = parameter(result, f'{drive}.rail_mass')
         assert mass.value == pytest.approx(1.3, rel=0.05) or not mass.identifiable
 
 

@@ -5,10 +5,16 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from ros2_ident.models.serial.cone import consistent, inertials_of, mended, nearest, pseudo_inertia
+from ros2_ident.models.serial.cone import inertials_of, mended, nearest, pseudo_inertia
 
 NOTHING = (np.empty((0, 30)), np.empty(0))
 FREE = (np.empty((0, 10)), np.empty(0))
+
+
+def consistent(inertials: np.ndarray) -> np.ndarray:
+    """Return (L,) whether bodies can have these (L, 10) inertials."""
+    scaled = inertials / np.maximum(np.abs(inertials).max(axis=1, keepdims=True), 1e-300)
+    return np.linalg.eigvalsh(pseudo_inertia(scaled)).min(axis=1) > 0.0
 
 
 def of_points(mass: np.ndarray, place: np.ndarray) -> np.ndarray:

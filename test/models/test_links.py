@@ -8,11 +8,11 @@ import pytest
 
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
+from models.test_cone import consistent  # noqa: E402
 from models.test_serial import described, moving, tabled, URDF  # noqa: E402
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.models import make_model  # noqa: E402
 from ros2_ident.models.serial.arm import arm_of  # noqa: E402
-from ros2_ident.models.serial.cone import consistent  # noqa: E402
 from ros2_ident.models.serial.links import effort_of, links_of  # noqa: E402
 
 BOXES = {

@@ -8,6 +8,7 @@ import weakref
 
 import numpy as np
 import pytest
+from values import parameter
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnose import diagnose
@@ -154,7 +155,7 @@ def test_a_parameter_can_have_a_value_of_its_own_in_every_recording():
     found = identify(model=bags, conditions=Conditions(each=('weight',)), settings=SMALL, seed=1)
     assert [p.name for p in found.parameters] == ['inertia', 'weight@1', 'weight@2', 'damping']
     assert found.best_cost == pytest.approx(bags[0].noise, rel=0.05)
-    first, second = (found.parameter(f'weight@{n}') for n in (1, 2))
+    first, second = (parameter(found, f'weight@{n}') for n in (1, 2))
     assert first.low <= 3.0 <= first.high
     assert second.low <= 3.8 <= second.high
 
@@ -163,7 +164,7 @@ def test_what_is_known_to_differ_is_taken_into_account():
     bags = [Pendulum(TRUTH, 1), Pendulum(TRUTH, 2, load=0.8)]
     known = Conditions(known={'2': {'weight': 0.8}})
     found = identify(model=bags, conditions=known, settings=SMALL, seed=1)
-    weight = found.parameter('weight')
+    weight = parameter(found, 'weight')
     assert weight.low <= 3.0 <= weight.high
     assert found.best_cost == pytest.approx(bags[0].noise, rel=0.05)
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings on the controller's grid: samples where they belong, set-points in between."""
 
+from builder_cases import add
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -87,7 +88,7 @@ def test_the_replay_order_of_topics_does_not_change_the_data(order):
             k, count[role] = count[role], count[role] + 1
             x = streams[role]
             values = [() if v is None else v[k] for v in (x.position, x.velocity, x.effort)]
-            builder.add(role, int(x.stamp[k]), x.names, *values)
+            add(builder, role, int(x.stamp[k]), x.names, *values)
         return align(builder.build()[0], NAMES, CYCLE)
 
     roles = [role for role in streams for _ in range(100)]
@@ -132,8 +133,8 @@ def test_drives_that_publish_one_by_one(apart):
         position, velocity = motion(np.array([k * CYCLE]))
         for i, name in enumerate(NAMES):
             stamp = START + k * 500_000 + i * apart
-            builder.add('state', stamp, [name], position[:, i], velocity[:, i], [k + 0.5 * i])
-            builder.add('command', stamp, [name], position[:, i])
+            add(builder, 'state', stamp, [name], position[:, i], velocity[:, i], [k + 0.5 * i])
+            add(builder, 'command', stamp, [name], position[:, i])
     (recording,) = builder.build()
     data = align(recording, NAMES, CYCLE)
     late = round(apart / 500_000)

@@ -429,8 +429,6 @@ def test_a_grid_is_estimated_before_it_is_made():
 def test_a_stamp_that_is_no_time(stamp):
     builder = RecordingBuilder('log')
     with pytest.raises(IdentError, match='no time'):
-        builder.add('state', stamp, ['a'], [1.0])
-    with pytest.raises(IdentError, match='no time'):
         builder.add_block('state', np.array([stamp]), ['a'], np.ones((1, 1)))
 
 

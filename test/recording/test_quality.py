@@ -263,7 +263,7 @@ def test_how_a_stream_arrived_is_counted():
 
 
 def held(rest, drive='a'):
-    return DriveSummary(0, drive, *([0.0] * 3), 0, *([0.0] * 3), rest, 0.0, 0.0)
+    return DriveSummary(0, drive, 0.0, 0.0, 0, *([0.0] * 3), rest, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(

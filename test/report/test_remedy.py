@@ -6,6 +6,7 @@ from dataclasses import replace
 from identify_cases import axis, tripod
 import pytest
 from report_cases import diagnosed
+from values import with_bounds
 import yaml
 
 from ros2_ident.gap.diagnosis import Value
@@ -52,7 +53,7 @@ def test_what_the_file_does_not_know_is_searched_from_now_on():
     machine = axis()
     bounds = {name: box for name, box in machine.bounds.items() if name != 'viscous_friction'}
     said = lines(
-        machine.with_bounds(bounds),
+        with_bounds(machine, bounds),
         'viscous_friction',
         'emps_axis',
         {'emps_axis.viscous_friction.torque': value(203.5, 'N s/m')},

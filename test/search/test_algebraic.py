@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from values import with_bounds
 
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
@@ -74,10 +75,10 @@ def test_decimation_keeps_one_of_so_many() -> None:
 def test_what_does_not_act_linearly_is_named() -> None:
     bounds = dict(EMPS.bounds) | {'measurement_delay': (0.0, 0.02, 's')}
     with pytest.raises(IdentError, match='measurement_delay does not act linearly') as caught:
-        identify(EMPS.with_bounds(bounds), logged(1.0), settings=ALGEBRAIC)
+        identify(with_bounds(EMPS, bounds), logged(1.0), settings=ALGEBRAIC)
     assert caught.value.code is ErrorCode.INVALID_GOAL
     held = {'measurement_delay': 0.0}
-    found = identify(EMPS.with_bounds(bounds), logged(1.0), fixed=held, settings=ALGEBRAIC)
+    found = identify(with_bounds(EMPS, bounds), logged(1.0), fixed=held, settings=ALGEBRAIC)
     assert found.parameters[0].name != 'measurement_delay'
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from checks.blind.forms.law import take_law
 from checks.reference.effect_kind import Quantity
 from checks.reference.plant import Plant
+from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 
 Values = Mapping[str, float]
@@ -134,3 +135,8 @@ def setter(**columns: int) -> Write:
             plant.drive[i, column] = values[name]
 
     return write
+
+
+def twins(name: str) -> frozenset[str]:
+    """Return an id with those that are the same answer; alone where the catalogue lacks it."""
+    return frozenset({name, *CATALOGUE[name].twins}) if name in CATALOGUE else frozenset({name})

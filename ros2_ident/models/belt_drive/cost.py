@@ -12,8 +12,9 @@ import math
 from numba import njit
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.lanes import load, spread, store, WIDTH
-from ros2_ident.models.belt_drive.kernels import Array, cached, Flags, Index, one_mode_set, P
+from ros2_ident.models.belt_drive.kernels import cached, Flags, Index, one_mode_set, P
 
 BLOCK = 16
 # Rows of a block's table: cosines, sines and weights of three modes, then the gain.

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ros2_ident import lanes
+from ros2_ident.arrays import Array
 from ros2_ident.compiled import compiled, digest_of
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Index = NDArray[np.intp]
 
@@ -92,16 +92,6 @@ def one_mode_set(c: Array, square: Array, weight: Array) -> bool:
         others = (w - square[(i + 1) % 3]) * (w - square[(i + 2) % 3])
         weight[i] = p / w * (minor / others if others != 0.0 else math.nan)
     return square[0] > 0.0 and math.isfinite(weight[0] + weight[1] + weight[2])
-
-
-@cached
-def modes(constants: Array) -> tuple[Array, Array]:
-    """Return squared angular eigenfrequencies [1/s^2] and weights, each (S, 3), of (S, 10)."""
-    square = np.empty((constants.shape[0], 3))
-    weight = np.empty((constants.shape[0], 3))
-    for s in range(constants.shape[0]):
-        one_mode_set(constants[s], square[s], weight[s])
-    return square, weight
 
 
 @fused

@@ -7,17 +7,16 @@ integration step, no integration error. The drive starts at rest at its first se
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.belt_drive import cost as belt_cost
 from ros2_ident.models.belt_drive import kernels as belt_kernels
 from ros2_ident.models.belt_drive import KIND
-from ros2_ident.models.belt_drive.kernels import Array
 
 PAPER = 'Ludwig and Gerstmayr (2011)'
 OUTPUTS = ('phi1', 'M1')
@@ -36,23 +35,9 @@ CONSTANTS = {
 }
 
 
-class BeltData(Protocol):
-    """What the model takes from a data set."""
-
-    @property
-    def cycle(self) -> float:
-        """Sampling interval, s."""
-        ...
-
-    @property
-    def command_position(self) -> Any:
-        """(D, K) or (K,) set-point phi1d, rad."""
-        ...
-
-
 @dataclass(frozen=True)
 class StepReference:
-    """A set-point given by its samples; usable as the model's data.
+    """A set-point given by its samples.
 
     Attributes:
         cycle: Sampling interval, s.
@@ -61,27 +46,6 @@ class StepReference:
 
     cycle: float
     command_position: Array
-
-
-def step_reference(
-    *, cycle: float = 2e-4, duration: float = 1.0, steps: int = 9, height: float = np.pi / 1800.0
-) -> StepReference:
-    """Return a step-like set-point as in Fig. 5, its steps evenly spread over the duration.
-
-    Args:
-        cycle: Sampling interval, s.
-        duration: Length, s.
-        steps: Number of steps upwards.
-        height: Height of a step, rad; 0.1 degrees by default.
-
-    Returns:
-        The set-point from 0 to `duration`, both included.
-    """
-    count = round(duration / cycle) + 1
-    at = [round(duration / cycle * (i + 1) / (steps + 1)) for i in range(steps)]
-    change = np.zeros(count)
-    np.add.at(change, at, height)
-    return StepReference(cycle, np.cumsum(change)[None, :])
 
 
 class BeltDrive:
@@ -98,7 +62,7 @@ class BeltDrive:
 
     outputs: tuple[str, ...] = OUTPUTS
 
-    def __init__(self, machine: Machine, data: BeltData) -> None:
+    def __init__(self, machine: Machine, data: StepReference) -> None:
         if machine.kind != KIND.name:
             raise IdentError(
                 ErrorCode.UNKNOWN_MODEL,
@@ -186,14 +150,3 @@ class BeltDrive:
                 f'the measured outputs have the shape {measured.shape}; '
                 f'give (2, {self.reference.size}) finite numbers',
             )
-
-    def eigenfrequencies(self, theta: Array) -> Array:
-        """Return the eigenfrequencies of candidates, eq. 22.
-
-        Args:
-            theta: (S, N) parameters, physical units.
-
-        Returns:
-            (S, 3) rising, Hz.
-        """
-        return np.sqrt(belt_kernels.modes(self.constants(theta))[0]) / (2.0 * np.pi)

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
-from ros2_ident.models.belt_drive.kernels import Array
 from ros2_ident.models.belt_drive.model import BeltDrive, StepReference
 from ros2_ident.models.drives.outputs import chosen_outputs
 from ros2_ident.models.protocol import EffectAt, FullModel, Output, Stop

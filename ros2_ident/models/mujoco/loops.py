@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from ros2_ident.arrays import Array
 
 # Steps to close a loop, and how far apart its ends may be, m or rad.
 _STEPS, _CLOSED = 30, 1e-10

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import CATALOGUE, Context, EffectParameter, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
@@ -19,7 +20,7 @@ from ros2_ident.models.drives.candidates import Candidates, MAY_BE_ZERO
 from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.models.drives.outputs import chosen_outputs
 from ros2_ident.models.mujoco import KIND
-from ros2_ident.models.mujoco.plant import Array, Plant
+from ros2_ident.models.mujoco.plant import Plant
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
 from ros2_ident.recording import Dataset
 

@@ -18,14 +18,12 @@ from typing import Any
 import xml.etree.ElementTree as ET
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.description import judged_tree
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.mujoco.loops import close_loops
-
-Array = npt.NDArray[np.float64]
 
 # Candidates rolled out at a time: enough that the call costs nothing, few enough for the memory.
 _TOGETHER, _NUMBERS = 64, 4_000_000

@@ -4,15 +4,13 @@
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.draft import Remark
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.space import Space
 from ros2_ident.models.tripod.reach import share_apart
-
-Array = npt.NDArray[np.float64]
 
 # How far an arm hangs below the level in the middle of the workspace, rad.
 _HANGING = 0.5

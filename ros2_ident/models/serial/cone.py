@@ -52,12 +52,6 @@ def inertials_of(pseudo: Array) -> Array:
     )
 
 
-def consistent(inertials: Array) -> npt.NDArray[np.bool_]:
-    """Return (L,) whether bodies can have these (L, 10) inertials."""
-    scaled = inertials / np.maximum(np.abs(inertials).max(axis=1, keepdims=True), 1e-300)
-    return np.asarray(np.linalg.eigvalsh(pseudo_inertia(scaled)).min(axis=1) > 0.0)
-
-
 def mended(inertials: Array) -> Array:
     """Return (L, 10) inertials as they are, or where no body has them the nearest that one has.
 

@@ -6,12 +6,11 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.draft import Remark
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.space import Space
-
-Array = npt.NDArray[np.float64]
 
 
 def share_apart(corner: Array, rod: float) -> float:

@@ -2,14 +2,12 @@
 """What is drawn of a tripod: rails, carriages, rods and the platform where rigid rods hold it."""
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.machine.figure import Figure
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.tripod.reach import meeting_point
-
-Array = npt.NDArray[np.float64]
 
 
 def figure(machine: Machine, position: Array) -> Figure | None:

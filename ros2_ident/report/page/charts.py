@@ -12,11 +12,9 @@ from typing import Any
 
 from markupsafe import escape, Markup
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.report.page.numbers import compared, number, unit_of
-
-Array = npt.NDArray[np.float64]
 
 WIDTH, HEIGHT = 560.0, 330.0
 _SIDES = ('before', 'after')

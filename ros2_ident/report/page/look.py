@@ -9,12 +9,12 @@ from bokeh.models import CustomJSTickFormatter, FixedTicker, GridPlot
 from bokeh.models.layouts import LayoutDOM
 from bokeh.plotting import figure
 
-from ros2_ident.report.pictures.style import BLUE as BLUE
-from ros2_ident.report.pictures.style import GREEN as GREEN
-from ros2_ident.report.pictures.style import GREY as GREY
-from ros2_ident.report.pictures.style import ORANGE as ORANGE
-from ros2_ident.report.pictures.style import RED as RED
-from ros2_ident.report.pictures.style import SKY as SKY
+from ros2_ident.report.style import BLUE as BLUE
+from ros2_ident.report.style import GREEN as GREEN
+from ros2_ident.report.style import GREY as GREY
+from ros2_ident.report.style import ORANGE as ORANGE
+from ros2_ident.report.style import RED as RED
+from ros2_ident.report.style import SKY as SKY
 
 # Width of the page's content, pixels; the style sheet has the same.
 WIDTH = 1000

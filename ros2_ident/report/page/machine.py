@@ -9,12 +9,10 @@ import math
 
 from markupsafe import Markup
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.report.page.numbers import number, unit_of
 from ros2_ident.report.scene import Scene, TOP
-
-Array = npt.NDArray[np.float64]
 
 WIDTH, HEIGHT, _MARGIN = 560.0, 420.0, 16.0
 # Width and height of a carriage in pixels; of a joint of an arm, whose links are drawn thick.

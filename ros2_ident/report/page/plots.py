@@ -11,7 +11,8 @@ from bokeh.palettes import Viridis256
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.identify.result import Array, Identification, ParameterEstimate
+from ros2_ident.arrays import Array
+from ros2_ident.identify.result import Identification, ParameterEstimate
 from ros2_ident.report.page.look import (
     INK,
     Key,
