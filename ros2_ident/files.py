@@ -24,6 +24,7 @@ import stat
 from typing import Any, IO
 
 import numpy as np
+import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 
@@ -300,6 +301,22 @@ def read_small(path: str | Path, most: int = 1 << 18) -> bytes:
         if about.st_size > most:
             raise OSError(errno.EFBIG, f'it has {about.st_size} bytes and may have {most}')
         return file.read(most)
+
+
+def read_yaml(path: str | Path, most: int = 1 << 18) -> Any:
+    """Return what a YAML file holds; arguments as of `read_small`.
+
+    Raises:
+        ValueError: It cannot be read or is no YAML, in words that follow its name.
+    """
+    try:
+        return yaml.safe_load(read_small(path, most).decode())
+    except OSError as error:
+        raise ValueError(f'cannot be read ({error.strerror})') from None
+    except RecursionError:
+        raise ValueError('is no YAML (it is nested without end)') from None
+    except (yaml.YAMLError, ValueError, TypeError, OverflowError) as error:
+        raise ValueError(f'is no YAML ({" ".join(str(error).split())})') from None
 
 
 class Growing:

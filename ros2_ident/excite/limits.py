@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import read_small
+from ros2_ident.files import read_yaml
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.registry import kind_of, set_points_of, space_of
 from ros2_ident.models.serial.arm import arm_of
@@ -176,11 +175,9 @@ def _described(machine: Machine) -> dict[str, Array]:
 
 def _read(path: str | Path) -> dict[str, Any]:
     try:
-        content = yaml.safe_load(read_small(path))
-    except yaml.YAMLError as error:
-        raise IdentError(
-            ErrorCode.BAD_VALUES, f'{path} is no YAML ({str(error).splitlines()[0]}); correct it'
-        ) from None
+        content = read_yaml(path)
+    except ValueError as error:
+        raise IdentError(ErrorCode.BAD_VALUES, f'{path} {error}; correct it') from None
     if not isinstance(content, dict) or not {'joint_limits', 'workspace'} & set(content):
         raise IdentError(
             ErrorCode.BAD_VALUES,

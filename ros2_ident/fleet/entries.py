@@ -8,13 +8,13 @@ from pathlib import Path
 import re
 from typing import Any
 
-import yaml
-
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import read_yaml
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.recording import Topics
 
+_LARGEST = 1 << 24  # of a list, bytes
 _KEYS = {'bag', 'check', 'machine_file', 'model', 'machine', 'date', 'labels'}
 
 
@@ -82,12 +82,11 @@ def read_fleet(path: str | Path, machine_file: str | None = None) -> list[Entry]
     else:
         base = path.parent
         try:
-            content = yaml.safe_load(path.read_text(encoding='utf-8'))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as exc:
+            content = read_yaml(path, _LARGEST)
+        except ValueError as error:
             raise IdentError(
                 ErrorCode.NO_DATA,
-                f'{path}: cannot be read ({" ".join(str(exc).split())}); give a YAML list of bags '
-                'or a directory of them',
+                f'{path}: {error}; give a YAML list of bags or a directory of them',
             ) from None
         listed = content.get('bags') if isinstance(content, Mapping) else None
         if isinstance(content, Mapping) and 'machine_file' in content:

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import read_small
+from ros2_ident.files import read_yaml
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.protocol import FullModel
 
@@ -78,12 +77,9 @@ def read_conditions(each: Sequence[str], path: str | Path | None) -> Conditions:
     if path is None:
         return Conditions(tuple(each))
     try:
-        content = yaml.safe_load(read_small(path).decode())
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{path}: cannot be read ({" ".join(str(error).split())}); {_FORMAT}',
-        ) from None
+        content = read_yaml(path)
+    except ValueError as error:
+        raise IdentError(ErrorCode.INVALID_GOAL, f'{path}: {error}; {_FORMAT}') from None
     if not isinstance(content, Mapping):
         raise IdentError(ErrorCode.INVALID_GOAL, f'{path}: holds no bag; {_FORMAT}')
     known: dict[str, dict[str, float]] = {}

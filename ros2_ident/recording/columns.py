@@ -7,9 +7,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import read_yaml
 from ros2_ident.recording.shown import printable
 
 SUFFIXES = ('.csv', '.tsv', '.txt')
@@ -92,19 +91,9 @@ def load_columns(path: str | Path) -> ColumnMap:
         IdentError: INVALID_GOAL where the file cannot be read or makes no sense.
     """
     try:
-        if Path(path).exists() and not Path(path).is_file():
-            raise refuse(path, 'cannot be read (no file); give the path of a column map')
-        if Path(path).stat().st_size > _LARGEST_MAP:
-            raise refuse(path, f'is larger than {_LARGEST_MAP} bytes; give a column map')
-        data = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except OSError as exc:
-        raise refuse(
-            path, f'cannot be read ({exc.strerror}); give the path of a column map'
-        ) from None
-    except (yaml.YAMLError, ValueError, OverflowError, TypeError) as exc:
-        raise refuse(path, f'is no YAML: {printable(" ".join(str(exc).split()))}') from None
-    except RecursionError:
-        raise refuse(path, 'is no YAML: it is nested without end') from None
+        data = read_yaml(path, _LARGEST_MAP)
+    except ValueError as error:
+        raise refuse(path, f'{printable(str(error))}; give the path of a column map') from None
     if not isinstance(data, Mapping) or not isinstance(data.get('joints'), Mapping):
         raise refuse(path, 'needs `time` and `joints`; docs/logs.md has an example')
     _known(path, 'the map', data, OPTIONS)

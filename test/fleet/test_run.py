@@ -273,7 +273,9 @@ def test_directory_needs_a_machine_file(listed: Path) -> None:
     assert names == ['bad.mcap', 'good']
 
 
-@pytest.mark.parametrize('text', ['bags: []', 'bags: [{machine: x}]', 'bags: [{bag: x, day: 1}]'])
+@pytest.mark.parametrize(
+    'text', ['bags: []', 'bags: [{machine: x}]', 'bags: [{bag: x, day: 1}]', '[' * 5000]
+)
 def test_list_that_is_wrong_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / 'fleet.yaml'
     path.write_text(text)
