@@ -1,7 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The type of most arrays."""
+"""The type of most arrays, and their values as plain data."""
+
+from collections.abc import Mapping
+import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+
+
+def plain(value: Any) -> Any:
+    """Return a value as what JSON can hold: NaN and infinity become None, arrays lists."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -3,7 +3,6 @@
 
 from collections.abc import Iterator, Sequence
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,16 @@ import numpy as np
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
+from ros2_ident.arrays import plain
 from ros2_ident.excite.plan import Excitation
-from ros2_ident.files import make_directory, mark, replacing, require_ours, write_table, write_text
+from ros2_ident.files import (
+    make_directory,
+    mark,
+    replacing,
+    require_ours,
+    write_table,
+    write_text,
+)
 from ros2_ident.recording import Stream, write_bag
 from ros2_ident.recording.write import require_room, Topic
 
@@ -161,8 +168,8 @@ def worth(found: Excitation) -> dict[str, Any]:
             p.name: {
                 'unit': p.unit,
                 'expected': float(value),
-                'half_width': _finite(half),
-                'half_width_of_a_random_motion': _finite(chance),
+                'half_width': plain(half),
+                'half_width_of_a_random_motion': plain(chance),
                 'wanted': bool(wanted),
             }
             for p, value, half, chance, wanted in rows
@@ -171,7 +178,3 @@ def worth(found: Excitation) -> dict[str, Any]:
         'evaluations': found.evaluations,
         'stop': found.stop,
     }
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

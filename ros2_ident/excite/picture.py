@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, plain
 from ros2_ident.excite.plan import Excitation
 from ros2_ident.report.style import (
     BLUE,
@@ -15,7 +15,6 @@ from ros2_ident.report.style import (
     GREY,
     numbers,
     ORANGE,
-    plain,
     RED,
     SKY,
     WIDTH,

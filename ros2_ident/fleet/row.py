@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is found in one bag of a fleet, and the key of everything that it depends on."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 import hashlib
 import importlib
 import json
-import math
 from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
@@ -195,14 +194,3 @@ def _maker(model: str) -> Any:
 def _maker_file(model: str) -> str:
     """Return the source file of the module that makes a model."""
     return str(sys.modules[_maker(model).__module__].__file__)
-
-
-def plain(value: Any) -> Any:
-    """Return a value as JSON can hold it: no infinity, no NaN."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    return value

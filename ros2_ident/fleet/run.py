@@ -7,10 +7,11 @@ from dataclasses import asdict
 import json
 from pathlib import Path
 
+from ros2_ident.arrays import plain
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, require_ours, write_text
 from ros2_ident.fleet.entries import Entry, Wish
-from ros2_ident.fleet.row import key_of, plain, Row, run_entry
+from ros2_ident.fleet.row import key_of, Row, run_entry
 from ros2_ident.fleet.summary import effects_named, PAGE, sound, SUMMARY, TABLE, write_summary
 from ros2_ident.search.evaluators import Cancel
 

@@ -2,19 +2,19 @@
 """The diagnosis as a value, and as the mapping that goes into `diagnosis.json`."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 import math
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, plain
 from ros2_ident.gap.blocks import Interval
 from ros2_ident.gap.coordinates import Motion
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
-from ros2_ident.gap.maps import chosen, map_of, ResidualMap
+from ros2_ident.gap.maps import chosen, map_of
 from ros2_ident.models import EffectAt
 
 SCHEMA = 2
@@ -197,45 +197,6 @@ class Diagnosis:
     again: tuple[float, ...] = ()
 
 
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _interval(interval: Interval) -> dict[str, float | None]:
-    return {
-        'value': _number(interval.value),
-        'low': _number(interval.low),
-        'high': _number(interval.high),
-    }
-
-
-def _values(values: Mapping[str, Value]) -> dict[str, Any]:
-    return {
-        name: {
-            'value': _number(v.value),
-            'unit': v.unit,
-            'low': _number(v.low),
-            'high': _number(v.high),
-            'at_bound': v.at_bound,
-            'noise_low': _number(v.noise_low),
-            'noise_high': _number(v.noise_high),
-        }
-        for name, v in values.items()
-    }
-
-
-def _lines(found: ResidualMap) -> list[dict[str, Any]]:
-    return [
-        {
-            'heading': line.heading,
-            'place': [_number(x) for x in line.place],
-            'mean': [_number(x) for x in line.mean],
-            'half': [_number(x) for x in line.half],
-        }
-        for line in found.lines
-    ]
-
-
 def _shown(d: Diagnosis) -> tuple[str, ...]:
     """Return the drives that a map is drawn of whatever was found there: the worst, and the named.
 
@@ -261,9 +222,9 @@ def _maps(d: Diagnosis) -> list[dict[str, Any]]:
                 'label': before.label,
                 'unit': before.unit,
                 'linear': before.linear,
-                'noise_floor': _number(float(d.floor.per_drive[at])),
-                'before': _lines(before),
-                'after': _lines(after) if len(d.steps) > 1 else [],
+                'noise_floor': float(d.floor.per_drive[at]),
+                'before': [asdict(line) for line in before.lines],
+                'after': [asdict(line) for line in after.lines] if len(d.steps) > 1 else [],
             }
         )
     return out
@@ -277,74 +238,75 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
     """Return what `diagnosis.json` holds; numbers that do not exist are null."""
     before = d.steps[0].gap if d.steps else Interval(math.nan, math.nan, math.nan)
     after = d.steps[-1].gap if d.steps else before
-    return {
+    mapping: dict[str, Any] = plain({
         'schema': SCHEMA,
         'verdict': {
             'effect': d.effect,
             'where': list(d.where),
-            'probability': _number(d.probability),
+            'probability': d.probability,
             'sentence': d.sentence,
         },
         'also': [_at(a) for a in d.also],
         'again': list(d.again),
-        'confusable': [{**_at(r.at), 'probability': _number(r.probability)} for r in d.confusable],
+        'confusable': [{**_at(r.at), 'probability': r.probability} for r in d.confusable],
         'ranking': [
             {
                 **_at(r.at),
-                'probability': _number(r.probability),
-                'gap_after': _number(r.gap_after),
-                'share': _number(r.share),
-                'parameters': _values(r.parameters),
+                'probability': r.probability,
+                'gap_after': r.gap_after,
+                'share': r.share,
+                'parameters': {n: asdict(v) for n, v in r.parameters.items()},
             }
             for r in d.ranking
         ],
         'gap': {
             'unit': d.unit,
-            'before': _number(before.value),
-            'after': _number(after.value),
-            'noise_floor': _number(float(np.sqrt(np.mean(d.floor.per_drive**2)))),
+            'before': before.value,
+            'after': after.value,
+            'noise_floor': d.floor.together,
             'noise_floor_method': d.floor.method,
-            'share_closed': _number(d.share_closed.value),
-            'share_closed_low': _number(d.share_closed.low),
-            'share_closed_high': _number(d.share_closed.high),
+            'share_closed': d.share_closed.value,
+            'share_closed_low': d.share_closed.low,
+            'share_closed_high': d.share_closed.high,
             'held_out': d.held_out,
-            'steps': [{'label': s.label, **_interval(s.gap)} for s in d.steps],
+            'steps': [{'label': s.label, **asdict(s.gap)} for s in d.steps],
             'per_drive': {
                 name: {
-                    'before': _number(g.before),
-                    'after': _number(g.after),
-                    'noise_floor': _number(g.noise_floor),
-                    'share_closed': _number(g.share_closed),
+                    'before': g.before,
+                    'after': g.after,
+                    'noise_floor': g.noise_floor,
+                    'share_closed': g.share_closed,
                     'counted': g.counted,
-                    'share_of_torque_before': _number(g.before / g.torque_rms),
-                    'share_of_torque_after': _number(g.after / g.torque_rms),
+                    'share_of_torque_before': g.before / g.torque_rms,
+                    'share_of_torque_after': g.after / g.torque_rms,
                 }
                 for name, g in d.per_drive.items()
             },
         },
-        'evidence': {name: _number(v) for name, v in d.evidence.items()},
+        'evidence': d.evidence,
         'localisation': [
             {
                 'drive': f.drive,
                 'coordinate': f.coordinate,
                 'region': f.region,
-                'statistic': _number(f.statistic),
-                'p_value': _number(f.p_value),
-                'size': _number(f.size),
-                'size_over_floor': _number(f.over_floor),
-                'beyond': _number(f.beyond),
+                'statistic': f.statistic,
+                'p_value': f.p_value,
+                'size': f.size,
+                'size_over_floor': f.over_floor,
+                'beyond': f.beyond,
                 'sentence': f.sentence,
             }
             for f in d.localisation
         ],
         'maps': _maps(d),
-        'parameters': _values(d.parameters),
-        'nominal': {name: _number(float(v)) for name, v in d.nominal.items()},
-        'moved': {name: _number(v) for name, v in d.moved.items()},
+        'parameters': {n: asdict(v) for n, v in d.parameters.items()},
+        'nominal': d.nominal,
+        'moved': d.moved,
         'gates': [{'gate': g, 'level': level, 'sentence': text} for g, level, text in d.gates],
         'not_testable': [_at(a) for a in d.not_testable],
         'advice': list(d.advice),
         'complete': d.complete,
         'seconds': d.seconds,
         'seed': d.seed,
-    }
+    })
+    return mapping

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from ros2_ident.arrays import plain
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, remove_file, write_arrays, write_text
 from ros2_ident.gap.diagnosis import Diagnosis, SCHEMA
@@ -24,7 +25,7 @@ from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import History, Identification
 from ros2_ident.models import Machine
 from ros2_ident.report.remedy import machine_lines
-from ros2_ident.report.schema import from_mapping, plain, to_mapping
+from ros2_ident.report.schema import from_mapping, to_mapping
 from ros2_ident.report.schema import intact as intact
 from ros2_ident.report.signals import signals_of_diagnosis, signals_of_problem, write_signals
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, plain
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnosis import Diagnosis, to_mapping
 from ros2_ident.identify.data import Data
@@ -25,7 +25,6 @@ from ros2_ident.recording.streams import FloatArray, IntArray
 from ros2_ident.recording.write import remove_bag, require_room, Topic
 from ros2_ident.report.files import MOTION
 from ros2_ident.report.scene import MARKERS, scene_messages, scene_of, write_scene
-from ros2_ident.report.schema import plain
 from ros2_ident.report.schema import to_mapping as result_mapping
 
 # Where the node `identifier` publishes the same, so that one layout shows both.

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, plain
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import Gate
 from ros2_ident.identify.result import (
@@ -26,21 +26,6 @@ from ros2_ident.identify.result import (
 
 SCHEMA = 'ros2_ident.identification'
 VERSION = 1
-
-
-def plain(value: Any) -> Any:
-    """Return a value as what JSON can hold: NaN and infinity become None, arrays lists."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def to_mapping(result: Identification) -> dict[str, Any]:

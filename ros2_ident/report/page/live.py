@@ -16,6 +16,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from ros2_ident.arrays import plain
 from ros2_ident.errors import IdentError
 from ros2_ident.files import remove_file, write_text
 from ros2_ident.gap.diagnose import DiagnoseProgress
@@ -26,7 +27,6 @@ from ros2_ident.report.files import PAGE
 from ros2_ident.report.page.numbers import quantity, unit_of
 from ros2_ident.report.page.render import render
 from ros2_ident.report.preview import Preview
-from ros2_ident.report.schema import plain
 
 NEWS = 'progress.js'
 # Written at most so often, s; the page asks as often.

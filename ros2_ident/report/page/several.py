@@ -8,6 +8,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from ros2_ident.arrays import plain
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
@@ -212,17 +213,10 @@ def _run(folder: Path) -> _Run:
     result = load_result(folder)
     said = answer.of_identification(result, str(folder))
     values = {
-        p.name: {
-            'value': _finite(p.value), 'low': _finite(p.low), 'high': _finite(p.high),
-            'unit': p.unit,
-        }
+        p.name: plain({'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit})
         for p in result.parameters
     }
     return _Run(str(folder), (said.headline,), said.gaps, values)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def write_comparison(directories: Sequence[str | Path], page: str | Path | None = None) -> Path:
