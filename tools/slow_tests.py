@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write test/slow.txt from the durations that a run of all tests has printed.
+"""Write test/slow.txt from the durations that a run of all tests leaves in CI.
 
-python -m pytest --durations=0 | tee build/tests.log   (in CI build/durations.txt has them)
-python tools/slow_tests.py build/tests.log
+python tools/slow_tests.py build/durations.txt
 """
 
 from pathlib import Path

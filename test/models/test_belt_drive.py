@@ -10,8 +10,6 @@ from values import with_bounds
 from checks.belt_matrix import (
     cost_generic,
     eigenfrequencies,
-    matrices,
-    modes,
     simulate_generic,
     step_reference,
 )
@@ -83,29 +81,6 @@ def test_result_does_not_depend_on_the_batch(belt):
     np.testing.assert_array_equal(generic[11:12], cost_generic(belt, theta[11:12], measured))
 
 
-def test_modes_are_eigenvalues_and_weights_add_up():
-    full = BeltDrive(MACHINE, step_reference()).constants(candidates(50))
-    square, weight = modes(full)
-    mass, stiffness = matrices(full)
-    for s in range(50):
-        root = np.sqrt(mass[s])
-        values, vectors = np.linalg.eigh(stiffness[s] / np.outer(root, root))
-        np.testing.assert_allclose(square[s], values, rtol=1e-12)
-        expected = vectors[0] ** 2 * full[s, 1] / (mass[s, 0] * values)
-        np.testing.assert_allclose(weight[s], expected, atol=1e-12)
-    np.testing.assert_allclose(weight.sum(axis=1), 1.0, rtol=1e-12)
-
-
-def test_eigenfrequencies_are_those_of_the_reading(belt):
-    np.testing.assert_allclose(eigenfrequencies(belt, TRUTH)[0], [75.4, 272.8, 400.3], atol=0.1)
-
-
-def test_printed_constants_give_one_hertz():
-    machine = MACHINE.with_constants(driving_inertia=1e-2, driven_inertia=1e-2, radius=1e-3)
-    first = eigenfrequencies(BeltDrive(machine, step_reference()), TRUTH)[0, 0]
-    assert first == pytest.approx(1.0, abs=0.1)
-
-
 def test_unstable_candidates_cost_inf(belt):
     theta = np.array([[-1e5, 45.0], [2e5, -3.0], [2e5, 45.0], [np.nan, 45.0]])
     cost = belt.cost(theta, belt.simulate(TRUTH)[0])
@@ -149,26 +124,6 @@ def test_without_a_controller_the_belt_turns_freely():
     # A millionth of a newton metre a radian moves 5e-5 kg m^2 by some 1e-6 rad in that time.
     np.testing.assert_allclose(near, measured, atol=1e-5)
     np.testing.assert_allclose(simulate_generic(belt, theta)[0], measured, atol=1e-12)
-
-
-def test_the_mass_moves_against_the_gears_as_printed():
-    from checks.reference.belt_drive import belt_forces
-
-    constants = constants_of(TRUTH[0])
-    r = constants['radius']
-    assert belt_forces(constants, 0.3, 0.3, -0.3 * r) == pytest.approx((0.0, 0.0, 0.0))
-    _, stiffness = matrices(BeltDrive(MACHINE, step_reference()).constants(np.array([[2e5, 0.0]])))
-    np.testing.assert_allclose(stiffness[0] @ [1.0, 1.0, -r], 0.0, atol=1e-9)
-
-
-def test_figure_4_is_of_the_stiffness_and_gain_that_were_found():
-    from checks.paper.belt import eigenfrequencies_over_position
-
-    found = np.array([2.1e5, 41.0])
-    belt = BeltDrive(MACHINE, step_reference())
-    there = eigenfrequencies_over_position(np.array([0.2, 0.5]), found)
-    np.testing.assert_allclose(there[0], eigenfrequencies(belt, found[None])[0], rtol=1e-12)
-    assert there[1, 0] < there[0, 0]
 
 
 def bag_of(folder, seed, *more):
