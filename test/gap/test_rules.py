@@ -5,7 +5,6 @@ from dataclasses import replace
 import math
 from pathlib import Path
 import re
-from types import SimpleNamespace
 
 from gap_fits import (
     Attribution,
@@ -25,7 +24,6 @@ import numpy as np
 import pytest
 
 from ros2_ident.gap.criteria import Rules
-from ros2_ident.gap.explain import Explainer
 from ros2_ident.gap.verdict import Temperatures
 from ros2_ident.models import EffectAt
 
@@ -109,21 +107,6 @@ def test_data_held_out_that_cannot_speak_must_not_speak_against_it(explainer):
     loud = made((2.0, 0.0), check=(0.26, 0.0))
     assert not explainer.confirmed(loud, made((0.0, 0.0), check=(0.26, 0.0)), 0)
     assert explainer.confirmed(loud, made((0.0, 0.0), check=(0.26, 0.0)), 1)
-
-
-@pytest.mark.parametrize(
-    ('effects', 'said'),
-    [
-        ([STRIBECK], False),
-        ([STRIBECK, FRICTION], True),
-        ([STRIBECK, DRAG], False),
-        ([STRIBECK, EffectAt('rod_mass', 'all')], True),
-        ([EffectAt('rod_mass', 'all'), STRIBECK], True),
-        ([DRAG, STRIBECK, FRICTION], True),
-    ],
-)
-def test_an_effect_beside_another_sits_where_that_one_does(effects, said):
-    assert Explainer.beside(made((0.0, 0.0), effects=effects)) is said
 
 
 @pytest.mark.parametrize(
@@ -254,85 +237,13 @@ def test_an_effect_that_a_later_one_makes_superfluous_is_dropped(explainer, attr
     assert explainer.prune([base, one, both]) == [base, one, both]
 
 
-def test_the_noise_is_looked_at_again_once_an_effect_is_known(attribution):
-    explainer = Explainer(attribution, None, RULES)
-    chain, rounds = [made((4.0, 0.0)), made((0.1, 0.0), effects=[STRIBECK])], []
-    again = made((0.05, 0.0), effects=[STRIBECK])
-    attribution.refits = {(STRIBECK,): again}
-    renewed = []
-    attribution.renew = lambda floor, c, r: renewed.append(floor) or (list(c), list(r))
-    attribution.floor = np.full(2, 2.0)
-    for share, said in ((0.98, False), (0.96, True)):
-        seen = SimpleNamespace(floor=SimpleNamespace(per_drive=np.array([2.0, 2.0 * share])))
-        explainer.noise_of = lambda e, seen=seen: seen
-        got, _ = explainer.with_new_floor(chain, rounds)
-        assert (got[-1] is again) is said
-        assert (explainer.floor is seen.floor) is said
-        assert len(renewed) == said
-    assert chain[1] is not again
-
-
 def test_a_stopped_search_says_that_it_is_not_complete(explainer, attribution):
     attribution.stop = True
     got = explainer.explain(made((4.0, 0.0)), [], print)
     assert not got.complete and not attribution.asked
 
 
-def test_rivals_take_the_place_of_each_effect(explainer, attribution):
-    base = made((4.0, 2.0))
-    one = made((0.0, 2.0), effects=[STRIBECK])
-    near, weak = made((1.8, 2.0), effects=[FRICTION]), made((2.2, 2.0), effects=[SPRING])
-    both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
-    rounds = [of_round(base, one, near, weak), of_round(one, both)]
-    instead = made((0.5, 0.0), effects=[DRAG, FRICTION])
-    seen = []
-
-    def refitted(theta):
-        seen.append(theta)
-        return instead
-
-    attribution.refits = {(DRAG, FRICTION): refitted}
-    assert explainer.rivals([base, one, both], rounds) == ((both, instead), (both,))
-    assert len(seen[0]) == 2 + size_of(DRAG) + size_of(FRICTION)
-    assert explainer.rivals([base, one], rounds[:1]) == ((one, near, weak),)
-    assert explainer.rivals([base, one], []) == ((one,),)
-
-
 # ---------------------------------------------------------------------- what is left to tell
-
-
-def test_an_effect_counts_by_the_noise_that_is_left_with_it(attribution):
-    explainer = Explainer(attribution, old := floor_of(1.0), RULES)
-    base, one = made((4.0, 4.0)), made((0.0, 4.0), effects=[STRIBECK])
-    best = made((0.0, 3.9), effects=[STRIBECK, DRAG])
-    attribution.fits = 'old'
-
-    def renew(floor, chain, rounds):
-        attribution.fits = 'new'
-        return list(chain), list(rounds)
-
-    attribution.renew = renew
-    for left, counts in ((0.0, True), (3.9, False)):
-        again = made((0.0, left), effects=[STRIBECK, DRAG])
-        attribution.refits = {(STRIBECK, DRAG): again}
-        floor = SimpleNamespace(per_drive=np.array([1.0, 0.5]), noise=old.noise)
-        explainer.noise_of = lambda e, floor=floor: SimpleNamespace(floor=floor)
-        got = explainer.less_noise([base, one], ['round'], best)
-        assert got == (([base, one], ['round'], again) if counts else None)
-        assert explainer.floor is (floor if counts else old)
-        assert attribution.fits == ('new' if counts else 'old')
-        explainer.floor, attribution.fits = old, 'old'
-    explainer.noise_of = lambda e: SimpleNamespace(floor=floor_of(1.0))
-    assert explainer.less_noise([base, one], [], best) is None
-    assert attribution.fits == 'old'
-    # Lower by less than three per cent is the same.
-    attribution.floor = np.full(2, 2.0)
-    for share, lower in ((0.98, False), (0.96, True)):
-        floor = SimpleNamespace(per_drive=np.array([2.0, 2.0 * share]), noise=old.noise)
-        explainer.noise_of = lambda e, floor=floor: SimpleNamespace(floor=floor)
-        attribution.refits = {(STRIBECK, DRAG): made((0.0, 0.0), effects=[STRIBECK, DRAG])}
-        assert (explainer.less_noise([base, one], [], best) is not None) is lower
-        explainer.floor = old
 
 
 @pytest.mark.parametrize(('errors', 'counts'), [(np.inf, True), (5.0, True), (3.0, False)])

@@ -4,7 +4,6 @@
 from dataclasses import replace
 import math
 import threading
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -174,24 +173,6 @@ def test_seconds_are_shared_and_the_rest_is_left_out(monkeypatch):
     assert cut.left_out and cut.refined is None and not cut.cancelled
     assert np.isnan(cut.theta).all() and cut.intervals is None
     assert (cut.candidates.shape, cut.costs.shape) == ((0, 2), (0,))
-
-
-def test_a_deadline_ends_the_refinement(monkeypatch):
-    """Time stands still until the refinement begins, and is over then."""
-    refine = module.refine
-    clock = SimpleNamespace(now=0.0)
-
-    def watched(*arguments, cancel, **more):
-        assert not cancel.is_set()
-        clock.now = 10.0
-        assert cancel.is_set() and not cancel.cancelled
-        return refine(*arguments, cancel=cancel, **more)
-
-    monkeypatch.setattr(module, 'refine', watched)
-    monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=lambda: clock.now))
-    found = run(budget=Budget(seconds=10.0))
-    assert found.refined.evaluations == 0 and found.seconds == 10.0
-    np.testing.assert_array_equal(found.theta, found.ga.theta)
 
 
 def test_a_cancel_of_the_refinement_keeps_its_best_with_intervals():

@@ -95,29 +95,6 @@ def test_the_same_candidates_survive(work, share, distance):
         assert evaluate.given_up or distance == 0.8
 
 
-def test_who_survives_by_a_bound_is_evaluated_to_the_end():
-    # Wide niches: most of the best are too near to each other, and those given up come in.
-    settings = replace(SETTINGS, min_distance=0.45, range_reduction=1.0)
-    finished = 0
-    for seed in range(10):
-        plain = searched(cost, settings, seed)
-        evaluate = Bounded(0.0)
-        searches = GeneticSearch(3, settings, seed)
-        doubts = []
-        asked = searches.in_doubt
-
-        def noted(costs, exact, asked=asked, doubts=doubts):
-            doubtful = asked(costs, exact)
-            doubts.append(len(doubtful))
-            return doubtful
-
-        searches.in_doubt = noted
-        found = minimise(evaluate, searches, low=LOW, high=HIGH)
-        assert_same((searches, found), plain)
-        finished += sum(doubts)
-    assert finished > 20
-
-
 def test_what_is_given_up_is_told_and_does_not_depend_on_the_threads():
     seen = []
     for threads in (1, 2, 3):
