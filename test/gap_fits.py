@@ -44,7 +44,7 @@ class Attribution:
         self.stop = False
         self.errors = np.inf
         self.limits = {}
-        self.machine, self.noise = None, 0.1
+        self.machine, self.noise, self.thinned = None, 0.1, False
 
     def standing(self, before, after):
         return self.errors

@@ -103,16 +103,18 @@ class Content:
         _, speed, accel = self.model.motion
         simulated = self._at_joints(self.model.simulate(self.theta)[0])
         rows = [self.machine.drives.index(joint.name) for joint in self.joints]
+        exported = asked[rows] + [
+            joint.effort(speed[d], accel[d], armature=armature)
+            for joint, d in zip(self.joints, rows, strict=True)
+        ]
+        exported, described = (self.model.in_band(x) for x in (exported, described[rows]))
         return tuple(
             Missed(
                 joint.name,
                 'N m' if joint.travel == 'rad' else 'N',
-                _rms(whole[o] - fitted[o]),
-                _rms(whole[o] - simulated[o]),
-                _rms(whole[o] - asked[d] - joint.effort(speed[d], accel[d], armature=armature)),
-                _rms(whole[o] - described[d]),
+                *(_rms(whole[o] - x[o]) for x in (fitted, simulated, exported, described)),
             )
-            for o, (joint, d) in enumerate(zip(self.joints, rows, strict=True))
+            for o, joint in enumerate(self.joints)
         )
 
     def _at_joints(self, effort: Array) -> Array:
@@ -223,7 +225,7 @@ def _closest(
     """Return the joints; of those with effects, friction and armature closest to all of it."""
     if links is None or not effects or not isinstance(model, Serial):
         return joints
-    whole = at_joints(model, theta, model.simulate(theta)[0])
+    whole = at_joints(model, theta, model.simulated_effort(theta))
     asked = effort_of(model, links)
     _, speed, accel = model.motion
     out = []

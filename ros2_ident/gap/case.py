@@ -28,6 +28,8 @@ Mask = npt.NDArray[np.bool_]
 LAW_SETTLE = 0.15
 # Extended models of a part that are kept: those of the rounds go on being asked for.
 _KEPT = 16
+# Values of a drive that a part has at least, where a band of the recorded motion is compared.
+_FEWEST = 10
 # Threads that screen effects side by side ask for joints of one part; it is held for an instant.
 _KEEPING = Lock()
 
@@ -320,9 +322,22 @@ class Case:
         self.drives = fit.models[0].places
         self.noise = fit.models[0].noise
         self.fit, self.check, self.held_out = split(fit, check or Recordings(()), conditions)
+        self._require_rows()
         both = fit + check if check and check.models else fit
         masks = tuple(settled(m) for m in both.models)
         self.whole = Part(both.models, masks, (), both.labels, conditions or Conditions())
+
+    def _require_rows(self) -> None:
+        """Refuse a log of which a drive's recorded motion leaves too little to compare."""
+        for part in (self.fit, self.check):
+            counts = np.bincount(part.drive, minlength=len(self.drives))
+            if part.models[0].thinned and counts.min() < _FEWEST:
+                raise IdentError(
+                    ErrorCode.NO_DATA,
+                    f'{self.drives[int(counts.argmin())]} moves too little for the rate of its '
+                    f'log: {counts.min()} values are left beside rest and turns; record longer '
+                    'moves, or at a higher rate',
+                )
 
     def carrying(self, held: Sequence[Array]) -> 'Case':
         """Return the case whose models know when a payload is carried; itself where nobody does.

@@ -136,7 +136,9 @@ def _by_motion(joint: Joint, theta: Array, weighed: Weighed) -> list[tuple[Evide
             rows.blocks[here],
             share=rows.share,
         )
-        found.append((seen, 1.0 if unknown else _quiet(seen, places(whole, drive, when))))
+        # What a recorded motion has of noise follows the motion, friction's turn above all.
+        even = unknown or joint.models[0].thinned
+        found.append((seen, 1.0 if even else _quiet(seen, places(whole, drive, when))))
     return found
 
 

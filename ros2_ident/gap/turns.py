@@ -165,9 +165,11 @@ def _jumps(told: Array) -> npt.NDArray[np.bool_] | None:
     Args:
         told: (2, B) information times mass, and information.
     """
+    if not told[1].any():
+        return None
     mass = told[0] / (told[1] + 1e-12 * told[1].max())
     # What else the model lacks shows most where the motion is violent: no bin counts for many.
-    weight = np.minimum(told[1], float(np.median(told[1])))
+    weight = np.minimum(told[1], float(np.median(told[1][told[1] > 0.0])))
     mass = np.clip(mass, *np.quantile(mass, _MIDDLE))
     mean = float(np.average(mass, weights=weight))
     spread = float((weight * (mass - mean) ** 2).sum())

@@ -162,7 +162,7 @@ def _with_restless(
     case = explainer.attribution.case
     model = case.fit.models[0]
     machine = model.machine
-    if machine is not None and machine.stated('bandwidth'):
+    if model.thinned:
         # Efforts that are compared below a frequency only are slow, whatever makes them.
         return plain
     stated = machine is None or machine.stated('effort_noise')

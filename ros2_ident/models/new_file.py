@@ -11,7 +11,6 @@ from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.template import machine_template
 from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import Recording, Stream
-from ros2_ident.recording.band import told_band
 from ros2_ident.recording.motion import motion_of
 
 
@@ -41,8 +40,6 @@ def new_machine_file(
     if states is not None:
         period = float(np.median(np.diff(states.stamp))) * 1e-9
         known['cycle'] = f'{period:.4g}'
-        if any(key.name == 'bandwidth' for key in kind.keys):
-            known['bandwidth'] = f'{told_band(states):.3g}'
     return machine_template(kind, drives or _joints(kind, description, states), known)
 
 

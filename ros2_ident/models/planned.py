@@ -45,7 +45,7 @@ def planned_model(
         velocity,
         position,
         velocity,
-        np.zeros_like(position),
+        np.full_like(position, np.nan),
     )
     for wanted in _TOLD if quantities is None else ():
         with suppress(IdentError):

@@ -102,23 +102,29 @@ def _filtered(
     return smooth, velocity, acceleration
 
 
+def settling(cycle: float, cutoff: float) -> int:
+    """Return after how many cycles `low_pass` has forgotten an end of a log to a thousandth."""
+    poles = butter(_ORDER, cutoff, fs=1.0 / cycle, output='zpk')[1]
+    return int(np.ceil(np.log(1e-3) / np.log(np.abs(poles).max())))
+
+
 def low_pass(values: FloatArray, cycle: float, cutoff: float, order: int = _ORDER) -> FloatArray:
     """Low-pass rows forwards and backwards: no delay.
 
     Args:
-        values: Rows (D, K) without NaN.
+        values: Rows (..., K) without NaN.
         cycle: Time from column to column, s.
         cutoff: Frequency of gain one half, Hz; at or above half the rate the values come back as
             they are.
         order: Of the Butterworth filter that runs each way.
 
     Returns:
-        The smooth rows (D, K).
+        The smooth rows (..., K).
     """
     if cutoff >= 0.499 / cycle:
         return np.array(values, dtype=np.float64)
     sections = butter(order, cutoff, fs=1.0 / cycle, output='sos')
     # the filter has forgotten its start after a few periods of the cutoff
-    reach = min(values.shape[1] - 1, int(np.ceil(3.0 / (cutoff * cycle))))
+    reach = min(values.shape[-1] - 1, int(np.ceil(3.0 / (cutoff * cycle))))
     out: FloatArray = sosfiltfilt(sections, values, axis=-1, padtype='odd', padlen=reach)
     return np.ascontiguousarray(out)

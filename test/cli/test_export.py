@@ -100,7 +100,6 @@ def test_a_machine_file_from_description_and_bag(identified, tmp_path, capsys) -
     machine = load_machine(out)
     assert machine.drives == ('base', 'slide', 'elbow', 'wrist')
     assert machine.number('cycle') == 0.004
-    assert machine.number('bandwidth') == 25.0
     assert machine.text('description') == (identified / 'arm.urdf').read_text()
     model = make_model(machine, moving(machine))
     assert len(model.parameters) == 18 + 3 * 4

@@ -241,13 +241,13 @@ def test_a_floor_that_is_no_noise_is_something_unknown(explainer):
     explainer.floor = floor_of(1.0, restless=('one', 'two'))
     assert judge(explainer, found([base])).where == ('all',)
     assert judge(explainer, found([base], complete=False)).effect == NONE
-    explainer.attribution.machine = SimpleNamespace(stated=lambda name: name != 'bandwidth')
+    explainer.attribution.machine = SimpleNamespace(stated=lambda name: True)
     assert judge(explainer, found([base])).restless == {'one': 1.0, 'two': 1.0}
     # A noise that the machine file does not state says nothing.
     explainer.attribution.machine = SimpleNamespace(stated=lambda name: False)
     assert judge(explainer, found([base])).restless == {'one': 0.0, 'two': 0.0}
     # Below a frequency all noise is slow.
-    explainer.attribution.machine = SimpleNamespace(stated=lambda name: True)
+    explainer.attribution.thinned = True
     assert judge(explainer, found([base])).effect == NONE
     # What is left to explain goes first.
     assert not judge(explainer, found([made((2.0, 0.0))])).restless

@@ -143,7 +143,7 @@ def test_a_joint_that_turns_is_said_in_radians():
     assert [p.unit for p in model.parameters] == [
         'kg m^2', 'N m s/rad', 'N m', 'N m', 'N m s/rad', 'N m/rad', 'rad',
     ]  # fmt: skip
-    torque = model.simulate(np.array([[2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]))[0, 0]
+    torque = model.simulated_effort(np.array([[2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]))[0]
     ahead = time + 1e-3
     np.testing.assert_allclose(torque[50:-50], 72.0 * np.cos(6.0 * ahead)[50:-50], atol=0.02)
 

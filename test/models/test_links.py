@@ -40,7 +40,7 @@ def links_alone(model, theta: np.ndarray) -> np.ndarray:
     for name in values:
         if name.endswith(('coulomb_torque', 'viscous_torque')):
             values[name] = 0.0
-    return model.simulate(np.array(list(values.values())))[0]
+    return model.simulated_effort(np.array(list(values.values())))
 
 
 def rotors(model, theta: np.ndarray) -> np.ndarray:

@@ -141,7 +141,7 @@ def test_one_drive_with_the_others_following_their_recorded_motion(run) -> None:
 def test_inverse_mode_gives_the_torque_of_the_recorded_motion(run) -> None:
     motion, log = run
     inverse = Tripod(MACHINE, dataset(motion, log.effort, command=False, position=log.position))
-    error = inverse.simulate(theta_of(inverse, TABLE_5)[None])[0] - log.effort
+    error = inverse.simulated_effort(theta_of(inverse, TABLE_5)[None]) - log.effort
     # Held torque beside motion of the same instant, not half a cycle later, would be 0.006.
     assert np.sqrt(np.mean(error[:, 400:-400] ** 2)) < 0.003
 

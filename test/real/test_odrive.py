@@ -61,5 +61,6 @@ def test_cogging_of_an_odrive_is_that_of_its_map(tmp_path: Path) -> None:
     waves = np.exp(-1j * np.outer([7, 14, 28], angle))
     size = 2.0 * np.abs(waves @ current) / len(angle)
     ratio = np.hypot(sine, cosine) / TORQUE_CONSTANT / size
-    assert ratio[0] == pytest.approx(1.0, abs=0.1)
-    assert ratio[1:] == pytest.approx([1.0, 1.0], abs=0.25)
+    # Amplitudes published with the recording: of this run over those of the map, measured at rest.
+    run_of_map = [0.889 / 0.862, 0.305 / 0.349, 0.454 / 0.560]
+    assert ratio == pytest.approx(run_of_map, abs=0.1)

@@ -35,7 +35,7 @@ def logged(noise: float, seed: int = 0) -> Dataset:
     data = Dataset(EMPS.drives, 1e-3, 0, None, None, place[None], None, np.zeros((1, 12000)))
     model = make_model(EMPS, data)
     theta = np.array([TRUE[p.name.rpartition('.')[2]] for p in model.parameters])
-    effort = model.simulate(theta)[0] + rng.normal(0.0, noise, (1, 12000))
+    effort = model.simulated_effort(theta) + rng.normal(0.0, noise, (1, 12000))
     wrong = np.zeros_like(place)[None]
     return replace(data, effort=effort, command_position=wrong, command_velocity=wrong)
 
@@ -49,7 +49,7 @@ def test_it_finds_what_made_the_log_and_looks_at_no_set_point() -> None:
             true = TRUE[p.name.rpartition('.')[2]]
             inside.append(p.low < true < p.high)
             assert p.value == pytest.approx(true, rel=0.05)
-            assert p.high - p.low < 0.2 * abs(true)
+            assert p.noise_high - p.noise_low < 0.2 * abs(true)
     # Of 60 seeds 95 % held the truth.
     assert np.mean(inside) > 0.8
 
@@ -60,6 +60,26 @@ def test_without_noise_it_is_exact_and_needs_no_box() -> None:
     values = {p.name.rpartition('.')[2]: p.value for p in found.parameters}
     for key, true in TRUE.items():
         assert values[key] == pytest.approx(true, rel=1e-6)
+
+
+@pytest.mark.parametrize('rate', [25, 100, 1000])
+def test_what_holds_a_drive_at_rest_is_no_friction(rate: int) -> None:
+    time = 1e-3 * np.arange(24000)
+    moving, back = np.clip(time % 2.0, 0.0, 1.0), np.where(time % 4.0 < 2.0, 1.0, -1.0)
+    place = 0.1 * back * (10.0 * moving**3 - 15.0 * moving**4 + 6.0 * moving**5 - 0.5)
+    speed = 3.0 * back * (moving**2 - 2.0 * moving**3 + moving**4)
+    change = 6.0 * back * (moving - 3.0 * moving**2 + 2.0 * moving**3)
+    # Half of the time it stands, and a tenth of its friction holds it.
+    friction = 20.0 * np.where(moving < 1.0, np.tanh(speed / 1e-3), 0.1)
+    effort = 95.0 * change + friction + 210.0 * speed - 3.0
+    effort += np.random.default_rng(1).normal(0.0, 0.3, time.size)
+    seen = time * rate % 1.0 < 1e-6
+    rows = (np.where(seen, row, np.nan)[None] for row in (place, effort))
+    data = Dataset(EMPS.drives, 1e-3, 0, None, None, next(rows), None, next(rows))
+    found = {p.name: p for p in identify(EMPS, data, settings=ALGEBRAIC).parameters}
+    coulomb = found['emps_axis.coulomb_friction']
+    assert coulomb.value == pytest.approx(20.0, rel=0.05)
+    assert coulomb.low < 20.0 < coulomb.high
 
 
 def test_decimation_keeps_one_of_so_many() -> None:
@@ -93,12 +113,10 @@ def test_the_command_says_what_solved_it(tmp_path: Path, capsys) -> None:
     bag, machine = str(ROOT / 'bags/axis_reversals'), str(ROOT / 'config/emps.yaml')
     out = str(tmp_path / 'out')
     args = ['identify', bag, '--machine', machine, '--out', out, '--quiet', '--no-overlay']
-    # The recorded motion's noise bends what the friction does: said, and ended with 1.
-    assert main([*args, '--method', 'algebraic', '--no-report']) == 1
+    assert main([*args, '--method', 'algebraic', '--no-report']) == 0
     said = capsys.readouterr().out
     assert 'cost: least squares ' in said
-    assert 'emps_axis.viscous_friction (between 103 and 367 N s/m), ' in said
-    assert '; the model lacks something that trades' in said
+    assert 'All 4 parameters are identified' in said
     assert 'genetic' not in said
 
 
@@ -112,4 +130,5 @@ def test_the_published_values_of_the_emps() -> None:
     assert values['viscous_friction'] == pytest.approx(203.5, rel=0.02)
     assert values['coulomb_friction'] == pytest.approx(20.39, rel=0.03)
     assert values['constant_force'] == pytest.approx(-3.165, rel=0.03)
-    assert found.residuals[0].share == pytest.approx(0.041, abs=0.004)
+    # Below the band that the log tells; theirs is 0.041, of all of it.
+    assert found.residuals[0].share == pytest.approx(0.036, abs=0.003)

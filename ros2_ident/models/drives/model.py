@@ -19,13 +19,15 @@ from ros2_ident.kernel import rows
 from ros2_ident.kernel.group import Group, PART, Task
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
+from ros2_ident.models.drives.band import Band
 from ros2_ident.models.drives.candidates import Candidates, CONSTANT_ROWS, SLOTS
 from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.models.drives.outputs import chosen_outputs
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
 from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
-from ros2_ident.recording.smooth import low_pass
+from ros2_ident.recording.band import standing, told_band
+from ros2_ident.recording.smooth import low_pass, settling, smooth_motion
 
 Array = npt.NDArray[np.float64]
 
@@ -39,6 +41,12 @@ _LAWS = {
 }
 # Order of the filter that smooths an effort, and candidates whose logs are kept whole at a time.
 _SMOOTHING, _WHOLE = 2, 64
+# The motion that drives a model is kept up to so many times the band in which efforts are
+# compared, for friction turns over faster than efforts do; and at least up to so many times. No
+# motion is told above this share of a log's rate.
+_WIDER, _LEAST, _ROOM = 5.0, 2.5, 0.35
+# Of a short log no more than this share is left out at either end.
+_SHORTEST = 0.05
 # A controller's motion has to be in the log at this share of its cycles to be replayed.
 SEEN = 0.3
 
@@ -114,6 +122,8 @@ class DriveModel(FullModel):
         self.candidates = self._candidates()
         self._check_outputs()
         self._command, self._motion, self._mode = self._inputs()
+        if self._band is not None:
+            self.noise *= self._band.passes
 
     # ------------------------------------------------------------------ declaration
 
@@ -211,6 +221,7 @@ class DriveModel(FullModel):
 
     def _take_over(self, like: 'DriveModel') -> None:
         """Take over what effects, steps and payload change nothing of."""
+        self.__dict__.update(_limit=like._limit, _band=like._band, _compare=like._compare)
 
     def effort_limit(self, place: str) -> float:
         """Return the effort that a share of a drive's limit refers to [`unit`]."""
@@ -266,8 +277,22 @@ class DriveModel(FullModel):
     @property
     def measured(self) -> Array:
         """(O, K) what was measured of `outputs`; NaN at cycles without a sample."""
-        measured = self.signals.measured(self.data)
+        measured = self._compare
         return measured if self._compared is None else np.where(self._compared, measured, np.nan)
+
+    @functools.cached_property
+    def _compare(self) -> Array:
+        """(O, K) what of the log is compared."""
+        return self.signals.measured(self.data) if self._band is None else self._band.measured
+
+    def in_band(self, efforts: Array) -> Array:
+        """Return efforts (..., O, K) as they are compared; see `drives.band`."""
+        return efforts if self._band is None else self._band.passed(efforts)
+
+    @property
+    def thinned(self) -> bool:
+        """Whether the recorded motion drives the model: a band is compared, not the log."""
+        return self._band is not None
 
     def restricted(self, there: npt.NDArray[np.bool_]) -> 'DriveModel':
         """Return the same model that compares its outputs only where `there` (O, K) holds."""
@@ -457,8 +482,6 @@ class DriveModel(FullModel):
                     'there is neither a command nor a measured position to drive the model; '
                     'record joint_states with positions or joint_command',
                 )
-            from ros2_ident.recording import smooth_motion
-
             cutoff = self._motion_cutoff(data.position[order])
             smooth = smooth_motion(data.position[order], data.cycle, cutoff, self._ahead)
             motion = np.concatenate([np.asarray(part).ravel() for part in smooth])
@@ -466,14 +489,49 @@ class DriveModel(FullModel):
 
     def _motion_cutoff(self, position: Array) -> float:
         """Return up to which frequency positions (D, K) drive the model, Hz."""
+        return min(_WIDER * self._limit, self._highest(position))
+
+    def _highest(self, position: Array) -> float:
+        """Return up to which frequency positions (D, K) can drive a model, Hz."""
         # A slow log holds nothing above half its rate, and its smoothing needs some room.
         rate = np.isfinite(position).mean() / self.cycle
-        return min(self.cutoff, self._passband, 0.2 * float(rate))
+        return min(self.cutoff, (0.2 if self._closed else _ROOM) * float(rate))
+
+    @functools.cached_property
+    def _band(self) -> Band | None:
+        """What of the efforts is compared; None where controllers follow a set-point."""
+        if self._limit == math.inf:
+            return None
+        data, machine = self.data, self.machine
+        assert data.position is not None
+        position = data.position[[data.names.index(name) for name in machine.drives]]
+        least = machine.numbers('least_speed') if machine.stated('least_speed') else None
+        cutoff = self._motion_cutoff(position)
+        still = standing(position, self.motion[1], self.cycle, cutoff, least)
+        # A log may begin and end on the move: nothing tells the acceleration there.
+        ends = min(settling(self.cycle, cutoff), int(_SHORTEST * data.cycles))
+        still[:, :ends] = still[:, data.cycles - ends :] = True
+        sources = list(self.signals.sources)
+        return Band(self._limit, self.cycle, self.signals.measured(data), still[sources])
+
+    @functools.cached_property
+    def _limit(self) -> float:
+        """Frequency below which efforts are compared, Hz; inf where a set-point is followed.
+
+        And for a motion that is planned: there is no log.
+        """
+        position = self.data.position
+        if self._closed or not np.isfinite(self.signals.measured(self.data)).any():
+            return math.inf
+        assert position is not None
+        stated = self.machine.stated('bandwidth')
+        wanted = self.machine.number('bandwidth') if stated else told_band(self.data)
+        return min(wanted, self._highest(position) / _LEAST)
 
     @property
-    def _passband(self) -> float:
-        """Low-pass of the recorded motion that the machine asks for, Hz."""
-        return math.inf
+    def motion(self) -> Array:
+        """(3, D, K) the recorded motion that drives the model."""
+        return self._motion.reshape(3, len(self.machine.drives), -1)
 
     @property
     def _ahead(self) -> float:
@@ -554,7 +612,7 @@ class DriveModel(FullModel):
     @property
     def _as_a_whole(self) -> bool:
         """Whether outputs are made of the log as a whole, which the kernels never have."""
-        return bool(self.candidates.smoothed.any())
+        return self.thinned or bool(self.candidates.smoothed.any())
 
     def _smoothed(self, theta: Array) -> Array:
         """Return (S, O, K) outputs of candidates (S, N) whose log is smoothed."""
@@ -569,6 +627,8 @@ class DriveModel(FullModel):
         for s, o in np.argwhere((periods > 0.0) & finite & efforts):
             cutoff = 1.0 / periods[s, o]
             out[s, o] = low_pass(out[s, o : o + 1], self.cycle, cutoff, _SMOOTHING)[0]
+        whole = np.isfinite(out).all(axis=(1, 2))
+        out[whole] = self.in_band(out[whole])
         return out
 
     def simulated_effort(self, theta: Array) -> Array:

@@ -220,11 +220,11 @@ KIND = Kind(
         *_BALANCE,
         Key('controller', 'cycle', 's', 'period of the log', 0.008, low=1e-6, high=0.05),
         Key('controller', 'bandwidth', 'Hz', 'compare what is slower; what is faster shakes links '
-            'and gears that are rigid here', 10.0, absent='all of it by default',
+            'and gears that are rigid here', 10.0, absent='by the log by default',
             default=math.inf, low=0.1, high=1e4, shown=False),
         Key('controller', 'least_speed', 'rad/s', 'compare a joint where it is faster; at rest '
-            'its friction is what holds it', 0.05, absent='0 by default', default=0.0,
-            force_unit='m/s', low=0.0, high=10.0, shown=False, each=True),
+            'its friction is what holds it', 0.05, absent='by its readings by default',
+            default=0.0, force_unit='m/s', low=0.0, high=10.0, shown=False, each=True),
         keys.DELAY.at(
             (0.0, 0.05),
             shown=False,

@@ -20,17 +20,7 @@ from ros2_ident.models.serial.arm import Arm, arm_of
 from ros2_ident.models.serial.kernel import room_for, simulate, state_for
 from ros2_ident.models.serial.parameters import Inertials
 from ros2_ident.models.serial.transmission import Transmission
-from ros2_ident.recording.motion import fill_gaps
-from ros2_ident.recording.smooth import low_pass
 
-# The motion is kept up to so many times the band in which efforts are compared: friction turns
-# over faster than the efforts. Of what is compared so many samples are kept for a period of the
-# band's end; of both ends so many periods are left out, where nothing tells the acceleration.
-_WIDER, _KEPT, _ENDS = 5.0, 4.0, 1.5
-# Without a band, periods of the motion's own low-pass: a log may begin and end on the move.
-_MOVING = 2.0
-# Of a short log no more than one part of so many at either end.
-_SHORTEST = 20
 # What a model and all that extend it have in common, made once: for 20 s of seven joints it takes
 # longer than a hundred candidates.
 _COMMON = ('arm', 'inertials', 'transmission', '_recorded', '_driven', '_terms', '_firsts')
@@ -62,6 +52,7 @@ class Serial(DriveModel):
         return self.inertials.as_described(self.machine, given)
 
     def _take_over(self, like: DriveModel) -> None:
+        super()._take_over(like)
         self.__dict__.update({name: getattr(like, name) for name in _COMMON})
 
     def _inputs(self) -> tuple[Array, Array, npt.NDArray[np.int64]]:
@@ -113,75 +104,6 @@ class Serial(DriveModel):
     def _ahead(self) -> float:
         # Its cycle is that of the log: an arm's controllers are faster, and hold hardly anything.
         return self._lead / self.cycle
-
-    @functools.cached_property
-    def _band(self) -> float:
-        """Frequency up to which efforts are compared, Hz."""
-        return self.machine.number('bandwidth')
-
-    @property
-    def _passband(self) -> float:
-        return _WIDER * self._band
-
-    @property
-    def thinned(self) -> bool:
-        """Whether a band is compared, not the log as it is."""
-        return bool(np.isfinite(self._band))
-
-    @property
-    def _as_a_whole(self) -> bool:
-        return super()._as_a_whole or self.thinned
-
-    def _smoothed(self, theta: Array) -> Array:
-        out = super()._smoothed(theta)
-        if self.thinned:
-            for log in out:
-                log[:] = low_pass(log, self.cycle, self._band) if np.isfinite(log).all() else log
-        return out
-
-    @functools.cached_property
-    def _in_band(self) -> Array:
-        """(O, K) the measured efforts below the band's end, as often as they need it."""
-        measured = self.signals.measured(self.data)
-        cycles = measured.shape[1]
-        stride = max(1, int(1.0 / (_KEPT * self._band * self.cycle)))
-        ends = int(_ENDS / (self._band * self.cycle))
-        kept = np.arange(ends, cycles - ends, stride)
-        out = np.full_like(measured, np.nan)
-        for row, own in zip(measured, out, strict=True):
-            samples = np.flatnonzero(np.isfinite(row))
-            smooth = low_pass(fill_gaps(row)[None], self.cycle, self._band)[0]
-            nearest = np.searchsorted(samples, kept - stride)
-            seen = kept[np.searchsorted(samples, kept + stride) > nearest]
-            own[seen] = smooth[seen]
-        return out
-
-    @functools.cached_property
-    def _off_ends(self) -> Array:
-        """(O, K) the measured efforts but for both ends of the log, short logs excepted."""
-        out = self.signals.measured(self.data).copy()
-        if self.data.position is None:
-            return out
-        ends = int(_MOVING / (self._motion_cutoff(self.data.position) * self.cycle))
-        ends = min(ends, out.shape[1] // _SHORTEST)
-        out[:, :ends] = out[:, out.shape[1] - ends :] = np.nan
-        return out
-
-    @functools.cached_property
-    def _moving(self) -> Array:
-        """(O, K) the measured efforts, but for what stands still."""
-        told = self._in_band if self.thinned else self._off_ends
-        least = self.machine.numbers('least_speed')[list(self.signals.places)]
-        if self.data.position is None or not least.any():
-            return told
-        speed = np.abs(self.motion[1])[list(self.signals.places)]
-        return np.where(speed < least[:, None], np.nan, told)
-
-    @property
-    def measured(self) -> Array:
-        """(O, K) the measured efforts, NaN where nothing is compared."""
-        told = self._moving
-        return told if self._compared is None else np.where(self._compared, told, np.nan)
 
     def effort_delay(self, theta: Array) -> Array:
         """Return (D,) how late each drive's effort is logged [s], for one candidate (N,)."""

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Efforts as they are compared where the recorded motion drives a model.
+
+Measured and simulated efforts pass the same low-pass without phase, as the motion does, and as
+many rows are left as it needs: identification by inverse dynamics as in Gautier, Janot,
+Vandanjon, IEEE TCST 21(2), 2013, section III. Where a drive stands, what holds it is what was
+measured: no motion tells its friction. Put there before the low-pass, it keeps what a model makes
+of rest out of the rows beside it.
+"""
+
+from dataclasses import dataclass
+import functools
+import math
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import binary_opening, maximum_filter1d
+
+from ros2_ident.recording.motion import fill_gaps
+from ros2_ident.recording.smooth import low_pass
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+# Rows that are kept for a period of the band's end.
+_KEPT = 4.0
+# Of what a row is made of at least this share is motion.
+_LEAST = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """The low-pass of a log's efforts.
+
+    Attributes:
+        cutoff: Frequency of gain one half, Hz.
+        cycle: Time from cycle to cycle, s.
+        logged: (O, K) efforts, NaN at cycles without a sample.
+        still: (O, K) cycles at which nothing tells what an effort should be.
+    """
+
+    cutoff: float
+    cycle: float
+    logged: Array
+    still: Mask
+
+    @functools.cached_property
+    def _gaps(self) -> Array:
+        """(O,) cycles from one sample to the next; 0 without samples."""
+        steps = [np.diff(np.flatnonzero(np.isfinite(row))) for row in self.logged]
+        return np.array([np.median(s) if s.size else 0.0 for s in steps])
+
+    @property
+    def passes(self) -> float:
+        """Share of white noise that passes, by its standard deviation."""
+        usual = max(1.0, float(self._gaps.max()))
+        return float(np.sqrt(min(1.0, 2.0 * self.cutoff * self.cycle * usual)))
+
+    @functools.cached_property
+    def _filled(self) -> Array:
+        """(O, K) the logged efforts without gaps; NaN where none was ever logged."""
+        return np.stack([fill_gaps(row) if np.isfinite(row).any() else row for row in self.logged])
+
+    @functools.cached_property
+    def measured(self) -> Array:
+        """(O, K) the logged efforts as they are compared; NaN where they are not."""
+        stride = max(1, int(1.0 / (_KEPT * self.cutoff * self.cycle)))
+        rows = np.zeros(self.still.shape, dtype=bool)
+        rows[:, ::stride] = True
+        # Of a log slower than the grid the samples lie between its cycles.
+        near = [
+            maximum_filter1d(np.isfinite(row), 2 * int(0.5 * gap) + 1)
+            for row, gap in zip(self.logged, self._gaps, strict=True)
+        ]
+        moving = low_pass((~self.still).astype(float), self.cycle, self.cutoff) > _LEAST
+        low = low_pass(self._filled, self.cycle, self.cutoff)
+        return np.where(rows & near & moving & ~self.still, low, np.nan)
+
+    @functools.cached_property
+    def _held(self) -> Mask:
+        """(O, K) rest; what is shorter than a period is a change of direction, which passes."""
+        period = 2 * math.ceil(0.5 / (self.cutoff * self.cycle)) + 1
+        beyond = np.pad(self.still, ((0, 0), (period, period)), constant_values=True)
+        held: Mask = binary_opening(beyond, np.ones((1, period)))[:, period:-period]
+        return held
+
+    def passed(self, efforts: Array) -> Array:
+        """Return efforts (..., O, K) as they are compared with those measured."""
+        held = self._held & np.isfinite(self._filled)
+        return low_pass(np.where(held, self._filled, efforts), self.cycle, self.cutoff)
