@@ -111,6 +111,15 @@ def test_entities_of_a_description_do_not_multiply():
     assert time.process_time() - begin < 5.0
 
 
+def test_a_body_has_no_more_joints_than_directions():
+    """Of 300 joints of one body pinocchio makes a joint of 7 GB."""
+    joints = [f'<joint name="j{k}" axis="0 0 1"/>' for k in range(7)]
+    text = '<mujoco><worldbody><body name="arm">{}</body></worldbody></mujoco>'
+    judged_tree(text.format(''.join(joints[:6])))
+    with pytest.raises(IdentError, match='a body arm of 7 joints and may have 6'):
+        judged_tree(text.format(''.join(joints)))
+
+
 class Tags(HTMLParser):
     """The tags of a page, with their attributes."""
 

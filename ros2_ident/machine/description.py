@@ -15,7 +15,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
 from ros2_ident.machine.shown import name_of
 
-_BYTES, _ELEMENTS, _BODIES, _DEPTH = 1 << 24, 100_000, 1_000, 250
+_BYTES, _ELEMENTS, _BODIES, _DEPTH, _JOINTS = 1 << 24, 100_000, 1_000, 250, 6
 # In SI units: a limit of none is written as 1e16, squares are far from overflow; what may be a
 # rounded 0.
 _LARGEST, _NOTHING = 1e30, -1e-9
@@ -111,6 +111,14 @@ def _problems(root: ET.Element, shapes: bool) -> Iterator[str]:
         count = sum(1 for _ in root.iter(tag))
         if count > _BODIES:
             yield f'has {count} elements {tag} and may have {_BODIES}; leave some out'
+    for body in root.iter('body'):
+        # Joints of one body are one in pinocchio, whose memory grows with their number squared.
+        count = len(body.findall('joint'))
+        if count > _JOINTS:
+            yield (
+                f'has a body {name_of(body.get("name"))} of {count} joints and may have '
+                f'{_JOINTS}; leave some out'
+            )
     if root.tag == 'robot':
         yield from _of_urdf(root)
     for element in root.iter():

@@ -240,10 +240,10 @@ def _whole(pin: Any, text: str, drives: Sequence[str]) -> Any:
     try:
         whole = pin.buildModelFromXML(text) if root.tag == 'robot' else _from_mjcf(pin, text)
     except Exception as error:
+        reason = [type(error).__name__, *str(error).strip().splitlines()][-1]
         raise IdentError(
             ErrorCode.BAD_MACHINE_FILE,
-            f'geometry.description cannot be read ({str(error).strip().splitlines()[-1]}); '
-            'give a URDF or an MJCF file',
+            f'geometry.description cannot be read ({reason}); give a URDF or an MJCF file',
         ) from error
     missing = [name for name in drives if not whole.existJointName(name)]
     if missing:
