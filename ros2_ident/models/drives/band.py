@@ -72,9 +72,8 @@ class Band:
             maximum_filter1d(np.isfinite(row), 2 * int(0.5 * gap) + 1)
             for row, gap in zip(self.logged, self._gaps, strict=True)
         ]
-        moving = low_pass((~self.still).astype(float), self.cycle, self.cutoff) > _LEAST
-        low = low_pass(self._filled, self.cycle, self.cutoff)
-        return np.where(rows & near & moving & ~self.still, low, np.nan)
+        moving = self.low((~self.still).astype(float)) > _LEAST
+        return np.where(rows & near & moving & ~self.still, self.low(self._filled), np.nan)
 
     @functools.cached_property
     def _held(self) -> Mask:
@@ -84,7 +83,11 @@ class Band:
         held: Mask = binary_opening(beyond, np.ones((1, period)))[:, period:-period]
         return held
 
+    def low(self, efforts: Array) -> Array:
+        """Return efforts (..., O, K) below the band's end."""
+        return low_pass(efforts, self.cycle, self.cutoff)
+
     def passed(self, efforts: Array) -> Array:
-        """Return efforts (..., O, K) as they are compared with those measured."""
+        """Return simulated efforts (..., O, K) as they are compared with those measured."""
         held = self._held & np.isfinite(self._filled)
-        return low_pass(np.where(held, self._filled, efforts), self.cycle, self.cutoff)
+        return self.low(np.where(held, self._filled, efforts))

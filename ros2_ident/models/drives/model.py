@@ -286,8 +286,8 @@ class DriveModel(FullModel):
         return self.signals.measured(self.data) if self._band is None else self._band.measured
 
     def in_band(self, efforts: Array) -> Array:
-        """Return efforts (..., O, K) as they are compared; see `drives.band`."""
-        return efforts if self._band is None else self._band.passed(efforts)
+        """Return efforts (..., O, K) below the band in which they are compared."""
+        return efforts if self._band is None else self._band.low(efforts)
 
     @property
     def thinned(self) -> bool:
@@ -627,8 +627,9 @@ class DriveModel(FullModel):
         for s, o in np.argwhere((periods > 0.0) & finite & efforts):
             cutoff = 1.0 / periods[s, o]
             out[s, o] = low_pass(out[s, o : o + 1], self.cycle, cutoff, _SMOOTHING)[0]
-        whole = np.isfinite(out).all(axis=(1, 2))
-        out[whole] = self.in_band(out[whole])
+        if self._band is not None:
+            whole = np.isfinite(out).all(axis=(1, 2))
+            out[whole] = self._band.passed(out[whole])
         return out
 
     def simulated_effort(self, theta: Array) -> Array:
