@@ -24,6 +24,8 @@ Mask = npt.NDArray[np.bool_]
 
 # Rows that are kept for a period of the band's end.
 _KEPT = 4.0
+# What is filtered are means, of at least so many blocks in a period.
+_FINE = 20.0
 # Of what a row is made of at least this share is motion.
 _LEAST = 0.5
 
@@ -85,7 +87,24 @@ class Band:
 
     def low(self, efforts: Array) -> Array:
         """Return efforts (..., O, K) below the band's end."""
-        return low_pass(efforts, self.cycle, self.cutoff)
+        size, cycles = self._block, efforts.shape[-1]
+        if size == 1:
+            return low_pass(efforts, self.cycle, self.cutoff)
+        # What passes is as good in means of blocks, and filtered in a fraction of the time.
+        starts = np.arange(0, cycles, size)
+        counts = np.diff(starts, append=cycles)
+        blocks = np.add.reduceat(efforts, starts, axis=-1) / counts
+        low = low_pass(blocks, size * self.cycle, self.cutoff)
+        at = np.clip((np.arange(cycles) - 0.5 * (size - 1)) / size, 0.0, starts.size - 1.001)
+        before = at.astype(int)
+        out: Array = low[..., before]
+        out += (at - before) * (low[..., before + 1] - out)
+        return out
+
+    @property
+    def _block(self) -> int:
+        """Cycles that are filtered as one."""
+        return max(1, int(1.0 / (_FINE * self.cutoff * self.cycle)))
 
     def passed(self, efforts: Array) -> Array:
         """Return simulated efforts (..., O, K) as they are compared with those measured."""
