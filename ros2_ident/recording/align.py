@@ -18,6 +18,7 @@ from ros2_ident.recording.streams import (
     Recording,
     scale_effort,
     Stream,
+    with_positions,
 )
 
 # A hole in the command up to so many of its samples, or so many seconds, is bridged.
@@ -74,6 +75,12 @@ def align(
     if not follows or ('command' not in need and _only_efforts(asking)):
         recording = replace(recording, command=None)
     warnings = list(recording.warnings)
+    recording, found = with_positions(recording, names)
+    if found:
+        warnings.append(
+            f'state: no position of {", ".join(found)} was recorded; it is the integral of the '
+            'speed, from 0'
+        )
     placed = place(recording, names, cycle, warnings)
     where = recording.source or 'recording'
     start, cycles = _span(where, placed, cycle, warnings)

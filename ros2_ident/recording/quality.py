@@ -12,7 +12,7 @@ from ros2_ident.recording.align import align
 from ros2_ident.recording.findings import DriveSummary, Finding, Level, Report, StreamSummary
 from ros2_ident.recording.grid import sample_period
 from ros2_ident.recording.plausibility import judge_drive, standing
-from ros2_ident.recording.streams import FIELDS, Recording, Stream
+from ros2_ident.recording.streams import FIELDS, Recording, Stream, with_positions
 
 # Shares of missing samples from which a warning, and an error, is due.
 _MISSING_WARN, _MISSING_ERROR = 0.01, 0.2
@@ -267,6 +267,7 @@ def _judge_drives(
     number: int, recording: Recording, machine: MachineFacts | None
 ) -> tuple[list[DriveSummary], list[Finding]]:
     """Judge motion and effort of every drive."""
+    recording, _ = with_positions(recording, recording.state.names if recording.state else ())
     state = recording.state
     if state is None or state.position is None:
         return [], [

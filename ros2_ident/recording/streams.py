@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The values a recording is made of: immutable, validated once, in the units of the log."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from ros2_ident.errors import ErrorCode, IdentError
 
@@ -277,3 +278,35 @@ def scale_effort(recording: Recording, factor: float | Iterable[float]) -> Recor
         for role, stream in recording.streams.items()
     }
     return replace(recording, **scaled)  # type: ignore[arg-type]
+
+
+def with_positions(
+    recording: Recording, names: Collection[str]
+) -> tuple[Recording, tuple[str, ...]]:
+    """Integrate the speeds of joints without positions, by trapezia from 0.
+
+    Args:
+        recording: The recording. Beside a set-point nothing is integrated: where the motion began
+            is not known.
+        names: The joints wanted.
+
+    Returns:
+        The recording with positions, and the joints whose positions are integrals.
+    """
+    state = recording.state
+    if state is None or state.velocity is None or recording.command is not None:
+        return recording, ()
+    shape = state.velocity.shape
+    position = np.full(shape, np.nan) if state.position is None else state.position.copy()
+    lacking = np.isnan(position).all(axis=0) & (np.isfinite(state.velocity).sum(axis=0) > 1)
+    found = [d for d in np.flatnonzero(lacking) if state.names[d] in names]
+    time = (state.stamp - state.stamp[0]) * 1e-9
+    for d in found:
+        there = np.isfinite(state.velocity[:, d])
+        position[there, d] = cumulative_trapezoid(
+            state.velocity[there, d], time[there], initial=0.0
+        )
+    if not found:
+        return recording, ()
+    state = replace(state, position=position)
+    return replace(recording, state=state), tuple(state.names[d] for d in found)

@@ -273,3 +273,19 @@ def test_few_samples(size):
     np.testing.assert_allclose(out[inside], 2.0 * np.arange(-3, 60)[inside] * 1e-3, atol=1e-12)
     assert out[0] == 0.0
     assert rate[0] == rate[-1] == 0.0
+
+
+def test_speeds_without_positions_are_integrated():
+    ticks = np.arange(400) * 5
+    data = align(Recording(state=stream(ticks, fields='ve')), NAMES, CYCLE)
+    position, _ = motion(ticks * CYCLE)
+    moved = position - position[0]
+    np.testing.assert_allclose(data.position[:, ::5], moved.T[:, : data.cycles], atol=1e-4)
+    assert any(
+        'drive_1, drive_2 was recorded; it is the integral' in x for x in data.quality.warnings
+    )
+    command = stream(ticks, fields='p')
+    assert (
+        align(Recording(state=stream(ticks, fields='ve'), command=command), NAMES, CYCLE).position
+        is None
+    )
