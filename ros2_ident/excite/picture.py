@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.arrays import Array, plain
+from ros2_ident.arrays import Array
 from ros2_ident.excite.plan import Excitation
 from ros2_ident.report.style import (
     BLUE,
@@ -17,6 +17,7 @@ from ros2_ident.report.style import (
     ORANGE,
     RED,
     SKY,
+    tidy,
     WIDTH,
 )
 
@@ -80,7 +81,7 @@ def _lines(axes: 'Axes', found: Excitation, rows: Array) -> None:
     for number, row in enumerate(rows):
         axes.plot(time, row[::every], color=_COLOURS[number % len(_COLOURS)], lw=0.9)
     axes.margins(x=0.0)
-    plain(axes)
+    tidy(axes)
 
 
 def _bars(axes: 'Axes', found: Excitation, chosen: npt.NDArray[np.int64]) -> None:
@@ -95,5 +96,5 @@ def _bars(axes: 'Axes', found: Excitation, chosen: npt.NDArray[np.int64]) -> Non
     axes.invert_yaxis()
     axes.set_xlabel('half a 95 % interval [% of the range in the machine file]')
     axes.legend(loc='best', fontsize=8, frameon=False)
-    plain(axes)
+    tidy(axes)
     axes.tick_params(axis='y', labelsize=8)

@@ -33,7 +33,7 @@ def numbers(axis: 'Axis') -> None:
     axis.set_minor_locator(NullLocator())
 
 
-def plain(axes: 'Axes') -> None:
+def tidy(axes: 'Axes') -> None:
     """Take away what is not needed to read a picture."""
     axes.spines[['top', 'right']].set_visible(False)
     axes.grid(color='#dddddd', lw=0.6)
