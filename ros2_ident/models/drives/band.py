@@ -21,6 +21,7 @@ from ros2_ident.recording.smooth import low_pass
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+Whole = npt.NDArray[np.intp]
 
 # Rows that are kept for a period of the band's end.
 _KEPT = 4.0
@@ -109,4 +110,26 @@ class Band:
     def passed(self, efforts: Array) -> Array:
         """Return simulated efforts (..., O, K) as they are compared with those measured."""
         held = self._held & np.isfinite(self._filled)
-        return self.low(np.where(held, self._filled, efforts))
+        return self.low(np.where(held, self._filled, self._as_logged(efforts)))
+
+    def _as_logged(self, efforts: Array) -> Array:
+        """Return efforts (..., O, K) at the samples, and between them as `fill_gaps` does."""
+        out = efforts.copy()
+        for o, (before, after, share) in self._between.items():
+            row = efforts[..., o, :]
+            first = row[..., before]
+            out[..., o, :] = first + share * (row[..., after] - first)
+        return out
+
+    @functools.cached_property
+    def _between(self) -> dict[int, tuple[Whole, Whole, Array]]:
+        """Of each row with gaps the samples about every cycle, and the share of the latter."""
+        out = {}
+        cycles = np.arange(self.logged.shape[1])
+        for o, there in enumerate(np.isfinite(self.logged)):
+            samples = np.flatnonzero(there)
+            if 1 < samples.size < cycles.size:
+                at = np.clip(np.searchsorted(samples, cycles) - 1, 0, samples.size - 2)
+                before, after = samples[at], samples[at + 1]
+                out[o] = before, after, np.clip((cycles - before) / (after - before), 0.0, 1.0)
+        return out
