@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.case import Joint
 from ros2_ident.gap.coordinates import Coordinate, coordinates, Motion, motion_of, places
@@ -22,8 +22,6 @@ from ros2_ident.models import FullModel
 from ros2_ident.models.registry import kind_of
 from ros2_ident.search.evidence import Evidence, weigh
 from ros2_ident.search.noise import NoiseModel, Whitening
-
-Array = npt.NDArray[np.float64]
 
 # Regions are compared where they hold so many samples that tell, and differ by more than chance
 # makes them with this probability; noise is what the quietest of this share of the samples have,

@@ -12,12 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import shown_by
 from ros2_ident.gap.case import Joint
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.trials import TRIAL
-
-Array = npt.NDArray[np.float64]
 
 # Length of a bin, and the shortest time that a load stays or is away, s.
 _BIN, _SHORTEST = 0.04, 0.2

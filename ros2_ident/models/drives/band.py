@@ -16,10 +16,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_opening, maximum_filter1d
 
+from ros2_ident.arrays import Array
 from ros2_ident.recording.motion import fill_gaps
 from ros2_ident.recording.smooth import low_pass
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.intp]
 

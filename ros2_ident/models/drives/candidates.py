@@ -8,6 +8,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import Effect, EffectParameter, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
@@ -17,7 +18,6 @@ from ros2_ident.machine.parameter import Kind, Parameter
 from ros2_ident.machine.units import angular
 from ros2_ident.models.protocol import EffectAt
 
-Array = npt.NDArray[np.float64]
 # What a share of an unstated limit refers to, in sizes of the logged effort.
 UNLIMITED = 2.0
 # A parameter without its drive, and the drive's number; None where all drives share it.

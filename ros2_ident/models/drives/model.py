@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident import lanes
+from ros2_ident.arrays import Array
 from ros2_ident.effects import CATALOGUE, Context, EffectParameter
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import drive as drive_kernel
@@ -28,8 +29,6 @@ from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.band import standing, told_band
 from ros2_ident.recording.smooth import low_pass, settling, smooth_motion
-
-Array = npt.NDArray[np.float64]
 
 # Middle of the time a commanded torque holds, in cycles.
 _HOLD = 0.5

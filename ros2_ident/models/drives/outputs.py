@@ -8,13 +8,13 @@ from typing import Literal, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel.group import Task
 from ros2_ident.kernel.measurement import QUANTITIES
 from ros2_ident.models.protocol import Output
 from ros2_ident.recording import Dataset
 
-Array = npt.NDArray[np.float64]
 T = TypeVar('T', bound=np.generic)
 Quantity = Literal['effort', 'position', 'velocity']
 

@@ -15,11 +15,10 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.description import judged_tree
 from ros2_ident.machine.machine import Machine
-
-Array = npt.NDArray[np.float64]
 
 INERTIALS = 10
 _NO_PINOCCHIO = (

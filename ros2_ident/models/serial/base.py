@@ -4,7 +4,7 @@
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from ros2_ident.arrays import Array
 
 # A column counts as new where this much of it lies outside the others, as nothing where it is
 # this much of the longest: frames that are turned by half pi leave a rounding error behind.

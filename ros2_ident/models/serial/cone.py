@@ -10,12 +10,10 @@ identification, IEEE T-RO 36(2), 2020; the cone is Wensing, Kim, Slotine, IEEE R
 import math
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import null_space
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-
-Array = npt.NDArray[np.float64]
 
 # Least radius of gyration that a described link is given, m; below this mass [kg] it is none.
 _SMALLEST, _MASSLESS = 1e-3, 1e-9

@@ -4,14 +4,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models.serial.arm import Body
 from ros2_ident.models.serial.cone import mended, nearest
 from ros2_ident.models.serial.model import Serial
-
-Array = npt.NDArray[np.float64]
 
 # Of a parameter that is held: its standard deviation, as a share of its box.
 _HELD = 1e-6

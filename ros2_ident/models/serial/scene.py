@@ -2,13 +2,11 @@
 """What is drawn of an arm: a line from joint to joint and on to the tool, on a square as base."""
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.machine.figure import Figure
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.serial.arm import arm_of, base_turn
-
-Array = npt.NDArray[np.float64]
 
 # Half the side of the base, as a share of how far the arm reaches.
 _BASE = 0.12

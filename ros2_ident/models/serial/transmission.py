@@ -5,13 +5,11 @@ from collections.abc import Mapping
 import functools
 
 import numpy as np
-import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
-
-Array = npt.NDArray[np.float64]
 
 BALANCE = ('balance_force', 'balance_rate')
 _SOURCE = 'a cylinder or spring between two links, by virtual work'
