@@ -21,7 +21,8 @@ from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.space import Space
 
 if TYPE_CHECKING:
-    from ros2_ident.models.drives.model import Array, DriveModel
+    from ros2_ident.arrays import Array
+    from ros2_ident.models.drives.model import DriveModel
     from ros2_ident.models.protocol import EffectAt
     from ros2_ident.recording import Dataset
 

@@ -7,9 +7,10 @@ import math
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.kernel import drive as drive_kernel
 from ros2_ident.kernel import rows
-from ros2_ident.models.drives.model import Array, DriveModel
+from ros2_ident.models.drives.model import DriveModel
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,11 @@
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.kernel.group import Group, Task
 from ros2_ident.lanes import room
 from ros2_ident.models.drives.kernel import room_for, simulate, state_for
-from ros2_ident.models.drives.model import Array, DriveModel
+from ros2_ident.models.drives.model import DriveModel
 
 # A set-point slower than this share of its fastest at the log's start counts as rest.
 _REST = 0.02

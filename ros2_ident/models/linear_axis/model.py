@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Linear axes: one carriage on one motor each, through an elastic gear or rigid."""
 
+from ros2_ident.arrays import Array
 from ros2_ident.kernel import rows
-from ros2_ident.models.drives.model import Array
 from ros2_ident.models.drives.separate import SeparateDrives
 
 

@@ -3,8 +3,8 @@
 
 from typing import ClassVar
 
+from ros2_ident.arrays import Array
 from ros2_ident.kernel import rows
-from ros2_ident.models.drives.model import Array
 from ros2_ident.models.tripod.model import Tripod
 
 # Constants by the rows they fill, of the machine and of each drive.

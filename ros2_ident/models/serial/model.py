@@ -8,13 +8,14 @@ import functools
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import Context
 from ros2_ident.kernel import rows
 from ros2_ident.kernel.group import Group, Task
 from ros2_ident.lanes import room
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
-from ros2_ident.models.drives.model import Array, DriveModel
+from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.protocol import Output
 from ros2_ident.models.serial.arm import Arm, arm_of
 from ros2_ident.models.serial.kernel import room_for, simulate, state_for

@@ -14,11 +14,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.drives.candidates import SERVO_ROWS, SLOTS
-from ros2_ident.models.drives.model import Array
 from ros2_ident.models.drives.separate import SeparateDrives
 from ros2_ident.models.protocol import Output
 from ros2_ident.models.servo import CURRENT, DUTY, VOLTAGE

@@ -6,11 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.kernel import rows
 from ros2_ident.kernel.drive import CLOSED_LOOP
 from ros2_ident.kernel.group import Group, Task
 from ros2_ident.lanes import room
-from ros2_ident.models.drives.model import Array, DriveModel
+from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.tripod.kernel import ROOM, simulate, STATE
 
 _INVERSE_RADIUS = rows.row_of('rail_inverse_radius')
