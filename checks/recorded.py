@@ -3,7 +3,8 @@
 
 Kinds of machines that a recorded motion drives, from their slow references; with and without
 rest, at 25, 100 and 1000 Hz, with 0 to 3 encoder steps of noise on the positions. With `--effect`
-each log is made again with an effect of 1.5 to 4 times the floor that its log without one had.
+each log is made again with an effect that leaves, behind the nominal parameters, a residual of 1.5
+to 4 times the floor that its log without one had.
 
 Example: python -m checks.recorded --logs 8 --seed 1 --effect
 """
@@ -23,6 +24,7 @@ import numpy as np
 from checks.reference.bag_making import draw_parameters
 from checks.reference.effects import draw_effect, Effect, kinds, suits
 from checks.reference.twin import twin_of
+from ros2_ident.arrays import Array
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.diagnose import diagnose
@@ -41,7 +43,7 @@ RATES = {25: 32.0, 100: 16.0, 1000: 8.0}
 MOTIONS = {False: ('multi_point', 'multisine', 'mixed'), True: ('dwell',)}
 # Steps of an encoder in the largest travel of a drive.
 COUNTS = 40_000
-# An effect's size beside the floor, RMS of its effort; what is tried to come there.
+# RMS of what an effect leaves, in floors; drawings to come there.
 SIZE, TRIES = (1.5, 4.0), 30
 
 
@@ -67,10 +69,6 @@ class Drawn:
     rest: bool
     seed: int
 
-    def effort(self, effects: tuple[Effect, ...] = ()) -> np.ndarray:
-        """Return the (D, K) effort without noise."""
-        return np.asarray(self._log(effects).effort)
-
     def _log(self, effects: tuple[Effect, ...]):  # type: ignore[no-untyped-def]
         twin = twin_of(self.machine)
         motion = self.motion
@@ -86,9 +84,9 @@ class Drawn:
         state = replace(streams['/joint_states'], velocity=None)
         return Recording(state, streams['/effort'])
 
-    def dataset(self) -> Dataset:
+    def dataset(self, effects: tuple[Effect, ...] = ()) -> Dataset:
         """Return its log on the grid."""
-        return gather((self.recording(),), self.machine).datasets[0]
+        return gather((self.recording(effects),), self.machine).datasets[0]
 
 
 def draw(number: int, seed: int) -> Drawn:
@@ -117,18 +115,38 @@ def judged(drawn: Drawn, *effects: Effect) -> Diagnosis:
     return diagnose(drawn.machine, data.datasets, labels=data.labels, seed=1)
 
 
-def fitting(drawn: Drawn, floor: float) -> Effect | None:
-    """Return an effect that changes the effort of one drive by so much beside the floor."""
+def left(drawn: Drawn, effect: Effect, theta: Array) -> float:
+    """Return the RMS of what an effect leaves of an output behind the nominal parameters.
+
+    To first order about candidate `theta` (N,), in the band in which efforts are compared.
+    """
+    plain, other = (make_model(drawn.machine, drawn.dataset(x)) for x in ((), (effect,)))
+    there = np.isfinite(plain.measured) & np.isfinite(other.measured)
+    step = np.array([1e-3 * (p.high - p.low) for p in plain.parameters])
+    simulated = plain.simulate(np.stack([theta, *(theta + np.diag(step))]))[:, there]
+    columns = ((simulated[1:] - simulated[0]) / step[:, None]).T
+    columns /= np.linalg.norm(columns, axis=0) + 1e-300
+    change = other.measured[there] - other.simulate(theta[None])[0, there]
+    change -= plain.measured[there] - simulated[0]
+    out = np.zeros(there.shape)
+    out[there] = change - columns @ np.linalg.lstsq(columns, change, rcond=1e-9)[0]
+    return float(np.sqrt((out**2).sum(axis=1) / there.sum(axis=1)).max())
+
+
+def fitting(drawn: Drawn, found: Diagnosis) -> Effect | None:
+    """Return an effect whose residual is of the wanted size beside a log's floor."""
     rng = np.random.default_rng([drawn.seed, 2])
     places = {k.name for k in kinds().values() if suits(k, drawn.machine, drawn.values)}
-    plain, nominal = drawn.effort(), make_model(drawn.machine, drawn.dataset())
+    nominal = make_model(drawn.machine, drawn.dataset())
     there = {at.effect for at in nominal.extensions()}
     names = sorted(places & set(CATALOGUE) & there)
+    known = {name: value.value for name, value in found.parameters.items()}
+    theta = np.array([known.get(p.name, 0.5 * (p.low + p.high)) for p in nominal.parameters])
     for _ in range(TRIES):
         name, drive = str(rng.choice(names)), str(rng.choice(drawn.machine.drives))
         effect = draw_effect(name, rng, rng.uniform(0.0, 1.0), (drive,), drawn.machine, 'same')
         with suppress(IdentError):
-            size = (drawn.effort((effect,)) - plain).std(axis=1).max() / floor
+            size = left(drawn, effect, theta) / float(found.floor.per_drive.max())
             if SIZE[0] < size < SIZE[1]:
                 return effect
     return None
@@ -172,7 +190,7 @@ def main() -> int:
         found = judged(drawn)
         rows.append(line(drawn, found))
         if args.effect and drawn.machine.kind != 'serial':
-            effect = fitting(drawn, float(found.floor.per_drive.max()))
+            effect = fitting(drawn, found)
             rows += [line(drawn, judged(drawn, effect), effect)] if effect else []
         for row in rows[-2:]:
             shown = {key: value for key, value in row.items() if key != 'held'}
