@@ -339,21 +339,22 @@ def test_the_diagnosis_knows_nothing_of_the_generator() -> None:
 
 
 @pytest.mark.timeout(1800)
-def test_two_cases_from_the_draw_to_the_page(tmp_path, capsys) -> None:
-    words = ['--cases', '2', '--seed', '8', '--out', str(tmp_path / 'run')]
-    words += ['--machine', str(TRIPOD), '--none', '1', '--single', '1', '--quiet']
+def test_a_case_from_the_draw_to_the_page(tmp_path, capsys) -> None:
+    words = ['--cases', '1', '--seed', '8', '--out', str(tmp_path / 'run')]
+    words += ['--machine', str(TRIPOD.with_name('emps.yaml')), '--quiet']
+    words += ['--none', '0', '--single', '1']
     for sort in ('pair', 'triple', 'ideal', 'outside', 'hidden', 'fault'):
         words += [f'--{sort}', '0']
     words += ['--keep', str(tmp_path / 'kept')]
     assert start('checks.blind', command, [*words, '--draw-only']) == 0
-    assert 'sealed: 2 cases' in capsys.readouterr().out
+    assert 'sealed: 1 case' in capsys.readouterr().out
     assert Store(tmp_path / 'run').answered(1) is None
     assert len(keep.verify(tmp_path / 'kept')) == 2
     assert start('checks.blind', command, words) == 0
     first = capsys.readouterr().out
-    assert 'sealed: 2 cases' in first
+    assert 'sealed: 1 case' in first
     rows = Store(tmp_path / 'run').rows()
-    assert [r['error'] for r in rows] == ['', '']
+    assert [r['error'] for r in rows] == ['']
     assert (tmp_path / 'run' / 'blind.md').exists()
     assert len(keep.verify(tmp_path / 'kept')) == 4
     # Nothing is left to do: the same command only scores again.
