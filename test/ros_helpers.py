@@ -17,6 +17,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 MACHINE = ROOT / 'config/tripod.yaml'
 BAG = ROOT / 'bags/tripod_pick_and_place'
+# Longest wait, s: in a fresh clone the first run of a kind compiles, beside other tests.
+PATIENCE = 240.0
 HEARD = 'joint_states', 'effort', 'joint_command'
 
 _DOMAINS = itertools.count(os.getpid() % 50 + 120)
@@ -62,7 +64,7 @@ class Station:
         while not self._done.is_set():
             self.executor.spin_once(0.05)
 
-    def until(self, condition: Callable[[], Any], what: str, seconds: float = 60.0) -> Any:
+    def until(self, condition: Callable[[], Any], what: str, seconds: float = PATIENCE) -> Any:
         """Wait until a condition holds.
 
         It is not looked at after each message: of a long series that would keep the interpreter
@@ -74,7 +76,7 @@ class Station:
             time.sleep(_LOOK)
         return value
 
-    def wait_future(self, future: Any, what: str, seconds: float = 60.0) -> Any:
+    def wait_future(self, future: Any, what: str, seconds: float = PATIENCE) -> Any:
         """Return a future's result."""
         self.until(future.done, what, seconds)
         return future.result()
@@ -90,7 +92,7 @@ class Station:
         """
         return self.wait_future(self.executor.create_task(ask), 'the executor')
 
-    def request(self, ask: Callable[[], Any], what: str, seconds: float = 60.0) -> Any:
+    def request(self, ask: Callable[[], Any], what: str, seconds: float = PATIENCE) -> Any:
         """Ask something of another node, as `asked`; return the answer."""
         return self.wait_future(self.asked(ask), what, seconds)
 
@@ -219,7 +221,7 @@ def identifier(
     return program('identifier', *arguments, domain=domain)
 
 
-def ended(process: subprocess.Popen[str], seconds: float = 90.0) -> tuple[int, str]:
+def ended(process: subprocess.Popen[str], seconds: float = PATIENCE) -> tuple[int, str]:
     """Wait for a program; return its exit code and what it wrote."""
     try:
         text, _ = process.communicate(timeout=seconds)

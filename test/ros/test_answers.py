@@ -87,7 +87,7 @@ def goal_of(**changes):
 def answer(listener, **changes):
     handle = listener.send(goal_of(**changes))
     assert handle.accepted
-    return listener.request(handle.get_result_async, 'the result', 60.0)
+    return listener.request(handle.get_result_async, 'the result')
 
 
 def test_the_end_of_the_node_waits_for_the_overlay_of_a_run_that_is_done(tmp_path) -> None:
@@ -101,7 +101,7 @@ def test_the_end_of_the_node_waits_for_the_overlay_of_a_run_that_is_done(tmp_pat
             found = Path(listener.results[0].result_file).parent
         finally:
             listener.close()
-        code, text = ended(process, 80.0)
+        code, text = ended(process)
     assert code == 0 and 'Traceback' not in text, text
     assert (found / 'overlay/metadata.yaml').exists()
 
@@ -382,7 +382,7 @@ def test_what_was_heard_is_found_again_after_a_restart(tmp_path) -> None:
                 if (values := stream.values(field)) is not None:
                     np.testing.assert_array_equal(other.values(field), values[:count])
         handle = listener.send(Identify.Goal(refine=False))
-        result = listener.request(handle.get_result_async, 'the result', 60.0)
+        result = listener.request(handle.get_result_async, 'the result')
         assert result.result.identification.error_message == ''
     finally:
         listener.close()

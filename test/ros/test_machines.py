@@ -25,7 +25,7 @@ def told(bag, machine, output, *more):
             with play as replay:
                 code, text = ended(replay)
                 assert code == 0, text
-            listener.until(lambda: listener.results, 'the result', 90.0)
+            listener.until(lambda: listener.results, 'the result')
             result = listener.results[-1]
         finally:
             listener.close()

@@ -55,7 +55,7 @@ def heard(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[di
         def identified(**changes: str) -> Any:
             goal = Identify.Goal(data_source=Identify.Goal.DATA_SOURCE_BAG, **changes)
             mine, made.action = made.action, made.identify
-            answer = made.request(made.send(goal).get_result_async, 'the result', 60.0)
+            answer = made.request(made.send(goal).get_result_async, 'the result')
             made.action = mine
             return answer.result.identification
 
