@@ -26,6 +26,8 @@ from ros2_ident.recording.windows import Window
 SHORTEST = 0.5
 # The tripod starts at rest; a log that starts in motion needs so long to be forgotten.
 SETTLING = 0.3
+# Points of the grid from one sample to the next where no controller is simulated.
+POINTS = 16
 # Less than this is no motion, rad or m.
 STANDSTILL = 1e-9
 
@@ -295,7 +297,7 @@ def _aligned(
     if not everyone and 'effort' in quantities:
         _check_efforts(recording, dataset, chosen)
     _check_motion(recording, dataset, chosen if 'effort' in quantities else ())
-    return dataset
+    return dataset.coarse(POINTS)
 
 
 def _check_efforts(recording: Recording, dataset: Dataset, chosen: tuple[str, ...]) -> None:

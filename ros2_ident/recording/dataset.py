@@ -2,8 +2,9 @@
 """A recording on the grid of controller cycles: what the models are fitted to."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import hashlib
+from typing import Any
 
 import numpy as np
 
@@ -66,7 +67,7 @@ class Dataset:
 
     Attributes:
         names: The drives.
-        cycle: Controller cycle, s.
+        cycle: From one to the next, s: the controller's, or of a `coarse` grid.
         start: Stamp of cycle 0, ns.
         command_position: Set-point (D, K), rad or m, at every cycle; None where there is no
             command.
@@ -143,6 +144,34 @@ class Dataset:
             if values is not None:
                 return int(values.shape[1])
         return 0
+
+    def coarse(self, least: int) -> 'Dataset':
+        """Return it on a grid of at least `least` cycles a sample, for a log without set-point.
+
+        The grid is coarser by a whole number, and every sample lies on it; the same where samples
+        keep to no coarser one.
+        """
+        if self.command_position is not None:
+            return self
+        there = np.zeros(self.cycles, dtype=bool)
+        for values in (self.position, self.velocity, self.effort):
+            if values is not None:
+                there |= np.isfinite(values).any(axis=0)
+        samples = np.flatnonzero(there)
+        apart = int(np.gcd.reduce(np.diff(samples))) if samples.size > 1 else 1
+        by = max(k for k in range(1, max(1, apart // least) + 1) if apart % k == 0)
+        if by == 1:
+            return self
+        first = int(samples[0]) % by
+        rows = {x: getattr(self, x) for x in (*_SEEN[2:], 'command_effort')}
+        kept: dict[str, Any] = {x: row[:, first::by] for x, row in rows.items() if row is not None}
+        return replace(
+            self,
+            cycle=self.cycle * by,
+            start=self.start + round(first * self.cycle * 1e9),
+            beside={name: row[first::by] for name, row in self.beside.items()},
+            **kept,
+        )
 
     @property
     def time(self) -> FloatArray:

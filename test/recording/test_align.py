@@ -289,3 +289,23 @@ def test_speeds_without_positions_are_integrated():
         align(Recording(state=stream(ticks, fields='ve'), command=command), NAMES, CYCLE).position
         is None
     )
+
+
+def test_a_slow_log_without_set_point_takes_a_grid_of_its_own() -> None:
+    ticks = np.delete(np.arange(3, 4000, 40), [5, 17])
+    fine = align(Recording(stream(ticks)), NAMES, CYCLE)
+    slow = fine.coarse(8)
+    assert slow.cycle == pytest.approx(5 * CYCLE)
+    for one, other in zip(
+        (fine.position, fine.velocity, fine.effort),
+        (slow.position, slow.velocity, slow.effort),
+        strict=True,
+    ):
+        there, kept = np.isfinite(one[0]), np.isfinite(other[0])
+        np.testing.assert_array_equal(one[:, there], other[:, kept])
+        stamps = [d.start * 1e-9 + d.time[x] for d, x in ((fine, there), (slow, kept))]
+        np.testing.assert_allclose(stamps[0] - stamps[1], 0.0, atol=1e-6)
+    uneven = align(Recording(stream(np.append(ticks, 4001))), NAMES, CYCLE)
+    assert uneven.coarse(8).cycle == CYCLE
+    followed = Recording(stream(ticks), command=stream(np.arange(4000), fields='pv'))
+    assert align(followed, NAMES, CYCLE).coarse(8).cycle == CYCLE

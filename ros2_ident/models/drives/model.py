@@ -534,12 +534,13 @@ class DriveModel(FullModel):
 
     @property
     def _ahead(self) -> float:
-        """Cycles by which the motion that belongs to an effort is later than its cycle begins.
+        """Cycles of the grid by which the motion that belongs to an effort is later.
 
         A commanded torque holds until the next cycle: what it caused is, on average, the motion
         half a cycle later.
         """
-        return 0.0 if self._closed else _HOLD
+        hold = _HOLD * float(self.machine.number('cycle'))
+        return 0.0 if self._closed else hold / self.cycle
 
     @property
     def _flags(self) -> npt.NDArray[np.int64] | None:
