@@ -9,7 +9,7 @@ for word in "$@"; do [ ! -e "${word%%::*}" ] || exec python -m pytest "$@"; done
 
 # The threads of one process' linear algebra would wait for those of the other's.
 export OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}" OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}"
-beside=(test/ros test/docs test/gap test/search test/report)
+beside=(test/ros test/docs test/gap test/search test/report test/excite test/fleet)
 durations=20
 [ "${CI:-}" != true ] || durations=0
 mkdir -p build
