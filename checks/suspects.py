@@ -34,7 +34,7 @@ import numpy as np
 
 from checks.blind import seal
 from checks.blind.case import CHECK, FIT, MACHINE, write_case
-from checks.blind.draw import CHECK_SECONDS, Drawer, FIT_SECONDS
+from checks.blind.draw import CHECK_SECONDS, Drawer, FIT_SECONDS, MACHINES
 from checks.blind.forms import draw_form, FORMS
 from checks.blind.forms.form import Hidden
 from checks.blind.label import MotionOrder, to_mapping
@@ -50,6 +50,7 @@ from checks.reference.bag_making import draw_parameters
 from checks.reference.plant import Log, Plant
 from checks.reference.twin import twin_of
 from ros2_ident.effects import CATALOGUE
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import replacing_directory, write_text
 from ros2_ident.machine.machine import Machine
 from ros2_ident.recording import Stream, write_bag
@@ -151,7 +152,7 @@ class TableDrawer(Drawer):
             self.constant, self.true = wrong(self.plain, number // 2, self.rng, seed)
         self.wanted = self._wish(number, case, seed)
         self.small = row == 'rough' or (row == 'null' and number % 2 == 1)
-        while True:
+        for _ in range(MACHINES):
             self.parameters = draw_parameters(self.machine, self.rng)
             starts = self.rng.integers(2**31, size=2)
             both = [
@@ -161,6 +162,7 @@ class TableDrawer(Drawer):
             self.motions = both[0], both[1]
             if self._runs():
                 return
+        raise IdentError(ErrorCode.DIVERGED, f'case {case} follows no motion; take another seed')
 
     def _rough(self, number: int) -> Rough:
         """Return noise by the row; the machine file states 0.01 N m of all."""
@@ -285,8 +287,13 @@ def judged(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
         wanted = label['constant']['name']
         said = {n for n, _ in found} | {c['effect'] for c in answer.get('confusable', [])}
         named = any(name.removesuffix('_error').endswith(wanted) for name in said if found)
-        there = [x for n, x in answer['parameters'].items() if n.endswith(wanted)]
-        return named and any(holds({**x, 'true': label['constant']['true']}) for x in there)
+        true, stated = (label['constant'][key] for key in ('true', 'stated'))
+        # As a number of the file, or as a factor on it.
+        ends = {wanted: true, f'{wanted}_error.factor': true / stated}
+        there = [
+            (x, ends[e]) for n, x in answer['parameters'].items() for e in ends if n.endswith(e)
+        ]
+        return named and any(holds({**x, 'true': value}) for x, value in there)
     return right(answer)
 
 

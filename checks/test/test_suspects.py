@@ -16,7 +16,7 @@ def test_a_case_of_each_row_is_drawn_and_judged_by_its_rule(tmp_path) -> None:
     store = Store(tmp_path)
     labels = {}
     for case in (3, 5, 6, cases.index(('constant', 1)) + 1):
-        label = draw(store, case, 3, seconds=(0.9, 0.6))
+        label = draw(store, case, 3, seconds=(1.2, 1.0))
         labels[label['row'], label['machine']['machine']] = label
         assert load_machine(store.case(case) / 'machine.yaml').kind == label['machine']['machine']
         assert (store.case(case) / 'check').is_dir()
