@@ -42,14 +42,22 @@ def listed() -> list[str]:
     return [line for line in lines if line and not line.startswith('#')]
 
 
+def _names(nodeid: str) -> set[str]:
+    """Return how test/slow.txt may name a test: as it is, without its parameters, by its file."""
+    whole = nodeid.removeprefix('checks/').removeprefix('test/')
+    return {whole, whole.partition('[')[0], whole.partition('::')[0]}
+
+
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    slow = set(listed())
+    slow = listed()
     for item in items:
-        whole = item.nodeid.removeprefix('checks/').removeprefix('test/')
-        names = {whole, whole.partition('[')[0], whole.partition('::')[0]}
-        if names & slow:
+        if _names(item.nodeid) & set(slow):
             item.add_marker(pytest.mark.slow)
+    # Where several processes take the files one by one, the longest is not the last.
+    files = list(dict.fromkeys(line.partition('::')[0] for line in slow))
+    place = {file: number for number, file in enumerate(files)}
+    items.sort(key=lambda item: min(place.get(name, len(files)) for name in _names(item.nodeid)))
     _skip_without_ros([item for item in items if item.get_closest_marker('ros')])
 
 
@@ -68,6 +76,7 @@ def _skip_without_ros(marked: list[pytest.Item]) -> None:
 # ---------------------------------------------------------------- nothing is skipped in CI
 
 
+# Of this process, which hears of every test: with pytest-xdist others run them.
 _amiss: list[str] = []
 # What is only told: how long a test takes is also a matter of what else the machine does.
 _late: list[str] = []
@@ -77,21 +86,22 @@ def _reason(report: pytest.TestReport | pytest.CollectReport) -> str:
     return str(report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr)
 
 
+def pytest_collectreport(report: pytest.CollectReport) -> None:
+    sentence = f'{report.nodeid} is skipped with CI=true: {_reason(report)}'
+    # As a failure it would keep all other tests from being run; each process may tell of it.
+    if CI and report.skipped and sentence not in _amiss:
+        _amiss.append(sentence)
+
+
 @pytest.hookimpl(wrapper=True)
-def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
-    report = yield
-    if CI and report.skipped:
-        # As a failure it would keep all other tests from being run.
-        _amiss.append(f'{report.nodeid} is skipped with CI=true: {_reason(report)}')
-    return report
-
-
-def _refused(report: pytest.TestReport) -> None:
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Turn a skip into a failure."""
+    report = yield
     if CI and report.skipped and not hasattr(report, 'wasxfail'):
         reason = _reason(report)
         report.outcome = 'failed'
         report.longrepr = f'With CI=true nothing may be skipped. {reason}'
+    return report
 
 
 # ---------------------------------------------------------------- the marks hold
@@ -103,20 +113,13 @@ def _compiled_since(moment: float) -> bool:
     return any(path.stat().st_mtime >= moment for path in place.rglob('*.nbc'))
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(
-    item: pytest.Item,
-) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    report = yield
-    _refused(report)
-    slow = item.get_closest_marker('slow') is not None
-    late = report.when == 'call' and report.duration > LIMIT and not slow
-    if late and not _compiled_since(report.start):
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    late = report.when == 'call' and report.duration > LIMIT
+    if late and not _names(report.nodeid) & set(listed()) and not _compiled_since(report.start):
         _late.append(
-            f'{item.nodeid} took {report.duration:.0f} s and is not marked slow; list it in '
+            f'{report.nodeid} took {report.duration:.0f} s and is not marked slow; list it in '
             'test/slow.txt'
         )
-    return report
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -63,6 +63,7 @@ setup(
             'pin',
             'pytest',
             'pytest-timeout',
+            'pytest-xdist',
             'selenium',
         ],
     },

@@ -21,7 +21,10 @@ BAG = ROOT / 'bags/tripod_pick_and_place'
 PATIENCE = 240.0
 HEARD = 'joint_states', 'effort', 'joint_command'
 
-_DOMAINS = itertools.count(os.getpid() % 50 + 120)
+# Of the two processes of a run of tests each has every other one.
+_DOMAINS = itertools.count(
+    2 * os.getppid() + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:]), 2
+)
 _NUMBERS = itertools.count(1)
 
 # How often a condition is looked at, s.
@@ -30,7 +33,7 @@ _LOOK = 0.01
 
 def new_domain() -> int:
     """Return a domain nobody else in this test run uses."""
-    return 102 + next(_DOMAINS) % 100  # up to 232 is safe with the default ports
+    return 102 + next(_DOMAINS) % 130  # up to 232 is safe with the default ports
 
 
 class Station:

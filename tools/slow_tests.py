@@ -4,6 +4,7 @@
 python tools/slow_tests.py build/durations.txt
 """
 
+from collections import Counter
 from pathlib import Path
 import re
 import sys
@@ -13,20 +14,23 @@ ROOT = Path(__file__).parents[1]
 SLOW = 0.25
 HEAD = (
     '# What is marked `slow`: tests of {slow:g} s and more where everything is compiled, and\n'
-    '# files whose fixtures take as long. Written by tools/slow_tests.py.\n'
+    '# files whose fixtures take as long; longest file first. Written by tools/slow_tests.py.\n'
 )
 
 
 def slow_of(log: str) -> list[str]:
-    """Return the lines of the list, in order, for the output of pytest."""
+    """Return the lines of the list, the longest file first, for the output of pytest."""
     files, tests = set(), set()
+    whole: Counter[str] = Counter()
     for seconds, phase, name in re.findall(r'^([\d.]+)s (\w+) +(\S.*)$', log, re.MULTILINE):
         test = name.strip().removeprefix('checks/').removeprefix('test/').partition('[')[0]
         file = test.partition('::')[0]
+        whole[file] += float(seconds)
         if float(seconds) >= SLOW:
             files |= {file} if phase == 'setup' else set()
             tests |= {test}
-    return sorted(files | {test for test in tests if test.partition('::')[0] not in files})
+    lines = files | {test for test in tests if test.partition('::')[0] not in files}
+    return sorted(lines, key=lambda line: (-whole[line.partition('::')[0]], line))
 
 
 if __name__ == '__main__':

@@ -39,7 +39,7 @@ def out(tmp_path_factory):
     seen = []
     run.tripod_section, kept = partial(tripod_section, plan=QUICK), run.tripod_section
     try:
-        page = run.run(folder, lambda part, text: seen.append((part, text)), seeds=3)
+        page = run.run(folder, lambda part, text: seen.append((part, text)), seeds=1)
     finally:
         run.tripod_section = kept
     return folder, page.read_text(encoding='utf-8'), seen

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every command on every page is run as it stands, or is marked with what keeps it from that.
 
+What a page shows as printed is what its commands print.
+
 Commands stand in fenced blocks of `bash`. The blocks of a page are run one after the other in one
 shell, in a folder that looks like the clone. A block that cannot be run has a line above it,
 
@@ -9,6 +11,14 @@ shell, in a folder that looks like the clone. A block that cannot be run has a l
 with a reason of `REASONS`, and what the reason claims is checked. Its commands are checked, but
 not run: arguments of `ident` by its parser, of scripts by their help, targets of `make` by the
 Makefile, names behind `ros2` by what the package has.
+
+A fenced block without a language is an output: its lines stand one after the other in what the
+commands of its page print. A number may differ by one in its last digit, since processors round
+differently. Two marks say otherwise:
+
+    <!-- printed by: PAGE -->      by the commands of another page
+    <!-- not printed: REASON -->   not by a command that is run here, with a reason of
+                                   `NOT_PRINTED`
 """
 
 from collections.abc import Callable, Iterator
@@ -24,7 +34,7 @@ import sys
 from docs_cases import Block, blocks, FENCE, PAGES, ROOT, run_of, run_pages
 import pytest
 
-from ros2_ident.cli.main import make_parser
+from ros2_ident.cli.main import main, make_parser
 
 # What a command begins with; elsewhere than in a block of `bash` it is a mistake.
 PROGRAMS = (
@@ -231,3 +241,82 @@ def test_a_wrong_command_is_found(text: str) -> None:
     words = shlex.split(text)
     with pytest.raises((AssertionError, SystemExit)):
         CHECKS[words[0]](words)
+
+
+# ------------------------------------------------------------------ what is printed
+
+
+NUMBER = re.compile(r'-?\d+(?:\.\d+)?(?:e[+-]?\d+)?$')
+NOT_PRINTED = ('takes minutes', 'after a mistake', 'needs your own files')
+
+
+def last_digit(number: str) -> float:
+    """Return what one in the last digit of a number is worth."""
+    mantissa, _, exponent = number.partition('e')
+    return 10.0 ** (int(exponent or 0) - len(mantissa.partition('.')[2]))
+
+
+def word_agrees(shown: str, printed: str) -> bool:
+    if shown == printed:
+        return True
+    shown, printed = shown.strip('[],()'), printed.strip('[],()')
+    if not (NUMBER.match(shown) and NUMBER.match(printed)):
+        return False
+    return abs(float(shown) - float(printed)) < 1.5 * last_digit(shown)
+
+
+def agrees(shown: str, printed: str) -> bool:
+    a, b = shown.split(), printed.split()
+    return len(a) == len(b) and all(map(word_agrees, a, b))
+
+
+def stands_in(shown: list[str], printed: list[str]) -> bool:
+    """Tell whether lines stand one after the other among others."""
+    starts = range(len(printed) - len(shown) + 1)
+    return any(all(map(agrees, shown, printed[i : i + len(shown)])) for i in starts)
+
+
+def outputs() -> list[Block]:
+    return [block for block in blocks('') if block.mark != 'not printed']
+
+
+@pytest.mark.parametrize('block', outputs(), ids=lambda b: f'{b.page}-{b.text.split()[0]}')
+def test_an_output_is_what_is_printed(block: Block, clone: Path) -> None:
+    page = block.reason if block.mark == 'printed by' else block.page
+    assert page in run_pages(), f'{block.page}: no command of {page} is run; mark the block'
+    printed = run_of(page, clone).stdout
+    assert stands_in(block.text.splitlines(), printed.splitlines()), (
+        f'{block.page} shows\n{block.text}and {page} prints\n{printed[-6000:]}'
+    )
+
+
+def test_marks_have_a_reason_that_is_known() -> None:
+    assert {b.reason for b in blocks('') if b.mark == 'not printed'} == set(NOT_PRINTED)
+
+
+def test_a_misspelt_key_is_told_as_the_page_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    made = ['new-machine', '--kind', 'linear_axis', '--drives', 'x_axis', '--out', 'a.yaml']
+    assert main(made) == 0
+    file = Path('a.yaml')
+    file.write_text(file.read_text().replace('velocity_gain:', 'velocity_gian:'))
+    assert main(['check', '--machine', 'a.yaml']) == 1
+    (block,) = (b for b in blocks('') if b.reason == 'after a mistake')
+    printed = ''.join(capsys.readouterr()).replace('a.yaml', 'build/my_axis.yaml')
+    assert block.text.strip() in printed.splitlines(), printed
+
+
+@pytest.mark.parametrize(
+    ('shown', 'same'),
+    [
+        ('mass  95.106 ± 0.034  kg', True),
+        ('mass  95.107 ± 0.034  kg', True),
+        ('mass  95.108 ± 0.034  kg', False),
+        ('mass  95.106 ± 0.034  g', False),
+        ('mass  95.106 ± 0.034', False),
+    ],
+)
+def test_a_last_digit_may_differ_and_nothing_else(shown: str, same: bool) -> None:
+    assert agrees(shown, 'mass 95.106  ± 0.034  kg') == same

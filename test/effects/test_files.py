@@ -60,10 +60,10 @@ def run(folder: Path, *words: str, path: str = '', **variables: str) -> str:
     return done.stdout
 
 
-def bag(folder: Path, seed: int) -> str:
+def bag(folder: Path) -> str:
     """Make a bag of an axis whose carriage runs into a soft pad at 0.15 m."""
-    path = str(folder / f'bag_{seed}')
-    words = ['simulate', path, '--machine', str(MACHINE), '--seed', str(seed), '--seconds', '8']
+    path = str(folder / 'bag')
+    words = ['simulate', path, '--machine', str(MACHINE), '--seed', '1', '--seconds', '8']
     words += ['--set', 'moving_mass=95', '--set', 'coulomb_friction=20']
     words += ['--set', 'viscous_friction=215', '--set', 'constant_force=0']
     words += ['--effect', 'rubber_buffer.py:stiffness=3e4,place=0.15']
@@ -72,8 +72,7 @@ def bag(folder: Path, seed: int) -> str:
 
 
 def test_one_file_outside_the_package_is_diagnosed_by_name(file: Path, tmp_path: Path) -> None:
-    words = ['diagnose', bag(tmp_path, 1), '--check', bag(tmp_path, 2)]
-    words += ['--machine', str(MACHINE), '--quiet', '--out', 'out']
+    words = ['diagnose', bag(tmp_path), '--machine', str(MACHINE), '--quiet', '--out', 'out']
     others = set(CATALOGUE) - {'cable_spring', 'constant_force', 'stribeck'}
     words += ['--no-overlay', '--no-report', '--without', ','.join(sorted(others))]
     run(tmp_path, '-m', 'ros2_ident.cli.main', *words, '--effect', file.name)

@@ -3,7 +3,6 @@
 
 import ast
 import json
-from pathlib import Path
 import re
 import signal
 from xml.etree import ElementTree
@@ -122,7 +121,8 @@ def running(tmp_path_factory):
     from ros2_ident.ros.outlet import LATCHED
 
     domain = new_domain()
-    with identifier(domain, Path(tmp_path_factory.mktemp('results'))) as process:
+    small = 'initial_population:=64', 'generations:=3'
+    with identifier(domain, tmp_path_factory.mktemp('results'), *small) as process:
         station = Station(lambda context: Node('layouts', context=context), domain)
         try:
             client = ActionClient(station.node, Identify, '/identifier/identify')

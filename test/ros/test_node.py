@@ -41,7 +41,7 @@ def shared(tmp_path_factory):
     output = tmp_path_factory.mktemp('results')
     with identifier(domain, output, 'progress_rate:=50.0') as process:
         made = Listener(domain)
-        made.output = output
+        made.output, made.domain = output, domain
         yield made
         made.close()
         process.send_signal(signal.SIGTERM)
@@ -310,38 +310,34 @@ def test_replay_says_what_is_wrong(
     assert said in ''.join(capsys.readouterr())
 
 
-def test_two_nodes_on_one_domain_do_not_interfere(domain: int, tmp_path: Path) -> None:
+def test_two_nodes_on_one_domain_do_not_interfere(shared, tmp_path: Path) -> None:
     elsewhere = (
-        '__node:=one', 'joint_states:=/a/x', 'effort:=/a/effort', 'joint_command:=/a/command'
+        '__ns:=/cell', 'joint_states:=/a/x', 'effort:=/a/effort', 'joint_command:=/a/command'
     )
-    with (
-        identifier(domain, tmp_path / 'a', remaps=elsewhere) as first,
-        identifier(domain, tmp_path / 'b', remaps=('__ns:=/cell',)) as second,
-    ):
-        one, two = Listener(domain, '/one'), Listener(domain, '/cell/identifier')
+    before = len(shared.results)
+    with identifier(shared.domain, tmp_path, remaps=elsewhere) as second:
+        two = Listener(shared.domain, '/cell/identifier')
         try:
             runs = [
-                one.send(bag_goal(seed=11, refine=False)),
-                two.send(bag_goal(seed=12, refine=False)),
+                (one, one.send(bag_goal(seed=seed, refine=False)))
+                for one, seed in ((shared, 11), (two, 12))
             ]
             found = [
-                where.request(run.get_result_async, 'a result').result.identification
-                for where, run in zip((one, two), runs, strict=True)
+                one.request(run.get_result_async, 'a result').result.identification
+                for one, run in runs
             ]
             assert [x.error_message for x in found] == ['', '']
             assert [x.seed for x in found] == [11, 12]
-            assert one.statuses[-1].streams == ['/a/x', '/a/effort', '/a/command']
-            assert two.statuses[-1].streams[0] == '/cell/joint_states'
-            for where in (one, two):
-                where.until(lambda where=where: where.results, 'the latched result')
-                assert len(where.results) == 1
-            assert (one.results[0].seed, two.results[0].seed) == (11, 12)
+            assert two.statuses[-1].streams == ['/a/x', '/a/effort', '/a/command']
+            assert shared.statuses[-1].streams[0] == '/joint_states'
+            shared.until(lambda: len(shared.results) > before, 'the latched result')
+            two.until(lambda: two.results, 'the latched result')
+            assert len(two.results) == 1 and len(shared.results) == before + 1
+            assert (shared.results[-1].seed, two.results[0].seed) == (11, 12)
         finally:
-            one.close()
             two.close()
-        for process in (first, second):
-            process.send_signal(signal.SIGINT)
-            assert ended(process)[0] == 0
+        second.send_signal(signal.SIGINT)
+        assert ended(second)[0] == 0
 
 
 def test_silence_is_explained(domain: int, listener: Listener, tmp_path: Path) -> None:
