@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects of the user: in files of their own and in other packages."""
 
+from dataclasses import replace
 import json
 import os
 from pathlib import Path
@@ -8,12 +9,14 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from ros2_ident.effects import add_effect_files, CATALOGUE
 from ros2_ident.effects.loading import Catalogue, VARIABLE
 from ros2_ident.errors import IdentError
 from ros2_ident.kernel import rows
+from ros2_ident.recording import read_bag, write_bag
 
 ROOT = Path(__file__).parents[2]
 MACHINE = ROOT / 'config/emps.yaml'
@@ -61,14 +64,13 @@ def run(folder: Path, *words: str, path: str = '', **variables: str) -> str:
 
 
 def bag(folder: Path) -> str:
-    """Make a bag of an axis whose carriage runs into a soft pad at 0.15 m."""
-    path = str(folder / 'bag')
-    words = ['simulate', path, '--machine', str(MACHINE), '--seed', '1', '--seconds', '8']
-    words += ['--set', 'moving_mass=95', '--set', 'coulomb_friction=20']
-    words += ['--set', 'viscous_friction=215', '--set', 'constant_force=0']
-    words += ['--effect', 'rubber_buffer.py:stiffness=3e4,place=0.15']
-    run(folder, '-m', 'ros2_ident.cli.main', *words)
-    return path
+    """Write the log of an axis whose carriage runs into a soft pad at 0.05 m."""
+    (recording,) = read_bag(ROOT / 'bags/axis_reversals')
+    state, effort = recording.state, recording.effort
+    depth = np.maximum(np.interp(effort.stamp, state.stamp, state.position[:, 0]) - 0.05, 0.0)
+    pushed = replace(effort, effort=effort.effort + 3e4 * depth[:, None] ** 2)
+    write_bag(folder / 'bag', replace(recording, effort=pushed))
+    return str(folder / 'bag')
 
 
 def test_one_file_outside_the_package_is_diagnosed_by_name(file: Path, tmp_path: Path) -> None:
@@ -83,7 +85,15 @@ def test_one_file_outside_the_package_is_diagnosed_by_name(file: Path, tmp_path:
     )
     place = found['parameters']['emps_axis.rubber_buffer.place']['value']
     stiffness = found['parameters']['emps_axis.rubber_buffer.stiffness']['value']
-    assert place == pytest.approx(0.15, abs=2e-3) and stiffness == pytest.approx(3e4, rel=0.1)
+    assert place == pytest.approx(0.05, abs=2e-3) and stiffness == pytest.approx(3e4, rel=0.1)
+
+
+def test_a_log_is_made_with_it(file: Path, tmp_path: Path) -> None:
+    code = 'from ros2_ident.effects import add_effect_files; '
+    code += 'from ros2_ident.simulate.effects import read_effect; '
+    code += f'add_effect_files(["{file.name}"]); '
+    code += f'print(read_effect("{file.name}:stiffness=3e4,place=0.15"))'
+    assert 'rubber_buffer' in run(tmp_path, '-c', code)
 
 
 def test_workers_learn_of_the_file(file: Path, tmp_path: Path) -> None:
