@@ -7,6 +7,7 @@ reference page are written from it.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 import math
 from typing import Literal
 
@@ -127,40 +128,21 @@ class Key:
         return replace(self, section='parameters', example=ends, shown=shown, absent=absent)
 
 
+# Keys of a section; what is not of the geometry belongs to a drive.
+of_geometry = partial(Key, 'geometry')
+of_drive = partial(Key, 'drive', each=True)
+of_controller = partial(Key, 'controller', each=True)
+sought = partial(Key, 'parameters', each=True)
+
 # Of machines whose effort is logged by a drive, in its own unit.
 EFFORT = (
-    Key(
-        '',
-        'effort_unit',
-        '',
-        'of the logged effort: N m, N, A or percent',
-        'N m',
-        absent='N m by default',
-    ),
-    Key(
-        '',
-        'torque_constant',
-        'N m/A',
-        'torque per current',
-        0.5,
-        absent='needed where effort_unit is A',
-        low=-1e3,
-        high=1e3,
-        force_unit='N/A',
-        shown=False,
-    ),
-    Key(
-        '',
-        'rated_torque',
-        'N m',
-        'torque at 100 %',
-        2.4,
-        absent='needed where effort_unit is percent',
-        low=-1e5,
-        high=1e5,
-        force_unit='N',
-        shown=False,
-    ),
+    Key('', 'effort_unit', '', 'of the logged effort: N m, N, A or percent', 'N m',
+        absent='N m by default'),
+    Key('', 'torque_constant', 'N m/A', 'torque per current', 0.5,
+        absent='needed where effort_unit is A', low=-1e3, high=1e3, force_unit='N/A', shown=False),
+    Key('', 'rated_torque', 'N m', 'torque at 100 %', 2.4,
+        absent='needed where effort_unit is percent', low=-1e5, high=1e5, force_unit='N',
+        shown=False),
 )
 
 
@@ -184,17 +166,8 @@ def head(
         Key('', 'machine', '', 'kind of machine', kind),
         Key('', 'drives', '', meaning, drives),
         *effort,
-        Key(
-            '',
-            'effort_noise',
-            'N m',
-            'standard deviation of the logged effort at rest',
-            noise,
-            absent='0.01 by default',
-            low=0.0,
-            high=1e4,
-            force_unit='N',
-        ),
+        Key('', 'effort_noise', 'N m', 'standard deviation of the logged effort at rest', noise,
+            absent='0.01 by default', low=0.0, high=1e4, force_unit='N'),
     )
 
 

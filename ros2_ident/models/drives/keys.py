@@ -4,10 +4,9 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 import math
-from typing import Any
 
 from ros2_ident.machine.draft import Draft, Remark
-from ros2_ident.machine.keys import Key, Value
+from ros2_ident.machine.keys import Key, of_controller, of_drive, sought, Value
 from ros2_ident.machine.units import angular
 
 
@@ -23,52 +22,17 @@ def drive_keys(rail_mass: float) -> tuple[Key, ...]:
         rail_mass: Example of the carriage's mass, kg.
     """
     return (
-        Key(
-            'drive',
-            'gear_factor',
-            'rad/m',
-            'motor angle per travel of the carriage',
-            78.54,
-            absent='left out where the effort is a force',
-            low=0.1,
-            high=1e5,
-            each=True,
-        ),
-        Key(
-            'drive',
-            'travel_per_turn',
-            'm',
-            'travel per motor turn, for effects that follow it; beside a force only',
-            0.08,
-            absent='2 pi / gear_factor by default',
-            default=turn_of_gear,
-            low=1e-5,
-            high=10.0,
-            shown=False,
-            each=True,
-        ),
-        Key(
-            'drive',
-            'rail_mass',
-            'kg',
-            'of the carriage with what is fixed to it',
-            rail_mass,
-            absent='0 by default',
-            low=0.0,
-            high=1e4,
-            each=True,
-        ),
-        Key(
-            'drive',
-            'coulomb_regularisation',
-            'm/s',
-            'width v of the step in Coulomb friction, tanh(speed / v)',
-            5.0e-3,
-            absent='0.005 by default',
-            low=1e-5,
-            high=0.1,
-            each=True,
-        ),
+        of_drive('gear_factor', 'rad/m', 'motor angle per travel of the carriage', 78.54,
+                 absent='left out where the effort is a force', low=0.1, high=1e5),
+        of_drive('travel_per_turn', 'm',
+                 'travel per motor turn, for effects that follow it; beside a force only', 0.08,
+                 absent='2 pi / gear_factor by default', default=turn_of_gear, low=1e-5, high=10.0,
+                 shown=False),
+        of_drive('rail_mass', 'kg', 'of the carriage with what is fixed to it', rail_mass,
+                 absent='0 by default', low=0.0, high=1e4),
+        of_drive('coulomb_regularisation', 'm/s',
+                 'width v of the step in Coulomb friction, tanh(speed / v)', 5.0e-3,
+                 absent='0.005 by default', low=1e-5, high=0.1),
     )
 
 
@@ -79,175 +43,49 @@ def controller_keys(cycle: float) -> tuple[Key, ...]:
         cycle: Example of their period, s.
     """
     return (
-        Key(
-            'controller',
-            'law',
-            '',
-            'cascade_pi: P on position, PI on velocity; cascade_p: P and P, no PI',
-            'cascade_pi',
-            absent='cascade_pi by default',
-            each=True,
-            choices=('cascade_pi', 'cascade_p'),
-            aliases=(('pi', 'cascade_pi'),),
-        ),
-        Key(
-            'controller',
-            'cycle',
-            's',
-            'period of the velocity controller',
-            cycle,
-            low=1e-6,
-            high=0.05,
-        ),
-        Key(
-            'controller',
-            'position_gain',
-            '1/s',
-            'velocity per position error',
-            60.0,
-            absent='needed where a set-point is recorded',
-            low=1e-2,
-            high=1e5,
-            each=True,
-        ),
-        Key(
-            'controller',
-            'velocity_gain',
-            'N m s/m',
-            'effort per velocity error of the carriage',
-            4.5,
-            absent='needed where a set-point is recorded',
-            low=1e-6,
-            high=1e7,
-            force_unit='N s/m',
-            each=True,
-        ),
-        Key(
-            'controller',
-            'integral_gain',
-            'N m/m',
-            'effort per integrated velocity error',
-            250.0,
-            absent='0 by default',
-            low=0.0,
-            high=1e9,
-            force_unit='N/m',
-            each=True,
-        ),
-        Key(
-            'controller',
-            'velocity_feedforward',
-            '1',
-            "share of the set-point's velocity",
-            1.0,
-            absent='0 by default',
-            low=0.0,
-            high=1.5,
-            each=True,
-        ),
-        Key(
-            'controller',
-            'torque_limit',
-            'N m',
-            'the effort is clipped to plus and minus this',
-            6.0,
-            absent='no limit by default',
-            low=1e-4,
-            high=1e6,
-            force_unit='N',
-            each=True,
-        ),
+        of_controller('law', '',
+                      'cascade_pi: P on position, PI on velocity; cascade_p: P and P, no PI',
+                      'cascade_pi', absent='cascade_pi by default',
+                      choices=('cascade_pi', 'cascade_p'), aliases=(('pi', 'cascade_pi'),)),
+        Key('controller', 'cycle', 's', 'period of the velocity controller', cycle,
+            low=1e-6, high=0.05),
+        of_controller('position_gain', '1/s', 'velocity per position error', 60.0,
+                      absent='needed where a set-point is recorded', low=1e-2, high=1e5),
+        of_controller('velocity_gain', 'N m s/m', 'effort per velocity error of the carriage', 4.5,
+                      absent='needed where a set-point is recorded', low=1e-6, high=1e7,
+                      force_unit='N s/m'),
+        of_controller('integral_gain', 'N m/m', 'effort per integrated velocity error', 250.0,
+                      absent='0 by default', low=0.0, high=1e9, force_unit='N/m'),
+        of_controller('velocity_feedforward', '1', "share of the set-point's velocity", 1.0,
+                      absent='0 by default', low=0.0, high=1.5),
+        of_controller('torque_limit', 'N m', 'the effort is clipped to plus and minus this', 6.0,
+                      absent='no limit by default', low=1e-4, high=1e6, force_unit='N'),
     )
 
 
-def _sought(
-    name: str, unit: str, meaning: str, example: tuple[float, float], **rest: object
-) -> Key:
-    """Return a parameter that each drive has."""
-    return Key('parameters', name, unit, meaning, example, each=True, **rest)  # type: ignore[arg-type]
-
-
-def _all_sought(**keys: dict[str, Any]) -> tuple[Key, ...]:
-    """Return parameters that each drive has, by their names."""
-    return tuple(_sought(name, **about) for name, about in keys.items())
-
-
-DELAY = Key(
-    'parameters',
-    'measurement_delay',
-    's',
-    'how late the effort is in the log',
-    (0.0, 0.05),
-    low=0.0,
-    high=1.0,
-)
+DELAY = Key('parameters', 'measurement_delay', 's', 'how late the effort is in the log',
+            (0.0, 0.05), low=0.0, high=1.0)
 GEAR = (
-    _sought(
-        'gear_stiffness', 'N/m', 'of gear or belt, at the carriage', (1e4, 3e5), low=0.0, high=1e12
-    ),
-    _sought(
-        'gear_damping_ratio',
-        '1',
-        'of motor and carriage swinging against each other',
-        (0.0, 2.0),
-        low=0.0,
-        high=100.0,
-    ),
+    sought('gear_stiffness', 'N/m', 'of gear or belt, at the carriage', (1e4, 3e5),
+           low=0.0, high=1e12),
+    sought('gear_damping_ratio', '1', 'of motor and carriage swinging against each other',
+           (0.0, 2.0), low=0.0, high=100.0),
 )
-INERTIA = _sought(
-    'drive_inertia',
-    'kg m^2',
-    'of motor and gear, at the motor shaft',
-    (2e-5, 3e-4),
-    low=0.0,
-    high=1e4,
-    force_unit='kg',
-)
-FRICTION = _all_sought(
-    coulomb_torque=dict(
-        unit='N m',
-        meaning='Coulomb friction',
-        example=(0.0, 0.5),
-        low=0.0,
-        high=1e5,
-        force_unit='N',
-    ),
-    viscous_torque=dict(
-        unit='N m s/m',
-        meaning='viscous friction',
-        example=(0.0, 0.5),
-        low=0.0,
-        high=1e7,
-        force_unit='N s/m',
-    ),
-    coulomb_friction=dict(
-        unit='N',
-        meaning='the same where the effort is a force',
-        example=(0.0, 60.0),
-        low=0.0,
-        high=1e5,
-        force_unit='N',
-        shown=False,
-    ),
-    viscous_friction=dict(
-        unit='N s/m',
-        meaning='the same where the effort is a force',
-        example=(0.0, 500.0),
-        low=0.0,
-        high=1e7,
-        force_unit='N s/m',
-        shown=False,
-    ),
-    constant_force=dict(
-        unit='N m',
-        meaning='effort that holds a constant pull against the positive direction',
-        example=(-1.0, 1.0),
-        low=-1e6,
-        high=1e6,
-        force_unit='N',
-        shown=False,
-    ),
-)
+INERTIA = sought('drive_inertia', 'kg m^2', 'of motor and gear, at the motor shaft', (2e-5, 3e-4),
+                 low=0.0, high=1e4, force_unit='kg')
+FRICTION = (
+    sought('coulomb_torque', 'N m', 'Coulomb friction', (0.0, 0.5), low=0.0, high=1e5,
+           force_unit='N'),
+    sought('viscous_torque', 'N m s/m', 'viscous friction', (0.0, 0.5), low=0.0, high=1e7,
+           force_unit='N s/m'),
+    sought('coulomb_friction', 'N', 'the same where the effort is a force', (0.0, 60.0),
+           low=0.0, high=1e5, force_unit='N', shown=False),
+    sought('viscous_friction', 'N s/m', 'the same where the effort is a force', (0.0, 500.0),
+           low=0.0, high=1e7, force_unit='N s/m', shown=False),
+    sought('constant_force', 'N m',
+           'effort that holds a constant pull against the positive direction', (-1.0, 1.0),
+           low=-1e6, high=1e6, force_unit='N', shown=False),
+)  # fmt: skip
 
 
 def turning(key: Key, example: tuple[float, float]) -> Key:

@@ -6,24 +6,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from ros2_ident.machine.draft import Draft, Remark
-from ros2_ident.machine.keys import head, Key
+from ros2_ident.machine.keys import head, of_geometry, sought
 from ros2_ident.machine.kind import Kind, later
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.space import Space
 from ros2_ident.models.drives import keys
 
-_GRAVITY = Key(
-    'geometry',
-    'gravity',
-    'm/s^2',
-    'against positive positions: 0 lying flat, 9.81 upright',
-    0.0,
-    absent='0 by default',
-    low=-9.9,
-    high=9.9,
-)
-_MOVING_MASS = Key(
-    'parameters',
+_GRAVITY = of_geometry('gravity', 'm/s^2',
+                       'against positive positions: 0 lying flat, 9.81 upright', 0.0,
+                       absent='0 by default', low=-9.9, high=9.9)
+_MOVING_MASS = sought(
     'moving_mass',
     'kg',
     'rigid axis: motor and carriage as one, in place of gear_* and drive_inertia; stated in '
@@ -32,7 +24,6 @@ _MOVING_MASS = Key(
     low=0.0,
     high=1e5,
     shown=False,
-    each=True,
 )
 _DRIVE = keys.drive_keys(3.5)
 _CONTROLLER = keys.controller_keys(1.0e-3)
@@ -41,9 +32,9 @@ _CONTROLLER = keys.controller_keys(1.0e-3)
 def _judge(draft: Draft) -> Iterator[Remark]:
     yield from keys.judge_drives(draft)
     moving = draft.states('parameters', 'moving_mass')
-    sought = moving or draft.states('parameters', 'rail_mass')
+    massive = moving or draft.states('parameters', 'rail_mass')
     stated = draft.numbers('drive', 'rail_mass') or (0.0,)
-    if not sought and min(stated) <= 0.0:
+    if not massive and min(stated) <= 0.0:
         yield Remark(
             'error',
             ('drive', 'rail_mass'),

@@ -1,24 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulator of the user's own: an MJCF whose actuators close the loop, stepped by MuJoCo."""
 
-from ros2_ident.machine.keys import head, Key
+from ros2_ident.machine.keys import head, Key, of_drive, of_geometry
 from ros2_ident.machine.kind import Kind, later
 from ros2_ident.models.drives import keys
 
-_DESCRIPTION = Key(
-    'geometry',
-    'description',
-    '',
-    "MJCF without files of its own, its way from this file's folder",
-    'robot.xml',
-    file=True,
-)
+_DESCRIPTION = of_geometry('description', '',
+                           "MJCF without files of its own, its way from this file's folder",
+                           'robot.xml', file=True)
 
 
 def _named(name: str, meaning: str, example: str, absent: str) -> Key:
-    return Key(
-        'drive', name, '', meaning, example, absent=absent, default='', shown=False, each=True
-    )
+    return of_drive(name, '', meaning, example, absent=absent, default='', shown=False)
 
 
 def _found(
@@ -41,17 +34,10 @@ KIND = Kind(
         _named('actuator', 'name of its actuator', 'joint_1', 'the one that acts on the joint'),
         _named('body', 'name of the body that body_mass and body_place are of', 'tool',
                "the joint's"),
-        Key(
-            'drive',
-            'direction',
-            '',
-            "forward, or backward where the log's positive direction is the joint's negative",
-            'forward',
-            absent='forward by default',
-            default='forward',
-            each=True,
-            choices=('forward', 'backward'),
-        ),
+        of_drive('direction', '',
+                 "forward, or backward where the log's positive direction is the joint's negative",
+                 'forward', absent='forward by default', default='forward',
+                 choices=('forward', 'backward')),
         Key('controller', 'cycle', 's', 'how long a set-point holds', 0.01, low=1e-6, high=0.1),
         keys.DELAY.at((0.0, 0.05), shown=False, absent='none by default'),
         _found('joint_zero', 'rad', "the log's position where the joint's is 0", (-3.2, 3.2),

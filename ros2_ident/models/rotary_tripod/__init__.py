@@ -5,106 +5,35 @@ from collections.abc import Iterator
 import math
 
 from ros2_ident.machine.draft import Draft, Remark
-from ros2_ident.machine.keys import head, Key
+from ros2_ident.machine.keys import head, Key, of_drive, of_geometry
 from ros2_ident.machine.kind import Kind, later
 from ros2_ident.machine.units import angular
 from ros2_ident.models.drives import keys
 
 _DRIVES = ('drive_1', 'drive_2', 'drive_3')
 _GEOMETRY = (
-    Key(
-        'geometry',
-        'shaft_azimuth',
-        'rad',
-        'where the three arms point, about the vertical',
-        (0.0, 2.0943951, 4.1887902),
-        low=-2.0 * math.pi,
-        high=2.0 * math.pi,
-        each=True,
-        remedy='write the angles in rad',
-    ),
-    Key(
-        'geometry',
-        'shaft_radius',
-        'm',
-        'circle of the shafts less that of the joints on the platform',
-        0.15,
-        low=1e-4,
-        high=10.0,
-    ),
-    Key(
-        'geometry',
-        'arm_length',
-        'm',
-        'from shaft to joint, all arms alike',
-        0.25,
-        low=1e-3,
-        high=20.0,
-    ),
-    Key(
-        'geometry',
-        'rod_length',
-        'm',
-        'from joint to joint, all rods alike',
-        0.55,
-        low=1e-3,
-        high=20.0,
-    ),
-    Key(
-        'geometry',
-        'gravity',
-        'm/s^2',
-        'downwards, towards the platform',
-        9.81,
-        low=-9.9,
-        high=9.9,
-    ),
-    Key(
-        'geometry',
-        'positive',
-        '',
-        'where positive angles turn the arms: down or up',
-        'down',
-        absent='down by default',
-        default='down',
-        choices=('down', 'up'),
-    ),
-    Key(
-        'geometry',
-        'arm_zero',
-        'rad',
-        'position at which an arm lies level',
-        0.0,
-        absent='0 by default',
-        default=0.0,
-        low=-2.0 * math.pi,
-        high=2.0 * math.pi,
-        each=True,
-    ),
+    of_geometry('shaft_azimuth', 'rad', 'where the three arms point, about the vertical',
+                (0.0, 2.0943951, 4.1887902), low=-2.0 * math.pi, high=2.0 * math.pi, each=True,
+                remedy='write the angles in rad'),
+    of_geometry('shaft_radius', 'm',
+                'circle of the shafts less that of the joints on the platform', 0.15,
+                low=1e-4, high=10.0),
+    of_geometry('arm_length', 'm', 'from shaft to joint, all arms alike', 0.25,
+                low=1e-3, high=20.0),
+    of_geometry('rod_length', 'm', 'from joint to joint, all rods alike', 0.55,
+                low=1e-3, high=20.0),
+    of_geometry('gravity', 'm/s^2', 'downwards, towards the platform', 9.81, low=-9.9, high=9.9),
+    of_geometry('positive', '', 'where positive angles turn the arms: down or up', 'down',
+                absent='down by default', default='down', choices=('down', 'up')),
+    of_geometry('arm_zero', 'rad', 'position at which an arm lies level', 0.0,
+                absent='0 by default', default=0.0, low=-2.0 * math.pi, high=2.0 * math.pi,
+                each=True),
 )
 _ARM = (
-    Key(
-        'drive',
-        'arm_inertia',
-        'kg m^2',
-        'of an arm about its shaft',
-        0.02,
-        low=0.0,
-        high=1e3,
-        each=True,
-    ),
-    Key(
-        'drive',
-        'arm_moment',
-        'kg m',
-        'mass of an arm times the distance of its centre from the shaft',
-        0.07,
-        absent='0 by default',
-        default=0.0,
-        low=-1e3,
-        high=1e3,
-        each=True,
-    ),
+    of_drive('arm_inertia', 'kg m^2', 'of an arm about its shaft', 0.02, low=0.0, high=1e3),
+    of_drive('arm_moment', 'kg m',
+             'mass of an arm times the distance of its centre from the shaft', 0.07,
+             absent='0 by default', default=0.0, low=-1e3, high=1e3),
 )
 # Examples of numbers that are others for a joint than for a carriage.
 _EXAMPLES: dict[str, object] = {
@@ -143,9 +72,8 @@ _DRIVE = tuple(_turning(key) for key in keys.drive_keys(0.0) if key.name != 'rai
 _CONTROLLER = tuple(_turning(key) for key in keys.controller_keys(5.0e-4))
 _GEAR = tuple(_turning(key) for key in keys.GEAR)
 _FRICTION = tuple(_turning(key) for key in keys.FRICTION[:2])
-_TOOL = Key(
-    'parameters', 'tool_mass', 'kg', 'of platform and tool', (0.2, 2.0), low=0.0, high=1e3
-)
+_TOOL = Key('parameters', 'tool_mass', 'kg', 'of platform and tool', (0.2, 2.0),
+            low=0.0, high=1e3)
 
 
 def _judge(draft: Draft) -> Iterator[Remark]:

@@ -2,37 +2,21 @@
 """Arms: links and joints from a URDF, an MJCF or a table, driven by their recorded motion."""
 
 from collections.abc import Iterator
+from functools import partial
 import math
 
 from ros2_ident.machine.draft import Draft, Remark
-from ros2_ident.machine.keys import head, Key
+from ros2_ident.machine.keys import head, Key, of_drive, of_geometry, sought
 from ros2_ident.machine.kind import Kind, later
 from ros2_ident.models.drives import keys
 
 _TABLE = ('dh_a', 'dh_alpha', 'dh_d', 'dh_theta')
-_BY_TABLE = 'needed where there is no description'
 
 
-def _row(name: str, unit: str, meaning: str, example: tuple[float, ...]) -> Key:
-    """Return a key of the table of modified Denavit-Hartenberg parameters."""
-    return Key(
-        'geometry',
-        name,
-        unit,
-        meaning,
-        example,
-        absent=_BY_TABLE,
-        low=-20.0,
-        high=20.0,
-        each=True,
-    )
-
-
-def _found(
-    name: str, unit: str, meaning: str, example: tuple[float, float], **more: object
-) -> Key:
-    """Return a parameter of a link, about what the description says of it."""
-    return Key('parameters', name, unit, meaning, example, each=True, **more)  # type: ignore[arg-type]
+# A column of the table of modified Denavit-Hartenberg parameters.
+_row = partial(
+    of_geometry, absent='needed where there is no description', low=-20.0, high=20.0, each=True
+)
 
 
 def _of_payload(name: str, unit: str, example: tuple[float, float], meaning: str) -> Key:
@@ -44,103 +28,47 @@ def _of_balance(
     high: float = math.inf, absent: str = '0 by default',
 ) -> Key:
     """Return a constant of a counterbalance; where both distances are 0 there is none."""
-    return Key(
-        'drive', f'balance_{name}', unit, meaning, example, absent=absent, default=default,
-        low=low, high=high, shown=False, each=True,
-    )  # fmt: skip
+    return of_drive(f'balance_{name}', unit, meaning, example, absent=absent, default=default,
+                    low=low, high=high, shown=False)  # fmt: skip
 
 
 _GEOMETRY = (
-    Key(
-        'geometry',
-        'description',
-        '',
-        "URDF or MJCF, its way from this file's folder; instead of the table",
-        'arm.urdf',
-        absent='the table below by default',
-        default='',
-        shown=False,
-        file=True,
-    ),
+    of_geometry('description', '',
+                "URDF or MJCF, its way from this file's folder; instead of the table", 'arm.urdf',
+                absent='the table below by default', default='', shown=False, file=True),
     _row('dh_a', 'm', 'modified Denavit-Hartenberg: a of the link before', (0.0, 0.0, 0.4)),
     _row('dh_alpha', 'rad', 'alpha of the link before', (0.0, -0.5 * math.pi, 0.0)),
     _row('dh_d', 'm', 'd along the joint', (0.3, 0.0, 0.0)),
     _row('dh_theta', 'rad', 'theta where the position is 0', (0.0, 0.0, 0.0)),
-    Key(
-        'geometry',
-        'joint',
-        '',
-        'revolute (also continuous) or prismatic, in a table',
-        ('revolute', 'revolute', 'revolute'),
-        absent='revolute by default',
-        default='revolute',
-        each=True,
-        choices=('revolute', 'prismatic'),
-        aliases=(('continuous', 'revolute'),),
-    ),
-    Key('geometry', 'free_fall', 'm/s^2', 'acceleration of free fall', 9.81,
-        absent='9.81 by default', default=9.81, low=0.0, high=25.0),
-    Key('geometry', 'base_roll', 'rad', 'tilt of the base about x', 0.0, absent='0 by default',
-        default=0.0, low=-math.pi, high=math.pi),
-    Key('geometry', 'base_pitch', 'rad', 'tilt of the base about y, after roll', 0.0,
-        absent='0 by default', default=0.0, low=-math.pi, high=math.pi),
+    of_geometry('joint', '', 'revolute (also continuous) or prismatic, in a table',
+                ('revolute', 'revolute', 'revolute'), absent='revolute by default',
+                default='revolute', each=True, choices=('revolute', 'prismatic'),
+                aliases=(('continuous', 'revolute'),)),
+    of_geometry('free_fall', 'm/s^2', 'acceleration of free fall', 9.81, absent='9.81 by default',
+                default=9.81, low=0.0, high=25.0),
+    of_geometry('base_roll', 'rad', 'tilt of the base about x', 0.0, absent='0 by default',
+                default=0.0, low=-math.pi, high=math.pi),
+    of_geometry('base_pitch', 'rad', 'tilt of the base about y, after roll', 0.0,
+                absent='0 by default', default=0.0, low=-math.pi, high=math.pi),
 )  # fmt: skip
 _DRIVE = (
-    Key(
-        'drive',
-        'gear_factor',
-        '1',
-        'motor angle per joint angle, where the effort is that of the motor',
-        100.0,
-        absent='1 by default: the effort is that of the joint',
-        low=0.1,
-        high=1e4,
-        force_unit='rad/m',
-        shown=False,
-        each=True,
-    ),
-    Key(
-        'drive',
-        'travel_per_turn',
-        'rad',
-        'joint angle per motor turn, for effects that follow it',
-        0.0628,
-        absent='2 pi / gear_factor by default',
-        default=keys.turn_of_gear,
-        low=1e-5,
-        high=10.0,
-        force_unit='m',
-        shown=False,
-        each=True,
-    ),
-    Key(
-        'drive',
-        'coulomb_regularisation',
-        'rad/s',
-        'width v of the step in Coulomb friction, tanh(speed / v)',
-        0.02,
-        absent='0.02 by default',
-        default=0.02,
-        low=1e-5,
-        high=1.0,
-        force_unit='m/s',
-        each=True,
-    ),
+    of_drive('gear_factor', '1',
+             'motor angle per joint angle, where the effort is that of the motor', 100.0,
+             absent='1 by default: the effort is that of the joint', low=0.1, high=1e4,
+             force_unit='rad/m', shown=False),
+    of_drive('travel_per_turn', 'rad', 'joint angle per motor turn, for effects that follow it',
+             0.0628, absent='2 pi / gear_factor by default', default=keys.turn_of_gear,
+             low=1e-5, high=10.0, force_unit='m', shown=False),
+    of_drive('coulomb_regularisation', 'rad/s',
+             'width v of the step in Coulomb friction, tanh(speed / v)', 0.02,
+             absent='0.02 by default', default=0.02, low=1e-5, high=1.0, force_unit='m/s'),
 )
 _COUPLING = (
-    Key(
-        'drive',
-        'coupled_to',
-        '',
-        'joint with which the motor turns, too: a belt or a hollow wrist passes it',
-        ('none', 'none', 'joint_2'),
-        absent='none by default',
-        default='none',
-        shown=False,
-        each=True,
-    ),
-    Key('drive', 'coupling', 'rad/rad', 'how far it turns with that joint',
-        1.0, absent='1 by default', default=1.0, low=-10.0, high=10.0, shown=False, each=True),
+    of_drive('coupled_to', '',
+             'joint with which the motor turns, too: a belt or a hollow wrist passes it',
+             ('none', 'none', 'joint_2'), absent='none by default', default='none', shown=False),
+    of_drive('coupling', 'rad/rad', 'how far it turns with that joint', 1.0, absent='1 by default',
+             default=1.0, low=-10.0, high=10.0, shown=False),
 )
 _BALANCE = (
     _of_balance('base', 'm', "a counterbalance's anchor before the joint, from its axis", 0.8,
@@ -155,18 +83,12 @@ _BALANCE = (
                 high=1e8),
 )
 _LINKS = (
-    _found(
-        'link_mass', 'kg', "of the links, as far from the description's", (-20.0, 20.0),
-        low=-1e4, high=1e4, shown=False,
-    ),
-    _found(
-        'link_moment', 'kg m', "first moments, as far from the description's", (-20.0, 20.0),
-        low=-1e4, high=1e4,
-    ),
-    _found(
-        'link_inertia', 'kg m^2', "inertias, as far from the description's", (-20.0, 20.0),
-        low=-1e4, high=1e4,
-    ),
+    sought('link_mass', 'kg', "of the links, as far from the description's", (-20.0, 20.0),
+           low=-1e4, high=1e4, shown=False),
+    sought('link_moment', 'kg m', "first moments, as far from the description's", (-20.0, 20.0),
+           low=-1e4, high=1e4),
+    sought('link_inertia', 'kg m^2', "inertias, as far from the description's", (-20.0, 20.0),
+           low=-1e4, high=1e4),
 )  # fmt: skip
 _PAYLOAD = (
     _of_payload('payload_mass', 'kg', (0.0, 10.0), 'point mass at the last link'),
@@ -193,12 +115,12 @@ def _judge(draft: Draft) -> Iterator[Remark]:
             f'geometry has neither a description nor {missing}; add `description: arm.urdf`, or '
             f'the table of {", ".join(_TABLE)}',
         )
-    sought = [key.name for key in _BALANCE if draft.states('parameters', key.name)]
-    if sought and not all(draft.states('drive', f'balance_{x}') for x in ('base', 'arm')):
+    pulls = [key.name for key in _BALANCE if draft.states('parameters', key.name)]
+    if pulls and not all(draft.states('drive', f'balance_{x}') for x in ('base', 'arm')):
         yield Remark(
             'error',
-            ('parameters', sought[0]),
-            f'{sought[0]} is to be found, and nothing says where it pulls; add balance_base and '
+            ('parameters', pulls[0]),
+            f'{pulls[0]} is to be found, and nothing says where it pulls; add balance_base and '
             'balance_arm to drive, 0 for joints without a counterbalance',
         )
     if described and table:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ros2_ident.machine.draft import Draft, Remark
-from ros2_ident.machine.keys import head, Key
+from ros2_ident.machine.keys import head, Key, of_controller, of_drive, of_geometry
 from ros2_ident.machine.kind import Kind, later
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.space import Space
@@ -16,26 +16,12 @@ from ros2_ident.models.drives import keys
 DUTY, VOLTAGE, CURRENT = 'duty', 'V', 'A'
 
 _EFFORT = (
-    Key(
-        '',
-        'effort_unit',
-        '',
-        'of a logged effort: N m, duty (share of the supply), V or A',
-        DUTY,
-        absent='N m by default; not read where no effort is compared',
-        shown=False,
-    ),
+    Key('', 'effort_unit', '', 'of a logged effort: N m, duty (share of the supply), V or A', DUTY,
+        absent='N m by default; not read where no effort is compared', shown=False),
 )
-_GRAVITY = Key(
-    'geometry',
-    'gravity',
-    'm/s^2',
-    '9.81 where the arm turns in a vertical plane, 0 where it lies flat',
-    9.81,
-    absent='0 by default',
-    low=0.0,
-    high=9.9,
-)
+_GRAVITY = of_geometry('gravity', 'm/s^2',
+                       '9.81 where the arm turns in a vertical plane, 0 where it lies flat', 9.81,
+                       absent='0 by default', low=0.0, high=9.9)
 
 
 def _of_drive(
@@ -52,9 +38,7 @@ _LOAD = (
     _of_drive('load_mass', 'kg', 'at the end of the arm', 0.5, 0.0, 1e3, zero=True),
     _of_drive('load_length', 'm', 'of the arm', 0.1, 0.0, 10.0, zero=True),
     _of_drive('arm_mass', 'kg', 'of the arm, spread evenly over it', 0.02, 0.0, 1e3, zero=True),
-    _of_drive(
-        'load_inertia', 'kg m^2', 'that gravity does not turn', 1.0e-3, 0.0, 1e3, zero=True
-    ),
+    _of_drive('load_inertia', 'kg m^2', 'that gravity does not turn', 1.0e-3, 0.0, 1e3, zero=True),
     _of_drive('load_angle', 'rad', 'position at which the arm hangs', 0.0, -7.0, 7.0, zero=True),
 )
 _MOTOR = (
@@ -63,80 +47,22 @@ _MOTOR = (
     _of_drive('resistance', 'Ohm', 'of the winding', 4.0, 1e-3, 1e3),
     _of_drive('armature', 'kg m^2', 'of rotor and gear, at the output', 2.0e-3, 0.0, 1e2),
 )
-_SIGN = Key(
-    'drive',
-    'coulomb_regularisation',
-    'rad/s',
-    'width v of the step in Coulomb friction, tanh(speed / v)',
-    1.0e-2,
-    absent='0.01 by default',
-    default=1e-2,
-    low=1e-5,
-    high=1.0,
-    each=True,
-)
+_SIGN = of_drive('coulomb_regularisation', 'rad/s',
+                 'width v of the step in Coulomb friction, tanh(speed / v)', 1.0e-2,
+                 absent='0.01 by default', default=1e-2, low=1e-5, high=1.0)
 _CONTROLLER = (
-    Key(
-        'controller',
-        'law',
-        '',
-        'position: P and D on the position',
-        'position',
-        absent='position by default',
-        default='position',
-        shown=False,
-        each=True,
-        choices=('position',),
-    ),
+    of_controller('law', '', 'position: P and D on the position', 'position',
+                  absent='position by default', default='position', shown=False,
+                  choices=('position',)),
     Key('controller', 'cycle', 's', "period of the firmware's law", 1.0e-3, low=1e-6, high=0.05),
-    Key(
-        'controller',
-        'position_gain',
-        '1/rad',
-        'duty per position error',
-        0.29,
-        absent='needed where a set-point is recorded',
-        low=1e-4,
-        high=1e4,
-        each=True,
-    ),
-    Key(
-        'controller',
-        'velocity_gain',
-        's/rad',
-        "duty per velocity error, the law's D",
-        0.01,
-        absent='0 by default',
-        default=0.0,
-        low=0.0,
-        high=1e3,
-        shown=False,
-        each=True,
-    ),
-    Key(
-        'controller',
-        'velocity_feedforward',
-        '1',
-        "share of the set-point's velocity in the law's D",
-        1.0,
-        absent='0 by default',
-        low=0.0,
-        high=1.5,
-        shown=False,
-        each=True,
-    ),
-    Key(
-        'controller',
-        'duty_limit',
-        '1',
-        'the duty is clipped to plus and minus this',
-        1.0,
-        absent='1 by default',
-        default=1.0,
-        low=1e-3,
-        high=1.0,
-        each=True,
-    ),
+    of_controller('position_gain', '1/rad', 'duty per position error', 0.29,
+                  absent='needed where a set-point is recorded', low=1e-4, high=1e4),
+    of_controller('velocity_gain', 's/rad', "duty per velocity error, the law's D", 0.01,
+                  absent='0 by default', default=0.0, low=0.0, high=1e3, shown=False),
+    of_controller('velocity_feedforward', '1', "share of the set-point's velocity in the law's D",
+                  1.0, absent='0 by default', low=0.0, high=1.5, shown=False),
+    of_controller('duty_limit', '1', 'the duty is clipped to plus and minus this', 1.0,
+                  absent='1 by default', default=1.0, low=1e-3, high=1.0),
 )
 
 
@@ -155,17 +81,9 @@ _FRICTION = (
     _sought('viscous_torque', 'N m s/rad', 'viscous friction', (0.0, 0.2), 1e3),
 )
 _GEAR = (
-    _sought(
-        'gear_stiffness', 'N m/rad', 'of a gear that gives', (10.0, 1e4), 1e9, shown=False
-    ),
-    _sought(
-        'gear_damping_ratio',
-        '1',
-        'of motor and load swinging against each other',
-        (0.0, 2.0),
-        100.0,
-        shown=False,
-    ),
+    _sought('gear_stiffness', 'N m/rad', 'of a gear that gives', (10.0, 1e4), 1e9, shown=False),
+    _sought('gear_damping_ratio', '1', 'of motor and load swinging against each other', (0.0, 2.0),
+            100.0, shown=False),
 )
 # Where a newcomer begins: what a data sheet does not say well enough.
 _SOUGHT = ('torque_constant', 'resistance', 'armature', 'load_angle')

@@ -5,54 +5,25 @@ from collections.abc import Iterator
 import math
 
 from ros2_ident.machine.draft import Draft, Remark
-from ros2_ident.machine.keys import head, Key
+from ros2_ident.machine.keys import head, Key, of_geometry
 from ros2_ident.machine.kind import Kind, later
 from ros2_ident.models.drives import keys
 
 _DRIVES = ('drive_1', 'drive_2', 'drive_3')
 _GEOMETRY = (
-    Key(
-        'geometry',
-        'rail_azimuth',
-        'rad',
-        'where the three rails stand, about the vertical',
-        (0.0, 2.0943951, 4.1887902),
-        low=-2.0 * math.pi,
-        high=2.0 * math.pi,
-        each=True,
-        remedy='write the angles in rad',
-    ),
-    Key(
-        'geometry',
-        'rail_radius',
-        'm',
-        'circle of the joints on the carriages less that on the platform',
-        0.30,
-        low=1e-3,
-        high=10.0,
-    ),
-    Key(
-        'geometry',
-        'rod_length',
-        'm',
-        'from joint to joint, all rods alike',
-        0.60,
-        low=1e-3,
-        high=20.0,
-    ),
-    Key(
-        'geometry',
-        'gravity',
-        'm/s^2',
-        'downwards, against positive positions',
-        9.81,
-        low=-9.9,
-        high=9.9,
-    ),
+    of_geometry('rail_azimuth', 'rad', 'where the three rails stand, about the vertical',
+                (0.0, 2.0943951, 4.1887902), low=-2.0 * math.pi, high=2.0 * math.pi, each=True,
+                remedy='write the angles in rad'),
+    of_geometry('rail_radius', 'm',
+                'circle of the joints on the carriages less that on the platform', 0.30,
+                low=1e-3, high=10.0),
+    of_geometry('rod_length', 'm', 'from joint to joint, all rods alike', 0.60,
+                low=1e-3, high=20.0),
+    of_geometry('gravity', 'm/s^2', 'downwards, against positive positions', 9.81,
+                low=-9.9, high=9.9),
 )
-_TOOL = Key(
-    'parameters', 'tool_mass', 'kg', 'of platform and tool', (0.5, 3.0), low=0.0, high=1e3
-)
+_TOOL = Key('parameters', 'tool_mass', 'kg', 'of platform and tool', (0.5, 3.0),
+            low=0.0, high=1e3)
 _DRIVE = keys.drive_keys(1.2)
 _CONTROLLER = keys.controller_keys(5.0e-4)
 
