@@ -10,12 +10,17 @@ from typing import Any
 from ros2_ident.errors import ErrorCode, IdentError
 
 
+def _read(text: str) -> float:
+    """Return a number; NaN where the text is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
 def positive(text: str) -> float:
     """Return a number above 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = _read(text)
     if not (math.isfinite(value) and value > 0.0):
         raise argparse.ArgumentTypeError(f'{text!r} has to be a number above 0')
     return value
@@ -23,10 +28,7 @@ def positive(text: str) -> float:
 
 def not_negative(text: str) -> float:
     """Return a number of at least 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = _read(text)
     if not (math.isfinite(value) and value >= 0.0):
         raise argparse.ArgumentTypeError(f'{text!r} has to be a number of at least 0')
     return value
@@ -34,10 +36,7 @@ def not_negative(text: str) -> float:
 
 def number(text: str) -> float:
     """Return a finite number other than 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = _read(text)
     if not math.isfinite(value) or value == 0.0:
         raise argparse.ArgumentTypeError(f'{text!r} has to be a number other than 0')
     return value
@@ -75,23 +74,17 @@ def names(text: str) -> tuple[str, ...]:
 def assignment(text: str) -> tuple[str, float]:
     """Return name and value of `tool_mass=1.4`."""
     name, _, value = text.partition('=')
-    try:
-        number = float(value)
-    except ValueError:
-        number = math.nan
-    if not name or not math.isfinite(number):
+    read = _read(value)
+    if not name or not math.isfinite(read):
         raise argparse.ArgumentTypeError(f'{text!r} has to be NAME=VALUE, as tool_mass=1.4')
-    return name, number
+    return name, read
 
 
 def interval(text: str) -> tuple[str, tuple[float, float]]:
     """Return name and bounds of `tool_mass=1:2`."""
     name, _, value = text.partition('=')
     low, _, high = value.partition(':')
-    try:
-        ends = float(low), float(high)
-    except ValueError:
-        ends = math.nan, math.nan
+    ends = _read(low), _read(high)
     if not name or not (math.isfinite(ends[0]) and math.isfinite(ends[1])):
         raise argparse.ArgumentTypeError(f'{text!r} has to be NAME=LOW:HIGH, as tool_mass=1:2')
     return name, ends

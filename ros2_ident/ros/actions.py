@@ -13,7 +13,6 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from rclpy.qos import qos_profile_parameters
 from rclpy.task import Future
-from ros2_ident_msgs.action import Identify
 
 from ros2_ident.errors import ErrorCode, IdentError
 
@@ -37,7 +36,7 @@ class GoalServer:
         cancel: Asks the run to end with the best so far.
         refuse: Is told why a goal was refused.
         failed: Makes a result message of what was raised.
-        code: Returns the error code in a result message.
+        field: Name of the result's field, which holds a message with an error code.
         result_timeout: How long a result can be asked for after the end, s.
 
     Attributes:
@@ -56,7 +55,7 @@ class GoalServer:
         cancel: Callable[[], None],
         refuse: Callable[[IdentError], None],
         failed: Callable[[BaseException], Any],
-        code: Callable[[Any], int],
+        field: str,
         result_timeout: float,
     ) -> None:
         self._node = node
@@ -66,7 +65,7 @@ class GoalServer:
         self._cancel = cancel
         self._refuse = refuse
         self._failed = failed
-        self._code = code
+        self._field = field
         self.pending = False
         self.open = 0
         self._finish: Done | None = None
@@ -110,8 +109,8 @@ class GoalServer:
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         try:
-            result = await self._result_of(handle)
-            code = self._code(result)
+            message = await self._message_of(handle)
+            code = message.error_code
             # A run that ended before it saw the cancel has its whole result: it succeeded.
             if handle.is_cancel_requested and code != ErrorCode.OK:
                 handle.canceled()
@@ -120,20 +119,20 @@ class GoalServer:
             else:
                 # The end of the node stops a run, too, but no client has asked for it.
                 handle.abort()
-            return result
+            return self._kind.Result(**{self._field: message})
         finally:
             self.open -= 1
 
-    async def _result_of(self, handle: ServerGoalHandle) -> Any:
-        """Run a goal; return its result, whatever happens."""
+    async def _message_of(self, handle: ServerGoalHandle) -> Any:
+        """Run a goal; return its result's message, whatever happens."""
         self.pending = False
         done = Future(executor=self._node.executor)
 
-        def finish(result: Any) -> None:
+        def finish(message: Any) -> None:
             self._finish = None
             if done.done():  # given up
                 return
-            done.set_result(result)
+            done.set_result(message)
             # a future that is set outside of the executor's round would wait for the next event
             executor = self._node.executor
             if executor is not None:
@@ -163,22 +162,3 @@ class GoalServer:
         if self._finish is not None:
             self._given_up = True
             self._finish(self._failed(error))
-
-    def destroy(self) -> None:
-        """Take the action off the air."""
-        self._server.destroy()
-
-
-def identify_result(message: Any) -> Any:
-    """Return the action's result that holds an IdentificationResult."""
-    return Identify.Result(identification=message)
-
-
-def identify_feedback(message: Any) -> Any:
-    """Return the action's feedback that holds a Progress."""
-    return Identify.Feedback(progress=message)
-
-
-def identify_code(result: Any) -> int:
-    """Return the error code in the action's result."""
-    return int(result.identification.error_code)

@@ -105,4 +105,4 @@ class Board:
         if self._error is not None:
             message.error_code = int(self._error.code)
             message.error_message = self._error.message
-        self._outlet.status(message)
+        self._outlet.status.publish(message)

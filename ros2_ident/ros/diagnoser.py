@@ -12,13 +12,7 @@ from ros2_ident.jobs import Diagnosed
 from ros2_ident.ros import parameters
 from ros2_ident.ros.actions import GoalServer
 from ros2_ident.ros.files import attempted, save
-from ros2_ident.ros.gap_conversion import (
-    diagnose_code,
-    diagnose_result,
-    feedback_message,
-    feedback_sentence,
-    gap_message,
-)
+from ros2_ident.ros.gap_conversion import feedback_message, feedback_sentence, gap_message
 from ros2_ident.ros.goals import diagnose_wanted
 from ros2_ident.ros.run import diagnose, Finished
 
@@ -45,10 +39,8 @@ class Diagnoser:
             begin=self._begin,
             cancel=node.worker.cancel,
             refuse=lambda error: node.board.refuse(error),
-            failed=lambda error: diagnose_result(
-                self._message(None, node.board.fault(error))
-            ),
-            code=diagnose_code,
+            failed=lambda error: self._message(None, node.board.fault(error)),
+            field='gap',
             result_timeout=parameters.snapshot(node)['result_timeout'],
         )
 
@@ -73,7 +65,7 @@ class Diagnoser:
                 message = self._ended(value, error)
             except Exception as failure:  # the result may be lost, but not the answer
                 message = self._ended(None, failure)
-            done(diagnose_result(message))
+            done(message)
 
         node.diagnostics.progress = None  # an earlier run's would pass for this one's
         source = ' + '.join(request.bags) or 'the data received'
@@ -111,5 +103,5 @@ class Diagnoser:
                 message.warnings = [*message.warnings, unwritten.message]
             node.pages.start(path)
         node.diagnostics.gap = message
-        node.outlet.gap(message)
+        node.outlet.gap.publish(message)
         return message

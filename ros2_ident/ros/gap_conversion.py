@@ -52,16 +52,6 @@ def feedback_sentence(feedback: Any) -> str:
     return f'diagnosing, {100 * feedback.fraction:.0f} %: {feedback.stage}{best}'
 
 
-def diagnose_result(message: Gap) -> Any:
-    """Return the action's result that holds a Gap."""
-    return Diagnose.Result(gap=message)
-
-
-def diagnose_code(result: Any) -> int:
-    """Return the error code in the action's result."""
-    return int(result.gap.error_code)
-
-
 def gap_message(
     finished: Finished[Diagnosed] | None,
     error: IdentError | None,

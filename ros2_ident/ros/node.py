@@ -22,13 +22,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.jobs import Identified
 from ros2_ident.recording import RecordingBuilder, Stream
 from ros2_ident.ros import parameters, start
-from ros2_ident.ros.actions import (
-    GoalServer,
-    identify_code,
-    identify_feedback,
-    identify_result,
-    REQUESTS,
-)
+from ros2_ident.ros.actions import GoalServer, REQUESTS
 from ros2_ident.ros.board import Board
 from ros2_ident.ros.capture import Capture
 from ros2_ident.ros.conversion import (
@@ -108,8 +102,8 @@ class Identifier(Node):
             begin=self._begin_goal,
             cancel=self.worker.cancel,
             refuse=lambda error: self.board.refuse(error),
-            failed=lambda error: identify_result(self._failed(self.board.fault(error))),
-            code=identify_code,
+            failed=lambda error: self._failed(self.board.fault(error)),
+            field='identification',
             result_timeout=now['result_timeout'],
         )
         self._servers = (identifying, Diagnoser(self).server)
@@ -184,7 +178,7 @@ class Identifier(Node):
         def said(progress: Any) -> None:
             message = progress_message(progress, request.machine, self.get_clock().now().to_msg())
             self.diagnostics.progress = message
-            self.outlet.progress(message)
+            self.outlet.progress.publish(message)
             self.board.sentence = progress_sentence(message)
             if tell is not None:
                 tell(message)
@@ -225,11 +219,7 @@ class Identifier(Node):
         return Heard(self.description, lambda: self.received().build()[0].state)
 
     def _begin_goal(self, goal: Any, tell: Says, done: Says) -> None:
-        self.begin(
-            goal,
-            lambda message: tell(identify_feedback(message)),
-            lambda message: done(identify_result(message)),
-        )
+        self.begin(goal, lambda message: tell(Identify.Feedback(progress=message)), done)
 
     def _failed(self, error: IdentError) -> IdentificationResult:
         return result_message(None, error, self.get_clock().now().to_msg())
@@ -261,7 +251,7 @@ class Identifier(Node):
             if unwritten is not None:
                 message.warnings = [*message.warnings, unwritten.message]
         self.diagnostics.result = message
-        self.outlet.result(message)
+        self.outlet.result.publish(message)
         return message
 
     def _compare(self, finished: Finished[Identified], path: str) -> None:
@@ -278,7 +268,7 @@ class Identifier(Node):
             simulated, residual, scene = value
             self._begin_series(simulated, residual)
             if scene is not None:
-                self.outlet.scene(scene)
+                self.outlet.scene.publish(scene)
 
         if not self.stopping:  # a run that the node's end has cut
             self.worker.chore(work, done)
@@ -454,7 +444,7 @@ class Identifier(Node):
     def _publish_diagnostics(self) -> None:
         silence = self.capture.silence() if self.capture.empty and not self.worker.busy else ''
         self.diagnostics.state = self.board.sentence if self.worker.busy else 'no run in progress'
-        self.outlet.diagnostics(
+        self.outlet.diagnostics.publish(
             self.diagnostics.message(
                 self.get_clock().now().to_msg(), self.capture.meters, self.capture.topics, silence
             )

@@ -27,44 +27,28 @@ class Outlet:
 
     Args:
         node: The node.
+
+    Attributes:
+        progress: Of ~/progress.
+        result: Of ~/result, for late subscribers too, as the next three.
+        gap: Of ~/gap.
+        status: Of ~/status.
+        scene: Of ~/scene.
+        diagnostics: Of /diagnostics.
     """
 
     def __init__(self, node: Node) -> None:
-        self._progress = node.create_publisher(Progress, '~/progress', EVENTS)
-        self._result = node.create_publisher(IdentificationResult, '~/result', LATCHED)
-        self._gap = node.create_publisher(Gap, '~/gap', LATCHED)
-        self._status = node.create_publisher(Status, '~/status', LATCHED)
-        self._scene = node.create_publisher(MarkerArray, '~/scene', LATCHED)
-        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', EVENTS)
+        self.progress = node.create_publisher(Progress, '~/progress', EVENTS)
+        self.result = node.create_publisher(IdentificationResult, '~/result', LATCHED)
+        self.gap = node.create_publisher(Gap, '~/gap', LATCHED)
+        self.status = node.create_publisher(Status, '~/status', LATCHED)
+        self.scene = node.create_publisher(MarkerArray, '~/scene', LATCHED)
+        self.diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', EVENTS)
         self._series = {
             name: node.create_publisher(JointState, f'~/{name}', SERIES)
             for name in ('simulated', 'residual')
         }
         self._waiting: deque[tuple[Any, Iterable[bytes]]] = deque()
-
-    def progress(self, message: Progress) -> None:
-        """Publish ~/progress."""
-        self._progress.publish(message)
-
-    def result(self, message: IdentificationResult) -> None:
-        """Publish ~/result, for late subscribers too."""
-        self._result.publish(message)
-
-    def gap(self, message: Gap) -> None:
-        """Publish ~/gap, for late subscribers too."""
-        self._gap.publish(message)
-
-    def status(self, message: Status) -> None:
-        """Publish ~/status, for late subscribers too."""
-        self._status.publish(message)
-
-    def scene(self, message: bytes) -> None:
-        """Publish ~/scene, serialised, for late subscribers too."""
-        self._scene.publish(message)
-
-    def diagnostics(self, message: DiagnosticArray) -> None:
-        """Publish /diagnostics."""
-        self._diagnostics.publish(message)
 
     def series(self, **messages: Iterable[bytes]) -> None:
         """Begin to publish series of serialised messages instead of those still waiting."""

@@ -2,7 +2,7 @@
 """Declare the node's parameters from the table, refuse wrong ones in sentences, take snapshots."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 import difflib
 from typing import Any
 
@@ -32,16 +32,7 @@ _TYPES = {
     'string': Parameter.Type.STRING,
     'string_array': Parameter.Type.STRING_ARRAY,
 }
-_GENETIC = (
-    'initial_population',
-    'survivors',
-    'children',
-    'generations',
-    'range_reduction',
-    'min_distance',
-    'mutation',
-    'stagnation_generations',
-)
+_GENETIC = [field.name for field in fields(GeneticSettings) if field.name in BY_NAME]
 
 
 @dataclass(frozen=True)
