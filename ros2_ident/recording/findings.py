@@ -1,12 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a check of recordings says: values, and their rendering as lines of text."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 Level = Literal['ok', 'warn', 'error']
 _ORDER: dict[str, int] = {'ok': 0, 'warn': 1, 'error': 2}
+# Columns of a report's tables.
+_STREAM_HEAD = (
+    'segment', 'stream', 'joints', 'fields', 'samples', 'time', 'rate', 'jitter', 'missing'
+)  # fmt: skip
+_DRIVE_HEAD = (
+    'segment', 'drive', 'stroke', 'top speed', 'reversals', 'at rest', 'effort', 'late',
+    'explained',
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -131,27 +139,10 @@ class Report:
 
 
 def render(report: Report) -> list[str]:
-    """Return a report as lines of text.
-
-    Args:
-        report: The report.
-    """
+    """Return a report as lines of text."""
     lines = [report.source or 'recording', '']
     if report.streams:
         rows = [
-            (
-                'segment',
-                'stream',
-                'joints',
-                'fields',
-                'samples',
-                'time',
-                'rate',
-                'jitter',
-                'missing',
-            )
-        ]
-        rows += [
             (
                 str(x.recording + 1),
                 x.role,
@@ -165,22 +156,9 @@ def render(report: Report) -> list[str]:
             )
             for x in report.streams
         ]
-        lines += [*_table(rows), '']
+        lines += [*_table(_STREAM_HEAD, rows), '']
     if report.drives:
         rows = [
-            (
-                'segment',
-                'drive',
-                'stroke',
-                'top speed',
-                'reversals',
-                'at rest',
-                'effort',
-                'late',
-                'explained',
-            )
-        ]
-        rows += [
             (
                 str(x.recording + 1),
                 x.drive,
@@ -194,7 +172,7 @@ def render(report: Report) -> list[str]:
             )
             for x in report.drives
         ]
-        lines += [*_table(rows), '']
+        lines += [*_table(_DRIVE_HEAD, rows), '']
     lines += [f'{x.level:5s} {x.sentence}' for x in report.findings]
     return lines
 
@@ -203,11 +181,10 @@ def _range(low: float, high: float) -> str:
     return '-' if low != low else f'{low:.3g} .. {high:.3g}'
 
 
-def _table(rows: Iterable[tuple[str, ...]]) -> list[str]:
-    """Align the columns of a table."""
-    rows = list(rows)
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+def _table(head: Sequence[str], rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return lines with aligned columns."""
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
     return [
         '  '.join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
-        for row in rows
+        for row in (head, *rows)
     ]

@@ -82,8 +82,8 @@ def judge_drive(
         1.0 if still else float(motion.resting.mean()),
         *([float('nan')] * 5),
     )
-    if motion.reported is not None and moving:
-        findings += _judge_velocity(name, motion)
+    if moving and (velocity := _judge_velocity(name, motion)):
+        findings.append(velocity)
     if motion.effort is None or np.isfinite(motion.effort).sum() < 10:
         return summary, findings
     effort = motion.effort
@@ -106,7 +106,8 @@ def judge_drive(
         return summary, findings
     lag, explained, said = _judge_effort(name, motion)
     findings += said
-    findings += _judge_gravity(name, at_rest, effort, gravity)
+    if weight := _judge_gravity(name, at_rest, float(np.nanstd(effort)), gravity):
+        findings.append(weight)
     return replace(summary, effort_lag=lag, explained=explained), findings
 
 
@@ -137,56 +138,46 @@ def _judge_motion(name: str, motion: Motion, stroke: float, reversals: int) -> F
     )
 
 
-def _judge_velocity(name: str, motion: Motion) -> list[Finding]:
+def _judge_velocity(name: str, motion: Motion) -> Finding | None:
     """Compare the reported velocity with the derivative of the position."""
-    assert motion.reported is not None
-    there = np.isfinite(motion.reported)
-    if there.sum() < 20:
-        return []
+    if motion.reported is None or np.isfinite(motion.reported).sum() < 20:
+        return None
     reported = fill_gaps(motion.reported)
     reported = low_pass(reported[None], motion.period, min(CUTOFF, 0.2 / motion.period))[0]
     lag, gain, share = best_lag(motion.velocity[:, None], reported, motion.period, -0.02)
     if share < 0.5:
-        return [
-            Finding(
-                'warn',
-                'velocity',
-                name,
-                f'{name}: the reported velocity explains {100.0 * share:.0f} % of the derivative '
-                'of the position; leave the velocity out of the log, or correct its scale and '
-                'source',
-            )
-        ]
-    slope = float(gain[0])
-    if not 0.9 < slope < 1.1:
-        return [
-            Finding(
-                'warn',
-                'velocity',
-                name,
-                f'{name}: the reported velocity is {slope:.3g} times the derivative of the '
-                'position; correct its unit or sign in the driver',
-            )
-        ]
-    if abs(lag) > max(0.6 * motion.period, 1e-3):
-        return [
-            Finding(
-                'warn',
-                'velocity_lag',
-                name,
-                f'{name}: the reported velocity is {abs(lag) * 1e3:.3g} ms '
-                f'{"late" if lag > 0 else "early"}; the position is the better measurement of '
-                'this motion',
-            )
-        ]
-    return [
-        Finding(
-            'ok',
+        return Finding(
+            'warn',
             'velocity',
             name,
-            f'{name}: the reported velocity is the derivative of the position',
+            f'{name}: the reported velocity explains {100.0 * share:.0f} % of the derivative '
+            'of the position; leave the velocity out of the log, or correct its scale and '
+            'source',
         )
-    ]
+    slope = float(gain[0])
+    if not 0.9 < slope < 1.1:
+        return Finding(
+            'warn',
+            'velocity',
+            name,
+            f'{name}: the reported velocity is {slope:.3g} times the derivative of the '
+            'position; correct its unit or sign in the driver',
+        )
+    if abs(lag) > max(0.6 * motion.period, 1e-3):
+        return Finding(
+            'warn',
+            'velocity_lag',
+            name,
+            f'{name}: the reported velocity is {abs(lag) * 1e3:.3g} ms '
+            f'{"late" if lag > 0 else "early"}; the position is the better measurement of '
+            'this motion',
+        )
+    return Finding(
+        'ok',
+        'velocity',
+        name,
+        f'{name}: the reported velocity is the derivative of the position',
+    )
 
 
 def _judge_effort(name: str, motion: Motion) -> tuple[float, float, list[Finding]]:
@@ -247,35 +238,28 @@ def _kind(name: str, effort: FloatArray) -> Finding | None:
     )
 
 
-def _judge_gravity(name: str, at_rest: float, effort: FloatArray, gravity: float) -> list[Finding]:
+def _judge_gravity(name: str, at_rest: float, spread: float, gravity: float) -> Finding | None:
     """Look for the weight in the effort at rest, where gravity acts along the drive."""
     if gravity == 0.0 or at_rest != at_rest:
-        return []
-    spread = float(np.nanstd(effort))
+        return None
     if abs(at_rest) < 0.05 * spread:
-        return [
-            Finding(
-                'warn',
-                'effort_gravity',
-                name,
-                f'{name}: gravity acts along this drive but the effort at rest is {at_rest:.2g}; '
-                'log the whole torque, not one with gravity compensated, or set gravity to 0 in '
-                'the machine file',
-            )
-        ]
-    if at_rest * gravity < 0.0:
-        return [
-            Finding(
-                'warn',
-                'effort_gravity',
-                name,
-                f'{name}: the effort at rest is {at_rest:.2g}, it pulls downwards; positive '
-                'effort has to hold the drive against gravity: check the signs of position and '
-                'effort',
-            )
-        ]
-    return [
-        Finding(
-            'ok', 'effort_gravity', name, f'{name}: holds {at_rest:.3g} at rest against gravity'
+        return Finding(
+            'warn',
+            'effort_gravity',
+            name,
+            f'{name}: gravity acts along this drive but the effort at rest is {at_rest:.2g}; '
+            'log the whole torque, not one with gravity compensated, or set gravity to 0 in '
+            'the machine file',
         )
-    ]
+    if at_rest * gravity < 0.0:
+        return Finding(
+            'warn',
+            'effort_gravity',
+            name,
+            f'{name}: the effort at rest is {at_rest:.2g}, it pulls downwards; positive '
+            'effort has to hold the drive against gravity: check the signs of position and '
+            'effort',
+        )
+    return Finding(
+        'ok', 'effort_gravity', name, f'{name}: holds {at_rest:.3g} at rest against gravity'
+    )

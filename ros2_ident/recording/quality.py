@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Judge recordings before an hour is spent on them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import math
 from typing import Protocol
 
@@ -66,15 +66,8 @@ def check(
     drives: list[DriveSummary] = []
     findings: list[Finding] = []
     if not recordings:
-        findings.append(
-            Finding(
-                'error',
-                'no_data',
-                '',
-                'there is no recording; record joint states while the drives move',
-            )
-        )
-        return Report('', (), (), tuple(findings))
+        text = 'there is no recording; record joint states while the drives move'
+        return Report('', findings=(Finding('error', 'no_data', '', text),))
     if len(recordings) > 1:
         findings.append(
             Finding(
@@ -143,73 +136,59 @@ def summarise(number: int, role: str, stream: Stream) -> StreamSummary:
     )
 
 
-def _judge_stream(x: StreamSummary) -> list[Finding]:
+def _judge_stream(x: StreamSummary) -> Iterator[Finding]:
     """Judge rate, gaps and missing values of one stream."""
-    found: list[Finding] = []
     text = f'{x.role}: {x.samples} samples at {x.rate:.6g} Hz'
     period = 1.0 / x.rate if x.rate else 0.0
     if period and x.jitter > 0.15 * period and x.gaps > 0.02 * x.samples:
-        found.append(
-            Finding(
-                'warn',
-                'irregular',
-                x.role,
-                f'{text}, but the steps scatter by {x.jitter * 1e3:.3g} ms and {x.gaps} are far '
-                'longer; log from the control loop itself where that is possible',
-            )
+        yield Finding(
+            'warn',
+            'irregular',
+            x.role,
+            f'{text}, but the steps scatter by {x.jitter * 1e3:.3g} ms and {x.gaps} are far '
+            'longer; log from the control loop itself where that is possible',
         )
     elif x.missing_share > _MISSING_WARN:
         level: Level = 'error' if x.missing_share > _MISSING_ERROR else 'warn'
-        found.append(
-            Finding(
-                level,
-                'missing',
-                x.role,
-                f'{text}, {100.0 * x.missing_share:.3g} % of the samples are missing, the longest '
-                f'gap lasts {x.longest_gap:.3g} s; record on the machine itself, or with a larger '
-                'cache',
-            )
+        yield Finding(
+            level,
+            'missing',
+            x.role,
+            f'{text}, {100.0 * x.missing_share:.3g} % of the samples are missing, the longest '
+            f'gap lasts {x.longest_gap:.3g} s; record on the machine itself, or with a larger '
+            'cache',
         )
     else:
         rest = f', {x.missing} missing' if x.missing else ', none missing'
-        found.append(
-            Finding(
-                'ok', 'rate', x.role, f'{text}{rest}, stamps scatter by {x.jitter * 1e3:.3g} ms'
-            )
+        yield Finding(
+            'ok', 'rate', x.role, f'{text}{rest}, stamps scatter by {x.jitter * 1e3:.3g} ms'
         )
     for name in x.silent:
         if x.role == 'effort' or not name.startswith('effort'):
-            found.append(
-                Finding(
-                    'warn',
-                    'nan',
-                    x.role,
-                    f'{x.role}: every value of the {_of(name)} is NaN: it was not measured',
-                )
+            yield Finding(
+                'warn',
+                'nan',
+                x.role,
+                f'{x.role}: every value of the {_of(name)} is NaN: it was not measured',
             )
         else:
-            found.append(
-                Finding(
-                    'warn',
-                    'nan',
-                    x.role,
-                    f'{x.role}: every value of the {_of(name)} is NaN; name the topic that '
-                    'carries the effort, or switch its measurement on',
-                )
+            yield Finding(
+                'warn',
+                'nan',
+                x.role,
+                f'{x.role}: every value of the {_of(name)} is NaN; name the topic that '
+                'carries the effort, or switch its measurement on',
             )
     for name, count in x.nan:
         share = count / x.samples
         if share > _MISSING_WARN:
-            found.append(
-                Finding(
-                    'warn',
-                    'nan',
-                    x.role,
-                    f'{x.role}: {100.0 * share:.3g} % of the values of the {_of(name)} are '
-                    'missing or NaN; they are left out; check the driver if you expected them',
-                )
+            yield Finding(
+                'warn',
+                'nan',
+                x.role,
+                f'{x.role}: {100.0 * share:.3g} % of the values of the {_of(name)} are '
+                'missing or NaN; they are left out; check the driver if you expected them',
             )
-    return found
 
 
 def _of(name: str) -> str:
@@ -219,31 +198,26 @@ def _of(name: str) -> str:
 
 def _judge_recording(
     recording: Recording, machine: MachineFacts | None, need: Sequence[str]
-) -> list[Finding]:
+) -> Iterator[Finding]:
     """Judge what a recording holds as a whole."""
-    found: list[Finding] = []
     if recording.duration < _SHORT:
-        found.append(
-            Finding(
-                'warn',
-                'short',
-                '',
-                f'the recording lasts {recording.duration:.2g} s; record at least {_SHORT:g} s '
-                'with acceleration, cruise and reversal',
-            )
+        yield Finding(
+            'warn',
+            'short',
+            '',
+            f'the recording lasts {recording.duration:.2g} s; record at least {_SHORT:g} s '
+            'with acceleration, cruise and reversal',
         )
     if recording.command is None:
-        found.append(
-            Finding(
-                'warn',
-                'no_command',
-                'command',
-                'there is no command stream: the recorded motion will drive the model, which '
-                'leaves the controller untested; record the set-point too where there is one',
-            )
+        yield Finding(
+            'warn',
+            'no_command',
+            'command',
+            'there is no command stream: the recorded motion will drive the model, which '
+            'leaves the controller untested; record the set-point too where there is one',
         )
     if machine is None:
-        return found
+        return
     try:
         data = align(
             recording,
@@ -253,14 +227,11 @@ def _judge_recording(
             effort_scale=machine.effort_scale,
         )
     except IdentError as exc:
-        found.append(Finding('error', exc.code.name.lower(), '', exc.message))
-        return found
-    found += [
-        Finding('warn', 'align', '', text)
-        for text in data.quality.warnings
-        if text not in recording.warnings
-    ]
-    return found
+        yield Finding('error', exc.code.name.lower(), '', exc.message)
+        return
+    for text in data.quality.warnings:
+        if text not in recording.warnings:
+            yield Finding('warn', 'align', '', text)
 
 
 def _judge_drives(
