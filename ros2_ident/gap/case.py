@@ -347,8 +347,15 @@ class Case:
         """
         if not held:
             return self
+        models = self.whole.models
+        return self._of([m.carrying(h) for m, h in zip(models, held, strict=True)])
+
+    def stating(self, name: str, value: float) -> 'Case':
+        """Return the case whose machine file states another number."""
+        return self._of([m.stating(name, value) for m in self.whole.models])
+
+    def _of(self, models: Sequence[FullModel]) -> 'Case':
         fit, check, conditions = self._given
-        models = [m.carrying(h) for m, h in zip(self.whole.models, held, strict=True)]
         count = len(fit.models)
         return Case(
             replace(fit, models=tuple(models[:count])),

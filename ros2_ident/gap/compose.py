@@ -77,6 +77,7 @@ def compose(
     again = _again(explainer, found, verdict, blocks)
     evidence = explainer.noise_of(final).evidence if found.complete else None
     values = _values(explainer, final, evidence) | _steps(verdict.readings)
+    values |= verdict.constants
     nominal = {
         p.name: v
         for p, v in zip(case.fit.with_effects(()).parameters, found.chain[0].theta, strict=True)

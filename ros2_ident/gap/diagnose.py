@@ -27,9 +27,25 @@ from ros2_ident.gap.gates import run_gates
 from ros2_ident.gap.localise import Finding, localise
 from ros2_ident.gap.predictability import predictability
 from ros2_ident.gap.reading import coarse_readings, CoarseReading
-from ros2_ident.gap.refusal import ahead, of_constants, of_gates, of_pushes, of_what_is_left
+from ros2_ident.gap.refusal import (
+    ahead,
+    of_constants,
+    of_gates,
+    of_pushes,
+    of_the_file,
+    of_what_is_left,
+)
 from ros2_ident.gap.turns import payload_turns
-from ros2_ident.gap.verdict import judge, NAMELESS, NONE, REFUSED, UNKNOWN, Verdict, WRONG_MODEL
+from ros2_ident.gap.verdict import (
+    BOOKKEEPING,
+    judge,
+    NAMELESS,
+    NONE,
+    REFUSED,
+    UNKNOWN,
+    Verdict,
+    WRONG_MODEL,
+)
 from ros2_ident.gates import GateReport
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.problem import sources
@@ -208,7 +224,8 @@ class _Passes:
         """Diagnose; where both recordings have to take turns, block by block, once more so."""
         begun = self._begin(Case(fit, check, self.conditions))
         if begun.report.blocked:
-            return self._composed(begun, *of_gates(begun.explainer, begun.base, begun.report))
+            found, verdict = of_gates(begun.explainer, begun.base, begun.report)
+            return self._composed(begun, *self._of_the_file(begun, found, verdict))
         both = fit + check
         if check.models and begun.material and not self.clock.stopped():
             # Where the recording fitted on does not show a parameter, its value is chance, and
@@ -349,7 +366,17 @@ class _Passes:
         if not clock.stopped():
             found, verdict = of_what_is_left(explainer, found, verdict, begun.report)
             found, verdict = of_constants(explainer, found, verdict)
+            if verdict.effect != BOOKKEEPING:
+                found, verdict = self._of_the_file(begun, found, verdict)
         return found, ahead(verdict, begun.report)
+
+    def _of_the_file(
+        self, begun: _Pass, found: Explained, verdict: Verdict
+    ) -> tuple[Explained, Verdict]:
+        """Ask whether a number of the machine file explains as much, where there is a gap."""
+        if not begun.material or verdict.effect == WRONG_MODEL or self.clock.stopped():
+            return found, verdict
+        return of_the_file(begun.explainer, found, verdict)
 
     def _composed(self, begun: _Pass, found: Explained, verdict: Verdict) -> Diagnosis:
         """Say where the gap lies, and put everything together."""

@@ -2,10 +2,12 @@
 """When no effect is named: the log contradicts the machine file, or the model is another one."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from ros2_ident.effects import Effect, get_effect
+from ros2_ident.gap.constants import fitted_constants
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
@@ -85,6 +87,45 @@ def _constant(effect: Effect, factor: float) -> str:
         f'{factor:.4g} times the {target} of the machine file fits every drive: the constant is '
         'wrong there, or another unit is meant; correct it.'
     )
+
+
+def of_the_file(
+    explainer: Explainer, found: Explained, verdict: Verdict
+) -> tuple[Explained, Verdict]:
+    """Return the answer, or that a number of the machine file is wrong where it explains as much.
+
+    Of what closes as much for all that counts the one with fewer numbers is taken.
+
+    Args:
+        explainer: Holds the case and the rules.
+        found: What the rounds came to.
+        verdict: What would follow.
+    """
+    base, final = found.chain[0], found.chain[-1]
+    share, rules = partial(explainer.share, base), explainer.rules
+    least = share(final) if len(found.chain) > 1 else 0.0
+    fewer = len(base.theta) + 1 < len(final.theta)
+    # Where as many numbers explain as much by an effect, its name stands.
+    least = max(rules.closed, least - rules.alike if fewer else least + rules.alike)
+    counting = [
+        one
+        for one in fitted_constants(explainer.attribution.fits, base)
+        if share(one.fit) > least and explainer.material(base, one.fit)
+    ]
+    if not counting:
+        return found, verdict
+    best, *others = sorted(counting, key=lambda one: -share(one.fit))
+    ties = [one for one in others if share(one.fit) > share(best.fit) - rules.alike]
+    text = (
+        f'{best.in_words()} fits the log and closes {100.0 * share(best.fit):.0f} % of a gap of '
+        f'{explainer.size(base):.2f} times the noise floor'
+    )
+    text += ''.join(f'; or {one.in_words()}, which closes as much' for one in ties)
+    plain = replace(found, chain=found.chain[:1], rivals=(), rests=())
+    case = explainer.attribution.case
+    where = case.drives if len(case.drives) == 1 else ('all',)
+    named = _without_effects(BOOKKEEPING, tuple(where), f'{text}. Correct it in the file.')
+    return plain, replace(named, constants={one.name: one.found for one in (best, *ties)})
 
 
 def of_what_is_left(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ros2_ident.effects import get_effect, shown_by
+from ros2_ident.gap.diagnosis import Value
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.reading import CoarseReading
@@ -94,6 +95,7 @@ class Verdict:
             size, where no fit repeats it.
         restless: Drives whose noise floor is too large and too slow to be noise, and their floors.
         pushed: Drives that made efforts which their command did not ask for, and when, in words.
+        constants: Numbers of the machine file that fit, where those stated do not.
     """
 
     effect: str
@@ -108,6 +110,7 @@ class Verdict:
     limits: Mapping[str, float] = field(default_factory=dict)
     restless: Mapping[str, float] = field(default_factory=dict)
     pushed: Mapping[str, str] = field(default_factory=dict)
+    constants: Mapping[str, Value] = field(default_factory=dict)
 
     @property
     def named(self) -> tuple[EffectAt, ...]:

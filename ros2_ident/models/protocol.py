@@ -287,6 +287,10 @@ class FullModel(ABC):
         """
         return self
 
+    def stating(self, name: str, value: float) -> 'FullModel':
+        """Return the model whose machine file states another number; itself where it has none."""
+        return self
+
     def extended(self, effects: Sequence[EffectAt]) -> 'FullModel':
         """Return the model with these effects and no others.
 

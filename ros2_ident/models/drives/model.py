@@ -200,11 +200,20 @@ class DriveModel(FullModel):
         """Return the model with a payload that is carried when `held` (K,) says so."""
         return self._again(self.effects, self.substeps, held)
 
+    def stating(self, name: str, value: float) -> 'DriveModel':
+        """Return the model whose machine file states another number, alike for all drives."""
+        other = self.machine.with_constants(**{name: value})
+        return self._again(self.effects, self.substeps, machine=other)
+
     def _again(
-        self, effects: Sequence[EffectAt], substeps: int | None, held: Array | None = None
+        self,
+        effects: Sequence[EffectAt],
+        substeps: int | None,
+        held: Array | None = None,
+        machine: Machine | None = None,
     ) -> 'DriveModel':
         return type(self)(
-            self.machine,
+            machine or self.machine,
             self.data,
             drives=self.drives,
             effects=effects,
@@ -215,7 +224,7 @@ class DriveModel(FullModel):
             quantities=self.signals.quantities,
             weights=self.signals.weights,
             held=self.held if held is None else held,
-            like=self,
+            like=None if machine else self,
         )
 
     def _take_over(self, like: 'DriveModel') -> None:

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A number that the machine file states wrong is found, with what fits instead."""
+
+from identify_cases import recording_of, tripod, tripod_bag, TRIPOD_TRUTH
+import numpy as np
+import pytest
+
+from gap.test_servo import dataset, MACHINE
+from ros2_ident.gap.attribute import Attribution
+from ros2_ident.gap.case import Case, recordings_of
+from ros2_ident.gap.constants import fitted_constants
+from ros2_ident.gap.diagnose import diagnose
+from ros2_ident.identify.data import gather
+
+
+@pytest.mark.parametrize(('name', 'factor'), [('rail_mass', 1.4), ('velocity_feedforward', 0.95)])
+def test_a_wrong_number_is_found_beside_the_parameters(name: str, factor: float) -> None:
+    true = tripod().number(name)
+    machine = tripod().with_constants(**{name: factor * true})
+    data = gather([recording_of(tripod_bag())], machine).datasets
+    fits = Attribution(Case(recordings_of(machine, data)), np.full(3, machine.effort_noise))
+    parameters = fits.case.fit.with_effects(()).parameters
+    base = fits.refit((), np.array([TRIPOD_TRUTH[p.name.rpartition('.')[2]] for p in parameters]))
+    found = max(fitted_constants(fits.fits, base), key=lambda one: -one.fit.loss)
+    assert (found.name, found.stated) == (name, pytest.approx(factor * true))
+    assert found.found.low < true < found.found.high
+    assert found.found.high - found.found.low < 0.1 * true
+
+
+def test_a_servo_with_another_load_than_stated_is_told_which() -> None:
+    true = MACHINE.number('load_mass')
+    wrong = MACHINE.with_constants(load_mass=0.5 * true)
+    found = diagnose(wrong, [dataset(7)], [dataset(8)], seed=1)
+    assert found.effect == 'bookkeeping' and 'load_mass is ' in found.sentence
+    mass = found.parameters['load_mass']
+    assert mass.low < true < mass.high
