@@ -202,6 +202,9 @@ def print_diagnosis(d: 'Diagnosis') -> None:
     for step in d.steps:
         print(f'  {step.gap.value:9.4g}  [{step.gap.low:.4g}, {step.gap.high:.4g}]  {step.label}')
     print(f'  {float((d.floor.per_drive**2).mean() ** 0.5):9.4g}  noise floor ({d.floor.method})')
+    if len(d.per_drive) > 1:
+        each = ', '.join(f'{n} {g.share_of_output:.2%}' for n, g in d.per_drive.items())
+        print(f'gap above the noise, share of the measured: {d.share_of_output:.2%} ({each})')
     if len(d.steps) > 1:
         s = d.share_closed
         print(f'share of the explainable gap closed: {s.value:.3f} [{s.low:.3f}, {s.high:.3f}]')

@@ -29,9 +29,8 @@ from ros2_ident.gap.verdict import (
     UNKNOWN,
     Verdict,
 )
-from ros2_ident.gap.wording import length
+from ros2_ident.gap.wording import length, of_output, small
 from ros2_ident.models import EffectAt, FullModel
-from ros2_ident.search import intervals
 from ros2_ident.search.evidence import Evidence
 
 # A noise floor that is so many times the lower end of its interval may hide a gap.
@@ -76,6 +75,7 @@ def compose(
     share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
     again = _again(explainer, found, verdict, blocks)
     evidence = explainer.noise_of(final).evidence if found.complete else None
+    per_drive = _per_drive(explainer, found, blocks, floor)
     values = _values(explainer, final, evidence) | _steps(verdict.readings)
     values |= verdict.constants
     nominal = {
@@ -91,7 +91,7 @@ def compose(
         effect=verdict.effect,
         where=verdict.where,
         probability=verdict.probability,
-        sentence=_sentence(verdict, explainer, found, floor, model, share.value, hidden)
+        sentence=_sentence(verdict, explainer, found, per_drive, model, share.value, hidden)
         + _bounded(values),
         also=verdict.also,
         confusable=tuple(
@@ -113,7 +113,7 @@ def compose(
             'closed': verdict.closed,
             'material': explainer.rules.material,
         },
-        per_drive=_per_drive(explainer, found, blocks, floor),
+        per_drive=per_drive,
         localisation=where,
         parameters=values,
         moved=moved,
@@ -213,32 +213,18 @@ def _traces(case: Case, found: Explained) -> tuple[Trace, ...]:
 def _values(
     explainer: Explainer, e: Explanation, evidence: Evidence | None = None
 ) -> dict[str, Value]:
-    case = explainer.attribution.case
-    joint = case.fit.with_effects(e.effects)
-    span = joint.high - joint.low
-    series = np.concatenate([mask.sum(axis=1) for mask in case.fit.masks])
-    rows = len(explainer.attribution.fits.weight)
-    found = intervals(
-        e.jacobian[:rows] / span,
-        e.residual[:rows],
-        e.theta,
-        joint.low,
-        joint.high,
-        series=[int(s) for s in series],
-    )
+    joint = explainer.attribution.case.fit.with_effects(e.effects)
+    low, high, *noise = explainer.ends(e, evidence)
     # Those of the effects come last; the bounds of the others are the machine file's matter.
     sizes = [p for at in e.effects for p in joint.models[0].scaled(at)]
     first = len(joint.parameters) - len(sizes)
     ends = [False] * first + [
         at_bound(p, float(v)) for p, v in zip(sizes, e.theta[first:], strict=True)
     ]
-    low, high = found.low, found.high
-    if evidence is not None:
-        low, high = evidence.ends(e.theta, joint.low, joint.high, low, high)
     return {
         p.name: Value(float(v), p.unit, float(lo), float(hi), end, float(less), float(more))
         for p, v, lo, hi, end, less, more in zip(
-            joint.parameters, e.theta, low, high, ends, found.low, found.high, strict=True
+            joint.parameters, e.theta, low, high, ends, *noise, strict=True
         )
     }
 
@@ -289,12 +275,15 @@ def _per_drive(
     explainer: Explainer, found: Explained, blocks: Blocks, floor: Floor
 ) -> dict[str, DriveGap]:
     case = explainer.attribution.case
-    models = case.check.models
     counted = blocks.above(floor, 0, -1)
+    gap = np.sqrt(np.maximum(explainer.gap(found.chain[0]), 0.0)) * floor.per_drive
     out = {}
     for d, name in enumerate(case.drives):
-        torque = np.concatenate(
-            [m.measured[d, mask[d]] for m, mask in zip(models, case.check.masks, strict=True)]
+        check, fit = (
+            np.concatenate(
+                [m.measured[d, mask[d]] for m, mask in zip(p.models, p.masks, strict=True)]
+            )
+            for p in (case.check, case.fit)
         )
         share = (
             blocks.share_closed(0, len(found.chain) - 1, floor, drive=d).value
@@ -306,7 +295,9 @@ def _per_drive(
             after=float(np.sqrt(blocks.squares[-1, d])),
             noise_floor=float(floor.per_drive[d]),
             share_closed=share,
-            torque_rms=float(np.sqrt(np.mean(torque**2))),
+            torque_rms=float(np.sqrt(np.mean(check**2))),
+            gap=float(gap[d]),
+            output=float(np.sqrt(np.mean(np.concatenate([fit, check]) ** 2))),
             counted=bool(counted[d]),
         )
     return out
@@ -316,7 +307,7 @@ def _sentence(
     verdict: Verdict,
     explainer: Explainer,
     found: Explained,
-    floor: Floor,
+    per_drive: Mapping[str, DriveGap],
     model: FullModel,
     share: float,
     hidden: Sequence[EffectAt],
@@ -324,17 +315,20 @@ def _sentence(
     """Return the answer in words, behind what has to be said first."""
     # One share, on data held out, wherever a diagnosis states one.
     closed = share if len(found.chain) > 1 else verdict.closed
-    said = _answer(verdict, explainer, found, floor, model, closed)
+    said = _answer(verdict, explainer, found, per_drive, model, closed)
     if verdict.effect == NONE and hidden:
         said = f'{said[:-1]}; this motion {cannot_show(hidden)}'
-    return f'{verdict.first} {said}' if verdict.first else said
+    material = explainer.size(found.chain[0]) >= explainer.rules.material
+    shares = [g.share_of_output for g in per_drive.values()]
+    first = small(shares, model.unit) if material and verdict.effect not in REFUSED else ''
+    return ' '.join(filter(None, (verdict.first, first, said)))
 
 
 def _answer(
     verdict: Verdict,
     explainer: Explainer,
     found: Explained,
-    floor: Floor,
+    per_drive: Mapping[str, DriveGap],
     model: FullModel,
     closed: float,
 ) -> str:
@@ -342,7 +336,9 @@ def _answer(
     if verdict.effect in REFUSED:
         return 'No effect is named.'
     unit, effort = model.unit, model.effort_unit
-    level = f'{float(np.mean(floor.per_drive)):.4g} {unit}'
+    level = f'{float(np.mean([g.noise_floor for g in per_drive.values()])):.4g} {unit}'
+    worst = max(per_drive.values(), key=lambda g: g.gap / g.noise_floor)
+    gap = f'{size:.2f} times the noise floor, {of_output(worst.share_of_output, unit)}'
     if verdict.effect == NONE and size < explainer.rules.material:
         return (
             f'Nothing is missing: the largest gap of a drive is {size:.2f} times the noise floor '
@@ -350,7 +346,7 @@ def _answer(
         )
     if verdict.effect == NONE:
         return (
-            f'Nothing can be named: the largest gap of a drive is {size:.2f} times the floor '
+            f'Nothing can be named: the largest gap of a drive is {gap} '
             f'({level}), and no effect of the catalogue closes enough of it to count.'
         )
     if verdict.pushed:
@@ -369,7 +365,7 @@ def _answer(
         )
     if verdict.effect == UNKNOWN and not found.complete:
         return (
-            f'The run was cut short: a gap of {size:.2f} times the noise floor ({level}) is '
+            f'The run was cut short: a gap of {gap} ({level}) is '
             'there, and nothing was found yet that explains it.'
         )
     if verdict.effect == UNKNOWN:
@@ -378,7 +374,7 @@ def _answer(
         most = 100 * max(verdict.closed, best, 0)
         return (
             f'Something is missing that is not in the catalogue: the gap on '
-            f'{", ".join(verdict.where)} is {size:.2f} times the noise floor, and the best of '
+            f'{", ".join(verdict.where)} is {gap}, and the best of '
             f'{tried} candidates closes {most:.0f} % of it.'
         )
     effect = get_effect(verdict.effect)
@@ -402,5 +398,5 @@ def _answer(
     share = closed if math.isfinite(closed) else min(max(verdict.closed, 0.0), 1.0)
     return (
         f'{effect.title} on {", ".join(verdict.where)}{more}: closes {100 * share:.0f} % '
-        f'of a gap of {size:.2f} times the noise floor.{steps or rest}'
+        f'of a gap of {gap}.{steps or rest}'
     )

@@ -14,6 +14,8 @@ from ros2_ident.gap.floor import Floor
 from ros2_ident.gates.law import GAINS
 from ros2_ident.identify.hidden import MATERIAL
 from ros2_ident.models import EffectAt
+from ros2_ident.search import intervals
+from ros2_ident.search.evidence import Evidence
 
 # Share of what controllers miss of the log that an effect may leave and still restore their law.
 _MISSED = 0.05
@@ -194,6 +196,29 @@ class Criteria:
         noise = self.floor.noise[worst]
         lost = self.size(before) > _VIOLENT or noise.variance > _LOST**2 * noise.innovation
         return agrees and ((lost and share > -0.5) or share >= self.rules.share)
+
+    def ends(self, e: Explanation, evidence: Evidence | None) -> tuple[Array, ...]:
+        """Return (N,) both ends of each parameter's 95 % interval, and of that by noise alone.
+
+        Args:
+            e: The fit.
+            evidence: Of what it leaves; without it the intervals are those by noise.
+        """
+        case = self.attribution.case
+        joint = case.fit.with_effects(e.effects)
+        rows = len(self.attribution.fits.weight)
+        found = intervals(
+            e.jacobian[:rows] / (joint.high - joint.low),
+            e.residual[:rows],
+            e.theta,
+            joint.low,
+            joint.high,
+            series=[int(s) for mask in case.fit.masks for s in mask.sum(axis=1)],
+        )
+        noise = found.low, found.high
+        if evidence is None:
+            return *noise, *noise
+        return *evidence.ends(e.theta, joint.low, joint.high, *noise), *noise
 
     def score(self, e: Explanation) -> float:
         """Return what is minimised over models: loss on both parts, and BIC's penalty."""

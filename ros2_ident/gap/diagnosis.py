@@ -85,6 +85,8 @@ class DriveGap:
         noise_floor: The drive's.
         share_closed: Share of the explainable gap that closed.
         torque_rms: RMS of the measured output.
+        gap: With the nominal fit, RMS above the noise, on all data.
+        output: RMS of the measured output on all data.
         counted: Whether the drive shows a gap, and counts in the share of all.
     """
 
@@ -93,7 +95,14 @@ class DriveGap:
     noise_floor: float
     share_closed: float
     torque_rms: float
+    gap: float
+    output: float
     counted: bool = True
+
+    @property
+    def share_of_output(self) -> float:
+        """The gap over the measured output, RMS; NaN where that is nothing."""
+        return self.gap / self.output if self.output else math.nan
 
     @property
     def over_floor(self) -> float:
@@ -196,6 +205,15 @@ class Diagnosis:
     traces: tuple[Trace, ...]
     again: tuple[float, ...] = ()
 
+    @property
+    def share_of_output(self) -> float:
+        """The gap of all drives over their measured output, RMS."""
+        gap, output = (
+            math.hypot(*(getattr(g, name) for g in self.per_drive.values()))
+            for name in ('gap', 'output')
+        )
+        return gap / output if output else math.nan
+
 
 def _shown(d: Diagnosis) -> tuple[str, ...]:
     """Return the drives that a map is drawn of whatever was found there: the worst, and the named.
@@ -265,6 +283,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
             'after': after.value,
             'noise_floor': d.floor.together,
             'noise_floor_method': d.floor.method,
+            'share_of_output': d.share_of_output,
             'share_closed': d.share_closed.value,
             'share_closed_low': d.share_closed.low,
             'share_closed_high': d.share_closed.high,
@@ -277,6 +296,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
                     'noise_floor': g.noise_floor,
                     'share_closed': g.share_closed,
                     'counted': g.counted,
+                    'share_of_output': g.share_of_output,
                     'share_of_torque_before': g.before / g.torque_rms,
                     'share_of_torque_after': g.after / g.torque_rms,
                 }

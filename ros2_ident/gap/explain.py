@@ -21,8 +21,6 @@ _NORMAL = 1.96
 _TIE = 20.0
 # A floor that falls below this share of what it was is taken over.
 _LOWER = 0.97
-# An effect that the final model needs so many times as much as the first one found comes first.
-_NEEDED = 2.0
 # Share of the gap that the best effect closes from which another one is near it.
 _NEAR = 0.6
 
@@ -92,8 +90,13 @@ class Explainer(Criteria):
             if not stopped():
                 chain, rounds = self.with_new_floor(chain, rounds)
         rests = self.rests(chain)
-        if not stopped():
+        while not stopped():
             chain, rests = self.ordered(chain, rests)
+            index = self.unshown(chain[-1], rests)
+            if index is None:
+                break
+            chain = self.up_to(chain[0], rests[index])
+            rests = self.rests(chain)
         rivals = self.rivals(chain, rounds)
         return Explained(
             tuple(chain), tuple(rounds), rivals, rests, self.size(chain[-1]), not stopped()
@@ -200,10 +203,10 @@ class Explainer(Criteria):
     def ordered(
         self, chain: list[Explanation], rests: tuple[Explanation, ...]
     ) -> tuple[list[Explanation], tuple[Explanation, ...]]:
-        """Put first what the final model needs most, where that is not what came first."""
+        """Put what the final model needs most first, so that the first is the largest."""
         final = chain[-1]
         needs = np.array([e.loss - final.loss for e in rests])
-        if len(final.effects) < 2 or needs.max() < _NEEDED * max(float(needs[0]), 0.0):
+        if len(final.effects) < 2 or not needs.argmax():
             return chain, rests
         order = [int(i) for i in np.argsort(-needs, kind='stable')]
         effects = tuple(final.effects[i] for i in order)
@@ -216,6 +219,22 @@ class Explainer(Criteria):
             steps.append(self.attribution.refit(effects[:count], theta[:end]))
         steps.append(self.attribution.refit(effects, theta))
         return steps, tuple(rests[i] for i in order)
+
+    def unshown(self, e: Explanation, rests: Sequence[Explanation]) -> int | None:
+        """Return which effect, the least needed, may be absent: all its sizes may be neutral.
+
+        By their intervals; what the controllers' log shows need not show in the outputs.
+        """
+        if not e.effects:
+            return None
+        low, high, *_ = self.ends(e, self.noise_of(e).evidence)
+        model, absent = self.attribution.case.fit.models[0], []
+        for index, (at, rest) in enumerate(zip(e.effects, rests, strict=True)):
+            both = zip(model.scaled(at), self.columns(e, index), strict=True)
+            neutral = [low[i] <= p.neutral <= high[i] for p, i in both if p.role == 'size']
+            if all(neutral) and not self.restores_law(rest, e):
+                absent.append(index)
+        return min(absent, key=lambda i: rests[i].loss, default=None)
 
     def without(self, e: Explanation, index: int) -> Explanation:
         """Refit a model with one effect taken out."""
@@ -239,13 +258,15 @@ class Explainer(Criteria):
                 kept = less
         if len(kept.effects) == len(full.effects):
             return chain
-        steps = [chain[0]]
-        for count in range(1, len(kept.effects)):
-            part = self.attribution.refit(
-                kept.effects[:count], kept.theta[: self.columns(kept, count)[0]]
-            )
-            steps.append(part)
-        return [*steps, kept]
+        return self.up_to(chain[0], kept)
+
+    def up_to(self, base: Explanation, e: Explanation) -> list[Explanation]:
+        """Return the chain from the nominal fit to a fit, one effect more each."""
+        steps = [base]
+        for count in range(1, len(e.effects)):
+            theta = e.theta[: self.columns(e, count)[0]]
+            steps.append(self.attribution.refit(e.effects[:count], theta))
+        return [*steps, e] if e.effects else steps
 
     def rivals(
         self, chain: Sequence[Explanation], rounds: Sequence[Round]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Words for where a gap lies."""
 
+from collections.abc import Iterable
 import re
 
 import numpy as np
@@ -10,6 +11,8 @@ from ros2_ident.gap.coordinates import Coordinate, PHASES
 
 # The regions that hold this share of what is explained are named.
 _MOST = 0.75
+# A gap below this share of the measured output is called small before anything else is said.
+_SMALL = 0.01
 # Phases that hold this share of it, and so many times their share of the time, are named.
 _MAINLY, _DENSER = 0.5, 1.5
 
@@ -55,6 +58,29 @@ def in_travel(text: str, unit: str, per_metre: float) -> str:
         return f'{" to ".join(numbers)} {unit}'
 
     return _LENGTH.sub(told, text)
+
+
+def compared(unit: str) -> str:
+    """Return what was compared, by its unit: effort, position or velocity."""
+    return {'m': 'position', 'rad': 'position', 'm/s': 'velocity', 'rad/s': 'velocity'}.get(
+        unit, 'effort'
+    )
+
+
+def of_output(share: float, unit: str) -> str:
+    """Return a gap's share of the measured output in words."""
+    return f'{figure(100.0 * share)} % of the {compared(unit)}'
+
+
+def small(shares: Iterable[float | None], unit: str) -> str:
+    """Return the sentence that comes first where every drive's gap is small; empty where not.
+
+    Args:
+        shares: Of each drive, the gap over the measured output, RMS.
+        unit: Unit of the output.
+    """
+    worst = max((x for x in shares if x is not None and x >= 0.0), default=1.0)
+    return f'The gap is small, {of_output(worst, unit)}.' if worst < _SMALL else ''
 
 
 def percent(share: float) -> str:

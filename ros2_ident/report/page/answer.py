@@ -7,11 +7,11 @@ import math
 from typing import Any
 
 from ros2_ident.gap.verdict import OFTEN, PUSHED, RESTLESS
+from ros2_ident.gap.wording import compared
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.report.page import sentences, steps
 from ros2_ident.report.page.headline import headline, hidden_by_noise, restless
 from ros2_ident.report.page.numbers import (
-    compared,
     from_to,
     number,
     percent,

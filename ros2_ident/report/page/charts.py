@@ -14,7 +14,8 @@ from markupsafe import escape, Markup
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.report.page.numbers import compared, number, unit_of
+from ros2_ident.gap.wording import compared
+from ros2_ident.report.page.numbers import number, unit_of
 
 WIDTH, HEIGHT = 560.0, 330.0
 _SIDES = ('before', 'after')

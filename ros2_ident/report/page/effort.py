@@ -22,6 +22,7 @@ from bokeh.models.annotations import Span
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.gap.wording import compared
 from ros2_ident.report.page.look import (
     Button,
     Choice,
@@ -34,7 +35,7 @@ from ros2_ident.report.page.look import (
     RED,
     SKY,
 )
-from ros2_ident.report.page.numbers import compared, number
+from ros2_ident.report.page.numbers import number
 from ros2_ident.report.page.thin import (
     breaks,
     coded,

@@ -51,13 +51,6 @@ def unit_of(unit: str) -> str:
     return '' if unit == '1' else unit.replace('^2', '²').replace('^3', '³')
 
 
-def compared(unit: str) -> str:
-    """Return what was compared, by its unit: effort, position or velocity."""
-    return {'m': 'position', 'rad': 'position', 'm/s': 'velocity', 'rad/s': 'velocity'}.get(
-        unit, 'effort'
-    )
-
-
 def quantity(value: float | None, unit: str, digits: int = 5) -> str:
     """Return a number with its unit."""
     return f'{number(value, digits)} {unit_of(unit)}'.rstrip()

@@ -12,6 +12,7 @@ from ros2_ident.arrays import plain
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
+from ros2_ident.gap.wording import compared
 from ros2_ident.identify.result import half_of_difference, smallest_shown
 from ros2_ident.report.files import (
     DIAGNOSIS,
@@ -26,7 +27,6 @@ from ros2_ident.report.files import (
 from ros2_ident.report.page import answer, sentences, steps
 from ros2_ident.report.page.numbers import (
     change,
-    compared,
     from_to,
     percent,
     quantity,
