@@ -185,6 +185,7 @@ def print_diagnosis(d: 'Diagnosis') -> None:
     """Print a diagnosis on standard output, the answer first."""
     from ros2_ident.cli.colour import alarming
     from ros2_ident.gap.verdict import REFUSED
+    from ros2_ident.gap.wording import compared, figure
 
     said = f'verdict: {d.sentence} (probability {d.probability:.2f})'
     print(alarming(said) if d.effect in REFUSED else said)
@@ -203,8 +204,10 @@ def print_diagnosis(d: 'Diagnosis') -> None:
         print(f'  {step.gap.value:9.4g}  [{step.gap.low:.4g}, {step.gap.high:.4g}]  {step.label}')
     print(f'  {float((d.floor.per_drive**2).mean() ** 0.5):9.4g}  noise floor ({d.floor.method})')
     if len(d.per_drive) > 1:
-        each = ', '.join(f'{n} {g.share_of_output:.2%}' for n, g in d.per_drive.items())
-        print(f'gap above the noise, share of the measured: {d.share_of_output:.2%} ({each})')
+        shares = {'all': d.share_of_output}
+        shares |= {name: g.share_of_output for name, g in d.per_drive.items()}
+        told = ', '.join(f'{name} {figure(100.0 * x)} %' for name, x in shares.items())
+        print(f'gap above the noise, share of the {compared(d.unit)}: {told}')
     if len(d.steps) > 1:
         s = d.share_closed
         print(f'share of the explainable gap closed: {s.value:.3f} [{s.low:.3f}, {s.high:.3f}]')
