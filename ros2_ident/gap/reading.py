@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import next_fast_len
 from scipy.ndimage import uniform_filter1d
 
 from ros2_ident.arrays import Array
@@ -31,7 +32,8 @@ _SLOW = 0.05
 _STANDS, _ASIDE = 2.5, 100
 # Share of its power in the line half as far on, from which on the clearest line is a second one.
 _HALVED = 0.25
-_BINS = 2**20
+# The way falls into so many bins for each of the smallest steps, but into no more than this.
+_FINE, _MOST_BINS = 7.0, 2**19
 # Cycles between the position that a controller read and the one logged beside its effort; what the
 # steps do to the nominal fit bends the delay that it finds.
 _LAGS = np.arange(-2.5, 2.5, 0.25)
@@ -146,9 +148,10 @@ def _clearest(
     """Return the step of the clearest line and its power, 0 where others are nearly as clear."""
     span = float(np.ptp(position))
     # The step itself, and its difference from cycle to cycle, which turns with the direction.
-    lines = [_lines(position, fast), _lines(position, fast * np.sign(velocity))]
+    bins = min(next_fast_len(int(_FINE * span / (SMALLEST * per_metre)), True), _MOST_BINS)
+    lines = [_lines(position, x, bins) for x in (fast, fast * np.sign(velocity))]
     power = np.maximum(*lines)
-    order = np.arange(power.size) * (_BINS // 2) / _BINS
+    order = 0.5 * np.arange(power.size)
     inside = (order > span / (LARGEST * per_metre)) & (order < span / (SMALLEST * per_metre))
     best = int(np.argmax(np.where(inside, power, 0.0)))
     # A sharp step has multiples of its line; the first of them is the step's own.
@@ -170,10 +173,10 @@ def _clearest(
     return step, float(power[best]) if stands else 0.0
 
 
-def _lines(position: Array, values: Array) -> Array:
+def _lines(position: Array, values: Array, bins: int) -> Array:
     """Return the power of `values` at every whole number of half periods over the way."""
     span = float(np.ptp(position))
-    place = ((position - position.min()) / span * (_BINS // 2 - 1)).astype(int)
-    binned = np.bincount(place, values, _BINS)
+    place = ((position - position.min()) / span * (bins - 1)).astype(int)
+    binned = np.bincount(place, values, 2 * bins)
     out: Array = np.abs(np.fft.rfft(binned)) ** 2 / max(float((values**2).sum()), 1e-300)
     return out

@@ -119,7 +119,7 @@ def delays_apart(signals: Signals, fit: Fit, tracked: float, gain: float) -> Arr
 def _scan(fit: 'Fit', lags: Array, lates: Array) -> list[tuple[float, float, float]]:
     """Return (what is left, effort delay, set-point delay) for all pairs of delays in cycles."""
     return [
-        (fit.left(np.array([lag, late])), float(lag), float(late))
+        (float(left), float(lag), float(late))
         for late in lates
-        for lag in lags
+        for lag, left in zip(lags, fit.left_at(lags, float(late)), strict=True)
     ]

@@ -133,24 +133,36 @@ class Fit:
         The columns are position error, velocity error and one; with an integral part its integrals
         too.
         """
-        if delays[1] != self._late:
-            self._late = float(delays[1])
-            self._columns = self._law(self._late)
-        at = np.clip(self._index - delays[0], 0.0, len(self._columns) - 1.000001)
+        return self._columns_at(delays[:1], float(delays[1]))[0], self._effort
+
+    def _columns_at(self, lags: Array, late: float) -> Array:
+        """Return (L, R, C) the columns for L delays of the effort."""
+        if late != self._late:
+            self._late = late
+            self._columns = self._law(late)
+        at = np.clip(self._index - lags[:, None], 0.0, len(self._columns) - 1.000001)
         whole = at.astype(int)
-        part = (at - whole)[:, None]
-        below, above = self._columns[whole], self._columns[whole + 1]
-        return below + part * (above - below), self._effort
+        part = (at - whole)[..., None]
+        below = self._columns.take(whole, axis=0)
+        return below + part * (self._columns.take(whole + 1, axis=0) - below)
 
     def left(self, delays: Array) -> float:
         """Return the mean square that is left, as a share of the effort's variance."""
-        columns, effort = self.system(delays)
-        normal, right = columns.T @ columns, columns.T @ effort
+        return float(self.left_at(delays[:1], float(delays[1]))[0])
+
+    def left_at(self, lags: Array, late: float) -> Array:
+        """Return (L,) the same for L delays of the effort, in cycles, at one of the set-point."""
+        columns = self._columns_at(lags, late)
+        turned = columns.transpose(0, 2, 1)
+        normal, right = turned @ columns, turned @ self._effort
         # a drive that stands still has a column of zeros; the square has to be a number, too
-        size = np.maximum(np.sqrt(np.diag(normal)), 1e-150)
-        solution = np.linalg.lstsq(normal / np.outer(size, size), right / size, rcond=1e-12)[0]
-        rest = effort - columns @ (solution / size)
-        return float(rest @ rest) / max(float(effort.var()) * effort.size, 1e-300)
+        size = np.maximum(np.sqrt(np.diagonal(normal, axis1=1, axis2=2)), 1e-150)
+        scaled = normal / (size[:, :, None] * size[:, None, :])
+        inverse = np.linalg.pinv(scaled, rcond=1e-12, hermitian=True)
+        solution = (inverse @ (right / size)[:, :, None])[..., 0] / size
+        rest = self._effort - (columns @ solution[:, :, None])[..., 0]
+        whole = max(self.variance * self.size, 1e-300)
+        return np.asarray(np.einsum('lr,lr->l', rest, rest) / whole)
 
     def _law(self, late: float) -> Array:
         x = self._signals
