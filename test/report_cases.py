@@ -63,8 +63,8 @@ def diagnosed() -> Diagnosis:
         held_out='blocks',
         evidence={'size': 2.9, 'remaining': 0.1, 'closed': 0.97, 'material': 0.2},
         per_drive={
-            'drive_1': DriveGap(0.031, 0.0101, 0.01, 0.97, 0.3, 0.029, 0.3),
-            'drive_2': DriveGap(0.0101, 0.01, 0.01, 0.1, 0.3, 0.0014, 0.3),
+            'drive_1': DriveGap(0.031, 0.0101, 0.01, 0.97, 0.3, 0.097),
+            'drive_2': DriveGap(0.0101, 0.01, 0.01, 0.1, 0.3, 0.0047),
         },
         localisation=tuple(f for f in localise(of, row, floor_of()) if f.significant),
         parameters={

@@ -204,7 +204,7 @@ def print_diagnosis(d: 'Diagnosis') -> None:
         print(f'  {step.gap.value:9.4g}  [{step.gap.low:.4g}, {step.gap.high:.4g}]  {step.label}')
     print(f'  {float((d.floor.per_drive**2).mean() ** 0.5):9.4g}  noise floor ({d.floor.method})')
     if len(d.per_drive) > 1:
-        shares = {'all': d.share_of_output}
+        shares = {'all': d.evidence['share_of_output']}
         shares |= {name: g.share_of_output for name, g in d.per_drive.items()}
         told = ', '.join(f'{name} {figure(100.0 * x)} %' for name, x in shares.items())
         print(f'gap above the noise, share of the {compared(d.unit)}: {told}')

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.gap.blocks import Blocks, Interval
-from ros2_ident.gap.case import Case
+from ros2_ident.gap.case import Case, Part
 from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.criteria import at_bound
 from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
@@ -75,7 +76,8 @@ def compose(
     share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
     again = _again(explainer, found, verdict, blocks)
     evidence = explainer.noise_of(final).evidence if found.complete else None
-    per_drive = _per_drive(explainer, found, blocks, floor)
+    shares, whole = _shares(explainer, found)
+    per_drive = _per_drive(explainer, found, blocks, floor, shares)
     values = _values(explainer, final, evidence) | _steps(verdict.readings)
     values |= verdict.constants
     nominal = {
@@ -112,6 +114,7 @@ def compose(
             'remaining': found.remaining,
             'closed': verdict.closed,
             'material': explainer.rules.material,
+            'share_of_output': whole,
         },
         per_drive=per_drive,
         localisation=where,
@@ -271,20 +274,31 @@ def _doubts(values: Mapping[str, Value]) -> list[str]:
     ]
 
 
+def _measured(part: Part, d: int) -> Array:
+    """Return the measured output of a drive where it is compared."""
+    both = zip(part.models, part.masks, strict=True)
+    return np.concatenate([m.measured[d, mask[d]] for m, mask in both])
+
+
+def _shares(explainer: Explainer, found: Explained) -> tuple[Array, float]:
+    """Return (D,) the nominal gap over the measured output, RMS on all data, and that of all."""
+    case = explainer.attribution.case
+    gap = np.maximum(explainer.gap(found.chain[0]), 0.0) * explainer.floor.per_drive**2
+    rows = [
+        np.concatenate([_measured(part, d) for part in (case.fit, case.check)])
+        for d in range(len(case.drives))
+    ]
+    output = np.array([max(float(np.mean(row**2)), 1e-300) for row in rows])
+    return np.sqrt(gap / output), float(np.sqrt(gap.sum() / output.sum()))
+
+
 def _per_drive(
-    explainer: Explainer, found: Explained, blocks: Blocks, floor: Floor
+    explainer: Explainer, found: Explained, blocks: Blocks, floor: Floor, shares: Array
 ) -> dict[str, DriveGap]:
     case = explainer.attribution.case
     counted = blocks.above(floor, 0, -1)
-    gap = np.sqrt(np.maximum(explainer.gap(found.chain[0]), 0.0)) * floor.per_drive
     out = {}
     for d, name in enumerate(case.drives):
-        check, fit = (
-            np.concatenate(
-                [m.measured[d, mask[d]] for m, mask in zip(p.models, p.masks, strict=True)]
-            )
-            for p in (case.check, case.fit)
-        )
         share = (
             blocks.share_closed(0, len(found.chain) - 1, floor, drive=d).value
             if len(found.chain) > 1
@@ -295,9 +309,8 @@ def _per_drive(
             after=float(np.sqrt(blocks.squares[-1, d])),
             noise_floor=float(floor.per_drive[d]),
             share_closed=share,
-            torque_rms=float(np.sqrt(np.mean(check**2))),
-            gap=float(gap[d]),
-            output=float(np.sqrt(np.mean(np.concatenate([fit, check]) ** 2))),
+            torque_rms=float(np.sqrt(np.mean(_measured(case.check, d) ** 2))),
+            share_of_output=float(shares[d]),
             counted=bool(counted[d]),
         )
     return out
@@ -337,7 +350,7 @@ def _answer(
         return 'No effect is named.'
     unit, effort = model.unit, model.effort_unit
     level = f'{float(np.mean([g.noise_floor for g in per_drive.values()])):.4g} {unit}'
-    worst = max(per_drive.values(), key=lambda g: g.gap / g.noise_floor)
+    worst = list(per_drive.values())[int(explainer.gap(found.chain[0]).argmax())]
     gap = f'{size:.2f} times the noise floor, {of_output(worst.share_of_output, unit)}'
     if verdict.effect == NONE and size < explainer.rules.material:
         return (

@@ -85,8 +85,7 @@ class DriveGap:
         noise_floor: The drive's.
         share_closed: Share of the explainable gap that closed.
         torque_rms: RMS of the measured output.
-        gap: With the nominal fit, RMS above the noise, on all data.
-        output: RMS of the measured output on all data.
+        share_of_output: The gap before over the measured output, RMS, on all data.
         counted: Whether the drive shows a gap, and counts in the share of all.
     """
 
@@ -95,14 +94,8 @@ class DriveGap:
     noise_floor: float
     share_closed: float
     torque_rms: float
-    gap: float
-    output: float
+    share_of_output: float
     counted: bool = True
-
-    @property
-    def share_of_output(self) -> float:
-        """The gap over the measured output, RMS; NaN where that is nothing."""
-        return self.gap / self.output if self.output else math.nan
 
     @property
     def over_floor(self) -> float:
@@ -159,8 +152,8 @@ class Diagnosis:
         share_closed: Share of the explainable gap closed on held-out data, with its interval.
         held_out: `check bag` or `blocks`.
         evidence: The numbers the verdict rests on: size of the gap and what remains of it, RMS of
-            the worst drive in units of the floor, the share closed, and the size from which a gap
-            is material.
+            the worst drive in units of the floor, the share closed, the size from which a gap is
+            material, and the gap of all drives over their measured output.
         per_drive: Each drive's gap.
         localisation: Findings, the strongest first.
         parameters: Parameters of the extended model.
@@ -204,15 +197,6 @@ class Diagnosis:
     seed: int
     traces: tuple[Trace, ...]
     again: tuple[float, ...] = ()
-
-    @property
-    def share_of_output(self) -> float:
-        """The gap of all drives over their measured output, RMS."""
-        gap, output = (
-            math.hypot(*(getattr(g, name) for g in self.per_drive.values()))
-            for name in ('gap', 'output')
-        )
-        return gap / output if output else math.nan
 
 
 def _shown(d: Diagnosis) -> tuple[str, ...]:
@@ -283,7 +267,6 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
             'after': after.value,
             'noise_floor': d.floor.together,
             'noise_floor_method': d.floor.method,
-            'share_of_output': d.share_of_output,
             'share_closed': d.share_closed.value,
             'share_closed_low': d.share_closed.low,
             'share_closed_high': d.share_closed.high,

@@ -11,8 +11,8 @@ from ros2_ident.gap.coordinates import Coordinate, PHASES
 
 # The regions that hold this share of what is explained are named.
 _MOST = 0.75
-# A gap below this share of the measured output is called small before anything else is said.
-_SMALL = 0.01
+# What is said before anything else of a gap below this share of the measured output.
+SMALL, _SMALL = 'The gap is small', 0.01
 # Phases that hold this share of it, and so many times their share of the time, are named.
 _MAINLY, _DENSER = 0.5, 1.5
 
@@ -72,15 +72,15 @@ def of_output(share: float, unit: str) -> str:
     return f'{figure(100.0 * share)} % of the {compared(unit)}'
 
 
-def small(shares: Iterable[float | None], unit: str) -> str:
+def small(shares: Iterable[float], unit: str) -> str:
     """Return the sentence that comes first where every drive's gap is small; empty where not.
 
     Args:
         shares: Of each drive, the gap over the measured output, RMS.
         unit: Unit of the output.
     """
-    worst = max((x for x in shares if x is not None and x >= 0.0), default=1.0)
-    return f'The gap is small, {of_output(worst, unit)}.' if worst < _SMALL else ''
+    worst = max(shares)
+    return f'{SMALL}, {of_output(worst, unit)}.' if worst < _SMALL else ''
 
 
 def percent(share: float) -> str:

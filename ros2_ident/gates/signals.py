@@ -144,7 +144,8 @@ class Fit:
         whole = at.astype(int)
         part = (at - whole)[..., None]
         below = self._columns.take(whole, axis=0)
-        return below + part * (self._columns.take(whole + 1, axis=0) - below)
+        out: Array = below + part * (self._columns.take(whole + 1, axis=0) - below)
+        return out
 
     def left(self, delays: Array) -> float:
         """Return the mean square that is left, as a share of the effort's variance."""

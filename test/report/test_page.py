@@ -24,7 +24,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export.estimate import read_estimate
 from ros2_ident.gap.diagnosis import DriveGap, to_mapping
 from ros2_ident.gap.verdict import PUSHED, RESTLESS
-from ros2_ident.gap.wording import compared
+from ros2_ident.gap.wording import compared, small
 from ros2_ident.identify.result import Outcome
 from ros2_ident.recording import LIVE
 from ros2_ident.report.files import write_result
@@ -317,10 +317,11 @@ def test_the_first_screen_answers_four_questions(both):
     assert said.headline == 'Stribeck friction on drive_1 is missing in the simulation.'
     assert said.sure[0] == '93 % that this is the cause, and drive_1 the place.'
     data = content(both)
-    for drive in data['gap']['per_drive'].values():
-        drive['share_of_output'] *= 0.05
-    small = of_diagnosis(data, 'runs/one').headline
-    assert small == f'The gap is small, 0.48 % of the effort. {said.headline}'
+    first = small([0.0048, 0.001], 'N m')
+    data['verdict']['sentence'] = f'{first} {data["verdict"]["sentence"]}'
+    assert first == 'The gap is small, 0.48 % of the effort.'
+    assert of_diagnosis(data, 'runs/one').headline == f'{first} {said.headline}'
+    assert small([0.0048, 0.011], 'N m') == ''
     first, second = said.gaps
     assert (first.drive, first.size, first.share) == (
         'drive_1', '0.0310 → 0.0101 N m', '10.3 → 3.4 %',
@@ -440,7 +441,7 @@ def finding(drive, coordinate, size, beyond):
 def test_the_worst_drive_and_the_named_one_have_a_map_whatever_was_found_there():
     found = diagnosed()
     assert {m['drive'] for m in to_mapping(found)['maps']} == {'drive_1'}
-    worst = dict(found.per_drive, drive_2=DriveGap(0.09, 0.09, 0.01, 0.0, 0.3, 0.089, 0.3))
+    worst = dict(found.per_drive, drive_2=DriveGap(0.09, 0.09, 0.01, 0.0, 0.3, 0.3))
     maps = to_mapping(replace(found, per_drive=worst))['maps']
     # Nothing was found on the worst: it stands first, over its speed.
     assert (maps[0]['drive'], maps[0]['coordinate']) == ('drive_2', 'velocity')

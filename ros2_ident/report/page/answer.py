@@ -4,10 +4,11 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
+import re
 from typing import Any
 
 from ros2_ident.gap.verdict import OFTEN, PUSHED, RESTLESS
-from ros2_ident.gap.wording import compared
+from ros2_ident.gap.wording import compared, SMALL
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.report.page import sentences, steps
 from ros2_ident.report.page.headline import headline, hidden_by_noise, restless
@@ -115,6 +116,8 @@ def of_diagnosis(data: Mapping[str, Any], out: str) -> Answer:
         unsure = len(data['confusable']) > 1 or _unexplained(data) or _seldom(data)
         level = 'doubtful' if careful or unsure else 'good'
     said, more = headline(data)
+    if small := re.search(rf'{SMALL}.*? \w+\.(?= )', verdict['sentence']):
+        said = f'{small[0]} {said}'
     return Answer(
         level,
         said,

@@ -4,7 +4,6 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from ros2_ident.gap.wording import small
 from ros2_ident.report.page import sentences
 from ros2_ident.report.page.numbers import quantity
 from ros2_ident.report.page.sentences import capital, effect_name, effects_named, pushed
@@ -22,15 +21,6 @@ def headline(data: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
     Args:
         data: The content of `diagnosis.json`.
     """
-    text, more = _found(data)
-    shares = [d['share_of_output'] for d in data['gap']['per_drive'].values()]
-    material = (data['evidence']['size'] or 0.0) >= (data['evidence']['material'] or 0.0)
-    told = material and data['verdict']['effect'] not in REFUSALS
-    first = small(shares, data['gap']['unit']) if told else ''
-    return f'{first} {text}'.lstrip(), more
-
-
-def _found(data: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
     verdict = data['verdict']
     if verdict['effect'] == 'none':
         return _nothing(data), ()
