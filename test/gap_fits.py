@@ -104,6 +104,5 @@ def explainer_of(attribution):
     made_ = Explainer(attribution, floor_of(1.0), RULES)
     made_.with_new_floor = lambda chain, rounds: (chain, rounds)
     made_.less_noise = lambda chain, rounds, best: None
-    made_.noise_of = lambda e: SimpleNamespace(evidence=None)
     made_.ends = lambda e, evidence: (e.theta - 0.1, e.theta + 0.1)
     return made_

@@ -223,11 +223,12 @@ class Explainer(Criteria):
     def unshown(self, e: Explanation, rests: Sequence[Explanation]) -> int | None:
         """Return which effect, the least needed, may be absent: all its sizes may be neutral.
 
-        By their intervals; what the controllers' log shows need not show in the outputs.
+        By their intervals under noise alone: those that allow for what the model may lack are as
+        wide as other effects can stand in. What the controllers' log shows need not show here.
         """
         if not e.effects:
             return None
-        low, high, *_ = self.ends(e, self.noise_of(e).evidence)
+        low, high, *_ = self.ends(e, None)
         model, absent = self.attribution.case.fit.models[0], []
         for index, (at, rest) in enumerate(zip(e.effects, rests, strict=True)):
             both = zip(model.scaled(at), self.columns(e, index), strict=True)
