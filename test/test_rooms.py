@@ -27,8 +27,12 @@ def words(rooms: tuple[str, ...]) -> Iterator[tuple[str, str]]:
 
 
 def test_no_effect_is_named_outside_its_file() -> None:
-    # A key of a machine file may be called like the effect of the same physics, as a keyword.
-    named = [f'{place} {word}' for word, place in words(WITHOUT_IDS) if word in CATALOGUE]
+    # A key of a machine file may be called like the effect of the same physics.
+    named = [
+        f'{place} {word}'
+        for word, place in words(WITHOUT_IDS)
+        if word in CATALOGUE and not place.startswith('models/drives/keys.py')
+    ]
     assert not named, named
 
 
