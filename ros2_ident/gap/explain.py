@@ -90,13 +90,8 @@ class Explainer(Criteria):
             if not stopped():
                 chain, rounds = self.with_new_floor(chain, rounds)
         rests = self.rests(chain)
-        while not stopped():
+        if not stopped():
             chain, rests = self.ordered(chain, rests)
-            index = self.unshown(chain[-1], rests)
-            if index is None:
-                break
-            chain = self.up_to(chain[0], rests[index])
-            rests = self.rests(chain)
         rivals = self.rivals(chain, rounds)
         return Explained(
             tuple(chain), tuple(rounds), rivals, rests, self.size(chain[-1]), not stopped()
@@ -219,23 +214,6 @@ class Explainer(Criteria):
             steps.append(self.attribution.refit(effects[:count], theta[:end]))
         steps.append(self.attribution.refit(effects, theta))
         return steps, tuple(rests[i] for i in order)
-
-    def unshown(self, e: Explanation, rests: Sequence[Explanation]) -> int | None:
-        """Return which effect, the least needed, may be absent: all its sizes may be neutral.
-
-        By their intervals under noise alone: those that allow for what the model may lack are as
-        wide as other effects can stand in. What the controllers' log shows need not show here.
-        """
-        if not e.effects:
-            return None
-        low, high, *_ = self.ends(e, None)
-        model, absent = self.attribution.case.fit.models[0], []
-        for index, (at, rest) in enumerate(zip(e.effects, rests, strict=True)):
-            both = zip(model.scaled(at), self.columns(e, index), strict=True)
-            neutral = [low[i] <= p.neutral <= high[i] for p, i in both if p.role == 'size']
-            if all(neutral) and not self.restores_law(rest, e):
-                absent.append(index)
-        return min(absent, key=lambda i: rests[i].loss, default=None)
 
     def without(self, e: Explanation, index: int) -> Explanation:
         """Refit a model with one effect taken out."""

@@ -237,18 +237,6 @@ def test_an_effect_that_a_later_one_makes_superfluous_is_dropped(explainer, attr
     assert explainer.prune([base, one, both]) == [base, one, both]
 
 
-def test_an_effect_whose_interval_holds_no_effect_is_not_named(explainer, attribution):
-    base, one = made((4.0, 2.0)), made((0.1, 2.0), effects=[STRIBECK])
-    both = made((0.1, 0.1), effects=[STRIBECK, DRAG])
-    both.theta[-size_of(DRAG) :] = 0.05
-    rounds_of(attribution, [one], [both])
-    attribution.refits = {(): base, (DRAG,): made((4.0, 0.1), effects=[DRAG])}
-    got = explainer.explain(base, [], print)
-    assert got.chain == (base, one)
-    assert (got.rests, got.remaining) == ((base,), pytest.approx(math.sqrt(2.0)))
-    assert explainer.unshown(replace(both, effects=()), ()) is None
-
-
 def test_the_first_effect_is_the_largest(explainer, attribution):
     base, one = made((4.0, 3.0)), made((0.1, 3.0), effects=[STRIBECK])
     both = made((0.1, 0.1), effects=[STRIBECK, DRAG])
