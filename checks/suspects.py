@@ -287,9 +287,12 @@ def judged(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
         wanted = label['constant']['name']
         said = {n for n, _ in found} | {c['effect'] for c in answer.get('confusable', [])}
         named = any(name.removesuffix('_error').endswith(wanted) for name in said if found)
+        # What the file states is no parameter unless it was found wrong, or ties with an effect.
+        named |= wanted in answer['parameters']
         true, stated = (label['constant'][key] for key in ('true', 'stated'))
-        # As a number of the file, or as a factor on it.
+        # As a number of the file, as a factor on it, or as a difference.
         ends = {wanted: true, f'{wanted}_error.factor': true / stated}
+        ends |= {f'{wanted}_error.error': true - stated}
         there = [
             (x, ends[e]) for n, x in answer['parameters'].items() for e in ends if n.endswith(e)
         ]

@@ -33,6 +33,8 @@ _LEAST = 4
 # Every start of a round gets so many iterations; who then explains less than this share of what
 # the best does gets no more.
 _HEAT, _BEHIND = 4, 0.5
+# Names that are tried on several drives at once, at most.
+_ALIKE = 3
 # What the log itself shows starts far from a fit that was bent by it, and gets more.
 _SHOWN = 16
 
@@ -52,6 +54,12 @@ class Round:
     gains: dict[EffectAt, float]
     visible: dict[EffectAt, float]
     fitted: tuple[Explanation, ...]
+
+    @property
+    def alone(self) -> dict[EffectAt, Explanation]:
+        """The fits with one effect more than the base, by that effect."""
+        more = len(self.base.effects) + 1
+        return {e.effects[-1]: e for e in self.fitted if len(e.effects) == more}
 
 
 class _Stop:
@@ -272,30 +280,24 @@ class Attribution:
         begun: list[Explanation] = []
         with self.workers.tasks(Trials(self.fits, base)) as run:
             screened = self._screened(run, base, candidates)
-            chosen: list[tuple[EffectAt, Start | Array]] = [
-                (start.candidate, start) for start in self._promising(screened, fits)
+            promising = [*self._promising(screened, fits), *self._alike(base, screened)]
+            tasks: list[tuple[tuple[EffectAt, ...], Start | Array, int]] = [
+                (start.effects, start, _HEAT) for start in promising
             ]
-            chosen += self._shown(base, candidates)
-            tasks = [
-                (candidate, start, _HEAT if isinstance(start, Start) else _SHOWN)
-                for candidate, start in chosen
-            ]
-            for finished, ((candidate, _), e) in enumerate(
-                zip(chosen, self._begun(run, base, tasks), strict=True), 1
+            tasks += [((at,), start, _SHOWN) for at, start in self._shown(base, candidates)]
+            for finished, ((effects, *_), e) in enumerate(
+                zip(tasks, self._begun(run, base, tasks), strict=True), 1
             ):
                 begun += [] if e is None else [e]
-                self.on_step(
-                    0.5 + 0.3 * finished / len(chosen),
-                    f'fitted {candidate.effect} on {candidate.where}',
-                )
+                self.on_step(0.5 + 0.3 * finished / len(tasks), f'fitted {_named(effects)}')
             best = self._leaders(begun)
             most = max((base.cost - e.cost for e in best), default=0.0)
             ahead = [e for e in best if base.cost - e.cost >= _BEHIND * most]
             done = {}
             for e in self._ended(run, ahead):
-                done[e.effects[-1]] = e
-                self.on_step(0.9, f'refining {e.effects[-1].effect} on {e.effects[-1].where}')
-        fitted = [done.get(e.effects[-1], e) for e in best]
+                done[e.effects] = e
+                self.on_step(0.9, f'refining {_named(e.effects[len(base.effects) :])}')
+        fitted = [done.get(e.effects, e) for e in best]
         return Round(
             base,
             {c: s[0].gain for c, s in screened.items()},
@@ -307,12 +309,12 @@ class Attribution:
         self,
         run: RunTasks,
         base: Explanation,
-        tasks: Sequence[tuple[EffectAt, Start | Array, int]],
+        tasks: Sequence[tuple[tuple[EffectAt, ...], Start | Array, int]],
     ) -> Iterator[Explanation | None]:
         """Begin joint fits; those that an earlier run began are known."""
         key = self.fits.key(base)
-        keys = [('begin', key, c, *_numbers(start), count) for c, start, count in tasks]
-        kept = [self._known((*base.effects, t[0]), *k) for t, k in zip(tasks, keys, strict=True)]
+        keys = [('begin', key, at, *_numbers(start), count) for at, start, count in tasks]
+        kept = [self._known((*base.effects, *t[0]), *k) for t, k in zip(tasks, keys, strict=True)]
         told = run('begin', [t for t, k in zip(tasks, kept, strict=True) if k is None])
         for before, own in zip(kept, keys, strict=True):
             if before is not None:
@@ -334,13 +336,41 @@ class Attribution:
 
     @staticmethod
     def _leaders(fits: Sequence[Explanation]) -> list[Explanation]:
-        """Return the best fit of each newest effect."""
-        best: dict[EffectAt, Explanation] = {}
+        """Return the best fit of each set of effects."""
+        best: dict[tuple[EffectAt, ...], Explanation] = {}
         for e in fits:
-            key = e.effects[-1]
-            if key not in best or e.cost < best[key].cost:
-                best[key] = e
+            if e.effects not in best or e.cost < best[e.effects].cost:
+                best[e.effects] = e
         return list(best.values())
+
+    def _alike(self, base: Explanation, screened: dict[EffectAt, list[Start]]) -> list[Start]:
+        """Return effects on all drives where each promises to count, if together they lead.
+
+        Sizes and shapes are each drive's own; the strongest comes last.
+        """
+        count = np.bincount(self.case.fit.drive, minlength=len(self.case.drives))
+        least = dict(zip(self.case.drives, MATERIAL**2 * count, strict=True))
+        by_name: dict[str, list[Start]] = {}
+        for at, (best, *_) in screened.items():
+            if best.gain >= least.get(at.where, np.inf):
+                by_name.setdefault(at.effect, []).append(best)
+        alone = max((s[0].gain for s in screened.values()), default=0.0)
+        out = []
+        for parts in by_name.values():
+            gain = sum(s.gain for s in parts)
+            if len(parts) > 1 and gain > alone:
+                parts.sort(key=lambda s: s.gain)
+                theta = base.theta + sum(s.theta - base.theta for s in parts)
+                out.append(
+                    Start(
+                        tuple(at for s in parts for at in s.effects),
+                        theta,
+                        np.concatenate([s.phi for s in parts]),
+                        gain,
+                        max(s.visible for s in parts),
+                    )
+                )
+        return sorted(out, key=lambda s: -s.gain)[:_ALIKE]
 
     def _promising(self, screened: dict[EffectAt, list[Start]], fits: int) -> list[Start]:
         """Return the starts worth a joint fit: best candidates, relatives, second starts."""
@@ -370,6 +400,11 @@ def visibility(screened: dict[EffectAt, list[Start]]) -> dict[EffectAt, float]:
     return {c: max(one.visible for one in starts) for c, starts in screened.items()}
 
 
+def _named(effects: Sequence[EffectAt]) -> str:
+    """Return effects at their places in words."""
+    return ' and '.join(f'{at.effect} on {at.where}' for at in effects)
+
+
 def _numbers(start: Start | Array) -> tuple[Array, ...]:
     """Return the numbers that a joint fit starts from."""
     return (start.theta, start.phi) if isinstance(start, Start) else (start,)
@@ -386,4 +421,4 @@ def _packed(starts: Sequence[Start], wanted: Mapping[str, Within]) -> dict[str, 
 def _unpacked(candidate: EffectAt, kept: dict[str, Array]) -> list[Start]:
     """Return starts as they were before `_packed`."""
     rows = zip(*(kept[x] for x in ('theta', 'phi', 'gain', 'visible')), strict=True)
-    return [Start(candidate, a, b, float(gain), float(seen)) for a, b, gain, seen in rows]
+    return [Start((candidate,), a, b, float(gain), float(seen)) for a, b, gain, seen in rows]

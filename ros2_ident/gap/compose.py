@@ -390,7 +390,6 @@ def _answer(
             f'{", ".join(verdict.where)} is {gap}, and the best of '
             f'{tried} candidates closes {most:.0f} % of it.'
         )
-    effect = get_effect(verdict.effect)
     steps = ''.join(
         f' {r.drive} reads its position in steps of {length(r.step, r.unit)}: what its controller '
         'commands beside the motion in the log has that period. Its course cannot be repeated by '
@@ -403,13 +402,15 @@ def _answer(
         'count as closed.'
         for drive, size in verdict.limits.items()
     )
-    more = ''.join(f', then {get_effect(a.effect).title} on {a.where}' for a in verdict.also)
+    places: dict[str, list[str]] = {verdict.effect: [*verdict.where]}
+    for at in verdict.also:
+        places.setdefault(at.effect, []).append(at.where)
+    named = ', then '.join(f'{get_effect(e).title} on {", ".join(w)}' for e, w in places.items())
     rest = ''
     if found.remaining >= explainer.rules.unknown:
         rest = f' {found.remaining:.2f} times the noise floor remains unexplained.'
     # The data held out may show no gap at all; then the figure is of all data.
     share = closed if math.isfinite(closed) else min(max(verdict.closed, 0.0), 1.0)
     return (
-        f'{effect.title} on {", ".join(verdict.where)}{more}: closes {100 * share:.0f} % '
-        f'of a gap of {gap}.{steps or rest}'
+        f'{named}: closes {100 * share:.0f} % of a gap of {gap}.{steps or rest}'
     )

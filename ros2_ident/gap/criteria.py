@@ -174,10 +174,15 @@ class Criteria:
         return float(fall / explainable) if explainable > 0.0 else 0.0
 
     @staticmethod
-    def beside(e: Explanation) -> bool:
-        """Whether the newest effect sits where an earlier one does and may only mend its form."""
-        *earlier, newest = (at.where for at in e.effects)
-        return bool(earlier) and (newest in earlier or 'all' in (newest, *earlier))
+    def beside(before: Explanation, after: Explanation) -> bool:
+        """Whether what is new sits where earlier effects do and may only mend their form."""
+        earlier = {at.where for at in before.effects}
+        new = {at.where for at in after.effects[len(before.effects) :]}
+        return bool(earlier) and (new <= earlier or 'all' in new | earlier)
+
+    def few(self, e: Explanation) -> bool:
+        """Whether one more effect may be found; the same one on several drives counts once."""
+        return len({at.effect for at in e.effects}) < self.rules.most
 
     def restores_law(self, before: Explanation, after: Explanation) -> bool:
         """Whether the controllers' log was far from the stated law and now agrees with it.
@@ -265,10 +270,11 @@ class Criteria:
                     )
         return odds
 
-    def plausible(self, e: Explanation) -> bool:
-        """Whether the newest effect's sizes stay inside their bounds."""
-        parameters = self.attribution.case.fit.models[0].scaled(e.effects[-1])
-        values = e.theta[-len(parameters) :]
+    def plausible(self, before: Explanation, after: Explanation) -> bool:
+        """Whether the sizes of what is new stay inside their bounds."""
+        model, new = self.attribution.case.fit.models[0], after.effects[len(before.effects) :]
+        parameters = [p for at in new for p in model.scaled(at)]
+        values = after.theta[len(after.theta) - len(parameters) :]
         return not any(at_bound(p, v) for p, v in zip(parameters, values, strict=True))
 
     def best(self, round_: Round) -> Explanation | None:
@@ -280,7 +286,7 @@ class Criteria:
             restoring = [e for e in round_.fitted if self.restores_law(round_.base, e)]
             if restoring:
                 return min(restoring, key=self.score)
-        inside = [e for e in round_.fitted if self.plausible(e)]
+        inside = [e for e in round_.fitted if self.plausible(round_.base, e)]
         if inside:
             # A size at its bound is a reason to doubt, unless nothing else comes near.
             usable = min(inside, key=self.score)

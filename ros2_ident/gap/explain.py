@@ -32,8 +32,8 @@ class Explained:
     Attributes:
         chain: The nominal fit, then one more effect each.
         rounds: The rounds that were run.
-        rivals: For each effect found, models with another effect in its place, the best first;
-            itself included.
+        rivals: Models with another effect in place of the first one found, the best first; itself
+            included.
         rests: For each effect found, the final model without it, fitted anew.
         remaining: Gap left, RMS of the worst drive in units of the floor.
         complete: False where time or patience ran out.
@@ -41,7 +41,7 @@ class Explained:
 
     chain: tuple[Explanation, ...]
     rounds: tuple[Round, ...]
-    rivals: tuple[tuple[Explanation, ...], ...]
+    rivals: tuple[Explanation, ...]
     rests: tuple[Explanation, ...]
     remaining: float
     complete: bool
@@ -63,7 +63,7 @@ class Explainer(Criteria):
         """Add effects while they are material, drop what became superfluous, look for rivals."""
         chain, rounds = [base], []
         stopped = self.attribution.stopped
-        while len(chain) <= self.rules.most and self.open(chain[-1]) and not stopped():
+        while self.few(chain[-1]) and self.open(chain[-1]) and not stopped():
             round_ = self.attribution.round(
                 chain[-1], candidates, fits=12 if len(chain) == 1 else 8
             )
@@ -77,15 +77,13 @@ class Explainer(Criteria):
                 if again is None:
                     break
                 chain, rounds, best = again
-            if self.beside(best) and self.closes(chain, best) < self.rules.part:
+            if self.beside(chain[-1], best) and self.closes(chain, best) < self.rules.part:
                 break
             if len(chain) == 1 and not stopped():
                 plain = self.better_nominal(chain[0], best)
                 if plain is not chain[0]:
                     return self.explain(plain, candidates, on_best)
-            chain.append(best)
-            if len(chain) > 2 and not stopped():
-                chain = self.prune(chain)
+            chain = self.pruned(chain, best)
             on_best(chain[-1])
             if not stopped():
                 chain, rounds = self.with_new_floor(chain, rounds)
@@ -145,7 +143,7 @@ class Explainer(Criteria):
         least = _NEAR * self.share(base, best)
         near = [e for e in rounds[-1].fitted if self.share(base, e) >= least]
         counts = [e for e in near if self.counts(base, e)]
-        inside = [e for e in counts if self.plausible(e)]
+        inside = [e for e in counts if self.plausible(base, e)]
         return (chain, rounds, min(inside or counts, key=self.score)) if counts else None
 
     def with_new_floor(
@@ -227,57 +225,51 @@ class Explainer(Criteria):
         first = len(e.theta) - sum(sizes[index:])
         return list(range(first, first + sizes[index]))
 
-    def prune(self, chain: list[Explanation]) -> list[Explanation]:
-        """Drop earlier effects that a later one has made superfluous."""
-        full = chain[-1]
-        kept = full
-        for index in range(len(full.effects) - 2, -1, -1):
+    def pruned(self, chain: list[Explanation], best: Explanation) -> list[Explanation]:
+        """Return the chain to a fit, without the effects that its last one makes superfluous."""
+        kept = best
+        for index in range(len(best.effects) - 2, -1, -1):
+            if self.attribution.stopped():
+                break
             less = self.without(kept, index)
             if not self.material(less, kept):
                 kept = less
-        if len(kept.effects) == len(full.effects):
-            return chain
-        return self.up_to(chain[0], kept)
+        same = kept.effects[: len(chain) - 1] == chain[-1].effects
+        return self.up_to(chain if same else chain[:1], kept)
 
-    def up_to(self, base: Explanation, e: Explanation) -> list[Explanation]:
-        """Return the chain from the nominal fit to a fit, one effect more each."""
-        steps = [base]
-        for count in range(1, len(e.effects)):
+    def up_to(self, chain: Sequence[Explanation], e: Explanation) -> list[Explanation]:
+        """Return a chain that goes on to a fit, one effect more each."""
+        steps = list(chain)
+        for count in range(len(chain), len(e.effects)):
             theta = e.theta[: self.columns(e, count)[0]]
             steps.append(self.attribution.refit(e.effects[:count], theta))
-        return [*steps, e] if e.effects else steps
+        return [*steps, e]
 
     def rivals(
         self, chain: Sequence[Explanation], rounds: Sequence[Round]
-    ) -> tuple[tuple[Explanation, ...], ...]:
-        """For each effect found, put its rivals in its place in the final model."""
+    ) -> tuple[Explanation, ...]:
+        """Put the rivals of the first effect in its place in the final model."""
         final = chain[-1]
-        out: list[tuple[Explanation, ...]] = []
-        for index, effect in enumerate(final.effects):
-            source = next(
-                (r for r in rounds if any(e.effects[-1] == effect for e in r.fitted)), None
-            )
-            if source is None:
-                out.append((final,))
-                continue
-            leader = next(e for e in source.fitted if e.effects[-1] == effect)
-            if len(final.effects) == 1:
-                out.append(tuple(source.fitted))
-                continue
-            closes = source.base.loss - leader.loss
-            near = [
-                e
-                for e in source.fitted
-                if e.effects[-1] not in final.effects and source.base.loss - e.loss > 0.5 * closes
-            ][:4]
-            models = [final]
-            for other in near:
-                if self.attribution.stopped():
-                    break
-                columns = self.columns(final, index)
-                count = len(get_effect(other.effects[-1].effect).parameters)
-                theta = np.concatenate([np.delete(final.theta, columns), other.theta[-count:]])
-                rest = tuple(x for i, x in enumerate(final.effects) if i != index)
-                models.append(self.attribution.refit((*rest, other.effects[-1]), theta))
-            out.append(tuple(sorted(models, key=lambda e: e.loss)))
-        return tuple(out)
+        if not final.effects:
+            return ()
+        first = final.effects[0]
+        source = next((r for r in rounds if first in r.alone), None)
+        if source is None:
+            return (final,)
+        if len(final.effects) == 1:
+            return tuple(e for e in source.fitted if e in source.alone.values())
+        closes = source.base.loss - source.alone[first].loss
+        near = [
+            (at, e)
+            for at, e in source.alone.items()
+            if at not in final.effects and source.base.loss - e.loss > 0.5 * closes
+        ][:4]
+        models = [final]
+        for at, e in near:
+            if self.attribution.stopped():
+                break
+            count = len(get_effect(at.effect).parameters)
+            rest = np.delete(final.theta, self.columns(final, 0))
+            theta = np.concatenate([rest, e.theta[-count:]])
+            models.append(self.attribution.refit((*final.effects[1:], at), theta))
+        return tuple(sorted(models, key=lambda e: e.loss))

@@ -332,13 +332,13 @@ class Trials:
         return orders_shown(joint.models[0], candidate, change, free, left.basis)
 
     def begin(
-        self, candidate: EffectAt, start: Start | Array, iterations: int
+        self, effects: tuple[EffectAt, ...], start: Start | Array, iterations: int
     ) -> Explanation | None:
-        """Begin the joint fit of one more effect; None where time is up."""
+        """Begin the joint fit of more effects; None where time is up."""
         if self.fits.stopped():
             return None
         theta = self._better(start) if isinstance(start, Start) else start
-        return self.fits.refit((*self.base.fit.effects, candidate), theta, iterations)
+        return self.fits.refit((*self.base.fit.effects, *effects), theta, iterations)
 
     def finish(self, begun: Explanation) -> Explanation:
         """Go on with a joint fit to its end."""
@@ -347,9 +347,9 @@ class Trials:
     def _better(self, start: Start) -> Array:
         """Return a screened start, or the base with a trace of the effect if that is better."""
         base = self.base.fit
-        joint = self.fits.case.fit.with_effects((*base.effects, start.candidate))
-        neutral = start.phi.copy()
-        for i, p in enumerate(joint.models[0].scaled(start.candidate)):
+        joint = self.fits.case.fit.with_effects((*base.effects, *start.effects))
+        neutral, model = start.phi.copy(), joint.models[0]
+        for i, p in enumerate(p for at in start.effects for p in model.scaled(at)):
             if p.role == 'size':
                 neutral[i] = p.neutral + 0.02 * (start.phi[i] - p.neutral)
         points = np.array(

@@ -28,16 +28,16 @@ class Start:
     """Where to start a joint fit from.
 
     Attributes:
-        candidate: The effect and its place.
+        effects: The effect at its place; one of several drives at each.
         theta: (N,) parameters fitted so far, moved along with the effect.
-        phi: (P,) the effect's own parameters.
+        phi: (P,) the effects' own parameters.
         gain: Decrease of the sum of squared weighted residuals that the linearised fit promises.
         visible: RMS, in units of the floor, of what a large effect of this kind (a sixth of its
             range, or a start) leaves after the fitted parameters imitate it as far as they can,
             over the drives it sits on; well below 1 the log cannot show the effect.
     """
 
-    candidate: EffectAt
+    effects: tuple[EffectAt, ...]
     theta: Array
     phi: Array
     gain: float
@@ -196,5 +196,5 @@ def screen(
         left = left - outputs @ (outputs.T @ left)
         visible = enlarge * float(np.sqrt((left**2).sum(axis=0).max() / samples))
         own = np.where(size, clipped, phi)
-        starts.append(Start(candidate, moved_theta, own, gain, visible))
+        starts.append(Start((candidate,), moved_theta, own, gain, visible))
     return sorted(starts, key=lambda s: -s.gain)

@@ -325,9 +325,9 @@ def _weigh(
     if not found.rounds:
         return ()
     base, final = found.chain[0], found.chain[-1]
-    best = {e.effects[-1]: e for e in found.rounds[0].fitted}
+    best = found.rounds[0].alone
     # Beside the other effects found a candidate says more than alone.
-    for e in found.rivals[0] if found.rivals else ():
+    for e in found.rivals:
         same = len(e.effects) > 1 and e.effects[0] == final.effects[0]
         best[e.effects[0] if same else e.effects[-1]] = e
     if len(final.effects) == 1:
@@ -366,7 +366,7 @@ def _confusable(
     rest = found.rests[0]
     full = rest.loss - final.loss
     near = []
-    for e in found.rivals[0]:
+    for e in found.rivals:
         at = leader if leader in e.effects else e.effects[-1]
         if explainer.contradicted(e, final):
             continue

@@ -154,7 +154,8 @@ def test_controllers_contradict_what_makes_them_disagree(explainer, mine, other,
     ('value', 'said'), [(0.9, False), (0.999, True), (-0.999, True), (0.0, False)]
 )
 def test_a_size_at_its_bound_is_implausible(explainer, value, said):
-    assert explainer.plausible(made((0.0, 0.0), effects=[DRAG], own=value)) is not said
+    base, one = made((0.0, 0.0)), made((0.0, 0.0), effects=[DRAG], own=value)
+    assert explainer.plausible(base, one) is not said
 
 
 # ---------------------------------------------------------------------- the best of a round
@@ -232,9 +233,24 @@ def test_an_effect_that_a_later_one_makes_superfluous_is_dropped(explainer, attr
     base, one = made((4.0, 0.0)), made((2.0, 0.0), effects=[STRIBECK])
     both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
     attribution.refits = {(DRAG,): made((0.1, 0.0), effects=[DRAG])}
-    assert [e.effects for e in explainer.prune([base, one, both])] == [(), (DRAG,)]
+    assert [e.effects for e in explainer.pruned([base, one], both)] == [(), (DRAG,)]
     attribution.refits = {(DRAG,): made((1.0, 0.0), effects=[DRAG])}
-    assert explainer.prune([base, one, both]) == [base, one, both]
+    assert explainer.pruned([base, one], both) == [base, one, both]
+
+
+def test_an_effect_on_every_drive_comes_in_at_once_where_it_counts(explainer, attribution):
+    other = EffectAt(DRAG.effect, 'one')
+    base, single = made((4.0, 4.0)), made((4.0, 0.1), effects=[DRAG])
+    first, both = made((0.1, 4.0), effects=[other]), made((0.1, 0.1), effects=[other, DRAG])
+    rounds_of(attribution, [single, both])
+    attribution.refits = {(): base, (DRAG,): single, (other,): first}
+    got = explainer.explain(base, [], print)
+    assert [e.effects for e in got.chain] == [(), (other,), (other, DRAG)]
+    assert got.rounds[0].alone == {DRAG: single}
+    # One that does not count on a drive is not named there.
+    attribution.refits = {(): base, (DRAG,): made((0.1, 0.1), effects=[DRAG]), (other,): first}
+    rounds_of(attribution, [single, both])
+    assert explainer.explain(base, [], print).chain[-1].effects == (DRAG,)
 
 
 def test_the_first_effect_is_the_largest(explainer, attribution):

@@ -63,7 +63,7 @@ def test_every_drive_with_a_limit_is_named_and_what_stood_in_for_it_is_not(expla
     base, one = made((2.0, 2.0)), made((1.8, 1.8), effects=[STRIBECK])
     chain = [base, one, made((1.5, 1.5), effects=[STRIBECK, beside])]
     explainer.attribution.limits = {'one': 0.4, 'two': 0.3}
-    rests, rivals = [one, one], [(chain[-1],)] * 2
+    rests, rivals = [one, one], [chain[-1]]
     said = answered(explainer, chain, [one], rivals, rests, remaining=1.2)
     limits = tuple(EffectAt('torque_saturation', drive) for drive in DRIVES)
     assert said.named == (*limits, beside)
@@ -83,7 +83,7 @@ SHARP = Temperatures(size=1e-3, closed=1e-3)
 
 def answered(explainer, chain, fitted=(), rivals=None, rests=None, **more):
     rounds = [of_round(chain[0], *fitted)] if fitted else []
-    rivals = [tuple(fitted)] if rivals is None else rivals
+    rivals = tuple(fitted) if rivals is None else rivals
     got = found(chain, rounds, rivals, [chain[0]] if rests is None else rests, **more)
     return judge(explainer, got, temperatures=SHARP)
 
@@ -154,9 +154,7 @@ def test_twins_are_one_answer_under_two_names(explainer):
 def test_further_effects_are_told_in_their_order(explainer):
     base, one = made((2.0, 2.0)), made((0.0, 2.0), effects=[STRIBECK])
     both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
-    said = answered(
-        explainer, [base, one, both], [one], [(both,), (both,)], [made((2.0, 0.0)), one]
-    )
+    said = answered(explainer, [base, one, both], [one], [both], [made((2.0, 0.0)), one])
     assert (said.effect, said.also) == ('stribeck', (DRAG,))
     # The first one is weighed by the fit that has both.
     assert [(w.at, w.model) for w in said.ranking] == [(STRIBECK, both)]
