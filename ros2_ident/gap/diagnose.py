@@ -273,7 +273,8 @@ class _Passes:
             )
         clock.enter(0.2, 0.35)
         clock.step(0.0, 'telling noise from what the motion predicts')
-        floor = predictability(joint, base.theta, clock.stopped).floor
+        first, seen = base, predictability(joint, base.theta, clock.stopped)
+        floor = seen.floor
         case = self._carrying(case, joint, base.theta, floor.per_drive)
         attribution = self._attribution(case, floor.per_drive)
         base = attribution.fits.watch_law(attribution.refit((), base.theta))
@@ -284,8 +285,9 @@ class _Passes:
         attribution.limits = {
             law.drive: law.limit for law in report.laws if math.isfinite(law.limit)
         }
-        candidates = tuple(case.candidates(self.without))
-        return _Pass(Explainer(attribution, floor, self.rules), base, report, candidates)
+        explainer = Explainer(attribution, floor, self.rules)
+        explainer.knows(first, seen)
+        return _Pass(explainer, base, report, tuple(case.candidates(self.without)))
 
     def _carrying(self, case: Case, joint: Joint, theta: Array, floor: Array) -> Case:
         """Return the case that knows when a payload is carried, where the log shows that.

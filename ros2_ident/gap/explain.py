@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.criteria import Criteria, Rules
@@ -52,7 +51,7 @@ class Explainer(Criteria):
 
     def __init__(self, attribution: Attribution, floor: Floor, rules: Rules) -> None:
         super().__init__(attribution, floor, rules)
-        self._seen: tuple[Array, Predictability] | None = None
+        self._seen: dict[frozenset[EffectAt], tuple[Explanation, Predictability]] = {}
 
     def explain(
         self,
@@ -82,6 +81,7 @@ class Explainer(Criteria):
             if len(chain) == 1 and not stopped():
                 plain = self.better_nominal(chain[0], best)
                 if plain is not chain[0]:
+                    self._seen.clear()
                     return self.explain(plain, candidates, on_best)
             chain = self.pruned(chain, best)
             on_best(chain[-1])
@@ -162,13 +162,34 @@ class Explainer(Criteria):
         return [*chain[:-1], attribution.refit(chain[-1].effects, chain[-1].theta)], rounds
 
     def noise_of(self, e: Explanation) -> Predictability:
-        """Return what can be predicted of what a fit leaves on all recordings, and what cannot."""
-        if self._seen is None or self._seen[0] is not e.theta:
+        """Return what can be predicted of what a fit leaves on all recordings, and what cannot.
+
+        Known once for a set of effects: another order and other weights change no noise, and to
+        first order the parameters end up where they did.
+        """
+        key = frozenset(e.effects)
+        if key not in self._seen:
             self.attribution.on_step(1.0, 'telling noise from what the motion predicts')
             joint = self.attribution.case.whole.with_effects(e.effects)
-            seen = predictability(joint, e.theta, self.attribution.stopped)
-            self._seen = (e.theta, seen)
-        return self._seen[1]
+            self.knows(e, predictability(joint, e.theta, self.attribution.stopped))
+        made, seen = self._seen[key]
+        if made is e:
+            return seen
+        own = (self.columns(made, made.effects.index(at)) for at in e.effects)
+        count = self.columns(made, 0)[0] if made.effects else len(made.theta)
+        order = np.concatenate([np.arange(count), *own])
+        joint = self.attribution.case.fit.with_effects(e.effects)
+        moved = (made.theta[order] - e.theta) / (joint.high - joint.low)
+        evidence = replace(
+            seen.evidence,
+            shift=seen.evidence.shift[order] + moved,
+            covariance=seen.evidence.covariance[np.ix_(order, order)],
+        )
+        return replace(seen, evidence=evidence)
+
+    def knows(self, e: Explanation, seen: Predictability) -> None:
+        """Keep what was found to be predictable of what a fit leaves."""
+        self._seen[frozenset(e.effects)] = e, seen
 
     def better_nominal(self, base: Explanation, best: Explanation) -> Explanation:
         """Return the nominal fit, or a better one that was found from a fit with an effect.

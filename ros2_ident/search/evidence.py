@@ -6,26 +6,29 @@
 J is the derivative of the residual by the parameters, whose error d has the box as its prior. The
 columns of S are what the model may lack: what effects would change, functions of the motion. How
 large they are, tau, is what maximises the evidence; size and colour of the noise are those of what
-is left. Nothing of either has to be known. The evidence says how well each sample is predicted by
+is left, with what the coefficients' uncertainty hides of it put back (expectation maximisation).
+Nothing of either has to be known. The evidence says how well each sample is predicted by
 those before it; what it is not clear about counts only where it comes true on blocks left out.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_solve, cholesky, LinAlgError, solve_triangular
 
-from ros2_ident.search.noise import fit_noise, NoiseModel, Run, Whitening
+from ros2_ident.search.noise import levinson, NoiseModel, products, Run, Whitening
 from ros2_ident.search.operators import Array
 
 # What is added to a scaled precision that rounding has made indefinite.
 _ROUNDED = 1e-10
 # Half a 95 % interval in standard deviations.
 _NORMAL = 1.96
-# Times that the noise and what is predicted are estimated in turn.
-_TURNS = 3
+# Times that the noise and what is predicted are estimated in turn, and how many draws of the
+# coefficients show what their uncertainty hides of the noise.
+_TURNS, _DRAWS = 2, 8
 # Blocks are left out in so many folds.
 _FOLDS = 4
 # Columns of which the parameters imitate all but this share say nothing of their own.
@@ -34,8 +37,9 @@ _OWN = 1e-3
 _CHANCE = 3.0
 # From here on it is clear that something is predicted.
 _CLEAR = 30.0
-# Sizes tried, as shares of the residual.
+# Sizes tried, as shares of the residual: every fourth, then those about the best.
 _SIZES = np.logspace(-5.0, 1.5, 66)
+_EVERY = 4
 
 
 @dataclass(frozen=True)
@@ -129,35 +133,35 @@ def weigh(
     scaled, limit = _of_one_size(jacobian, missing, most)
     columns = np.hstack([jacobian, scaled])
     scale = float(np.sqrt(np.mean(residual**2))) or 1.0
+    place = np.concatenate([np.full(run.stop - run.start, run.place) for run in runs])
     # A weak ridge for a first look: what it leaves is hardly more than the noise.
     ridge = 1e-6 * len(residual) * np.eye(columns.shape[1])
     left = residual - columns @ np.linalg.solve(
         columns.T @ columns + ridge, columns.T @ residual
     )
+    noise = _noise(left, np.empty((len(left), 0)), runs, scale)
+    drawn = np.random.default_rng(0).standard_normal((columns.shape[1], _DRAWS))
+    folds = [blocks % _FOLDS == fold for fold in range(_FOLDS)]
     for _ in range(_TURNS):
-        noise = _noise(left, runs, scale)
         whiten = Whitening(runs, noise)
         white, right = whiten(columns.T).T, whiten(residual)
-        sums = _Sums(white.T @ white, white.T @ right, limit)
+        parts = [(white[out].T @ white[out], white[out].T @ right[out]) for out in folds]
+        sums = _Sums(sum(part[0] for part in parts), sum(part[1] for part in parts), limit)
         size, gain = sums.size(scale)
         left = residual - columns @ sums.solve(size)
+        spread = columns @ sums.draws(size, drawn)
+        noise = _noise(left, spread, runs, scale)
     unseen = np.empty_like(residual)
-    for fold in range(_FOLDS):
-        out = blocks % _FOLDS == fold
-        others = _Sums(
-            sums.normal - white[out].T @ white[out],
-            sums.gradient - white[out].T @ right[out],
-            limit,
-        )
+    for out, (normal, gradient) in zip(folds, parts, strict=True):
+        others = _Sums(sums.normal - normal, sums.gradient - gradient, limit)
         unseen[out] = residual[out] - columns[out] @ others.solve(size)
     # Rows that were left out of the sums tell as much as those in them.
     whole = _Sums(sums.normal / share, sums.gradient / share, limit)
     shift, covariance = whole.parameters(size)
-    place = np.concatenate([np.full(run.stop - run.start, run.place) for run in runs])
     rms = _rms(residual, place)
     # What a fit takes from the noise is put back.
-    taken = np.einsum('rc,rc->r', columns @ sums.covariance(size), columns)
-    rest: Array = np.hypot(_rms(left, place), _rms(np.sqrt(taken), place))
+    taken = _rms(np.sqrt(np.mean(spread**2, axis=1)), place)
+    rest: Array = np.hypot(_rms(left, place), taken)
     # A prediction that makes it worse is none.
     return Evidence(
         noise,
@@ -188,9 +192,13 @@ class _Sums:
     def size(self, scale: float) -> tuple[float, float]:
         """Return the size of what is missing that has most evidence, and the gain over none."""
         sizes = scale * _SIZES
-        none, *gains = (self._evidence(size) for size in (sizes[0], *sizes))
+        gains = np.full(sizes.size, -np.inf)
+        gains[::_EVERY] = [self._evidence(size) for size in sizes[::_EVERY]]
+        first = max(0, int(np.argmax(gains)) - _EVERY + 1)
+        near = slice(first, first + 2 * _EVERY - 1)
+        gains[near] = [self._evidence(size) for size in sizes[near]]
         best = int(np.argmax(gains))
-        gain = gains[best] - none
+        gain = float(gains[best] - gains[0])
         # What chance gains is no evidence that anything is missing.
         return float(sizes[best if gain > _CHANCE else 0]), gain
 
@@ -212,6 +220,12 @@ class _Sums:
         """Return (N,) how far the parameters move, and (N, N) their covariance."""
         own = slice(0, self.count)
         return -self.solve(size)[own], self.covariance(size)[own, own]
+
+    def draws(self, size: float, drawn: Array) -> Array:
+        """Return (N + C, M) deviations of the coefficients from standard normal numbers."""
+        factor, scale = self._factor(size)
+        out: Array = scale[:, None] * solve_triangular(factor, drawn, lower=True, trans='T')
+        return out
 
     def covariance(self, size: float) -> Array:
         """Return (N + C, N + C) the covariance of the coefficients."""
@@ -247,12 +261,29 @@ def _of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[A
     return missing[:, keep] / rms, limit
 
 
-def _noise(left: Array, runs: Sequence[Run], scale: float) -> tuple[NoiseModel, ...]:
+def _noise(
+    left: Array, spread: Array, runs: Sequence[Run], scale: float
+) -> tuple[NoiseModel, ...]:
+    """Return the noise of each place: one for all where that is the more probable.
+
+    Args:
+        left: (R,) what is left.
+        spread: (R, M) draws of what the coefficients' uncertainty hides.
+        runs: The rows in order.
+        scale: Of the residual.
+    """
     count = 1 + max(run.place for run in runs)
     rows: list[list[Array]] = [[] for _ in range(count)]
+    both = np.vstack([left, spread.T / math.sqrt(max(spread.shape[1], 1))])
     for run in runs:
-        rows[run.place].append(left[run.start : run.stop])
-    found = [fit_noise(*series) for series in rows]
+        rows[run.place].append(both[:, run.start : run.stop])
+    told = [products(*series) for series in rows]
+    found = [levinson(*one) for one in told]
+    if count > 1 and len({sums.size for sums, _ in told}) == 1:
+        of_all = np.sum([sums for sums, _ in told], axis=0)
+        together = levinson(of_all, sum(number for _, number in told))
+        if together.score < sum(m.score for m in found):
+            found = [together] * count
     # A residual that is predicted wholly has no noise to divide by.
     least = (1e-9 * scale) ** 2
     return tuple(

@@ -37,6 +37,14 @@ class NoiseModel:
     samples: int
 
     @property
+    def score(self) -> float:
+        """BIC: minus twice the logarithm of the likelihood, and what its numbers cost."""
+        if self.innovation <= 0.0:
+            return -math.inf
+        cost = (self.coefficients.size + 1) * math.log(max(self.samples, 1))
+        return self.samples * math.log(self.innovation) + cost
+
+    @property
     def effective_samples(self) -> float:
         """Samples of white noise whose mean would be as certain; at most those there are."""
         if self.variance <= 0.0:
@@ -97,7 +105,8 @@ def fit_noise(*series: Array) -> NoiseModel:
     """Fit an autoregressive model whose order has the lowest BIC.
 
     Args:
-        series: Each (R,) a time series of the same noise; one or more.
+        series: Each (..., R) a time series of the same noise; one or more. Products of rows are
+            added up.
 
     Returns:
         The model; of order 0 where the series look white or are too short to tell.
@@ -106,19 +115,37 @@ def fit_noise(*series: Array) -> NoiseModel:
         Levinson-Durbin recursion: Brockwell and Davis (1991), Time Series: Theory and Methods,
         section 5.2; order by Schwarz (1978), Annals of Statistics 6.
     """
-    count = sum(row.size for row in series)
-    variance = float(np.mean(np.concatenate(series) ** 2)) if count else 0.0
-    plain = NoiseModel(np.empty(0), variance, variance, count)
+    return levinson(*products(*series))
+
+
+def products(*series: Array) -> tuple[Array, int]:
+    """Return (p + 1,) sums of products of samples 0 to p apart, and the number of samples.
+
+    Args:
+        series: As for `fit_noise`.
+    """
+    count = sum(row.shape[-1] for row in series)
     most = min(MOST_COEFFICIENTS, count // 10)
+    # The mean stays in: the model is to explain every sample, a constant offset included.
+    sums = [
+        sum(
+            float(np.vdot(row[..., : row.shape[-1] - k], row[..., k:]))
+            for row in series
+            if row.shape[-1] > k
+        )
+        for k in range(most + 1)
+    ]
+    return np.array(sums), count
+
+
+def levinson(sums: Array, count: int) -> NoiseModel:
+    """Return the autoregressive model of the lowest BIC by what `products` returned."""
+    covariance = sums / max(count, 1)
+    variance = float(covariance[0])
+    plain = NoiseModel(np.empty(0), variance, variance, count)
+    most = len(covariance) - 1
     if variance <= 0.0 or most < 1:
         return plain
-    # The mean stays in: the model is to explain every sample, a constant offset included.
-    covariance = np.array(
-        [
-            sum(float(row[: row.size - k] @ row[k:]) for row in series if row.size > k) / count
-            for k in range(most + 1)
-        ]
-    )
     best, best_score = plain, 0.0
     coefficients = np.empty(0)
     innovation = variance

@@ -46,10 +46,32 @@ def test_what_a_column_predicts_is_no_noise(rho):
     drawn = noise(rng, 0.01, rho)
     residual = drawn + 0.01 * missing[:, 7]
     seen = weigh(residual, waves(rng, 5), missing, RUNS, BLOCKS)
-    assert seen.gain > 100.0
+    assert seen.floor[0] == seen.rest[0]
     # Coloured noise covers a part of it.
     assert 0.75 * 0.01 < seen.predicted[0] < 1.1 * 0.01
-    assert seen.floor[0] == pytest.approx(drawn.std(), rel=0.05)
+    assert seen.floor[0] == pytest.approx(drawn.std(), rel=0.03)
+
+
+def test_noise_that_columns_could_follow_is_not_taken_for_less():
+    told = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        missing, drawn = waves(rng, 60), noise(rng, 0.01, 0.9)
+        residual = drawn + 0.01 * missing[:, 7]
+        seen = weigh(residual, waves(rng, 5), missing, RUNS, BLOCKS)
+        told.append(seen.floor[0] / drawn.std())
+    assert np.mean(told) == pytest.approx(1.0, abs=0.01)
+
+
+def test_places_of_one_noise_share_it():
+    rng = np.random.default_rng(3)
+    drawn = noise(rng, 0.01, 0.9)
+    runs = (Run(0, ROWS // 2, 0), Run(ROWS // 2, ROWS, 1))
+    one, two = weigh(drawn, waves(rng, 5), waves(rng, 9), runs, BLOCKS).noise
+    assert one is two and one.samples == ROWS
+    drawn[ROWS // 2 :] *= 2.0
+    one, two = weigh(drawn, waves(rng, 5), waves(rng, 9), runs, BLOCKS).noise
+    assert two.variance / one.variance == pytest.approx(4.0, rel=0.3)
 
 
 def test_what_no_column_predicts_on_other_blocks_is_noise():
