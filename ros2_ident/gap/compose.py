@@ -331,6 +331,12 @@ def _sentence(
     said = _answer(verdict, explainer, found, per_drive, model, closed)
     if verdict.effect == NONE and hidden:
         said = f'{said[:-1]}; this motion {cannot_show(hidden)}'
+    if verdict.effect not in REFUSED:
+        said += ''.join(
+            f' Or {name} of the machine file is wrong: {x.value:.4g} [{x.low:.4g}, {x.high:.4g}] '
+            f'{x.unit} closes as much.'
+            for name, x in verdict.constants.items()
+        )
     material = explainer.size(found.chain[0]) >= explainer.rules.material
     shares = [g.share_of_output for g in per_drive.values()]
     first = small(shares, model.unit) if material and verdict.effect not in REFUSED else ''

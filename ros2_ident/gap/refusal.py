@@ -10,7 +10,7 @@ from ros2_ident.effects import Effect, get_effect
 from ros2_ident.gap.constants import fitted_constants
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
-from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
+from ros2_ident.gap.verdict import BOOKKEEPING, NAMELESS, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
 from ros2_ident.models.registry import kind_of
 from ros2_ident.search.noise import fast_noise
@@ -94,7 +94,8 @@ def of_the_file(
 ) -> tuple[Explained, Verdict]:
     """Return the answer, or that a number of the machine file is wrong where it explains as much.
 
-    Of what closes as much for all that counts the one with fewer numbers is taken.
+    Of what closes as much for all that counts the one with fewer numbers is taken; where as many
+    numbers explain as much by an effect, its name stands, and those of the file are ties.
 
     Args:
         explainer: Holds the case and the rules.
@@ -104,21 +105,22 @@ def of_the_file(
     base, final = found.chain[0], found.chain[-1]
     share, rules = partial(explainer.share, base), explainer.rules
     least = share(final) if len(found.chain) > 1 else 0.0
-    fewer = len(base.theta) + 1 < len(final.theta)
-    # Where as many numbers explain as much by an effect, its name stands.
-    least = max(rules.closed, least - rules.alike if fewer else least + rules.alike)
     counting = [
         one
         for one in fitted_constants(explainer.attribution.fits, base)
-        if share(one.fit) > least and explainer.material(base, one.fit)
+        if share(one.fit) > max(rules.closed, least - rules.alike)
+        and explainer.material(base, one.fit)
     ]
     if not counting:
         return found, verdict
     best, *others = sorted(counting, key=lambda one: -share(one.fit))
     ties = [one for one in others if share(one.fit) > share(best.fit) - rules.alike]
+    more = len(base.theta) + 1 >= len(final.theta)
+    if more and verdict.effect not in NAMELESS and share(best.fit) < least + rules.alike:
+        return found, replace(verdict, constants={one.name: one.found for one in (best, *ties)})
     text = (
-        f'{best.in_words()} fits the log and closes {100.0 * share(best.fit):.0f} % of a gap of '
-        f'{explainer.size(base):.2f} times the noise floor'
+        f'{best.in_words()} fits the log and closes {100.0 * min(share(best.fit), 1.0):.0f} % of '
+        f'a gap of {explainer.size(base):.2f} times the noise floor'
     )
     text += ''.join(f'; or {one.in_words()}, which closes as much' for one in ties)
     plain = replace(found, chain=found.chain[:1], rivals=(), rests=())

@@ -133,34 +133,36 @@ def weigh(
     scaled, limit = _of_one_size(jacobian, missing, most)
     columns = np.hstack([jacobian, scaled])
     scale = float(np.sqrt(np.mean(residual**2))) or 1.0
-    place = np.concatenate([np.full(run.stop - run.start, run.place) for run in runs])
+    data = _Rows(residual, columns, runs, limit, scale)
     # A weak ridge for a first look: what it leaves is hardly more than the noise.
     ridge = 1e-6 * len(residual) * np.eye(columns.shape[1])
-    left = residual - columns @ np.linalg.solve(
-        columns.T @ columns + ridge, columns.T @ residual
+    found = data.weighed(
+        data.noise(
+            residual
+            - columns @ np.linalg.solve(columns.T @ columns + ridge, columns.T @ residual)
+        ),
+        blocks,
     )
-    noise = _noise(left, np.empty((len(left), 0)), runs, scale)
-    drawn = np.random.default_rng(0).standard_normal((columns.shape[1], _DRAWS))
-    folds = [blocks % _FOLDS == fold for fold in range(_FOLDS)]
-    for _ in range(_TURNS):
-        whiten = Whitening(runs, noise)
-        white, right = whiten(columns.T).T, whiten(residual)
-        parts = [(white[out].T @ white[out], white[out].T @ right[out]) for out in folds]
-        sums = _Sums(sum(part[0] for part in parts), sum(part[1] for part in parts), limit)
-        size, gain = sums.size(scale)
-        left = residual - columns @ sums.solve(size)
-        spread = columns @ sums.draws(size, drawn)
-        noise = _noise(left, spread, runs, scale)
+    if found.gain > _CHANCE:
+        # As many columns as rows follow any noise: then all of it may be noise.
+        plain = data.noise(
+            residual - jacobian @ np.linalg.lstsq(jacobian, residual, rcond=None)[0]
+        )
+        if data.plain(plain, len(jacobian.T)) > found.evidence:
+            found = max(found, data.weighed(plain, blocks), key=lambda one: one.evidence)
+    sums, size, noise, left = found.sums, found.size, found.noise, found.left
     unseen = np.empty_like(residual)
-    for out, (normal, gradient) in zip(folds, parts, strict=True):
+    for fold, (normal, gradient) in enumerate(found.parts):
+        out = blocks % _FOLDS == fold
         others = _Sums(sums.normal - normal, sums.gradient - gradient, limit)
         unseen[out] = residual[out] - columns[out] @ others.solve(size)
     # Rows that were left out of the sums tell as much as those in them.
     whole = _Sums(sums.normal / share, sums.gradient / share, limit)
     shift, covariance = whole.parameters(size)
+    place = np.concatenate([np.full(run.stop - run.start, run.place) for run in runs])
     rms = _rms(residual, place)
     # What a fit takes from the noise is put back.
-    taken = _rms(np.sqrt(np.mean(spread**2, axis=1)), place)
+    taken = _rms(np.sqrt(np.mean(found.spread**2, axis=1)), place)
     rest: Array = np.hypot(_rms(left, place), taken)
     # A prediction that makes it worse is none.
     return Evidence(
@@ -169,11 +171,90 @@ def weigh(
         np.minimum(rms, rest),
         np.minimum(rms, _rms(unseen, place)),
         size,
-        gain,
+        found.gain,
         shift,
         covariance,
         left,
     )
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What one start of the noise has come to; see `_Rows.weighed`."""
+
+    noise: tuple[NoiseModel, ...]
+    sums: '_Sums'
+    parts: list[tuple[Array, Array]]
+    size: float
+    gain: float
+    evidence: float
+    left: Array
+    spread: Array
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """A residual (R,) and columns (R, N + C) of what may be in it; see `weigh`."""
+
+    residual: Array
+    columns: Array
+    runs: Sequence[Run]
+    limit: Array
+    scale: float
+
+    def weighed(
+        self, noise: tuple[NoiseModel, ...], blocks: npt.NDArray[np.int64]
+    ) -> _Found:
+        """Estimate noise and coefficients in turn, from a noise to start with."""
+        columns, count = self.columns, self.columns.shape[1]
+        drawn = np.random.default_rng(0).standard_normal((count, _DRAWS))
+        folds = [blocks % _FOLDS == fold for fold in range(_FOLDS)]
+        for _ in range(_TURNS):
+            whiten = Whitening(self.runs, noise)
+            white, right = whiten(columns.T).T, whiten(self.residual)
+            parts = [(white[out].T @ white[out], white[out].T @ right[out]) for out in folds]
+            sums = _Sums(sum(part[0] for part in parts), sum(part[1] for part in parts), self.limit)
+            size, gain, evidence = sums.size(self.scale)
+            evidence -= 0.5 * float(right @ right) + whiten.volume
+            left = self.residual - columns @ sums.solve(size)
+            spread = columns @ sums.draws(size, drawn)
+            noise = self.noise(left, spread)
+        return _Found(noise, sums, parts, size, gain, evidence, left, spread)
+
+    def plain(self, noise: tuple[NoiseModel, ...], count: int) -> float:
+        """Return the evidence where the first `count` columns and noise are all there is."""
+        whiten = Whitening(self.runs, noise)
+        white, right = whiten(self.columns[:, :count].T).T, whiten(self.residual)
+        sums = _Sums(white.T @ white, white.T @ right, np.empty(0))
+        return sums.evidence(1.0) - 0.5 * float(right @ right) - whiten.volume
+
+    def noise(self, left: Array, spread: Array | None = None) -> tuple[NoiseModel, ...]:
+        """Return the noise of each place: one for all where that is the more probable.
+
+        Args:
+            left: (R,) what is left.
+            spread: (R, M) draws of what the coefficients' uncertainty hides.
+        """
+        count = 1 + max(run.place for run in self.runs)
+        rows: list[list[Array]] = [[] for _ in range(count)]
+        both = left[None]
+        if spread is not None:
+            both = np.vstack([left, spread.T / math.sqrt(spread.shape[1])])
+        for run in self.runs:
+            rows[run.place].append(both[:, run.start : run.stop])
+        told = [products(*series) for series in rows]
+        found = [levinson(*one) for one in told]
+        if count > 1 and len({sums.size for sums, _ in told}) == 1:
+            of_all = np.sum([sums for sums, _ in told], axis=0)
+            together = levinson(of_all, sum(number for _, number in told))
+            if together.score < sum(m.score for m in found):
+                found = [together] * count
+        # A residual that is predicted wholly has no noise to divide by.
+        least = (1e-9 * self.scale) ** 2
+        return tuple(
+            m if m.variance > least else NoiseModel(np.empty(0), least, least, m.samples)
+            for m in found
+        )
 
 
 class _Sums:
@@ -189,21 +270,22 @@ class _Sums:
         self.normal, self.gradient, self.limit = normal, gradient, limit
         self.count = len(normal) - len(limit)
 
-    def size(self, scale: float) -> tuple[float, float]:
-        """Return the size of what is missing that has most evidence, and the gain over none."""
+    def size(self, scale: float) -> tuple[float, float, float]:
+        """Return the most probable size of what is missing, its gain over none, its evidence."""
         sizes = scale * _SIZES
         gains = np.full(sizes.size, -np.inf)
-        gains[::_EVERY] = [self._evidence(size) for size in sizes[::_EVERY]]
+        gains[::_EVERY] = [self.evidence(size) for size in sizes[::_EVERY]]
         first = max(0, int(np.argmax(gains)) - _EVERY + 1)
         near = slice(first, first + 2 * _EVERY - 1)
-        gains[near] = [self._evidence(size) for size in sizes[near]]
+        gains[near] = [self.evidence(size) for size in sizes[near]]
         best = int(np.argmax(gains))
         gain = float(gains[best] - gains[0])
         # What chance gains is no evidence that anything is missing.
-        return float(sizes[best if gain > _CHANCE else 0]), gain
+        best = best if gain > _CHANCE else 0
+        return float(sizes[best]), gain, float(gains[best])
 
-    def _evidence(self, size: float) -> float:
-        """Return the logarithm of the evidence for a size, but for a constant."""
+    def evidence(self, size: float) -> float:
+        """Return the logarithm of the evidence for a size, but for what is the noise's alone."""
         factor, scale = self._factor(size)
         half = solve_triangular(factor, self.gradient * scale, lower=True)
         deviation = np.minimum(size, self.limit)
@@ -259,37 +341,6 @@ def _of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[A
     rms = np.sqrt(own[keep] / len(missing))
     limit = np.full(rms.size, np.inf) if most is None else most[keep] * rms
     return missing[:, keep] / rms, limit
-
-
-def _noise(
-    left: Array, spread: Array, runs: Sequence[Run], scale: float
-) -> tuple[NoiseModel, ...]:
-    """Return the noise of each place: one for all where that is the more probable.
-
-    Args:
-        left: (R,) what is left.
-        spread: (R, M) draws of what the coefficients' uncertainty hides.
-        runs: The rows in order.
-        scale: Of the residual.
-    """
-    count = 1 + max(run.place for run in runs)
-    rows: list[list[Array]] = [[] for _ in range(count)]
-    both = np.vstack([left, spread.T / math.sqrt(max(spread.shape[1], 1))])
-    for run in runs:
-        rows[run.place].append(both[:, run.start : run.stop])
-    told = [products(*series) for series in rows]
-    found = [levinson(*one) for one in told]
-    if count > 1 and len({sums.size for sums, _ in told}) == 1:
-        of_all = np.sum([sums for sums, _ in told], axis=0)
-        together = levinson(of_all, sum(number for _, number in told))
-        if together.score < sum(m.score for m in found):
-            found = [together] * count
-    # A residual that is predicted wholly has no noise to divide by.
-    least = (1e-9 * scale) ** 2
-    return tuple(
-        m if m.variance > least else NoiseModel(np.empty(0), least, least, m.samples)
-        for m in found
-    )
 
 
 def _rms(values: Array, place: npt.NDArray[np.int64]) -> Array:

@@ -187,6 +187,9 @@ class Whitening:
         runs: All rows, run after run.
         models: The noise of each place.
 
+    Attributes:
+        volume: What the noise's size and its numbers cost of the logarithm of the evidence.
+
     Reference:
         Generalised least squares by prewhitening: Seber and Wild (2003), Nonlinear Regression,
         section 6.2.
@@ -195,18 +198,24 @@ class Whitening:
     def __init__(self, runs: Sequence[Run], models: Sequence[NoiseModel]) -> None:
         self.scale: Array = np.empty(runs[-1].stop if runs else 0)
         self._coloured: list[tuple[slice, Array, float]] = []
+        numbers = sum(m.coefficients.size + 1 for m in {id(m): m for m in models}.values())
+        self.volume = 0.5 * numbers * math.log(max(self.scale.size, 1))
         for run in runs:
             model = models[run.place]
             self.scale[run.start : run.stop] = model.variance**-0.5
             order = model.coefficients.size
-            if order and run.stop - run.start > order:
+            first = min(run.stop - run.start, order)
+            rest = run.stop - run.start - first
+            self.volume += 0.5 * first * math.log(model.variance)
+            self.volume += 0.5 * rest * math.log(model.innovation)
+            if rest and order:
                 taps = np.concatenate(([1.0], -model.coefficients)) / np.sqrt(model.innovation)
                 self._coloured.append((slice(run.start, run.stop), taps, order))
 
     def __call__(self, rows: Array) -> Array:
         """Return (..., R) rows whitened."""
         out: Array = rows * self.scale
-        for where, taps, order in self._coloured:
+        for where, taps, order in self._coloured if out.size else ():
             out[..., where][..., order:] = lfilter(taps, 1.0, rows[..., where])[..., order:]
         return out
 

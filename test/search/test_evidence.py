@@ -166,6 +166,20 @@ def test_more_columns_that_are_alike_than_samples_are_weighed():
     assert np.isfinite(seen.left).all()
 
 
+@pytest.mark.parametrize('rho', [0.0, 0.9])
+def test_more_columns_than_samples_do_not_explain_noise(rho):
+    floors = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        drawn = noise(rng, 1.0, rho)[:150]
+        time = np.linspace(0.0, 1.0, 150)[:, None]
+        missing = np.sin(time * rng.uniform(6.0, 300.0, 500) + rng.uniform(0.0, 6.28, 500))
+        seen = weigh(drawn, time, missing, [Run(0, 150, 0)], np.arange(150) // 10)
+        floors.append(seen.floor[0] / np.sqrt(np.mean(drawn**2)))
+        assert seen.gain < 5.0
+    assert np.mean(floors) == pytest.approx(1.0, abs=0.1)
+
+
 def test_a_model_without_anything_to_add_is_weighed_too():
     rng = np.random.default_rng(7)
     seen = weigh(noise(rng, 0.01, 0.5), waves(rng, 2), np.empty((ROWS, 0)), RUNS, BLOCKS)
