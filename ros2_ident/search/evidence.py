@@ -213,7 +213,7 @@ class _Rows:
             whiten = Whitening(self.runs, noise)
             white, right = whiten(columns.T).T, whiten(self.residual)
             parts = [(white[out].T @ white[out], white[out].T @ right[out]) for out in folds]
-            sums = _Sums(sum(part[0] for part in parts), sum(part[1] for part in parts), self.limit)
+            sums = _Sums(sum(n for n, _ in parts), sum(g for _, g in parts), self.limit)
             size, gain, evidence = sums.size(self.scale)
             evidence -= 0.5 * float(right @ right) + whiten.volume
             left = self.residual - columns @ sums.solve(size)
