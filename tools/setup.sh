@@ -189,4 +189,7 @@ if ! is install/.stamp "$build_stamp"; then
     --event-handlers console_direct+ --cmake-args -DPython3_EXECUTABLE="$root/.venv/bin/python"
   echo "$build_stamp" > install/.stamp
 fi
+# The first run on a kind of machine compiles its simulation: let that be done by whom nobody waits
+# for, and nobody hears.
+nohup nice -n 19 tools/compile.sh < /dev/null > /dev/null 2>&1 9>&- &
 say 'done; now `. ./env.sh`'

@@ -221,8 +221,14 @@ def select(points: Array, costs: Array, count: int, distance: float) -> Index:
     Returns:
         (P,) indices by rising cost, P <= count.
     """
-    chosen: Index = _take_apart(np.ascontiguousarray(points), costs, count, distance * distance)
-    return chosen
+    points, squared = np.ascontiguousarray(points), distance * distance
+    # Mostly the best are apart as they are; all are sorted where they are not. Only the loops are
+    # compiled: with what is around them a first run would wait ten seconds longer.
+    best = _best(costs, count)
+    chosen = _apart(points, costs, best, count, squared)
+    if chosen.size == count or best.size < count:
+        return chosen
+    return _apart(points, costs, np.argsort(costs, kind='stable'), count, squared)
 
 
 def survive(
@@ -246,43 +252,9 @@ def survive(
     Returns:
         The survivors and their costs, by rising cost.
     """
-    # Made here, as in `_steps`.
-    places, values = np.empty((count, points.shape[1])), np.empty(count)
-    size = _survive(
-        parents, parent_costs, points, costs, distance * distance, places, values
-    )
-    return places[:size], values[:size]
-
-
-@cached
-def _survive(
-    parents: Array,
-    parent_costs: Array,
-    points: Array,
-    costs: Array,
-    squared: float,
-    places: Array,
-    values: Array,
-) -> int:
-    """Write the survivors and their costs; return how many there are."""
-    both = np.concatenate((parents, points))
-    pool = np.concatenate((parent_costs, costs))
-    chosen = _take_apart(both, pool, len(values), squared)
-    for i in range(chosen.size):
-        places[i] = both[chosen[i]]
-        values[i] = pool[chosen[i]]
-    return chosen.size
-
-
-@cached
-def _take_apart(points: Array, costs: Array, count: int, squared: float) -> Index:
-    """Take points by rising cost, each farther than the root of `squared` from those taken."""
-    # Mostly the best are apart as they are; all are sorted where they are not.
-    best = _best(costs, count)
-    chosen = _apart(points, costs, best, count, squared)
-    if chosen.size == count or best.size < count:
-        return chosen
-    return _apart(points, costs, np.argsort(costs, kind='mergesort'), count, squared)  # stable
+    both, pool = np.concatenate((parents, points)), np.concatenate((parent_costs, costs))
+    chosen = select(both, pool, count, distance)
+    return both[chosen], pool[chosen]
 
 
 @cached
@@ -306,7 +278,7 @@ def _best(costs: Array, count: int) -> Index:
 
 @cached
 def _apart(points: Array, costs: Array, order: Index, count: int, squared: float) -> Index:
-    """Take points in an order of rising cost, as `_take_apart` does."""
+    """Take points in an order of rising cost, each farther than `squared` from those taken."""
     taken = np.empty(count, dtype=np.intp)
     size = 0
     for index in order:
