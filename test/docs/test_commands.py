@@ -23,15 +23,13 @@ differently. Two marks say otherwise:
 
 from collections.abc import Callable, Iterator
 from functools import cache
-import os
 from pathlib import Path
 import re
 import shlex
 import shutil
 import subprocess
-import sys
 
-from docs_cases import Block, blocks, FENCE, PAGES, ROOT, run_of, run_pages
+from docs_cases import Block, blocks, FENCE, forked, PAGES, ROOT, run_of, run_pages
 import pytest
 
 from ros2_ident.cli.main import main, make_parser
@@ -137,9 +135,8 @@ def check_make(words: list[str]) -> None:
 @cache
 def help_of(*command: str) -> str:
     done = subprocess.run(
-        [sys.executable, *command, '--help'],
+        [*forked(), *command, '--help'],
         cwd=ROOT,
-        env={**os.environ, 'PYTHONPATH': str(ROOT)},
         capture_output=True,
         text=True,
         timeout=120,

@@ -5,6 +5,7 @@ from pathlib import Path
 import pickle
 import sys
 
+from identify_cases import QUICK
 import numpy as np
 import pytest
 import yaml
@@ -188,7 +189,8 @@ def test_what_a_log_of_positions_shows_is_found(folder) -> None:
     machine = machine_of(folder)
     position, _ = plain(COMMAND, true)
     noise = np.random.default_rng(3).standard_normal(position.shape) * 5e-4
-    found = identify(machine, Data((data_with(machine, position + noise),)))
+    data = Data((data_with(machine, position + noise),))
+    found = identify(machine, data, settings=QUICK)
     values = {p.name: p.value for p in found.parameters}
     assert values['one.kp'] == pytest.approx(15.0, rel=0.02)
     assert values['two.kp'] == pytest.approx(10.0, rel=0.02)
