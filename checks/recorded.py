@@ -187,7 +187,11 @@ def main() -> int:
     rows = []
     for number in range(args.first, args.first + args.logs):
         drawn = draw(number, args.seed)
-        found = judged(drawn)
+        try:
+            found = judged(drawn)
+        except IdentError as exc:
+            print(f'{number}: refused, {exc}', flush=True)
+            continue
         rows.append(line(drawn, found))
         if args.effect and drawn.machine.kind != 'serial':
             effect = fitting(drawn, found)

@@ -37,12 +37,14 @@ class Band:
 
     Attributes:
         cutoff: Frequency of gain one half, Hz.
+        motion: That of the motion that drives the model, Hz.
         cycle: Time from cycle to cycle, s.
         logged: (O, K) efforts, NaN at cycles without a sample.
         still: (O, K) cycles at which nothing tells what an effort should be.
     """
 
     cutoff: float
+    motion: float
     cycle: float
     logged: Array
     still: Mask
@@ -86,30 +88,29 @@ class Band:
         held: Mask = binary_opening(beyond, np.ones((1, period)))[:, period:-period]
         return held
 
-    def low(self, efforts: Array) -> Array:
-        """Return efforts (..., O, K) below the band's end."""
-        size, cycles = self._block, efforts.shape[-1]
+    def low(self, efforts: Array, cutoff: float = 0.0) -> Array:
+        """Return efforts (..., O, K) below a frequency, the band's end where 0."""
+        cutoff, cycles = cutoff or self.cutoff, efforts.shape[-1]
+        size = max(1, int(1.0 / (_FINE * cutoff * self.cycle)))
         if size == 1:
-            return low_pass(efforts, self.cycle, self.cutoff)
+            return low_pass(efforts, self.cycle, cutoff)
         # What passes is as good in means of blocks, and filtered in a fraction of the time.
         starts = np.arange(0, cycles, size)
         counts = np.diff(starts, append=cycles)
         blocks = np.add.reduceat(efforts, starts, axis=-1) / counts
-        low = low_pass(blocks, size * self.cycle, self.cutoff)
+        low = low_pass(blocks, size * self.cycle, cutoff)
         at = np.clip((np.arange(cycles) - 0.5 * (size - 1)) / size, 0.0, starts.size - 1.001)
         before = at.astype(int)
         out: Array = low[..., before]
         out += (at - before) * (low[..., before + 1] - out)
         return out
 
-    @property
-    def _block(self) -> int:
-        """Cycles that are filtered as one."""
-        return max(1, int(1.0 / (_FINE * self.cutoff * self.cycle)))
-
     def passed(self, efforts: Array) -> Array:
         """Return simulated efforts (..., O, K) as they are compared with those measured."""
         held = self._held & np.isfinite(self._filled)
+        if self._between:
+            # Friction of a smoothed motion turns over as no effort does, and would be sampled so.
+            efforts = self.low(efforts, self.motion)
         return self.low(np.where(held, self._filled, self._as_logged(efforts)))
 
     def _as_logged(self, efforts: Array) -> Array:

@@ -520,7 +520,8 @@ class DriveModel(FullModel):
         ends = min(settling(self.cycle, cutoff), int(_SHORTEST * data.cycles))
         still[:, :ends] = still[:, data.cycles - ends :] = True
         sources = list(self.signals.sources)
-        return Band(self._limit, self.cycle, self.signals.measured(data), still[sources])
+        logged = self.signals.measured(data)
+        return Band(self._limit, cutoff, self.cycle, logged, still[sources])
 
     @functools.cached_property
     def _limit(self) -> float:
