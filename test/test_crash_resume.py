@@ -8,13 +8,14 @@ from dataclasses import replace
 import subprocess
 import sys
 
-from identify_cases import axis, axis_data, QUICK, ROOT
+from identify_cases import axis, axis_bag, axis_data, QUICK, recording_of, ROOT
 import numpy as np
 import pytest
 
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import to_mapping
+from ros2_ident.identify.data import gather
 from ros2_ident.identify.run import identify
 from ros2_ident.search import journal as journal_module
 from ros2_ident.search.journal import Journal
@@ -71,9 +72,9 @@ def count_puts(monkeypatch, run):
         return run(), count
 
 
-def gap():
+def gap(seconds=4.0):
     """Return data with more friction where the axis is slow: something to find."""
-    (data,) = axis_data().datasets
+    (data,) = gather([recording_of(axis_bag(seconds))], axis()).datasets
     speed = data.command_velocity
     return [replace(data, effort=data.effort + 4.0 * np.sign(speed) * np.exp(-abs(speed) / 0.03))]
 
@@ -143,7 +144,7 @@ def test_a_diagnosis_that_was_killed_goes_on(tmp_path, kill, monkeypatch, undist
 
 def test_a_diagnosis_believes_no_record_that_is_whole_and_wrong(tmp_path, monkeypatch):
     def run(path=None):
-        found = diagnose(axis(), gap(), without=sorted(CATALOGUE), checkpoint=path)
+        found = diagnose(axis(), gap(2.0), without=sorted(CATALOGUE), checkpoint=path)
         return {k: v for k, v in to_mapping(found).items() if k != 'seconds'}
 
     real = Journal.put

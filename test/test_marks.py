@@ -52,10 +52,10 @@ def test_a_slow_test_that_is_not_listed_is_told(
 ) -> None:
     sleep = 'import time\n\ndef test_listed(): time.sleep(0.4)\n'
     suite.makepyfile(test_it=sleep)
-    assert suite.runpytest_subprocess().ret == 0
-    suite.runpytest_subprocess('-m', 'not slow').assert_outcomes(deselected=1)
+    assert suite.runpytest_inprocess().ret == 0
+    suite.runpytest_inprocess('-m', 'not slow').assert_outcomes(deselected=1)
     suite.makepyfile(test_it=f'{sleep}\ndef test_other(): time.sleep(0.4)\n')
-    ran = suite.runpytest_subprocess()
+    ran = suite.runpytest_inprocess()
     assert ran.ret == 0
     ran.stdout.fnmatch_lines(['AMISS test_it.py::test_other took 0 s and is not marked slow*'])
     # What compiles takes so long only once, and is not meant.
@@ -64,7 +64,7 @@ def test_a_slow_test_that_is_not_listed_is_told(
         test_it='from pathlib import Path\nimport time\n\n'
         'def test_other():\n    time.sleep(0.4)\n    Path("kernel.nbc").touch()\n'
     )
-    assert 'AMISS' not in suite.runpytest_subprocess().stdout.str()
+    assert 'AMISS' not in suite.runpytest_inprocess().stdout.str()
 
 
 def test_in_ci_nothing_is_skipped(
@@ -74,11 +74,11 @@ def test_in_ci_nothing_is_skipped(
         test_it='import pytest\n\ndef test_a(): pytest.skip("no zsh")\n\ndef test_b(): pass\n',
         test_whole='import pytest\npytest.importorskip("no_such_module", reason="no MuJoCo")\n',
     )
-    assert suite.runpytest_subprocess().ret == 0
+    assert suite.runpytest_inprocess().ret == 0
     monkeypatch.setenv('CI', 'true')
-    ran = suite.runpytest_subprocess()
+    ran = suite.runpytest_inprocess()
     ran.assert_outcomes(failed=1, passed=1, skipped=1)
     assert 'With CI=true nothing may be skipped. Skipped: no zsh' in ran.stdout.str()
     ran.stdout.fnmatch_lines(['AMISS test_whole.py is skipped with CI=true: *no MuJoCo'])
     suite.path.joinpath('test_it.py').unlink()
-    assert suite.runpytest_subprocess().ret != 0
+    assert suite.runpytest_inprocess().ret != 0

@@ -34,7 +34,7 @@ from ros2_ident.machine.kind import Kind
 from ros2_ident.models.drives import keys
 from ros2_ident.models.drives.model import DriveModel
 
-STEPS = 8
+STEPS = 4
 
 
 class TwoMass(DriveModel):

@@ -235,10 +235,10 @@ def test_effects_change_attributes_where_an_mjcf_has_them(folder) -> None:
 
 
 def a_log(machine, seed, change):
-    """Return 2.4 s of sines with noise on positions and efforts."""
+    """Return 1.6 s of sines with noise on positions and efforts."""
     rng = np.random.default_rng(seed)
     phase, rate = rng.uniform(0, 6, (2, 4)), rng.uniform(0.3, 2.5, (2, 4))
-    time = CYCLE * np.arange(600)
+    time = CYCLE * np.arange(400)
     waves = [np.sin(2 * np.pi * rate[:, [k]] * time + phase[:, [k]]) for k in range(4)]
     command = 0.25 * sum(waves)
     command = (command - command[:, :1]) * np.minimum(time, 1)

@@ -68,7 +68,7 @@ def test_a_replayed_bag_is_identified_and_a_late_subscriber_gets_the_result(
         early = Listener(domain)
         try:
             with program(
-                'replay', str(BAG), '--wait-for-subscribers', '60', domain=domain
+                'replay', str(BAG), '--rate', '3', '--wait-for-subscribers', '60', domain=domain
             ) as replay:
                 code, text = ended(replay)
                 assert code == 0, text

@@ -2,6 +2,7 @@
 """Candidates that cannot survive are given up, and nothing else changes by that."""
 
 from dataclasses import replace
+from functools import cache
 import math
 
 from identify_cases import (
@@ -151,6 +152,7 @@ def test_a_batch_is_left_off_when_the_time_is_up():
 # ---------------------------------------------------------------- the simulations
 
 
+@cache
 def problems():
     """Return problems of every kernel, one of several segments among them."""
     whole = recording_of(axis_bag())
