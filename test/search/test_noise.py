@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
 from ros2_ident.search.noise import (
@@ -70,47 +69,6 @@ def test_fast_noise_is_told_from_motion_impacts_and_short_series():
     assert fast_noise(one, np.ones(4)) == pytest.approx(6.0 / math.sqrt(70.0) / 0.67448975)
 
 
-def by_the_book(*series):
-    """Return coefficients, innovation and variance of the order with the lowest BIC."""
-    count = sum(map(len, series))
-    most = min(MOST_COEFFICIENTS, count // 10)
-    covariance = np.array(
-        [sum(row[: len(row) - k] @ row[k:] for row in series if len(row) > k) for k in range(21)]
-    )
-    covariance /= count
-    best = (np.empty(0), covariance[0])
-    lowest = 0.0
-    for order in range(1, most + 1):
-        a = solve_toeplitz(covariance[:order], covariance[1 : order + 1])
-        innovation = covariance[0] - a @ covariance[1 : order + 1]
-        score = count * math.log(innovation / covariance[0]) + order * math.log(count)
-        if score < lowest:
-            best, lowest = (a, innovation), score
-    return *best, covariance[0]
-
-
-@pytest.mark.parametrize(
-    ('coefficients', 'lengths'),
-    [
-        ([], [400]),
-        ([0.8], [300]),
-        ([1.6, -0.8], [500]),
-        ([0.3, 0.0, 0.0, 0.6], [600]),
-        ([0.9], [12]),
-        ([0.9], [30]),
-        ([1.2, -0.5], [200, 15, 3, 400]),
-    ],
-)
-def test_the_order_is_that_of_the_lowest_bic(coefficients, lengths):
-    series = [coloured(coefficients, n, seed) for seed, n in enumerate(lengths)]
-    model = fit_noise(*series)
-    expected, innovation, variance = by_the_book(*series)
-    np.testing.assert_allclose(model.coefficients, expected, rtol=1e-7, atol=1e-9)
-    assert model.innovation == pytest.approx(innovation, rel=1e-7)
-    assert model.variance == pytest.approx(variance)
-    assert model.samples == sum(lengths)
-
-
 def test_a_true_order_is_found_up_to_the_most():
     for order in (2, MOST_COEFFICIENTS):
         model = fit_noise(coloured([0.0] * (order - 1) + [0.8], 4000))
@@ -155,32 +113,6 @@ def test_products_with_the_covariance_are_those_of_the_full_matrix(count, a):
     found = weighted_normal_matrix(rows, first_order(a))
     np.testing.assert_allclose(found, rows.T @ a**lag @ rows, rtol=1e-6, atol=1e-6 * count)
     np.testing.assert_allclose(weighted_normal_matrix(rows, white(3.0)), 9.0 * rows.T @ rows)
-
-
-def windowed(values):
-    """Return Sokal's correlation time: summed over a window of five times itself."""
-    centred = values - values.mean()
-    full = [centred[: len(centred) - k] @ centred[k:] for k in range(len(values) // 2)]
-    total = 2.0 * np.cumsum(full) / full[0] - 1.0
-    for width, time in enumerate(total):
-        if width >= 5.0 * time:
-            return max(1.0, time)
-    return max(1.0, total[-1])
-
-
-@pytest.mark.parametrize(
-    'values',
-    [
-        coloured([], 300),
-        coloured([0.9], 2000),
-        coloured([-0.6], 500),
-        coloured([0.99], 60),
-        5.0 + coloured([0.7], 8),
-        np.linspace(0.0, 1.0, 50),
-    ],
-)
-def test_the_correlation_time_is_sokals(values):
-    assert correlation_time(values) == pytest.approx(windowed(values))
 
 
 def test_what_does_not_change_or_is_too_short_counts_by_the_sample():
