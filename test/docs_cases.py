@@ -1,18 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fenced blocks of the documentation: commands, what they print, and a clone to run them in."""
 
-import atexit
 from dataclasses import dataclass
 from functools import cache
 import os
 from pathlib import Path
 import re
 import shlex
-import shutil
 import subprocess
-import sys
-import tempfile
 
+from forked import forked
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -66,34 +63,12 @@ def fill_clone(folder: Path) -> Path:
 
 
 @cache
-def forked() -> list[str]:
-    """Start what forks programs of the package; return the command that asks for one."""
-    place = f'{tempfile.mkdtemp()}/socket'
-    command = [sys.executable, str(ROOT / 'test/forked.py'), place]
-    process = subprocess.Popen(
-        command,
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None and process.stdout.readline() == 'ready\n'
-
-    def end() -> None:
-        process.communicate()
-        shutil.rmtree(Path(place).parent)
-
-    atexit.register(end)
-    return [command[0], '-S', *command[1:]]
-
-
-@cache
 def run_of(page: str, clone: Path) -> subprocess.CompletedProcess[str]:
     """What the commands of a page print, both streams in one."""
     if not (ROOT / 'install/.stamp').is_file():
         pytest.skip('the tree is not set up, so that there is no env.sh to begin with')
     script = ['set -euo pipefail', '. ./env.sh', f'export PYTHONPATH={ROOT}:${{PYTHONPATH:-}}']
-    script += [f'ident() {{ {shlex.join(forked())} ident "$@"; }}']
+    script += [f'ident() {{ {shlex.join(forked())} -m ros2_ident.cli.main "$@"; }}']
     script += [b.text for b in blocks('bash') if b.page == page and b.mark != 'not run']
     return subprocess.run(
         ['bash', '-c', '\n'.join(script)],

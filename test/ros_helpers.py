@@ -7,11 +7,11 @@ import itertools
 import os
 from pathlib import Path
 import subprocess
-import sys
 import threading
 import time
 from typing import Any
 
+from forked import forked
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -186,7 +186,7 @@ def program(
 ) -> Iterator[subprocess.Popen[str]]:
     """Run a module of the package in a process of its own; kill it at the end if need be."""
     process = subprocess.Popen(
-        [sys.executable, '-m', f'ros2_ident.ros.{module}', *arguments],
+        [*forked('ros2_ident.ros.node'), '-m', f'ros2_ident.ros.{module}', *arguments],
         env=environment(domain, **more),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 
+from forked import forked
 from identify_cases import axis_bag, AXIS_FILE, recording_of, ROOT, tripod_bag, TRIPOD_FILE
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ def command(bag, tmp_path):
 
 def spawn(words):
     return subprocess.Popen(
-        [sys.executable, '-m', 'ros2_ident.cli.main', *words],
+        [*forked(), '-m', 'ros2_ident.cli.main', *words],
         env={**os.environ, 'PYTHONPATH': str(ROOT)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -29,7 +29,8 @@ import shlex
 import shutil
 import subprocess
 
-from docs_cases import Block, blocks, FENCE, forked, PAGES, ROOT, run_of, run_pages
+from docs_cases import Block, blocks, FENCE, PAGES, ROOT, run_of, run_pages
+from forked import forked
 import pytest
 
 from ros2_ident.cli.main import main, make_parser
