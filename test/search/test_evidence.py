@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from ros2_ident.search.evidence import weigh
-from ros2_ident.search.noise import fit_noise, NoiseModel, Run, white, Whitening
+from ros2_ident.search.noise import NoiseModel, Run
 
 ROWS = 6000
 RUNS = (Run(0, ROWS // 2, 0), Run(ROWS // 2, ROWS, 0))
@@ -185,18 +185,6 @@ def test_a_model_without_anything_to_add_is_weighed_too():
     seen = weigh(noise(rng, 0.01, 0.5), waves(rng, 2), np.empty((ROWS, 0)), RUNS, BLOCKS)
     assert seen.gain == 0.0
     assert seen.floor[0] == pytest.approx(0.01, rel=0.05)
-
-
-def test_whitened_noise_is_white_and_of_variance_1():
-    rng = np.random.default_rng(8)
-    row = np.concatenate([noise(rng, 0.02, 0.9)[: ROWS // 2], noise(rng, 0.01, 0.0)])
-    runs = (Run(0, ROWS // 2, 1), Run(ROWS // 2, row.size, 0))
-    coloured = fit_noise(row[: ROWS // 2])
-    whiten = Whitening(runs, [white(0.01), coloured])
-    out = whiten(np.stack([row, 2.0 * row]))
-    assert out[0].std() == pytest.approx(1.0, rel=0.03)
-    assert np.corrcoef(out[0, 1:], out[0, :-1])[0, 1] == pytest.approx(0.0, abs=0.03)
-    assert out[1] == pytest.approx(2.0 * out[0])
 
 
 def test_the_correlation_of_neighbours_comes_from_any_order():

@@ -3,7 +3,6 @@
 
 from dataclasses import replace
 import math
-from pathlib import Path
 
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
@@ -16,7 +15,6 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search import (
     GeneticSearch,
     GeneticSettings,
-    MANY_MINIMA,
     StopReason,
 )
 from ros2_ident.search.operators import (
@@ -237,16 +235,3 @@ def test_eqs_8_and_9_bound_the_distance():
         GeneticSearch(0)
     with pytest.raises(IdentError, match='seed is -1'):
         GeneticSearch(1, seed=-1)
-
-
-def test_the_settings_for_many_minima_are_those_that_the_docs_state():
-    m = MANY_MINIMA
-    assert (m.survivors, m.children, m.initial_population, m.evaluations) == (40, 4, 500, 2260)
-    assert (m.range_reduction, m.min_distance, m.first_step) == (0.8, 0.05, 0.05)
-    page = (Path(__file__).parents[2] / 'docs/search.md').read_text(encoding='utf-8')
-    for said in (
-        '40\nparents with 4 children, and 500 first',
-        '2260\nsimulations',
-        '`first_step` = 0.05',
-    ):
-        assert said in page

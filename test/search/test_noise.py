@@ -31,28 +31,6 @@ def first_order(a, count=1000):
     return NoiseModel(np.array([a]), 1.0, 1.0 - a**2, count)
 
 
-def test_neighbours_of_a_second_and_third_order_correlate_as_yule_and_walker_say():
-    one, two = 0.6, 0.3
-    second = NoiseModel(np.array([one, two]), 1.0, 0.5, 100)
-    assert second.correlation == pytest.approx(one / (1.0 - two))
-    a = np.array([0.5, 0.2, -0.1])
-    third = NoiseModel(a, 1.0, 0.5, 100)
-    # r1 = a1 + a2 r1 + a3 r2, r2 = a1 r1 + a2 + a3 r1
-    r1 = (a[0] + a[1] * a[2]) / (1.0 - a[1] - a[2] * (a[0] + a[2]))
-    assert third.correlation == pytest.approx(r1)
-    assert white(2.0).correlation == 0.0
-
-
-def test_white_and_scaled_noise():
-    model = white(3.0)
-    assert (model.variance, model.innovation, model.samples) == (9.0, 9.0, 0)
-    assert not model.coefficients.size and model.independent_squares == pytest.approx(1.0)
-    twice = first_order(0.5).scaled(2.0)
-    assert (twice.variance, twice.innovation, twice.samples) == (4.0, 3.0, 1000)
-    assert twice.coefficients.tolist() == [0.5]
-    assert NoiseModel(np.empty(0), 0.0, 0.0, 7).effective_samples == 7.0
-
-
 def test_fast_noise_is_told_from_motion_impacts_and_short_series():
     rng = np.random.default_rng(3)
     noise = 0.2 * rng.normal(size=4000)

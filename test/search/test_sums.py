@@ -23,13 +23,6 @@ def evidence(gain=0.0, **changes):
     return Evidence(**{**kept, **changes})
 
 
-def test_what_is_not_clear_counts_by_the_blocks_left_out():
-    unclear, clear = evidence(29.0), evidence(31.0)
-    assert unclear.floor.tolist() == [4.0, 2.5] and clear.floor.tolist() == [3.0, 2.0]
-    np.testing.assert_allclose(clear.predicted, [4.0, 0.0])
-    np.testing.assert_allclose(unclear.predicted, [3.0, 0.0])
-
-
 def test_ends_hold_what_noise_alone_would_and_stay_in_the_box():
     theta, low, high = np.array([50.0, 0.0]), np.array([0.0, -1.0]), np.array([100.0, 9.0])
     tight = np.array([49.9, -0.01]), np.array([50.1, 0.01])
