@@ -13,6 +13,6 @@ def test_the_instant_at_which_friction_turns_over_counts_by_itself_not_by_sample
     # A change of sign a cycle before a sample, and a cycle after it.
     early, late = (np.where(np.arange(4000) < at, -1.0, 1.0)[None] for at in (1999, 2001))
     moved = np.abs(band.passed(early) - band.passed(late))
-    # Two cycles of twice the friction, in a band of 2.5 Hz whose pulse is 5/s high and a bit.
+    # Two cycles of twice the friction, in a band whose pulse is 5/s high.
     assert moved.max() < 2.0 * (2.0 * 2.0 * 2e-3 * 5.0)
     assert moved.sum() * 2e-3 < 2.0 * (2.0 * 2.0 * 2e-3)
