@@ -72,7 +72,7 @@ class Rules:
             prefers to be taken instead.
         alike: Share of the gap by which two laws may differ and be taken for forms of one effect:
             then the one with fewer numbers is named.
-        most: Most effects.
+        most: Most effects; the same one on several drives counts once.
     """
 
     material: float = MATERIAL
@@ -179,10 +179,6 @@ class Criteria:
         earlier = {at.where for at in before.effects}
         new = {at.where for at in after.effects[len(before.effects) :]}
         return bool(earlier) and (new <= earlier or 'all' in new | earlier)
-
-    def few(self, e: Explanation) -> bool:
-        """Whether one more effect may be found; the same one on several drives counts once."""
-        return len({at.effect for at in e.effects}) < self.rules.most
 
     def restores_law(self, before: Explanation, after: Explanation) -> bool:
         """Whether the controllers' log was far from the stated law and now agrees with it.

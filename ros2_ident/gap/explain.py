@@ -62,7 +62,7 @@ class Explainer(Criteria):
         """Add effects while they are material, drop what became superfluous, look for rivals."""
         chain, rounds = [base], []
         stopped = self.attribution.stopped
-        while self.few(chain[-1]) and self.open(chain[-1]) and not stopped():
+        while len(rounds) < self.rules.most and self.open(chain[-1]) and not stopped():
             round_ = self.attribution.round(
                 chain[-1], candidates, fits=12 if len(chain) == 1 else 8
             )
@@ -83,7 +83,10 @@ class Explainer(Criteria):
                 if plain is not chain[0]:
                     self._seen.clear()
                     return self.explain(plain, candidates, on_best)
-            chain = self.pruned(chain, best)
+            before, chain = chain, self.pruned(chain, best)
+            if self.score(chain[-1]) >= self.score(before[-1]):
+                chain = before
+                break
             on_best(chain[-1])
             if not stopped():
                 chain, rounds = self.with_new_floor(chain, rounds)
@@ -253,7 +256,8 @@ class Explainer(Criteria):
             if self.attribution.stopped():
                 break
             less = self.without(kept, index)
-            if not self.material(less, kept):
+            # Against all of them: one by one hardly anything would count.
+            if not self.material(less, best):
                 kept = less
         same = kept.effects[: len(chain) - 1] == chain[-1].effects
         return self.up_to(chain if same else chain[:1], kept)
