@@ -60,7 +60,7 @@ class Explainer(Criteria):
         on_best: Callable[[Explanation], None],
     ) -> Explained:
         """Add effects while they are material, drop what became superfluous, look for rivals."""
-        chain, rounds = [base], []
+        chain, rounds = [base], list[Round]()
         stopped = self.attribution.stopped
         while len(rounds) < self.rules.most and self.open(chain[-1]) and not stopped():
             round_ = self.attribution.round(
