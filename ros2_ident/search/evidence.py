@@ -33,6 +33,8 @@ _TURNS, _DRAWS = 2, 8
 _FOLDS = 4
 # Columns of which the parameters imitate all but this share say nothing of their own.
 _OWN = 1e-3
+# Share of the rows from which on coefficients take most of what these hold.
+_MOSTLY = 0.5
 # Logarithm of the evidence that chance alone may gain.
 _CHANCE = 3.0
 # From here on it is clear that something is predicted.
@@ -143,30 +145,23 @@ def weigh(
         ),
         blocks,
     )
-    if found.gain > _CHANCE:
+    place = np.concatenate([np.full(run.stop - run.start, run.place) for run in runs])
+    rms = _rms(residual, place)
+    if found.sums.taken(found.size) > _MOSTLY * len(residual):
         # As many columns as rows follow any noise: then all of it may be noise.
         plain = data.noise(
             residual - jacobian @ np.linalg.lstsq(jacobian, residual, rcond=None)[0]
         )
         if data.plain(plain, len(jacobian.T)) > found.evidence:
             found = max(found, data.weighed(plain, blocks), key=lambda one: one.evidence)
-    sums, size, noise, left = found.sums, found.size, found.noise, found.left
-    unseen = np.empty_like(residual)
-    for fold, (normal, gradient) in enumerate(found.parts):
-        out = blocks % _FOLDS == fold
-        others = _Sums(sums.normal - normal, sums.gradient - gradient, limit)
-        unseen[out] = residual[out] - columns[out] @ others.solve(size)
+    unseen, rest = data.unseen(found, blocks), found.rest(place)
+    sums, size = found.sums, found.size
     # Rows that were left out of the sums tell as much as those in them.
     whole = _Sums(sums.normal / share, sums.gradient / share, limit)
     shift, covariance = whole.parameters(size)
-    place = np.concatenate([np.full(run.stop - run.start, run.place) for run in runs])
-    rms = _rms(residual, place)
-    # What a fit takes from the noise is put back.
-    taken = _rms(np.sqrt(np.mean(found.spread**2, axis=1)), place)
-    rest: Array = np.hypot(_rms(left, place), taken)
     # A prediction that makes it worse is none.
     return Evidence(
-        noise,
+        found.noise,
         rms,
         np.minimum(rms, rest),
         np.minimum(rms, _rms(unseen, place)),
@@ -174,7 +169,7 @@ def weigh(
         found.gain,
         shift,
         covariance,
-        left,
+        found.left,
     )
 
 
@@ -190,6 +185,13 @@ class _Found:
     evidence: float
     left: Array
     spread: Array
+
+    def rest(self, place: npt.NDArray[np.int64]) -> Array:
+        """Return (P,) RMS of what is left, with what a fit takes from the noise put back."""
+        out: Array = np.hypot(
+            _rms(self.left, place), _rms(np.sqrt(np.mean(self.spread**2, axis=1)), place)
+        )
+        return out
 
 
 @dataclass(frozen=True)
@@ -220,6 +222,15 @@ class _Rows:
             spread = columns @ sums.draws(size, drawn)
             noise = self.noise(left, spread)
         return _Found(noise, sums, parts, size, gain, evidence, left, spread)
+
+    def unseen(self, found: _Found, blocks: npt.NDArray[np.int64]) -> Array:
+        """Return (R,) what is left of blocks that are predicted by the others."""
+        out = np.empty_like(self.residual)
+        for fold, (normal, gradient) in enumerate(found.parts):
+            own, sums = blocks % _FOLDS == fold, found.sums
+            others = _Sums(sums.normal - normal, sums.gradient - gradient, self.limit)
+            out[own] = self.residual[own] - self.columns[own] @ others.solve(found.size)
+        return out
 
     def plain(self, noise: tuple[NoiseModel, ...], count: int) -> float:
         """Return the evidence where the first `count` columns and noise are all there is."""
@@ -302,6 +313,11 @@ class _Sums:
         """Return (N,) how far the parameters move, and (N, N) their covariance."""
         own = slice(0, self.count)
         return -self.solve(size)[own], self.covariance(size)[own, own]
+
+    def taken(self, size: float) -> float:
+        """Return how many of the coefficients the rows decide, and not their prior."""
+        precision = np.concatenate([np.ones(self.count), np.minimum(size, self.limit) ** -2.0])
+        return float(precision.size - precision @ np.diag(self.covariance(size)))
 
     def draws(self, size: float, drawn: Array) -> Array:
         """Return (N + C, M) deviations of the coefficients from standard normal numbers."""
