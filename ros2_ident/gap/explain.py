@@ -121,6 +121,9 @@ class Explainer(Criteria):
 
         None where that noise is the same, or the effect does not count even so.
         """
+        # What an effect does not take away was no noise of its making.
+        if self.reduced(chain[-1], best) ** 2 < 1.0 - _LOWER**2:
+            return None
         seen = self.noise_of(best)
         attribution, floor, fits = self.attribution, self.floor, self.attribution.fits
         if not (seen.floor.per_drive < _LOWER * attribution.floor).any():

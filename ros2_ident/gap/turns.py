@@ -96,41 +96,32 @@ def _sharper(
     """
     low, high = levels
 
-    def cost(tried: npt.NDArray[np.bool_]) -> float:
+    def missed(tried: npt.NDArray[np.bool_]) -> Array:
         carrying = loaded.carrying(_cycles(np.where(tried, high, low) / (high - low), loaded))
-        missed = loaded.measured - carrying.simulate(np.append(theta, high - low)[None])[0]
-        total = float(np.nansum((missed / floor[:, None]) ** 2))
-        return total if np.isfinite(total) else np.inf
+        left = loaded.measured - carrying.simulate(np.append(theta, high - low)[None])[0]
+        total: Array = np.nansum((left / floor[:, None]) ** 2, axis=0)
+        return total if np.isfinite(total).all() else np.full(total.size, np.inf)
 
-    best, least = on, cost(on)
-    for _ in range(2):
-        before = best
-        for jump in range(np.count_nonzero(best[1:] != best[:-1])):
-            for shift in _SHIFTS:
-                tried = _moved(best, jump, shift)
-                found = np.inf if tried is None else cost(tried)
-                if tried is not None and found < least:
-                    best, least = tried, found
-        if np.array_equal(best, before):
+    best, least = on, missed(on)
+    for _ in range(_ROUNDS):
+        jumps = np.flatnonzero(best[1:] != best[:-1]) + 1
+        # Each jump is judged by the time about it, so that one simulation moves all of them.
+        starts = np.concatenate([[0], (jumps[1:] + jumps[:-1]) // 2]) * _each(loaded)
+        costs = [np.add.reduceat(missed(_moved(best, jumps + s)), starts) for s in _SHIFTS]
+        shift = np.array(_SHIFTS)[np.argmin(costs, axis=0)]
+        shift[np.min(costs, axis=0) >= np.add.reduceat(least, starts)] = 0
+        tried = _moved(best, jumps + shift)
+        found = missed(tried)
+        if found.sum() >= least.sum():
             break
+        best, least = tried, found
     return best
 
 
-def _moved(
-    on: npt.NDArray[np.bool_], jump: int, shift: int
-) -> npt.NDArray[np.bool_] | None:
-    """Return bins (B,) with one jump moved; None where it would meet another."""
-    jumps = np.flatnonzero(on[1:] != on[:-1]) + 1
-    if jump >= jumps.size:
-        return None
-    ends = np.concatenate([[0], jumps, [on.size]])
-    place = int(jumps[jump]) + shift
-    if not ends[jump] < place < ends[jump + 2]:
-        return None
-    out = on.copy()
-    out[min(place, int(jumps[jump])) : max(place, int(jumps[jump]))] = on[
-        int(jumps[jump]) if shift < 0 else int(jumps[jump]) - 1
-    ]
+def _moved(on: npt.NDArray[np.bool_], jumps: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+    """Return bins (B,) that begin like others and jump at these bins."""
+    flips = np.bincount(np.clip(jumps, 1, on.size - 1), minlength=on.size)
+    out: npt.NDArray[np.bool_] = (np.cumsum(flips) % 2 == 1) ^ on[0]
     return out
 
 

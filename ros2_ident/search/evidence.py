@@ -133,7 +133,8 @@ def weigh(
         Inverse Problems 30; size by MacKay (1992), Neural Computation 4.
     """
     scaled, limit = _of_one_size(jacobian, missing, most)
-    columns = np.hstack([jacobian, scaled])
+    # A column's samples lie side by side: whitening and products go along them.
+    columns = np.concatenate([jacobian.T, scaled]).T
     scale = float(np.sqrt(np.mean(residual**2))) or 1.0
     data = _Rows(residual, columns, runs, limit, scale)
     # A weak ridge for a first look: what it leaves is hardly more than the noise.
@@ -213,9 +214,10 @@ class _Rows:
         folds = [blocks % _FOLDS == fold for fold in range(_FOLDS)]
         for _ in range(_TURNS):
             whiten = Whitening(self.runs, noise)
-            white, right = whiten(columns.T).T, whiten(self.residual)
-            parts = [(white[out].T @ white[out], white[out].T @ right[out]) for out in folds]
-            sums = _Sums(sum(n for n, _ in parts), sum(g for _, g in parts), self.limit)
+            white, right = whiten(columns.T), whiten(self.residual)
+            rows = [(white.take(np.flatnonzero(out), axis=1), right[out]) for out in folds]
+            parts = [(own @ own.T, own @ against) for own, against in rows]
+            sums = _Sums(*(np.sum(x, axis=0) for x in zip(*parts, strict=True)), self.limit)
             size, gain, evidence = sums.size(self.scale)
             evidence -= 0.5 * float(right @ right) + whiten.volume
             left = self.residual - columns @ sums.solve(size)
@@ -346,17 +348,17 @@ class _Sums:
 
 
 def _of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[Array, Array]:
-    """Return (R, C') columns of RMS 1 once the parameters have imitated what they can.
+    """Return (C', R) columns of RMS 1 once the parameters have imitated what they can.
 
     And (C',) how many times each may be there.
     """
-    basis = np.linalg.qr(jacobian)[0]
-    whole = np.einsum('rc,rc->c', missing, missing)
-    own = whole - np.sum((basis.T @ missing) ** 2, axis=0)
+    basis, columns = np.linalg.qr(jacobian)[0], missing.T
+    whole = np.einsum('cr,cr->c', columns, columns)
+    own = whole - np.sum((columns @ basis) ** 2, axis=1)
     keep = own > np.maximum(_OWN**2 * whole, 1e-300)
     rms = np.sqrt(own[keep] / len(missing))
     limit = np.full(rms.size, np.inf) if most is None else most[keep] * rms
-    return missing[:, keep] / rms, limit
+    return columns[keep] / rms[:, None], limit
 
 
 def _rms(values: Array, place: npt.NDArray[np.int64]) -> Array:
