@@ -5,15 +5,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 import math
 
+import numpy as np
+
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.floor import noise_floor
 from ros2_ident.gates import examine
+from ros2_ident.gates.signals import FEWEST, step_of
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.machine.file import MachineFile
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.registry import compared_of, kind_of
 from ros2_ident.recording import check, Dataset, Finding, Recording, Report
 from ros2_ident.recording.findings import Level
+from ros2_ident.search.noise import fast_noise
 
 # What a finding on the bag may owe to the machine file.
 _KEY_OF = {
@@ -149,24 +152,25 @@ def _gates(
 
 
 def _noise(dataset: Dataset, machine: Machine, file: MachineFile) -> Iterator[Finding]:
-    """Compare the noise of the machine file with what does not repeat, or is too fast, in the log.
+    """Compare the noise of the machine file with what is fast in the log.
 
-    The fast part also holds what the controller makes of the encoder's steps, so that it is judged
-    with a wide margin.
+    That also holds what the controller makes of the encoder's steps, so that it is judged with a
+    wide margin.
     """
     if dataset.effort is None or 'effort' not in compared_of(machine):
         return
-    try:
-        floor = noise_floor(dataset.effort, dataset)
-    except IdentError:
+    rows = [row[np.isfinite(row)] for row in dataset.effort]
+    if min(row.size for row in rows) < FEWEST:
         return  # too short a log to tell
-    ratio = floor.together / machine.effort_noise if machine.effort_noise > 0.0 else math.inf
+    fast = [max(fast_noise(row), step_of(row) / math.sqrt(12.0)) for row in rows]
+    found = float(np.sqrt(np.mean(np.square(fast))))
+    ratio = found / machine.effort_noise if machine.effort_noise > 0.0 else math.inf
     if not 1.0 / _NOISE < ratio < _NOISE:
         yield Finding(
             'warn',
             'machine',
             'effort',
             f'{file.place(("effort_noise",))}: effort_noise is {machine.effort_noise:g} '
-            f'{machine.model_unit}, the log looks like {floor.together:.2g}; write its standard '
+            f'{machine.model_unit}, the log looks like {found:.2g}; write its standard '
             'deviation at rest',
         )

@@ -13,6 +13,7 @@ from ros2_ident.gap.coordinates import Motion
 from ros2_ident.gap.floor import Floor
 from ros2_ident.models import DriveModel, load_machine, make_model
 from ros2_ident.recording import align, Dataset, read_bag
+from ros2_ident.search.noise import white
 
 CYCLE = 5e-4
 NOISE = 0.01
@@ -36,10 +37,8 @@ _NAMES = {
 
 def floor_of(drives: int = 2, value: float = NOISE) -> Floor:
     ones = np.ones(drives)
-    return Floor(
-        value * ones, 0.98 * value * ones, 1.02 * value * ones, 'high frequency', None,
-        0.0 * ones, ones, '',
-    )
+    low, high = 0.98 * value * ones, 1.02 * value * ones
+    return Floor(value * ones, low, high, 'prediction', (white(value),) * drives)
 
 
 def motion(seconds: float = 8.0, drives: int = 2, seed: int = 0) -> Motion:

@@ -8,23 +8,24 @@ left or nothing gains.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case
-from ros2_ident.gap.chance import standing
 from ros2_ident.gap.fits import Explanation, Fits, Trials
 from ros2_ident.gap.screen import below_simulated, seen_in_log, Start
 from ros2_ident.gates.law import fit_law, Law
-from ros2_ident.identify.hidden import MATERIAL
+from ros2_ident.identify.hidden import MATERIAL, residual_of, rows_of, slopes_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt
 from ros2_ident.search import Threads, Workers
 from ros2_ident.search.evaluators import RunTasks
 from ros2_ident.search.fit import fit
 from ros2_ident.search.journal import Journal, Within
+from ros2_ident.search.noise import fit_noise, Whitening
 from ros2_ident.search.settings import FitProgress, FitSettings
 
 # Joint fits of one round: at most, and at least whatever the screen says of them.
@@ -37,6 +38,11 @@ _HEAT, _BEHIND = 4, 0.5
 _ALIKE = 3
 # What the log itself shows starts far from a fit that was bent by it, and gets more.
 _SHOWN = 16
+# Samples times parameters that a step is held against noise on, at most.
+_MOST = 4_000_000
+
+# What a fit depends on: a digest, its effects, and where it starts.
+_Key = tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -122,14 +128,15 @@ class Attribution:
     ) -> Explanation:
         """Fit a set of effects jointly from a start (N,)."""
         key = 'refit', self.fits.key(), tuple(effects), theta, iterations
-        known = self._known(effects, *key)
-        return known or self._noted(self.fits.refit(effects, theta, iterations), *key)
+        return self._known(*key) or self._noted(self.fits.refit(effects, theta, iterations), *key)
 
-    def _known(self, effects: Sequence[EffectAt], *key: object) -> Explanation | None:
+    def _known(
+        self, task: str, fits: bytes, effects: Sequence[EffectAt], *more: object
+    ) -> Explanation | None:
         """Return a fit that an earlier run has ended, where its cost comes out again."""
         count = len(self.case.fit.with_effects(effects).low)
         wanted = {'unit': Within((count,), 0.0, 1.0), 'cost': Within()}
-        kept = self.journal.get(wanted, *key)
+        kept = self.journal.get(wanted, task, fits, effects, *more)
         if kept is None:
             return None
         e = self.fits.ended_at(effects, kept['unit'])
@@ -141,11 +148,38 @@ class Attribution:
             self.journal.put({'unit': e.unit, 'cost': e.cost}, *key)
         return e
 
+    def _run(
+        self, run: RunTasks, task: str, asked: Sequence[tuple[Any, ...]], keys: Sequence[_Key]
+    ) -> Iterator[Explanation | None]:
+        """Do one task for all that is asked; what an earlier run did is known."""
+        kept = [self._known(task, *key) for key in keys]
+        told = run(task, [a for a, k in zip(asked, kept, strict=True) if k is None])
+        for before, key in zip(kept, keys, strict=True):
+            e = before or next(told)
+            yield e if before or e is None else self._noted(e, task, *key)
+
     def standing(self, before: Explanation, after: Explanation) -> float:
-        """Return how many standard errors of coloured noise a step stands out, on all data."""
-        whole = self.case.whole
-        joints = whole.with_effects(before.effects), whole.with_effects(after.effects)
-        return standing(*joints, before.theta, after.theta)
+        """Return how many standard errors of coloured noise a step stands out, on all data.
+
+        Fits weigh samples one by one. Slow noise drifts, and a constant, a spring or a slope then
+        takes away much of its square without being there. So this is generalised least squares
+        along the change, under noise of the colour of what is left; parameters may follow.
+
+        Reference:
+            Seber and Wild (2003), Nonlinear Regression, chapter 6.
+        """
+        first, second = (self.case.whole.with_effects(e.effects) for e in (before, after))
+        rows = rows_of(second.models, _MOST // len(after.theta))
+        left, jacobian = slopes_of(second, after.theta, rows)
+        change = residual_of(first, before.theta, rows) - left
+        series: list[list[Array]] = [[] for _ in self.case.drives]
+        for run in rows.runs:
+            series[run.place].append(left[run.start : run.stop])
+        whiten = Whitening(rows.runs, [fit_noise(*s) for s in series])
+        basis = np.linalg.qr(whiten(jacobian[:, : len(before.theta)].T).T)[0]
+        along, whole = whiten(change), whiten(change + left)
+        along = along - basis @ (basis.T @ along)
+        return float(along @ whole) / max(float(np.linalg.norm(along)), 1e-300)
 
     def renew(
         self, floor: Array, chain: Sequence[Explanation], rounds: Sequence[Round]
@@ -241,30 +275,24 @@ class Attribution:
     ) -> dict[EffectAt, list[Start]]:
         new = [c for c in candidates if c not in base.effects]
         found: dict[EffectAt, list[Start]] = {}
-        key = self.fits.key(base)
-        wanted = {c: self._starts(base, c) for c in new}
-        kept = {c: self.journal.get(wanted[c], 'starts', key, c) for c in new}
+        key, most = self.fits.key(base), np.finfo(float).max
+        wanted = {'starts': Within((None, None), -most, most)}
+        kept = {c: self.journal.get(wanted, 'starts', key, c) for c in new}
         told = run('starts', [(c,) for c in new if kept[c] is None])
         for done, candidate in enumerate(new, 1):
             before = kept[candidate]
-            starts = next(told) if before is None else _unpacked(candidate, before)
-            if before is None and not self.stopped():
-                packed = _packed(starts, wanted[candidate])
-                self.journal.put(packed, 'starts', key, candidate)
+            if before is None:
+                starts = next(told)
+                if not self.stopped():
+                    self.journal.put({'starts': _packed(starts)}, 'starts', key, candidate)
+            else:
+                starts = _unpacked(candidate, before['starts'], len(base.theta))
             if starts:
                 found[candidate] = starts
             self.on_step(
                 0.5 * done / len(new), f'looking at {candidate.effect} on {candidate.where}'
             )
         return found
-
-    def _starts(self, base: Explanation, candidate: EffectAt) -> dict[str, Within]:
-        """Return what a record of a candidate's starts has to be."""
-        count = len(base.theta)
-        own = len(self.case.fit.with_effects((*base.effects, candidate)).low) - count
-        finite = -np.finfo(float).max, np.finfo(float).max
-        wide = {'theta': (count,), 'phi': (own,), 'gain': (), 'visible': ()}
-        return {name: Within((None, *n), *finite) for name, n in wide.items()}
 
     def round(self, base: Explanation, candidates: Sequence[EffectAt], fits: int = _FITS) -> Round:
         """Try every candidate on top of a base.
@@ -278,6 +306,7 @@ class Attribution:
             The screened gains and the joint fits, the best on both parts first.
         """
         begun: list[Explanation] = []
+        done: dict[tuple[EffectAt, ...], Explanation] = {}
         with self.workers.tasks(Trials(self.fits, base)) as run:
             screened = self._screened(run, base, candidates)
             promising = [*self._promising(screened, fits), *self._alike(base, screened)]
@@ -285,18 +314,22 @@ class Attribution:
                 (start.effects, start, _HEAT) for start in promising
             ]
             tasks += [((at,), start, _SHOWN) for at, start in self._shown(base, candidates)]
-            for finished, ((effects, *_), e) in enumerate(
-                zip(tasks, self._begun(run, base, tasks), strict=True), 1
-            ):
+            key = self.fits.key(base)
+            keys: list[_Key] = [
+                (key, (*base.effects, *at), *_numbers(start), n) for at, start, n in tasks
+            ]
+            for number, e in enumerate(self._run(run, 'begin', tasks, keys), 1):
                 begun += [] if e is None else [e]
-                self.on_step(0.5 + 0.3 * finished / len(tasks), f'fitted {_named(effects)}')
+                share = 0.5 + 0.3 * number / len(tasks)
+                self.on_step(share, f'fitted {_named(tasks[number - 1][0])}')
             best = self._leaders(begun)
             most = max((base.cost - e.cost for e in best), default=0.0)
             ahead = [e for e in best if base.cost - e.cost >= _BEHIND * most]
-            done = {}
-            for e in self._ended(run, ahead):
-                done[e.effects] = e
-                self.on_step(0.9, f'refining {_named(e.effects[len(base.effects) :])}')
+            keys = [(self.fits.key(), e.effects, e.unit) for e in ahead]
+            for e in self._run(run, 'finish', [(e,) for e in ahead], keys):
+                if e is not None:
+                    done[e.effects] = e
+                    self.on_step(0.9, f'refining {_named(e.effects[len(base.effects) :])}')
         fitted = [done.get(e.effects, e) for e in best]
         return Round(
             base,
@@ -304,35 +337,6 @@ class Attribution:
             visibility(screened),
             tuple(sorted(fitted, key=lambda e: e.loss)),
         )
-
-    def _begun(
-        self,
-        run: RunTasks,
-        base: Explanation,
-        tasks: Sequence[tuple[tuple[EffectAt, ...], Start | Array, int]],
-    ) -> Iterator[Explanation | None]:
-        """Begin joint fits; those that an earlier run began are known."""
-        key = self.fits.key(base)
-        keys = [('begin', key, at, *_numbers(start), count) for at, start, count in tasks]
-        kept = [self._known((*base.effects, *t[0]), *k) for t, k in zip(tasks, keys, strict=True)]
-        told = run('begin', [t for t, k in zip(tasks, kept, strict=True) if k is None])
-        for before, own in zip(kept, keys, strict=True):
-            if before is not None:
-                yield before
-                continue
-            e = next(told)
-            yield e if e is None else self._noted(e, *own)
-
-    def _ended(self, run: RunTasks, begun: Sequence[Explanation]) -> Iterator[Explanation]:
-        """Go on with joint fits to their ends; those that an earlier run knows are known."""
-        key = self.fits.key()
-        kept = [self._known(e.effects, 'finish', key, e.effects, e.unit) for e in begun]
-        told = run('finish', [(e,) for e, k in zip(begun, kept, strict=True) if k is None])
-        for e, before in zip(begun, kept, strict=True):
-            if before is not None:
-                yield before
-            else:
-                yield self._noted(next(told), 'finish', key, e.effects, e.unit)
 
     @staticmethod
     def _leaders(fits: Sequence[Explanation]) -> list[Explanation]:
@@ -410,15 +414,13 @@ def _numbers(start: Start | Array) -> tuple[Array, ...]:
     return (start.theta, start.phi) if isinstance(start, Start) else (start,)
 
 
-def _packed(starts: Sequence[Start], wanted: Mapping[str, Within]) -> dict[str, Array]:
-    """Return starts of one candidate as arrays, a row each."""
-    return {
-        name: np.array([getattr(one, name) for one in starts]).reshape(len(starts), *shape[1:])
-        for name, (shape, *_) in wanted.items()
-    }
+def _packed(starts: Sequence[Start]) -> Array:
+    """Return starts of one candidate as an array, a row each."""
+    rows = [np.concatenate([s.theta, s.phi, [s.gain, s.visible]]) for s in starts]
+    return np.array(rows, ndmin=2)
 
 
-def _unpacked(candidate: EffectAt, kept: dict[str, Array]) -> list[Start]:
-    """Return starts as they were before `_packed`."""
-    rows = zip(*(kept[x] for x in ('theta', 'phi', 'gain', 'visible')), strict=True)
-    return [Start((candidate,), a, b, float(gain), float(seen)) for a, b, gain, seen in rows]
+def _unpacked(candidate: EffectAt, rows: Array, fitted: int) -> list[Start]:
+    """Return starts as they were before `_packed`, by the number of parameters fitted before."""
+    parts = [np.split(row, [fitted, row.size - 2]) for row in rows if row.size]
+    return [Start((candidate,), theta, phi, *map(float, rest)) for theta, phi, rest in parts]

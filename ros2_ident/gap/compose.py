@@ -29,6 +29,7 @@ from ros2_ident.gap.verdict import (
     RESTLESS,
     UNKNOWN,
     Verdict,
+    Weighed,
 )
 from ros2_ident.gap.wording import length, of_output, small
 from ros2_ident.models import EffectAt, FullModel
@@ -61,8 +62,8 @@ def compose(
         seed: Of the resampling.
     """
     floor = explainer.floor
-    fits = explainer.attribution.fits
-    case = explainer.attribution.case
+    fits = explainer.fits
+    case = explainer.case
     chain = found.chain if verdict.effect not in NAMELESS else found.chain[:1]
     final = chain[-1]
     model = case.fit.with_effects(final.effects).models[0]
@@ -96,14 +97,8 @@ def compose(
         sentence=_sentence(verdict, explainer, found, per_drive, model, share.value, hidden)
         + _bounded(values),
         also=verdict.also,
-        confusable=tuple(
-            _ranked(explainer, found.chain[0], w.at, w.probability, w.model)
-            for w in verdict.confusable
-        ),
-        ranking=tuple(
-            _ranked(explainer, found.chain[0], w.at, w.probability, w.model)
-            for w in verdict.ranking
-        ),
+        confusable=tuple(_ranked(explainer, found.chain[0], w) for w in verdict.confusable),
+        ranking=tuple(_ranked(explainer, found.chain[0], w) for w in verdict.ranking),
         unit=model.unit,
         steps=steps,
         floor=floor,
@@ -168,7 +163,7 @@ def _again(
     final, rules = found.chain[-1], explainer.rules
     if not verdict.named or len(found.rests) != len(final.effects):
         return ()
-    case, weight = explainer.attribution.case, explainer.attribution.fits.check_weight
+    case, weight = explainer.case, explainer.fits.check_weight
     rows = [case.check.rows(e.check_residual / weight) for e in (*found.rests, final)]
     drawn = Blocks(rows, case.fit.models[0].cycle, length=blocks.length, starts=case.check.starts)
     shares = {
@@ -216,7 +211,7 @@ def _traces(case: Case, found: Explained) -> tuple[Trace, ...]:
 def _values(
     explainer: Explainer, e: Explanation, evidence: Evidence | None = None
 ) -> dict[str, Value]:
-    joint = explainer.attribution.case.fit.with_effects(e.effects)
+    joint = explainer.case.fit.with_effects(e.effects)
     low, high, *noise = explainer.ends(e, evidence)
     # Those of the effects come last; the bounds of the others are the machine file's matter.
     sizes = [p for at in e.effects for p in joint.models[0].scaled(at)]
@@ -246,14 +241,12 @@ def _steps(readings: Sequence[CoarseReading]) -> dict[str, Value]:
     }
 
 
-def _ranked(
-    explainer: Explainer, base: Explanation, at: EffectAt, probability: float, e: Explanation
-) -> Ranked:
-    floor = explainer.attribution.floor
-    gap = float(np.sqrt(np.mean(e.check / explainer.check_count * floor**2)))
+def _ranked(explainer: Explainer, base: Explanation, one: Weighed) -> Ranked:
+    at, e = one.at, one.model
+    gap = float(np.sqrt(np.mean(e.check / explainer.check_count * explainer.fits.floor**2)))
     prefix = f'{at.effect}.' if at.where == 'all' else f'{at.where}.{at.effect}.'
     own = {name: v for name, v in _values(explainer, e).items() if name.startswith(prefix)}
-    return Ranked(at, probability, gap, explainer.share(base, e), own)
+    return Ranked(at, one.probability, gap, explainer.share(base, e), own)
 
 
 def _bounded(values: Mapping[str, Value]) -> str:
@@ -282,7 +275,7 @@ def _measured(part: Part, d: int) -> Array:
 
 def _shares(explainer: Explainer, found: Explained) -> tuple[Array, float]:
     """Return (D,) the nominal gap over the measured output, RMS on all data, and that of all."""
-    case = explainer.attribution.case
+    case = explainer.case
     gap = np.maximum(explainer.gap(found.chain[0]), 0.0) * explainer.floor.per_drive**2
     rows = [
         np.concatenate([_measured(part, d) for part in (case.fit, case.check)])
@@ -295,7 +288,7 @@ def _shares(explainer: Explainer, found: Explained) -> tuple[Array, float]:
 def _per_drive(
     explainer: Explainer, found: Explained, blocks: Blocks, floor: Floor, shares: Array
 ) -> dict[str, DriveGap]:
-    case = explainer.attribution.case
+    case = explainer.case
     counted = blocks.above(floor, 0, -1)
     out = {}
     for d, name in enumerate(case.drives):

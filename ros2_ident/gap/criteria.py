@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """When an effect counts, and which of several explanations is the best."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.effects import EffectParameter, get_effect
 from ros2_ident.gap.attribute import Attribution, Round
-from ros2_ident.gap.fits import Explanation
+from ros2_ident.gap.fits import Explanation, Fits
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gates.law import GAINS
 from ros2_ident.identify.hidden import MATERIAL
@@ -102,10 +102,15 @@ class Criteria:
         self.attribution = attribution
         self.floor = floor
         self.rules = rules
-        case = attribution.case
+        self.case = case = attribution.case
         drives = len(case.drives)
         self.fit_count = np.bincount(case.fit.drive, minlength=drives).astype(float)
         self.check_count = np.bincount(case.check.drive, minlength=drives).astype(float)
+
+    @property
+    def fits(self) -> Fits:
+        """The fits at the present noise floor."""
+        return self.attribution.fits
 
     def gap(self, e: Explanation) -> Array:
         """Return (D,) mean square of each drive's gap, in units of the floor squared."""
@@ -121,19 +126,16 @@ class Criteria:
         lower = (self.gap(e) + 1.0) * (self.floor.per_drive / self.floor.high) ** 2 - 1.0
         return float(np.sqrt(np.maximum(lower, 0.0)).max())
 
-    def share(self, before: Explanation, after: Explanation, part: str = 'both') -> float:
-        """Return the share of the gap of `before` that `after` closes; 0 where there is none."""
-        counts = {'fit': self.fit_count, 'check': self.check_count}.get(
-            part, self.fit_count + self.check_count
-        )
-        pick: Callable[[Explanation], Array] = {
-            'fit': lambda e: e.fit,
-            'check': lambda e: e.check,
-        }.get(part, lambda e: e.fit + e.check)
-        explainable = float((pick(before) - counts).sum())
-        return (
-            float((pick(before) - pick(after)).sum()) / explainable if explainable > 0.0 else 0.0
-        )
+    def share(self, before: Explanation, after: Explanation, held_out: bool = False) -> float:
+        """Return the share of the gap of `before` that `after` closes; 0 where there is none.
+
+        On all data, or on those `held_out` alone.
+        """
+        one, two, counts = before.check, after.check, self.check_count
+        if not held_out:
+            one, two, counts = before.fit + one, after.fit + two, self.fit_count + counts
+        explainable = float((one - counts).sum())
+        return float((one - two).sum()) / explainable if explainable > 0.0 else 0.0
 
     def material(self, before: Explanation, after: Explanation) -> bool:
         """Whether a step closes enough to count, on all data and on the data held out."""
@@ -160,7 +162,7 @@ class Criteria:
         Where their motion does not excite what the step explains, they cannot; then they must at
         least not speak against it.
         """
-        if self.share(before, after, 'check') >= self.rules.share:
+        if self.share(before, after, held_out=True) >= self.rules.share:
             return True
         rest = before.check / self.check_count - 1.0
         worse = (after.check - before.check) / self.check_count
@@ -205,9 +207,9 @@ class Criteria:
             e: The fit.
             evidence: Of what it leaves; without it the intervals are those by noise.
         """
-        case = self.attribution.case
+        case = self.case
         joint = case.fit.with_effects(e.effects)
-        rows = len(self.attribution.fits.weight)
+        rows = len(self.fits.weight)
         found = intervals(
             e.jacobian[:rows] / (joint.high - joint.low),
             e.residual[:rows],
@@ -268,7 +270,7 @@ class Criteria:
 
     def plausible(self, before: Explanation, after: Explanation) -> bool:
         """Whether the sizes of what is new stay inside their bounds."""
-        model, new = self.attribution.case.fit.models[0], after.effects[len(before.effects) :]
+        model, new = self.case.fit.models[0], after.effects[len(before.effects) :]
         parameters = [p for at in new for p in model.scaled(at)]
         values = after.theta[len(after.theta) - len(parameters) :]
         return not any(at_bound(p, v) for p, v in zip(parameters, values, strict=True))

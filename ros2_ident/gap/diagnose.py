@@ -23,7 +23,6 @@ from ros2_ident.gap.criteria import Rules
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
-from ros2_ident.gap.gates import run_gates
 from ros2_ident.gap.localise import Finding, localise
 from ros2_ident.gap.predictability import predictability
 from ros2_ident.gap.reading import coarse_readings, CoarseReading
@@ -47,6 +46,7 @@ from ros2_ident.gap.verdict import (
     WRONG_MODEL,
 )
 from ros2_ident.gates import GateReport
+from ros2_ident.gates.examine import examine_models
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.problem import sources
 from ros2_ident.identify.setup import at_rest
@@ -190,35 +190,22 @@ class _Pass:
     candidates: tuple[EffectAt, ...]
 
     @property
-    def case(self) -> Case:
-        return self.explainer.attribution.case
-
-    @property
     def material(self) -> bool:
         """Whether the nominal fit leaves something that counts."""
         return self.explainer.size(self.base) >= self.explainer.rules.material
 
 
+@dataclass(frozen=True)
 class _Passes:
     """A diagnosis is a pass over the recordings, and a second one where the first was misled."""
 
-    def __init__(
-        self,
-        conditions: Conditions | None,
-        without: Sequence[str],
-        rules: Rules,
-        seed: int,
-        clock: Clock,
-        workers: Workers | None,
-        journal: Journal,
-    ) -> None:
-        self.journal = journal
-        self.conditions = conditions
-        self.without = without
-        self.rules = rules
-        self.seed = seed
-        self.clock = clock
-        self.workers = workers
+    conditions: Conditions | None
+    without: Sequence[str]
+    rules: Rules
+    seed: int
+    clock: Clock
+    workers: Workers | None
+    journal: Journal
 
     def run(self, fit: Recordings, check: Recordings) -> Diagnosis:
         """Diagnose; where both recordings have to take turns, block by block, once more so."""
@@ -233,7 +220,7 @@ class _Passes:
             together = Case(both, conditions=self.conditions)
             left = self._nominal_leaves(together, begun)
             if left < self.rules.material:
-                second = self._ended(self._begin(together))
+                second = self._ended(together)
                 if second.effect == NONE and second.complete:
                     return second
             elif left < _MOSTLY * begun.explainer.size(begun.base):
@@ -247,13 +234,14 @@ class _Passes:
         lost = verdict.effect in (UNKNOWN, WRONG_MODEL) and not begun.report.blocked
         misled = lost and _shows_later(begun.explainer, found)
         if misled and not self.clock.stopped():
-            second = self._ended(self._begin(Case(both, conditions=self.conditions)))
+            second = self._ended(Case(both, conditions=self.conditions))
             if second.effect not in NAMELESS and second.complete:
                 return second
         return self._composed(begun, found, verdict)
 
-    def _ended(self, begun: _Pass) -> Diagnosis:
-        """Go on with a pass to its end."""
+    def _ended(self, case: Case) -> Diagnosis:
+        """Return the diagnosis of one pass."""
+        begun = self._begin(case)
         return self._composed(begun, *self._explained(begun))
 
     def _begin(self, case: Case) -> _Pass:
@@ -265,7 +253,7 @@ class _Passes:
         base = self._attribution(case, guess).nominal(SEARCH, self.seed)
         joint = case.whole.with_effects(())
         if not (np.abs(joint.residual(base.theta[None])) < DIVERGED).all():
-            remedy = run_gates(joint.models).headline
+            remedy = examine_models(joint.models).headline
             raise IdentError(
                 ErrorCode.DIVERGED,
                 'every candidate diverges on this log; '
@@ -281,7 +269,9 @@ class _Passes:
         report = GateReport()
         if not clock.stopped():
             joint = case.fit.with_effects(())
-            report = run_gates(joint.models, joint.own(0, base.theta)[0], floor)
+            report = examine_models(
+                joint.models, joint.own(0, base.theta)[0], floor.per_drive
+            )
         attribution.limits = {
             law.drive: law.limit for law in report.laws if math.isfinite(law.limit)
         }
@@ -334,8 +324,8 @@ class _Passes:
 
     def _fitted_to_all(self, begun: _Pass) -> Explanation:
         """Return the nominal fit to all blocks, those held out among them."""
-        fits, whole = begun.explainer.attribution.fits, begun.case.whole.with_effects(())
-        weight = 1.0 / fits.floor[begun.case.whole.drive]
+        fits, whole = begun.explainer.fits, begun.explainer.case.whole.with_effects(())
+        weight = 1.0 / fits.floor[begun.explainer.case.whole.drive]
 
         def weighted(theta: Array) -> Array:
             return whole.residual(np.atleast_2d(theta)) * weight
@@ -363,7 +353,7 @@ class _Passes:
         verdict = judge(explainer, found, readings)
         if verdict.limits and not set(found.chain[-1].effects) <= set(verdict.named):
             # What stood in for the limit is no finding.
-            found = replace(found, chain=found.chain[:1], rivals=(), rests=())
+            found = found.nominal()
             verdict = replace(verdict, closed=0.0)
         if not clock.stopped():
             found, verdict = of_what_is_left(explainer, found, verdict, begun.report)
@@ -393,11 +383,11 @@ class _Passes:
         clock.rounds(0.0)
         clock.step(0.0, 'saying where')
         where: tuple[Finding, ...] = ()
-        model = begun.case.fit.models[0]
+        model = begun.explainer.case.fit.models[0]
         verdict = of_pushes(verdict, begun.report, model.effort_unit)
         if verdict.pushed:
             # What a fit makes of efforts that others added is no finding.
-            found = replace(found, chain=found.chain[:1], rivals=(), rests=())
+            found = found.nominal()
             where = not_asked(begun.report.asked, begun.explainer.floor, model)
         if not clock.stopped():
             if verdict.effect == UNKNOWN and not where:
@@ -426,13 +416,13 @@ def _away(held: tuple[Array, ...]) -> tuple[Array, ...]:
 
 def _located(begun: _Pass, base: Explanation, seed: int) -> tuple[Finding, ...]:
     """Return where the gap of the first recording lies; nothing where its motion is unknown."""
-    case, fits = begun.case, begun.explainer.attribution.fits
+    case, fits = begun.explainer.case, begun.explainer.fits
     joint = case.fit.with_effects(())
     model = joint.models[0]
     if model.data.position is None and model.data.command_position is None:
         return ()
-    outputs = base.residual[: len(fits.weight)]
-    rows = case.fit.rows(outputs / fits.weight)[:, : model.measured.shape[1]]
+    rows = case.fit.rows(base.residual[: len(fits.weight)] / fits.weight)
+    rows = rows[:, : model.measured.shape[1]]
     motion = motion_of(model, joint.own(0, base.theta)[0])
     findings = localise(motion, rows, begun.explainer.floor, seed=seed)
     return tuple(f for f in findings if f.significant)
@@ -440,7 +430,7 @@ def _located(begun: _Pass, base: Explanation, seed: int) -> tuple[Finding, ...]:
 
 def _in_bursts(begun: _Pass, base: Explanation) -> tuple[Finding, ...]:
     """Return the instants of the first recording at which something stands out."""
-    joint = begun.case.fit.with_effects(())
+    joint = begun.explainer.case.fit.with_effects(())
     low, high, theta = (joint.own(0, x)[0] for x in (joint.low, joint.high, base.theta))
     return tuple(bursts(joint.models[0], low, high, theta, begun.explainer.floor))
 
@@ -455,7 +445,7 @@ def _readings(
     known = shown_by('reading_steps')
     if known is None or known.id not in {at.effect for at in candidates}:
         return ()
-    case, gap = explainer.attribution.case, explainer.gap(base)
+    case, gap = explainer.case, explainer.gap(base)
     least = explainer.rules.material**2
     drives = [d for d, left in zip(case.drives, gap, strict=True) if left >= least]
     return coarse_readings(case, base.theta, base.law, drives)
@@ -467,7 +457,7 @@ def _left_anywhere(explainer: Explainer, e: Explanation) -> float:
     Between blocks that take turns some samples are in neither part, and what happens for a moment
     may happen there.
     """
-    whole = explainer.attribution.case.whole
+    whole = explainer.case.whole
     rest = whole.rows(whole.with_effects(()).residual(e.theta[None])[0])
     square = np.nanmean(rest**2, axis=1) / explainer.floor.per_drive**2
     return max(explainer.size(e), float(np.sqrt(max(0.0, square.max() - 1.0))))
@@ -482,7 +472,7 @@ def _shows_later(explainer: Explainer, found: Explained) -> bool:
     fitted = base.fit / explainer.fit_count - 1.0
     held = base.check / explainer.check_count - 1.0
     worst = int(held.argmax())
-    apart = explainer.attribution.case.held_out == 'check bag'
+    apart = explainer.case.held_out == 'check bag'
     return apart and bool(
         held[worst] > explainer.rules.material**2 and held[worst] > 4.0 * max(fitted[worst], 0.0)
     )

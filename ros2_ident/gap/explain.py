@@ -45,6 +45,10 @@ class Explained:
     remaining: float
     complete: bool
 
+    def nominal(self) -> 'Explained':
+        """Return the same with no effect found."""
+        return replace(self, chain=self.chain[:1], rivals=(), rests=())
+
 
 class Explainer(Criteria):
     """Runs the rounds; see `Criteria` for its arguments."""
@@ -124,18 +128,11 @@ class Explainer(Criteria):
         # What an effect does not take away was no noise of its making.
         if self.reduced(chain[-1], best) ** 2 < 1.0 - _LOWER**2:
             return None
-        seen = self.noise_of(best)
-        attribution, floor, fits = self.attribution, self.floor, self.attribution.fits
-        if not (seen.floor.per_drive < _LOWER * attribution.floor).any():
-            return None
-        self.floor = seen.floor
-        (*renewed, best), rounds = attribution.renew(
-            seen.floor.per_drive, [*chain, best], rounds
-        )
-        best = attribution.refit(best.effects, best.theta)
-        if self.counts(renewed[-1], best):
-            return renewed, rounds, best
-        self.floor, attribution.fits = floor, fits
+        floor, fits = self.floor, self.attribution.fits
+        (*renewed, again), rounds = self.with_new_floor([*chain, best], rounds)
+        if again is not best and self.counts(renewed[-1], again):
+            return renewed, rounds, again
+        self.floor, self.attribution.fits = floor, fits
         return None
 
     def confirmed_one(
@@ -159,12 +156,11 @@ class Explainer(Criteria):
 
         What an effect does beyond a straight line is no noise, though it looked like it before.
         """
-        attribution = self.attribution
-        seen = self.noise_of(chain[-1])
-        if not (seen.floor.per_drive < _LOWER * attribution.floor).any():
+        attribution, floor = self.attribution, self.noise_of(chain[-1]).floor
+        if not (floor.per_drive < _LOWER * attribution.floor).any():
             return chain, rounds
-        self.floor = seen.floor
-        chain, rounds = attribution.renew(seen.floor.per_drive, chain, rounds)
+        self.floor = floor
+        chain, rounds = attribution.renew(floor.per_drive, chain, rounds)
         return [*chain[:-1], attribution.refit(chain[-1].effects, chain[-1].theta)], rounds
 
     def noise_of(self, e: Explanation) -> Predictability:
@@ -176,7 +172,7 @@ class Explainer(Criteria):
         key = frozenset(e.effects)
         if key not in self._seen:
             self.attribution.on_step(1.0, 'telling noise from what the motion predicts')
-            joint = self.attribution.case.whole.with_effects(e.effects)
+            joint = self.case.whole.with_effects(e.effects)
             self.knows(e, predictability(joint, e.theta, self.attribution.stopped))
         made, seen = self._seen[key]
         if made is e:
@@ -184,7 +180,7 @@ class Explainer(Criteria):
         own = (self.columns(made, made.effects.index(at)) for at in e.effects)
         count = self.columns(made, 0)[0] if made.effects else len(made.theta)
         order = np.concatenate([np.arange(count), *own])
-        joint = self.attribution.case.fit.with_effects(e.effects)
+        joint = self.case.fit.with_effects(e.effects)
         moved = (made.theta[order] - e.theta) / (joint.high - joint.low)
         evidence = replace(
             seen.evidence,

@@ -12,12 +12,12 @@ import numpy as np
 from scipy.stats import chi2
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import IdentError
 from ros2_ident.gap.case import Joint
 from ros2_ident.gap.coordinates import Coordinate, coordinates, Motion, motion_of, places
-from ros2_ident.gap.floor import Floor, pooled_floor, step_of
+from ros2_ident.gap.floor import Floor, Method, repeated
 from ros2_ident.gap.spectrum import lines
-from ros2_ident.identify.hidden import OTHER_NOISE, runs_of, weigh_fit, Weighed
+from ros2_ident.gates.signals import step_of
+from ros2_ident.identify.hidden import runs_of, weigh_fit, Weighed
 from ros2_ident.models import FullModel
 from ros2_ident.models.registry import kind_of
 from ros2_ident.search.evidence import Evidence, weigh
@@ -29,8 +29,6 @@ from ros2_ident.search.noise import NoiseModel, Whitening
 _FEWEST, _CERTAIN, _PART, _QUIET = 20.0, 1e-6, 0.2, 0.85
 # Drives of one make have one noise: what one leaves beyond this factor of theirs is none.
 _LIKE = 1.5
-# Correlation of neighbouring samples from which noise is called coloured.
-_COLOURED = 0.2
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,6 @@ def predictability(
     seen = _by_motion(joint, theta, weighed)
     found = [e for e, _ in seen]
     noise = tuple(e.noise[0] for e in found)
-    floor = _repeated(joint, theta)
     # A function of time can follow any noise: it counts only on blocks left out.
     further = np.array([float(e.rms[0] ** 2 - e.unseen[0] ** 2) for e in found])
     least = np.array([float(e.unseen[0]) for e in found])
@@ -70,30 +67,24 @@ def predictability(
     value = value * np.array([quiet for _, quiet in seen])
     # Rounding is noise, and is gone where nothing moves.
     rows = zip(*(m.measured for m in joint.models), strict=True)
-    steps = np.array([step_of(np.concatenate(row)) for row in rows])
-    value = np.maximum(value, np.minimum(evidence.rms, steps / np.sqrt(12.0)))
-    if floor is not None:
-        value = np.minimum(value, floor.per_drive)
+    rounding = np.array([step_of(np.concatenate(row)) for row in rows]) / np.sqrt(12.0)
+    value = np.maximum(value, np.minimum(evidence.rms, rounding))
+    residuals = [
+        m.measured - m.simulate(joint.own(number, theta))[0]
+        for number, m in enumerate(joint.models)
+    ]
+    again = repeated(residuals, [m.data for m in joint.models])
+    if again is not None:
+        value = np.minimum(value, np.maximum(again, rounding))
     spread = np.exp(1.96 * _uncertainty(noise))
     usual = float(np.median(value))
     apart = _alike(first) & (value > _LIKE * usual * spread)
     value = np.where(apart, usual, value)
-    return Predictability(
-        Floor(
-            value,
-            value / spread,
-            value * spread,
-            'prediction' if floor is None else 'repeats',
-            None if floor is None else floor.repeats,
-            steps,
-            tuple(
-                m.scaled(float(v / np.sqrt(m.variance))) for m, v in zip(noise, value, strict=True)
-            ),
-            _sentence(first, value, noise, floor)
-            + _stand_out([n for n, one in zip(first.places, apart, strict=True) if one]),
-        ),
-        evidence,
+    scaled = tuple(
+        m.scaled(float(v / np.sqrt(m.variance))) for m, v in zip(noise, value, strict=True)
     )
+    method: Method = 'prediction' if again is None else 'repeats'
+    return Predictability(Floor(value, value / spread, value * spread, method, scaled), evidence)
 
 
 def _by_motion(joint: Joint, theta: Array, weighed: Weighed) -> list[tuple[Evidence, float]]:
@@ -196,69 +187,14 @@ def _side_by_side(motions: Sequence[Motion]) -> Motion:
     )
 
 
-def _repeated(joint: Joint, theta: Array) -> Floor | None:
-    """Return the floor of the recordings whose command repeats, None where none does."""
-    models = joint.models
-    residuals = [
-        m.measured - m.simulate(joint.own(number, theta))[0] for number, m in enumerate(models)
-    ]
-    first = models[0]
-    try:
-        floor = pooled_floor(
-            residuals,
-            [m.data for m in models],
-            first.places,
-            first.unit,
-            first.outputs[0].quantity,
-        )
-    except IdentError:
-        return None
-    return floor if floor.method == 'repeats' else None
-
-
 def _alike(model: FullModel) -> bool:
     """Whether one noise is that of all drives, and most of them tell which it is."""
     machine = model.machine
     return machine is not None and kind_of(machine).alike and len(model.places) > 2
 
 
-def _stand_out(drives: Sequence[str]) -> str:
-    if not drives:
-        return ''
-    return (
-        f'; {" and ".join(drives)}: nothing predicts what is left there, but it is more than '
-        'drives of the same make have, and so no noise'
-    )
-
-
 def _uncertainty(noise: Sequence[NoiseModel]) -> Array:
     """Return (P,) relative standard errors of the noise's standard deviation."""
-    out = []
-    for model in noise:
-        samples = max(2.0, model.samples * model.independent_squares)
-        out.append(1.0 / np.sqrt(2.0 * samples))
-    return np.array(out)
-
-
-def _sentence(
-    model: FullModel, value: Array, noise: Sequence[NoiseModel], repeated: Floor | None
-) -> str:
-    unit = f' {model.unit}' if model.unit else ''
-    parts = ', '.join(f'{n} {v:.3g}' for n, v in zip(model.places, value, strict=True))
-    text = f'noise floor {parts}{unit}: '
-    if repeated is not None and repeated.repeats is not None:
-        seconds = repeated.repeats.period * model.cycle
-        text += (
-            f'what differs between {repeated.repeats.count} repeats of a motion of '
-            f'{seconds:.4g} s'
-        )
-    else:
-        text += 'what neither motion, position nor time predicts on data left out'
-    neighbours = np.array([m.correlation for m in noise])
-    if (neighbours > _COLOURED).any():
-        text += f'; neighbouring samples correlate by up to {neighbours.max():.2f}'
-    stated = model.noise
-    low, high = stated / OTHER_NOISE, stated * OTHER_NOISE
-    if stated > 0.0 and not ((low < value) & (value < high)).all():
-        text += f'; the machine file states {stated:.3g}{unit} (effort_noise)'
-    return text
+    samples = np.array([model.samples * model.independent_squares for model in noise])
+    out: Array = 1.0 / np.sqrt(2.0 * np.maximum(2.0, samples))
+    return out

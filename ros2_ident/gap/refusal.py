@@ -57,7 +57,7 @@ def of_constants(
         found: What the rounds came to.
         verdict: What would follow.
     """
-    case = explainer.attribution.case
+    case = explainer.case
     final = found.chain[-1]
     factors: dict[str, dict[str, float]] = {}
     column = len(found.chain[0].theta)
@@ -70,7 +70,7 @@ def of_constants(
         values = np.array([*by_drive.values()])
         alike = np.ptp(np.log(values)) < ALIKE * np.abs(np.log(values)).mean()
         if len(case.drives) > 1 and set(by_drive) == set(case.drives) and alike:
-            plain = replace(found, chain=found.chain[:1], rivals=(), rests=())
+            plain = found.nominal()
             text = _constant(get_effect(effect), float(np.exp(np.log(values).mean())))
             return plain, _without_effects(BOOKKEEPING, case.drives, text)
     return found, verdict
@@ -107,7 +107,7 @@ def of_the_file(
     least = share(final) if len(found.chain) > 1 else 0.0
     counting = [
         one
-        for one in fitted_constants(explainer.attribution.fits, base)
+        for one in fitted_constants(explainer.fits, base)
         if share(one.fit) > max(rules.closed, least - rules.alike)
         and explainer.material(base, one.fit)
     ]
@@ -123,8 +123,8 @@ def of_the_file(
         f'a gap of {explainer.size(base):.2f} times the noise floor'
     )
     text += ''.join(f'; or {one.in_words()}, which closes as much' for one in ties)
-    plain = replace(found, chain=found.chain[:1], rivals=(), rests=())
-    case = explainer.attribution.case
+    plain = found.nominal()
+    case = explainer.case
     where = case.drives if len(case.drives) == 1 else ('all',)
     named = _without_effects(BOOKKEEPING, tuple(where), f'{text}. Correct it in the file.')
     return plain, replace(named, constants={one.name: one.found for one in (best, *ties)})
@@ -147,12 +147,12 @@ def of_what_is_left(
     known = verdict.readings or verdict.limits
     if slow or known or explainer.restores_law(found.chain[0], found.chain[-1]):
         return found, verdict
-    case = explainer.attribution.case
+    case = explainer.case
     gap = np.sqrt(np.maximum(explainer.gap(found.chain[-1]), 0.0))
-    left = gap * explainer.attribution.floor
+    left = gap * explainer.fits.floor
     varies = np.array([_spread(explainer, d) for d in range(len(case.drives))])
     fast = np.array([_fast(explainer, found.chain[-1], d) for d in range(len(case.drives))])
-    whole = np.hypot(left, explainer.attribution.floor)
+    whole = np.hypot(left, explainer.fits.floor)
     machine = case.fit.models[0].machine
     like = machine is not None and kind_of(machine).alike
     slow_part = (whole >= FLOORS * fast) & (whole >= SLOW * varies) & (not like)
@@ -169,7 +169,7 @@ def of_what_is_left(
         f'{100.0 * left[worst] / varies[worst]:.0f} % of what varies in the {what} of '
         f'{case.drives[worst]} ({left[worst]:.3g} {unit}, {gap[worst]:.3g} times the noise floor).'
     )
-    plain = replace(found, chain=found.chain[:1], rivals=(), rests=())
+    plain = found.nominal()
     return plain, _without_effects(WRONG_MODEL, names, first)
 
 
@@ -221,7 +221,7 @@ def _fast(explainer: Explainer, e: Explanation, drive: int) -> float:
 
 def _spread(explainer: Explainer, drive: int) -> float:
     """Return how a drive's measured effort varies, over all recordings."""
-    case = explainer.attribution.case
+    case = explainer.case
     parts = []
     for part in (case.fit, case.check):
         for model, mask in zip(part.models, part.masks, strict=True):

@@ -148,7 +148,7 @@ def judge(
     """
     t = temperatures or Temperatures()
     gap = np.sqrt(np.maximum(explainer.gap(found.chain[-1]), 0.0))
-    drives = explainer.attribution.case.drives
+    drives = explainer.case.drives
     left = [r for r in readings if gap[drives.index(r.drive)] >= explainer.rules.material]
     if left:
         return _with_readings(explainer, found, left, t)
@@ -162,7 +162,7 @@ def _with_restless(
     """Answer where nothing that can be predicted is left, and more than noise."""
     if plain.effect != NONE or not found.complete:
         return plain
-    case = explainer.attribution.case
+    case = explainer.case
     model = case.fit.models[0]
     machine = model.machine
     if model.thinned:
@@ -214,7 +214,7 @@ def _with_readings(
     explainer: Explainer, found: Explained, readings: Sequence[CoarseReading], t: Temperatures
 ) -> Verdict:
     """Answer where encoders' steps leave a gap that no simulation repeats, so none closes."""
-    drives = explainer.attribution.case.drives
+    drives = explainer.case.drives
     before, after = (np.maximum(explainer.gap(e), 0.0) for e in (found.chain[0], found.chain[-1]))
     rest = np.array([d not in {r.drive for r in readings} for d in drives])
     strongest = max(readings, key=lambda r: after[drives.index(r.drive)])
@@ -304,7 +304,7 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
 def _where(explainer: Explainer, e: Explanation) -> tuple[str, ...]:
     """Return the drives whose gap is at least half the worst drive's."""
     gap = explainer.gap(e)
-    drives = explainer.attribution.case.drives
+    drives = explainer.case.drives
     worst = gap.max()
     chosen = tuple(name for name, value in zip(drives, gap, strict=True) if value >= 0.5 * worst)
     return _together(chosen, drives)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.gap.coordinates import Coordinate, PHASES
+from ros2_ident.gates.scale import figure as figure
 
 # The regions that hold this share of what is explained are named.
 _MOST = 0.75
@@ -25,11 +26,6 @@ _WHILE = {
     'deceleration': 'while braking',
     'reversal': 'at reversals',
 }
-
-
-def figure(value: float, sign: str = '') -> str:
-    """Return a number with two digits that tell, as an engineer writes it: 280, not 2.8e+02."""
-    return f'{float(f"{value:.2g}"):{sign}g}'
 
 
 _METRES = {'um': 1e-6, 'mm': 1e-3, 'm': 1.0}

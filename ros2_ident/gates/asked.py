@@ -16,6 +16,7 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.instants import highest, peaks_of, robust_size, robust_weights
+from ros2_ident.gates.scale import figure
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import fill_gaps
@@ -53,7 +54,7 @@ class Push:
 
     def said(self, unit: str) -> str:
         """Return it in words."""
-        return f'{self.time:.2f} s ({float(f"{self.effort:.2g}"):+g} {unit})'
+        return f'{self.time:.2f} s ({figure(self.effort, "+")} {unit})'
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from ros2_ident.effects import shown_by
 from ros2_ident.gates.delays import LATEST_COMMAND
 from ros2_ident.gates.finding import Gate
 from ros2_ident.gates.law import fit_law, Gain, Law
+from ros2_ident.gates.scale import UNITS
 from ros2_ident.gates.signals import LATEST_EFFORT
 from ros2_ident.models import Machine
 from ros2_ident.models.drives.candidates import SLOTS
@@ -46,9 +47,6 @@ _AS_WELL = 1.3
 _ALIKE = 0.1
 # How near to a conversion's factor a ratio has to be to be taken for it.
 _CLOSE = 0.03
-
-# What a velocity gain comes out as where positions are not in rad or m.
-_UNITS = {'rad': ((57.29578, 'degrees'), (0.1591549, 'turns')), 'm': ((1000.0, 'mm'),)}
 
 
 def check_law(
@@ -153,7 +151,7 @@ def _correction(law: Law, best: Gain, unit: str, travel: str) -> str:
             f'the effort, or position and set-point, in the driver ({best.ratio:.4g} times the '
             f'stated law {fits})'
         )
-    for factor, name in _UNITS.get(travel, ()):
+    for factor, name in UNITS.get(travel, ()):
         if abs(best.ratio * factor - 1.0) <= _CLOSE and best.name in ('velocity_gain', 'scale'):
             return (
                 f'position and set-point look logged in another unit, {name}: the stated law '

@@ -6,8 +6,8 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ros2_ident.arrays import Array
 from ros2_ident.gates.asked import fit_asked
 from ros2_ident.gates.controller import check_law, check_swapped, of_one_drive
 from ros2_ident.gates.coupling import check_coupling
@@ -15,10 +15,12 @@ from ros2_ident.gates.finding import Gate, GateReport, Level, ORDER
 from ros2_ident.gates.law import fit_law, Law
 from ros2_ident.gates.log import check_asked, check_effort, check_streams
 from ros2_ident.gates.tracking import check_tracking, tracking_of
-from ros2_ident.models import Machine
+from ros2_ident.models import FullModel, Machine
 from ros2_ident.models.registry import compared_of, kind_of
 from ros2_ident.recording import Dataset
 
+# The simulation's own error, as a share of the noise floor.
+STEP_ERROR = 0.1
 NO_COMMAND = Gate(
     'command', '', 'warn', math.nan, '1',
     'there is no command, so the recorded motion drives the model: its noise biases masses and '
@@ -30,7 +32,7 @@ def examine(
     machine: Machine,
     datasets: Sequence[Dataset],
     drives: Sequence[str] | None = None,
-    noise: NDArray[np.float64] | None = None,
+    noise: Array | None = None,
 ) -> GateReport:
     """Ask every gate about every recording.
 
@@ -68,11 +70,48 @@ def examine(
     return GateReport((*streams, *gates.values()), tuple(laws.values()), asked)
 
 
+def examine_models(
+    models: Sequence[FullModel], theta: Array | None = None, noise: Array | None = None
+) -> GateReport:
+    """Ask every gate about the recordings of models, and whether their steps are short enough.
+
+    Args:
+        models: A model of each recording.
+        theta: (N,) a candidate of the first one, for the check of the integration step; left out
+            where None.
+        noise: (D,) noise floors of what is compared; the machine file's noise where None.
+    """
+    machine = models[0].machine
+    report = GateReport()
+    if machine is not None:
+        # What the gates hold against noise is the effort.
+        of_effort = models[0].outputs[0].quantity == 'effort'
+        data = [m.data for m in models]
+        report = examine(machine, data, models[0].places, noise if of_effort else None)
+    steps = () if theta is None else _check_step(models[0], theta, noise)
+    return GateReport((*report.gates, *steps), report.laws, report.asked)
+
+
+def _check_step(model: FullModel, theta: Array, noise: Array | None) -> Iterator[Gate]:
+    """Compare the simulation with one of half the step: its error has to drown in the noise."""
+    row = np.atleast_2d(np.asarray(theta, dtype=float))
+    finer = model.finer(row[0])
+    if finer is None:
+        return
+    error = np.sqrt(np.mean((model.simulate(row)[0] - finer.simulate(row)[0]) ** 2, axis=1))
+    what = model.outputs[0].quantity
+    floors = np.full(len(error), model.noise) if noise is None else noise
+    for drive, off, under in zip(model.places, error, floors, strict=True):
+        share = float(off / under) if under > 0.0 else math.inf
+        level: Level = 'ok' if share <= STEP_ERROR else 'warn' if share <= 0.5 else 'fail'
+        text = f'{drive}: half the integration step changes the {what} by {share:.2g} of the noise'
+        if level != 'ok':
+            text += '; the step is too long to tell physics from numerics, raise substeps'
+        yield Gate('step', drive, level, share, '1', text)
+
+
 def _of_one(
-    machine: Machine,
-    data: Dataset,
-    drives: Sequence[str],
-    noise: NDArray[np.float64] | None,
+    machine: Machine, data: Dataset, drives: Sequence[str], noise: Array | None
 ) -> GateReport:
     """Ask every gate about one recording."""
     report = _of_motion(machine, data, drives, noise)
@@ -100,10 +139,7 @@ def _beyond_reach(machine: Machine, data: Dataset) -> Iterator[Gate]:
 
 
 def _of_motion(
-    machine: Machine,
-    data: Dataset,
-    drives: Sequence[str],
-    noise: NDArray[np.float64] | None,
+    machine: Machine, data: Dataset, drives: Sequence[str], noise: Array | None
 ) -> GateReport:
     """Ask what belongs to set-points of position, and to the log as a whole."""
     found = check_streams(data)

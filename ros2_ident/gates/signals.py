@@ -66,7 +66,7 @@ def signals_of(machine: Machine, data: Dataset, drive: str) -> Signals | None:
         velocity = np.zeros_like(position)
         velocity[2:] = (position[2:] - position[:-2]) * (0.5 / data.cycle)
         # Rounded to steps, a difference is one of two neighbours: at most half a step off, RMS.
-        speed_steps = 0.5 * _step(data.position[d]) * (0.5 / data.cycle)
+        speed_steps = 0.5 * step_of(data.position[d]) * (0.5 / data.cycle)
     else:
         logged = None if data.velocity is None else _filled(data.velocity[d])
         velocity = np.gradient(position, data.cycle) if logged is None else logged
@@ -94,7 +94,7 @@ def sane(value: float) -> float:
     return float(np.clip(np.nan_to_num(value), -_ABSURD, _ABSURD))
 
 
-def _step(row: Array) -> float:
+def step_of(row: Array) -> float:
     """Return the step of which all values are multiples, 0 where they have none."""
     values = np.unique(row[np.isfinite(row)])
     apart = np.diff(values)

@@ -11,6 +11,7 @@ from scipy.signal import correlate
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.finding import Gate
+from ros2_ident.gates.scale import UNITS
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.smooth import allowed_cutoff
 
@@ -35,9 +36,6 @@ _SAME = 0.01
 _FEWEST = 100
 # Names of more drives than these are not looked through.
 _MOST = 6
-
-# How many of these are one rad or one m.
-_UNITS = {'rad': ((57.29578, 'degrees'), (0.1591549, 'turns')), 'm': ((1000.0, 'mm'),)}
 
 
 @dataclass(frozen=True)
@@ -157,7 +155,7 @@ def _of_another_unit(drive: str, slope: float, unit: str) -> Gate:
         )
         return Gate('set_point', drive, 'fail', slope, '1', text, contradicts=True)
     text = f'{drive}: the position moves {slope:.4g} times as far as its set-point'
-    for factor, name in _UNITS.get(unit, ()):
+    for factor, name in UNITS.get(unit, ()):
         for ratio, topic in ((factor, 'position'), (1.0 / factor, 'set-point')):
             if abs(slope / ratio - 1.0) <= _OTHER_UNIT:
                 text += f', so the {topic} is logged in {name}; log {unit}'

@@ -9,6 +9,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.gates import GateReport
+from ros2_ident.gates.scale import figure
 from ros2_ident.identify.certainty import doubted
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification, Outcome
@@ -43,7 +44,7 @@ class PoorFit:
         """Return it as a part of a sentence."""
         return (
             f'{100.0 * self.share:.0f} % of what varies in {self.name} ({self.left:.3g} '
-            f'{self.unit}, {rounded(self.floors)} times the noise)'
+            f'{self.unit}, {figure(self.floors)} times the noise)'
         )
 
 
@@ -76,11 +77,6 @@ def poorly_fitted(problem: Problem, residual: Array) -> tuple[PoorFit, ...]:
             floors = left / noise if noise > 0.0 else math.inf
             found.append(PoorFit(output.name, left, output.unit, share, floors))
     return tuple(found)
-
-
-def rounded(value: float) -> str:
-    """Return a number with two digits that tell, as an engineer writes it: 130, not 1.3e+02."""
-    return f'{float(f"{value:.2g}"):g}'
 
 
 def judged(

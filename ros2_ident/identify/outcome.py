@@ -9,10 +9,10 @@ import platform
 
 import numpy as np
 
+from ros2_ident.gates.scale import figure
 from ros2_ident.identify.certainty import doubted, estimates_of, HIDDEN
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.hidden import MATERIAL, OTHER_NOISE
-from ros2_ident.identify.judgement import rounded
 from ros2_ident.identify.minima import rival_minima
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import (
@@ -98,7 +98,7 @@ def _gap(
     noise = problem.noise
     if evidence is None:
         return tuple(
-            f'{x.drive}: the residual is {rounded(x.rms / noise)} times the effort noise of the '
+            f'{x.drive}: the residual is {figure(x.rms / noise)} times the effort noise of the '
             'machine file; `ident diagnose` looks for what the model leaves out'
             for x in left
             if noise > 0.0 and not x.unit and x.rms > OTHER_NOISE * noise
@@ -111,7 +111,7 @@ def _gap(
         if predicted >= MATERIAL * floor:
             out.append(
                 f'{output.name}: effects of the catalogue predict {predicted / output.weight:.2g}'
-                f'{unit} of the residual, {rounded(predicted / floor)} times the noise; '
+                f'{unit} of the residual, {figure(predicted / floor)} times the noise; '
                 '`ident diagnose` looks for what the model leaves out'
             )
         found = floor / output.weight

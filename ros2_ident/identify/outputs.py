@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gates.signals import step_of
 from ros2_ident.kernel.measurement import QUANTITIES
 from ros2_ident.recording import Dataset
 from ros2_ident.search.noise import fast_noise
@@ -93,7 +94,5 @@ def _noise(quantity: str, datasets: Sequence[Dataset], drives: Sequence[str]) ->
             if there.size < 100:
                 continue
             # Where neighbours are equal, the step of the log is the noise.
-            apart = np.diff(np.unique(there))
-            step = float(np.median(apart)) if apart.size else 0.0
-            found.append(max(fast_noise(there), step / math.sqrt(12.0)))
+            found.append(max(fast_noise(there), step_of(there) / math.sqrt(12.0)))
     return float(np.median(found)) if found else 0.0

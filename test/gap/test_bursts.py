@@ -44,9 +44,7 @@ def found(pushed: np.ndarray) -> list[Finding]:
     # Where least squares end that count the pushes, too.
     theta = (model.measured * model.bend).sum(axis=1) / (model.bend**2).sum(axis=1)
     none = np.zeros(2)
-    floor = Floor(
-        np.full(2, NOISE), none, none, 'prediction', None, none, (white(NOISE),) * 2, ''
-    )
+    floor = Floor(np.full(2, NOISE), none, none, 'prediction', (white(NOISE),) * 2)
     return bursts(model, LOW, HIGH, theta, floor)
 
 

@@ -56,7 +56,7 @@ TRUTH = {
 }
 
 LEVEL = np.array([NOISE])
-FLOOR = Floor(LEVEL, LEVEL, LEVEL, 'prediction', None, 0.0 * LEVEL, (white(NOISE),), '')
+FLOOR = Floor(LEVEL, LEVEL, LEVEL, 'prediction', (white(NOISE),))
 
 
 def recording(
@@ -225,7 +225,6 @@ def test_noise_that_nobody_stated_is_no_gap() -> None:
     assert quiet.effect == 'none'
     assert quiet.floor.per_drive[0] == pytest.approx(size * NOISE, rel=0.1)
     assert quiet.floor.noise[0].correlation == pytest.approx(rho, abs=0.1)
-    assert 'the machine file states 0.01' in quiet.floor.sentence
 
 
 def swinging(data: Dataset, size: float) -> Dataset:

@@ -2,14 +2,13 @@
 from dataclasses import replace
 from pathlib import Path
 
-from gap_signals import needs_practice, practice_case
+from gap_signals import needs_practice, NOISE, practice_case
 import numpy as np
 import pytest
 
-from ros2_ident.gap.floor import noise_floor
-from ros2_ident.gap.gates import run_gates
 from ros2_ident.gates import controller
 from ros2_ident.gates.controller import check_law
+from ros2_ident.gates.examine import examine_models
 from ros2_ident.gates.law import fit_law, Gain, Law
 from ros2_ident.gates.log import check_effort, check_streams
 from ros2_ident.identify.run import read_data
@@ -170,7 +169,7 @@ def test_a_wrong_gain_shows_in_the_log(number, gain, ratio):
     law = fit_law(case.model.machine, case.data, 'drive_1')
     assert law.gains[0].name == gain
     assert law.gains[0].ratio == pytest.approx(ratio, rel=0.005)
-    others = run_gates([case.model]).of('law')
+    others = examine_models([case.model]).of('law')
     assert [g.drive for g in others if g.level != 'ok'] == ['drive_1']
 
 
@@ -189,7 +188,7 @@ def test_delays_do_not_spoil_the_law(number):
 @pytest.mark.parametrize('number', [15, 16, 17])
 def test_nulls_pass_all_gates(number):
     case = practice_case(number)
-    report = run_gates([case.model], case.theta, noise_floor(case.residual, case.data))
+    report = examine_models([case.model], case.theta, np.full(3, NOISE))
     assert report.level == 'ok'
     assert {g.gate for g in report.gates} >= {'missing', 'jitter', 'sign', 'limit', 'law', 'step'}
     assert max(g.number for g in report.of('step')) < 0.1

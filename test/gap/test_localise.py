@@ -14,7 +14,6 @@ from ros2_ident.gap.coordinates import (
     phases,
     since_reversal,
 )
-from ros2_ident.gap.floor import noise_floor
 from ros2_ident.gap.localise import localise
 from ros2_ident.gap.spectrum import find_peak
 from ros2_ident.search.evidence import weigh
@@ -118,8 +117,7 @@ def test_a_slope_of_the_spectrum_is_no_peak():
 
 def _of_case(number):
     case = practice_case(number)
-    floor = noise_floor(case.residual, case.data)
-    return case, localise(motion_of(case.model, case.theta), case.residual, floor)
+    return case, localise(motion_of(case.model, case.theta), case.residual, floor_of(3))
 
 
 @needs_practice

@@ -182,7 +182,7 @@ def test_pushes_come_before_what_a_model_misses() -> None:
     assert of_pushes(verdict(BOOKKEEPING), report, 'N m').effect == BOOKKEEPING
     assert of_pushes(verdict('none'), GateReport(asked=((),)), 'N m').effect == 'none'
     none = np.zeros(1)
-    floor = Floor(np.full(1, 0.1), none, none, 'prediction', None, none, (), '')
+    floor = Floor(np.full(1, 0.1), none, none, 'prediction', ())
     (finding,) = not_asked(report.asked, floor, Knee())
     assert finding.significant and finding.p_value < 1e-6
     assert finding.over_floor == pytest.approx(2.0)

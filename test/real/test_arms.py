@@ -58,9 +58,7 @@ def test_pushes_at_a_double_pendulum_are_told_at_their_instants() -> None:
         problem = problem_of(machine, data, fixed={'measurement_delay': -0.008})
         theta = solve(problem, ALGEBRAIC, 0).theta
         none = np.zeros(2)
-        floor = Floor(
-            np.full(2, 0.02), none, none, 'prediction', None, none, (white(0.02),) * 2, ''
-        )
+        floor = Floor(np.full(2, 0.02), none, none, 'prediction', (white(0.02),) * 2)
         found = bursts(problem.models[0], problem.low, problem.high, theta, floor)
         told[name] = {
             f.drive: [float(part.split(' s ')[0]) for part in f.region.split(', ')] for f in found

@@ -41,7 +41,6 @@ Facts = list[tuple[str, str]]
 FLOORS = {
     'prediction': 'what neither the motion nor the samples before predict',
     'repeats': 'what differs between repeats of the same motion',
-    'high frequency': 'what lies above the band of the motion',
 }
 
 
