@@ -9,7 +9,8 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import examine
-from ros2_ident.gates.signals import FEWEST, step_of
+from ros2_ident.gates.scale import FEWEST
+from ros2_ident.gates.signals import step_of
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.machine.file import MachineFile
 from ros2_ident.machine.machine import Machine

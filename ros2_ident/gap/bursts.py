@@ -13,15 +13,11 @@ from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.wording import figure, percent
 from ros2_ident.gates.asked import Asked
-from ros2_ident.gates.instants import highest, peaks_of, robust_size, robust_weights
+from ros2_ident.gates.instants import highest, peaks_of, robust_fit, robust_size
+from ros2_ident.gates.scale import STANDS_OUT
 from ros2_ident.models import FullModel
 from ros2_ident.search.levenberg import difference_jacobian
 from ros2_ident.search.noise import correlation_time
-
-# A burst stands out by so many standard deviations of what is left elsewhere.
-_STANDS_OUT = 5.0
-# Rounds in which what stands out loses its weight.
-_ROUNDS = 15
 
 
 def bursts(model: FullModel, low: Array, high: Array, theta: Array, floor: Floor) -> list[Finding]:
@@ -46,7 +42,7 @@ def bursts(model: FullModel, low: Array, high: Array, theta: Array, floor: Floor
     there = ~np.isnan(measured)
     residual, slopes = difference_jacobian(model.residuals, (theta - low) / span, low, span)
     ends = np.cumsum(there.sum(axis=1))[:-1]
-    left = np.split(_robust(residual, slopes, ends), ends)
+    left = np.split(robust_fit(-slopes, residual, 1e-300, ends)[1], ends)
     out = [
         found
         for d, (row, seen) in enumerate(zip(left, there, strict=True))
@@ -90,24 +86,6 @@ def not_asked(
     return tuple(out)
 
 
-def _robust(residual: Array, slopes: Array, ends: NDArray[np.int64]) -> Array:
-    """Return (R,) the residual of a fit that counts little what stands out."""
-    left = residual
-    for _ in range(_ROUNDS):
-        weight = np.concatenate([_weights(part) for part in np.split(left, ends)])
-        scale = np.maximum(np.linalg.norm(slopes * weight[:, None], axis=0), 1e-300)
-        columns = slopes * (weight[:, None] / scale)
-        step = np.linalg.lstsq(columns, -residual * weight, rcond=1e-8)[0] / scale
-        left = residual + slopes @ step
-    return left
-
-
-def _weights(part: Array) -> Array:
-    """Return the roots of the weights of one series."""
-    size = max(robust_size(part), 1e-300)
-    return robust_weights(part, size) / size
-
-
 def _of_drive(
     model: FullModel, d: int, row: Array, at: NDArray[np.intp], noise: float
 ) -> Finding | None:
@@ -116,7 +94,7 @@ def _of_drive(
     apart = row - np.median(row)
     usual = max(robust_size(row), noise)
     step = float(np.median(np.diff(at))) * model.cycle
-    peaks = peaks_of(apart, _STANDS_OUT * usual, step)
+    peaks = peaks_of(apart, STANDS_OUT * usual, step)
     if peaks is None:
         return None
     height, inside = np.abs(apart), peaks.inside

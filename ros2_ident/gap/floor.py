@@ -21,6 +21,8 @@ Method = Literal['repeats', 'prediction']
 
 # Two stretches of command are one motion where they differ by less than this share in the square.
 _SAME = 1e-3
+# Squares beyond so many standard deviations are clipped: impacts do not count.
+_CLIP = 3.0
 # A repeat has to last so long, s.
 _SHORTEST = 0.5
 # The command is compared at this rate, Hz.
@@ -87,7 +89,7 @@ def repeated(residuals: Sequence[Array], datasets: Sequence[Dataset]) -> Array |
 
     Reference:
         von Neumann (1941), Annals of Mathematical Statistics 12(4); ASME V&V 20-2009 for what is
-        made of it. By the median, so that impacts do not count.
+        made of it.
     """
     differences = []
     for residual, dataset in zip(residuals, datasets, strict=True):
@@ -100,7 +102,11 @@ def repeated(residuals: Sequence[Array], datasets: Sequence[Dataset]) -> Array |
     square = np.hstack(differences) ** 2
     if not np.isfinite(square).any(axis=1).all():
         return None
-    out: Array = np.sqrt(0.5 * np.nanmedian(square, axis=1) / chi2.median(1))
+    most = _CLIP**2 * np.nanmedian(square, axis=1) / chi2.median(1)
+    clipped = np.nanmean(np.minimum(square, most[:, None]), axis=1)
+    # Mean of min(x^2, c^2) for a normal x.
+    kept = chi2.cdf(_CLIP**2, 3) + _CLIP**2 * chi2.sf(_CLIP**2, 1)
+    out: Array = np.sqrt(0.5 * clipped / kept)
     return out
 
 

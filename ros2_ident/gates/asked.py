@@ -15,29 +15,24 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
-from ros2_ident.gates.instants import highest, peaks_of, robust_size, robust_weights
-from ros2_ident.gates.scale import figure
+from ros2_ident.gates.instants import highest, peaks_of, robust_fit, robust_size, robust_weights
+from ros2_ident.gates.scale import figure, LATEST_EFFORT, MOSTLY, SLOW, STANDS_OUT
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import fill_gaps
 from ros2_ident.recording.smooth import allowed_cutoff, low_pass
 
-# Efforts are compared up to this frequency, Hz, where the machine file states no band, at so many
-# values a period of it; so many periods are left out at either end.
-_BAND, _VALUES, _ENDS = 10.0, 8.0, 1.5
+# Values that are compared in each period of the band's end, and periods left out at either end.
+_VALUES, _ENDS = 8.0, 1.5
 # Periods of the band below which nothing is said.
 _SHORTEST = 10.0
-# An effort follows what was asked for at most so late, s.
-_LATEST = 0.1
 # Share of the effort's squares that has to follow; else the command asks for a part of it only.
 _FOLLOWS = 0.99
-# An effort stands out by so many standard deviations, and by this share of the highest.
-_STANDS_OUT, _SMALL = 5.0, 0.2
+# An effort that stands out does so by this share of the highest.
+_SMALL = 0.2
 # A drive that makes less than it is asked for at this share of its largest effort is limited,
-# where this share of all that is left lies there.
-_LIMITED, _MOSTLY = 0.9, 0.8
-# Rounds in which what stands out loses its weight.
-_ROUNDS = 15
+# where most of all that is left lies there.
+_LIMITED = 0.9
 
 
 @dataclass(frozen=True)
@@ -66,7 +61,7 @@ class Asked:
         late: By how much, s.
         factor: Effort made per effort asked for.
         usual: Standard deviation of what is left where nothing stands out, N m or N.
-        pushes: What stands out.
+        pushes: What stands out; the next four are NaN where nothing does.
         share: Share of all that is left which stands out.
         size: RMS of what stands out over the whole log.
         certain: Highest push in standard deviations of what is usual at its instant.
@@ -79,10 +74,10 @@ class Asked:
     factor: float
     usual: float
     pushes: tuple[Push, ...] = ()
-    share: float = 0.0
-    size: float = 0.0
-    certain: float = 0.0
-    count: int = 0
+    share: float = math.nan
+    size: float = math.nan
+    certain: float = math.nan
+    count: float = math.nan
     limit: float = math.inf
 
 
@@ -139,7 +134,7 @@ def _log_of(machine: Machine, data: Dataset, d: int) -> _Log | None:
     asked, effort = data.command_effort[d], data.effort[d]
     if not np.isfinite(asked).all() or not np.ptp(asked) or not np.isfinite(effort).any():
         return None
-    band = min(machine.number('bandwidth') if machine.known('bandwidth') else _BAND, _BAND)
+    band = min(machine.number('bandwidth') if machine.known('bandwidth') else SLOW, SLOW)
     cutoff = allowed_cutoff(data.position[d], data.cycle, 2.0 * band)
     band = min(band, 0.5 * cutoff)
     if data.duration < (_SHORTEST + 2.0 * _ENDS) / band:
@@ -170,8 +165,13 @@ def _log_of(machine: Machine, data: Dataset, d: int) -> _Log | None:
 
 def _fitted(log: _Log, drive: str) -> Asked | None:
     """Return how a drive makes its effort at the delay that suits best."""
-    fits = [(late, *_robust(log, late)) for late in np.arange(0.0, _LATEST, log.cycle)]
-    late, solution, left, _ = min(fits, key=lambda f: f[3])
+    fits = []
+    for lag in np.arange(0.0, LATEST_EFFORT, log.cycle):
+        columns = np.concatenate([log.late(lag)[:, None], log.beside], axis=1)
+        fits.append((lag, *robust_fit(columns, log.effort, log.noise)))
+    late, solution, left = min(
+        fits, key=lambda f: float(np.log1p((f[2] / log.noise) ** 2).sum())
+    )
     size = max(robust_size(left), log.noise)
     weight = robust_weights(left, size) ** 2
     apart = log.effort - float(weight @ log.effort) / float(weight.sum())
@@ -182,12 +182,12 @@ def _fitted(log: _Log, drive: str) -> Asked | None:
     usual = np.hypot(size, float(solution[0]) * stamped)
     if _is_limited(log.effort, left, usual):
         return replace(asked, limit=float(np.abs(log.effort).max()))
-    peaks = peaks_of(left, _STANDS_OUT * usual, log.step, _SMALL)
+    peaks = peaks_of(left, STANDS_OUT * usual, log.step, _SMALL)
     if peaks is None:
         return asked
     rest = float(np.sqrt(np.mean(left[~peaks.inside] ** 2)))
     top = float((np.abs(left) / np.maximum(usual, rest))[peaks.at].max())
-    if top < _STANDS_OUT:
+    if top < STANDS_OUT:
         return asked
     square = float((left[peaks.inside] ** 2).sum())
     pushes = tuple(
@@ -208,18 +208,5 @@ def _is_limited(effort: Array, left: Array, usual: Array) -> bool:
     """Whether most of what is left is missing where the drive makes its largest effort."""
     most = float(np.abs(effort).max())
     short = (left * effort < 0.0) & (np.abs(effort) > _LIMITED * most)
-    short &= np.abs(left) > _STANDS_OUT * usual
-    return float(left[short] @ left[short]) > _MOSTLY * float(left @ left)
-
-
-def _robust(log: _Log, late: float) -> tuple[Array, Array, float]:
-    """Fit the law at one delay: (4,) solution, (T,) what is left, and how badly it fits."""
-    columns = np.concatenate([log.late(late)[:, None], log.beside], axis=1)
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    weight = np.ones_like(log.effort)
-    for _ in range(_ROUNDS):
-        system = columns / scale * weight[:, None]
-        solution = np.linalg.lstsq(system, log.effort * weight, rcond=1e-9)[0] / scale
-        left = log.effort - columns @ solution
-        weight = robust_weights(left, max(robust_size(left), log.noise))
-    return solution, left, float(np.log1p((left / log.noise) ** 2).sum())
+    short &= np.abs(left) > STANDS_OUT * usual
+    return float(left[short] @ left[short]) > MOSTLY * float(left @ left)

@@ -10,43 +10,29 @@ from ros2_ident.effects import shown_by
 from ros2_ident.gates.delays import LATEST_COMMAND
 from ros2_ident.gates.finding import Gate
 from ros2_ident.gates.law import fit_law, Gain, Law
-from ros2_ident.gates.scale import UNITS
-from ros2_ident.gates.signals import LATEST_EFFORT
+from ros2_ident.gates.scale import FOLLOWS, LATE, LATEST_EFFORT, MORE, STRAYS, SWAPPED, UNITS
 from ros2_ident.models import Machine
 from ros2_ident.models.drives.candidates import SLOTS
 from ros2_ident.recording import Dataset
 
-# A gain has to be off by this share to be spoken of.
+# A gain has to be off by this share to be spoken of; nearer to a factor, it is that factor.
 GAIN_OFF = 0.02
 # A gain off by more than this factor is no other tuning but another unit or another drive's.
 _ANOTHER = 3.0
-# The free law may leave so much more than the noise floor.
-NOISY = 1.2
 # What is stated as noise may be off by so much.
 _STATED = 2.5
-# A law that explains less of the effort is not the law that ran.
-EXPLAINED = 0.9
-# The stated gains are the ones that ran where they leave so little more than free ones, and these
-# explain anything at all.
-_AS_GOOD, _AT_ALL = 1.05, 0.2
+# The stated gains are the ones that ran where they leave so little more than free ones.
+_AS_GOOD = 1.05
 # A law that explains so much of the effort of another drive is that drive's.
 _ITS_OWN = 0.98
-# So is one that, with the gains stated, leaves this share of what it leaves of its own.
-_BETTER = 0.2
 # An effort that is logged before it acts by more than a cycle and this, s, has other stamps.
 _EARLY = 1e-3
-# One that is logged later than this, s, is late.
-_LATE = 3e-3
-# Share of the effort below which its law is another one, whatever effect is there.
-_LOST = 0.3
 # A reversed sign leaves the size within this factor.
 _REVERSED = 1.4
 # A factor on the whole effort fits as well as a gain where it leaves so little more.
 _AS_WELL = 1.3
 # Factors of all drives are one where they differ by less than this, logarithm.
 _ALIKE = 0.1
-# How near to a conversion's factor a ratio has to be to be taken for it.
-_CLOSE = 0.03
 
 
 def check_law(
@@ -68,10 +54,10 @@ def check_law(
         return [Gate('law', drive, 'warn', math.nan, '1', text)]
     level = _STATED * machine.effort_noise if noise is None else noise
     unit = machine.model_unit
-    clean = law.misfit <= NOISY * math.hypot(level, law.steps)
+    clean = law.misfit <= MORE * math.hypot(level, law.steps)
     # Where no other gains explain more than the stated ones the law ran, and something else is
     # between it and the log: an effort that does not belong to it would ask for other gains.
-    ran = law.misfit_file <= _AS_GOOD * law.misfit and law.explained > _AT_ALL
+    ran = law.misfit_file <= _AS_GOOD * law.misfit and law.explained > STRAYS
     # Other gains would explain the effort if the law ran; a drive that is limited follows none.
     if math.isfinite(law.limit) and law.explained < _ITS_OWN:
         text = (
@@ -79,14 +65,14 @@ def check_law(
             'asks for more; something limits it there'
         )
         return [Gate('limited', drive, 'warn', law.limit, unit, text)]
-    if law.explained < EXPLAINED and not clean and not ran:
+    if law.explained < FOLLOWS and not clean and not ran:
         text = (
             f'{drive}: the stated control law explains {100.0 * law.explained:.0f} % of the '
             'logged effort, whatever its gains; check that effort, command and position belong '
             'together'
         )
         # An effect in the controller or its sensor explains as little.
-        lost = law.explained < _LOST
+        lost = law.explained < STRAYS
         return [Gate('law', drive, 'fail' if lost else 'warn', law.explained, '1', text, lost)]
     found = _late(machine, law, clean)
     if noise is not None and not clean:
@@ -114,7 +100,7 @@ def _gains(machine: Machine, law: Law, noise: float | None, clean: bool) -> Gate
             f'{drive}: the effort follows the stated control law to within '
             f'{law.misfit_file:.3g} {unit} RMS'
         )
-        if noise is not None and law.misfit > NOISY * noise and law.steps > noise:
+        if noise is not None and law.misfit > MORE * noise and law.steps > noise:
             text += f', no more than the steps of the logged position make ({law.steps:.3g})'
         return Gate('law', drive, 'ok', best.ratio, '1', text)
     if not law.by_one:
@@ -152,7 +138,7 @@ def _correction(law: Law, best: Gain, unit: str, travel: str) -> str:
             f'stated law {fits})'
         )
     for factor, name in UNITS.get(travel, ()):
-        if abs(best.ratio * factor - 1.0) <= _CLOSE and best.name in ('velocity_gain', 'scale'):
+        if abs(best.ratio * factor - 1.0) <= GAIN_OFF and best.name in ('velocity_gain', 'scale'):
             return (
                 f'position and set-point look logged in another unit, {name}: the stated law '
                 f'times {best.ratio:.4g} {fits}; log {travel}'
@@ -185,7 +171,7 @@ def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
         return [Gate(effect.id, law.drive, 'warn', late, 's', text)]
     if -_EARLY <= lag <= LATEST_EFFORT and -_EARLY <= late <= LATEST_COMMAND:
         delay = next(name for name, slot in SLOTS.items() if slot.row == 'log_delay')
-        if delay in machine.bounds or lag < _LATE or not clean:
+        if delay in machine.bounds or lag < LATE or not clean:
             return []
         text = (
             f'{law.drive}: the effort is logged {1e3 * lag:.3g} ms late, and no delay of the log '
@@ -269,8 +255,8 @@ def check_swapped(machine: Machine, data: Dataset, laws: list[Law]) -> list[Gate
             if law is None:
                 continue
             # What is far off on its own drive need not be near on the other one's.
-            better = law.misfit_file < _BETTER * own[drive].misfit_file
-            stated = better and law.followed > _AT_ALL
+            better = law.misfit_file < SWAPPED * own[drive].misfit_file
+            stated = better and law.followed > STRAYS
             rest = 1.0 - own[drive].explained
             if stated or 1.0 - law.explained < min(1.0 - _ITS_OWN, 0.5 * rest):
                 owner[drive] = other

@@ -9,23 +9,20 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.finding import Gate
+from ros2_ident.gates.scale import FEWEST, FLOORS, SLOW
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import fill_gaps
 from ros2_ident.recording.smooth import allowed_cutoff, low_pass
 
-# Motion faster than this is left out, Hz; samples at twice the Nyquist rate of it are enough.
-_SLOW, _RATE = 10.0, 40.0
 # A drive that its own motion leaves so much of, in standard deviations, may be a joint of an arm,
 # where other joints' positions take this share of what is left (mean square) away.
 _LEFT, _TAKEN = 0.2, 0.5
-# What is left has to be so many times the noise that is stated.
-_FLOORS = 10.0
 # Columns of a drive's own motion that do not grow beyond what was seen.
 _PLAIN = 7
 # Blocks that are held out in turn, s, and how many of them there are at least.
-_BLOCK, _FEWEST = 1.0, 8
+_BLOCK, _FOLDS = 1.0, 8
 # Ridge, as a share of the columns' own squares.
 _RIDGE = 1e-6
 # Joints that are looked at; the most that sums of three angles are made of.
@@ -49,21 +46,22 @@ def check_coupling(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
     d = data.names.index(drive)
     others = {n: row for n, row in zip(data.names, data.position, strict=True) if n != drive}
     others |= data.beside
-    others = {n: row for n, row in others.items() if np.isfinite(row).sum() > 100 and _moves(row)}
+    others = {n: row for n, row in others.items() if _moves(row)}
     if not others or not np.isfinite(data.effort[d]).any():
         return []
     names = list(others)[:_MOST]
     rows = np.stack([data.position[d], *(others[n] for n in names)])
-    cutoff = allowed_cutoff(rows, data.cycle, _SLOW)
+    cutoff = allowed_cutoff(rows, data.cycle, SLOW)
     try:
         motion = smooth_motion(rows, data.cycle, cutoff)
     except IdentError:
         return []
-    stride = max(1, round(1.0 / (_RATE * data.cycle)))
+    # Twice the Nyquist rate of it is enough.
+    stride = max(1, round(0.25 / (SLOW * data.cycle)))
     place, speed, change = (part[:, ::stride] for part in motion)
     effort = low_pass(fill_gaps(data.effort[d])[None], data.cycle, cutoff)[0, ::stride]
     block = round(_BLOCK / (stride * data.cycle))
-    if effort.size < _FEWEST * block:
+    if effort.size < _FOLDS * block:
         return []
     turning = machine.travel_unit == 'rad'
     own = _own(place[0], speed[0], change[0], turning)
@@ -72,7 +70,7 @@ def check_coupling(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
     plain, alone, together = (_missed(x, effort, block) for x in (own[:, :_PLAIN], own, both))
     alone = min(plain, alone)
     varies = float(effort.std())
-    if alone < _LEFT * varies or alone < _FLOORS * machine.effort_noise:
+    if alone < _LEFT * varies or alone < FLOORS * machine.effort_noise:
         return []
     if together**2 > (1.0 - _TAKEN) * alone**2:
         return []
@@ -96,8 +94,10 @@ def _said(
 
 
 def _moves(row: Array) -> bool:
-    """Return whether a joint moves at all."""
+    """Return whether a joint moves at all, by enough samples."""
     there = row[np.isfinite(row)]
+    if there.size <= FEWEST:
+        return False
     return float(np.ptp(there)) > 1e-6 * max(1.0, float(np.abs(there).max()))
 
 
@@ -131,9 +131,9 @@ def _missed(columns: Array, effort: Array, block: int) -> float:
     """Return the RMS by which blocks left out are missed."""
     scale = np.sqrt((columns**2).mean(axis=0)) + 1e-300
     columns = columns / scale
-    number = np.arange(effort.size) // block % _FEWEST
+    number = np.arange(effort.size) // block % _FOLDS
     square = 0.0
-    for held in range(_FEWEST):
+    for held in range(_FOLDS):
         out = number == held
         # Neighbours of what is left out know too much of it.
         near = np.convolve(out, np.ones(2 * (block // 4) + 1), 'same') > 0.0

@@ -5,7 +5,8 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from ros2_ident.arrays import Array
-from ros2_ident.gates.signals import APART, Fit, LATEST_EFFORT, Signals
+from ros2_ident.gates.scale import APART, LATEST_EFFORT
+from ros2_ident.gates.signals import Fit, Signals
 
 # Set-points later than this are no matter of a log, s.
 LATEST_COMMAND = 0.012

@@ -11,7 +11,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.gates.asked import fit_asked
 from ros2_ident.gates.controller import check_law, check_swapped, of_one_drive
 from ros2_ident.gates.coupling import check_coupling
-from ros2_ident.gates.finding import Gate, GateReport, Level, ORDER
+from ros2_ident.gates.finding import Gate, GateReport, Level, LEVELS
 from ros2_ident.gates.law import fit_law, Law
 from ros2_ident.gates.log import check_asked, check_effort, check_streams
 from ros2_ident.gates.tracking import check_tracking, tracking_of
@@ -63,7 +63,7 @@ def examine(
                 streams.append(replace(gate, sentence=place + gate.sentence))
                 continue
             other = gates.setdefault((gate.gate, gate.drive), gate)
-            if ORDER[gate.level] < ORDER[other.level]:
+            if LEVELS.index(gate.level) < LEVELS.index(other.level):
                 gates[gate.gate, gate.drive] = gate
     laws = {law.drive: law for report in reversed(reports) for law in report.laws}
     asked = tuple(report.asked[0] if report.asked else () for report in reports)

@@ -8,7 +8,8 @@ from ros2_ident.gates.asked import Asked
 from ros2_ident.gates.law import Law
 
 Level = Literal['ok', 'warn', 'fail']
-ORDER: dict[str, int] = {'fail': 0, 'warn': 1, 'ok': 2}
+# The worst first.
+LEVELS: tuple[Level, ...] = ('fail', 'warn', 'ok')
 # Of findings that are as bad, one that others follow from comes first.
 _CAUSES = ('names', 'limit', 'set_point', 'reach', 'offset', 'coupling', 'sign', 'scale', 'law')
 
@@ -60,7 +61,7 @@ class GateReport:
 
         def rank(gate: Gate) -> tuple[int, bool, int]:
             cause = _CAUSES.index(gate.gate) if gate.gate in _CAUSES else len(_CAUSES)
-            return ORDER[gate.level], not gate.contradicts, cause
+            return LEVELS.index(gate.level), not gate.contradicts, cause
 
         ordered = sorted(dict.fromkeys(self.gates), key=rank)
         object.__setattr__(self, 'gates', tuple(ordered))

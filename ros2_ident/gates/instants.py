@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Instants at which a series stands out: where they are, how wide, and when there are none."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +17,8 @@ _SINKS = 0.5
 _LONGEST, _SHARE = 1.0, 0.25
 # What comes more often belongs to the motion.
 _MOST = 4
-# Where a weight is half, in deviations.
-_HALF = 2.0
+# Where a weight is half, in deviations, and rounds in which what stands out loses its weight.
+_HALF, _ROUNDS = 2.0, 15
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,31 @@ def highest(height: Array, peak: int) -> float:
 def robust_size(values: Array) -> float:
     """Return the standard deviation of what does not stand out."""
     return float(median_abs_deviation(values, scale='normal')) if values.size else 0.0
+
+
+def robust_fit(
+    columns: Array, values: Array, least: float, ends: Sequence[int] | NDArray[np.intp] = ()
+) -> tuple[Array, Array]:
+    """Return the solution (C,) of a fit that counts little what stands out, and what it leaves.
+
+    Args:
+        columns: (T, C).
+        values: (T,) what they are to make, series after series.
+        least: Least standard deviation of what is left.
+        ends: Where a series ends and another begins, each with a size of its own.
+    """
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    weight = np.ones_like(values)
+    for _ in range(_ROUNDS):
+        system = columns / scale * weight[:, None]
+        solution = np.linalg.lstsq(system, values * weight, rcond=1e-9)[0] / scale
+        left = values - columns @ solution
+        parts = np.split(left, ends)
+        sizes = [max(robust_size(part), least) for part in parts]
+        weight = np.concatenate(
+            [robust_weights(x, size) / size for x, size in zip(parts, sizes, strict=True)]
+        )
+    return solution, left
 
 
 def robust_weights(values: Array, size: float) -> Array:

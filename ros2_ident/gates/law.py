@@ -12,7 +12,8 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.gates.delays import COUNTS, delay_as_stated, delays_apart, usual_delays
-from ros2_ident.gates.signals import FEWEST, Fit, sane, Signals, signals_of
+from ros2_ident.gates.scale import FEWEST, MORE, MOSTLY, STRAYS
+from ros2_ident.gates.signals import Fit, sane, Signals, signals_of
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 from ros2_ident.search.noise import correlation_time
@@ -20,10 +21,10 @@ from ros2_ident.search.noise import correlation_time
 # Stamps that lie far apart are looked for where a law misses the effort by so many times its
 # noise, and believed where it then leaves so much less (mean square).
 _MISSED, _TOGETHER = 1.5, 0.6
-# An effort is limited where the law asks for so many times what is logged, on so many samples, and
-# on this share of all; where this share of what the law misses lies there; and where it follows
-# what is asked by less than this power, over demands that spread so far (logarithm).
-_MORE, _FEW, _RARE, _MOSTLY, _FLAT, _SPREAD = 1.2, 20, 0.005, 0.8, 0.3, 0.2
+# An effort is limited where the law asks for more than what is logged, on so many samples, and on
+# this share of all; where most of what the law misses lies there; and where it hardly follows what
+# is asked, over demands that spread so far (logarithm).
+_FEW, _RARE, _SPREAD = 20, 0.005, 0.2
 # Gains are spoken of where the stated ones leave this share more than free ones do.
 _EXCESS = 0.3
 GAINS = ('position_gain', 'velocity_gain', 'integral_gain')
@@ -47,7 +48,7 @@ class Gain:
     error: float
     expected: float
     misfit: float
-    count: float = 1.0
+    count: float = math.nan
 
     @property
     def ratio(self) -> float:
@@ -224,16 +225,16 @@ def _limit(asked: Array, effort: Array) -> float:
     size = np.abs(effort)
     calm = size <= max(0.5 * float(size.max()), float(np.median(size)))
     asked = asked + float(np.median((effort - asked)[calm]))
-    least = np.maximum(_MORE * size, 0.4 * size.max())
+    least = np.maximum(MORE * size, 0.4 * size.max())
     beyond = (np.abs(asked) > least) & (asked * effort > 0.0) & (size > 0.4 * size.max())
     if beyond.sum() < max(_FEW, _RARE * effort.size):
         return math.inf
     missed = (effort - asked) ** 2
     much, had = np.log(np.abs(asked[beyond])), np.log(size[beyond])
-    if missed[beyond].sum() < _MOSTLY * missed.sum() or much.std() < _SPREAD:
+    if missed[beyond].sum() < MOSTLY * missed.sum() or much.std() < _SPREAD:
         return math.inf
     slope = float(np.cov(much, had)[0, 1] / much.var())
-    return float(np.median(size[beyond])) if abs(slope) < _FLAT else math.inf
+    return float(np.median(size[beyond])) if abs(slope) < STRAYS else math.inf
 
 
 def _gains_of(solution: Array) -> dict[str, float]:

@@ -8,6 +8,7 @@ import numpy as np
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.asked import Asked
 from ros2_ident.gates.finding import Gate, Level
+from ros2_ident.gates.scale import MORE
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset
@@ -72,7 +73,7 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
     limit = machine.number('torque_limit', drive)
     top = float(np.nanmax(np.abs(data.effort[d])))
     if math.isfinite(limit):
-        bad = top > 1.2 * limit
+        bad = top > MORE * limit
         text = f'{drive}: the effort reaches {top:.4g}, the limit is {limit:.4g}'
         if bad:
             text += '; state the unit of the log as effort_unit, or the true torque_limit'

@@ -1,6 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers that several judgements share: one idea has one number."""
+"""Numbers that several judgements share, so that one idea has one value."""
 
+# Samples below which nothing is said.
+FEWEST = 100
+# Means over so long, s, keep what is slow: the motion changes little meanwhile.
+STEP = 0.005
+# Efforts are compared with motion up to this frequency, Hz.
+SLOW = 10.0
+# Shares of one signal that another explains, from which on it follows and below which it does not.
+FOLLOWS, STRAYS = 0.9, 0.3
+# Most of something, as a share.
+MOSTLY = 0.8
+# A factor on a noise or a limit that is more than inexact.
+MORE = 1.2
+# So many times the noise is no noise.
+FLOORS = 20.0
+# A value stands out of others by so many of their standard deviations.
+STANDS_OUT = 5.0
+# Stamps of topics may lie so far apart, s; efforts and positions that are later than this, s, are
+# late, and efforts later than the last are no matter of a log.
+APART, LATE, LATEST_EFFORT = 0.5, 3e-3, 0.12
+# Names are swapped where that leaves this share of what is left without.
+SWAPPED = 0.2
 # How many of these are one rad or one m.
 UNITS = {'rad': ((57.29578, 'degrees'), (0.1591549, 'turns')), 'm': ((1000.0, 'mm'),)}
 

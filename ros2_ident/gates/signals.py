@@ -8,22 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ros2_ident.arrays import Array
+from ros2_ident.gates.scale import APART, FEWEST, LATEST_EFFORT, MORE
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import fill_smoothly
 
-# Efforts later than this are no matter of a log, s.
-LATEST_EFFORT = 0.12
-# Stamps of topics may lie so far apart, s.
-APART = 0.5
 # Beyond this share of the limit the law does not hold.
 _SATURATED = 0.98
-# An effort beyond the limit by this factor is none in its unit.
-_BEYOND = 1.2
 # Constants beyond this are slips of the pen whose squares would overflow.
 _ABSURD = 1e50
-# Samples below which nothing is said.
-FEWEST = 200
 
 
 @dataclass(frozen=True)
@@ -73,7 +66,7 @@ def signals_of(machine: Machine, data: Dataset, drive: str) -> Signals | None:
     if not np.isfinite(effort).any():
         return None
     limit = machine.number('torque_limit', drive)
-    if float(np.nanmax(np.abs(effort))) > _BEYOND * limit:
+    if float(np.nanmax(np.abs(effort))) > MORE * limit:
         limit = math.inf  # that is no effort in the unit of the limit
     index = np.flatnonzero(np.isfinite(effort) & (np.abs(effort) < _SATURATED * limit))
     # The first samples of the log are taken up before the delayed effort begins.
@@ -109,7 +102,7 @@ def step_of(row: Array) -> float:
 
 def _filled(row: Array) -> Array | None:
     """Return a row with the cycles between samples filled, None where there are too few."""
-    return fill_smoothly(row) if np.isfinite(row).sum() >= 100 else None
+    return fill_smoothly(row) if np.isfinite(row).sum() >= FEWEST else None
 
 
 class Fit:

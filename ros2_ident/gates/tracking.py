@@ -11,29 +11,16 @@ from scipy.signal import correlate
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.finding import Gate
-from ros2_ident.gates.scale import UNITS
+from ros2_ident.gates.scale import APART, FEWEST, FOLLOWS, LATE, SLOW, STEP, STRAYS, SWAPPED, UNITS
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.smooth import allowed_cutoff
 
-# Motion faster than this is left out, Hz, and speeds are compared at about this rate, Hz.
-_SLOW, _RATE = 15.0, 250.0
-# Stamps of two topics are looked at up to so far apart, s.
-WIDEST = 0.5
-# Share of a drive's speed that its set-point's explains, from which on it follows and below which
-# it does not.
-FOLLOWS, STRAYS = 0.9, 0.3
 # A way longer or shorter than the set-point's by this share is another unit, not a poor loop.
 _OTHER_UNIT = 0.2
 # A factor from which on no force explains it.
 _STRANGE = 2.0
-# Two names are swapped where that leaves so much less of the speed.
-_SWAPPED = 0.1
-# A drive that leads its set-point by more than two cycles and this, s, saw it before the log did.
-_LEADS = 3e-3
 # A drive of whose speed its own set-point leaves so little is its own.
 _SAME = 0.01
-# Positions of a drive below which nothing is compared.
-_FEWEST = 100
 # Names of more drives than these are not looked through.
 _MOST = 6
 
@@ -70,15 +57,15 @@ def tracking_of(data: Dataset, drives: Sequence[str]) -> Tracking | None:
     # Beyond its ends a log would seem to stand still.
     span = slice(there[0], there[-1] + 1) if there.size else slice(0)
     position, command = position[:, span], command[:, span]
-    few = (np.isfinite(position).sum(axis=1) < _FEWEST).any()
+    few = (np.isfinite(position).sum(axis=1) < FEWEST).any()
     if few or not np.ptp(command, axis=1).all():
         return None
-    cutoff = allowed_cutoff(position, data.cycle, _SLOW)
+    cutoff = allowed_cutoff(position, data.cycle, SLOW)
     try:
         speeds = [smooth_motion(x, data.cycle, cutoff)[1] for x in (position, command)]
     except IdentError:
         return None
-    stride = max(1, round(1.0 / (_RATE * data.cycle)))
+    stride = max(1, round(STEP / data.cycle))
     moved, wanted = (x[:, ::stride] for x in speeds)
     if not (np.ptp(moved, axis=1) > 0.0).all():
         return None
@@ -90,7 +77,7 @@ def _follows(moved: Array, wanted: Array, period: float) -> tuple[float, float, 
     """Return share, lag [s] and slope of one speed on another one, both without a mean."""
     moved, wanted = moved - moved.mean(), wanted - wanted.mean()
     size = moved.size
-    reach = min(round(WIDEST / period), size // 3)
+    reach = min(round(APART / period), size // 3)
     product = correlate(moved, wanted, 'full', 'fft')[size - 1 - reach : size + reach]
     # Only where both are: a log may end in motion.
     lags = np.arange(-reach, reach + 1)
@@ -133,7 +120,7 @@ def check_tracking(tracking: Tracking, cycle: float, unit: str) -> list[Gate]:
             found.append(Gate('set_point', drive, 'warn', share, '1', text))
         elif share >= FOLLOWS and abs(slope - 1.0) > _OTHER_UNIT:
             found.append(_of_another_unit(drive, slope, unit))
-        elif share >= FOLLOWS and lag < -(_LEADS + 2.0 * cycle):
+        elif share >= FOLLOWS and lag < -(LATE + 2.0 * cycle):
             text = (
                 f'{drive}: the position leads its set-point by {-1e3 * lag:.3g} ms, so the '
                 'stamps of the command are late or those of the position early; stamp both with '
@@ -179,7 +166,7 @@ def _mixed(tracking: Tracking) -> list[Gate]:
     best = min(orders, key=lambda order: float(left[range(count), order].sum()))
     moved = [d for d in range(count) if best[d] != d]
     fits = all(tracking.share[d, best[d]] >= FOLLOWS for d in moved)
-    if not moved or not fits or any(left[d, best[d]] > _SWAPPED * left[d, d] for d in moved):
+    if not moved or not fits or any(left[d, best[d]] > SWAPPED * left[d, d] for d in moved):
         return []
     pairs = ', '.join(
         f"{tracking.drives[d]} follows {tracking.drives[best[d]]}'s" for d in moved
