@@ -22,7 +22,7 @@ Method = Literal['repeats', 'prediction']
 # Two stretches of command are one motion where they differ by less than this share in the square.
 _SAME = 1e-3
 # Squares beyond so many standard deviations are clipped: impacts do not count.
-_CLIP = 3.0
+_CLIP = 2.0
 # A repeat has to last so long, s.
 _SHORTEST = 0.5
 # The command is compared at this rate, Hz.

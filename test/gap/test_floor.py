@@ -26,7 +26,7 @@ def test_repeats_are_found_and_cancel_what_repeats():
 
 def test_an_impact_that_comes_once_is_no_noise():
     row = noise()
-    row[:, 4000:4400] += 1.0
+    row[:, 4000:4100] += 1.0
     assert repeated([row], [data(RATE)]) == pytest.approx([NOISE, NOISE], rel=0.05)
 
 
