@@ -13,7 +13,7 @@ from ros2_ident.gap.coordinates import Motion
 from ros2_ident.gap.floor import Floor
 from ros2_ident.models import DriveModel, load_machine, make_model
 from ros2_ident.recording import align, Dataset, read_bag
-from ros2_ident.search.noise import white
+from ros2_ident.search.noise import NoiseModel
 
 CYCLE = 5e-4
 NOISE = 0.01
@@ -33,6 +33,10 @@ _NAMES = {
     'coulomb_torque': 'M_C',
     'viscous_torque': 'M_V',
 }
+
+
+def white(deviation: float) -> NoiseModel:
+    return NoiseModel(np.empty(0), deviation**2, deviation**2, 0)
 
 
 def floor_of(drives: int = 2, value: float = NOISE) -> Floor:

@@ -80,11 +80,6 @@ class NoiseModel:
         )
 
 
-def white(deviation: float) -> NoiseModel:
-    """Return white noise of a standard deviation."""
-    return NoiseModel(np.empty(0), deviation**2, deviation**2, 0)
-
-
 def fast_noise(*series: Array) -> float:
     """Return the standard deviation of what is fast in series of samples, taken as white.
 

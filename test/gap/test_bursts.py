@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pushes from outside: on which drive, at which instants, and when there are none."""
 
+from gap_signals import white
 import numpy as np
 import pytest
 
@@ -9,7 +10,6 @@ from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.protocol import FullModel, Output
-from ros2_ident.search.noise import white
 
 CYCLE, COUNT = 0.01, 1200
 TIME = CYCLE * np.arange(COUNT)

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 import threading
 
+from gap_signals import white
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -19,7 +20,7 @@ from ros2_ident.gap.diagnosis import to_mapping
 from ros2_ident.gap.floor import Floor
 from ros2_ident.models import load_machine, machine_from_mapping
 from ros2_ident.recording import Dataset
-from ros2_ident.search.noise import NoiseModel, white
+from ros2_ident.search.noise import NoiseModel
 
 CYCLE = 1e-3
 NOISE = 0.01

@@ -3,6 +3,7 @@
 
 from pathlib import Path
 
+from gap_signals import white
 import numpy as np
 import pytest
 
@@ -17,7 +18,6 @@ from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.identify.setup import problem_of  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
 from ros2_ident.recording import Topics  # noqa: E402
-from ros2_ident.search.noise import white  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 RECORDED = ROOT.parent / 'shared/data'

@@ -3,6 +3,7 @@
 
 import math
 
+from gap_signals import white
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -15,7 +16,6 @@ from ros2_ident.search.noise import (
     NoiseModel,
     Run,
     weighted_normal_matrix,
-    white,
     Whitening,
 )
 

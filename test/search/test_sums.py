@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The evidence of what a residual lacks, held against the dense Gaussian formulas."""
 
+from gap_signals import white
 import numpy as np
 import pytest
 
 from ros2_ident.search.evidence import Evidence, weigh
-from ros2_ident.search.noise import Run, white
+from ros2_ident.search.noise import Run
 
 
 def evidence(gain=0.0, **changes):
