@@ -19,9 +19,7 @@ RULES = Rules(
     material=0.5,
     unknown=0.8,
     step=0.4,
-    later=0.5,
     share=0.1,
-    part=0.05,
     closed=0.6,
     rival=0.1,
     contradicted=0.3,
@@ -58,8 +56,8 @@ class Attribution:
     def stopped(self):
         return self.stop
 
-    def round(self, base, candidates, fits):
-        self.asked.append((base, fits))
+    def round(self, base, candidates):
+        self.asked.append(base)
         return Round(base, {}, {}, tuple(self.rounds.pop(0)))
 
     def refit(self, effects, theta, iterations=12):

@@ -171,7 +171,7 @@ def propose(rows: Sequence[Row]) -> Proposal:
         t,
         size=temperature(size - material, there, grid) if size.size else t.size,
         closed=temperature(both - closed, inside, grid) if both.size else t.closed,
-        power=power([r for r in strong if r['effects']], t.mismatch, np.linspace(1, 12, 45)),
+        power=power([r for r in strong if r['effects']], rules.alike, np.linspace(1, 12, 45)),
     )
     rival = rival_share(singles, rules.rival)
     lines = [

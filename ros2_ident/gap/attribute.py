@@ -15,7 +15,7 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case
-from ros2_ident.gap.fits import Explanation, Fits, Trials
+from ros2_ident.gap.fits import Explanation, Fits, PROMISING, Trials
 from ros2_ident.gap.screen import below_simulated, seen_in_log, Start
 from ros2_ident.gates.law import fit_law, Law
 from ros2_ident.identify.hidden import MATERIAL, residual_of, rows_of, slopes_of
@@ -31,9 +31,8 @@ from ros2_ident.search.settings import FitProgress, FitSettings
 # Joint fits of one round: at most, and at least whatever the screen says of them.
 _FITS = 12
 _LEAST = 4
-# Every start of a round gets so many iterations; who then explains less than this share of what
-# the best does gets no more.
-_HEAT, _BEHIND = 4, 0.5
+# Every start of a round gets so many iterations; who is far behind then gets no more.
+_HEAT = 4
 # Names that are tried on several drives at once, at most.
 _ALIKE = 3
 # What the log itself shows starts far from a fit that was bent by it, and gets more.
@@ -294,13 +293,12 @@ class Attribution:
             )
         return found
 
-    def round(self, base: Explanation, candidates: Sequence[EffectAt], fits: int = _FITS) -> Round:
+    def round(self, base: Explanation, candidates: Sequence[EffectAt]) -> Round:
         """Try every candidate on top of a base.
 
         Args:
             base: What is explained so far.
             candidates: Effects at places; those already in the base are left out.
-            fits: Joint fits to run.
 
         Returns:
             The screened gains and the joint fits, the best on both parts first.
@@ -309,7 +307,7 @@ class Attribution:
         done: dict[tuple[EffectAt, ...], Explanation] = {}
         with self.workers.tasks(Trials(self.fits, base)) as run:
             screened = self._screened(run, base, candidates)
-            promising = [*self._promising(screened, fits), *self._alike(base, screened)]
+            promising = [*self._promising(screened), *self._alike(base, screened)]
             tasks: list[tuple[tuple[EffectAt, ...], Start | Array, int]] = [
                 (start.effects, start, _HEAT) for start in promising
             ]
@@ -324,7 +322,7 @@ class Attribution:
                 self.on_step(share, f'fitted {_named(tasks[number - 1][0])}')
             best = self._leaders(begun)
             most = max((base.cost - e.cost for e in best), default=0.0)
-            ahead = [e for e in best if base.cost - e.cost >= _BEHIND * most]
+            ahead = [e for e in best if base.cost - e.cost >= PROMISING * most]
             keys = [(self.fits.key(), e.effects, e.unit) for e in ahead]
             for e in self._run(run, 'finish', [(e,) for e in ahead], keys):
                 if e is not None:
@@ -376,13 +374,13 @@ class Attribution:
                 )
         return sorted(out, key=lambda s: -s.gain)[:_ALIKE]
 
-    def _promising(self, screened: dict[EffectAt, list[Start]], fits: int) -> list[Start]:
+    def _promising(self, screened: dict[EffectAt, list[Start]]) -> list[Start]:
         """Return the starts worth a joint fit: best candidates, relatives, second starts."""
         order = sorted(screened, key=lambda c: -screened[c][0].gain)
         worth = 0.1 * screened[order[0]][0].gain if order else 0.0
         chosen = [
             c
-            for rank, c in enumerate(order[:fits])
+            for rank, c in enumerate(order[:_FITS])
             if rank < _LEAST or screened[c][0].gain > worth
         ]
         for leader in order[:2]:

@@ -16,10 +16,10 @@ from scipy.stats import t as student
 
 from ros2_ident.arrays import Array
 from ros2_ident.gap.floor import Floor
+from ros2_ident.gates.scale import STEP
+from ros2_ident.identify.hidden import SETTLE
 from ros2_ident.search.noise import correlation_time
 
-# The closed loop has forgotten what was before after this time, s.
-SETTLING = 0.1
 # A block holds so many times the time over which the squared residual stays alike.
 _TIMES = 4.0
 # A log falls into at least so many blocks, whatever its autocorrelation.
@@ -41,7 +41,7 @@ class Interval:
     high: float
 
 
-def block_length(rows: Array, cycle: float, settling: float = SETTLING) -> int:
+def block_length(rows: Array, cycle: float, settling: float = SETTLE) -> int:
     """Return a block length from the autocorrelation of the residual and of its square.
 
     Args:
@@ -58,7 +58,7 @@ def block_length(rows: Array, cycle: float, settling: float = SETTLING) -> int:
     """
     count = rows.shape[1]
     # A coarse grid is enough and holds no NaN where samples come every few cycles.
-    stride = max(1, round(0.005 / cycle))
+    stride = max(1, round(STEP / cycle))
     longest = 1.0
     for row in rows:
         for values in (row, row**2):
@@ -111,7 +111,7 @@ class Blocks:
         count: int = 1000,
         seed: int = 0,
         starts: Sequence[int] = (),
-        settling: float = SETTLING,
+        settling: float = SETTLE,
     ) -> None:
         rows = np.stack(residuals)
         self.length = block_length(residuals[0], cycle, settling) if length is None else length

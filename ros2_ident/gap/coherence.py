@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ros2_ident.arrays import Array
-from ros2_ident.gap.blocks import FEWEST, SETTLING
+from ros2_ident.gap.blocks import FEWEST
 from ros2_ident.gap.coordinates import Coordinate
+from ros2_ident.gates.scale import STEP
+from ros2_ident.identify.hidden import SETTLE
 from ros2_ident.search.noise import correlation_time
 
-# Samples are averaged over so long, s: the coordinates change little meanwhile.
-STEP = 0.005
 # A block is so many times as long as the residual's memory.
 _TIMES = 12.0
 # A drive whose slow gap is below this share of the floor has nothing to be explained.
@@ -82,7 +82,7 @@ def blocks_of(
     """
     stride = float(np.median(np.diff(at)))
     memory = correlation_time(mean)
-    length = max(SETTLING / cycle, _TIMES * memory * stride)
+    length = max(SETTLE / cycle, _TIMES * memory * stride)
     length = max(1.0, min(length, size / FEWEST))
     block = np.unique((at // length).astype(np.int64), return_inverse=True)[1]
     # What neighbouring blocks have in common is lost with the coin: their part of the variance.
@@ -106,7 +106,7 @@ def orthonormal(columns: Array, weight: Array, constant: bool) -> Array:
 
 def bases_of(coordinate: Coordinate, weight: Array) -> list[Array]:
     """Return one basis, or one for each group of columns where only the best group counts."""
-    if coordinate.pick == 1:
+    if coordinate.pick is None:
         return [orthonormal(coordinate.columns, weight, False)]
     groups = range(0, coordinate.columns.shape[1], coordinate.pick)
     return [

@@ -32,11 +32,9 @@ from ros2_ident.gap.verdict import (
     Weighed,
 )
 from ros2_ident.gap.wording import length, of_output, small
+from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.search.evidence import Evidence
-
-# A noise floor that is so many times the lower end of its interval may hide a gap.
-_VAGUE = 1.2
 
 
 def compose(
@@ -141,7 +139,7 @@ def _hidden_by_noise(
     hidden = {
         name: f'{math.sqrt(value**2 - low**2):.2g} {unit}'.strip()
         for name, value, low in zip(drives, floor.per_drive, floor.low, strict=True)
-        if value > _VAGUE * low
+        if value > MORE * low
     }
     if hidden:
         yield (
@@ -169,7 +167,7 @@ def _again(
     shares = {
         at: 1.0
         if explainer.restores_law(without, final)
-        else drawn.falls(i, -1, explainer.floor, rules.later if i else rules.step)
+        else drawn.falls(i, -1, explainer.floor, rules.material if i else rules.step)
         for i, (at, without) in enumerate(zip(final.effects, found.rests, strict=True))
     }
     # An encoder's steps are read from a line in the spectrum, not from what a fit closes.

@@ -12,7 +12,7 @@ from ros2_ident.effects import get_effect
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.diagnosis import Value
-from ros2_ident.gap.fits import Explanation, Fits, Left
+from ros2_ident.gap.fits import Explanation, Fits, Left, PROMISING
 from ros2_ident.models.registry import kind_of
 from ros2_ident.search.uncertainty import intervals
 
@@ -22,8 +22,8 @@ _CERTAIN = frozenset({'coulomb_regularisation', 'gravity'})
 _STEP, _FAR, _NEAR = 0.01, 0.5, 1e-3
 # Its box reaches from 0 to so many times what fits.
 _WIDE = 10.0
-# Fitted are those that promise this share of the most, at most so many, in so many steps.
-_PROMISING, _MOST, _STEPS = 0.5, 6, 6
+# Steps of a fit at most.
+_STEPS = 6
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,8 @@ def fitted_constants(fits: Fits, base: Explanation) -> Iterator[Constant]:
         except IdentError:
             continue
     gains.sort(key=lambda gain: -gain[0])
-    for gain, unit, of in gains[:_MOST]:
-        if gain > _PROMISING * gains[0][0] and not fits.stopped():
+    for gain, unit, of in gains:
+        if gain > PROMISING * gains[0][0] and not fits.stopped():
             yield of.run(unit)
 
 

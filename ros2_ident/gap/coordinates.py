@@ -20,8 +20,8 @@ from ros2_ident.recording.smooth import allowed_cutoff
 Parity = Literal['', 'odd', 'even']
 
 PHASES = ('rest', 'creep', 'acceleration', 'cruise', 'deceleration', 'reversal')
-# Shares of the top speed and of the top acceleration below which a drive rests, creeps, cruises.
-_REST, _SLOW, _STEADY = 0.01, 0.1, 0.1
+# Shares of top speed and top acceleration below which a drive rests; creeps, or cruises.
+_REST, _SLOW = 0.01, 0.1
 # Orders of the motor's turn that are looked at.
 ORDERS = 24
 # A friction that lags behind does so by these times, s, or by these shares of the stroke.
@@ -81,7 +81,7 @@ class Coordinate:
         columns: (T, B) columns, each nonzero in its own region.
         place: (B, 2) ends of each column's region, NaN where it has none.
         labels: Names of the regions where they are no numbers.
-        pick: 1 where all columns count together; where only the best group counts, its size.
+        pick: Size of a group of columns where only the best group counts; None where all do.
     """
 
     name: str
@@ -90,7 +90,7 @@ class Coordinate:
     columns: Array
     place: Array
     labels: tuple[str, ...] = ()
-    pick: int = 1
+    pick: int | None = None
 
 
 def motion_of(model: FullModel, theta: Array) -> Motion:
@@ -164,10 +164,10 @@ def phases(velocity: Array, acceleration: Array) -> NDArray[np.int64]:
     speed = np.abs(velocity) / max(_top(velocity), 1e-300)
     push = np.abs(acceleration) / max(_top(acceleration), 1e-300)
     out = np.where(velocity * acceleration > 0.0, 2, 4)
-    out[push < _STEADY] = 3
+    out[push < _SLOW] = 3
     slow = speed < _SLOW
     out[slow] = 1
-    out[(speed < _REST) & (push < 0.5 * _STEADY)] = 0
+    out[(speed < _REST) & (push < 0.5 * _SLOW)] = 0
     # A slow stretch is a reversal where the drive leaves it the other way.
     edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(int), [0]])))
     heading = direction(velocity)
@@ -233,7 +233,7 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
     recent = [_late(motion.acceleration[d], at, 1e-3 * lag / motion.cycle) for lag in lags]
     found.append(_linear('recent acceleration', tuple(f'{lag} ms ago' for lag in lags), recent))
     turn, push = 0.5 * direction(motion.velocity[d]), motion.acceleration[d]
-    push = _sign(push) * (np.abs(push) > _STEADY * _top(push))
+    push = _sign(push) * (np.abs(push) > _SLOW * _top(push))
     found += _answers('time since reversal', 'odd', turn, motion.cycle, at)
     found += _answers('time since a jump of the acceleration', '', push, motion.cycle, at)
     labels, rows = _memories(motion, d, at)

@@ -12,6 +12,7 @@ from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.fits import Explanation, Fits
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gates.law import GAINS
+from ros2_ident.gates.scale import FLOORS
 from ros2_ident.identify.hidden import MATERIAL
 from ros2_ident.models import EffectAt
 from ros2_ident.search import intervals
@@ -23,8 +24,6 @@ _MISSED = 0.05
 _NEARLY = 0.002
 # Outputs that a fit misses by so many floors may be too violent to be repeated by any.
 _VIOLENT = 3.0
-# So may those of which so much is taken for noise, and as slow as no noise is.
-_LOST = 20.0
 # Log-odds from which on the logged law decides between two gains.
 _SURE = 3.0
 # Noise is slow where its samples, known those before, scatter so many times less.
@@ -56,12 +55,10 @@ class Rules:
 
     Attributes:
         material: Gap of a drive, RMS, below which nothing is missing.
+        step: Least RMS that the first effect has to take away from a drive's gap; for every further
+            one `material`: the first one's real form differs from the catalogue's.
         unknown: Gap of a drive from which something is called missing though nothing closes it.
-        step: Least RMS that the first effect has to take away from a drive's gap.
-        later: The same for every further effect: the first one's real form differs from the
-            catalogue's, and that difference is no effect of its own.
         share: Least share of the explainable gap, on held-out data, that an effect has to close.
-        part: Least share of the nominal fit's gap that a further effect has to close.
         closed: Least share that all effects together have to close for their names to be believed:
             most of the gap is theirs.
         rival: How much less of the gap than the best an effect may close and still be taken for
@@ -71,16 +68,15 @@ class Rules:
         instead: Least share of the best's gain that one has to close which the controllers' log
             prefers to be taken instead.
         alike: Share of the gap by which two laws may differ and be taken for forms of one effect:
-            then the one with fewer numbers is named.
+            then the one with fewer numbers is named. So much the right effect leaves, its real
+            form being another one, and a further one at its place has to close more.
         most: Most effects; the same one on several drives counts once.
     """
 
     material: float = MATERIAL
     unknown: float = 0.8
     step: float = 0.4
-    later: float = 0.5
     share: float = 0.10
-    part: float = 0.025
     closed: float = 0.5
     rival: float = 0.12
     contradicted: float = 0.3
@@ -98,10 +94,10 @@ class Criteria:
         rules: When something counts.
     """
 
-    def __init__(self, attribution: Attribution, floor: Floor, rules: Rules) -> None:
+    def __init__(self, attribution: Attribution, floor: Floor, rules: Rules | None = None) -> None:
         self.attribution = attribution
         self.floor = floor
-        self.rules = rules
+        self.rules = rules or Rules()
         self.case = case = attribution.case
         drives = len(case.drives)
         self.fit_count = np.bincount(case.fit.drive, minlength=drives).astype(float)
@@ -154,7 +150,7 @@ class Criteria:
 
     def least(self, before: Explanation) -> float:
         """Return the RMS that a step has to take away at least."""
-        return self.rules.later if before.effects else self.rules.step
+        return self.rules.material if before.effects else self.rules.step
 
     def confirmed(self, before: Explanation, after: Explanation, drive: int) -> bool:
         """Whether the data held out speak for a step that gains most on a drive.
@@ -197,7 +193,8 @@ class Criteria:
         agrees = left < max(min(1.0, _MISSED * excess), _NEARLY * excess)
         share = self.share(before, after)
         noise = self.floor.noise[worst]
-        lost = self.size(before) > _VIOLENT or noise.variance > _LOST**2 * noise.innovation
+        # So may those of which what is as slow as no noise is taken for noise.
+        lost = self.size(before) > _VIOLENT or noise.variance > FLOORS**2 * noise.innovation
         return agrees and ((lost and share > -0.5) or share >= self.rules.share)
 
     def ends(self, e: Explanation, evidence: Evidence | None) -> tuple[Array, ...]:

@@ -22,7 +22,7 @@ from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.criteria import Rules
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.gap.explain import Explained, Explainer
-from ros2_ident.gap.fits import Explanation
+from ros2_ident.gap.fits import Explanation, TIE
 from ros2_ident.gap.localise import Finding, localise
 from ros2_ident.gap.predictability import predictability
 from ros2_ident.gap.reading import coarse_readings, CoarseReading
@@ -62,11 +62,7 @@ from ros2_ident.search.settings import FitSettings
 SEARCH = FitSettings(
     genetic=GeneticSettings(initial_population=512, survivors=8, children=8, generations=8)
 )
-# Parameters that leave less than this share of the gap once they are fitted to the recording held
-# out, too, were chance on the one fitted on.
-_MOSTLY = 0.5
-# Sum of squares, in units of the noise's, by which one of two equal models has to be the better.
-_TURNED = 20.0
+_RULES = Rules()
 # An effect whose largest trial leaves less than this, in units of the floor, cannot be seen in the
 # log.
 VISIBLE = 0.3
@@ -86,7 +82,6 @@ def diagnose(
     labels: Sequence[str] = (),
     check_labels: Sequence[str] = (),
     conditions: Conditions | None = None,
-    rules: Rules | None = None,
     seed: int = 1,
     seconds: float = 0.0,
     cancelled: Callable[[], bool] = lambda: False,
@@ -112,7 +107,6 @@ def diagnose(
         labels: For each recording in `fit`, the bag it came from.
         check_labels: For each recording in `check`, likewise.
         conditions: How the recordings differ.
-        rules: When something counts.
         seed: Of the search and of the resampling.
         seconds: Time budget; 0 for none. At its end the best so far is the answer.
         cancelled: Asked often; True ends with the best so far.
@@ -158,10 +152,10 @@ def diagnose(
             )
     key = ''
     if checkpoint is not None:
-        asked = machine, drives, tuple(without), fixed, conditions, rules, seed, SEARCH
+        asked = machine, drives, tuple(without), fixed, conditions, seed, SEARCH
         key = _key(asked, first, second)
     with Journal(checkpoint, key) as journal:
-        passes = _Passes(conditions, without, rules or Rules(), seed, clock, workers, journal)
+        passes = _Passes(conditions, without, seed, clock, workers, journal)
         found = passes.run(first, second)
     clock.ended()
     return found
@@ -201,7 +195,6 @@ class _Passes:
 
     conditions: Conditions | None
     without: Sequence[str]
-    rules: Rules
     seed: int
     clock: Clock
     workers: Workers | None
@@ -219,16 +212,16 @@ class _Passes:
             # wrong on the one held out.
             together = Case(both, conditions=self.conditions)
             left = self._nominal_leaves(together, begun)
-            if left < self.rules.material:
+            if left < _RULES.material:
                 second = self._ended(together)
                 if second.effect == NONE and second.complete:
                     return second
-            elif left < _MOSTLY * begun.explainer.size(begun.base):
+            elif left < _RULES.closed * begun.explainer.size(begun.base):
                 begun = self._begin(together)
         elif begun.material and not self.clock.stopped():
             # So it may be in the blocks fitted on; where the others have no gap, there is none.
             whole = self._fitted_to_all(begun)
-            if _left_anywhere(begun.explainer, whole) < self.rules.material:
+            if _left_anywhere(begun.explainer, whole) < _RULES.material:
                 begun = replace(begun, base=whole)
         found, verdict = self._explained(begun)
         lost = verdict.effect in (UNKNOWN, WRONG_MODEL) and not begun.report.blocked
@@ -275,7 +268,7 @@ class _Passes:
         attribution.limits = {
             law.drive: law.limit for law in report.laws if math.isfinite(law.limit)
         }
-        explainer = Explainer(attribution, floor, self.rules)
+        explainer = Explainer(attribution, floor)
         explainer.knows(first, seen)
         return _Pass(explainer, base, report, tuple(case.candidates(self.without)))
 
@@ -289,7 +282,7 @@ class _Passes:
             return case
         # The tool's mass in the machine file may be with the load or without: its bounds tell.
         comes, goes = (self._loaded(case, h, theta, floor) for h in (held, _away(held)))
-        turned = goes.loss + _TURNED < comes.loss
+        turned = goes.loss + TIE < comes.loss
         best = goes if turned else comes
         sharper = payload_turns(joint, best.theta[: theta.size], floor)
         if sharper:
@@ -319,7 +312,7 @@ class _Passes:
     def _nominal_leaves(self, both: Case, begun: _Pass) -> float:
         """Return the gap that the nominal parameters leave once fitted to all recordings."""
         fits = self._attribution(both, begun.explainer.floor.per_drive)
-        judge_of_both = Explainer(fits, begun.explainer.floor, self.rules)
+        judge_of_both = Explainer(fits, begun.explainer.floor)
         return _left_anywhere(judge_of_both, fits.refit((), begun.base.theta))
 
     def _fitted_to_all(self, begun: _Pass) -> Explanation:

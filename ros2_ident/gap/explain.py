@@ -9,19 +9,13 @@ import numpy as np
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.criteria import Criteria, Rules
-from ros2_ident.gap.fits import Explanation
-from ros2_ident.gap.floor import Floor
+from ros2_ident.gap.fits import Explanation, TIE
+from ros2_ident.gap.floor import Floor, NORMAL
 from ros2_ident.gap.predictability import Predictability, predictability
 from ros2_ident.models import EffectAt
 
-# Half a 95 % interval in standard errors.
-_NORMAL = 1.96
-# Sum of squares, in units of the noise's, that two fits of one model may differ by chance.
-_TIE = 20.0
 # A floor that falls below this share of what it was is taken over.
 _LOWER = 0.97
-# Share of the gap that the best effect closes from which another one is near it.
-_NEAR = 0.6
 
 
 @dataclass(frozen=True)
@@ -53,7 +47,9 @@ class Explained:
 class Explainer(Criteria):
     """Runs the rounds; see `Criteria` for its arguments."""
 
-    def __init__(self, attribution: Attribution, floor: Floor, rules: Rules) -> None:
+    def __init__(
+        self, attribution: Attribution, floor: Floor, rules: Rules | None = None
+    ) -> None:
         super().__init__(attribution, floor, rules)
         self._seen: dict[frozenset[EffectAt], tuple[Explanation, Predictability]] = {}
 
@@ -67,9 +63,7 @@ class Explainer(Criteria):
         chain, rounds = [base], list[Round]()
         stopped = self.attribution.stopped
         while len(rounds) < self.rules.most and self.open(chain[-1]) and not stopped():
-            round_ = self.attribution.round(
-                chain[-1], candidates, fits=12 if len(chain) == 1 else 8
-            )
+            round_ = self.attribution.round(chain[-1], candidates)
             rounds.append(round_)
             best = self.best(round_)
             if best is None:
@@ -80,7 +74,7 @@ class Explainer(Criteria):
                 if again is None:
                     break
                 chain, rounds, best = again
-            if self.beside(chain[-1], best) and self.closes(chain, best) < self.rules.part:
+            if self.beside(chain[-1], best) and self.closes(chain, best) < self.rules.alike:
                 break
             if len(chain) == 1 and not stopped():
                 plain = self.better_nominal(chain[0], best)
@@ -116,7 +110,7 @@ class Explainer(Criteria):
         if reduced > 1.0:
             return True
         errors = self.attribution.standing(before, after)
-        return reduced * (1.0 - _NORMAL / max(errors, _NORMAL)) >= self.least(before)
+        return reduced * (1.0 - NORMAL / max(errors, NORMAL)) >= self.least(before)
 
     def less_noise(
         self, chain: list[Explanation], rounds: list[Round], best: Explanation
@@ -143,7 +137,7 @@ class Explainer(Criteria):
         One whose size is at its bound only where no other does; None where none comes near.
         """
         base = chain[-1]
-        least = _NEAR * self.share(base, best)
+        least = self.rules.instead * self.share(base, best)
         near = [e for e in rounds[-1].fitted if self.share(base, e) >= least]
         counts = [e for e in near if self.counts(base, e)]
         inside = [e for e in counts if self.plausible(base, e)]
@@ -201,8 +195,8 @@ class Explainer(Criteria):
         look like the cause.
         """
         plain = self.attribution.refit((), best.theta[: len(base.theta)])
-        as_good = plain.cost < base.cost + _TIE
-        if not as_good or self.share(base, plain) < self.rules.part:
+        as_good = plain.cost < base.cost + TIE
+        if not as_good or self.share(base, plain) < self.rules.alike:
             return base
         return replace(plain, law=np.minimum(base.law, plain.law))
 

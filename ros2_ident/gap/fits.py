@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ros2_ident.arrays import Array
 from ros2_ident.gap.case import Case, Joint
 from ros2_ident.gap.screen import screen, Start
+from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt
 from ros2_ident.models.orders import orders_shown
 from ros2_ident.search.journal import digest_of
@@ -20,8 +21,10 @@ from ros2_ident.search.levenberg import difference_jacobian, fit_at, local_fit, 
 
 # Mean square, beyond the noise's, from which a controller misses the log.
 _LAW_OFF = 0.05
-# Orders of a turn are looked for where what is left has this mean square, in floors squared.
-_NOTICED = 1.2
+# Sum of squares, in units of the noise's, that two fits of one model may differ by chance.
+TIE = 20.0
+# What explains less than this share of what the best does is not followed.
+PROMISING = 0.5
 
 
 @dataclass(frozen=True)
@@ -320,7 +323,7 @@ class Trials:
         if candidate.where not in drives:
             return ()
         own = self.fits.case.fit.drive == drives.index(candidate.where)
-        if np.mean(left.residual[: own.size][own] ** 2) < _NOTICED:
+        if np.mean(left.residual[: own.size][own] ** 2) < MORE:
             return ()
         evaluate = self.fits.evaluate(joint)
 

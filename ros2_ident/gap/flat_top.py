@@ -5,10 +5,11 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from ros2_ident.arrays import Array
+from ros2_ident.gates.scale import FEWEST
 from ros2_ident.search.noise import correlation_time, fast_noise
 
-# Samples below which there is no top to speak of, and of a mean that tells where one is.
-_FEWEST, _MEAN = 100, 9
+# Samples of a mean that tells where a top is.
+_MEAN = 9
 # A stretch is at the top where such a mean is within so many deviations of the highest one, and
 # seen as far as it has not fallen by so many.
 _BAND, _NEAR = 2.0, 12.0
@@ -31,7 +32,7 @@ def flat_top(effort: Array, noise: float = 0.0) -> float | None:
         noise: Least standard deviation of its noise; what neighbours differ by says more.
     """
     logged = effort[np.isfinite(effort)]
-    if logged.size < _FEWEST:
+    if logged.size < FEWEST:
         return None
     noise = max(noise, fast_noise(logged))
     found = [
@@ -48,7 +49,7 @@ def flat_top(effort: Array, noise: float = 0.0) -> float | None:
 def highest(effort: Array) -> float:
     """Return the size of an effort (K,) where it stays at its top, 0 where it never does."""
     logged = effort[np.isfinite(effort)]
-    if logged.size < _FEWEST:
+    if logged.size < FEWEST:
         return 0.0
     size = float(np.abs(logged).max())
     means = (

@@ -14,19 +14,20 @@ import numpy as np
 from scipy.stats import chi2
 
 from ros2_ident.arrays import Array
+from ros2_ident.gates.scale import STEP
 from ros2_ident.recording import Dataset
 from ros2_ident.search.noise import NoiseModel
 
 Method = Literal['repeats', 'prediction']
 
+# Half a 95 % interval in standard errors.
+NORMAL = 1.96
 # Two stretches of command are one motion where they differ by less than this share in the square.
 _SAME = 1e-3
 # Squares beyond so many standard deviations are clipped: impacts do not count.
 _CLIP = 2.0
 # A repeat has to last so long, s.
 _SHORTEST = 0.5
-# The command is compared at this rate, Hz.
-_RATE = 200.0
 # Noise beyond so many times what is stated, whose samples hang together so that their own past
 # leaves only this part of them open, is something that moves; so is noise of which the past leaves
 # less than the last where none is stated.
@@ -73,9 +74,9 @@ class Floor:
 
     def draw(self, count: int, generator: np.random.Generator) -> Array:
         """Return (count, D) floors as uncertain as the estimate, for a bootstrap."""
-        spread = np.log(np.maximum(self.high, 1e-300) / np.maximum(self.low, 1e-300)) / 3.92
-        factor = np.exp(spread * generator.standard_normal((count, self.per_drive.size)))
-        drawn: Array = self.per_drive * factor
+        spread = np.log(np.maximum(self.high, 1e-300) / np.maximum(self.low, 1e-300))
+        normal = generator.standard_normal((count, self.per_drive.size))
+        drawn: Array = self.per_drive * np.exp(0.5 / NORMAL * spread * normal)
         return drawn
 
 
@@ -121,7 +122,7 @@ def find_repeats(dataset: Dataset) -> int | None:
     """
     if dataset.command_velocity is None:
         return None
-    stride = max(1, round(1.0 / (_RATE * dataset.cycle)))
+    stride = max(1, round(STEP / dataset.cycle))
     velocity = dataset.command_velocity[:, ::stride]
     scale = np.sqrt(np.mean(velocity**2, axis=1, keepdims=True))
     velocity = velocity[scale[:, 0] > 0.0] / scale[scale[:, 0] > 0.0]

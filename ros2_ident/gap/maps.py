@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from ros2_ident.arrays import Array
 from ros2_ident.gap.blocks import block_length
 from ros2_ident.gap.coordinates import bin_edges, direction, Motion, since_reversal
+from ros2_ident.gap.floor import NORMAL
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.spectrum import spectrum
+from ros2_ident.gates.scale import FEWEST
 
 Heading = Literal['both', 'forwards', 'backwards']
 
 _BINS = 24
-# A direction of motion with fewer samples has no line.
-_FEWEST = 100
 # Findings without an axis of their own are shown over time.
 _OVER_TIME = ('phase', 'offset', 'other drives', 'instants')
 
@@ -133,7 +133,7 @@ def map_of(motion: Motion, row: Array, drive: int, name: str) -> ResidualMap:
     lines = [
         Line(which, *_bins(values[mask], row[mask], block[mask]))
         for which, mask in parts
-        if mask.sum() >= _FEWEST
+        if mask.sum() >= FEWEST
     ]
     return ResidualMap(motion.drives[drive], name, label, motion.unit, linear, tuple(lines))
 
@@ -182,5 +182,5 @@ def _bins(values: Array, row: Array, block: NDArray[np.int64]) -> tuple[Array, A
         error = np.sqrt((off**2).sum() * stretches / max(1, stretches - 1)) / inside.sum()
         centre.append(float(values[inside].mean()))
         mean.append(average)
-        half.append(1.96 * float(error))
+        half.append(NORMAL * float(error))
     return np.array(centre), np.array(mean), np.array(half)

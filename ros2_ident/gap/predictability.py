@@ -14,10 +14,10 @@ from scipy.stats import chi2
 from ros2_ident.arrays import Array
 from ros2_ident.gap.case import Joint
 from ros2_ident.gap.coordinates import Coordinate, coordinates, Motion, motion_of, places
-from ros2_ident.gap.floor import Floor, Method, repeated
+from ros2_ident.gap.floor import Floor, Method, NORMAL, repeated
 from ros2_ident.gap.spectrum import lines
 from ros2_ident.gates.signals import step_of
-from ros2_ident.identify.hidden import runs_of, weigh_fit, Weighed
+from ros2_ident.identify.hidden import OTHER_NOISE, runs_of, weigh_fit, Weighed
 from ros2_ident.models import FullModel
 from ros2_ident.models.registry import kind_of
 from ros2_ident.search.evidence import Evidence, weigh
@@ -27,8 +27,6 @@ from ros2_ident.search.noise import NoiseModel, Whitening
 # makes them with this probability; noise is what the quietest of this share of the samples have,
 # where that is less than this share of the rest.
 _FEWEST, _CERTAIN, _PART, _QUIET = 20.0, 1e-6, 0.2, 0.85
-# Drives of one make have one noise: what one leaves beyond this factor of theirs is none.
-_LIKE = 1.5
 
 
 @dataclass(frozen=True)
@@ -76,9 +74,10 @@ def predictability(
     again = repeated(residuals, [m.data for m in joint.models])
     if again is not None:
         value = np.minimum(value, np.maximum(again, rounding))
-    spread = np.exp(1.96 * _uncertainty(noise))
+    spread = np.exp(NORMAL * _uncertainty(noise))
     usual = float(np.median(value))
-    apart = _alike(first) & (value > _LIKE * usual * spread)
+    # Drives of one make have one noise: what one leaves beyond a factor of theirs is none.
+    apart = _alike(first) & (value > OTHER_NOISE * usual * spread)
     value = np.where(apart, usual, value)
     scaled = tuple(
         m.scaled(float(v / np.sqrt(m.variance))) for m, v in zip(noise, value, strict=True)

@@ -12,12 +12,13 @@ from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.verdict import BOOKKEEPING, NAMELESS, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
+from ros2_ident.gates.scale import FLOORS
 from ros2_ident.models.registry import kind_of
 from ros2_ident.search.noise import fast_noise
 
 # A model is another machine's where, with every effect found, a drive's effort is missed by this
-# share of how it varies, and by so many times the floor.
-LARGE, FLOORS = 0.1, 20.0
+# share of how it varies, and by far more than the floor.
+LARGE = 0.1
 # So much, and slow, is no noise of a log either, even where nothing predicts it; of drives of one
 # make the others tell what noise is.
 SLOW = 0.5

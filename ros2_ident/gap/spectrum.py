@@ -8,11 +8,10 @@ import numpy as np
 from scipy.stats import chi2
 
 from ros2_ident.arrays import Array
+from ros2_ident.gates.scale import MOSTLY
 
 # Segments of about a second, but so many at least.
 _SEGMENTS = 6
-# The highest frequency looked at, as a share of the sampling rate.
-_TOP = 0.4
 # Below this frequency everything is motion, Hz.
 _SLOW = 3.0
 # A coordinate is cut into so many bins; a line goes round so often over it at least; its frequency
@@ -86,7 +85,7 @@ def find_peak(row: Array, cycle: float, noise: float, low: float) -> Peak | None
     if not segments or noise <= 0.0:
         return None
     power = power / noise**2
-    inside = np.flatnonzero((frequency > low) & (frequency < 2.0 * _TOP * frequency[-1]))
+    inside = np.flatnonzero((frequency > low) & (frequency < MOSTLY * frequency[-1]))
     if inside.size < 8:
         return None
     around = np.array([_beside(power, frequency, float(f)) for f in frequency[inside]])

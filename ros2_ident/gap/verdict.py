@@ -46,7 +46,6 @@ class Temperatures:
             where the controllers' log vouches for them.
         power: Exponent of the share that a candidate leaves open: half as much weighs 2^power
             times.
-        mismatch: Share that even the right effect leaves open, for its real form is another one.
         contradicted: Factor on the weight of a rival that the controllers' log speaks against.
         restless: Probability that something moves where the floor is too large and slow for noise.
     """
@@ -56,7 +55,6 @@ class Temperatures:
     escaped: float = 0.12
     believed: float = 0.9
     power: float = 5.0
-    mismatch: float = 0.02
     contradicted: float = 0.02
     restless: float = 0.7
 
@@ -340,7 +338,7 @@ def _weigh(
         if leads - explainer.rules.alike <= left < leads:
             # One more number closes a little more, and is no evidence.
             left = leads
-        left = max(left, 0.0) + t.mismatch
+        left = max(left, 0.0) + explainer.rules.alike
         weights[at] = 1.0 if violent else left**-t.power
         # The controllers' log is evidence of its own.
         if len(found.chain) > 1 and explainer.contradicted(e, final):

@@ -13,7 +13,8 @@ from ros2_ident.gates.scale import figure as figure
 # The regions that hold this share of what is explained are named.
 _MOST = 0.75
 # What is said before anything else of a gap below this share of the measured output.
-SMALL, _SMALL = 'The gap is small', 0.01
+SMALL = 'The gap is small'
+_SMALL = 0.01
 # Phases that hold this share of it, and so many times their share of the time, are named.
 _MAINLY, _DENSER = 0.5, 1.5
 
@@ -103,8 +104,8 @@ def region_of(
     if coordinate.name == 'offset':
         mean = float(np.average(fitted, weights=weight))
         return 'everywhere', figure(mean, '+')
-    if coordinate.pick > 1:
-        return _order(coordinate, fitted), ''
+    if coordinate.pick:
+        return _order(coordinate, fitted, coordinate.pick), ''
     sides = np.sign(coordinate.columns)
     inside = np.abs(coordinate.columns) > 0.0
     if coordinate.labels:
@@ -185,12 +186,12 @@ def concentration(
     return region, min(1.0, max(0.0, held - part)), text
 
 
-def _order(coordinate: Coordinate, fitted: Array) -> str:
+def _order(coordinate: Coordinate, fitted: Array, size: int) -> str:
     """Return the motor order whose lines hold most."""
     columns = coordinate.columns / np.linalg.norm(coordinate.columns, axis=0)
     power = (columns.T @ fitted) ** 2
-    groups = power.reshape(-1, coordinate.pick).sum(axis=1)
-    return f'order {coordinate.place[coordinate.pick * int(np.argmax(groups)), 0]:.0f}'
+    groups = power.reshape(-1, size).sum(axis=1)
+    return f'order {coordinate.place[size * int(np.argmax(groups)), 0]:.0f}'
 
 
 def _narrowest(power: Array) -> tuple[int, int]:

@@ -11,10 +11,12 @@ from scipy.signal import correlate
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.finding import Gate
-from ros2_ident.gates.scale import APART, FEWEST, FOLLOWS, LATE, SLOW, STEP, STRAYS, SWAPPED, UNITS
+from ros2_ident.gates.scale import APART, FEWEST, FOLLOWS, LATE, STRAYS, SWAPPED, UNITS
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.smooth import allowed_cutoff
 
+# Motion faster than this is left out, Hz, and speeds are compared at about this rate, Hz.
+_SLOW, _RATE = 15.0, 250.0
 # A way longer or shorter than the set-point's by this share is another unit, not a poor loop.
 _OTHER_UNIT = 0.2
 # A factor from which on no force explains it.
@@ -60,12 +62,12 @@ def tracking_of(data: Dataset, drives: Sequence[str]) -> Tracking | None:
     few = (np.isfinite(position).sum(axis=1) < FEWEST).any()
     if few or not np.ptp(command, axis=1).all():
         return None
-    cutoff = allowed_cutoff(position, data.cycle, SLOW)
+    cutoff = allowed_cutoff(position, data.cycle, _SLOW)
     try:
         speeds = [smooth_motion(x, data.cycle, cutoff)[1] for x in (position, command)]
     except IdentError:
         return None
-    stride = max(1, round(STEP / data.cycle))
+    stride = max(1, round(1.0 / (_RATE * data.cycle)))
     moved, wanted = (x[:, ::stride] for x in speeds)
     if not (np.ptp(moved, axis=1) > 0.0).all():
         return None

@@ -9,15 +9,15 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.gates import GateReport
-from ros2_ident.gates.scale import figure
+from ros2_ident.gates.scale import figure, FLOORS
 from ros2_ident.identify.certainty import doubted
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.search.noise import fast_noise
 
-# A model that leaves this share of how an output varies, and so many times its noise, is not the
+# A model that leaves this share of how an output varies, and far more than its noise, is not the
 # machine's.
-LARGE, FLOORS = 0.3, 20.0
+LARGE = 0.3
 # What is said of every parameter then.
 NOTE = 'means nothing: the model does not fit the log'
 

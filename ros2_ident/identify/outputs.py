@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gates.scale import FEWEST
 from ros2_ident.gates.signals import step_of
 from ros2_ident.kernel.measurement import QUANTITIES
 from ros2_ident.recording import Dataset
@@ -91,7 +92,7 @@ def _noise(quantity: str, datasets: Sequence[Dataset], drives: Sequence[str]) ->
         for name in drives if values is not None else ():
             row = values[data.names.index(name)]
             there = row[np.isfinite(row)]
-            if there.size < 100:
+            if there.size < FEWEST:
                 continue
             # Where neighbours are equal, the step of the log is the noise.
             found.append(max(fast_noise(there), step_of(there) / math.sqrt(12.0)))

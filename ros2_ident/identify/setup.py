@@ -12,6 +12,7 @@ from ros2_ident.identify.data import chosen_drives, Data
 from ros2_ident.identify.layout import Conditions, Layout
 from ros2_ident.identify.outputs import checked, EFFORT, Outputs, weights_of
 from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import complete, EffectAt, make_model, Model
 from ros2_ident.models.drives.candidates import SLOTS
@@ -44,7 +45,7 @@ class Setup:
     fixed: Mapping[str, float] | None = None
     bounds: Mapping[str, tuple[float, float]] | None = None
     effects: Sequence[EffectAt] = ()
-    cutoff: float = 100.0
+    cutoff: float = IdentifySettings.cutoff
     conditions: Conditions = Conditions()
     outputs: Outputs = field(default_factory=lambda: dict(EFFORT))
 
@@ -144,7 +145,7 @@ def problem_of(
     fixed: Mapping[str, float] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     effects: Sequence[EffectAt] = (),
-    cutoff: float = 100.0,
+    cutoff: float = IdentifySettings.cutoff,
     conditions: Conditions | None = None,
     outputs: Outputs | None = None,
 ) -> Problem:
