@@ -55,8 +55,8 @@ class Rules:
 
     Attributes:
         material: Gap of a drive, RMS, below which nothing is missing.
-        step: Least RMS that the first effect has to take away from a drive's gap; for every further
-            one `material`: the first one's real form differs from the catalogue's.
+        step: Least RMS that the first effect has to take away from a drive's gap. For every
+            further one it is `material`: the first one's real form differs from the catalogue's.
         unknown: Gap of a drive from which something is called missing though nothing closes it.
         share: Least share of the explainable gap, on held-out data, that an effect has to close.
         closed: Least share that all effects together have to close for their names to be believed:
