@@ -32,7 +32,7 @@ class Motion:
         acceleration: (T,), rad/s^2 or m/s^2.
         reported: The velocity that the drive reports (T,), NaN where none, or None.
         effort: (T,), N m or N, NaN where none, or None.
-        beside: (T,) the largest speed of the other joints, rad/s or m/s.
+        beside: (M, T) positions of the other joints, rad or m.
     """
 
     period: float
@@ -41,7 +41,7 @@ class Motion:
     acceleration: FloatArray
     reported: FloatArray | None
     effort: FloatArray | None
-    beside: FloatArray | float = 0.0
+    beside: FloatArray
 
     @property
     def resting(self) -> NDArray[np.bool_]:
@@ -84,8 +84,7 @@ def motion_in(data: Dataset, name: str) -> Motion:
     position, velocity, acceleration = smooth_motion(data.position[d], data.cycle, cutoff)
     others = [*np.delete(data.position, d, axis=0), *data.beside.values()]
     rows = [fill_gaps(row) for row in others if np.isfinite(row).sum() > 1]
-    still = np.zeros((1, data.position.shape[1]))
-    smooth = low_pass(np.stack(rows), data.cycle, cutoff) if rows else still
+    still = np.zeros((0, data.position.shape[1]))
     return Motion(
         data.cycle,
         position[0],
@@ -93,7 +92,7 @@ def motion_in(data: Dataset, name: str) -> Motion:
         acceleration[0],
         None if data.velocity is None else data.velocity[d],
         None if data.effort is None else data.effort[d],
-        np.abs(np.gradient(smooth, data.cycle, axis=1)).max(axis=0),
+        low_pass(np.stack(rows), data.cycle, cutoff) if rows else still,
     )
 
 

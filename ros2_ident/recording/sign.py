@@ -2,7 +2,8 @@
 """The sign of an effort: mean power where a drive passes the same positions both ways.
 
 There what lifts a weight, strains a spring or accelerates a mass is given back: the power left is
-friction's, and positive. Its standard error is that of sums over blocks of the log, so that noise
+friction's, and positive. Of a joint that others load these are passes in one posture, the others
+at rest. The standard error is that of sums over blocks of the log, so that noise
 and ripple of any colour are allowed for (Liang and Zeger 1986, Biometrika 73(1)).
 """
 
@@ -54,7 +55,8 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
 
     Args:
         motion: Motion and effort of the drive.
-        alone: Whether other joints load this one, so that power is judged only while they rest.
+        alone: Whether other joints load this one, so that power is judged only while they rest
+            where they rest on the way back, too.
 
     Returns:
         `unsigned` where the effort never changes its sign while the drive reverses, though its
@@ -68,7 +70,9 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
         return 'open'
     slow = _SLOW * float(np.abs(motion.velocity).max())
     moving = np.abs(motion.velocity) > slow
-    power = _power(motion, effort, moving & (motion.beside < slow) if alone else moving)
+    others = motion.beside if alone else motion.beside[:0]
+    rest = (np.abs(np.gradient(others, motion.period, axis=1)) < slow).all(axis=0)
+    power = _power(motion, effort, others, moving & rest & np.isfinite(motion.effort))
     certain = student.isf(_CHANCE, _BLOCKS - 1)
     top = float(np.percentile(effort, 99))
     if effort.min() >= -_PASSES * top:
@@ -82,16 +86,22 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
     return 'right' if power > certain else 'reversed' if power < -certain else 'open'
 
 
-def _power(motion: Motion, effort: FloatArray, there: NDArray[np.bool_]) -> float:
+def _power(
+    motion: Motion, effort: FloatArray, others: FloatArray, there: NDArray[np.bool_]
+) -> float:
     """Return the mean power at positions passed both ways over its standard error, or NaN.
 
     Args:
         motion: The motion of T samples.
         effort: (T,) without NaN.
+        others: (M, T) positions of what loads the joint.
         there: (T,) the samples that count.
     """
     place = motion.position - motion.position.min()
-    cell = np.minimum(_CELLS * place / place.max(), _CELLS - 1).astype(int)
+    axes = np.vstack([place, others - others.min(axis=1, keepdims=True)])
+    span = np.maximum(axes.max(axis=1, keepdims=True), 1e-300)
+    cells = np.minimum(_CELLS * axes / span, _CELLS - 1).astype(int)
+    cell = np.unique(cells, axis=1, return_inverse=True)[1].ravel()
     ways = [np.isin(cell, cell[there & (w * motion.velocity > 0.0)]) for w in (1, -1)]
     at = np.flatnonzero(there & ways[0] & ways[1])
     if at.size < 2 * _BLOCKS:
@@ -99,8 +109,8 @@ def _power(motion: Motion, effort: FloatArray, there: NDArray[np.bool_]) -> floa
     smooth = low_pass(effort[None], motion.period, min(CUTOFF, 0.2 / motion.period))[0]
     rows = np.stack([motion.velocity, motion.acceleration, place, np.arange(place.size), smooth])
     rows, cell = rows[:, at], cell[at]
-    sums = np.stack([np.bincount(cell, row, _CELLS) for row in rows])
-    rows = rows - (sums / np.maximum(np.bincount(cell, minlength=_CELLS), 1))[:, cell]
+    sums = np.stack([np.bincount(cell, row) for row in rows])
+    rows = rows - (sums / np.maximum(np.bincount(cell), 1))[:, cell]
     # The part of the velocity that positions, accelerations and drifts cannot have.
     other = rows[1:-1].T / np.maximum(np.linalg.norm(rows[1:-1], axis=1), 1e-300)
     own, left = (rows[[0, -1]].T - other @ np.linalg.lstsq(other, rows[[0, -1]].T)[0]).T

@@ -217,7 +217,8 @@ class _Rows:
             white, right = whiten(columns.T), whiten(self.residual)
             rows = [(white.take(np.flatnonzero(out), axis=1), right[out]) for out in folds]
             parts = [(own @ own.T, own @ against) for own, against in rows]
-            sums = _Sums(*(np.sum(x, axis=0) for x in zip(*parts, strict=True)), self.limit)
+            normal, gradient = (np.sum(x, axis=0) for x in zip(*parts, strict=True))
+            sums = _Sums(normal, gradient, self.limit)
             size, gain, evidence = sums.size(self.scale)
             evidence -= 0.5 * float(right @ right) + whiten.volume
             left = self.residual - columns @ sums.solve(size)

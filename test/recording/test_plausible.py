@@ -24,7 +24,9 @@ def motion(effort=None, reported=None):
     place = sum(a * np.sin(w * TIME + p) for a, w, p in parts)
     speed = sum(a * w * np.cos(w * TIME + p) for a, w, p in parts)
     change = sum(-a * w * w * np.sin(w * TIME + p) for a, w, p in parts)
-    return Motion(PERIOD, place, speed, change, reported, effort)
+    return Motion(
+        PERIOD, place, speed, change, reported, effort, np.empty((0, place.size))
+    )
 
 
 FREE = motion()

@@ -37,7 +37,8 @@ def constant_speeds(seed, both=True, weight=2.0):
     memory = rng.choice([0.0, 0.9, 0.98])
     noise = lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], rng.normal(size=effort.size))
     effort += 10.0 ** rng.uniform(-1.5, 0.0) * noise
-    return Motion(period, place[0], velocity[0], acceleration[0], None, effort)
+    alone = np.empty((0, effort.size))
+    return Motion(period, place[0], velocity[0], acceleration[0], None, effort, alone)
 
 
 def test_at_constant_speed_no_sound_log_is_reversed_and_each_reversed_one_is():
@@ -71,9 +72,13 @@ def test_a_joint_that_others_load_is_judged_where_it_moves_alone():
     driven = replace(log, effort=log.effort - 8.0 * log.velocity / np.abs(log.velocity).max())
     later = np.arange(log.position.size) > 0.8 * log.position.size
     driven.effort[later] = log.effort[later]
-    moves = replace(driven, beside=np.where(later, 0.0, 1.0) * np.abs(log.velocity).max())
+    away = np.abs(log.velocity).max() * log.period * np.arange(later.size)
+    moves = replace(driven, beside=np.where(later, 0.0, away)[None])
     assert (sign_of(moves), sign_of(moves, alone=True)) == ('reversed', 'right')
-    always = replace(moves, beside=np.full(later.size, np.abs(log.velocity).max()))
+    # Nor do passes in two postures of what loads it.
+    forth = (log.velocity > 0.0).astype(float)[None]
+    assert sign_of(replace(driven, beside=forth), alone=True) == 'open'
+    always = replace(moves, beside=away[None])
     assert sign_of(always, alone=True) == 'open'
     hung = replace(always, effort=log.effort - log.effort.min() + 0.3 * np.ptp(log.effort))
     assert sign_of(hung, alone=True) == 'open'

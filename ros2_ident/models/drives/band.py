@@ -41,6 +41,7 @@ class Band:
         cycle: Time from cycle to cycle, s.
         logged: (O, K) efforts, NaN at cycles without a sample.
         still: (O, K) cycles at which nothing tells what an effort should be.
+        doubtful: (O, K) rows that the motion does not decide.
     """
 
     cutoff: float
@@ -48,6 +49,7 @@ class Band:
     cycle: float
     logged: Array
     still: Mask
+    doubtful: Mask
 
     @functools.cached_property
     def _gaps(self) -> Array:
@@ -78,7 +80,8 @@ class Band:
             for row, gap in zip(self.logged, self._gaps, strict=True)
         ]
         moving = self.low((~self.still).astype(float)) > _LEAST
-        return np.where(rows & near & moving & ~self.still, self.low(self._filled), np.nan)
+        rows &= near & moving & ~self.still & ~self.doubtful
+        return np.where(rows, self.low(self._filled), np.nan)
 
     @functools.cached_property
     def _held(self) -> Mask:

@@ -27,7 +27,7 @@ from ros2_ident.models.drives.outputs import chosen_outputs
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
 from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
-from ros2_ident.recording.band import standing, told_band
+from ros2_ident.recording.band import doubtful, standing, told_band
 from ros2_ident.recording.smooth import low_pass, settling, smooth_motion
 
 # Middle of the time a commanded torque holds, in cycles.
@@ -519,9 +519,17 @@ class DriveModel(FullModel):
         # A log may begin and end on the move: nothing tells the acceleration there.
         ends = min(settling(self.cycle, cutoff), int(_SHORTEST * data.cycles))
         still[:, :ends] = still[:, data.cycles - ends :] = True
+        unsure = doubtful(
+            data,
+            machine.drives,
+            self.motion,
+            ahead=self._ahead,
+            cutoff=cutoff,
+            band=self._limit,
+        )
         sources = list(self.signals.sources)
         logged = self.signals.measured(data)
-        return Band(self._limit, cutoff, self.cycle, logged, still[sources])
+        return Band(self._limit, cutoff, self.cycle, logged, still[sources], unsure[sources])
 
     @functools.cached_property
     def _limit(self) -> float:
