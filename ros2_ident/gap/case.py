@@ -236,6 +236,11 @@ class Part:
             parts.append(out)
         return np.concatenate(parts, axis=1)
 
+    def measured(self, drive: int) -> list[Array]:
+        """Return a drive's measured output where it is compared, by recording."""
+        both = zip(self.models, self.masks, strict=True)
+        return [model.measured[drive, mask[drive]] for model, mask in both]
+
     @property
     def starts(self) -> tuple[int, ...]:
         """Columns of `rows` at which a recording begins, besides the first."""

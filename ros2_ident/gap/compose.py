@@ -9,7 +9,7 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.gap.blocks import Blocks, Interval
-from ros2_ident.gap.case import Case, Part
+from ros2_ident.gap.case import Case
 from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.criteria import at_bound
 from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
@@ -27,6 +27,7 @@ from ros2_ident.gap.verdict import (
     PUSHED,
     REFUSED,
     RESTLESS,
+    titled,
     UNKNOWN,
     Verdict,
     Weighed,
@@ -59,18 +60,14 @@ def compose(
         seconds: Time taken, s.
         seed: Of the resampling.
     """
-    floor = explainer.floor
-    fits = explainer.fits
-    case = explainer.case
+    floor, fits, case = explainer.floor, explainer.fits, explainer.case
     chain = found.chain if verdict.effect not in NAMELESS else found.chain[:1]
     final = chain[-1]
     model = case.fit.with_effects(final.effects).models[0]
     rows = [case.check.rows(e.check_residual / fits.check_weight) for e in found.chain]
     blocks = Blocks(rows, model.cycle, seed=seed, starts=case.check.starts)
-    labels = ['nominal'] + [
-        f'{get_effect(a.effect).title} on {a.where}' for a in found.chain[-1].effects
-    ]
-    steps = tuple(Step(labels[i], blocks.rms(i)[1]) for i in range(len(found.chain)))
+    labels = ['nominal', *(titled(at) for at in found.chain[-1].effects)]
+    steps = tuple(Step(label, blocks.rms(i)[1]) for i, label in enumerate(labels))
     last = len(found.chain) - 1
     share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
     again = _again(explainer, found, verdict, blocks)
@@ -177,8 +174,8 @@ def _again(
 def _hints(verdict: Verdict, again: Sequence[float]) -> list[str]:
     """Return which effects named do not come again often enough to act on them."""
     return [
-        f'{get_effect(at.effect).title} on {at.where} counts in only {100.0 * share:.0f} % of the '
-        'resampled blocks held out: take it for a hint and record another log before acting on it.'
+        f'{titled(at)} counts in only {100.0 * share:.0f} % of the resampled blocks held out: '
+        'take it for a hint and record another log before acting on it.'
         for at, share in zip(verdict.named, again, strict=False)
         if share < OFTEN
     ]
@@ -265,18 +262,12 @@ def _doubts(values: Mapping[str, Value]) -> list[str]:
     ]
 
 
-def _measured(part: Part, d: int) -> Array:
-    """Return the measured output of a drive where it is compared."""
-    both = zip(part.models, part.masks, strict=True)
-    return np.concatenate([m.measured[d, mask[d]] for m, mask in both])
-
-
 def _shares(explainer: Explainer, found: Explained) -> tuple[Array, float]:
     """Return (D,) the nominal gap over the measured output, RMS on all data, and that of all."""
     case = explainer.case
     gap = np.maximum(explainer.gap(found.chain[0]), 0.0) * explainer.floor.per_drive**2
     rows = [
-        np.concatenate([_measured(part, d) for part in (case.fit, case.check)])
+        np.concatenate([*case.fit.measured(d), *case.check.measured(d)])
         for d in range(len(case.drives))
     ]
     output = np.array([max(float(np.mean(row**2)), 1e-300) for row in rows])
@@ -300,7 +291,7 @@ def _per_drive(
             after=float(np.sqrt(blocks.squares[-1, d])),
             noise_floor=float(floor.per_drive[d]),
             share_closed=share,
-            torque_rms=float(np.sqrt(np.mean(_measured(case.check, d) ** 2))),
+            torque_rms=float(np.sqrt(np.mean(np.concatenate(case.check.measured(d)) ** 2))),
             share_of_output=float(shares[d]),
             counted=bool(counted[d]),
         )

@@ -109,33 +109,29 @@ def motion_of(model: FullModel, theta: Array) -> Motion:
     output = model.simulate(np.atleast_2d(theta))[0]
     same = model.outputs[0].quantity == 'effort'
     torque = output if same else model.simulated_effort(theta)
-    turn = np.array([model.motor_turn(place) for place in model.places])
-    travel = model.travel[0] if model.machine is not None else ''
-    if source is None:
-        # A model that does not tell how its drives move.
-        still = np.zeros_like(torque)
-        return Motion(
-            model.places, data.cycle, turn, still, still, still, still, torque, torque,
-            model.unit, travel, model.effort_unit, output,
-        )  # fmt: skip
-    cutoff = min(allowed_cutoff(source[rows], data.cycle, SEEN), 0.1 / data.cycle)
-    position, velocity, acceleration = smooth_motion(source[rows], data.cycle, cutoff)
-    grid = np.arange(position.shape[1])
-    delays = model.effort_delay(theta) / data.cycle
-    position, velocity, acceleration = (
-        np.stack(
-            [
-                np.interp(np.maximum(grid - delay, 0.0), grid, row)
-                for row, delay in zip(part, delays, strict=True)
-            ]
+    # A model may not tell how its drives move.
+    position, velocity, acceleration = (np.zeros_like(torque),) * 3
+    load, jerk = torque, position
+    if source is not None:
+        cutoff = min(allowed_cutoff(source[rows], data.cycle, SEEN), 0.1 / data.cycle)
+        grid = np.arange(torque.shape[1])
+        delays = model.effort_delay(theta) / data.cycle
+        position, velocity, acceleration = (
+            np.stack(
+                [
+                    np.interp(np.maximum(grid - delay, 0.0), grid, row)
+                    for row, delay in zip(part, delays, strict=True)
+                ]
+            )
+            for part in smooth_motion(source[rows], data.cycle, cutoff)
         )
-        for part in (position, velocity, acceleration)
-    )
-    load = torque - model.motor_effort(theta, velocity, acceleration)
+        load = torque - model.motor_effort(theta, velocity, acceleration)
+        jerk = np.gradient(acceleration, data.cycle, axis=1)
     return Motion(
-        model.places, data.cycle, turn, position,
-        velocity, acceleration, np.gradient(acceleration, data.cycle, axis=1), torque, load,
-        model.unit, travel, model.effort_unit, output, following_error(model),
+        model.places, data.cycle, np.array([model.motor_turn(place) for place in model.places]),
+        position, velocity, acceleration, jerk, torque, load, model.unit,
+        model.travel[0] if model.machine is not None else '', model.effort_unit, output,
+        following_error(model),
     )  # fmt: skip
 
 
@@ -227,7 +223,8 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
         _binned('time', '', 's', at.astype(np.float64) * motion.cycle, None, 5),
         _binned('time', 'odd', 's', at.astype(np.float64) * motion.cycle, heading, 5),
     ]
-    rates = _rates(motion.torque[d], motion.cycle, at)
+    rate = np.gradient(motion.torque[d], motion.cycle)
+    rates = [rate[at], np.gradient(rate, motion.cycle)[at]]
     found.append(_linear('torque rate', ('rate', 'bend'), rates))
     lags = range(-20, 45, 5)
     recent = [_late(motion.acceleration[d], at, 1e-3 * lag / motion.cycle) for lag in lags]
@@ -343,14 +340,12 @@ def places(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coordinate
         drive: Number of the drive.
         at: (T,) cycles.
     """
-    d = drive
+    d, travel = drive, motion.travel
     phase = phases(motion.velocity[d], motion.acceleration[d])[at]
-    named = _named('phase', phase, np.zeros(at.size))
     speed: Array = np.abs(motion.velocity[d, at])
     way = since_reversal(motion.position[d], motion.velocity[d])[at]
-    travel = motion.travel
     return [
-        named,
+        _named('phase', phase, np.zeros(at.size)),
         _binned('velocity', '', f'{travel}/s', speed, None, _graded(speed)),
         _binned('position', '', travel, motion.position[d, at], None, 8),
         _binned('acceleration', '', f'{travel}/s^2', np.abs(motion.acceleration[d, at]), None, 6),
@@ -377,12 +372,6 @@ def _late(row: Array, at: NDArray[np.int64], cycles: float) -> Array:
     """Return a row as it was so many cycles before each of some cycles."""
     out: Array = row[np.clip(at - round(cycles), 0, row.size - 1)]
     return out
-
-
-def _rates(row: Array, cycle: float, at: NDArray[np.int64]) -> list[Array]:
-    """Return first and second derivative of a row."""
-    rate = np.gradient(row, cycle)
-    return [rate[at], np.gradient(rate, cycle)[at]]
 
 
 def _linear(name: str, labels: tuple[str, ...], rows: Sequence[Array]) -> Coordinate:

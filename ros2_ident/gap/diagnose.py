@@ -41,6 +41,7 @@ from ros2_ident.gap.verdict import (
     NAMELESS,
     NONE,
     REFUSED,
+    titled,
     UNKNOWN,
     Verdict,
     WRONG_MODEL,
@@ -334,7 +335,7 @@ class _Passes:
         clock.rounds(explainer.size(begun.base) if begun.material else 0.0)
 
         def note(e: Explanation) -> None:
-            names = ', '.join(f'{get_effect(a.effect).title} on {a.where}' for a in e.effects)
+            names = ', '.join(map(titled, e.effects))
             share = 100 * explainer.share(begun.base, e)
             clock.best = f'{names}: closes {share:.0f} % of the explainable gap'
             clock.rounds(explainer.size(e) if explainer.open(e) else 0.0)

@@ -80,30 +80,6 @@ class Left:
         return cls(residual, basis, np.linalg.pinv(triangle, rcond=1e-9) @ basis.T)
 
 
-@dataclass(frozen=True)
-class Base:
-    """A fit that effects are tried on top of, and what of it every trial needs.
-
-    Attributes:
-        fit: The fit.
-        left: What it leaves.
-        outputs: (R', N) basis of the Jacobian's rows that are the outputs'.
-    """
-
-    fit: Explanation
-    left: Left
-    outputs: Array
-
-    @classmethod
-    def of(cls, fit: Explanation, rows: int) -> 'Base':
-        """Return a base whose first `rows` rows are the outputs'."""
-        left = Left.of(fit.residual, fit.jacobian)
-        outputs = left.basis
-        if len(fit.residual) > rows:
-            outputs = np.linalg.qr(fit.jacobian[:rows])[0]
-        return cls(fit, left, outputs)
-
-
 class Fits:
     """Fits of one case at one noise floor.
 
@@ -135,8 +111,6 @@ class Fits:
     def __setstate__(self, state: dict[str, object]) -> None:
         """Take up what travelled."""
         self.__dict__.update(state, stopped=lambda: False)
-
-    # ------------------------------------------------------------------ controllers
 
     def watch_law(self, base: Explanation) -> Explanation:
         """From here on let fits also see what the controllers make of the recorded motion.
@@ -211,8 +185,6 @@ class Fits:
             check_residual=e.check_residual * (self.check_weight / old.check_weight),
         )
 
-    # ------------------------------------------------------------------ fits
-
     def evaluate(self, joint: Joint) -> Callable[[Array], Array]:
         """Return what a fit minimises: (S, N) candidates to (S, R) weighted residuals."""
 
@@ -231,13 +203,9 @@ class Fits:
         """Fit a set of effects jointly from a start (N,)."""
         joint = self.case.fit.with_effects(effects)
         found = local_fit(
-            self.evaluate(joint),
-            theta,
-            joint.low,
-            joint.high,
-            iterations=iterations,
-            stopped=self.stopped,
-        )
+            self.evaluate(joint), theta, joint.low, joint.high,
+            iterations=iterations, stopped=self.stopped,
+        )  # fmt: skip
         return self.explanation(joint, found)
 
     def ended_at(self, effects: Sequence[EffectAt], unit: Array) -> Explanation:
@@ -288,8 +256,12 @@ class Trials:
     """
 
     def __init__(self, fits: Fits, base: Explanation) -> None:
-        self.fits = fits
-        self.base = Base.of(base, len(fits.weight))
+        self.fits, self.base = fits, base
+        self.left = Left.of(base.residual, base.jacobian)
+        # (R', N) basis of the Jacobian's rows that are the outputs'.
+        self.outputs, rows = self.left.basis, len(fits.weight)
+        if len(base.residual) > rows:
+            self.outputs = np.linalg.qr(base.jacobian[:rows])[0]
 
     def prepare(self) -> None:
         """Compile, or read from the cache, what every fit needs."""
@@ -300,26 +272,18 @@ class Trials:
         """Screen one candidate against what the base leaves."""
         if self.fits.stopped():
             return []
-        base = self.base
-        joint = self.fits.case.fit.with_effects((*base.fit.effects, candidate))
-        count = len(base.fit.theta)
+        base, left = self.base, self.left
+        joint = self.fits.case.fit.with_effects((*base.effects, candidate))
+        count = len(base.theta)
         return screen(
-            candidate,
-            joint.models,
-            self.fits.evaluate(joint),
-            base.fit.theta,
-            base.left.residual,
-            base.left.basis,
-            base.left.inverse,
-            base.outputs,
-            joint.low[:count],
-            joint.high[:count],
+            candidate, joint.models, self.fits.evaluate(joint), base.theta, left.residual,
+            left.basis, left.inverse, self.outputs, joint.low[:count], joint.high[:count],
             self._orders_of(candidate, joint),
-        )
+        )  # fmt: skip
 
     def _orders_of(self, candidate: EffectAt, joint: Joint) -> tuple[float, ...]:
         """Return orders of a drive's turn to try, where something is left there."""
-        drives, left = self.fits.case.drives, self.base.left
+        drives, left = self.fits.case.drives, self.left
         if candidate.where not in drives:
             return ()
         own = self.fits.case.fit.drive == drives.index(candidate.where)
@@ -328,7 +292,7 @@ class Trials:
         evaluate = self.fits.evaluate(joint)
 
         def change(points: Array) -> Array:
-            base = np.repeat(self.base.fit.theta[None], len(points), axis=0)
+            base = np.repeat(self.base.theta[None], len(points), axis=0)
             return left.residual - evaluate(np.hstack([base, points]))
 
         free = left.residual - left.basis @ (left.basis.T @ left.residual)
@@ -341,7 +305,7 @@ class Trials:
         if self.fits.stopped():
             return None
         theta = self._better(start) if isinstance(start, Start) else start
-        return self.fits.refit((*self.base.fit.effects, *effects), theta, iterations)
+        return self.fits.refit((*self.base.effects, *effects), theta, iterations)
 
     def finish(self, begun: Explanation) -> Explanation:
         """Go on with a joint fit to its end."""
@@ -349,7 +313,7 @@ class Trials:
 
     def _better(self, start: Start) -> Array:
         """Return a screened start, or the base with a trace of the effect if that is better."""
-        base = self.base.fit
+        base = self.base
         joint = self.fits.case.fit.with_effects((*base.effects, *start.effects))
         neutral, model = start.phi.copy(), joint.models[0]
         for i, p in enumerate(p for at in start.effects for p in model.scaled(at)):

@@ -240,15 +240,7 @@ def _swing(motion: Motion, d: int, row: Array, noise: float, coarse: Coarse) -> 
     )
     return [
         Finding(
-            motion.drives[d],
-            'frequency',
-            region,
-            share,
-            peak.p_value,
-            text,
-            peak.size,
-            peak.size / noise,
-            share,
-            False,
+            motion.drives[d], 'frequency', region, share, peak.p_value, text,
+            peak.size, peak.size / noise, share, False,
         )
-    ]
+    ]  # fmt: skip

@@ -45,8 +45,6 @@ class ResidualMap:
     """A drive's residual along one coordinate.
 
     Attributes:
-        drive: Name of the drive.
-        coordinate: Name of the coordinate; `frequency` holds an amplitude in place of a mean.
         label: The coordinate with its unit, for an axis.
         unit: Unit of the residual.
         linear: Places nearer to zero than this stand on a linear axis, the others on a
@@ -54,8 +52,6 @@ class ResidualMap:
         lines: The lines.
     """
 
-    drive: str
-    coordinate: str
     label: str
     unit: str
     linear: float
@@ -109,14 +105,10 @@ def map_of(motion: Motion, row: Array, drive: int, name: str) -> ResidualMap:
     if name == 'frequency':
         frequency, power, _ = spectrum(row, motion.cycle)
         keep = frequency > 0.0
-        lines = [
-            Line(
-                'both', frequency[keep], np.sqrt(power[keep]), np.full(int(keep.sum()), np.nan)
-            )
-        ]
-        return ResidualMap(
-            motion.drives[drive], name, 'frequency [Hz]', motion.unit, 0.0, tuple(lines)
-        )
+        # An amplitude in place of a mean.
+        size = np.sqrt(power[keep])
+        line = Line('both', frequency[keep], size, np.full(size.size, np.nan))
+        return ResidualMap('frequency [Hz]', motion.unit, 0.0, (line,))
     values, label = _along(motion, drive, name)
     there = np.isfinite(row)
     heading = direction(motion.velocity[drive])
@@ -135,7 +127,7 @@ def map_of(motion: Motion, row: Array, drive: int, name: str) -> ResidualMap:
         for which, mask in parts
         if mask.sum() >= FEWEST
     ]
-    return ResidualMap(motion.drives[drive], name, label, motion.unit, linear, tuple(lines))
+    return ResidualMap(label, motion.unit, linear, tuple(lines))
 
 
 def _along(motion: Motion, drive: int, name: str) -> tuple[Array, str]:

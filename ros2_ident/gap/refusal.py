@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When no effect is named: the log contradicts the machine file, or the model is another one."""
+"""When no effect is named: the log contradicts the machine file, or the model is another one.
+
+Each function takes what the rounds came to and what would follow, and returns both, or what holds
+in their place.
+"""
 
 from dataclasses import replace
 from functools import partial
@@ -31,13 +35,7 @@ _SURE = 0.95
 def of_gates(
     explainer: Explainer, base: Explanation, report: GateReport
 ) -> tuple[Explained, Verdict]:
-    """Return the answer where the gates leave none to physics.
-
-    Args:
-        explainer: Holds the rules and the counts.
-        base: The nominal fit.
-        report: What the gates found, a contradiction among it.
-    """
+    """Return the answer where the gates leave none to physics."""
     worst = report.contradictions[0]
     effect = WRONG_MODEL if worst.gate == 'coupling' else BOOKKEEPING
     drives = [g.drive for g in report.contradictions if g.level == 'fail' and g.drive]
@@ -52,11 +50,6 @@ def of_constants(
     """Return the answer, or that a constant is wrong where every drive has it wrong alike.
 
     Drives differ one by one; what is off by one factor on all of them is off in the machine file.
-
-    Args:
-        explainer: Holds the case.
-        found: What the rounds came to.
-        verdict: What would follow.
     """
     case = explainer.case
     final = found.chain[-1]
@@ -97,11 +90,6 @@ def of_the_file(
 
     Of what closes as much for all that counts the one with fewer numbers is taken; where as many
     numbers explain as much by an effect, its name stands, and those of the file are ties.
-
-    Args:
-        explainer: Holds the case and the rules.
-        found: What the rounds came to.
-        verdict: What would follow.
     """
     base, final = found.chain[0], found.chain[-1]
     share, rules = partial(explainer.share, base), explainer.rules
@@ -134,15 +122,8 @@ def of_the_file(
 def of_what_is_left(
     explainer: Explainer, found: Explained, verdict: Verdict, report: GateReport
 ) -> tuple[Explained, Verdict]:
-    """Return the answer, or that the model is the wrong one where no effect makes it fit.
-
-    Args:
-        explainer: Holds the rules and the counts.
-        found: What the rounds came to.
-        verdict: What would follow.
-        report: What the gates found: where a slow log alone drives the model, it may be the log
-            that is at fault.
-    """
+    """Return the answer, or that the model is the wrong one where no effect makes it fit."""
+    # Where a slow log alone drives the model, it may be the log that is at fault.
     slow = report.of('rate') and report.of('command')
     # Steps of an encoder, and what only the controllers' log shows, are not closed by any fit.
     known = verdict.readings or verdict.limits
@@ -175,21 +156,15 @@ def of_what_is_left(
 
 
 def of_pushes(verdict: Verdict, report: GateReport, unit: str) -> Verdict:
-    """Return the answer, or that efforts were made which the command did not ask for.
-
-    Args:
-        verdict: What would follow from the efforts as they were made.
-        report: What the gates found.
-        unit: Unit of an effort.
-    """
-    pushed: dict[str, str] = {}
+    """Return the answer, or that efforts [unit] were made which the command did not ask for."""
+    told: dict[str, list[str]] = {}
     for number, recording in enumerate(report.asked, 1):
         for found in recording:
             if found.pushes:
                 said = ', '.join(p.said(unit) for p in found.pushes)
                 said += f' in recording {number}' if len(report.asked) > 1 else ''
-                before = pushed.get(found.drive)
-                pushed[found.drive] = f'{before}, {said}' if before else said
+                told.setdefault(found.drive, []).append(said)
+    pushed = {drive: ', '.join(said) for drive, said in told.items()}
     if not pushed or verdict.effect == BOOKKEEPING:
         return verdict
     return replace(
@@ -223,9 +198,6 @@ def _fast(explainer: Explainer, e: Explanation, drive: int) -> float:
 def _spread(explainer: Explainer, drive: int) -> float:
     """Return how a drive's measured effort varies, over all recordings."""
     case = explainer.case
-    parts = []
-    for part in (case.fit, case.check):
-        for model, mask in zip(part.models, part.masks, strict=True):
-            row = model.measured[drive, mask[drive]]
-            parts.append(row - row.mean() if row.size else row)
-    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+    parts = (*case.fit.measured(drive), *case.check.measured(drive))
+    rows = [row - row.mean() for row in parts if row.size]
+    return float(np.sqrt(np.mean(np.concatenate(rows) ** 2)))

@@ -118,6 +118,11 @@ class Verdict:
         return (EffectAt(self.effect, self.where[0]), *self.also)
 
 
+def titled(at: EffectAt) -> str:
+    """Return an effect at its place in words."""
+    return f'{get_effect(at.effect).title} on {at.where}'
+
+
 def _sigmoid(x: float) -> float:
     return float(1.0 / (1.0 + np.exp(-np.clip(x, -60.0, 60.0))))
 

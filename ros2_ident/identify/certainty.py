@@ -62,14 +62,9 @@ def estimates_of(
 
 
 def _estimate(
-    problem: Problem,
-    found: Fitted,
-    k: int,
-    low: float,
-    high: float,
-    noise_low: float,
-    noise_high: float,
-) -> ParameterEstimate:
+    problem: Problem, found: Fitted, k: int,
+    low: float, high: float, noise_low: float, noise_high: float,
+) -> ParameterEstimate:  # fmt: skip
     p, value = problem.parameters[k], float(found.theta[k])
     state = state_of(value, low, high, p.low, p.high)
     bound = bound_of(low, high, p.low, p.high, p.unit)
@@ -88,21 +83,9 @@ def _estimate(
     said += [f'at its {at} bound'] if at else []
     said += [BASE] if p.kind == 'base' else []
     return ParameterEstimate(
-        name=p.name,
-        unit=p.unit,
-        value=value,
-        low=low,
-        high=high,
-        lower_bound=p.low,
-        upper_bound=p.high,
-        ga_value=float(found.ga.theta[k]),
-        at_bound=bool(at),
-        state=state,
-        kind=p.kind,
-        note=', '.join(said),
-        noise_low=noise_low,
-        noise_high=noise_high,
-    )
+        p.name, p.unit, value, low, high, p.low, p.high, float(found.ga.theta[k]), bool(at), state,
+        p.kind, ', '.join(said), noise_low, noise_high,
+    )  # fmt: skip
 
 
 def _is_nil(problem: Problem, found: Fitted, number: int, low: float, high: float) -> bool:

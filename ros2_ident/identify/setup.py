@@ -3,6 +3,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -60,33 +61,15 @@ class Setup:
         _check_names(machine, self.data, 'effort' in self.outputs)
         weights = self._weights()
         efforts = efforts_of(machine, datasets)
-        free = make_model(
-            machine,
-            datasets[0],
-            drives=drives,
-            effects=self.effects,
-            cutoff=self.cutoff,
-            efforts=efforts,
-            quantities=tuple(self.outputs),
-            weights=weights,
-        )
+        make = partial(
+            make_model, machine, drives=drives, effects=self.effects, cutoff=self.cutoff,
+            efforts=efforts, quantities=tuple(self.outputs), weights=weights,
+        )  # fmt: skip
+        free = make(datasets[0])
         known = [p.name for p in free.parameters]
         everywhere, somewhere = self._held()
         fixed = held_of(machine, free, drives, everywhere)
-        models = [
-            make_model(
-                machine,
-                d,
-                drives=drives,
-                effects=self.effects,
-                fixed=fixed,
-                cutoff=self.cutoff,
-                efforts=efforts,
-                quantities=tuple(self.outputs),
-                weights=weights,
-            )
-            for d in datasets
-        ]
+        models = [make(d, fixed=fixed) for d in datasets]
         layout = Layout(models, self.data.labels, self.conditions)
         if somewhere:
             own = [p.name for p in layout.parameters]
