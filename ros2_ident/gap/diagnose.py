@@ -23,8 +23,8 @@ from ros2_ident.gap.criteria import Rules
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation, TIE
+from ros2_ident.gap.floor import predictability
 from ros2_ident.gap.localise import Finding, localise
-from ros2_ident.gap.predictability import predictability
 from ros2_ident.gap.reading import coarse_readings, CoarseReading
 from ros2_ident.gap.refusal import (
     ahead,

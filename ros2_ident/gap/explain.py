@@ -10,8 +10,7 @@ from ros2_ident.effects import get_effect
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.criteria import Criteria, Rules
 from ros2_ident.gap.fits import Explanation, TIE
-from ros2_ident.gap.floor import Floor, NORMAL
-from ros2_ident.gap.predictability import Predictability, predictability
+from ros2_ident.gap.floor import Floor, NORMAL, Predictability, predictability
 from ros2_ident.models import EffectAt
 
 # A floor that falls below this share of what it was is taken over.

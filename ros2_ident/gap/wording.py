@@ -19,6 +19,8 @@ _SMALL = 0.01
 _MAINLY, _DENSER = 0.5, 1.5
 
 
+# What coordinates are called in a sentence, where that is not their name.
+_SAID = {'velocity': 'speed', 'load': 'transmitted load'}
 _WHILE = {
     'rest': 'at rest',
     'creep': 'while creeping',
@@ -177,7 +179,7 @@ def concentration(
         region, first, last = _region(coordinate, np.maximum(power, 0.0))
         chosen = list(range(first, last + 1))
     held, part = float(share[chosen].sum()), float(lasts[chosen].sum())
-    name = {'velocity': 'speed', 'load': 'transmitted load'}.get(coordinate.name, coordinate.name)
+    name = _SAID.get(coordinate.name, coordinate.name)
     where = _while(region) if coordinate.labels else f'where the {name} is {region}'
     text = (
         f'{drive}: {percent(held)} of the gap of {figure(size)} {unit} lies {where}, '
@@ -244,25 +246,17 @@ def sentence_of(
         time: (P,) samples in each phase.
     """
     name = coordinate.name
-    if name == 'offset':
-        what = f'a constant {shape} {unit}'
-    elif name == 'motor angle':
-        what = f'periodic in the motor angle, {region} per turn'
-    elif name == 'phase':
-        what = _while(region)
-    elif name == 'other drives':
-        what = f'follows the {region}'
-    elif name == 'torque rate':
-        what = 'follows the rate of the effort, as with a wrong delay'
-    elif name == 'recent acceleration':
-        what = 'follows the acceleration of the last 40 ms'
-    elif name == 'lagging friction':
-        what = f'like a friction that lags behind the motion: {region}'
-    else:
-        what = {'velocity': 'speed', 'load': 'transmitted load'}.get(name, name)
-        what = f'{what} {region}' if region != 'everywhere' else f'along the {what}'
-        if shape:
-            what += f', {shape} with it'
+    along = _SAID.get(name, name)
+    along = f'{along} {region}' if region != 'everywhere' else f'along the {along}'
+    what = {
+        'offset': f'a constant {shape} {unit}',
+        'motor angle': f'periodic in the motor angle, {region} per turn',
+        'phase': _while(region) if name == 'phase' else '',
+        'other drives': f'follows the {region}',
+        'torque rate': 'follows the rate of the effort, as with a wrong delay',
+        'recent acceleration': 'follows the acceleration of the last 40 ms',
+        'lagging friction': f'like a friction that lags behind the motion: {region}',
+    }.get(name, f'{along}, {shape} with it' if shape else along)
     parts = [what]
     if name not in ('phase', 'offset'):
         where = _phases(power, time)

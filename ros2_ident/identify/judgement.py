@@ -60,13 +60,9 @@ def poorly_fitted(problem: Problem, residual: Array) -> tuple[PoorFit, ...]:
     outputs = problem.models[0].outputs
     rest: list[list[Array]] = [[] for _ in outputs]
     varied: list[list[Array]] = [[] for _ in outputs]
-    start = 0
-    for model in problem.models:
-        for o, row in enumerate(model.measured):
-            there = row[~np.isnan(row)]
-            rest[o].append(residual[start : start + there.size] / outputs[o].weight)
-            varied[o].append(there - there.mean() if there.size else there)
-            start += there.size
+    for o, row, there in problem.parts(residual):
+        rest[o].append(row)
+        varied[o].append(there - there.mean() if there.size else there)
     found = []
     for output, parts, measured in zip(outputs, rest, varied, strict=True):
         left, spread = (float(np.sqrt(np.mean(np.concatenate(x) ** 2))) for x in (parts, measured))

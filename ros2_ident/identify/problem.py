@@ -245,16 +245,30 @@ class Problem:
 
     def cost_of(self, residual: Array) -> float:
         """Return the cost that belongs to one residual vector (R,), `unit`."""
-        total, start, series = 0.0, 0, iter(self.series)
+        parts = iter(np.split(residual, np.cumsum(self.series)[:-1]))
+        total = 0.0
         for weight, model in zip(self._weights, self.models, strict=True):
-            parts = []
-            for _ in model.outputs:
-                length = next(series)
-                if length:
-                    parts.append(float(np.sqrt(np.mean(residual[start : start + length] ** 2))))
-                start += length
-            total += float(weight) * (sum(parts) / len(parts) if parts else 0.0)
+            rows = [next(parts) for _ in model.outputs]
+            errors = [float(np.sqrt(np.mean(row**2))) for row in rows if row.size]
+            total += float(weight) * (sum(errors) / len(errors) if errors else 0.0)
         return total if np.isfinite(total) else float('inf')
+
+    def parts(
+        self, residual: Array, masks: Sequence[npt.NDArray[np.bool_]] | None = None
+    ) -> Iterator[tuple[int, Array, Array]]:
+        """Yield outputs' numbers, what a residual leaves of each, and what was measured there.
+
+        Both in the output's own unit, model by model; arguments as for `left`.
+        """
+        start = 0
+        for model, mask in zip(
+            self.models, masks or [~np.isnan(m.measured) for m in self.models], strict=True
+        ):
+            rows = zip(model.outputs, model.measured, mask, strict=True)
+            for o, (output, row, seen) in enumerate(rows):
+                there = row[seen]
+                yield o, residual[start : start + there.size] / output.weight, there
+                start += there.size
 
     def left(
         self, residual: Array, masks: Sequence[npt.NDArray[np.bool_]] | None = None
@@ -268,18 +282,10 @@ class Problem:
         outputs = self.models[0].outputs
         square, whole = np.zeros(len(outputs)), np.zeros(len(outputs))
         count = np.zeros(len(outputs), dtype=int)
-        start = 0
-        for model, mask in zip(
-            self.models, masks or [~np.isnan(m.measured) for m in self.models], strict=True
-        ):
-            rows = zip(outputs, model.measured, mask, strict=True)
-            for o, (output, row, seen) in enumerate(rows):
-                there = row[seen]
-                left = residual[start : start + there.size] / output.weight
-                square[o] += float(np.sum(left**2))
-                whole[o] += float(np.sum(there**2))
-                count[o] += there.size
-                start += there.size
+        for o, left, there in self.parts(residual, masks):
+            square[o] += float(np.sum(left**2))
+            whole[o] += float(np.sum(there**2))
+            count[o] += there.size
         return tuple(
             DriveResidual(
                 output.name,

@@ -22,7 +22,7 @@ from ros2_ident.gap.attribute import Attribution
 from ros2_ident.gap.case import Case, recordings_of
 from ros2_ident.gap.coordinates import coordinates, Motion
 from ros2_ident.gap.diagnose import diagnose
-from ros2_ident.gap.predictability import predictability
+from ros2_ident.gap.floor import predictability
 from ros2_ident.gates import examine
 from ros2_ident.gates.law import fit_law
 from ros2_ident.identify.data import gather
