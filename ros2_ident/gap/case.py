@@ -13,8 +13,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import chosen_drives
 from ros2_ident.identify.hidden import settled
-from ros2_ident.identify.layout import Conditions, Layout
-from ros2_ident.identify.setup import held_of
+from ros2_ident.identify.layout import Conditions, held_of, Layout
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models import complete, EffectAt, FullModel, make_model, Model

@@ -29,7 +29,7 @@ from ros2_ident.search.noise import correlation_time
 _FLIPS = 3999
 # False findings among the findings, in the mean.
 LEVEL = 0.05
-# What is or explains less than this, as RMS over the floor, is of no matter even where it is certain.
+# What explains less than this, as RMS over the floor, is of no matter, however certain.
 MATERIAL = 0.2
 # Where the gap is large its share has to be so much above the share of the time.
 CONTRAST = 0.2

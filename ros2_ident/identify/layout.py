@@ -4,6 +4,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +12,12 @@ import numpy.typing as npt
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_yaml
+from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
-from ros2_ident.models.protocol import FullModel
+from ros2_ident.models.drives.candidates import SLOTS
+from ros2_ident.models.protocol import FullModel, Model
+
+T = TypeVar('T')
 
 _FORMAT = 'write what differs in each bag, as `with_load: {tool_mass: 0.5}`'
 
@@ -207,3 +212,74 @@ def _more(
             if full in own:
                 more[list(own).index(full)] += value
     return more
+
+
+def held_of(
+    machine: Machine, free: Model, drives: Sequence[str], given: Mapping[str, float]
+) -> dict[str, float]:
+    """Return what is held in a model, by full name.
+
+    Args:
+        machine: The machine.
+        free: Its model with nothing held.
+        drives: The drives that are compared.
+        given: Values by name; `gear_stiffness` means that of every drive.
+
+    Raises:
+        IdentError: UNKNOWN_PARAMETER where nothing is called so.
+    """
+    # Drives that only follow have no free parameters; their gears may be known all the same.
+    followers = [
+        f'{drive}.{name}'
+        for drive in machine.drives
+        for name in machine.bounds
+        if drive not in drives and name in SLOTS and not SLOTS[name].shared
+    ]
+    return expanded([*(p.name for p in free.parameters), *followers], machine, given, 'fixed')
+
+
+def expanded(
+    known: Sequence[str], machine: Machine, given: Mapping[str, T], what: str
+) -> dict[str, T]:
+    """Return the entries by full name; the more a name says, the later it counts.
+
+    `coulomb_torque` means that of every drive, and `tool_mass` that of every recording where each
+    has its own.
+    """
+    out: dict[str, T] = {}
+    for name, value in sorted(given.items(), key=lambda item: ('.' in item[0], '@' in item[0])):
+        names = {name, *(f'{drive}.{name}' for drive in machine.drives)}
+        meant = [full for full in known if full in names or full.partition('@')[0] in names]
+        if not meant:
+            raise IdentError(
+                ErrorCode.UNKNOWN_PARAMETER,
+                f'{name!r} cannot be {what}: no such parameter; choose from {", ".join(known)}',
+            )
+        out.update(dict.fromkeys(meant, value))
+    return out
+
+
+def check_overrides(
+    fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]
+) -> None:
+    """Refuse what is fixed or bounded to no number, or both.
+
+    Raises:
+        IdentError: INVALID_GOAL, naming the parameter.
+    """
+    for name, value in fixed.items():
+        if not np.isfinite(value):
+            raise IdentError(
+                ErrorCode.INVALID_GOAL, f'{name} cannot be fixed at {value}; give a finite number'
+            )
+        if name in bounds:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL, f'{name} is both fixed and bounded; give one of the two'
+            )
+    for name, (low, high) in bounds.items():
+        if not (np.isfinite(low) and np.isfinite(high) and low < high):
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{name} has the bounds {low:g} to {high:g}; '
+                'give a finite lower bound below a finite upper one',
+            )

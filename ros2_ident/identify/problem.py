@@ -2,60 +2,28 @@
 """What is to be solved: models of one machine on all recordings, as one problem."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
-import functools
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 import hashlib
 import math
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.identify.data import Data
-from ros2_ident.identify.layout import Conditions, Layout
+from ros2_ident.identify.data import chosen_drives, Data
+from ros2_ident.identify.layout import check_overrides, Conditions, expanded, held_of, Layout
+from ros2_ident.identify.outputs import EFFORT, Outputs, weights_of
 from ros2_ident.identify.result import DriveResidual, Quality
+from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.kernel.hooks import sources_digest
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
+from ros2_ident.models import EffectAt, make_model
 from ros2_ident.models.protocol import complete, FullModel, Model
+from ros2_ident.models.registry import efforts_of
 from ros2_ident.sources import result_digest
-
-
-class Origin(Protocol):
-    """What a problem was made from, and can be made from again: see `setup.Setup`."""
-
-    @property
-    def machine(self) -> Machine:
-        """The machine."""
-        ...
-
-    @property
-    def data(self) -> Data:
-        """The segments."""
-        ...
-
-    @property
-    def conditions(self) -> Conditions:
-        """How the recordings differ."""
-        ...
-
-    def problem(self) -> 'Problem':
-        """Return the problem."""
-        ...
-
-    def lean(self) -> 'Origin':
-        """Return it without what only the process that reads the bag needs."""
-        ...
-
-    def held_out(self) -> 'Iterator[Problem]':
-        """Make the problem of each part of a long log that is held out, one at a time."""
-        ...
-
-    def judged_on(self, data: Data) -> 'Problem':
-        """Make the problem of recordings to judge on, for which all share every parameter."""
-        ...
 
 
 class Problem:
@@ -92,7 +60,7 @@ class Problem:
         *,
         bounds: Mapping[str, tuple[float, float]] | None = None,
         fixed: Mapping[str, float] | None = None,
-        setup: 'Origin | None' = None,
+        setup: 'Setup | None' = None,
     ) -> None:
         self.models: tuple[FullModel, ...] = tuple(complete(m) for m in models)
         if not self.models:
@@ -141,7 +109,7 @@ class Problem:
         """The names of the parameters."""
         return tuple(p.name for p in self.parameters)
 
-    @functools.cached_property
+    @cached_property
     def key(self) -> str:
         """A digest of what the fit depends on: another one, another fit."""
         total = hashlib.sha256(sources().encode())
@@ -298,6 +266,122 @@ class Problem:
         )
 
 
+@dataclass(frozen=True)
+class Setup:
+    """What a problem is made from, where that is a machine and its data.
+
+    Attributes:
+        machine: The machine.
+        data: The segments.
+        drives: Drives whose effort is compared; all where None.
+        fixed: Parameters held at a value: by full name, or `gear_stiffness` for every drive's.
+        bounds: (low, high) instead of the machine file's, by the same names.
+        effects: Effects beside the nominal physics.
+        cutoff: Low-pass of recorded motion where it drives the model [Hz].
+        conditions: How the recordings differ.
+        outputs: What is compared, and its weight; see `outputs.weights_of`.
+    """
+
+    machine: Machine
+    data: Data = field(repr=False)
+    drives: Sequence[str] | None = None
+    fixed: Mapping[str, float] | None = None
+    bounds: Mapping[str, tuple[float, float]] | None = None
+    effects: Sequence[EffectAt] = ()
+    cutoff: float = IdentifySettings.cutoff
+    conditions: Conditions = Conditions()
+    outputs: Outputs = field(default_factory=lambda: dict(EFFORT))
+
+    def problem(self) -> Problem:
+        """Return the machine's model on every segment, as one problem.
+
+        Raises:
+            IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, NO_DATA, or as `make_model`.
+        """
+        machine, datasets = self.machine, self.data.datasets
+        drives = chosen_drives(machine, self.drives)
+        _check_names(machine, self.data, 'effort' in self.outputs)
+        weights = self._weights()
+        efforts = efforts_of(machine, datasets)
+        make = partial(
+            make_model, machine, drives=drives, effects=self.effects, cutoff=self.cutoff,
+            efforts=efforts, quantities=tuple(self.outputs), weights=weights,
+        )  # fmt: skip
+        free = make(datasets[0])
+        known = [p.name for p in free.parameters]
+        everywhere, somewhere = self._held()
+        fixed = held_of(machine, free, drives, everywhere)
+        models = [make(d, fixed=fixed) for d in datasets]
+        layout = Layout(models, self.data.labels, self.conditions)
+        if somewhere:
+            own = [p.name for p in layout.parameters]
+            held = expanded(own, machine, somewhere, 'fixed')
+            layout = Layout(models, self.data.labels, self.conditions, held)
+            fixed |= held
+        names = dict.fromkeys([*(p.name for p in layout.parameters), *known])
+        changed = expanded(list(names), machine, dict(self.bounds or {}), 'bounded')
+        check_overrides(fixed, changed)
+        return Problem(models, layout, bounds=changed, fixed=fixed, setup=self)
+
+    def _held(self) -> tuple[dict[str, float], dict[str, float]]:
+        """Return what is held in every recording, and what in one of these."""
+        given = dict(self.fixed or {})
+        somewhere = {name: value for name, value in given.items() if '@' in name}
+        everywhere = {name: value for name, value in given.items() if '@' not in name}
+        if self.data.held_out is not None or len(set(self.data.labels)) > 1:
+            return everywhere, somewhere
+        # A part of one recording knows nothing of the others' values.
+        here = {
+            name: value
+            for name, value in somewhere.items()
+            if name.partition('@')[2] in self.data.labels
+        }
+        return everywhere, here if self.data.labels else somewhere
+
+    def lean(self) -> 'Setup':
+        """Return it without what only the process that reads the bag needs."""
+        return replace(self, data=replace(self.data, recordings=(), held_out=None))
+
+    def held_out(self) -> Iterator[Problem]:
+        """Make the problem of each part of a long log that is held out, one at a time."""
+        for dataset, label in self.data.held_out or ():
+            yield self._on(Data((dataset,), labels=(label,))).problem()
+
+    def judged_on(self, data: Data) -> Problem:
+        """Make the problem of recordings to judge on, for which all share every parameter."""
+        shared = {n: value for n, value in (self.fixed or {}).items() if '@' not in n}
+        return replace(self._on(data), fixed=shared, conditions=Conditions()).problem()
+
+    def _on(self, data: Data) -> 'Setup':
+        # With the weights of what was fitted, so that all of it is in one unit.
+        outputs = dict(zip(self.outputs, self._weights(), strict=True))
+        return replace(self, data=data, bounds=None, outputs=outputs)
+
+    def _weights(self) -> tuple[float, ...]:
+        drives = chosen_drives(self.machine, self.drives)
+        return weights_of(self.outputs, self.data.datasets, drives, self.machine.effort_noise)
+
+
+def _check_names(machine: Machine, data: Data, effort: bool) -> None:
+    if not data.datasets:
+        raise IdentError(
+            ErrorCode.NO_DATA, 'there is no segment to identify from; record a motion first'
+        )
+    for dataset in data.datasets:
+        missing = [name for name in machine.drives if name not in dataset.names]
+        if missing:
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                f'the data hold {", ".join(dataset.names)} and not {", ".join(missing)}; '
+                "align them with the machine's drives",
+            )
+        if effort and dataset.effort is None:
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                'the data hold no effort; record it, or name the topic that carries it',
+            )
+
+
 def _together(parts: Sequence[DriveResidual]) -> DriveResidual:
     """Return what is left of one drive's effort over several parts."""
     samples = sum(p.samples for p in parts)
@@ -345,7 +429,7 @@ def require_sources(digest: str) -> None:
         )
 
 
-def _made_anew(digest: str, setup: Origin) -> Problem:
+def _made_anew(digest: str, setup: Setup) -> Problem:
     """Return a pickled problem, or refuse to where it would give other numbers."""
     require_sources(digest)
     return setup.problem()
