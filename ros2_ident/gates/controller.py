@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from ros2_ident.effects import shown_by
-from ros2_ident.gates.delays import LATEST_COMMAND
 from ros2_ident.gates.finding import Gate
 from ros2_ident.gates.law import fit_law, Gain, Law
 from ros2_ident.gates.scale import FOLLOWS, LATE, LATEST_EFFORT, MORE, STRAYS, SWAPPED, UNITS
+from ros2_ident.gates.signals import LATEST_COMMAND
 from ros2_ident.models import Machine
 from ros2_ident.models.drives.candidates import SLOTS
 from ros2_ident.recording import Dataset

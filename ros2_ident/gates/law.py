@@ -11,9 +11,17 @@ import math
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.gates.delays import COUNTS, delay_as_stated, delays_apart, usual_delays
 from ros2_ident.gates.scale import FEWEST, MORE, MOSTLY, STRAYS
-from ros2_ident.gates.signals import Fit, sane, Signals, signals_of
+from ros2_ident.gates.signals import (
+    COUNTS,
+    delay_as_stated,
+    delays_apart,
+    Fit,
+    sane,
+    Signals,
+    signals_of,
+    usual_delays,
+)
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 from ros2_ident.search.noise import correlation_time
