@@ -5,7 +5,7 @@ Residuals are autocorrelated, so samples may not be drawn one by one. Blocks tha
 the log are drawn instead, the same for every residual compared, so that what they share cancels.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
@@ -41,13 +41,12 @@ class Interval:
     high: float
 
 
-def block_length(rows: Array, cycle: float, settling: float = SETTLE) -> int:
+def block_length(rows: Array, cycle: float) -> int:
     """Return a block length from the autocorrelation of the residual and of its square.
 
     Args:
         rows: (D, K) residual, NaN where there is no sample.
         cycle: Time from column to column, s.
-        settling: Least length, s.
 
     Returns:
         Length in cycles: at least the settling time, at most a sixteenth of the log.
@@ -64,7 +63,7 @@ def block_length(rows: Array, cycle: float, settling: float = SETTLE) -> int:
         for values in (row, row**2):
             coarse = _averages(values, stride)
             longest = max(longest, correlation_time(coarse[np.isfinite(coarse)]))
-    length = max(settling / cycle, _TIMES * longest * stride)
+    length = max(SETTLE / cycle, _TIMES * longest * stride)
     return int(max(1, min(length, count // FEWEST)))
 
 
@@ -90,7 +89,6 @@ class Blocks:
         count: Resamples.
         seed: Seed of the resampling.
         starts: Columns at which a recording begins, besides the first; blocks do not reach across.
-        settling: Least block length, s.
 
     Attributes:
         squares: (J, D) mean squares.
@@ -111,10 +109,9 @@ class Blocks:
         count: int = 1000,
         seed: int = 0,
         starts: Sequence[int] = (),
-        settling: float = SETTLE,
     ) -> None:
         rows = np.stack(residuals)
-        self.length = block_length(residuals[0], cycle, settling) if length is None else length
+        self.length = block_length(residuals[0], cycle) if length is None else length
         there = np.isfinite(rows)
         size = rows.shape[2]
         table = np.empty((2, *rows.shape[:2], size + 1))
@@ -145,19 +142,14 @@ class Blocks:
         self.number = number
         self._seed = seed
 
-    def rms(self, which: int = 0, level: float = 0.95) -> tuple[tuple[Interval, ...], Interval]:
-        """Return the RMS of a residual for each drive, and over all drives.
+    def rms(self, which: int = 0) -> Interval:
+        """Return the RMS of a residual, by its number, over all drives."""
 
-        Args:
-            which: Number of the residual.
-            level: Confidence.
-        """
-        drives = self.squares.shape[1]
-        each = tuple(
-            self.interval(lambda m, d=d: np.sqrt(m[..., which, d]), level)  # type: ignore[misc]
-            for d in range(drives)
-        )
-        return each, self.interval(lambda m: np.sqrt(m[..., which, :].mean(axis=-1)), level)
+        def size(means: Array) -> Array:
+            out: Array = np.sqrt(means[..., which, :].mean(axis=-1))
+            return out
+
+        return self._bounds(float(size(self.squares)), size(self.drawn), size(self.left_out))
 
     def above(self, floor: Floor, before: int, after: int) -> npt.NDArray[np.bool_]:
         """Return (D,) which drives show a gap before or after; all where none does."""
@@ -178,12 +170,7 @@ class Blocks:
         return float((fall.max(axis=1) >= least**2).mean())
 
     def share_closed(
-        self,
-        before: int,
-        after: int,
-        floor: Floor,
-        drive: int | None = None,
-        level: float = 0.95,
+        self, before: int, after: int, floor: Floor, drive: int | None = None
     ) -> Interval:
         """Return the share of the explainable gap that closed, 1 - (E1^2 - F^2)/(E0^2 - F^2).
 
@@ -193,7 +180,6 @@ class Blocks:
             floor: The noise floor F; its uncertainty goes into the interval.
             drive: Number of a drive; where None all that show a gap before or after, for what the
                 others add is the error of their floor.
-            level: Confidence.
 
         Returns:
             The share, at most 1: what is less than the floor is the floor's uncertainty. NaN where
@@ -215,22 +201,11 @@ class Blocks:
 
         return self._bounds(
             float(share(self.squares, fixed)), share(self.drawn, noise),
-            share(self.left_out, fixed), level,
-        )
+            share(self.left_out, fixed),
+        )  # fmt: skip
 
-    def interval(self, statistic: Callable[[Array], Array], level: float = 0.95) -> Interval:
-        """Return any function of the mean squares with its interval.
-
-        Args:
-            statistic: Takes mean squares (..., J, D) and returns (...).
-            level: Confidence.
-        """
-        return self._bounds(
-            float(statistic(self.squares)), statistic(self.drawn), statistic(self.left_out), level
-        )
-
-    def _bounds(self, value: float, drawn: Array, left_out: Array, level: float) -> Interval:
-        """Return the bias-corrected and accelerated interval, widened for few blocks.
+    def _bounds(self, value: float, drawn: Array, left_out: Array) -> Interval:
+        """Return the 95 % interval, bias-corrected and accelerated, widened for few blocks.
 
         Reference:
             Efron (1987), Journal of the American Statistical Association 82.
@@ -245,7 +220,7 @@ class Blocks:
         spread = float((pull**2).sum()) ** 1.5
         bend = float((pull**3).sum()) / (6.0 * spread) if spread > 0.0 else 0.0
         # Few blocks know their own scatter badly: as Student's t beside the normal distribution.
-        wide = float(student.ppf(0.5 + 0.5 * level, self.number - 1)) * math.sqrt(
+        wide = float(student.ppf(0.975, self.number - 1)) * math.sqrt(
             self.number / (self.number - 1.0)
         )
         ends = []

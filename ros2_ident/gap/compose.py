@@ -67,7 +67,7 @@ def compose(
     rows = [case.check.rows(e.check_residual / fits.check_weight) for e in found.chain]
     blocks = Blocks(rows, model.cycle, seed=seed, starts=case.check.starts)
     labels = ['nominal', *(titled(at) for at in found.chain[-1].effects)]
-    steps = tuple(Step(label, blocks.rms(i)[1]) for i, label in enumerate(labels))
+    steps = tuple(Step(label, blocks.rms(i)) for i, label in enumerate(labels))
     last = len(found.chain) - 1
     share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
     again = _again(explainer, found, verdict, blocks)
