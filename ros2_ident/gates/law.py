@@ -45,7 +45,6 @@ class Gain:
     Attributes:
         name: Its key in the machine file; `scale` for a factor on the whole effort.
         value: Estimate, in the machine file's unit.
-        error: Standard error.
         expected: The machine file's value.
         misfit: RMS that is left with it, in the effort's unit.
         count: Samples behind it, over the number that what is left stays alike.
@@ -53,7 +52,6 @@ class Gain:
 
     name: str
     value: float
-    error: float
     expected: float
     misfit: float
     count: float = math.nan
@@ -80,7 +78,6 @@ class Law:
         misfit: RMS that the law with all its coefficients free leaves, in the effort's unit.
         misfit_file: RMS that it leaves with the machine file's gains.
         explained: Share of the effort's variance that the free law explains.
-        samples: Samples used.
         steps: RMS that the steps of the logged position alone may leave, in the effort's unit; 0
             where the law does not difference the position, or the position has no steps.
         limit: Size beyond which the logged effort does not go though the law asks for more;
@@ -94,7 +91,6 @@ class Law:
     misfit: float
     misfit_file: float
     explained: float
-    samples: int
     steps: float = 0.0
     limit: float = math.inf
 
@@ -180,7 +176,7 @@ def _unless_late(machine: Machine, drive: str, signals: Signals, fit: Fit, law: 
 def _law_at(machine: Machine, drive: str, signals: Signals, fit: Fit, delays: Array) -> Law:
     """Compare the law with a log at given delays (effort, set-point) in cycles."""
     columns, effort = fit.system(delays)
-    solution, _, free, _ = _solve(columns, effort)
+    solution, free, _ = _solve(columns, effort)
     sought = [name for name in GAINS if name in machine.bounds]
     gains = {name: sane(machine.number(name, drive)) for name in GAINS}
     gains |= {name: value for name, value in _gains_of(solution).items() if name in sought}
@@ -195,18 +191,18 @@ def _law_at(machine: Machine, drive: str, signals: Signals, fit: Fit, delays: Ar
             continue
         # The law is linear in each gain by itself.
         part = known if name == 'scale' else known - _law_of(columns, {**gains, name: 0.0})
-        factor, error, misfit, count = _solve(
+        factor, misfit, count = _solve(
             np.stack([part, np.ones_like(part)], axis=1), effort - (known - part)
         )
         expected = gains.get(name, 1.0)
         value = float(factor[0]) * expected
-        alone.append(Gain(name, value, error * abs(expected), expected, misfit, count))
+        alone.append(Gain(name, value, expected, misfit, count))
     alone.sort(key=lambda g: g.misfit)
     # Steps are multiplied by the gain that ran; quite another one shows.
     slope = next((abs(g.value) for g in alone[:1] if g.name == 'velocity_gain'), 0.0)
     stated = gains['velocity_gain']
     gain = stated if 0.5 * slope < stated < 2.0 * slope or not slope else slope
-    file = _solve(np.ones((effort.size, 1)), effort - known)[2]
+    file = _solve(np.ones((effort.size, 1)), effort - known)[1]
     return Law(
         drive,
         tuple(alone),
@@ -215,7 +211,6 @@ def _law_at(machine: Machine, drive: str, signals: Signals, fit: Fit, delays: Ar
         free,
         file,
         1.0 - free**2 / max(float(effort.var()), 1e-300),
-        effort.size,
         gain * signals.speed_steps,
         _limit(known, effort),
     )
@@ -265,16 +260,10 @@ def _weights(gains: dict[str, float]) -> Array:
     return np.array([kv * kp, kv, 0.0, ki * kp, ki])
 
 
-def _solve(columns: Array, effort: Array) -> tuple[Array, float, float, float]:
-    """Return the coefficients, the first one's standard error, and what is left.
-
-    That is its RMS, and of how many samples that tell something of their own.
-    """
+def _solve(columns: Array, effort: Array) -> tuple[Array, float, float]:
+    """Return the coefficients, the RMS of what is left, and how many samples tell of their own."""
     scale = np.sqrt((columns**2).mean(axis=0)) + 1e-300
     solution = np.linalg.lstsq(columns / scale, effort, rcond=1e-10)[0]
     left = effort - (columns / scale) @ solution
-    alike = correlation_time(left)
-    variance = float(left @ left) / max(1, left.size - len(scale)) * alike
-    normal = (columns / scale).T @ (columns / scale)
-    error = math.sqrt(max(0.0, variance * float(np.linalg.pinv(normal)[0, 0]))) / float(scale[0])
-    return solution / scale, error, math.sqrt(float((left**2).mean())), left.size / alike
+    rms = math.sqrt(float((left**2).mean()))
+    return solution / scale, rms, left.size / correlation_time(left)

@@ -21,8 +21,8 @@ MACHINE = load_machine(ROOT / 'config/tripod.yaml')
 
 
 def _law(**changes):
-    gains = (Gain('velocity_gain', 4.5, 0.01, 4.5, 0.01),)
-    base = Law('drive_1', gains, 0.03, 0.0, 0.01, 0.01, 0.999, 8000)
+    gains = (Gain('velocity_gain', 4.5, 4.5, 0.01),)
+    base = Law('drive_1', gains, 0.03, 0.0, 0.01, 0.01, 0.999)
     return replace(base, **changes)
 
 
@@ -32,7 +32,7 @@ def test_a_law_that_fits_passes():
 
 
 def test_a_wrong_gain_is_named_with_its_size():
-    gains = (Gain('velocity_gain', 5.4, 0.01, 4.5, 0.01), Gain('scale', 1.1, 0.01, 1.0, 0.03))
+    gains = (Gain('velocity_gain', 5.4, 4.5, 0.01), Gain('scale', 1.1, 1.0, 0.03))
     (gate,) = check_law(MACHINE, _law(gains=gains, misfit_file=0.04), 'drive_1')
     assert gate.level == 'warn'
     assert gate.number == pytest.approx(1.2)
