@@ -20,8 +20,6 @@ from ros2_ident.search.evidence import Evidence
 
 # Share of what controllers miss of the log that an effect may leave and still restore their law.
 _MISSED = 0.05
-# The same where the noise is small beside it: another form of the same effect leaves that much.
-_NEARLY = 0.002
 # Outputs that a fit misses by so many floors may be too violent to be repeated by any.
 _VIOLENT = 3.0
 # Log-odds from which on the logged law decides between two gains.
@@ -190,7 +188,7 @@ class Criteria:
         if excess <= 1.0:
             return False
         left = float(after.law[worst]) - 1.0
-        agrees = left < max(min(1.0, _MISSED * excess), _NEARLY * excess)
+        agrees = left < min(1.0, _MISSED * excess)
         share = self.share(before, after)
         noise = self.floor.noise[worst]
         # So may those of which what is as slow as no noise is taken for noise.

@@ -442,7 +442,7 @@ def _readings(
     case, gap = explainer.case, explainer.gap(base)
     least = explainer.rules.material**2
     drives = [d for d, left in zip(case.drives, gap, strict=True) if left >= least]
-    return coarse_readings(case, base.theta, base.law, drives)
+    return coarse_readings(case, base.theta, drives)
 
 
 def _left_anywhere(explainer: Explainer, e: Explanation) -> float:

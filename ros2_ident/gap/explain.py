@@ -9,7 +9,7 @@ import numpy as np
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.criteria import Criteria, Rules
-from ros2_ident.gap.fits import Explanation, TIE
+from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.floor import Floor, NORMAL, Predictability, predictability
 from ros2_ident.models import EffectAt
 
@@ -75,11 +75,6 @@ class Explainer(Criteria):
                 chain, rounds, best = again
             if self.beside(chain[-1], best) and self.closes(chain, best) < self.rules.alike:
                 break
-            if len(chain) == 1 and not stopped():
-                plain = self.better_nominal(chain[0], best)
-                if plain is not chain[0]:
-                    self._seen.clear()
-                    return self.explain(plain, candidates, on_best)
             before, chain = chain, self.pruned(chain, best)
             if self.score(chain[-1]) >= self.score(before[-1]):
                 chain = before
@@ -185,19 +180,6 @@ class Explainer(Criteria):
     def knows(self, e: Explanation, seen: Predictability) -> None:
         """Keep what was found to be predictable of what a fit leaves."""
         self._seen[frozenset(e.effects)] = e, seen
-
-    def better_nominal(self, base: Explanation, best: Explanation) -> Explanation:
-        """Return the nominal fit, or a better one that was found from a fit with an effect.
-
-        Where a motion hardly excites a parameter, the nominal fit may have ended at a value that
-        the recording held out refutes, and any effect that lets the fit go on from there would
-        look like the cause.
-        """
-        plain = self.attribution.refit((), best.theta[: len(base.theta)])
-        as_good = plain.cost < base.cost + TIE
-        if not as_good or self.share(base, plain) < self.rules.alike:
-            return base
-        return replace(plain, law=np.minimum(base.law, plain.law))
 
     def rests(self, chain: Sequence[Explanation]) -> tuple[Explanation, ...]:
         """For each effect of the final model, what is left when it is taken out again."""

@@ -24,8 +24,6 @@ from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 SMALLEST, LARGEST = 4e-6, 1.5e-4
 # Power of a line, in units of its mean, that chance does not reach among all of them.
 CLEAR = 45.0
-# Mean square, in units of the floor, from which on something else than steps is missed.
-LOST = 2500.0
 # What is slower is no step, s.
 _SLOW = 0.05
 # How much more than any other line's, so many lines away from its multiples, its power has to be.
@@ -59,25 +57,22 @@ class CoarseReading:
 
 
 def coarse_readings(
-    case: Case, theta: Array, law: Array, drives: Sequence[str]
+    case: Case, theta: Array, drives: Sequence[str]
 ) -> tuple[CoarseReading, ...]:
     """Return the drives' encoders whose steps show in any recording, the clearest line of each.
 
     Args:
         case: The recordings.
         theta: (N,) the nominal fit.
-        law: (D,) mean square, in units of the floor, of what the controllers miss.
         drives: Those to look at.
     """
     best: dict[str, CoarseReading] = {}
-    missed = dict(zip(case.drives, law, strict=True))
-    trusted = [d for d in drives if missed[d] < LOST]
     for part in (case.fit, case.check):
         joint = part.with_effects(())
         for number, model in enumerate(joint.models):
             own = joint.own(number, theta)[0]
             seen = part.seen[number] if part.seen else None
-            for drive in trusted:
+            for drive in drives:
                 found = coarse_reading(model, seen, own, drive)
                 if found and (drive not in best or found.power > best[drive].power):
                     best[drive] = found
