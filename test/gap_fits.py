@@ -60,7 +60,7 @@ class Attribution:
         self.asked.append(base)
         return Round(base, {}, {}, tuple(self.rounds.pop(0)))
 
-    def refit(self, effects, theta, iterations=12):
+    def refit(self, effects, theta):
         told = self.refits[tuple(effects)]
         return told if isinstance(told, Explanation) else told(theta)
 

@@ -108,11 +108,6 @@ class Attribution:
         self._laws: dict[str, tuple[Law, ...]] = {}
         self.fits = Fits(case, floor, stopped)
 
-    @property
-    def floor(self) -> Array:
-        """(D,) noise floor of each drive, output unit."""
-        return self.fits.floor
-
     def laws(self, drive: str) -> tuple[Law, ...]:
         """Return a drive's controller law as each recording shows it."""
         if drive not in self._laws:
@@ -122,12 +117,10 @@ class Attribution:
             self._laws[drive] = tuple(law for law in found if law is not None)
         return self._laws[drive]
 
-    def refit(
-        self, effects: Sequence[EffectAt], theta: Array, iterations: int = 12
-    ) -> Explanation:
+    def refit(self, effects: Sequence[EffectAt], theta: Array) -> Explanation:
         """Fit a set of effects jointly from a start (N,)."""
-        key = 'refit', self.fits.key(), tuple(effects), theta, iterations
-        return self._known(*key) or self._noted(self.fits.refit(effects, theta, iterations), *key)
+        key = 'refit', self.fits.key(), tuple(effects), theta
+        return self._known(*key) or self._noted(self.fits.refit(effects, theta), *key)
 
     def _known(
         self, task: str, fits: bytes, effects: Sequence[EffectAt], *more: object

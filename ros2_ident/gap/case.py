@@ -264,18 +264,17 @@ def split(
     fit: Recordings,
     check: Recordings,
     conditions: Conditions | None = None,
-    block: float = 1.0,
 ) -> tuple[Part, Part, str]:
     """Return what to fit on, what to hold out, and how it was split.
 
-    Without a check recording every second block of the fit recordings is held out. The simulation
-    runs through; only the comparison is split, with a tenth of a block between them left out.
+    Without a check recording every second block, of a second, of the fit recordings is held out.
+    The simulation runs through; only the comparison is split, with a tenth of a block between them
+    left out.
 
     Args:
         fit: Recordings to fit on.
         check: Recordings held out, or none.
         conditions: How the recordings differ.
-        block: Length of a block [s].
 
     Returns:
         The two parts, and `check bag` or `blocks`.
@@ -290,7 +289,7 @@ def split(
         return part(fit, masks), part(check, [settled(m) for m in check.models]), 'check bag'
     even, odd = [], []
     for model, mask in zip(fit.models, masks, strict=True):
-        phase = np.arange(mask.shape[1]) * model.cycle / block
+        phase = np.arange(mask.shape[1]) * model.cycle
         inside = phase % 1.0 < 0.9
         second = np.floor(phase) % 2 == 1
         even.append(mask & (inside & ~second))

@@ -145,7 +145,7 @@ class Explainer(Criteria):
         What an effect does beyond a straight line is no noise, though it looked like it before.
         """
         attribution, floor = self.attribution, self.noise_of(chain[-1]).floor
-        if not (floor.per_drive < _LOWER * attribution.floor).any():
+        if not (floor.per_drive < _LOWER * self.fits.floor).any():
             return chain, rounds
         self.floor = floor
         chain, rounds = attribution.renew(floor.per_drive, chain, rounds)

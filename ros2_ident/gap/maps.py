@@ -65,15 +65,13 @@ def coordinate_of(finding: str) -> str:
 
 
 def chosen(
-    findings: Sequence[Finding], always: Sequence[str] = (), each: int = 3, most: int = 12
+    findings: Sequence[Finding], always: Sequence[str] = ()
 ) -> tuple[tuple[str, str], ...]:
     """Return drive and coordinate of what to draw: the leading significant findings.
 
     Args:
         findings: What was found, the drive with the largest gap first.
         always: Drives that are drawn over their velocity where nothing was found.
-        each: Most coordinates of a drive.
-        most: Most pairs.
 
     Returns:
         Each pair once, drive by drive in the order of the findings.
@@ -86,7 +84,7 @@ def chosen(
         by_drive.setdefault(drive, []).append(name)
     missing = {drive: ['velocity'] for drive in always if drive not in by_drive}
     told = {**missing, **by_drive}
-    return tuple((d, name) for d, names in told.items() for name in names[:each])[:most]
+    return tuple((d, name) for d, names in told.items() for name in names[:3])[:12]
 
 
 def map_of(motion: Motion, row: Array, drive: int, name: str) -> ResidualMap:

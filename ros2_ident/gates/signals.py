@@ -22,8 +22,9 @@ _ABSURD = 1e50
 LATEST_COMMAND = 0.012
 # A late set-point counts where without it the fit leaves so much more (mean square).
 COUNTS = 1.02
-# Valleys that are followed down.
+# Valleys that are followed down, and how far, in cycles.
 _VALLEYS = 5
+_POLISH = {'xatol': 1e-2, 'fatol': 1e-9, 'maxfev': 120}
 
 
 @dataclass(frozen=True)
@@ -201,10 +202,7 @@ def usual_delays(signals: Signals) -> list[Array]:
             corner if free else corner[:1],
             method='Nelder-Mead',
             bounds=((0.0, high), (0.0, late))[: 2 if free else 1],
-            options={
-                'xatol': 1e-2, 'fatol': 1e-9, 'maxfev': 120,
-                'initial_simplex': simplex if free else simplex[:2, :1],
-            },
+            options=_POLISH | {'initial_simplex': simplex if free else simplex[:2, :1]},
         )
         return float(found.fun), np.array([found.x[0], found.x[1] if free else 0.0])
 
@@ -267,10 +265,9 @@ def delays_apart(signals: Signals, fit: Fit, tracked: float, gain: float) -> Arr
         if len(starts) < _VALLEYS and all(abs(lag - s[0]) > 2.0 * wide for s in starts):
             starts.append(np.array([lag, late]))
     step = np.array([[0.0, 0.0], [0.5 * wide, 0.0], [0.0, 5e-4 / signals.cycle]])
-    options = {'xatol': 1e-2, 'fatol': 1e-9, 'maxfev': 120}
     polished = [
         minimize(
-            fit.left, s, method='Nelder-Mead', options={**options, 'initial_simplex': s + step}
+            fit.left, s, method='Nelder-Mead', options=_POLISH | {'initial_simplex': s + step}
         )
         for s in starts
     ]
