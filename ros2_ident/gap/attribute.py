@@ -296,7 +296,7 @@ class Attribution:
         Returns:
             The screened gains and the joint fits, the best on both parts first.
         """
-        begun: list[Explanation] = []
+        leaders: dict[tuple[EffectAt, ...], Explanation] = {}
         done: dict[tuple[EffectAt, ...], Explanation] = {}
         with self.workers.tasks(Trials(self.fits, base)) as run:
             screened = self._screened(run, base, candidates)
@@ -310,10 +310,11 @@ class Attribution:
                 (key, (*base.effects, *at), *_numbers(start), n) for at, start, n in tasks
             ]
             for number, e in enumerate(self._run(run, 'begin', tasks, keys), 1):
-                begun += [] if e is None else [e]
+                if e and (e.effects not in leaders or e.cost < leaders[e.effects].cost):
+                    leaders[e.effects] = e
                 share = 0.5 + 0.3 * number / len(tasks)
                 self.on_step(share, f'fitted {_named(tasks[number - 1][0])}')
-            best = self._leaders(begun)
+            best = [*leaders.values()]
             most = max((base.cost - e.cost for e in best), default=0.0)
             ahead = [e for e in best if base.cost - e.cost >= PROMISING * most]
             keys = [(self.fits.key(), e.effects, e.unit) for e in ahead]
@@ -328,15 +329,6 @@ class Attribution:
             visibility(screened),
             tuple(sorted(fitted, key=lambda e: e.loss)),
         )
-
-    @staticmethod
-    def _leaders(fits: Sequence[Explanation]) -> list[Explanation]:
-        """Return the best fit of each set of effects."""
-        best: dict[tuple[EffectAt, ...], Explanation] = {}
-        for e in fits:
-            if e.effects not in best or e.cost < best[e.effects].cost:
-                best[e.effects] = e
-        return list(best.values())
 
     def _alike(self, base: Explanation, screened: dict[EffectAt, list[Start]]) -> list[Start]:
         """Return effects on all drives where each promises to count, if together they lead.

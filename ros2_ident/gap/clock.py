@@ -100,7 +100,10 @@ class Clock:
         """Report a share of the present stage."""
         if self.on_progress is None:
             return
-        eta = self._later() if self._starts else self._by_share(share)
+        low, high = self.stage
+        fraction = low + (high - low) * share
+        eta = self.elapsed * (1.0 - fraction) / fraction if fraction > KNOWN else math.nan
+        eta = self._later() if self._starts else eta
         if self.seconds:
             eta = min(eta, max(0.0, self.seconds - self.elapsed))
         if not math.isnan(eta):
@@ -111,11 +114,6 @@ class Clock:
         """Report the end."""
         if self.on_progress is not None:
             self.on_progress(DiagnoseProgress('done', 1.0, self.best, self.elapsed, 0.0))
-
-    def _by_share(self, share: float) -> float:
-        low, high = self.stage
-        fraction = low + (high - low) * share
-        return self.elapsed * (1.0 - fraction) / fraction if fraction > KNOWN else math.nan
 
     def _later(self) -> float:
         """Return the time to go from the rounds on, s."""

@@ -10,7 +10,6 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import IdentError
-from ros2_ident.gap.case import Case
 from ros2_ident.gap.diagnosis import Value
 from ros2_ident.gap.fits import Explanation, Fits, Left, PROMISING
 from ros2_ident.models.registry import kind_of
@@ -130,13 +129,11 @@ class _Fit:
         return Constant(self.name, self.stated, Value(value, unit, low, high), best)
 
     def _at(self, factor: float) -> Fits:
-        there = Fits(self._stating(factor), self.fits.floor, self.fits.stopped)
+        case = self.fits.case
+        case = case if factor == 1.0 else case.stating(self.name, factor * self.stated)
+        there = Fits(case, self.fits.floor, self.fits.stopped)
         there.law_weight = self.fits.law_weight
         return there
-
-    def _stating(self, factor: float) -> Case:
-        case = self.fits.case
-        return case if factor == 1.0 else case.stating(self.name, factor * self.stated)
 
     def _slope(self, e: Explanation, factor: float) -> Array:
         """Return (R,) the derivative of the weighted residual by the number's logarithm."""

@@ -182,11 +182,6 @@ def since_reversal(position: Array, velocity: Array) -> Array:
     return out
 
 
-def _sign(values: Array) -> Array:
-    out: Array = np.sign(values)
-    return out
-
-
 def _top(values: Array) -> float:
     return float(np.percentile(np.abs(values), 99.5))
 
@@ -210,7 +205,7 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
     effort, travel = motion.effort_unit, motion.travel
     found = [
         _named('phase', phase, heading),
-        _binned('velocity', 'odd', f'{travel}/s', speed, _sign(velocity), _graded(speed)),
+        _binned('velocity', 'odd', f'{travel}/s', speed, np.sign(velocity), _graded(speed)),
         _binned('velocity', 'even', f'{travel}/s', speed, None, _graded(speed)),
         _binned('position', '', travel, position, None, 12),
         _binned('position', 'odd', travel, position, heading, 8),
@@ -227,10 +222,11 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
     rates = [rate[at], np.gradient(rate, motion.cycle)[at]]
     found.append(_linear('torque rate', ('rate', 'bend'), rates))
     lags = range(-20, 45, 5)
-    recent = [_late(motion.acceleration[d], at, 1e-3 * lag / motion.cycle) for lag in lags]
+    ago = [np.clip(at - round(1e-3 * x / motion.cycle), 0, motion.load.shape[1] - 1) for x in lags]
+    recent = [motion.acceleration[d, x] for x in ago]
     found.append(_linear('recent acceleration', tuple(f'{lag} ms ago' for lag in lags), recent))
     turn, push = 0.5 * direction(motion.velocity[d]), motion.acceleration[d]
-    push = _sign(push) * (np.abs(push) > _SLOW * _top(push))
+    push = np.sign(push) * (np.abs(push) > _SLOW * _top(push))
     found += _answers('time since reversal', 'odd', turn, motion.cycle, at)
     found += _answers('time since a jump of the acceleration', '', push, motion.cycle, at)
     labels, rows = _memories(motion, d, at)
@@ -366,12 +362,6 @@ def _graded(values: Array) -> Array:
             edges.append(float(edge))
     edges[-1] = top
     return np.array(edges if len(edges) > 1 else [0.0, top], dtype=np.float64)
-
-
-def _late(row: Array, at: NDArray[np.int64], cycles: float) -> Array:
-    """Return a row as it was so many cycles before each of some cycles."""
-    out: Array = row[np.clip(at - round(cycles), 0, row.size - 1)]
-    return out
 
 
 def _linear(name: str, labels: tuple[str, ...], rows: Sequence[Array]) -> Coordinate:

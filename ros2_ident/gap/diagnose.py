@@ -212,7 +212,9 @@ class _Passes:
             # Where the recording fitted on does not show a parameter, its value is chance, and
             # wrong on the one held out.
             together = Case(both, conditions=self.conditions)
-            left = self._nominal_leaves(together, begun)
+            fits = self._attribution(together, begun.explainer.floor.per_drive)
+            both_fitted = fits.refit((), begun.base.theta)
+            left = _left_anywhere(Explainer(fits, begun.explainer.floor), both_fitted)
             if left < _RULES.material:
                 second = self._ended(together)
                 if second.effect == NONE and second.complete:
@@ -310,12 +312,6 @@ class _Passes:
             journal=self.journal,
         )
 
-    def _nominal_leaves(self, both: Case, begun: _Pass) -> float:
-        """Return the gap that the nominal parameters leave once fitted to all recordings."""
-        fits = self._attribution(both, begun.explainer.floor.per_drive)
-        judge_of_both = Explainer(fits, begun.explainer.floor)
-        return _left_anywhere(judge_of_both, fits.refit((), begun.base.theta))
-
     def _fitted_to_all(self, begun: _Pass) -> Explanation:
         """Return the nominal fit to all blocks, those held out among them."""
         fits, whole = begun.explainer.fits, begun.explainer.case.whole.with_effects(())
@@ -385,7 +381,9 @@ class _Passes:
             where = not_asked(begun.report.asked, begun.explainer.floor, model)
         if not clock.stopped():
             if verdict.effect == UNKNOWN and not where:
-                where = _in_bursts(begun, base)
+                joint = begun.explainer.case.fit.with_effects(())
+                low, high, at = (joint.own(0, x)[0] for x in (joint.low, joint.high, base.theta))
+                where = tuple(bursts(joint.models[0], low, high, at, begun.explainer.floor))
             where = (*where, *_located(begun, base, self.seed))
         # What was found was seen.
         hidden = tuple(
@@ -420,13 +418,6 @@ def _located(begun: _Pass, base: Explanation, seed: int) -> tuple[Finding, ...]:
     motion = motion_of(model, joint.own(0, base.theta)[0])
     findings = localise(motion, rows, begun.explainer.floor, seed=seed)
     return tuple(f for f in findings if f.significant)
-
-
-def _in_bursts(begun: _Pass, base: Explanation) -> tuple[Finding, ...]:
-    """Return the instants of the first recording at which something stands out."""
-    joint = begun.explainer.case.fit.with_effects(())
-    low, high, theta = (joint.own(0, x)[0] for x in (joint.low, joint.high, base.theta))
-    return tuple(bursts(joint.models[0], low, high, theta, begun.explainer.floor))
 
 
 def _readings(

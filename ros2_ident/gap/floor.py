@@ -219,7 +219,8 @@ def predictability(
     again = repeated(residuals, [m.data for m in joint.models])
     if again is not None:
         value = np.minimum(value, np.maximum(again, rounding))
-    spread = np.exp(NORMAL * _uncertainty(noise))
+    samples = np.array([m.samples * m.independent_squares for m in noise])
+    spread = np.exp(NORMAL / np.sqrt(2.0 * np.maximum(2.0, samples)))
     usual = float(np.median(value))
     # Drives of one make have one noise: what one leaves beyond a factor of theirs is none.
     apart = _alike(first) & (value > OTHER_NOISE * usual * spread)
@@ -260,7 +261,11 @@ def _by_motion(joint: Joint, theta: Array, weighed: Weighed) -> list[tuple[Evide
             # The strongest in the residual, and the strongest beside noise of its colour.
             columns += [lines(left, place), lines(whiten(left), place, 2)]
         if unknown:
-            columns.append(_functions_of(weighed.slopes[here]))
+            # Functions of what parameters act by.
+            slopes = weighed.slopes[here]
+            size = np.sqrt(np.mean(slopes**2, axis=0))
+            x = slopes[:, size > 0.0] / size[size > 0.0]
+            columns += [x, x**2, x**3, x * np.abs(x), np.sign(x)]
         seen = weigh(
             left,
             np.empty((here.size, 0)),
@@ -307,13 +312,6 @@ def _quiet(seen: Evidence, regions: Sequence[Coordinate]) -> float:
     return best if best < _QUIET else 1.0
 
 
-def _functions_of(slopes: Array) -> Array:
-    """Return (R, C) functions of what parameters act by (R, N), where no motion is known."""
-    size = np.sqrt(np.mean(slopes**2, axis=0))
-    unit = slopes[:, size > 0.0] / size[size > 0.0]
-    return np.hstack([unit, unit**2, unit**3, unit * np.abs(unit), np.sign(unit)])
-
-
 def _side_by_side(motions: Sequence[Motion]) -> Motion:
     """Return the motions of several recordings as one."""
     first = motions[0]
@@ -335,10 +333,3 @@ def _alike(model: FullModel) -> bool:
     """Whether one noise is that of all drives, and most of them tell which it is."""
     machine = model.machine
     return machine is not None and kind_of(machine).alike and len(model.places) > 2
-
-
-def _uncertainty(noise: Sequence[NoiseModel]) -> Array:
-    """Return (P,) relative standard errors of the noise's standard deviation."""
-    samples = np.array([model.samples * model.independent_squares for model in noise])
-    out: Array = 1.0 / np.sqrt(2.0 * np.maximum(2.0, samples))
-    return out

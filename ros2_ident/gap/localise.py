@@ -233,9 +233,17 @@ def localise(
             continue
         found += _drive(motion, d, coarse, noise, flips, generator)
         found += _swing(motion, d, residual[d], noise, coarse)
+    # They are fractions of the flips: a tie with the level passes, however it is rounded.
+    chance = false_discovery_control([f.p_value for f in found]) if found else ()
     found = [
-        replace(f, significant=passed and f.over_floor >= MATERIAL and not _faint(f))
-        for f, passed in zip(found, _passed([f.p_value for f in found]), strict=True)
+        replace(
+            f,
+            significant=bool(p <= LEVEL * (1.0 + 1e-9))
+            and f.over_floor >= MATERIAL
+            # A place where the gap is large has to stand out from the rest of the time.
+            and not (f.coordinate.startswith('size by') and f.statistic < CONTRAST),
+        )
+        for f, p in zip(found, chance, strict=True)
     ]
     found += _likely(found, motion.drives)
     size = np.sqrt(np.nanmean(residual**2, axis=1)) / floor.per_drive
@@ -256,20 +264,6 @@ def _likely(found: list[Finding], drives: Sequence[str]) -> list[Finding]:
             found.remove(best)
             out.append(replace(best, sentence=best.sentence + _DOUBT))
     return out
-
-
-def _faint(finding: Finding) -> bool:
-    """Whether a place where the gap is large hardly stands out from the rest of the time."""
-    return finding.coordinate.startswith('size by') and finding.statistic < CONTRAST
-
-
-def _passed(p_values: Sequence[float]) -> list[bool]:
-    """Return which p-values Benjamini and Hochberg let pass."""
-    if not p_values:
-        return []
-    # They are fractions of the flips: a tie with the level passes, however it is rounded.
-    adjusted: Array = false_discovery_control(p_values)
-    return [bool(p <= LEVEL * (1.0 + 1e-9)) for p in adjusted]
 
 
 def _drive(

@@ -133,7 +133,8 @@ def of_what_is_left(
     gap = np.sqrt(np.maximum(explainer.gap(found.chain[-1]), 0.0))
     left = gap * explainer.fits.floor
     varies = np.array([_spread(explainer, d) for d in range(len(case.drives))])
-    fast = np.array([_fast(explainer, found.chain[-1], d) for d in range(len(case.drives))])
+    last = found.chain[-1].check_residual / explainer.fits.check_weight
+    fast = np.array([fast_noise(last[case.check.drive == d]) for d in range(len(case.drives))])
     whole = np.hypot(left, explainer.fits.floor)
     machine = case.fit.models[0].machine
     like = machine is not None and kind_of(machine).alike
@@ -186,13 +187,6 @@ def ahead(verdict: Verdict, report: GateReport) -> Verdict:
 
 def _without_effects(effect: str, where: tuple[str, ...], first: str) -> Verdict:
     return Verdict(effect, where, _SURE, (), (), (), 0.0, (), first)
-
-
-def _fast(explainer: Explainer, e: Explanation, drive: int) -> float:
-    """Return the noise of what a drive's fit leaves as neighbouring samples show it."""
-    attribution = explainer.attribution
-    own = attribution.case.check.drive == drive
-    return fast_noise((e.check_residual / attribution.fits.check_weight)[own])
 
 
 def _spread(explainer: Explainer, drive: int) -> float:

@@ -179,7 +179,14 @@ def _law_at(machine: Machine, drive: str, signals: Signals, fit: Fit, delays: Ar
     solution, free, _ = _solve(columns, effort)
     sought = [name for name in GAINS if name in machine.bounds]
     gains = {name: sane(machine.number(name, drive)) for name in GAINS}
-    gains |= {name: value for name, value in _gains_of(solution).items() if name in sought}
+    # Those of the free law's coefficients, columns as of `Fit.system`.
+    kv = float(solution[1])
+    free_ones = (
+        float(solution[0]) / kv if kv else 0.0,
+        kv,
+        float(solution[4]) if solution.size > 4 else 0.0,
+    )
+    gains |= {name: x for name, x in zip(GAINS, free_ones, strict=True) if name in sought}
     known = _law_of(columns, gains)
     alone = []
     for name in (*gains, 'scale'):
@@ -238,14 +245,6 @@ def _limit(asked: Array, effort: Array) -> float:
         return math.inf
     slope = float(np.cov(much, had)[0, 1] / much.var())
     return float(np.median(size[beyond])) if abs(slope) < STRAYS else math.inf
-
-
-def _gains_of(solution: Array) -> dict[str, float]:
-    """Return the gains of a free law's coefficients, columns as of `Fit.system`."""
-    kv = float(solution[1])
-    integral = float(solution[4]) if solution.size > 4 else 0.0
-    position = float(solution[0]) / kv if kv else 0.0
-    return dict(zip(GAINS, (position, kv, integral), strict=True))
 
 
 def _law_of(columns: Array, gains: dict[str, float]) -> Array:

@@ -93,7 +93,9 @@ def assemble(
             np.array(found.ga.best_costs), found.candidates, found.costs, found.generations
         ),
         quality=replace(quality, warnings=quality.warnings + _gap(problem, left, evidence)),
-        provenance=_provenance(problem),
+        provenance=made_of('a model of its own', '', '')
+        if problem.setup is None
+        else provenance_of(problem.machine, problem.data),
         settings=settings,
     )
 
@@ -208,12 +210,6 @@ def _spent(found: Fitted) -> str:
     if status is RefineStatus.EVALUATIONS:
         return RefineStatus.EVALUATIONS.value
     return ''
-
-
-def _provenance(problem: Problem) -> Provenance:
-    if problem.setup is None:
-        return made_of('a model of its own', '', '')
-    return provenance_of(problem.machine, problem.data)
 
 
 def provenance_of(machine: Machine, data: Data) -> Provenance:

@@ -143,7 +143,10 @@ def solve(
     check: Problem | None = None,
 ) -> Identification:
     """Solve a problem; arguments and result as for `identify`."""
-    report = _examined(problem)
+    # A user's own models have no machine file that a log could contradict.
+    report = GateReport()
+    if problem.setup is not None:
+        report = examine(problem.machine, problem.data.datasets, problem.drives)
     watch = _Watch(on_progress) if on_progress and settings.budget.seconds is None else None
     if settings.method == 'algebraic':
         thinned = any(model.thinned for model in problem.models)
@@ -200,13 +203,6 @@ class _Watch:
         if self._last is not None:
             last = replace(self._last, eta=0.0)
             self._tell(replace(last, phase='intervals', eta=self._later(last)))
-
-
-def _examined(problem: Problem) -> GateReport:
-    """Return what the gates find; nothing where the models are a user's own."""
-    if problem.setup is None:
-        return GateReport()
-    return examine(problem.machine, problem.data.datasets, problem.drives)
 
 
 def _as_data(
