@@ -260,50 +260,12 @@ def _seen(models: Sequence[FullModel]) -> tuple[RecordedMotion, ...]:
     return seen if len(seen) == len(models) else ()
 
 
-def split(
-    fit: Recordings,
-    check: Recordings,
-    conditions: Conditions | None = None,
-) -> tuple[Part, Part, str]:
-    """Return what to fit on, what to hold out, and how it was split.
-
-    Without a check recording every second block, of a second, of the fit recordings is held out.
-    The simulation runs through; only the comparison is split, with a tenth of a block between them
-    left out.
-
-    Args:
-        fit: Recordings to fit on.
-        check: Recordings held out, or none.
-        conditions: How the recordings differ.
-
-    Returns:
-        The two parts, and `check bag` or `blocks`.
-    """
-    differ = conditions or Conditions()
-
-    def part(of: Recordings, masks: Sequence[Mask]) -> Part:
-        return Part(of.models, tuple(masks), _seen(of.models), of.labels, differ)
-
-    masks = [settled(m) for m in fit.models]
-    if check.models:
-        return part(fit, masks), part(check, [settled(m) for m in check.models]), 'check bag'
-    even, odd = [], []
-    for model, mask in zip(fit.models, masks, strict=True):
-        phase = np.arange(mask.shape[1]) * model.cycle
-        inside = phase % 1.0 < 0.9
-        second = np.floor(phase) % 2 == 1
-        even.append(mask & (inside & ~second))
-        odd.append(mask & (inside & second))
-    first = part(fit, even)
-    return first, Part(fit.models, tuple(odd), first.seen, fit.labels, differ), 'blocks'
-
-
 class Case:
     """One machine's recordings: those to fit on, and those held out.
 
     Args:
         fit: Recordings for fitting.
-        check: Recordings held out; None for none.
+        check: Recordings held out; where None, every second block, of a second, of the others is.
         conditions: How the recordings differ.
 
     Attributes:
@@ -321,14 +283,36 @@ class Case:
         check: Recordings | None = None,
         conditions: Conditions | None = None,
     ) -> None:
-        self._given = fit, check or Recordings(()), conditions
+        check, differ = check or Recordings(()), conditions or Conditions()
+        self._given = fit, check, conditions
         self.drives = fit.models[0].places
         self.noise = fit.models[0].noise
-        self.fit, self.check, self.held_out = split(fit, check or Recordings(()), conditions)
+
+        def part(
+            of: Recordings, masks: Sequence[Mask], seen: tuple[RecordedMotion, ...] | None = None
+        ) -> Part:
+            motions = _seen(of.models) if seen is None else seen
+            return Part(of.models, tuple(masks), motions, of.labels, differ)
+
+        masks = [settled(m) for m in fit.models]
+        if check.models:
+            self.held_out = 'check bag'
+            self.fit = part(fit, masks)
+            self.check = part(check, [settled(m) for m in check.models])
+        else:
+            self.held_out = 'blocks'
+            even, odd = [], []
+            for model, mask in zip(fit.models, masks, strict=True):
+                # The simulation runs through; only the comparison is split, with a gap between.
+                time = np.arange(mask.shape[1]) * model.cycle
+                inside, second = mask & (time % 1.0 < 0.9), np.floor(time) % 2 == 1
+                even.append(inside & ~second)
+                odd.append(inside & second)
+            self.fit = part(fit, even)
+            self.check = part(fit, odd, self.fit.seen)
         self._require_rows()
-        both = fit + check if check and check.models else fit
-        masks = tuple(settled(m) for m in both.models)
-        self.whole = Part(both.models, masks, (), both.labels, conditions or Conditions())
+        both = fit + check if check.models else fit
+        self.whole = part(both, [settled(m) for m in both.models], ())
 
     def _require_rows(self) -> None:
         """Refuse a log of which a drive's recorded motion leaves too little to compare."""
