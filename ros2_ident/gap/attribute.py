@@ -17,7 +17,6 @@ from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.fits import Explanation, Fits, PROMISING, Trials
 from ros2_ident.gap.screen import below_simulated, seen_in_log, Start
-from ros2_ident.gates.law import fit_law, Law
 from ros2_ident.identify.hidden import MATERIAL, residual_of, rows_of, slopes_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt
@@ -105,17 +104,7 @@ class Attribution:
         self.on_step = on_step
         self.workers = workers or Threads()
         self.limits: Mapping[str, float] = {}
-        self._laws: dict[str, tuple[Law, ...]] = {}
         self.fits = Fits(case, floor, stopped)
-
-    def laws(self, drive: str) -> tuple[Law, ...]:
-        """Return a drive's controller law as each recording shows it."""
-        if drive not in self._laws:
-            models = [*self.case.fit.models]
-            models += [m for m in self.case.check.models if m not in models]
-            found = [fit_law(m.machine, m.data, drive) for m in models if m.machine is not None]
-            self._laws[drive] = tuple(law for law in found if law is not None)
-        return self._laws[drive]
 
     def refit(self, effects: Sequence[EffectAt], theta: Array) -> Explanation:
         """Fit a set of effects jointly from a start (N,)."""

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.effects import EffectParameter, get_effect
+from ros2_ident.effects import EffectParameter
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.fits import Explanation, Fits
 from ros2_ident.gap.floor import Floor
-from ros2_ident.gates.law import GAINS
 from ros2_ident.gates.scale import FLOORS
 from ros2_ident.identify.hidden import MATERIAL
-from ros2_ident.models import EffectAt
 from ros2_ident.search import intervals
 from ros2_ident.search.evidence import Evidence
 
@@ -22,8 +20,6 @@ from ros2_ident.search.evidence import Evidence
 _MISSED = 0.05
 # Outputs that a fit misses by so many floors may be too violent to be repeated by any.
 _VIOLENT = 3.0
-# Log-odds from which on the logged law decides between two gains.
-_SURE = 3.0
 # Noise is slow where its samples, known those before, scatter so many times less.
 _SLOW = 2.0
 
@@ -38,13 +34,6 @@ def at_bound(parameter: EffectParameter, value: float) -> bool:
     edge = 1e-3 * (parameter.high - parameter.low)
     outside = value <= parameter.low + edge or value >= parameter.high - edge
     return parameter.role == 'size' and outside and abs(value - parameter.neutral) > edge
-
-
-def gain_of(at: EffectAt) -> str | None:
-    """Return the controller's gain that an effect says is wrong; None for other effects."""
-    effect = get_effect(at.effect)
-    gain = effect.parameters[0].target
-    return gain if effect.group == 'controller' and gain in GAINS else None
 
 
 @dataclass(frozen=True)
@@ -230,9 +219,6 @@ class Criteria:
         the machine: an effect in a controller or a sensor that is not there makes them disagree,
         and one that is there and left out keeps them disagreeing.
         """
-        odds = self.odds_by_law(e, other)
-        if abs(odds) > _SURE:
-            return odds < 0.0
         more = e.law - other.law
         # An explanation that agrees better on the whole is not refuted by a trifle on one drive.
         if more.sum() <= 0.0:
@@ -240,28 +226,6 @@ class Criteria:
         worst = int(more.argmax())
         clearly = more[worst] > 0.5 * max(float(e.law[worst]) - 1.0, 0.0)
         return bool(np.sqrt(more[worst]) > self.rules.contradicted and clearly)
-
-    def odds_by_law(self, e: Explanation, other: Explanation) -> float:
-        """Return the log-odds of one explanation over another where they differ in a wrong gain.
-
-        Two gains of a drive can do nearly the same to the machine; logged effort, command and
-        position tell them apart. 0 where they do not, or something else differs.
-        """
-        odds = 0.0
-        for one in set(e.effects) - set(other.effects):
-            for two in set(other.effects) - set(e.effects):
-                names = gain_of(one), gain_of(two)
-                if one.where != two.where or None in names:
-                    continue
-                for law in self.attribution.laws(one.where):
-                    gains = {g.name: g for g in law.gains}
-                    if not gains.keys() >= {*names}:
-                        continue
-                    a, b = (gains[str(name)] for name in names)
-                    odds += min(a.count, b.count) * float(
-                        np.log((b.misfit + 1e-300) / (a.misfit + 1e-300))
-                    )
-        return odds
 
     def plausible(self, before: Explanation, after: Explanation) -> bool:
         """Whether the sizes of what is new stay inside their bounds."""

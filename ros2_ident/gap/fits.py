@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.gap.case import Case, Joint
@@ -19,8 +18,6 @@ from ros2_ident.models.orders import orders_shown
 from ros2_ident.search.journal import digest_of
 from ros2_ident.search.levenberg import difference_jacobian, fit_at, local_fit, LocalFit
 
-# Mean square, beyond the noise's, from which a controller misses the log.
-_LAW_OFF = 0.05
 # Sum of squares, in units of the noise's, that two fits of one model may differ by chance.
 TIE = 20.0
 # What explains less than this share of what the best does is not followed.
@@ -123,33 +120,17 @@ class Fits:
             base: The fit without effects.
 
         Returns:
-            The same fit with the controllers' rows. Its `law` is what they miss at best without
-            effects, so what an effect mends is not what a parameter could.
+            The same fit with the controllers' rows.
         """
         if not self.case.fit.seen:
             return base
         joint = self.case.fit.with_effects(base.effects)
         span = joint.high - joint.low
-        law = self._least_law(joint, base)
-        scale = self.floor * np.sqrt(1.0 + law)
+        scale = self.floor * np.sqrt(1.0 + base.law)
         self.law_weight = 1.0 / scale[self.case.fit.law_drive]
         unit = (base.theta - joint.low) / span
         residual, jacobian = difference_jacobian(self.evaluate(joint), unit, joint.low, span)
-        return replace(base, law=law, residual=residual, jacobian=jacobian)
-
-    def _least_law(self, joint: Joint, base: Explanation) -> Array:
-        """Return (D,) what each drive's controller misses at least, whatever the parameters."""
-        law = base.law.copy()
-        held_out = self.case.check.with_effects(base.effects)
-        for d in np.flatnonzero(law > 1.0 + _LAW_OFF):
-            own = self.case.fit.law_drive == d
-
-            def missed(theta: Array, own: npt.NDArray[np.bool_] = own) -> Array:
-                return joint.law_residual(theta)[:, own]
-
-            found = local_fit(missed, base.theta, joint.low, joint.high, stopped=self.stopped)
-            law[d] = min(law[d], self._law(joint, held_out, found.theta)[d])
-        return law
+        return replace(base, residual=residual, jacobian=jacobian)
 
     def _law(self, joint: Joint, held_out: Joint, theta: Array) -> Array:
         """Return (D,) mean square of what the controllers miss on both parts, floors squared."""

@@ -24,7 +24,6 @@ from ros2_ident.gates.signals import (
 )
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
-from ros2_ident.search.noise import correlation_time
 
 # Stamps that lie far apart are looked for where a law misses the effort by so many times its
 # noise, and believed where it then leaves so much less (mean square).
@@ -47,14 +46,12 @@ class Gain:
         value: Estimate, in the machine file's unit.
         expected: The machine file's value.
         misfit: RMS that is left with it, in the effort's unit.
-        count: Samples behind it, over the number that what is left stays alike.
     """
 
     name: str
     value: float
     expected: float
     misfit: float
-    count: float = math.nan
 
     @property
     def ratio(self) -> float:
@@ -176,7 +173,7 @@ def _unless_late(machine: Machine, drive: str, signals: Signals, fit: Fit, law: 
 def _law_at(machine: Machine, drive: str, signals: Signals, fit: Fit, delays: Array) -> Law:
     """Compare the law with a log at given delays (effort, set-point) in cycles."""
     columns, effort = fit.system(delays)
-    solution, free, _ = _solve(columns, effort)
+    solution, free = _solve(columns, effort)
     sought = [name for name in GAINS if name in machine.bounds]
     gains = {name: sane(machine.number(name, drive)) for name in GAINS}
     # Those of the free law's coefficients, columns as of `Fit.system`.
@@ -198,12 +195,12 @@ def _law_at(machine: Machine, drive: str, signals: Signals, fit: Fit, delays: Ar
             continue
         # The law is linear in each gain by itself.
         part = known if name == 'scale' else known - _law_of(columns, {**gains, name: 0.0})
-        factor, misfit, count = _solve(
+        factor, misfit = _solve(
             np.stack([part, np.ones_like(part)], axis=1), effort - (known - part)
         )
         expected = gains.get(name, 1.0)
         value = float(factor[0]) * expected
-        alone.append(Gain(name, value, expected, misfit, count))
+        alone.append(Gain(name, value, expected, misfit))
     alone.sort(key=lambda g: g.misfit)
     # Steps are multiplied by the gain that ran; quite another one shows.
     slope = next((abs(g.value) for g in alone[:1] if g.name == 'velocity_gain'), 0.0)
@@ -259,10 +256,9 @@ def _weights(gains: dict[str, float]) -> Array:
     return np.array([kv * kp, kv, 0.0, ki * kp, ki])
 
 
-def _solve(columns: Array, effort: Array) -> tuple[Array, float, float]:
-    """Return the coefficients, the RMS of what is left, and how many samples tell of their own."""
+def _solve(columns: Array, effort: Array) -> tuple[Array, float]:
+    """Return the coefficients, and the RMS of what is left."""
     scale = np.sqrt((columns**2).mean(axis=0)) + 1e-300
     solution = np.linalg.lstsq(columns / scale, effort, rcond=1e-10)[0]
     left = effort - (columns / scale) @ solution
-    rms = math.sqrt(float((left**2).mean()))
-    return solution / scale, rms, left.size / correlation_time(left)
+    return solution / scale, math.sqrt(float((left**2).mean()))
