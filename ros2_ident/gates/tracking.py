@@ -3,9 +3,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import permutations
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 from scipy.signal import correlate
 
 from ros2_ident.arrays import Array
@@ -23,8 +23,6 @@ _OTHER_UNIT = 0.2
 _STRANGE = 2.0
 # A drive of whose speed its own set-point leaves so little is its own.
 _SAME = 0.01
-# Names of more drives than these are not looked through.
-_MOST = 6
 
 
 @dataclass(frozen=True)
@@ -162,10 +160,9 @@ def _mixed(tracking: Tracking) -> list[Gate]:
     # path all move alike, but for a factor.
     slope = np.where(tracking.slope == 0.0, np.inf, tracking.slope)
     left = 1.0 - tracking.share * (2.0 / slope - 1.0 / slope**2)
-    if count < 2 or count > _MOST or (np.diag(left) <= _SAME).all():
+    if count < 2 or (np.diag(left) <= _SAME).all():
         return []
-    orders = list(permutations(range(count)))
-    best = min(orders, key=lambda order: float(left[range(count), order].sum()))
+    best = linear_sum_assignment(left)[1].tolist()
     moved = [d for d in range(count) if best[d] != d]
     fits = all(tracking.share[d, best[d]] >= FOLLOWS for d in moved)
     if not moved or not fits or any(left[d, best[d]] > SWAPPED * left[d, d] for d in moved):
