@@ -104,7 +104,8 @@ def _gap(
     problem: Problem, left: tuple[DriveResidual, ...], evidence: Evidence | None
 ) -> tuple[str, ...]:
     """Return what the residual says of the model and of the noise that is stated."""
-    noise = problem.noise
+    noise, machine = problem.noise, problem.models[0].machine
+    told = machine is None or machine.stated('effort_noise')
     if evidence is None:
         return tuple(
             f'{x.drive}: the residual is {figure(x.rms / noise)} times the effort noise of the '
@@ -124,11 +125,13 @@ def _gap(
                 '`ident diagnose` looks for what the model leaves out'
             )
         found = floor / output.weight
-        stated = output.quantity == 'effort' and noise > 0.0 and predicted < MATERIAL * floor
-        if stated and not noise / OTHER_NOISE < found < noise * OTHER_NOISE:
+        stated = told and output.quantity == 'effort' and noise > 0.0
+        alike = stated and 1.0 / OTHER_NOISE < found / noise < OTHER_NOISE
+        if stated and not alike and predicted < MATERIAL * floor:
             out.append(
-                f'{output.name}: the noise of the log is {found:.2g}{unit}, and the machine file '
-                f'states {noise:.2g}{unit} (effort_noise); the log decides'
+                f'{output.name}: the noise of the log is {found:.2g}{unit}, '
+                f'{rounded(found / noise)} times as much as effort_noise in the machine file '
+                'says; the log decides'
             )
     return tuple(out)
 

@@ -12,6 +12,7 @@ from ros2_ident.machine.template import machine_template
 from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import Recording, Stream
 from ros2_ident.recording.motion import motion_of
+from ros2_ident.recording.streams import with_positions
 
 
 def new_machine_file(
@@ -49,12 +50,13 @@ def one_joint_file(kind: Kind, drives: Sequence[str], log: Recording) -> str | N
     Args:
         kind: The kind of machine.
         drives: Joint names; those of the log where there are none.
-        log: A log with positions.
+        log: A log with a measured motion.
 
     Returns:
         The text, its bounds from what alone would make the effort; None where the kind has no
         rigid drive, or the log a set-point, no effort or another number of joints.
     """
+    log, _ = with_positions(log, log.state.names if log.state else ())
     assert log.state is not None
     names = tuple(drives) or log.state.names
     rigid = any(key.name == 'moving_mass' for key in kind.keys)
@@ -74,6 +76,8 @@ def one_joint_file(kind: Kind, drives: Sequence[str], log: Recording) -> str | N
         f'  coulomb_friction: [0.0, {most:.3g}, N m]\n'
         f'  viscous_friction: [0.0, {viscous:.3g}, N m s/rad]\n'
         f'  constant_force: [{-most:.3g}, {most:.3g}, N m]\n'
+        # A commanded effort acts half a cycle after its stamp; a measured one is that much late.
+        f'  measurement_delay: [0.0, {2.0 * motion.period:.3g}, s]\n'
     )
 
 

@@ -9,7 +9,7 @@ import re
 
 import yaml
 
-from ros2_ident.recording.columns import QUANTITIES, refuse
+from ros2_ident.recording.columns import MAP_SUFFIX, QUANTITIES, refuse
 from ros2_ident.recording.shown import listed
 
 # Lines that are looked at.
@@ -19,13 +19,16 @@ _WORDS = {
     'velocity': 'vel velocity speed omega dq qd',
     'effort': 'effort torque tau current i iq force',
     'command': 'cmd command ref reference set setpoint desired des target',
-    '': 'act actual meas measured',
+    '': 'act actual meas measured value averaged avg',
 }
 # What a word of a column's name stands for; other words name its joint.
 _MEANT = {word: what for what, words in _WORDS.items() for word in words.split()}
 _TIMES = {'time', 't', 'stamp', 'timestamp', 'clock'}
+_TIME_UNITS = ('s', 'ms', 'us', 'ns')
 _TO_SI = {'deg': 0.017453292519943295, 'rpm': 0.10471975511965977, 'mm': 1e-3, 'ma': 1e-3}
-_UNITS = {'s', 'ms', 'us', 'ns', 'm', 'rad', 'a', 'n', 'nm', *_TO_SI}
+# What an effort in another unit than N m or N asks of the machine file.
+_ASKED = {'%': 'percent and rated_torque', **dict.fromkeys(('a', 'ma'), 'A and torque_constant')}
+_UNITS = {*_TIME_UNITS, 'm', 'rad', 'n', 'nm', *_ASKED, *_TO_SI}
 
 
 def drafted_columns(path: str | Path) -> str:
@@ -45,12 +48,13 @@ def drafted_columns(path: str | Path) -> str:
     rows = [[x.strip() for x in row] for row in csv.reader(lines, delimiter=delimiter)]
     first = next((n for n, row in enumerate(rows) if _numeric(row, decimal)), 0)
     wide = [n for n in range(first) if len(rows[n]) == len(rows[first])]
+    where = f'write {Path(path).stem}{MAP_SUFFIX}, as in docs/logs.md'
     if not wide:
-        raise refuse(path, 'has no line of names above its numbers; write a column map')
+        raise refuse(path, f'has no line of names above its numbers; {where}')
     # Of two lines the lower one holds units.
     names, units = rows[wide[max(-2, -len(wide))]], rows[wide[-1]] if wide[1:] else []
-    time, joints, unread = None, dict[str, dict[str, object]](), []
-    for name, below in zip(names, units or [''] * len(names), strict=True):
+    time, joints, unread, notes = None, dict[str, dict[str, object]](), [], ''
+    for n, (name, below) in enumerate(zip(names, units or [''] * len(names), strict=True), 1):
         stem, unit = _parted(name)
         unit = (below.strip('[]() ') or unit).lower().removesuffix('/s')
         words = [x.lower() for x in re.findall(r'[A-Z]?[a-z]+|[A-Z]+|\d+', stem)]
@@ -60,8 +64,12 @@ def drafted_columns(path: str | Path) -> str:
             quantity = f'command_{quantity or "position"}'
         joint = '_'.join(x for x in words if x not in _MEANT)
         own = joints.setdefault(f'joint_{joint}' if joint.isdigit() else joint or 'joint_1', {})
-        if time is None and _TIMES & set(words):
-            time = {'column': name, 'unit': unit if unit in ('ms', 'us', 'ns') else 's'}
+        # A time without a name is known by its unit.
+        timed = _TIMES & set(words) or (not words and unit in _TIME_UNITS)
+        if quantity == 'effort' and unit in _ASKED:
+            notes = f'# The machine file needs, for the effort, effort_unit: {_ASKED[unit]}.\n'
+        if time is None and timed:
+            time = {'column': name or n, 'unit': unit if unit in _TIME_UNITS else 's'}
         elif quantity not in QUANTITIES or quantity in own:
             unread.append(name)
         elif unit in _TO_SI:
@@ -71,13 +79,13 @@ def drafted_columns(path: str | Path) -> str:
     joints = {joint: own for joint, own in joints.items() if own}
     if time is None or not joints:
         what = 'time' if time is None else 'position, velocity or effort'
-        raise refuse(path, f'no column is named as a {what}: {listed(names)}; write a column map')
+        raise refuse(path, f'no column is named as a {what}: {listed(names)}; {where}')
     told = {'time': time, 'joints': joints, 'delimiter': delimiter, 'decimal': decimal}
     told |= {'skip': wide[max(-2, -len(wide))], 'skip_below': 1 if units else 0}
-    left = f'# Not read: {listed(unread, 30)}\n' if unread else ''
+    notes += f'# Not read: {listed(unread, 30)}\n' if unread else ''
     return (
         f'# From the names in {Path(path).name}: look whether columns and units are right.\n'
-        f'{left}{yaml.safe_dump(told, sort_keys=False)}'
+        f'{notes}{yaml.safe_dump(told, sort_keys=False)}'
     )
 
 

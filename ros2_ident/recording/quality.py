@@ -238,7 +238,8 @@ def _judge_drives(
     number: int, recording: Recording, machine: MachineFacts | None
 ) -> tuple[list[DriveSummary], list[Finding]]:
     """Judge motion and effort of every drive."""
-    recording, _ = with_positions(recording, recording.state.names if recording.state else ())
+    everyone = recording.state.names if recording.state else ()
+    recording, integrated = with_positions(recording, everyone)
     state = recording.state
     if state is None or state.position is None:
         return [], [
@@ -259,7 +260,9 @@ def _judge_drives(
     scale = 1.0 if machine is None else machine.effort_scale
     for name in names:
         summary, said = judge_drive(number, recording, name, gravity, scale, machine is not None)
-        findings += said
+        # An integrated speed says nothing of the speed.
+        vacuous = name in integrated
+        findings += [f for f in said if not (vacuous and f.code.startswith('velocity'))]
         if summary is not None:
             drives.append(summary)
     if still := standing({x.drive: x.stroke for x in drives}):

@@ -86,6 +86,17 @@ def test_a_flexible_load_has_no_place_behind_an_elastic_gear() -> None:
         make_model(tripod, dataset(tripod), effects=[EffectAt('gear_flexibility', 'drive_1')])
 
 
+def test_a_flexible_load_takes_as_many_steps_however_light_it_is() -> None:
+    emps = machine_of('emps')
+    data = dataset(emps, command=False)
+    model = make_model(emps, data, effects=[EffectAt('gear_flexibility', emps.drives[0])])
+    of_mass = np.array(['Hz' != p.unit != '1' for p in model.parameters])
+    theta = np.array([[95.0, 200.0, 20.0, 0.0, 0.3, 150.0, 0.05]])
+    assert model.work(theta)[0] > 1
+    for small in (1e-12, 1e-24):
+        assert model.work(np.where(of_mass, small, 1.0) * theta) == model.work(theta)
+
+
 def test_twins_are_one_answer() -> None:
     assert twins('effort_bias') == twins('constant_force') == {'effort_bias', 'constant_force'}
     assert twins('supply_sag') == {'supply_sag'}

@@ -42,10 +42,16 @@ DEGREE = pytest.approx(np.pi / 180.0)
             ('timestamp_ns', 'ns'), {},
         ),
         (
-            't [s]\ttheta [rad]\tomega [rad/s]\ti [A]\n0\t1\t2\t3\n',
-            {'joint_1': {'position': 'theta [rad]', 'velocity': 'omega [rad/s]',
-                         'effort': 'i [A]'}},
+            't [s]\ttheta [rad]\ti [A]\n0\t1\t3\n',
+            {'joint_1': {'position': 'theta [rad]', 'effort': 'i [A]'}},
             ('t [s]', 's'), {'delimiter': '\t'},
+        ),
+        (
+            'ID;7\n;Velocity actual value averaged;Torque actual value\nms;rpm;%\n0;1;2\n',
+            {'joint_1': {'velocity': {'column': 'Velocity actual value averaged',
+                                      'scale': pytest.approx(np.pi / 30.0)},
+                         'effort': 'Torque actual value'}},
+            (1, 'ms'), {'delimiter': ';', 'skip': 1, 'skip_below': 1},
         ),
     ],
 )  # fmt: skip
@@ -80,7 +86,7 @@ def test_a_table_of_one_joint_becomes_map_and_machine_file(tmp_path, capsys):
     words = ['new-machine', '--kind', 'linear_axis', '--bag', str(table)]
     assert main([*words, '--out', str(out)]) == 0
     assert 'log.columns.yaml, from the names in' in capsys.readouterr().err
-    assert len(out.read_text().splitlines()) == 8
+    assert len(out.read_text().splitlines()) == 9
     machine = load_machine(out)
     assert machine.number('cycle') == pytest.approx(0.01)
     assert machine.bounds['coulomb_friction'][1] == pytest.approx(2.0)
@@ -88,3 +94,16 @@ def test_a_table_of_one_joint_becomes_map_and_machine_file(tmp_path, capsys):
     (tmp_path / 'log.columns.yaml').write_text('mine')
     assert main(words) == 2
     assert (tmp_path / 'log.columns.yaml').read_text() == 'mine'
+
+
+def test_speeds_do_for_a_machine_file_and_are_not_held_against_themselves(tmp_path, capsys):
+    time = 0.01 * np.arange(500)
+    rows = np.stack([time, np.sin(time), np.cos(time)], axis=1)
+    table, out = tmp_path / 'log.csv', tmp_path / 'my.yaml'
+    np.savetxt(table, rows, delimiter=',', header='time,dq,tau [A]', comments='')
+    words = ['--bag', str(table), '--out', str(out)]
+    assert main(['new-machine', '--kind', 'linear_axis', *words]) == 0
+    assert load_machine(out).bounds['measurement_delay'] == (0.0, pytest.approx(0.02), 's')
+    assert 'effort_unit: A and' in (tmp_path / 'log.columns.yaml').read_text()
+    assert main(['check', str(table), '--machine', str(out)]) == 0
+    assert 'reported velocity' not in capsys.readouterr().out

@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.recording import Recording, Stream
-from ros2_ident.recording.motion import (
-    best_lag,
-    count_reversals,
-    Motion,
-    motion_of,
-)
+from ros2_ident.recording.motion import best_lag, count_reversals, Motion, motion_of
 
 PERIOD = 0.01
 TIME = PERIOD * np.arange(3000)
@@ -68,11 +63,3 @@ def test_a_lag_is_found_to_a_fraction_of_a_sample(lag, gain):
     assert found == pytest.approx(lag, abs=3e-4)
     np.testing.assert_allclose(solution, [gain, 0.5], rtol=0.02)
     assert share > 0.999
-
-
-# ---------------------------------------------------------------------- reported velocity
-
-
-def late(lag):
-    there = np.clip(TIME - lag, 0.0, TIME[-1])
-    return np.interp(there, TIME, FREE.velocity)

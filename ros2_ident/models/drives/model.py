@@ -44,6 +44,8 @@ _SMOOTHING, _WHOLE = 2, 64
 # compared, for friction turns over faster than efforts do; and at least up to so many times. No
 # motion is told above this share of a log's rate.
 _WIDER, _LEAST, _ROOM = 5.0, 2.5, 0.35
+# In place of no mass, where one is divided by: rotors weigh 1e-7 kg m^2 and less.
+_MASSLESS = 1e-100
 # Of a short log no more than this share is left out at either end.
 _SHORTEST = 0.05
 # A controller's motion has to be in the log at this share of its cycles to be replayed.
@@ -429,7 +431,7 @@ class DriveModel(FullModel):
             return np.full(len(block), self.substeps, dtype=np.int64)
         need = np.ones(len(block))
         for d in range(len(self.machine.drives)):
-            motor = np.maximum(block[:, rows.row_of('motor_mass', d)], 1e-9)
+            motor = np.maximum(block[:, rows.row_of('motor_mass', d)], _MASSLESS)
             rail = block[:, rows.row_of('rail_mass', d)]
             if not fast:
                 eps = block[:, rows.row_of('regularisation', d)]
@@ -440,7 +442,7 @@ class DriveModel(FullModel):
                 )
                 need = np.maximum(need, self.cycle * slope / 1.5)
             if not self.stiff[d]:
-                inverse = 1.0 / motor + 1.0 / np.maximum(rail, 1e-9)
+                inverse = 1.0 / motor + 1.0 / np.maximum(rail, _MASSLESS)
                 with np.errstate(invalid='ignore'):  # below 0 it diverges
                     omega = np.sqrt(block[:, rows.row_of('gear_stiffness', d)] * inverse)
                 rate = block[:, rows.row_of('gear_damping', d)] * inverse
