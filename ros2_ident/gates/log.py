@@ -42,7 +42,12 @@ def check_streams(data: Dataset) -> list[Gate]:
         period = 1.0 / stream.rate if stream.rate else math.inf
         loose = stream.jitter > 0.15 * period
         text = f'{stream.role}: stamps scatter by {1e3 * stream.jitter:.2g} ms about the grid'
-        if loose:
+        if loose and not stream.stride:
+            text = (
+                f'{stream.role}: the samples keep to no multiple of the controller cycle and '
+                'lie up to half a cycle off; state a cycle that divides their period'
+            )
+        elif loose:
             text += '; a shorter delay cannot be seen: stamp samples where they are taken'
         if stream.role == 'state':
             found += _slow(stream.rate)

@@ -158,6 +158,8 @@ def test_missing_samples(missing, level):
     stream = StreamQuality('effort', 1000, missing, 1000.0, 1e-5, 2)
     case.quality = AlignQuality((stream,))
     assert check_streams(case)[0].level == level
+    case.quality = AlignQuality((replace(stream, jitter=1e-3, stride=0),))
+    assert 'keep to no multiple of the controller cycle' in check_streams(case)[-1].sentence
 
 
 @needs_practice

@@ -47,9 +47,8 @@ DEGREE = pytest.approx(np.pi / 180.0)
             ('t [s]', 's'), {'delimiter': '\t'},
         ),
         (
-            'ID;7\n;Velocity actual value averaged;Torque actual value\nms;rpm;%\n0;1;2\n',
-            {'joint_1': {'velocity': {'column': 'Velocity actual value averaged',
-                                      'scale': pytest.approx(np.pi / 30.0)},
+            'ID;7\n;Velocity averaged;Torque actual value\nms;rpm;%\n0;1;2\n',
+            {'joint_1': {'velocity': {'column': 'Velocity averaged', 'scale': 0.10471975511965977},
                          'effort': 'Torque actual value'}},
             (1, 'ms'), {'delimiter': ';', 'skip': 1, 'skip_below': 1},
         ),
