@@ -126,12 +126,12 @@ def _gap(
             )
         found = floor / output.weight
         stated = told and output.quantity == 'effort' and noise > 0.0
-        alike = stated and 1.0 / OTHER_NOISE < found / noise < OTHER_NOISE
-        if stated and not alike and predicted < MATERIAL * floor:
+        if not stated or predicted >= MATERIAL * floor:
+            continue
+        if not noise / OTHER_NOISE < found < noise * OTHER_NOISE:
             out.append(
-                f'{output.name}: the noise of the log is {found:.2g}{unit}, '
-                f'{rounded(found / noise)} times as much as effort_noise in the machine file '
-                'says; the log decides'
+                f'{output.name}: the noise of the log is {found:.2g}{unit}, and the machine file '
+                f'states {noise:.2g}{unit} (effort_noise); the log decides'
             )
     return tuple(out)
 
