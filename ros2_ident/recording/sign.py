@@ -71,14 +71,16 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
     slow = _SLOW * float(np.abs(motion.velocity).max())
     moving = np.abs(motion.velocity) > slow
     others = motion.beside if alone else motion.beside[:0]
-    rest = (np.abs(np.gradient(others, motion.period, axis=1)) < slow).all(axis=0)
-    power = _power(motion, effort, others, moving & rest & np.isfinite(motion.effort))
+    near = 2 * round(_STOOD / motion.period) + 1
+    # What starts or stops is slow as well, and loads the joint by its acceleration.
+    rest = maximum_filter1d(np.abs(np.gradient(others, motion.period, axis=1)), near, axis=1)
+    there = moving & (rest < slow).all(axis=0) & np.isfinite(motion.effort)
+    power = _power(motion, effort, others, there)
     certain = student.isf(_CHANCE, _BLOCKS - 1)
     top = float(np.percentile(effort, 99))
     if effort.min() >= -_PASSES * top:
         # A weight keeps away from zero; the size of an effort falls to it when its sign changes.
-        near = maximum_filter1d(moving, 2 * round(_STOOD / motion.period) + 1)
-        falls = float(np.mean(effort[near] < _FALLS * top)) > _OFTEN
+        falls = float(np.mean(effort[maximum_filter1d(moving, near)] < _FALLS * top)) > _OFTEN
         if falls or (abs(power) < certain and not alone):
             return 'unsigned'
         if power < -certain:
