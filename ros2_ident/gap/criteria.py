@@ -10,7 +10,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import EffectParameter
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.fits import Explanation, Fits
-from ros2_ident.gap.floor import Floor
+from ros2_ident.gap.floor import Floor, OPEN
 from ros2_ident.gates.scale import FLOORS
 from ros2_ident.identify.hidden import MATERIAL
 from ros2_ident.search import intervals
@@ -20,8 +20,6 @@ from ros2_ident.search.evidence import Evidence
 _MISSED = 0.05
 # Outputs that a fit misses by so many floors may be too violent to be repeated by any.
 _VIOLENT = 3.0
-# Noise is slow where its samples, known those before, scatter so many times less.
-_SLOW = 2.0
 
 
 def at_bound(parameter: EffectParameter, value: float) -> bool:
@@ -278,5 +276,4 @@ class Criteria:
         """
         if self.size(e) >= self.rules.material:
             return True
-        slow = [m.variance > _SLOW**2 * m.innovation for m in self.floor.noise]
-        return not e.effects and any(slow)
+        return not e.effects and any(m.innovation < OPEN**2 * m.variance for m in self.floor.noise)

@@ -234,15 +234,11 @@ class Explainer(Criteria):
             if not self.material(less, best):
                 kept = less
         same = kept.effects[: len(chain) - 1] == chain[-1].effects
-        return self.up_to(chain if same else chain[:1], kept)
-
-    def up_to(self, chain: Sequence[Explanation], e: Explanation) -> list[Explanation]:
-        """Return a chain that goes on to a fit, one effect more each."""
-        steps = list(chain)
-        for count in range(len(chain), len(e.effects)):
-            theta = e.theta[: self.columns(e, count)[0]]
-            steps.append(self.attribution.refit(e.effects[:count], theta))
-        return [*steps, e]
+        steps = list(chain) if same else chain[:1]
+        for count in range(len(steps), len(kept.effects)):
+            theta = kept.theta[: self.columns(kept, count)[0]]
+            steps.append(self.attribution.refit(kept.effects[:count], theta))
+        return [*steps, kept]
 
     def rivals(
         self, chain: Sequence[Explanation], rounds: Sequence[Round]

@@ -37,10 +37,10 @@ _SAME = 1e-3
 _CLIP = 2.0
 # A repeat has to last so long, s.
 _SHORTEST = 0.5
-# Noise beyond so many times what is stated, whose samples hang together so that their own past
-# leaves only this part of them open, is something that moves; so is noise of which the past leaves
-# less than the last where none is stated.
-_BEYOND, _OPEN, _SLOWEST = 4.0, 0.5, 0.05
+# Noise is slow whose samples hang together so that their own past leaves only this part of them
+# open. Beyond so many times what is stated it is something that moves; where none is stated, from
+# the last on.
+OPEN, _BEYOND, _SLOWEST = 0.5, 4.0, 0.05
 # Regions are compared where they hold so many samples that tell, and differ by more than chance
 # makes them with this probability; noise is what the quietest of this share of the samples have,
 # where that is less than this share of the rest.
@@ -78,7 +78,7 @@ class Floor:
             stated: Noise that somebody stated, in the unit of the residual; 0 where nobody did.
         """
         least = _BEYOND * stated
-        open_part = _OPEN if stated else _SLOWEST
+        open_part = OPEN if stated else _SLOWEST
         return {
             name: float(value)
             for name, value, model in zip(drives, self.per_drive, self.noise, strict=True)

@@ -110,23 +110,16 @@ def region_of(
         return _order(coordinate, fitted, coordinate.pick), ''
     sides = np.sign(coordinate.columns)
     inside = np.abs(coordinate.columns) > 0.0
+    if coordinate.name == 'recent acceleration':
+        return 'within 40 ms', ''
+    if coordinate.labels and coordinate.name != 'phase':
+        size = np.abs((coordinate.columns / coordinate.columns.std(axis=0)).T @ fitted)
+        return coordinate.labels[int(np.argmax(size))], ''
     if coordinate.labels:
-        if not np.isin(np.abs(sides), (0.0, 1.0)).all() or coordinate.name != 'phase':
-            size = np.abs((coordinate.columns / coordinate.columns.std(axis=0)).T @ fitted)
-            near = coordinate.name == 'recent acceleration'
-            return 'within 40 ms' if near else coordinate.labels[int(np.argmax(size))], ''
-        power = dict.fromkeys(PHASES, 0.0)
-        for name, column in zip(coordinate.labels, inside.T, strict=True):
-            power[name] = float((weight * fitted**2)[column].sum())
-        names = sorted(power, key=lambda n: -power[n])
-        total = sum(power.values())
-        held, chosen = 0.0, []
-        for name in names:
-            chosen.append(name)
-            held += power[name]
-            if held >= _MOST * total:
-                break
-        return ', '.join(chosen), ''
+        held = dict(zip(coordinate.labels, (weight * fitted**2) @ inside, strict=True))
+        names = sorted(held, key=lambda name: -held[name])
+        most = np.cumsum([held[name] for name in names]) >= _MOST * sum(held.values())
+        return ', '.join(names[: 1 + int(np.argmax(most))]), ''
     counts = np.array([float(weight[c].sum()) for c in inside.T])
     means = np.array(
         [

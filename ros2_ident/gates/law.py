@@ -88,7 +88,7 @@ class Law:
     misfit: float
     misfit_file: float
     explained: float
-    steps: float = 0.0
+    steps: float
     limit: float = math.inf
 
     @property

@@ -22,7 +22,7 @@ MACHINE = load_machine(ROOT / 'config/tripod.yaml')
 
 def _law(**changes):
     gains = (Gain('velocity_gain', 4.5, 4.5, 0.01),)
-    base = Law('drive_1', gains, 0.03, 0.0, 0.01, 0.01, 0.999)
+    base = Law('drive_1', gains, 0.03, 0.0, 0.01, 0.01, 0.999, 0.0)
     return replace(base, **changes)
 
 
