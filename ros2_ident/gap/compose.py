@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from ros2_ident.arrays import Array
-from ros2_ident.effects import get_effect, shown_by
+from ros2_ident.effects import get_effect
 from ros2_ident.gap.blocks import Blocks, Interval
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.coordinates import motion_of
@@ -21,6 +20,7 @@ from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.gap.verdict import (
     advice,
     cannot_show,
+    effect_of,
     NAMELESS,
     NONE,
     OFTEN,
@@ -72,8 +72,7 @@ def compose(
     share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
     again = _again(explainer, found, verdict, blocks)
     evidence = explainer.noise_of(final).evidence if found.complete else None
-    shares, whole = _shares(explainer, found)
-    per_drive = _per_drive(explainer, found, blocks, floor, shares)
+    per_drive, whole = _per_drive(explainer, found, blocks)
     values = _values(explainer, final, evidence) | _steps(verdict.readings)
     values |= verdict.constants
     nominal = {
@@ -224,16 +223,13 @@ def _values(
 
 def _steps(readings: Sequence[CoarseReading]) -> dict[str, Value]:
     """Return the steps of the encoders named."""
-    effect = shown_by('reading_steps')
-    if effect is None:
-        return {}
-    (step,) = effect.parameters
-    return {
-        f'{r.drive}.{effect.id}.{step.name}': Value(
-            r.step, r.unit, r.step - r.error, r.step + r.error
-        )
-        for r in readings
-    }
+    out = {}
+    for r in readings:
+        at = effect_of(r)
+        (step,) = get_effect(at.effect).parameters
+        name = f'{at.where}.{at.effect}.{step.name}'
+        out[name] = Value(r.step, r.unit, r.step - r.error, r.step + r.error)
+    return out
 
 
 def _ranked(explainer: Explainer, base: Explanation, one: Weighed) -> Ranked:
@@ -262,40 +258,29 @@ def _doubts(values: Mapping[str, Value]) -> list[str]:
     ]
 
 
-def _shares(explainer: Explainer, found: Explained) -> tuple[Array, float]:
-    """Return (D,) the nominal gap over the measured output, RMS on all data, and that of all."""
-    case = explainer.case
-    gap = np.maximum(explainer.gap(found.chain[0]), 0.0) * explainer.floor.per_drive**2
-    rows = [
-        np.concatenate([*case.fit.measured(d), *case.check.measured(d)])
-        for d in range(len(case.drives))
-    ]
-    output = np.array([max(float(np.mean(row**2)), 1e-300) for row in rows])
-    return np.sqrt(gap / output), float(np.sqrt(gap.sum() / output.sum()))
-
-
 def _per_drive(
-    explainer: Explainer, found: Explained, blocks: Blocks, floor: Floor, shares: Array
-) -> dict[str, DriveGap]:
-    case = explainer.case
+    explainer: Explainer, found: Explained, blocks: Blocks
+) -> tuple[dict[str, DriveGap], float]:
+    """Return each drive's gap, and the nominal one over the measured output of all, RMS."""
+    case, floor, last = explainer.case, explainer.floor, len(found.chain) - 1
+    gap = np.maximum(explainer.gap(found.chain[0]), 0.0) * floor.per_drive**2
+    output = np.empty(len(case.drives))
     counted = blocks.above(floor, 0, -1)
     out = {}
     for d, name in enumerate(case.drives):
-        share = (
-            blocks.share_closed(0, len(found.chain) - 1, floor, drive=d).value
-            if len(found.chain) > 1
-            else 0.0
-        )
+        held_out = case.check.measured(d)
+        measured = np.concatenate([*case.fit.measured(d), *held_out])
+        output[d] = max(float(np.mean(measured**2)), 1e-300)
         out[name] = DriveGap(
             before=float(np.sqrt(blocks.squares[0, d])),
             after=float(np.sqrt(blocks.squares[-1, d])),
             noise_floor=float(floor.per_drive[d]),
-            share_closed=share,
-            torque_rms=float(np.sqrt(np.mean(np.concatenate(case.check.measured(d)) ** 2))),
-            share_of_output=float(shares[d]),
+            share_closed=blocks.share_closed(0, last, floor, drive=d).value if last else 0.0,
+            torque_rms=float(np.sqrt(np.mean(np.concatenate(held_out) ** 2))),
+            share_of_output=float(np.sqrt(gap[d] / output[d])),
             counted=bool(counted[d]),
         )
-    return out
+    return out, float(np.sqrt(gap.sum() / output.sum()))
 
 
 def _sentence(
