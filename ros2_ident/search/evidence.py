@@ -94,9 +94,11 @@ class Evidence:
         width = high - low
         middle = theta + self.shift * width
         half = _NORMAL * np.sqrt(np.maximum(np.diag(self.covariance), 0.0)) * width
-        # The box is what is known beforehand.
+        # The box is what is known beforehand; where it begins at zero, nothing is less.
         return (
-            np.fmin(least, np.maximum(middle - half, low)),
+            np.maximum(
+                np.fmin(least, np.maximum(middle - half, low)), np.where(low, -np.inf, 0.0)
+            ),
             np.fmax(most, np.minimum(middle + half, high)),
         )
 
