@@ -2,6 +2,7 @@
 """The recordings of one machine, and what any extended model makes of them."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from threading import Lock
@@ -336,6 +337,21 @@ class Case:
             return self
         models = self.whole.models
         return self._of([m.carrying(h) for m, h in zip(models, held, strict=True)])
+
+    def decided(self, theta: Array, noise: Array) -> 'Case':
+        """Return the case that compares only what the motion decides; itself where all or little.
+
+        Args:
+            theta: (N,) a nominal fit.
+            noise: (D,) noise of each drive.
+        """
+        joint = self.whole.with_effects(())
+        models = [m.decided(joint.own(k, theta)[0], noise) for k, m in enumerate(joint.models)]
+        if all(new is old for new, old in zip(models, joint.models, strict=True)):
+            return self
+        with suppress(IdentError):
+            return self._of(models)
+        return self
 
     def stating(self, name: str, value: float) -> 'Case':
         """Return the case whose machine file states another number."""

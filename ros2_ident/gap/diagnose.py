@@ -258,6 +258,11 @@ class _Passes:
         clock.enter(0.2, 0.35)
         clock.step(0.0, 'telling noise from what the motion predicts')
         first, seen = base, predictability(joint, base.theta, clock.stopped)
+        decided = case.decided(base.theta, seen.floor.per_drive)
+        if decided is not case and not clock.stopped():
+            case, joint = decided, decided.whole.with_effects(())
+            base = self._attribution(case, seen.floor.per_drive).refit((), base.theta)
+            first, seen = base, predictability(joint, base.theta, clock.stopped)
         floor = seen.floor
         case = self._carrying(case, joint, base.theta, floor.per_drive)
         attribution = self._attribution(case, floor.per_drive)

@@ -287,6 +287,15 @@ class FullModel(ABC):
         """
         return self
 
+    def decided(self, theta: Array, noise: Array) -> 'FullModel':
+        """Return the model that compares only what the recorded motion decides; itself where all.
+
+        Args:
+            theta: (N,) parameters.
+            noise: (O,) standard deviation of the outputs' noise.
+        """
+        return self
+
     def stating(self, name: str, value: float) -> 'FullModel':
         """Return the model whose machine file states another number; itself where it has none."""
         return self

@@ -6,7 +6,6 @@ is wrong by s (2 pi)^2 sqrt(2 B^5 / (5 f)), and the effort that an inertia asks 
 times the inertia. The noise of a logged effort grows only with sqrt(B).
 """
 
-from collections.abc import Sequence
 import math
 
 import numpy as np
@@ -95,52 +94,6 @@ def standing(
     return out
 
 
-def doubtful(
-    data: Dataset,
-    names: Sequence[str],
-    motion: FloatArray,
-    *,
-    ahead: float,
-    cutoff: float,
-    band: float,
-) -> NDArray[np.bool_]:
-    """Return where efforts depend on how the motion is smoothed: its readings do not decide them.
-
-    That is about a start from rest or a change of direction, where friction turns over faster than
-    the readings resolve.
-
-    Args:
-        data: Positions and efforts.
-        names: D of its joints.
-        motion: Their position, velocity and acceleration (3, D, K) below a frequency.
-        ahead: Cycles by which these are later than the readings.
-        cutoff: That frequency, Hz.
-        band: Frequency below which efforts are compared, Hz.
-
-    Returns:
-        (D, K) where the motion below half an octave less asks for an effort that differs by more
-        than the noise of the effort, or a thousandth of it.
-    """
-    assert data.position is not None and data.effort is not None
-    rows = [data.names.index(name) for name in names]
-    less = smooth_motion(data.position[rows], data.cycle, cutoff / math.sqrt(2.0), ahead)
-    out = np.zeros(motion.shape[1:], dtype=bool)
-    for d, row in enumerate(rows):
-        there, period = _samples(data.position[row], data.cycle)
-        if min(there.size, np.isfinite(data.effort[row]).sum()) < _FEWEST:
-            continue
-        effort = fill_gaps(data.effort[row])[there]
-        inertia, friction, viscous = _shares(data.position[row][there], effort, period)
-        asked = [
-            inertia * change + friction * np.sign(speed) + viscous * speed
-            for _, speed, change in (motion[:, d], [part[d] for part in less])
-        ]
-        apart = low_pass((asked[0] - asked[1])[None], data.cycle, band)[0]
-        noise, least = _quietest(effort), _OF_EFFORT * float(np.std(effort))
-        out[d] = np.abs(apart) > max(noise * math.sqrt(2.0 * band * period), least)
-    return out
-
-
 def _samples(row: FloatArray, cycle: float) -> tuple[NDArray[np.intp], float]:
     """Return the cycles of a row with a sample, and the time from one to the next, s."""
     there = np.flatnonzero(np.isfinite(row))
@@ -156,7 +109,7 @@ def _of_joint(data: Dataset, d: int) -> float:
     if data.effort is None or min(there.size, np.isfinite(data.effort[d]).sum()) < _FEWEST:
         return highest
     position, effort = data.position[d][there], fill_gaps(data.effort[d])[there]
-    read = abs(_shares(position, effort, period)[0]) * (2.0 * math.pi) ** 2 * _noise(position)
+    read = _inertia(position, effort, period) * (2.0 * math.pi) ** 2 * _noise(position)
     noise, least = _quietest(effort), _OF_EFFORT * float(np.std(effort))
     band = highest
     while band > LOWEST:
@@ -192,18 +145,17 @@ def _step(seen: FloatArray) -> float:
     return float(gaps.min()) if gaps.size else 0.0
 
 
-def _shares(position: FloatArray, effort: FloatArray, cycle: float) -> FloatArray:
-    """Return how a joint's slow effort grows with its own acceleration, direction and speed."""
+def _inertia(position: FloatArray, effort: FloatArray, cycle: float) -> float:
+    """Return how the slow effort of a joint grows with its own acceleration."""
     cutoff = min(_SLOW, _HIGHEST / cycle)
     try:
         place, speed, change = (x[0] for x in smooth_motion(position[None], cycle, cutoff))
     except IdentError:
-        return np.zeros(3)
+        return 0.0
     still = 0.02 * float(np.abs(speed).max())
     if still <= 0.0:
-        return np.zeros(3)
+        return 0.0
     columns = [change, np.tanh(speed / still), speed, np.sin(place), np.cos(place)]
     system = np.stack([*columns, np.ones_like(place)], axis=1)
     slow = low_pass(effort[None], cycle, cutoff)[0]
-    out: FloatArray = np.linalg.lstsq(system, slow, rcond=1e-9)[0][:3]
-    return out
+    return abs(float(np.linalg.lstsq(system, slow, rcond=1e-9)[0][0]))

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.recording import Dataset
-from ros2_ident.recording.band import doubtful, LOWEST, standing, told_band
-from ros2_ident.recording.smooth import smooth_motion
+from ros2_ident.recording.band import LOWEST, standing, told_band
 
 RATE, INERTIA, NOISE = 250.0, 8.0, 1.0
 TIME = np.arange(0.0, 20.0, 1.0 / RATE)
@@ -58,23 +57,6 @@ def test_the_band_is_that_of_the_samples_not_of_the_cycles() -> None:
         fine[name] = np.full((1, 4 * TIME.size), np.nan)
         fine[name][:, ::4] = getattr(every, name)
     assert told_band(replace(every, cycle=0.25 / RATE, **fine)) == pytest.approx(told_band(every))
-
-
-def test_efforts_are_doubtful_where_friction_turns_over_faster_than_readings_show() -> None:
-    inside = (TIME > 1.0) & (TIME < 19.0)
-
-    def found(friction: float) -> np.ndarray:
-        there = log(1e-3)
-        motion = np.stack(smooth_motion(there.position, there.cycle, 20.0))
-        turned = friction * np.sign(np.gradient(log(0.0).position[0]))
-        there = replace(there, effort=there.effort + turned)
-        options = {'ahead': 0.0, 'cutoff': 20.0, 'band': 5.0}
-        return doubtful(there, there.names, motion, **options)[0]
-
-    turns = TIME[1:][np.diff(np.sign(np.gradient(log(0.0).position[0]))) != 0.0]
-    near = np.abs(TIME[:, None] - turns).min(axis=1) < 0.3
-    assert not found(0.0)[inside].any()
-    assert found(100.0)[near & inside].any() and not found(100.0)[~near & inside].any()
 
 
 @pytest.mark.parametrize('noise', [0.0, 1.0, 3.0])

@@ -41,7 +41,7 @@ class Band:
         cycle: Time from cycle to cycle, s.
         logged: (O, K) efforts, NaN at cycles without a sample.
         still: (O, K) cycles at which nothing tells what an effort should be.
-        doubtful: (O, K) rows that the motion does not decide.
+        doubtful: (O, K) where the motion does not decide what it should be, nowhere where False.
     """
 
     cutoff: float
@@ -49,7 +49,7 @@ class Band:
     cycle: float
     logged: Array
     still: Mask
-    doubtful: Mask
+    doubtful: Mask | bool = False
 
     @functools.cached_property
     def _gaps(self) -> Array:
@@ -80,7 +80,7 @@ class Band:
             for row, gap in zip(self.logged, self._gaps, strict=True)
         ]
         moving = self.low((~self.still).astype(float)) > _LEAST
-        rows &= near & moving & ~self.still & ~self.doubtful
+        rows &= near & moving & ~self.still & np.logical_not(self.doubtful)
         return np.where(rows, self.low(self._filled), np.nan)
 
     @functools.cached_property

@@ -4,6 +4,7 @@
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 import copy
+from dataclasses import replace
 import functools
 import math
 
@@ -27,7 +28,7 @@ from ros2_ident.models.drives.outputs import chosen_outputs
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
 from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
-from ros2_ident.recording.band import doubtful, standing, told_band
+from ros2_ident.recording.band import standing, told_band
 from ros2_ident.recording.smooth import low_pass, settling, smooth_motion
 
 # Middle of the time a commanded torque holds, in cycles.
@@ -205,7 +206,33 @@ class DriveModel(FullModel):
     def stating(self, name: str, value: float) -> 'DriveModel':
         """Return the model whose machine file states another number, alike for all drives."""
         other = self.machine.with_constants(**{name: value})
-        return self._again(self.effects, self.substeps, machine=other)
+        stated = self._again(self.effects, self.substeps, machine=other)
+        return stated._without(False if self._band is None else self._band.doubtful)
+
+    def decided(self, theta: Array, noise: Array) -> 'DriveModel':
+        """Return the model that leaves out where efforts depend on how the motion is smoothed.
+
+        About a start from rest and a change of direction friction turns over faster than readings
+        of a position show.
+        """
+        if self._band is None:
+            return self
+        other = self._again(self.effects, self.substeps)
+        motion = self._motion_below(self._band.motion / math.sqrt(2.0))
+        other._motion = np.concatenate([part.ravel() for part in motion])
+        apart = other.simulate(theta[None])[0] - self.simulate(theta[None])[0]
+        doubtful = np.abs(apart) > noise[:, None]
+        if not (doubtful & np.isfinite(self.measured)).any():
+            return self
+        other._motion = self._motion
+        return other._without(doubtful)
+
+    def _without(self, doubtful: npt.NDArray[np.bool_] | bool) -> 'DriveModel':
+        """Leave out of what is compared what the motion does not decide (O, K); return itself."""
+        if self._band is not None:
+            self._band = replace(self._band, doubtful=doubtful)
+            self._compare = self._band.measured
+        return self
 
     def _again(
         self,
@@ -492,10 +519,15 @@ class DriveModel(FullModel):
                     'there is neither a command nor a measured position to drive the model; '
                     'record joint_states with positions or joint_command',
                 )
-            cutoff = self._motion_cutoff(data.position[order])
-            smooth = smooth_motion(data.position[order], data.cycle, cutoff, self._ahead)
-            motion = np.concatenate([np.asarray(part).ravel() for part in smooth])
+            smooth = self._motion_below(self._motion_cutoff(data.position[order]))
+            motion = np.concatenate([part.ravel() for part in smooth])
         return command, motion, mode
+
+    def _motion_below(self, cutoff: float) -> tuple[Array, Array, Array]:
+        """Return the recorded motion below a frequency, Hz, each (D, K)."""
+        assert self.data.position is not None
+        order = [self.data.names.index(name) for name in self.machine.drives]
+        return smooth_motion(self.data.position[order], self.cycle, cutoff, self._ahead)
 
     def _motion_cutoff(self, position: Array) -> float:
         """Return up to which frequency positions (D, K) drive the model, Hz."""
@@ -521,17 +553,9 @@ class DriveModel(FullModel):
         # A log may begin and end on the move: nothing tells the acceleration there.
         ends = min(settling(self.cycle, cutoff), int(_SHORTEST * data.cycles))
         still[:, :ends] = still[:, data.cycles - ends :] = True
-        unsure = doubtful(
-            data,
-            machine.drives,
-            self.motion,
-            ahead=self._ahead,
-            cutoff=cutoff,
-            band=self._limit,
-        )
         sources = list(self.signals.sources)
         logged = self.signals.measured(data)
-        return Band(self._limit, cutoff, self.cycle, logged, still[sources], unsure[sources])
+        return Band(self._limit, cutoff, self.cycle, logged, still[sources])
 
     @functools.cached_property
     def _limit(self) -> float:
