@@ -88,8 +88,24 @@ def examine_models(
         of_effort = models[0].outputs[0].quantity == 'effort'
         data = [m.data for m in models]
         report = examine(machine, data, models[0].places, noise if of_effort else None)
-    steps = () if theta is None else _check_step(models[0], theta, noise)
-    return GateReport((*report.gates, *steps), report.laws, report.asked)
+    if theta is None:
+        return report
+    fine = () if noise is None else _explained(models[0], theta, noise)
+    # What a model explains down to the noise has the model's sign.
+    gates = (
+        gate
+        for gate in report.gates
+        if (gate.gate, gate.level) != ('sign', 'fail') or gate.drive not in fine
+    )
+    steps = _check_step(models[0], theta, noise)
+    return GateReport((*gates, *steps), report.laws, report.asked)
+
+
+def _explained(model: FullModel, theta: Array, noise: Array) -> tuple[str, ...]:
+    """Return the places at which a candidate (N,) leaves less than twice the noise (D,)."""
+    left = model.measured - model.simulate(np.atleast_2d(theta))[0]
+    rms = np.sqrt(np.nanmean(left**2, axis=1))
+    return tuple(p for p, x, y in zip(model.places, rms, noise, strict=True) if x < 2.0 * y)
 
 
 def _check_step(model: FullModel, theta: Array, noise: Array | None) -> Iterator[Gate]:

@@ -33,6 +33,8 @@ _TURNS, _DRAWS = 2, 8
 _FOLDS = 4
 # Columns of which the parameters imitate all but this share say nothing of their own.
 _OWN = 1e-3
+# Share of what the rows hold from which on coefficients may well follow noise.
+_MUCH = 0.25
 # Logarithm of the evidence that chance alone may gain.
 _CHANCE = 3.0
 # From here on it is clear that something is predicted.
@@ -148,11 +150,13 @@ def weigh(
     )
     place = np.concatenate([np.full(run.stop - run.start, run.place) for run in runs])
     rms = _rms(residual, place)
-    # Columns can follow noise, most of all where they are as many as the rows: all of it may be
-    # noise.
-    plain = data.noise(residual - jacobian @ np.linalg.lstsq(jacobian, residual, rcond=None)[0])
-    if data.plain(plain, len(jacobian.T)) > found.evidence:
-        found = max(found, data.weighed(plain, blocks), key=lambda one: one.evidence)
+    if found.sums.taken(found.size) > _MUCH * len(residual):
+        # As many columns as rows follow any noise: then all of it may be noise.
+        plain = data.noise(
+            residual - jacobian @ np.linalg.lstsq(jacobian, residual, rcond=None)[0]
+        )
+        if data.plain(plain, len(jacobian.T)) > found.evidence:
+            found = max(found, data.weighed(plain, blocks), key=lambda one: one.evidence)
     unseen, rest = data.unseen(found, blocks), found.rest(place)
     sums, size = found.sums, found.size
     # Rows that were left out of the sums tell as much as those in them.
@@ -314,6 +318,11 @@ class _Sums:
         """Return (N,) how far the parameters move, and (N, N) their covariance."""
         own = slice(0, self.count)
         return -self.solve(size)[own], self.covariance(size)[own, own]
+
+    def taken(self, size: float) -> float:
+        """Return how many of the coefficients the rows decide, and not their prior."""
+        precision = np.concatenate([np.ones(self.count), np.minimum(size, self.limit) ** -2.0])
+        return float(precision.size - precision @ np.diag(self.covariance(size)))
 
     def draws(self, size: float, drawn: Array) -> Array:
         """Return (N + C, M) deviations of the coefficients from standard normal numbers."""

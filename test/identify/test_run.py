@@ -279,8 +279,8 @@ def test_noise_that_is_stated_wrongly_is_told():
     machine = replace(axis(), effort_noise=0.1)
     warnings = identify(machine, axis_data(), settings=QUICK).quality.warnings
     assert warnings == (
-        'emps_axis: the noise of the log is 0.3 N, 3 times as much as effort_noise in the '
-        'machine file says; the log decides',
+        'emps_axis: the noise of the log is 0.3 N, and the machine file states 0.1 N '
+        '(effort_noise); the log decides',
     )
     machine = replace(machine, given=machine.given - {'effort_noise'})
     assert identify(machine, axis_data(), settings=QUICK).quality.warnings == ()
