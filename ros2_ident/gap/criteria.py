@@ -233,15 +233,25 @@ class Criteria:
         return not any(at_bound(p, v) for p, v in zip(parameters, values, strict=True))
 
     def best(self, round_: Round) -> Explanation | None:
-        """Return the best fit, a simple effect before one that is hardly better."""
-        if not round_.fitted:
+        """Return the best fit, a simple effect before one that is hardly better.
+
+        An effect on several drives has to count beside the same one on any of them alone.
+        """
+        alone, first = round_.alone, len(round_.base.effects)
+        fitted = [
+            e
+            for e in round_.fitted
+            if all(at not in alone or self.material(alone[at], e) for at in e.effects[first:])
+            or len(e.effects) == first + 1
+        ]
+        if not fitted:
             return None
-        best = min(round_.fitted, key=self.score)
+        best = min(fitted, key=self.score)
         if not round_.base.effects and self.share(round_.base, best) < self.rules.closed:
-            restoring = [e for e in round_.fitted if self.restores_law(round_.base, e)]
+            restoring = [e for e in fitted if self.restores_law(round_.base, e)]
             if restoring:
                 return min(restoring, key=self.score)
-        inside = [e for e in round_.fitted if self.plausible(round_.base, e)]
+        inside = [e for e in fitted if self.plausible(round_.base, e)]
         if inside:
             # A size at its bound is a reason to doubt, unless nothing else comes near.
             usable = min(inside, key=self.score)
