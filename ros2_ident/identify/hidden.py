@@ -8,11 +8,13 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import detrend
 
 from ros2_ident.arrays import Array
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.orders import orders_shown
 from ros2_ident.models.trials import LARGE, TRIAL, trials
+from ros2_ident.recording.motion import fill_gaps
 from ros2_ident.search.evidence import Evidence, weigh
 from ros2_ident.search.levenberg import difference_jacobian
 from ros2_ident.search.noise import Run
@@ -209,12 +211,34 @@ def weigh_fit(
 
     with ThreadPoolExecutor(threads or processors()) as pool:
         parts = list(pool.map(changes, candidates, wide))
-    missing = np.concatenate([np.empty((0, residual.size)), *(change for change, _ in parts)]).T
-    most = np.concatenate([np.empty(0), *(limit for _, limit in parts)])
+    answers = _answers(models, rows)
+    missing = np.concatenate([answers, *(change for change, _ in parts)]).T
+    most = np.concatenate([np.full(len(answers), np.inf), *(limit for _, limit in parts)])
     evidence = weigh(
         residual, jacobian, missing, rows.runs, rows.blocks, most=most, share=rows.share
     )
     return Weighed(evidence, rows, jacobian, residual)
+
+
+def _answers(models: Sequence[FullModel], rows: Rows) -> Array:
+    """Return (D, R) how each drive strays from an even motion; (0, R) where set-points are logged.
+
+    A controller that is to hold a speed answers with effort: then the effort follows the motion,
+    and grows with acceleration as if there were more mass. With the gains unknown it is a column
+    of unknown size.
+
+    Reference:
+        Janot, Vandanjon, Gautier, IEEE TCST 22(1), 2014: bias of inverse dynamics in closed loop.
+    """
+    parts = []
+    for model, mask in zip(models, rows.masks, strict=True):
+        seen = model.data.position
+        if seen is None or not model.thinned:
+            return np.empty((0, sum(int(mask.sum()) for mask in rows.masks)))
+        at = [model.data.names.index(place) for place in model.places]
+        strays = model.in_band(detrend(np.stack([fill_gaps(seen[d]) for d in at])))
+        parts.append((np.eye(len(at))[:, :, None] * strays)[:, mask])
+    return np.concatenate(parts, axis=1)
 
 
 def _tried(

@@ -147,6 +147,10 @@ class FullModel(ABC):
         """Whether `measured` is what a low-pass left, as often as that needs."""
         return False
 
+    def in_band(self, outputs: Array) -> Array:
+        """Return (..., O, K) what that low-pass leaves."""
+        return outputs
+
     @property
     def travel(self) -> tuple[str, float]:
         """Unit of the drives' positions, and how many of them stand for a metre."""

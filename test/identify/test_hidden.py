@@ -57,6 +57,33 @@ def test_a_perfect_model_has_the_intervals_of_noise():
         assert p.high - p.low < 1.6 * (p.noise_high - p.noise_low), p.name
 
 
+def at_an_even_speed(seed: int) -> Data:
+    """Return 16 s of the axis at one speed, held by a PI controller against a ripple."""
+    rng, cycle = np.random.default_rng(seed), 0.004
+    time = np.arange(4000) * cycle
+    strays, effort = np.zeros_like(time), np.full_like(time, 27.0)
+    for frequency in rng.uniform(0.4, 4.0, 6):
+        s = 2j * np.pi * frequency
+        pushed = 3.0 * np.exp(s * time + 2j * np.pi * rng.uniform())
+        answer = -pushed / (95.0 * s**2 + 4e3 * s + 4e4)
+        strays += answer.real
+        effort += (95.0 * s**2 * answer + pushed).real
+    position = 0.05 * time + strays + 1e-7 * rng.standard_normal(time.size)
+    effort += 0.2 * rng.standard_normal(time.size)
+    (first,) = axis_data().datasets
+    streams = {'position': position[None], 'velocity': None, 'effort': effort[None]}
+    unknown = {'command_position': None, 'command_velocity': None}
+    return replace(axis_data(), datasets=(replace(first, cycle=cycle, **unknown, **streams),))
+
+
+def test_a_controller_that_holds_a_speed_against_a_ripple_is_no_mass():
+    bounds = {'moving_mass': (0.0, 5000.0)}
+    found = identify(axis(), at_an_even_speed(1), bounds=bounds, settings=QUICK)
+    mass = next(p for p in found.parameters if p.name.endswith('moving_mass'))
+    assert mass.noise_low > 95.0
+    assert mass.low <= 95.0 <= mass.high
+
+
 def test_runs_end_at_gaps_and_bridge_a_lost_sample():
     mask = np.zeros((2, 100), dtype=bool)
     mask[0, ::2] = True

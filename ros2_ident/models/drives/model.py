@@ -322,9 +322,9 @@ class DriveModel(FullModel):
         """(O, K) what of the log is compared."""
         return self.signals.measured(self.data) if self._band is None else self._band.measured
 
-    def in_band(self, efforts: Array) -> Array:
-        """Return efforts (..., O, K) below the band in which they are compared."""
-        return efforts if self._band is None else self._band.low(efforts)
+    def in_band(self, outputs: Array) -> Array:
+        """Return (..., O, K) what is below the band in which efforts are compared."""
+        return outputs if self._band is None else self._band.low(outputs)
 
     @property
     def thinned(self) -> bool:
