@@ -252,10 +252,9 @@ def _account(file: Path, losses: Losses, content: Content, *, alone: bool) -> No
             raise error
         content.warnings.append(error.message)
         return
-    remedy = {
-        '.mcap': f'`mcap recover {name}` writes a sound file of the same content',
-        '.db3': f'`sqlite3 {name} .recover` may find more, or copy the file again',
-    }.get(file.suffix, 'copy the file again')
+    remedy = 'copy the file again'
+    if file.suffix == '.mcap':
+        remedy = f'`mcap recover {name}` writes a sound file of the same content'
     content.warnings.append(losses.sentence(file, remedy))
 
 
@@ -281,13 +280,11 @@ def _unreadable(path: Path, kind: str, reason: str) -> IdentError:
             f'{path}: {printable(kind) or "a file without a suffix"} is not a format read here; '
             'write a CSV with a column map, or give a bag: .mcap, .db3, .bag, or its directory',
         )
-    if kind == '.db3':
-        remedy = (
-            f'what is left comes out with `sqlite3 {path.name} .recover`, or copy the file again'
-        )
-    else:
-        remedy = 'copy or record the bag again'
-    return damaged(path, f'cannot be read ({reason}); {remedy}')
+    remedy = {
+        '.bag': f'`rosbag reindex {path.name}` writes the index of what is whole, or ',
+        '.db3': f'what is left comes out with `sqlite3 {path.name} .recover`, or ',
+    }.get(kind, '')
+    return damaged(path, f'cannot be read ({reason}); {remedy}copy or record the bag again')
 
 
 def _check_topics(

@@ -11,7 +11,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import cdr
 from ros2_ident.recording.damage import Damage
-from ros2_ident.recording.inflate import Budget, unpack_zstd, ZSTD
+from ros2_ident.recording.inflate import Budget, inflate, ZSTD
 from ros2_ident.recording.limits import Limits, too_large
 from ros2_ident.recording.ros2_control import offers, parser, ROLES_OF, TRAJECTORY
 from ros2_ident.recording.streams import IntArray, LATEST_STAMP
@@ -188,16 +188,12 @@ class _Fan:
 
 
 def _unpacked(packed: bytes, budget: Budget) -> bytes:
-    out = bytearray()
+    raw, sound = inflate('zstd', packed, budget.limits.chunk)
     try:
-        for piece, whole in unpack_zstd(lambda: iter([packed])):
-            budget.take(len(piece))
-            out += piece
-            if not whole or len(out) > budget.limits.chunk:
-                return b''
+        budget.take(len(raw))
     except Damage:
         return b''
-    return bytes(out)
+    return raw if sound else b''
 
 
 def _converted(data: bytes, convert: Callable[[bytes], bytes]) -> bytes:

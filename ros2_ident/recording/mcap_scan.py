@@ -1,51 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of an MCAP file, whole or damaged: every byte is read, and accounted for.
+"""The messages of an MCAP file, sound, cut off or damaged (mcap.dev/spec).
 
-The file is walked record by record. Where a length makes no sense, the next place is looked for at
-which a chunk or a message of a known size begins. Checksums are checked where there are any; a
-chunk whose checksum does not fit is left out, since nobody knows which of its bytes are wrong.
+Every record is read in order, and every checksum is compared. Where a length makes no sense, the
+search goes on for the next chunk, message of a known size, or end of the data. A chunk whose
+checksum does not fit is left out: which of its bytes are wrong is unknown.
 """
 
 from collections import Counter
+import contextlib
 from dataclasses import dataclass
-from itertools import islice
+from io import BytesIO
 import mmap
+import os
 from pathlib import Path
 import re
-from typing import BinaryIO
+import struct
+from typing import Any
 import zlib
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Footer, Schema, Statistics
+from mcap.summary import Summary
+from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from ros2_ident.recording.content import Content, Sink
 from ros2_ident.recording.damage import Damage, Losses
-from ros2_ident.recording.inflate import Budget, inflate, unpack_head
-from ros2_ident.recording.mcap_records import (
-    ATTACHMENT,
-    CHANNEL,
-    Channel,
-    CHUNK,
-    ChunkHead,
-    DATA_END,
-    FOOTER,
-    HEAD,
-    KNOWN,
-    MAGIC,
-    MESSAGE,
-    MESSAGE_HEAD,
-    parse_chunk,
-    Parsed,
-    read_summary,
-    records,
-    SCHEMA,
-    Summary,
-)
+from ros2_ident.recording.inflate import Budget, inflate
 
-# The head of a chunk: 28 bytes of times, size and checksum, and the name of its compression.
-_CHUNK_START = (
-    rb'\x06.{36}(?:\x00{4}|\x04\x00{3}zstd|\x03\x00{3}lz4)'  # opcode, size, head, compression
-)
-_END_START = rb'\x0f\x04\x00{7}'
-# Kinds of messages outside of chunks whose sizes are remembered.
-_SHAPES = 64
+HEAD = struct.Struct('<BQ')
+FOOTER_SIZE = HEAD.size + 20 + len(MAGIC)
+_STANDARD = frozenset(Opcode)
+_KNOWN = _STANDARD.union(range(0x80, 0x100))  # those from 0x80 on are private
+_MESSAGE = struct.Struct('<HIQQ')
+_CHUNK_START = rb'\x06.{36}(?:\x00{4}|\x04\x00{3}zstd|\x03\x00{3}lz4)'
+_END_START = b'\x0f\x04' + bytes(7)
+_DAMAGED = (EndOfFile, struct.error, ValueError)
+# Sizes of messages outside of chunks that are remembered; ends of the data that are tried.
+_SHAPES, _ENDS = 64, 16
 
 
 @dataclass
@@ -68,268 +61,222 @@ def scan(path: Path, content: Content) -> Losses:
         What is lost of the file; its text is empty where nothing is.
 
     Raises:
-        Damage: The file is no MCAP file at all.
+        Damage: The file is no MCAP file.
     """
-    size = path.stat().st_size
     with path.open('rb') as file:
-        if file.read(len(MAGIC)) != MAGIC and not _looks_like(file, size):
+        if file.read(len(MAGIC)) != MAGIC:
             raise Damage('no MCAP file: its first bytes are others')
-        walk = _Walk(file, size, content)
-        if walk.summary.damaged:
-            walk.losses.say('the checksum of its summary does not fit')
+        walk = _Walk(file.fileno(), path.stat().st_size, content)
         walk.run()
         return walk.finish()
 
 
-def _looks_like(file: BinaryIO, size: int) -> bool:
-    """Say whether a file with a wrong first byte still ends as an MCAP file."""
-    file.seek(max(0, size - len(MAGIC)))
-    return file.read() == MAGIC
+def _parsed(kind: Any, record: bytes) -> Any:
+    return kind.read(ReadDataStream(BytesIO(record)))
+
+
+def _note(about: Summary, opcode: int, record: bytes) -> bool:
+    """Keep a schema, a channel or the counts of messages; False where the record is damaged."""
+    try:
+        if opcode == Opcode.SCHEMA:
+            schema = _parsed(Schema, record)
+            about.schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = _parsed(Channel, record)
+            about.channels[channel.id] = channel
+        elif opcode == Opcode.STATISTICS:
+            about.statistics = _parsed(Statistics, record)
+    except _DAMAGED:
+        return False
+    return True
 
 
 class _Walk:
     """The state of reading one file."""
 
-    def __init__(self, file: BinaryIO, size: int, content: Content) -> None:
-        found = read_summary(file, size)
+    def __init__(self, file: int, size: int, content: Content) -> None:
         self.file, self.size, self.content = file, size, content
-        self.indexed = found is not None
-        self.summary = found or Summary()
         self.losses = Losses(size=size)
         self.budget = Budget(size, content.limits)
+        self.summary = self._summary()
         self.defined = Summary()
         self.ways: dict[int, _Way] = {}
-        self.strange: Counter[int] = Counter()
-        self.shapes: set[bytes] = set()  # of messages outside of chunks, and inside
-        self.inner: set[bytes] = set()
-        self.loose = 0  # messages outside of chunks
-        self.crc = 0
-        file.seek(0)
-        magic = file.read(len(MAGIC))
-        if magic != MAGIC:
-            self.losses.say('its first bytes are others')
-        self.crc = zlib.crc32(magic)
+        self.shapes: set[bytes] = set()
+
+    def _bytes(self, at: int, count: int) -> bytes:
+        return os.pread(self.file, count, at)
 
     # ------------------------------------------------------------------ the records of the file
 
     def run(self) -> None:
         """Walk over the data section."""
         at = before = len(MAGIC)
-        while True:
-            self.file.seek(at)
-            head = self.file.read(HEAD.size)
-            if len(head) < HEAD.size:
-                self._broken_off(at)
-                return
+        crc, most = zlib.crc32(MAGIC), self.budget.limits.chunk
+        while len(head := self._bytes(at, HEAD.size)) == HEAD.size:
             opcode, length = HEAD.unpack(head)
             end = at + HEAD.size + length
-            if opcode == FOOTER and end <= self.size:
-                return
-            if opcode not in KNOWN and opcode < 0x80 or end > self.size:
+            if opcode not in _KNOWN or end > self.size:
                 # with a byte lost before, the next record began within the one before
-                begin, at = at, self._resume(at, opcode, before)
-                if not at:
-                    return
-                self.losses.skipped += max(1, at - begin)
+                if not (found := self._next(before + 1)):
+                    break
+                self.losses.blocks += opcode == Opcode.CHUNK
+                self.losses.skipped += max(1, found - at)
+                at = found
                 continue
-            if length > self.budget.limits.chunk:
-                self._pass(opcode, head, length)
-                at = end
-                continue
-            data = self.file.read(length)
-            if opcode == DATA_END:
-                self._check_end(data)
+            data = head + self._bytes(at + HEAD.size, min(length, most))
+            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                stated = int.from_bytes(data[HEAD.size : HEAD.size + 4], 'little')
+                if opcode == Opcode.DATA_END and stated not in (0, crc) and not self.losses.text:
+                    self.losses.say('the checksum of the file does not fit')
                 return
-            self.crc = zlib.crc32(data, zlib.crc32(head, self.crc))
-            before, at = at, self._record(at, opcode, data)
+            crc = zlib.crc32(data, crc)
+            for place in range(at + len(data), end, most):
+                crc = zlib.crc32(self._bytes(place, min(end - place, most)), crc)
+            before, at = at, self._record(at, opcode, end, data)
+        self._break_off(at)
 
-    def _record(self, at: int, opcode: int, data: bytes) -> int:
+    def _record(self, at: int, opcode: int, end: int, data: bytes) -> int:
         """Read one record of the data section; return where the next one begins."""
-        end = at + HEAD.size + len(data)
-        if opcode == CHUNK:
-            return self._chunk(at, data)
-        if opcode == MESSAGE:
-            self.loose += 1
-            if len(self.shapes) < _SHAPES:
-                self.shapes.add(HEAD.pack(opcode, len(data)) + data[:2])
-            self._walk_records(HEAD.pack(opcode, len(data)) + data, 0)
-        elif opcode in (SCHEMA, CHANNEL):
-            self._define(opcode, data)
-        elif opcode == ATTACHMENT:
-            stated = int.from_bytes(data[-4:], 'little')
-            if stated and zlib.crc32(data[:-4]) != stated:
-                self.losses.say('the checksum of an attachment does not fit')
-        elif (head := parse_chunk(data)) and head.method and head.begin + head.packed == len(data):
-            # a chunk whose opcode is damaged
-            self.losses.say('the kind of a record is damaged')
-            return self._chunk(at, data)
-        return end
-
-    def _pass(self, opcode: int, head: bytes, length: int) -> None:
-        """Pass over a record that is larger than any block may be, as an attachment is."""
-        self.crc = zlib.crc32(head, self.crc)
-        while length > 0:
-            piece = self.file.read(min(length, 1 << 20))
-            self.crc = zlib.crc32(piece, self.crc)
-            length -= len(piece)
-        if opcode in (CHUNK, MESSAGE):
+        if opcode in (Opcode.CHUNK, Opcode.MESSAGE) and at + len(data) < end:
             self.losses.blocks += 1
             self.losses.say('a block is larger than allowed')
+        elif opcode == Opcode.CHUNK and not self._chunk(data[HEAD.size :]):
+            self.losses.blocks += 1
+            return end if self._follows(end) else self._next(at + 1) or self.size
+        elif opcode == Opcode.MESSAGE:
+            if len(self.shapes) < _SHAPES:
+                self.shapes.add(data[: HEAD.size + 2])
+            self._records(data)
+        elif not _note(self.defined, opcode, data[HEAD.size :]):
+            self.losses.skipped += len(data)
+        return end
 
-    def _check_end(self, data: bytes) -> None:
-        stated = int.from_bytes(data[:4], 'little')
-        if stated and stated != self.crc and not self.losses.text:
-            self.losses.say(
-                'the checksum of the file does not fit'
-                + ('' if self.loose else ', those of its blocks do')
-            )
-
-    def _broken_off(self, at: int) -> None:
-        if self.losses.end is None:
-            self.losses.end = at
-
-    def _resume(self, at: int, opcode: int, before: int) -> int:
-        """Return the next place that makes sense after a record that does not; 0 for none."""
-        with mmap.mmap(self.file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            found = _find_start(data, before + 1, self.shapes)
-        if found:
-            if opcode == CHUNK:
-                self.losses.blocks += 1
-            return found
-        self._broken_off(at)
-        if opcode == CHUNK:
-            self.file.seek(at + HEAD.size)
-            self._chunk_head(self.file.read(self.budget.limits.chunk))
-        elif opcode == MESSAGE:
-            pass  # the last message, cut off
-        return 0
-
-    # ------------------------------------------------------------------ chunks
-
-    def _chunk(self, at: int, data: bytes) -> int:
-        """Read a chunk; return where the next record begins."""
-        end = at + HEAD.size + len(data)
-        head = parse_chunk(data)
-        if head is not None and head.begin + head.packed != len(data):
-            # one of the two lengths is wrong; the inner one is, unless it fits the checksum
-            other = head.begin + head.packed
-            if other <= min(self.size - at - HEAD.size, self.budget.limits.chunk):
-                self.file.seek(at + HEAD.size)
-                if self._unpack_chunk(head, self.file.read(other)):
-                    self.losses.say('the length of a block is damaged')
-                    return at + HEAD.size + other
-            head = None
-        if head is not None and self._unpack_chunk(head, data):
-            return end
-        self.losses.blocks += 1
-        self.file.seek(end)
-        after = self.file.read(HEAD.size)
-        if len(after) == HEAD.size:
-            opcode, length = HEAD.unpack(after)
-            if opcode in KNOWN and end + HEAD.size + length <= self.size:
-                return end
-        return self._resume(at, 0, at) or self.size
-
-    def _unpack_chunk(self, head: ChunkHead, data: bytes) -> bool:
-        """Take the messages of a chunk; return False where it is damaged."""
-        packed = memoryview(data)[head.begin : head.begin + head.packed]
-        if not head.method and head.size != len(packed):
-            if not head.crc:
-                self._walk_chunk(bytes(packed))
-            return False
-        try:
-            self.budget.take(head.size)
-            raw = inflate(head.method, packed, head.size)
-        except Damage as exc:
-            if 'allowed' in str(exc):
-                self.losses.say(str(exc))
-            return False
-        if head.crc and zlib.crc32(raw) != head.crc:
-            return False
-        self._walk_chunk(raw)
+    def _follows(self, at: int) -> bool:
+        """Return whether three records follow each other from a place on, or fill the file."""
+        for _ in range(3):
+            opcode, length = HEAD.unpack(self._bytes(at, HEAD.size).ljust(HEAD.size, b'\0'))
+            at += HEAD.size + length
+            if opcode not in _STANDARD or at > self.size:
+                return False
+            if opcode == Opcode.FOOTER:
+                break
         return True
 
-    def _chunk_head(self, data: bytes) -> None:
-        """Take what a chunk that was cut off still holds."""
-        head = parse_chunk(data)
-        if head is None:
-            return
-        most = min(head.size, self.budget.limits.chunk)
-        raw = unpack_head(head.method, memoryview(data)[head.begin :], most)
-        self._walk_records(raw, 0)
+    def _next(self, at: int) -> int:
+        """Return the next place where a chunk, message or the end of the data begins, or 0."""
+        starts = [_CHUNK_START, *(re.escape(x) for x in (_END_START, *sorted(self.shapes)))]
+        pattern = re.compile(b'|'.join(starts), re.DOTALL)
+        with mmap.mmap(self.file, 0, access=mmap.ACCESS_READ) as data:
+            while (match := pattern.search(data, at)) is not None:
+                at, after = match.span()
+                opcode, length = HEAD.unpack_from(data, at)
+                end = at + HEAD.size + length
+                packed = int.from_bytes(data[after : after + 8], 'little')
+                if end <= self.size and (opcode != Opcode.CHUNK or after + 8 + packed == end):
+                    return at
+                at += 1
+        return 0
 
-    def _walk_chunk(self, raw: bytes) -> None:
-        """Read the records inside a chunk; after one that makes no sense, go on at the next."""
-        at, size = self._walk_records(raw, 0), len(raw)
-        if at < size or not self.inner:
-            self.inner |= {
-                raw[x - HEAD.size : x + 2]
-                for opcode, x, end in islice(records(raw), _SHAPES)
-                if opcode == MESSAGE and end <= at
-            }
-        while at < size:
-            found = _find_start(raw, at + 1, self.inner, chunks=False) or size
-            self.losses.skipped += found - at
-            at = self._walk_records(raw, found)
+    def _break_off(self, at: int) -> None:
+        """Take what the last chunk of a file that breaks off still holds."""
+        self.losses.end = at
+        most = self.budget.limits.chunk
+        data = self._bytes(at, most)
+        if data[:1] == b'\x06':
+            with contextlib.suppress(*_DAMAGED):
+                chunk = _parsed(Chunk, data[HEAD.size :])
+                most = min(chunk.uncompressed_size, most)
+                self._records(inflate(chunk.compression, chunk.data, most)[0])
 
-    def _walk_records(self, raw: bytes, at: int) -> int:
+    def _chunk(self, record: bytes) -> bool:
+        """Take the messages of a chunk; return False where it is damaged."""
+        try:
+            chunk = _parsed(Chunk, record)
+            size, crc = chunk.uncompressed_size, chunk.uncompressed_crc
+            self.budget.take(size)
+        except _DAMAGED:
+            return False
+        except Damage as exc:
+            self.losses.say(str(exc))
+            return False
+        raw, sound = inflate(chunk.compression, chunk.data, size)
+        whole = sound and len(raw) == size and crc in (0, zlib.crc32(raw))
+        return whole and self._records(raw) == len(raw)
+
+    def _records(self, raw: bytes) -> int:
         """Read records until one makes no sense; return its place, or the end."""
-        size, ways = len(raw), self.ways
-        unpack, unpack_message = HEAD.unpack_from, MESSAGE_HEAD.unpack_from
+        at, size, ways = 0, len(raw), self.ways
+        unpack, unpack_message = HEAD.unpack_from, _MESSAGE.unpack_from
         while at + HEAD.size <= size:
             opcode, length = unpack(raw, at)
             begin = at + HEAD.size
             end = begin + length
             if end > size:
                 return at
-            if opcode == MESSAGE and length >= MESSAGE_HEAD.size:
+            if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
                 number, _, log_time, _ = unpack_message(raw, begin)
                 way = ways.get(number) or self._way(number)
                 if way is None:
-                    self.strange[number] += 1
+                    self.losses.unknown += 1
                 else:
                     way.count += 1
                     if way.target is not None:
-                        way.target.append(log_time, raw[begin + MESSAGE_HEAD.size : end])
-            elif opcode in (SCHEMA, CHANNEL):
-                self._define(opcode, raw[begin:end])
-            else:
+                        way.target.append(log_time, raw[begin + _MESSAGE.size : end])
+            elif opcode not in (Opcode.SCHEMA, Opcode.CHANNEL) or not _note(
+                self.defined, opcode, raw[begin:end]
+            ):
                 return at
             at = end
         return at
 
-    # ------------------------------------------------------------------ messages
+    # ------------------------------------------------------------------ topics and their counts
+
+    def _summary(self) -> Summary | None:
+        """Return what stands between the end of the data and the footer, None for no such."""
+        footer = self.size - FOOTER_SIZE
+        tail = self._bytes(footer, FOOTER_SIZE) if footer > len(MAGIC) else b''
+        if not tail.endswith(MAGIC):
+            return None
+        stated = _parsed(Footer, tail[HEAD.size :])
+        end = footer
+        for _ in range(_ENDS):
+            with mmap.mmap(self.file, 0, access=mmap.ACCESS_READ) as data:
+                end = data.rfind(_END_START, len(MAGIC), end)
+            begin = end + len(_END_START) + 4
+            if end < 0 or footer - begin > self.budget.limits.chunk:
+                break
+            records = self._bytes(begin, footer - begin)
+            found, at = Summary(), 0
+            while at + HEAD.size <= len(records):
+                opcode, length = HEAD.unpack_from(records, at)
+                first, at = at + HEAD.size, at + HEAD.size + length
+                if opcode not in _KNOWN or not _note(found, opcode, records[first:at]):
+                    break
+            if at == len(records):
+                crc = zlib.crc32(tail[: HEAD.size + 16], zlib.crc32(records))
+                if stated.summary_crc not in (0, crc):
+                    self.losses.say('the checksum of its summary does not fit')
+                    found.statistics = None
+                return found
+        return None
 
     def _way(self, number: int) -> _Way | None:
-        """Return the way of a channel, from its definition before or else from the summary's."""
-        source = self.defined
-        channel: Channel | None = source.channels.get(number)
-        sound = self.indexed and not self.summary.damaged
-        if number in self.summary.channels and (channel is None or sound):
-            stated = self.summary.channels[number]
-            if channel is not None and channel != stated:
-                self.losses.say('its topics are described in two ways')
-            source, channel = self.summary, stated
-        if channel is None:
-            return None
-        if channel.schema not in source.schemas:
-            source = self.summary if source is self.defined else self.defined
-        kind = source.kind(channel)
-        way = _Way(channel.topic, self.content.open(channel.topic, kind))
-        self.ways[number] = way
-        return way
-
-    def _define(self, opcode: int, record: bytes) -> None:
-        try:
-            self.defined.take(opcode, record)
-        except Parsed:
-            self.losses.skipped += len(record)
-
-    # ------------------------------------------------------------------ the account
+        """Return the way of a channel, as described before it or else in the summary."""
+        for about in (self.defined, self.summary or Summary()):
+            if (channel := about.channels.get(number)) is not None:
+                schemas = (self.summary or about).schemas | about.schemas
+                kind = schemas[channel.schema_id].name if channel.schema_id in schemas else ''
+                if channel.message_encoding not in ('cdr', ''):
+                    kind = f'{kind} ({channel.message_encoding})'
+                way = _Way(channel.topic, self.content.open(channel.topic, kind))
+                self.ways[number] = way
+                return way
+        return None
 
     def finish(self) -> Losses:
         """Return what is lost, after noting topics without a message."""
-        for number in [*self.defined.channels, *self.summary.channels]:
+        summary = self.summary or Summary()
+        for number in [*self.defined.channels, *summary.channels]:
             if number not in self.ways:
                 self._way(number)
         found: Counter[str] = Counter()
@@ -337,43 +284,11 @@ class _Walk:
             found[way.topic] += way.count
             self.content.counts[way.topic] = self.content.counts.get(way.topic, 0) + way.count
         self.losses.whole = sum(found.values())
-        self.losses.unknown = sum(self.strange.values())
-        if self.summary.counts is not None and not self.summary.damaged:
+        if summary.statistics is not None:
             self.losses.counted = True
             stated: Counter[str] = Counter()
-            for number, count in self.summary.counts.items():
+            for number, count in summary.statistics.channel_message_counts.items():
                 if number in self.ways:
                     stated[self.ways[number].topic] += count
             self.losses.expect(stated, found)
         return self.losses
-
-
-def _find_start(
-    data: bytes | mmap.mmap, at: int, shapes: set[bytes], *, chunks: bool = True
-) -> int:
-    """Return the next place where a chunk, a known kind of message or the end begins; 0 for none.
-
-    Args:
-        data: The bytes.
-        at: Where to begin.
-        shapes: The first bytes of messages that were seen: opcode, size, channel.
-        chunks: Whether to look for chunks and for the end of the data.
-    """
-    parts = [re.escape(x) for x in sorted(shapes)]
-    if chunks:
-        parts += [_CHUNK_START, _END_START]
-    if not parts:
-        return 0
-    pattern = re.compile(b'|'.join(parts), re.DOTALL)
-    while (match := pattern.search(data, at)) is not None:
-        at = match.start()
-        opcode, length = HEAD.unpack_from(data, at)
-        end = at + HEAD.size + length
-        if end <= len(data):
-            if opcode != CHUNK:
-                return at
-            head = parse_chunk(data[at + HEAD.size : at + HEAD.size + 64])
-            if head is not None and head.begin + head.packed == length:
-                return at
-        at += 1
-    return 0

@@ -1,55 +1,60 @@
 # SPDX-License-Identifier: Apache-2.0
 """A writer of bags whose MCAP files carry every checksum that the format has."""
 
-from struct import Struct
-import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.rosbag2.storage_mcap import McapWriter
-
-from ros2_ident.recording.mcap_records import FOOTER_SIZE, HEAD, MAGIC
-
-_CRC = Struct('<I')
-_PIECE = 1 << 20
-# Places of checksums: in a chunk after its record's head and three numbers; at the file's end.
-_IN_CHUNK = HEAD.size + 24
-_FOOTER = HEAD.size + FOOTER_SIZE + len(MAGIC)
+import mcap.writer
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 
 
-class ChecksummedMcapWriter(McapWriter):
-    """rosbags' writer, which leaves the checksums at 0, for none, with them filled in."""
+class _McapStorage:
+    """What rosbags' writer of bags writes to, by `mcap`'s writer of files."""
 
-    def close_chunk(self) -> None:
-        """Close the pending chunk, with the checksum of what is in it."""
-        begin, crc = self.bio.tell(), zlib.crc32(self.chunk.bio.getbuffer())
-        super().close_chunk()
-        end = self.bio.tell()
-        self.bio.seek(begin + _IN_CHUNK)
-        self.bio.write(_CRC.pack(crc))
-        self.bio.seek(end)
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        self.path = path / f'{path.name}.mcap'
+        self._file = self.path.open('xb')
+        self._writer = mcap.writer.Writer(self._file, enable_data_crcs=True)
+        self._writer.start('ros2', 'ros2_ident')
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[int, int] = {}
+
+    def add_msgtype(self, connection: Connection) -> None:
+        """Describe a message type."""
+        text = connection.msgdef.data.encode()
+        kind = connection.msgtype
+        self._schemas[kind] = self._writer.register_schema(kind, 'ros2msg', text)
+
+    def add_connection(self, connection: Connection, offered_qos_profiles: str) -> None:
+        """Describe a topic."""
+        about = {'offered_qos_profiles': offered_qos_profiles}
+        about['topic_type_hash'] = connection.digest
+        schema = self._schemas[connection.msgtype]
+        self._channels[connection.id] = self._writer.register_channel(
+            connection.topic, 'cdr', schema, about
+        )
+
+    def write(self, connection: Connection, timestamp: int, data: Any) -> None:
+        """Write a message."""
+        self._writer.add_message(self._channels[connection.id], timestamp, data, timestamp)
 
     def close(self, version: int, metadata: str) -> None:
-        """Close the file, with the checksums of its data and of its summary."""
-        super().close(version, metadata)
-        with self.path.open('r+b') as file:
-            footer = file.seek(-_FOOTER, 2)
-            file.seek(footer + HEAD.size)
-            summary = int.from_bytes(file.read(8), 'little')
-            data_end = summary - HEAD.size - _CRC.size
-            file.seek(0)
-            crc, left = 0, data_end
-            while left:
-                piece = file.read(min(left, _PIECE))
-                crc = zlib.crc32(piece, crc)
-                left -= len(piece)
-            file.seek(data_end + HEAD.size)
-            file.write(_CRC.pack(crc))
-            file.seek(summary)
-            crc = zlib.crc32(file.read(footer + HEAD.size + 16 - summary))
-            file.write(_CRC.pack(crc))
+        """End the file."""
+        self._writer.add_metadata('rosbag2', {'serialized_metadata': metadata})
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.close()
+
+    def abort(self) -> None:
+        """Leave the file as it is."""
+        self._file.close()
 
 
 class BagWriter(Writer):
     """rosbags' writer of bags with the storage above."""
 
-    STORAGE_PLUGINS = {**Writer.STORAGE_PLUGINS, StoragePlugin.MCAP: ChecksummedMcapWriter}
+    STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {
+        **Writer.STORAGE_PLUGINS,
+        StoragePlugin.MCAP: _McapStorage,
+    }

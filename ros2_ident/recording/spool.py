@@ -8,27 +8,27 @@ whole or cut off, as any other bag (mcap.dev/spec).
 from collections.abc import Sequence
 import contextlib
 from pathlib import Path
-import struct
+from typing import Any
 
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, DataEnd, Footer, Header, Message, Schema
+from mcap.writer import MCAP0_MAGIC as MAGIC
 from rosbags.typesys import get_typestore, Stores, TypesysError
 
 from ros2_ident.errors import IdentError
 from ros2_ident.files import Growing
 from ros2_ident.recording.limits import size_text
-from ros2_ident.recording.mcap_records import (
-    CHANNEL,
-    DATA_END,
-    FOOTER,
-    FOOTER_SIZE,
-    HEAD,
-    HEADER,
-    MAGIC,
-    MESSAGE,
-    MESSAGE_HEAD,
-    SCHEMA,
-)
 
-_END = HEAD.size + 4 + HEAD.size + FOOTER_SIZE + len(MAGIC)
+
+def _bytes(*records: Any) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    data: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return data
+
+
+_END = _bytes(DataEnd(0), Footer(0, 0, 0)) + MAGIC
 
 
 class Spool:
@@ -52,7 +52,7 @@ class Spool:
         self._limit = limit
         self._file = Growing(path)
         self._channels: dict[str, int] = {}
-        self._closed = self._file.tail(_END)[_END - len(MAGIC) :] == MAGIC
+        self._closed = self._file.tail(len(_END)) == _END
 
     @property
     def empty(self) -> bool:
@@ -76,26 +76,26 @@ class Spool:
         """
         if self.problem:
             return
-        out = bytearray()
+        records: list[Any] = []
         if topic not in self._channels:
             self._channels[topic] = len(self._channels) + 1
-            out += _described(self._channels[topic], topic, kind)
+            records += _described(self._channels[topic], topic, kind)
         number = self._channels[topic]
         for when, data in zip(times, messages, strict=True):
-            head = MESSAGE_HEAD.pack(number, 0, when, when)
-            out += HEAD.pack(MESSAGE, len(head) + len(data)) + head + data
+            records.append(Message(number, when, data, when, 0))
+        out = _bytes(*records)
         if self._file.size + len(out) > self._limit:
             self.problem = (
                 f'{self.path}: holds {size_text(self._file.size)} and takes no more; after a '
                 'restart later messages will be missing: raise spool_size'
             )
             return
-        self._write(bytes(out))
+        self._write(out)
 
     def close(self) -> None:
         """End the file and let others write it."""
         if not self.empty and not self._closed:
-            self._write(_record(DATA_END, bytes(4)) + _record(FOOTER, bytes(FOOTER_SIZE)) + MAGIC)
+            self._write(_END)
         self._file.close()
 
     def _write(self, data: bytes, *, anew: bool = False) -> None:
@@ -103,30 +103,19 @@ class Spool:
             if anew:
                 self._file.cut(0)
             elif self._closed:
-                self._file.cut(self._file.size - _END)
+                self._file.cut(self._file.size - len(_END))
             if data and self.empty:
-                text = _text('ros2') + _text('ros2_ident')
-                data = MAGIC + _record(HEADER, text) + data
+                data = MAGIC + _bytes(Header('ros2', 'ros2_ident')) + data
             self._file.write(data)
             self._closed = False
         except IdentError as exc:
             self.problem = exc.message
 
 
-def _described(number: int, topic: str, kind: str) -> bytes:
+def _described(number: int, topic: str, kind: str) -> tuple[Schema, Channel]:
     """Return the records that say what a channel is."""
     definition = ''
     with contextlib.suppress(TypesysError, KeyError):  # a type that only its package knows
         definition, _ = get_typestore(Stores.ROS2_JAZZY).generate_msgdef(kind)
-    schema = struct.pack('<H', number) + _text(kind) + _text('ros2msg') + _text(definition)
-    channel = struct.pack('<HH', number, number) + _text(topic) + _text('cdr') + bytes(4)
-    return _record(SCHEMA, schema) + _record(CHANNEL, channel)
-
-
-def _record(opcode: int, data: bytes) -> bytes:
-    return HEAD.pack(opcode, len(data)) + data
-
-
-def _text(value: str) -> bytes:
-    raw = value.encode()
-    return struct.pack('<I', len(raw)) + raw
+    schema = Schema(number, definition.encode(), 'ros2msg', kind)
+    return schema, Channel(number, topic, 'cdr', {}, number)

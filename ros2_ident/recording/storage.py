@@ -10,7 +10,7 @@ import shutil
 from tempfile import TemporaryDirectory
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording.inflate import stated_size, unpack_zstd
+from ros2_ident.recording.inflate import FAILURES, open_zstd
 from ros2_ident.recording.limits import Limits, size_text, variable_of
 from ros2_ident.recording.shown import printable
 
@@ -126,20 +126,13 @@ def _unpack_file(path: Path, target: Path, limits: Limits) -> bool:
         'or that the disk holds; unpack it by `zstd -d`, or raise '
         f'{variable_of("unpacked")} (MiB) and {variable_of("ratio")}',
     )
-    if stated_size(path) > most:
-        raise refusal
-
-    def pieces() -> Iterator[bytes]:
-        with path.open('rb') as source:
-            while block := source.read(1 << 20):
-                yield block
-
-    with target.open('wb') as sink:
-        for piece, whole in unpack_zstd(pieces):
-            left -= len(piece)
-            if left < 0:
-                raise refusal
-            sink.write(piece)
-            if not whole:
-                return False
+    with path.open('rb') as source, open_zstd(source) as pieces, target.open('wb') as sink:
+        try:
+            while piece := pieces.read1(1 << 20):
+                left -= len(piece)
+                if left < 0:
+                    raise refusal
+                sink.write(piece)
+        except FAILURES:
+            return False
     return True
