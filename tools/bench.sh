@@ -5,8 +5,7 @@
 # cores; the others need nothing but the package, less than two minutes each. Fails if one of them
 # did, after the last. With names as arguments, only those: tools/bench.sh peers.
 #
-# mujoco_blind is not among them: it needs what the first installs, takes half an hour, and writes
-# docs/blind_mujoco.md.
+# mujoco_blind is not among them: it needs what the first installs, and takes half an hour.
 #
 # Nor are interval_coverage (five minutes and more), practice (wants a folder of cases), report (wants result
 # directories and Chromium) and kernel (wants gcc and AVX-512).
@@ -28,7 +27,7 @@ for name; do
   SECONDS=0
   case $name in
     peers) with_peers checks/benchmarks/peers.py --write docs ;;
-    mujoco_blind) with_peers checks/benchmarks/mujoco_blind.py --write docs/blind_mujoco.md ;;
+    mujoco_blind) with_peers checks/benchmarks/mujoco_blind.py ;;
     *) python "checks/benchmarks/$name.py" ;;
   esac || { echo "bench: $name failed." >&2; failed=1; }
   printf '(%d s)\n' "$SECONDS"

@@ -5,7 +5,7 @@ As `checks.blind`, with the same label, noise, faults and scores; only machines 
 MuJoCo's. Goes on where a run was left. MuJoCo has to be importable; `tools/bench.sh mujoco_blind`
 sees to that.
 
-    python checks/benchmarks/mujoco_blind.py --cases 200 --seed 2026 --write docs/blind_mujoco.md
+    python checks/benchmarks/mujoco_blind.py --cases 200 --seed 2026
 """
 
 import argparse
@@ -35,8 +35,6 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--seed', type=int, default=2026)
     parser.add_argument('--machine', type=Path, default=Path('config/tripod.yaml'))
     parser.add_argument('--out', type=Path, default=Path('build/mujoco_blind'))
-    parser.add_argument('--write', type=Path, help='the page; the one in --out by default')
-    parser.add_argument('--notes', type=Path, help='text for the page: why a level is missed')
     parser.add_argument('--keep', type=Path, help='as of `checks.blind`')
     parser.add_argument('--only', help='diagnose and score only these cases: 3,8,20-40')
     parser.add_argument('--draw-only', action='store_true', help='draw and seal only')
@@ -67,9 +65,8 @@ def main() -> int:
         return 0
     found = score(rows)
     print(*sentences(found), sep='\n')
-    notes = args.notes.read_text(encoding='utf-8') if args.notes else ''
-    page = args.write or args.out / 'blind_mujoco.md'
-    print(f'written: {write_page(page, rows, found, check.store.about(), notes)}')
+    page = write_page(args.out / 'blind.md', rows, found, check.store.about())
+    print(f'written: {page}')
     if args.keep:
         print(f'kept: {keep_all(check.store, args.keep, rows)}')
     return 0

@@ -19,7 +19,7 @@ DESCRIPTION = (
 )
 EXAMPLES = (
     '  python -m checks.blind --cases 300 --seed 7 --out blind_7\n'
-    '  python -m checks.blind --rescore blind_7 --page docs/blind.md\n'
+    '  python -m checks.blind --rescore blind_7\n'
     '  python -m checks.blind --cases 300 --seed 7 --out blind_7 \\\n'
     '      --draw-only --keep docs/blind/reference\n'
     '  python -m checks.blind --verify docs/blind/reference\n'
@@ -79,10 +79,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--verify', metavar='DIR', help='check what --keep has left: is it what was sealed?'
     )
-    parser.add_argument('--page', metavar='FILE', help='page to write; DIR/blind.md by default')
-    parser.add_argument(
-        '--notes', metavar='FILE', help='text for the page: why a level is not reached'
-    )
     parser.add_argument(
         '--rescore', metavar='DIR', help='score a run again from its table, without diagnosing'
     )
@@ -141,9 +137,7 @@ def _run(args: argparse.Namespace) -> int:
         return 0
     found = score(rows)
     print(*sentences(found), sep='\n')
-    notes = Path(args.notes).read_text(encoding='utf-8') if args.notes else ''
-    page = write_page(args.page or root / 'blind.md', rows, found, check.store.about(), notes)
-    print(f'written: {page}')
+    print(f'written: {write_page(root / "blind.md", rows, found, check.store.about())}')
     if args.keep:
         print(f'kept: {keep_all(check.store, args.keep, rows)}')
     return 0

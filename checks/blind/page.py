@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page on a run: how it was made, what was reached, what was not."""
+"""The page on one run: its cases, what was reached, what was not."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -24,48 +24,6 @@ from checks.blind.score import (
 from ros2_ident.files import write_text
 from ros2_ident.gap.verdict import UNKNOWN
 
-METHOD = """
-## How it is done
-
-Every case is a machine of its own: geometry, masses, gear, controller, gains and cycle are
-drawn, and two motions of different kinds, 8 s to fit on and 6 s held out. {generator} In every
-drive two things are a little off, and often one in the machine as a whole: together 0.05 to 0.4
-times the noise after the nominal fit. "Ideal" are machines without even these. The log's noise
-is an autoregression of order 0, 1 or 2 with a first-order correlation up to 0.99, of a size
-drawn for each case; the logger takes a mean, rounds, is resampled by a clock of its own, comes
-at 250, 500 or 1000 Hz (or next to it), and messages are lost one by one or in bursts. What the
-machine file says of the noise is off by up to 2.5 times, or missing. In a fifth of the cases it
-is off by 2.5, with a correlation of 0.9 or 0.99.
-
-The effects' equations come from the literature and are in no case those of the catalogue; no
-number is drawn within 4 % of a value from which the search starts.
-`checks/blind/forms/` holds them; who changes the catalogue does not read it.
-
-The size of an effect is rho: what the nominal parameters cannot imitate on the noise-free log,
-RMS of the worst drive over both recordings, over the true noise. Cases are drawn with sizes
-spread evenly in its logarithm, by a linearised fit; the figures use rho from a full fit without
-noise, which is sealed with the rest. An effect that stays far below its size within its range on
-the motion drawn gives way to another one. "Not testable" are effects that an ordinary motion
-shows (rho at least 1) and the one recorded does not. The share that the true model closes is one
-minus what the imperfections alone leave, over what everything leaves, squares on the recording
-held out.
-
-Bookkeeping faults are wrong signs, units, orders of joints, clocks and constants. They count as
-named where a gate, the verdict's sentence or the refusal says which, and no effect of drive or
-structure is named. Intervals count where the verdict is right and complete, as only then its
-parameters mean the machine's; those of one machine are not independent, so the intervals of
-these shares are too narrow.
-
-All cases are drawn and sealed before the first diagnosis: SHA-256 over a nonce and the label of
-each, and one hash over these. The diagnosis runs as `ident diagnose` in another process, which
-is told the paths of the two bags and of the machine file, and in which a hook refuses every
-other file of the run. Then the seals are opened. `python -m checks.blind --verify` checks the
-files that are kept of a run.
-"""  # noqa: Q001 - the formatter wants these quotes
-GENERATORS = {
-    'reference': 'The slow reference simulates it: redundant coordinates, adaptive integration.',
-    'mujoco': 'MuJoCo simulates it: its own integrator, rods as constraints, its own effects.',
-}
 SORTS = {
     'single': 'with one effect',
     'pair': 'with two',
@@ -83,7 +41,6 @@ def write_page(
     rows: Sequence[Row],
     scores: Sequence[Score],
     about: Mapping[str, Any],
-    notes: str = '',
 ) -> Path:
     """Write the page and its pictures.
 
@@ -92,7 +49,6 @@ def write_page(
         rows: The table.
         scores: From `score.score`.
         about: From the run's directory: command, seed, manifest.
-        notes: What a person has found out about the levels that are not reached.
 
     Returns:
         The page.
@@ -109,10 +65,7 @@ def write_page(
             rows, folder / 'confusion.png'
         ),
     }
-    generator = str(rows[0].get('generator', 'reference')) if rows else 'reference'
-    with_mujoco = ' with MuJoCo' if generator == 'mujoco' else ''
-    text = [f'# The diagnosis, checked blind{with_mujoco}', '', '<!-- not run: takes minutes -->']
-    text += ['```bash', str(about.get('command', '')), '```', '']
+    text = ['# A run of the blind check', '', '```bash', str(about.get('command', '')), '```', '']
     text += [
         *_of_what(rows, about),
         '',
@@ -125,15 +78,13 @@ def write_page(
     text += [f'- {s.name}: {figure(s)} of {s.count}, level {s.level}.' for s in missed] or [
         'Every level that this run can judge is reached.'
     ]
-    if notes:
-        text += ['', notes.strip()]
     unjudged = [s.name for s in scores if s.reached is None]
     if unjudged:
         text += ['', 'No case of this run asks for: ' + '; '.join(unjudged) + '.']
     for title, picture in pictures.items():
         text += ['', f'## {title}', '', f'![{title}]({folder.name}/{picture.name})']
-    text += ['', *_wrong(rows), METHOD.format(generator=GENERATORS[generator])]
-    return write_text(page, '\n'.join(text), replace=True)
+    text += ['', *_wrong(rows)]
+    return write_text(page, '\n'.join(text) + '\n', replace=True)
 
 
 def _of_what(rows: Sequence[Row], about: Mapping[str, Any]) -> list[str]:

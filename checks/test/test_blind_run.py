@@ -14,7 +14,6 @@ from checks.blind.run import ask_all, BlindCheck, order_of, Stopped
 from checks.blind.score import score, verdict_of
 from checks.blind.store import read_json, stamp, Store
 from checks.blind.truth import intervals, make_row
-from ros2_ident.sources import result_digest
 
 ROOT = Path(__file__).parents[2]
 TRIPOD = ROOT / 'config' / 'tripod.yaml'
@@ -119,14 +118,6 @@ def test_practice_script_skips_where_there_is_nothing(tmp_path) -> None:
         check=True,
     )
     assert 'nothing to do' in done.stdout
-
-
-@pytest.mark.parametrize('page', ['blind.md', 'blind_mujoco.md'])
-def test_figures_are_of_the_program_they_stand_beside_or_said_to_be_stale(page) -> None:
-    """A change of the diagnosis makes a page stale: say so in its third line, or run it again."""
-    text = (ROOT / 'docs' / page).read_text(encoding='utf-8')
-    stale = text.split('\n')[2].startswith('**Stale:**')
-    assert stale or f'sources `{result_digest()}`' in text
 
 
 def test_what_the_repository_keeps_is_what_was_sealed() -> None:
