@@ -36,7 +36,7 @@ _KNOWN = _STANDARD.union(range(0x80, 0x100))  # those from 0x80 on are private
 _MESSAGE = struct.Struct('<HIQQ')
 _CHUNK_START = rb'\x06.{36}(?:\x00{4}|\x04\x00{3}zstd|\x03\x00{3}lz4)'
 _END_START = b'\x0f\x04' + bytes(7)
-_DAMAGED = (EndOfFile, struct.error, ValueError)
+_DAMAGED = (EndOfFile, OverflowError, struct.error, ValueError)
 # Sizes of messages outside of chunks that are remembered; ends of the data that are tried.
 _SHAPES, _ENDS = 64, 16
 

@@ -1,18 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evaluate candidates on a Dask cluster, some of whose workers may be lost on the way.
 
-Batches are cut to the number of workers. What a lost worker had is sent again, and what is lost
-again and again is evaluated in this process.
+Batches are cut to the number of workers. Dask sends again what a lost worker had; what it gives up
+is evaluated in this process.
 """
 
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, wait
-from contextlib import contextmanager, suppress
-import hashlib
+from contextlib import contextmanager
+from functools import lru_cache
 import math
 import pickle
-from threading import Lock
 import time
 from typing import Any
 
@@ -39,44 +37,23 @@ PATIENCE = 30.0
 _FRESH = 1.0
 # How long to wait before looking again, s.
 _LOOK = 0.05
-# What was lost so often is evaluated in this process.
-_ATTEMPTS = 3
-# Objects a worker keeps unpacked; a fleet has one for each bag that is being identified.
-_KEPT = 4
 
 
-# ---------------------------------------------------------------- in the worker
-
-_held: OrderedDict[str, Subject] = OrderedDict()
-_lock = Lock()
-
-
-def _hold(digest: str, packed: bytes) -> None:
-    """Unpack an object and compile what it needs, the first time this process sees it."""
-    with _lock:
-        if digest not in _held:
-            subject: Subject = pickle.loads(packed)  # noqa: S301 - from who sends the work
-            subject.prepare()
-            _held[digest] = subject
-            while len(_held) > _KEPT:
-                _held.popitem(last=False)
-        _held.move_to_end(digest)
+@lru_cache(maxsize=4)  # a fleet has an object for each bag that is being identified
+def _ready(packed: bytes) -> Subject:
+    """Unpack an object on a worker and compile what it needs, once."""
+    subject: Subject = pickle.loads(packed)  # noqa: S301 - from who sends the work
+    subject.prepare()
+    return subject
 
 
-def _call(digest: str, packed: bytes, name: str, arguments: tuple[Any, ...]) -> Any:
-    """Return what a method of an object says, on a worker.
-
-    Args:
-        digest: Of the packed object.
-        packed: The object; the same for all calls.
-        name: The method.
-        arguments: Its arguments.
-    """
-    _hold(digest, packed)
-    return getattr(_held[digest], name)(*arguments)
+def _call(packed: bytes, name: str, arguments: tuple[Any, ...]) -> Any:
+    """Return what a method of an object gives, on a worker."""
+    return getattr(_ready(packed), name)(*arguments)
 
 
-# ---------------------------------------------------------------- in this process
+def _compile(packed: bytes) -> None:
+    _ready(packed)
 
 
 def connect(scheduler: Any) -> Any:
@@ -111,9 +88,7 @@ def connect(scheduler: Any) -> Any:
 class Cluster:
     """The workers of a Dask cluster.
 
-    Data go to every worker once; a worker that joins later gets them from another one. The
-    scheduler sends again what a lost worker had; what is lost for good is evaluated in this
-    process.
+    Data go to every worker once; a worker that joins later gets them from another one.
 
     Args:
         scheduler: Address of the scheduler, as `tcp://host:8786`; or a `distributed.Client`, which
@@ -145,7 +120,8 @@ class Cluster:
         with self._link(subject, None) as link:
 
             def run(name: str, items: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
-                calls = [_Away(link, getattr(subject, name), name, item) for item in items]
+                here = getattr(subject, name)
+                calls = [_Away(link, here, name, item) for item in items]
                 return (one.result() for one in calls)
 
             yield run
@@ -194,34 +170,29 @@ class _Link:
 
     def __init__(self, subject: Subject, client: Any, cancel: Cancel | None) -> None:
         self._packed = pickle.dumps(subject, protocol=pickle.HIGHEST_PROTOCOL)
-        self._digest = hashlib.sha256(self._packed).hexdigest()
         self._client = client
         self._executor = client.get_executor(pure=False)
         self._asked = -math.inf
         self._slots = 0
         self._alone_since = math.inf
         self._scatter()
-        self._prepare(cancel)
-
-    def _scatter(self) -> None:
-        """Bring the data to every worker."""
-        self._data = self._client.scatter(
-            self._packed, broadcast=True, hash=False, timeout=PATIENCE
-        )
-
-    def _prepare(self, cancel: Cancel | None) -> None:
-        """Let every worker compile, before a clock runs."""
+        # Every worker compiles before a clock runs.
         ready = [
-            self._executor.submit(_hold, self._digest, self._data, workers=[address])
-            for address in _workers(self._client)
+            self._executor.submit(_compile, self._data, workers=[x]) for x in _workers(client)
         ]
         while wait(ready, _LOOK).not_done and not (cancel is not None and cancel.is_set()):
             pass
         for future in ready:
             if future.done() and not future.cancelled():
                 error = future.exception()
-                if error is not None and not self.lost(error):
+                if error is not None and not _lost(error):
                     raise _said(error) from error
+
+    def _scatter(self) -> None:
+        """Bring the data to every worker."""
+        self._data = self._client.scatter(
+            self._packed, broadcast=True, hash=False, timeout=PATIENCE
+        )
 
     @property
     def slots(self) -> int:
@@ -243,27 +214,20 @@ class _Link:
             self._alone_since = time.monotonic()
         return time.monotonic() - self._alone_since > PATIENCE
 
-    def send(self, name: str, arguments: tuple[Any, ...]) -> 'Future[Any]':
-        """Send a call of the object's method."""
-        future: Future[Any] = self._executor.submit(
-            _call, self._digest, self._data, name, arguments
-        )
-        return future
-
-    def lost(self, error: BaseException) -> bool:
-        """Return whether an error means that the worker is gone, not that its work failed."""
-        from distributed import KilledWorker
-        from distributed.comm.core import CommClosedError
-
-        return isinstance(error, KilledWorker | CancelledError | CommClosedError | TimeoutError)
-
-    def repair(self) -> None:
-        """Make ready to send again what was lost."""
-        # The only worker that held the data may be the one that was lost.
-        if self._data.status != 'finished' and _slots(self._client):
-            # No worker after all: what cannot be sent is evaluated in this process.
-            with suppress(TimeoutError):
+    def send(self, name: str, arguments: tuple[Any, ...]) -> 'Future[Any] | None':
+        """Send a call of the object's method; None where no worker can be reached."""
+        if self.hopeless:
+            return None
+        try:
+            # The only worker that held the data may be the one that was lost.
+            if self._data.status != 'finished' and _slots(self._client):
                 self._scatter()
+            found: Future[Any] = self._executor.submit(_call, self._data, name, arguments)
+            return found
+        except Exception as error:
+            if not _lost(error):
+                raise
+            return None
 
     def close(self) -> None:
         """Let go of the workers."""
@@ -273,42 +237,26 @@ class _Link:
 
 
 class _Away:
-    """A call on its way: sent again where its worker was lost, done here in the end."""
+    """A call on its way; done here where Dask gives it up."""
 
     def __init__(
         self, link: _Link, here: Callable[..., Any], name: str, arguments: tuple[Any, ...]
     ) -> None:
-        self._link, self._here, self._name, self._arguments = link, here, name, arguments
-        self._attempts, self._there, self._value = 0, False, None
-        self._future = self._send()
-
-    def _send(self) -> 'Future[Any] | None':
-        """Send it; None where it has to be done here."""
-        while self._attempts < _ATTEMPTS and not self._link.hopeless:
-            self._attempts += 1
-            try:
-                return self._link.send(self._name, self._arguments)
-            except Exception as error:
-                if not self._link.lost(error):
-                    raise
-                self._link.repair()
-        return None
+        self._link, self._here, self._arguments = link, here, arguments
+        self._there, self._value = False, None
+        self._future = link.send(name, arguments)
 
     def wait(self, seconds: float) -> bool:
         """Return whether the result is there, after waiting at most so long."""
-        if self._there:
-            return True
-        if self._future is None or self._link.hopeless:
-            self._there, self._value = True, self._here(*self._arguments)
-        elif wait([self._future], seconds).done:
+        if not self._there and self._future is not None and wait([self._future], seconds).done:
             try:
                 self._there, self._value = True, self._future.result()
             except (CancelledError, Exception) as error:
-                self._there = False
-                if not self._link.lost(error):
+                self._there, self._future = False, None
+                if not _lost(error):
                     raise _said(error) from error
-                self._link.repair()
-                self._future = self._send()
+        if not self._there and (self._future is None or self._link.hopeless):
+            self._there, self._value = True, self._here(*self._arguments)
         return self._there
 
     def result(self) -> Any:
@@ -364,6 +312,14 @@ class _Costs(Queue):
 
     def submit(self, theta: Array, limit: float = math.inf, stop: Stop | None = None) -> _Batch:
         return _Batch(self._link, theta, limit, self._here)
+
+
+def _lost(error: BaseException) -> bool:
+    """Return whether an error means that the worker is gone, not that its work failed."""
+    from distributed import KilledWorker
+    from distributed.comm.core import CommClosedError
+
+    return isinstance(error, KilledWorker | CancelledError | CommClosedError | TimeoutError)
 
 
 def _said(error: BaseException) -> BaseException:

@@ -33,12 +33,16 @@ class Cancel(Protocol):
         ...
 
 
-class Objective(Protocol):
-    """What is evaluated, by several threads at once; other processes get it as a pickle."""
+class Subject(Protocol):
+    """What tasks are methods of; other processes get it as a pickle."""
 
     def prepare(self) -> None:
         """Do what takes time only once, as to compile."""
         ...
+
+
+class Objective(Subject, Protocol):
+    """What is evaluated, by several threads at once."""
 
     def costs(self, theta: Array, limit: float = math.inf, stop: Stop | None = None) -> Array:
         """Return (S,) costs of (S, N) candidates, inf for a diverged one.
@@ -98,14 +102,6 @@ class Evaluators:
     costs: Evaluate | Queue
     residuals: Evaluate
     lot: int
-
-
-class Subject(Protocol):
-    """What tasks are methods of; other processes get it as a pickle."""
-
-    def prepare(self) -> None:
-        """Do what takes time only once, as to compile."""
-        ...
 
 
 # Method of the subject, arguments of each task -> results in their order, as they come.
@@ -225,14 +221,10 @@ class ThreadedEvaluator(AbstractContextManager['ThreadedEvaluator']):
             out[where] = value
         return out
 
-    def close(self) -> None:
+    def __exit__(self, *raised: object) -> None:
         """End the threads."""
         if self._pool is not None:
             self._pool.shutdown()
-
-    def __exit__(self, *raised: object) -> None:
-        """End the threads."""
-        self.close()
 
 
 class Threads:

@@ -225,6 +225,7 @@ TABLE = [
     ('', put(chunk(1, 200), b'\xaa'), 90, '1 block inside is damaged'),
     ('no crc', put(chunk(2, 41), b'lz4 '), 90, '1 block inside is damaged'),
     ('zstd', put(chunk(1, 1), b'\xff' * 8), 90, '1 block inside is damaged'),
+    ('zstd', put(chunk(1, 45), b'\xff' * 8), 90, '1 block inside is damaged'),
     ('zstd', put(chunk(1, 26), b'\x01'), 90, '1 block inside is damaged'),
     ('zstd', put(chunk(1), b'\x07'), 90, 'the checksum of the file does not fit.* 30 are lost'),
     ('no crc', put(chunk(1), b'\x55'), 90, 'bytes make no sense.* 30 are lost'),
