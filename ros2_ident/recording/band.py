@@ -94,6 +94,24 @@ def standing(
     return out
 
 
+def speed_error(position: FloatArray, cycle: float, cutoff: float) -> float:
+    """Return by how much a joint's speed is off below a frequency, as far as readings tell, 1/s.
+
+    A position that is read with an error s, at a rate f, has a speed that is wrong by
+    2 pi s sqrt(2 B^3 / (3 f)) below a frequency B.
+
+    Args:
+        position: Measured (K,), NaN at cycles without a sample.
+        cycle: Time from cycle to cycle, s.
+        cutoff: The frequency, Hz.
+    """
+    there, period = _samples(position, cycle)
+    if not there.size:
+        return 0.0
+    error = max(_noise(position[there]), _step(position[there]) / math.sqrt(12.0))
+    return 2.0 * math.pi * error * math.sqrt(2.0 / 3.0 * cutoff**3 * period)
+
+
 def _samples(row: FloatArray, cycle: float) -> tuple[NDArray[np.intp], float]:
     """Return the cycles of a row with a sample, and the time from one to the next, s."""
     there = np.flatnonzero(np.isfinite(row))

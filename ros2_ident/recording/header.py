@@ -57,12 +57,15 @@ def drafted_columns(path: str | Path) -> str:
     for n, (name, below) in enumerate(zip(names, units or [''] * len(names), strict=True), 1):
         stem, unit = _parted(name)
         unit = (below.strip('[]() ') or unit).lower().removesuffix('/s')
-        words = [x.lower() for x in re.findall(r'[A-Z]?[a-z]+|[A-Z]+|\d+', stem)]
+        parts = [re.findall(r'[A-Z]?[a-z]+|[A-Z]+|\d+', x) for x in re.split(r'[\W_]+', stem)]
+        words = [word.lower() for part in parts for word in part]
         meant = {_MEANT[x] for x in words if x in _MEANT}
         quantity = next((x for x in ('velocity', 'effort', 'position') if x in meant), '')
         if 'command' in meant:
             quantity = f'command_{quantity or "position"}'
-        joint = '_'.join(x for x in words if x not in _MEANT)
+        # A joint is spelled as in the header, for descriptions that know it by that name.
+        spelled = [''.join(x for x in part if x.lower() not in _MEANT) for part in parts]
+        joint = '_'.join(filter(None, spelled))
         own = joints.setdefault(f'joint_{joint}' if joint.isdigit() else joint or 'joint_1', {})
         # A time without a name is known by its unit.
         timed = _TIMES & set(words) or (not words and unit in _TIME_UNITS)

@@ -49,7 +49,7 @@ def logged(*positions, noise=0.01):
     model = make_model(ARM, data)
     links = np.tile([2.0, 0.4, 0.1, 0.2, 0.05, 0.0, 0.06, 0.0, 0.0, 0.07], (3, 1))
     speed = model.motion[1]
-    effort = model.links_effort(links) + 0.5 * np.tanh(speed / 0.02) + 0.3 * speed
+    effort = model.links_effort(links) + 0.5 * np.sign(speed) + 0.3 * speed
     # What holds a drive at rest is anything up to its friction.
     effort += np.where(np.ptp(place, axis=1) < 0.1, 0.4, 0.0)[:, None]
     return replace(data, effort=effort + rng.normal(0.0, noise, place.shape))
@@ -73,6 +73,14 @@ def test_of_one_joint_that_moves_the_answer_is_about_that_joint():
     (said,) = [w for w in result.quality.warnings if 'stood still' in w]
     assert said.startswith('column, elbow stood still: ')
     assert np.isfinite([[p.value, p.low, p.high] for p in result.parameters]).all()
+
+
+def test_friction_turns_over_as_sharply_as_the_log_tells_speeds():
+    result = found(logged(0.7, 0.1 * WAVE, -0.4))
+    values = {p.name.partition('.')[2]: p for p in result.parameters}
+    assert values['coulomb_torque'].value == pytest.approx(0.5, rel=0.02)
+    assert values['viscous_torque'].low <= 0.3 <= values['viscous_torque'].high
+    assert result.residuals[0].rms < 0.012
 
 
 def test_joints_that_move_in_turn_are_all_in_it():

@@ -404,7 +404,7 @@ def axis() -> Machine:
             'machine': 'linear_axis',
             'drives': ['joint_0'],
             'effort_unit': 'N',
-            'drive': {'travel_per_turn': 0.05},
+            'drive': {'travel_per_turn': 0.05, 'coulomb_regularisation': 5e-3},
             'controller': {'cycle': 0.004, 'position_gain': 1.0, 'velocity_gain': 1.0},
             'parameters': {
                 'moving_mass': [3.0, 5.0, 'kg'],
@@ -451,7 +451,7 @@ def test_an_effect_at_a_joint_is_what_it_is_at_an_axis(effect: str, monkeypatch)
 
 def test_friction_at_a_joint_grows_with_what_the_links_ask(tmp_path: Path) -> None:
     boxes = {'link_moment': [-5.0, 5.0, 'kg m'], 'coulomb_torque': [0.0, 4.0, 'N m']}
-    machine = described(tmp_path, **boxes)
+    machine = described(tmp_path, **boxes).with_constants(coulomb_regularisation=0.02)
     there = [EffectAt('load_dependent_friction', 'elbow')]
     model = make_model(machine, moving(machine), effects=there)
     theta = middle(model)

@@ -28,7 +28,7 @@ from ros2_ident.models.drives.outputs import chosen_outputs
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
 from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
-from ros2_ident.recording.band import standing, told_band
+from ros2_ident.recording.band import speed_error, standing, told_band
 from ros2_ident.recording.smooth import low_pass, settling, smooth_motion
 
 # Middle of the time a commanded torque holds, in cycles.
@@ -45,8 +45,8 @@ _SMOOTHING, _WHOLE = 2, 64
 # compared, for friction turns over faster than efforts do; and at least up to so many times. No
 # motion is told above this share of a log's rate.
 _WIDER, _LEAST, _ROOM = 5.0, 2.5, 0.35
-# In place of no mass, where one is divided by: rotors weigh 1e-7 kg m^2 and less.
-_MASSLESS = 1e-100
+# In place of no mass or width, where one is divided by: rotors weigh 1e-7 kg m^2 and less.
+_NOTHING = 1e-100
 # Of a short log no more than this share is left out at either end.
 _SHORTEST = 0.05
 # A controller's motion has to be in the log at this share of its cycles to be replayed.
@@ -387,6 +387,12 @@ class DriveModel(FullModel):
                 base[rows.row_of(row, d)] = 0.0 if math.isnan(value) else value
             if self.law[d] != drive_kernel.VELOCITY_FROM_STATE:
                 base[rows.row_of('integral_gain', d)] = 0.0  # P on velocity
+            if self._limit < math.inf and not machine.stated('coulomb_regularisation'):
+                # Nothing is integrated here: friction turns over as the speed is known to.
+                assert self.data.position is not None
+                row = self.data.position[self.data.names.index(drive)]
+                width = speed_error(row, self.cycle, self._motion_cutoff(self.data.position))
+                base[rows.row_of('regularisation', d)] = max(width, _NOTHING)
 
     def _derive(self, block: Array, d: int) -> None:
         """Fill what follows from other rows of drive `d`, in every candidate of (S, R)."""
@@ -452,15 +458,16 @@ class DriveModel(FullModel):
         """Return (S,) integration steps in a cycle, by the gear's and the friction's stiffness.
 
         The limits come from the convergence study in `docs/convergence.md`. While all drives move
-        `fast`, friction is as good as constant and the gear alone counts.
+        `fast`, friction is as good as constant and the gear alone counts, as where the recorded
+        motion tells the speeds.
         """
         if self.substeps is not None:
             return np.full(len(block), self.substeps, dtype=np.int64)
         need = np.ones(len(block))
         for d in range(len(self.machine.drives)):
-            motor = np.maximum(block[:, rows.row_of('motor_mass', d)], _MASSLESS)
+            motor = np.maximum(block[:, rows.row_of('motor_mass', d)], _NOTHING)
             rail = block[:, rows.row_of('rail_mass', d)]
-            if not fast:
+            if self._closed and not fast:
                 eps = block[:, rows.row_of('regularisation', d)]
                 slope = (
                     block[:, rows.row_of('gear', d)]
@@ -469,7 +476,7 @@ class DriveModel(FullModel):
                 )
                 need = np.maximum(need, self.cycle * slope / 1.5)
             if not self.stiff[d]:
-                inverse = 1.0 / motor + 1.0 / np.maximum(rail, _MASSLESS)
+                inverse = 1.0 / motor + 1.0 / np.maximum(rail, _NOTHING)
                 with np.errstate(invalid='ignore'):  # below 0 it diverges
                     omega = np.sqrt(block[:, rows.row_of('gear_stiffness', d)] * inverse)
                 rate = block[:, rows.row_of('gear_damping', d)] * inverse

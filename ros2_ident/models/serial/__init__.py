@@ -61,7 +61,8 @@ _DRIVE = (
              low=1e-5, high=10.0, force_unit='m', shown=False),
     of_drive('coulomb_regularisation', 'rad/s',
              'width v of the step in Coulomb friction, tanh(speed / v)', 0.02,
-             absent='0.02 by default', default=0.02, low=1e-5, high=1.0, force_unit='m/s'),
+             absent='as the log tells speeds by default', default=0.02, low=1e-5, high=1.0,
+             force_unit='m/s', shown=False),
 )
 _COUPLING = (
     of_drive('coupled_to', '',
