@@ -11,6 +11,7 @@ import numpy as np
 
 from ros2_ident.gap.blocks import Interval
 from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
+from ros2_ident.gap.facts import Cause, Facts
 from ros2_ident.gap.localise import localise
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.result import Identification
@@ -82,6 +83,7 @@ def diagnosed() -> Diagnosis:
         traces=(
             Trace(False, of, of.torque + row, of.torque + row - noise, np.isfinite(row)),
         ),
+        facts=Facts(Cause.EFFECT, 'drive_1', 'N m'),
     )
 
 

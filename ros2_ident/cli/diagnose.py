@@ -194,8 +194,8 @@ def print_diagnosis(d: 'Diagnosis') -> None:
             f'  not to be told from: {ranked.at.effect} on {ranked.at.where} '
             f'({ranked.probability:.2f})'
         )
-    for _, level, text in d.gates:
-        if level != 'ok' and text not in d.sentence:
+    for k, (_, level, text) in enumerate(d.gates):
+        if level != 'ok' and k != d.facts.leads:
             print(f'{level}: {text}')
     for finding in d.localisation[:5]:
         print(f'where: {finding.sentence}')

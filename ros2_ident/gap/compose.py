@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """From what the rounds found to the diagnosis as a value."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -13,28 +14,25 @@ from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.criteria import at_bound
 from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
 from ros2_ident.gap.explain import Explained, Explainer
+from ros2_ident.gap.facts import Cause, Facts
 from ros2_ident.gap.fits import Explanation
-from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.gap.verdict import (
-    advice,
-    cannot_show,
+    BOOKKEEPING,
     effect_of,
     NAMELESS,
     NONE,
-    OFTEN,
-    PUSHED,
     REFUSED,
-    RESTLESS,
-    titled,
     UNKNOWN,
     Verdict,
     Weighed,
+    WRONG_MODEL,
 )
-from ros2_ident.gap.wording import length, of_output, small
+from ros2_ident.gap.words import advice, sentence, titled
+from ros2_ident.gates import Gate
 from ros2_ident.gates.scale import MORE
-from ros2_ident.models import EffectAt, FullModel
+from ros2_ident.models import EffectAt
 from ros2_ident.search.evidence import Evidence
 
 
@@ -42,7 +40,7 @@ def compose(
     explainer: Explainer,
     found: Explained,
     verdict: Verdict,
-    gates: Sequence[tuple[str, str, str]],
+    gates: Sequence[Gate],
     where: tuple[Finding, ...],
     hidden: tuple[EffectAt, ...],
     seconds: float,
@@ -54,7 +52,7 @@ def compose(
         explainer: Who ran the rounds.
         found: What came of them.
         verdict: What follows from it.
-        gates: What was checked before, as (name, level, sentence).
+        gates: Results of the checks before.
         where: Where the gap lies.
         hidden: Effects that the motion cannot show.
         seconds: Time taken, s.
@@ -74,7 +72,11 @@ def compose(
     evidence = explainer.noise_of(final).evidence if found.complete else None
     per_drive, whole = _per_drive(explainer, found, blocks)
     values = _values(explainer, final, evidence) | _steps(verdict.readings)
-    values |= verdict.constants
+    values |= {
+        c.key: Value(c.value, c.unit, c.low, c.high)
+        for c in verdict.constants
+        if math.isfinite(c.stated)
+    }
     nominal = {
         p.name: v
         for p, v in zip(case.fit.with_effects(()).parameters, found.chain[0].theta, strict=True)
@@ -84,12 +86,11 @@ def compose(
         for name, v in nominal.items()
         if name in values and v != 0.0
     }
-    return Diagnosis(
+    made = Diagnosis(
         effect=verdict.effect,
         where=verdict.where,
         probability=verdict.probability,
-        sentence=_sentence(verdict, explainer, found, per_drive, model, share.value, hidden)
-        + _bounded(values),
+        sentence='',
         also=verdict.also,
         confusable=tuple(_ranked(explainer, found.chain[0], w) for w in verdict.confusable),
         ranking=tuple(_ranked(explainer, found.chain[0], w) for w in verdict.ranking),
@@ -103,6 +104,7 @@ def compose(
             'remaining': found.remaining,
             'closed': verdict.closed,
             'material': explainer.rules.material,
+            'unexplained': explainer.rules.unknown,
             'share_of_output': whole,
         },
         per_drive=per_drive,
@@ -110,38 +112,63 @@ def compose(
         parameters=values,
         moved=moved,
         nominal=nominal,
-        gates=tuple(gates),
+        gates=tuple((g.gate, g.level, g.sentence) for g in gates),
         not_testable=hidden,
-        advice=(
-            *_doubts(values),
-            *_hints(verdict, again),
-            *_hidden_by_noise(verdict, floor, case.drives, model.unit),
-            *advice(verdict, hidden, model.travel),
-        ),
+        advice=(),
         again=again,
         complete=found.complete,
         seconds=seconds,
         seed=seed,
         traces=_traces(case, found),
+        facts=_facts(explainer, found, verdict, gates),
+    )
+    return replace(made, sentence=sentence(made), advice=advice(made))
+
+
+def _facts(
+    explainer: Explainer, found: Explained, verdict: Verdict, gates: Sequence[Gate]
+) -> Facts:
+    """Return the facts behind a verdict."""
+    case, floor, base = explainer.case, explainer.floor, found.chain[0]
+    model = case.fit.models[0]
+    slow_noise = {
+        name: math.sqrt(value**2 - low**2)
+        for name, value, low in zip(case.drives, floor.per_drive, floor.low, strict=True)
+        if value > MORE * low and verdict.effect not in (UNKNOWN, *REFUSED)
+    }
+    best = max((explainer.share(base, w.model) for w in verdict.ranking), default=0.0)
+    return Facts(
+        cause=_cause(verdict, complete=found.complete),
+        worst=case.drives[int(explainer.gap(base).argmax())],
+        effort_unit=model.effort_unit,
+        travel=model.travel,
+        events=verdict.events,
+        slow=verdict.restless,
+        hidden=slow_noise,
+        steps={r.drive: (r.step, r.unit) for r in verdict.readings},
+        limits=verdict.limits,
+        constants=verdict.constants,
+        misfit=verdict.misfit,
+        contradictions=tuple(i for i, gate in enumerate(gates) if gate.contradicts),
+        tried=len(found.rounds[0].gains) if found.rounds else 0,
+        best=max(verdict.closed, best, 0.0),
     )
 
 
-def _hidden_by_noise(
-    verdict: Verdict, floor: Floor, drives: Sequence[str], unit: str
-) -> Iterator[str]:
-    """Say how large a gap slow noise may hide."""
-    if verdict.effect in (UNKNOWN, *REFUSED):
-        return
-    hidden = {
-        name: f'{math.sqrt(value**2 - low**2):.2g} {unit}'.strip()
-        for name, value, low in zip(drives, floor.per_drive, floor.low, strict=True)
-        if value > MORE * low
-    }
-    if hidden:
-        yield (
-            f'What is left on {", ".join(hidden)} is so slow that it can be noise or a gap of up '
-            f'to {", ".join(hidden.values())}: record longer, or the same motion twice.'
-        )
+def _cause(verdict: Verdict, *, complete: bool) -> Cause:
+    if verdict.effect == NONE:
+        return Cause.NONE
+    if verdict.effect == WRONG_MODEL:
+        return Cause.MODEL
+    if verdict.effect == BOOKKEEPING:
+        return Cause.CONSTANT if verdict.constants else Cause.LOG
+    if verdict.effect != UNKNOWN:
+        return Cause.EFFECT
+    if verdict.events:
+        return Cause.EVENTS
+    if verdict.restless:
+        return Cause.SLOW
+    return Cause.UNKNOWN if complete else Cause.CUT_SHORT
 
 
 def _again(
@@ -168,16 +195,6 @@ def _again(
     }
     # An encoder's steps are read from a line in the spectrum, not from what a fit closes.
     return tuple(shares.get(at, 1.0) for at in verdict.named)
-
-
-def _hints(verdict: Verdict, again: Sequence[float]) -> list[str]:
-    """Return which effects named do not come again often enough to act on them."""
-    return [
-        f'{titled(at)} counts in only {100.0 * share:.0f} % of the resampled blocks held out: '
-        'take it for a hint and record another log before acting on it.'
-        for at, share in zip(verdict.named, again, strict=False)
-        if share < OFTEN
-    ]
 
 
 def _traces(case: Case, found: Explained) -> tuple[Trace, ...]:
@@ -240,24 +257,6 @@ def _ranked(explainer: Explainer, base: Explanation, one: Weighed) -> Ranked:
     return Ranked(at, one.probability, gap, explainer.share(base, e), own)
 
 
-def _bounded(values: Mapping[str, Value]) -> str:
-    """Return what the sentence adds where a size ended at a bound of its search."""
-    names = [name for name, v in values.items() if v.at_bound]
-    ends = 'ends at a bound' if len(names) == 1 else 'end at bounds'
-    return f' {", ".join(names)} {ends} of the search.' if names else ''
-
-
-def _doubts(values: Mapping[str, Value]) -> list[str]:
-    """Return what to do about sizes at a bound of their search."""
-    return [
-        f'{name} ends at a bound of its search, {v.value:.4g} {v.unit}: either the effect is '
-        'larger than any that is looked for, or it stands in for another cause; check the unit of '
-        'the effort and the constants of the machine file, or repeat the diagnosis without it.'
-        for name, v in values.items()
-        if v.at_bound
-    ]
-
-
 def _per_drive(
     explainer: Explainer, found: Explained, blocks: Blocks
 ) -> tuple[dict[str, DriveGap], float]:
@@ -281,109 +280,3 @@ def _per_drive(
             counted=bool(counted[d]),
         )
     return out, float(np.sqrt(gap.sum() / output.sum()))
-
-
-def _sentence(
-    verdict: Verdict,
-    explainer: Explainer,
-    found: Explained,
-    per_drive: Mapping[str, DriveGap],
-    model: FullModel,
-    share: float,
-    hidden: Sequence[EffectAt],
-) -> str:
-    """Return the answer in words, behind what has to be said first."""
-    # One share, on data held out, wherever a diagnosis states one.
-    closed = share if len(found.chain) > 1 else verdict.closed
-    said = _answer(verdict, explainer, found, per_drive, model, closed)
-    if verdict.effect == NONE and hidden:
-        said = f'{said[:-1]}; this motion {cannot_show(hidden)}'
-    if verdict.effect not in REFUSED:
-        said += ''.join(
-            f' Or {name} of the machine file is wrong: {x.value:.4g} [{x.low:.4g}, {x.high:.4g}] '
-            f'{x.unit} closes as much.'
-            for name, x in verdict.constants.items()
-        )
-    material = explainer.size(found.chain[0]) >= explainer.rules.material
-    shares = [g.share_of_output for g in per_drive.values()]
-    first = small(shares, model.unit) if material and verdict.effect not in REFUSED else ''
-    return ' '.join(filter(None, (verdict.first, first, said)))
-
-
-def _answer(
-    verdict: Verdict,
-    explainer: Explainer,
-    found: Explained,
-    per_drive: Mapping[str, DriveGap],
-    model: FullModel,
-    closed: float,
-) -> str:
-    size = explainer.size(found.chain[0])
-    if verdict.effect in REFUSED:
-        return 'No effect is named.'
-    unit, effort = model.unit, model.effort_unit
-    level = f'{float(np.mean([g.noise_floor for g in per_drive.values()])):.4g} {unit}'
-    worst = list(per_drive.values())[int(explainer.gap(found.chain[0]).argmax())]
-    gap = f'{size:.2f} times the noise floor, {of_output(worst.share_of_output, unit)}'
-    if verdict.effect == NONE and size < explainer.rules.material:
-        return (
-            f'Nothing is missing: the largest gap of a drive is {size:.2f} times the noise floor '
-            f'({level}), below the {explainer.rules.material:.2g} that counts.'
-        )
-    if verdict.effect == NONE:
-        return (
-            f'Nothing can be named: the largest gap of a drive is {gap} '
-            f'({level}), and no effect of the catalogue closes enough of it to count.'
-        )
-    if verdict.pushed:
-        made = '; '.join(f'{drive} at {said}' for drive, said in verdict.pushed.items())
-        return (
-            f'{PUSHED}: {made}. No effect of a machine does that: look for another source of '
-            'commands, a hand at the machine, or a fault of the drive.'
-        )
-    if verdict.restless:
-        left = ', '.join(f'{v:.3g} {unit} on {name}' for name, v in verdict.restless.items())
-        return (
-            f'{RESTLESS}: {left} are left that no effect, motion, position or time predicts, too '
-            'slow and too much for the noise of an effort. Look for a load that swings, a frame '
-            'that rocks, other axes or a hand at the machine, and state effort_noise as it is at '
-            'rest.'
-        )
-    if verdict.effect == UNKNOWN and not found.complete:
-        return (
-            f'The run was cut short: a gap of {gap} ({level}) is '
-            'there, and nothing was found yet that explains it.'
-        )
-    if verdict.effect == UNKNOWN:
-        tried = len(found.rounds[0].gains) if found.rounds else 0
-        best = max((explainer.share(found.chain[0], w.model) for w in verdict.ranking), default=0)
-        most = 100 * max(verdict.closed, best, 0)
-        return (
-            f'Something is missing that is not in the catalogue: the gap on '
-            f'{", ".join(verdict.where)} is {gap}, and the best of '
-            f'{tried} candidates closes {most:.0f} % of it.'
-        )
-    steps = ''.join(
-        f' {r.drive} reads its position in steps of {length(r.step, r.unit)}: what its controller '
-        'commands beside the motion in the log has that period. Its course cannot be repeated by '
-        'any simulation, so it does not count as closed.'
-        for r in verdict.readings
-    )
-    steps += ''.join(
-        f' The logged effort of {drive} stays at about {size:.3g} {effort} wherever '
-        'its control law asks for more. No constant limit repeats its course, so it does not '
-        'count as closed.'
-        for drive, size in verdict.limits.items()
-    )
-    places: dict[str, list[str]] = {verdict.effect: [*verdict.where]}
-    for at in verdict.also:
-        places.setdefault(at.effect, []).append(at.where)
-    named = ', then '.join(f'{get_effect(e).title} on {", ".join(w)}' for e, w in places.items())
-    rest = ''
-    if found.remaining >= explainer.rules.unknown:
-        rest = f' {found.remaining:.2f} times the noise floor remains unexplained.'
-    # The data held out may show no gap at all; then the figure is of all data.
-    share = closed if math.isfinite(closed) else min(max(verdict.closed, 0.0), 1.0)
-    return (
-        f'{named}: closes {100 * share:.0f} % of a gap of {gap}.{steps or rest}'
-    )

@@ -11,6 +11,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.diagnosis import Value
+from ros2_ident.gap.facts import WrongConstant
 from ros2_ident.gap.fits import Explanation, Fits, Left, PROMISING
 from ros2_ident.models.registry import kind_of
 from ros2_ident.search.uncertainty import intervals
@@ -41,14 +42,10 @@ class Constant:
     found: Value
     fit: Explanation
 
-    def in_words(self) -> str:
-        """Return what stands there and what fits, for a sentence."""
+    def wrong(self, closed: float) -> WrongConstant:
+        """Return it as a fact, with the share of the gap that it closes."""
         x = self.found
-        unit = '' if x.unit == '1' else f' {x.unit}'
-        return (
-            f'{self.name} is {self.stated:.4g}{unit} in the machine file, and '
-            f'{x.value:.4g} [{x.low:.4g}, {x.high:.4g}]{unit}'
-        )
+        return WrongConstant(self.name, self.stated, x.value, x.low, x.high, x.unit, closed)
 
 
 def fitted_constants(fits: Fits, base: Explanation) -> Iterator[Constant]:

@@ -27,10 +27,9 @@ from ros2_ident.gap.floor import predictability
 from ros2_ident.gap.localise import Finding, localise
 from ros2_ident.gap.reading import coarse_readings, CoarseReading
 from ros2_ident.gap.refusal import (
-    ahead,
     of_constants,
+    of_events,
     of_gates,
-    of_pushes,
     of_the_file,
     of_what_is_left,
 )
@@ -41,11 +40,11 @@ from ros2_ident.gap.verdict import (
     NAMELESS,
     NONE,
     REFUSED,
-    titled,
     UNKNOWN,
     Verdict,
     WRONG_MODEL,
 )
+from ros2_ident.gap.words import titled
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.examine import examine_models
 from ros2_ident.identify.layout import Conditions
@@ -355,7 +354,7 @@ class _Passes:
             found, verdict = of_constants(explainer, found, verdict)
             if verdict.effect != BOOKKEEPING:
                 found, verdict = self._of_the_file(begun, found, verdict)
-        return found, ahead(verdict, begun.report)
+        return found, verdict
 
     def _of_the_file(
         self, begun: _Pass, found: Explained, verdict: Verdict
@@ -379,8 +378,8 @@ class _Passes:
         clock.step(0.0, 'saying where')
         where: tuple[Finding, ...] = ()
         model = begun.explainer.case.fit.models[0]
-        verdict = of_pushes(verdict, begun.report, model.effort_unit)
-        if verdict.pushed:
+        verdict = of_events(verdict, begun.report)
+        if verdict.events:
             # What a fit makes of efforts that others added is no finding.
             found = found.nominal()
             where = not_asked(begun.report.asked, begun.explainer.floor, model)
@@ -398,7 +397,7 @@ class _Passes:
             begun.explainer,
             found,
             verdict,
-            tuple((g.gate, g.level, g.sentence) for g in begun.report.gates),
+            begun.report.gates,
             where,
             hidden,
             clock.elapsed,

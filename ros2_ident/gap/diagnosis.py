@@ -12,12 +12,13 @@ import numpy.typing as npt
 from ros2_ident.arrays import Array, plain
 from ros2_ident.gap.blocks import Interval
 from ros2_ident.gap.coordinates import Motion
+from ros2_ident.gap.facts import Facts
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.maps import chosen, map_of
 from ros2_ident.models import EffectAt
 
-SCHEMA = 2
+SCHEMA = 3
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ class Diagnosis:
         effect: Id of the effect, `none` or `unknown`.
         where: Its place.
         probability: Of the verdict.
-        sentence: The verdict in words, with its evidence.
+        sentence: The verdict with its evidence, by `words`.
         also: Further effects, in order.
         confusable: What the data cannot tell from the verdict.
         ranking: Every candidate that was fitted, most probable first.
@@ -169,6 +170,7 @@ class Diagnosis:
         traces: The recordings, those fitted to first.
         again: For the verdict's effect and each of `also`, the share of the resampled blocks held
             out in which it counts again.
+        facts: Facts behind the verdict.
     """
 
     effect: str
@@ -197,6 +199,7 @@ class Diagnosis:
     seed: int
     traces: tuple[Trace, ...]
     again: tuple[float, ...] = ()
+    facts: Facts = Facts()
 
 
 def _shown(d: Diagnosis) -> tuple[str, ...]:
@@ -247,7 +250,9 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
             'where': list(d.where),
             'probability': d.probability,
             'sentence': d.sentence,
+            'cause': d.facts.cause,
         },
+        'facts': {**asdict(d.facts), 'leads': d.facts.leads},
         'also': [_at(a) for a in d.also],
         'again': list(d.again),
         'confusable': [{**_at(r.at), 'probability': r.probability} for r in d.confusable],

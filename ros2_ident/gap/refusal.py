@@ -7,12 +7,15 @@ in their place.
 
 from dataclasses import replace
 from functools import partial
+import math
+from typing import Any
 
 import numpy as np
 
-from ros2_ident.effects import Effect, get_effect
+from ros2_ident.effects import get_effect
 from ros2_ident.gap.constants import fitted_constants
 from ros2_ident.gap.explain import Explained, Explainer
+from ros2_ident.gap.facts import Event, Misfit, WrongConstant
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.verdict import BOOKKEEPING, NAMELESS, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
@@ -41,7 +44,7 @@ def of_gates(
     drives = [g.drive for g in report.contradictions if g.level == 'fail' and g.drive]
     where = tuple(dict.fromkeys(drives)) or ('all',)
     found = Explained((base,), (), (), (), explainer.size(base), True)
-    return found, _without_effects(effect, where, report.headline)
+    return found, _without_effects(effect, where)
 
 
 def of_constants(
@@ -65,22 +68,10 @@ def of_constants(
         alike = np.ptp(np.log(values)) < ALIKE * np.abs(np.log(values)).mean()
         if len(case.drives) > 1 and set(by_drive) == set(case.drives) and alike:
             plain = found.nominal()
-            text = _constant(get_effect(effect), float(np.exp(np.log(values).mean())))
-            return plain, _without_effects(BOOKKEEPING, case.drives, text)
+            factor = float(np.exp(np.log(values).mean()))
+            wrong = WrongConstant(get_effect(effect).parameters[0].target, math.nan, factor)
+            return plain, _without_effects(BOOKKEEPING, case.drives, constants=(wrong,))
     return found, verdict
-
-
-def _constant(effect: Effect, factor: float) -> str:
-    (target, *_) = (p.target for p in effect.parameters)
-    if target == 'log_gain':
-        return (
-            f'The effort of every drive is {factor:.4g} times what the model makes of it: its '
-            'unit or the torque constant is wrong; correct effort_unit or the constant behind it.'
-        )
-    return (
-        f'{factor:.4g} times the {target} of the machine file fits every drive: the constant is '
-        'wrong there, or another unit is meant; correct it.'
-    )
 
 
 def of_the_file(
@@ -104,19 +95,14 @@ def of_the_file(
         return found, verdict
     best, *others = sorted(counting, key=lambda one: -share(one.fit))
     ties = [one for one in others if share(one.fit) > share(best.fit) - rules.alike]
+    wrong = tuple(one.wrong(share(one.fit)) for one in (best, *ties))
     more = len(base.theta) + 1 >= len(final.theta)
     if more and verdict.effect not in NAMELESS and share(best.fit) < least + rules.alike:
-        return found, replace(verdict, constants={one.name: one.found for one in (best, *ties)})
-    text = (
-        f'{best.in_words()} fits the log and closes {100.0 * min(share(best.fit), 1.0):.0f} % of '
-        f'a gap of {explainer.size(base):.2f} times the noise floor'
-    )
-    text += ''.join(f'; or {one.in_words()}, which closes as much' for one in ties)
+        return found, replace(verdict, constants=wrong)
     plain = found.nominal()
     case = explainer.case
     where = case.drives if len(case.drives) == 1 else ('all',)
-    named = _without_effects(BOOKKEEPING, tuple(where), f'{text}. Correct it in the file.')
-    return plain, replace(named, constants={one.name: one.found for one in (best, *ties)})
+    return plain, _without_effects(BOOKKEEPING, tuple(where), constants=wrong)
 
 
 def of_what_is_left(
@@ -145,48 +131,41 @@ def of_what_is_left(
         return found, verdict
     names = tuple(name for name, gone in zip(case.drives, lost, strict=True) if gone)
     worst = int(np.argmax(np.where(lost, left, 0.0)))
-    unit, what = case.fit.models[0].unit, case.fit.models[0].outputs[worst].quantity
-    tried = 'with the effects that close most' if len(found.chain) > 1 else 'with every effect'
-    first = (
-        f'The model is not the one of this machine: {tried} it still misses '
-        f'{100.0 * left[worst] / varies[worst]:.0f} % of what varies in the {what} of '
-        f'{case.drives[worst]} ({left[worst]:.3g} {unit}, {gap[worst]:.3g} times the noise floor).'
+    misfit = Misfit(
+        drive=case.drives[worst],
+        quantity=case.fit.models[0].outputs[worst].quantity,
+        rms=float(left[worst]),
+        share=float(left[worst] / varies[worst]),
+        over_floor=float(gap[worst]),
+        extended=len(found.chain) > 1,
     )
-    plain = found.nominal()
-    return plain, _without_effects(WRONG_MODEL, names, first)
+    return found.nominal(), _without_effects(WRONG_MODEL, names, misfit=misfit)
 
 
-def of_pushes(verdict: Verdict, report: GateReport, unit: str) -> Verdict:
-    """Return the answer, or that efforts [unit] were made which the command did not ask for."""
-    told: dict[str, list[str]] = {}
-    for number, recording in enumerate(report.asked, 1):
-        for found in recording:
-            if found.pushes:
-                said = ', '.join(p.said(unit) for p in found.pushes)
-                said += f' in recording {number}' if len(report.asked) > 1 else ''
-                told.setdefault(found.drive, []).append(said)
-    pushed = {drive: ', '.join(said) for drive, said in told.items()}
-    if not pushed or verdict.effect == BOOKKEEPING:
+def of_events(verdict: Verdict, report: GateReport) -> Verdict:
+    """Return the answer, or that effort was produced which was not commanded."""
+    found = tuple(
+        Event(asked.drive, number, push.time, push.effort)
+        for number, recording in enumerate(report.asked, 1)
+        for asked in recording
+        for push in asked.pushes
+    )
+    if not found or verdict.effect == BOOKKEEPING:
         return verdict
     return replace(
         verdict,
         effect=UNKNOWN,
-        where=tuple(pushed),
+        where=tuple(dict.fromkeys(e.drive for e in found)),
         probability=_SURE,
         also=(),
         confusable=(),
-        first='',
-        pushed=pushed,
+        events=found,
+        misfit=None,
     )
 
 
-def ahead(verdict: Verdict, report: GateReport) -> Verdict:
-    """Return a verdict behind what the gates have to say first."""
-    return verdict if verdict.first else replace(verdict, first=report.headline)
-
-
-def _without_effects(effect: str, where: tuple[str, ...], first: str) -> Verdict:
-    return Verdict(effect, where, _SURE, (), (), (), 0.0, (), first)
+def _without_effects(effect: str, where: tuple[str, ...], **facts: Any) -> Verdict:
+    return Verdict(effect, where, _SURE, (), (), (), 0.0, **facts)
 
 
 def _spread(explainer: Explainer, drive: int) -> float:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is said in the end: verdict, probability, what it may be confused with, advice."""
+"""Verdict, its probability, and the effects that it may be confused with."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -7,11 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ros2_ident.effects import get_effect, shown_by
-from ros2_ident.gap.diagnosis import Value
 from ros2_ident.gap.explain import Explained, Explainer
+from ros2_ident.gap.facts import Event, Misfit, WrongConstant
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.reading import CoarseReading
-from ros2_ident.gap.wording import in_travel
 from ros2_ident.models import EffectAt
 
 NONE, UNKNOWN = 'none', 'unknown'
@@ -19,12 +18,6 @@ NONE, UNKNOWN = 'none', 'unknown'
 # said then.
 BOOKKEEPING, WRONG_MODEL = 'bookkeeping', 'model'
 REFUSED = frozenset({BOOKKEEPING, WRONG_MODEL})
-# Share of the resampled blocks in which an effect has to count to be more than a hint.
-OFTEN = 0.9
-# How the sentence begins where drives made what nobody asked for, and where a floor is too large
-# and too slow for noise.
-PUSHED = 'Efforts were made that the command did not ask for'
-RESTLESS = 'Something moves or pushes that the model does not know, or the log is that noisy'
 # RMS that a drive shaken by its encoder's steps puts on the others, as a share of its own.
 _SHAKEN = 0.25
 # Answers that name no effect.
@@ -87,13 +80,12 @@ class Verdict:
         ranking: Every effect fitted first round, the most probable first.
         closed: Share of the explainable gap that all effects found close.
         readings: Encoders whose steps cause what is left on their drives.
-        first: What has to be said before it: where log and machine file contradict each other, or
-            why the model is not the machine's.
         limits: Drives whose logged effort stays below what the control law asks for, and at what
             size, where no fit repeats it.
         restless: Drives whose noise floor is too large and too slow to be noise, and their floors.
-        pushed: Drives that made efforts which their command did not ask for, and when, in words.
+        events: Effort that was not commanded.
         constants: Numbers of the machine file that fit, where those stated do not.
+        misfit: Residual of a model that is another machine's.
     """
 
     effect: str
@@ -104,11 +96,11 @@ class Verdict:
     ranking: tuple[Weighed, ...]
     closed: float
     readings: tuple[CoarseReading, ...] = ()
-    first: str = ''
     limits: Mapping[str, float] = field(default_factory=dict)
     restless: Mapping[str, float] = field(default_factory=dict)
-    pushed: Mapping[str, str] = field(default_factory=dict)
-    constants: Mapping[str, Value] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
+    constants: tuple[WrongConstant, ...] = ()
+    misfit: Misfit | None = None
 
     @property
     def named(self) -> tuple[EffectAt, ...]:
@@ -116,11 +108,6 @@ class Verdict:
         if self.effect in NAMELESS:
             return ()
         return (EffectAt(self.effect, self.where[0]), *self.also)
-
-
-def titled(at: EffectAt) -> str:
-    """Return an effect at its place in words."""
-    return f'{get_effect(at.effect).title} on {at.where}'
 
 
 def _sigmoid(x: float) -> float:
@@ -388,51 +375,3 @@ def _confusable(
         elif missing is not None:
             out.append(Weighed(at, missing.probability, missing.model))
     return tuple(out)
-
-
-def advice(
-    verdict: Verdict,
-    not_testable: Sequence[EffectAt],
-    travel: tuple[str, float] = ('m', 1.0),
-) -> tuple[str, ...]:
-    """Return what to do next: motions that tell effects apart, and what was not to be seen.
-
-    Args:
-        verdict: The answer.
-        not_testable: Effects that the motion could not show.
-        travel: Unit of the drives' positions, and how many of them stand for a metre.
-    """
-    out = []
-    if len(verdict.confusable) > 1:
-        first, *others = verdict.confusable
-        for other in others:
-            motion = get_effect(other.at.effect).separated_by.format(drive=_place(other.at.where))
-            motion = in_travel(motion, *travel)
-            one, two = get_effect(first.at.effect).title, get_effect(other.at.effect).title
-            out.append(f'{one} and {two} cannot be told apart on this data; {motion}.')
-    if verdict.pushed:
-        out.append(
-            'Leave these instants out, by windows or in another recording, to see what is missing '
-            'besides.'
-        )
-    elif verdict.effect == UNKNOWN and verdict.probability > 0.0 and not verdict.restless:
-        out.append(
-            'No effect of the catalogue explains the gap; look at the localisation, and isolate '
-            'the drive named there with slow, single-drive motions both ways.'
-        )
-    if not_testable and verdict.effect != NONE:
-        out.append(f'This motion {cannot_show(not_testable)}')
-    return tuple(out)
-
-
-def cannot_show(hidden: Sequence[EffectAt]) -> str:
-    """Return which effects a motion cannot show, for a sentence about it."""
-    places: dict[str, list[str]] = {}
-    for at in hidden:
-        places.setdefault(get_effect(at.effect).title, []).append(_place(at.where))
-    titles = ', '.join(f'{title} ({", ".join(where)})' for title, where in places.items())
-    return f'cannot show: {titles}.'
-
-
-def _place(where: str) -> str:
-    return 'the machine' if where == 'all' else where

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Words for where a gap lies."""
 
-from collections.abc import Iterable
 import re
 
 import numpy as np
@@ -12,9 +11,6 @@ from ros2_ident.gates.scale import figure as figure
 
 # The regions that hold this share of what is explained are named.
 _MOST = 0.75
-# What is said before anything else of a gap below this share of the measured output.
-SMALL = 'The gap is small'
-_SMALL = 0.01
 # Phases that hold this share of it, and so many times their share of the time, are named.
 _MAINLY, _DENSER = 0.5, 1.5
 
@@ -64,22 +60,6 @@ def compared(unit: str) -> str:
     return {'m': 'position', 'rad': 'position', 'm/s': 'velocity', 'rad/s': 'velocity'}.get(
         unit, 'effort'
     )
-
-
-def of_output(share: float, unit: str) -> str:
-    """Return a gap's share of the measured output in words."""
-    return f'{figure(100.0 * share)} % of the {compared(unit)}'
-
-
-def small(shares: Iterable[float], unit: str) -> str:
-    """Return the sentence that comes first where every drive's gap is small; empty where not.
-
-    Args:
-        shares: Of each drive, the gap over the measured output, RMS.
-        unit: Unit of the output.
-    """
-    worst = max(shares)
-    return f'{SMALL}, {of_output(worst, unit)}.' if worst < _SMALL else ''
 
 
 def percent(share: float) -> str:

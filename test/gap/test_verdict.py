@@ -21,17 +21,13 @@ from gap_fits import (
 import numpy as np
 import pytest
 
-from ros2_ident.effects import get_effect
 from ros2_ident.gap.explain import Explainer
 from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.gap.verdict import (
-    advice,
     judge,
     NONE,
     Temperatures,
     UNKNOWN,
-    Verdict,
-    Weighed,
 )
 from ros2_ident.models import EffectAt
 
@@ -158,24 +154,6 @@ def test_further_effects_are_told_in_their_order(explainer):
     assert (said.effect, said.also) == ('stribeck', (DRAG,))
     # The first one is weighed by the fit that has both.
     assert [(w.at, w.model) for w in said.ranking] == [(STRIBECK, both)]
-
-
-def test_advice_says_how_to_tell_apart_and_what_was_not_to_be_seen():
-    rows = tuple(Weighed(at, 0.4, made((0.0, 0.0))) for at in (STRIBECK, DRAG))
-    verdict = Verdict('stribeck', ('one',), 0.4, (), rows, rows, 0.9)
-    (one,) = advice(verdict, [])
-    assert 'cannot be told apart' in one and get_effect('quadratic_drag').title in one
-    assert advice(replace(verdict, confusable=rows[:1]), []) == ()
-    (seen,) = advice(replace(verdict, confusable=()), [SPRING, EffectAt('rod_mass', 'all')])
-    assert seen.startswith('This motion cannot show:') and 'the machine' in seen
-    # Where nothing is missing the answer itself has it.
-    assert advice(Verdict('none', (), 0.9, (), (), (), 0.0), [SPRING]) == ()
-    unknown = Verdict(UNKNOWN, ('one',), 0.5, (), (), (), 0.0)
-    assert 'isolate the drive' in advice(unknown, [])[0]
-    assert advice(replace(unknown, probability=0.0), []) == ()
-    assert advice(replace(unknown, restless={'one': 1.0}), []) == ()
-    (both,) = advice(replace(unknown, probability=0.0), [STRIBECK, EffectAt('stribeck', 'two')])
-    assert both.endswith(f'{get_effect("stribeck").title} (one, two).')
 
 
 # ---------------------------------------------------------------------- steps of encoders

@@ -10,9 +10,10 @@ import pytest
 from values import with_bounds
 
 from ros2_ident.gap.bursts import not_asked
+from ros2_ident.gap.facts import Event, Misfit
 from ros2_ident.gap.floor import Floor
-from ros2_ident.gap.refusal import of_pushes
-from ros2_ident.gap.verdict import BOOKKEEPING, PUSHED, Verdict
+from ros2_ident.gap.refusal import of_events
+from ros2_ident.gap.verdict import BOOKKEEPING, Verdict
 from ros2_ident.gates import examine, GateReport
 from ros2_ident.gates.asked import Asked, fit_asked, Push
 from ros2_ident.identify.data import gather
@@ -166,25 +167,27 @@ class Knee(FullModel):
         return np.zeros((len(theta), 1, 100))
 
 
+MISFIT = Misfit('knee', 'effort', 1.0, 0.5, 9.0, extended=False)
+
+
 def verdict(effect: str) -> Verdict:
-    return Verdict(effect, ('all',), 0.5, (), (), (), 0.3, first='something else.')
+    return Verdict(effect, ('all',), 0.5, (), (), (), 0.3, misfit=MISFIT)
 
 
 def test_pushes_come_before_what_a_model_misses() -> None:
     pushes = (Push(1.5, 0.7), Push(4.25, -0.4))
     asked = Asked('knee', 0.01, 1.0, 0.02, pushes, 0.9, 0.2, 12.0, 400)
     report = GateReport(asked=((), (asked,)))
-    found = of_pushes(verdict('stribeck'), report, 'N m')
+    found = of_events(verdict('stribeck'), report)
     assert (found.effect, found.where, found.named) == ('unknown', ('knee',), ())
-    assert found.pushed == {'knee': '1.50 s (+0.7 N m), 4.25 s (-0.4 N m) in recording 2'}
-    assert not found.first and found.probability > 0.9
+    assert found.events == (Event('knee', 2, 1.5, 0.7), Event('knee', 2, 4.25, -0.4))
+    assert not found.misfit and found.probability > 0.9
     # A wrong unit or sign makes all efforts wrong.
-    assert of_pushes(verdict(BOOKKEEPING), report, 'N m').effect == BOOKKEEPING
-    assert of_pushes(verdict('none'), GateReport(asked=((),)), 'N m').effect == 'none'
+    assert of_events(verdict(BOOKKEEPING), report).effect == BOOKKEEPING
+    assert of_events(verdict('none'), GateReport(asked=((),))).effect == 'none'
     none = np.zeros(1)
     floor = Floor(np.full(1, 0.1), none, none, 'prediction', ())
     (finding,) = not_asked(report.asked, floor, Knee())
     assert finding.significant and finding.p_value < 1e-6
     assert finding.over_floor == pytest.approx(2.0)
     assert finding.sentence.startswith('knee: made what the command did not ask for at 1.50 s')
-    assert PUSHED.startswith('Efforts were made')

@@ -22,10 +22,12 @@ from ros2_ident.cli.report import page_line
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export.estimate import read_estimate
-from ros2_ident.gap.diagnosis import DriveGap, to_mapping
-from ros2_ident.gap.verdict import PUSHED, RESTLESS
-from ros2_ident.gap.wording import compared, small
+from ros2_ident.gap import words
+from ros2_ident.gap.diagnosis import DriveGap, Ranked, to_mapping
+from ros2_ident.gap.facts import Cause, Event, Facts
+from ros2_ident.gap.wording import compared
 from ros2_ident.identify.result import Outcome
+from ros2_ident.models import EffectAt
 from ros2_ident.recording import LIVE
 from ros2_ident.report.files import write_result
 from ros2_ident.report.page import charts, write_report
@@ -217,38 +219,51 @@ def test_a_cancelled_run_and_a_diagnosis_cut_short(tmp_path):
     assert page.pictures == ['gap-effort-plot', 'effort-plot', 'generations-plot', 'costs-plot']
 
 
-def test_what_is_too_slow_for_noise_is_not_called_noise(tmp_path):
+def test_a_slow_residual_and_uncommanded_effort_are_worded_alike_everywhere(tmp_path):
+    """The page's words are those of the verdict's sentence."""
     found = diagnosed()
-    restless = replace(
-        found, effect='unknown', where=('drive_2',), probability=0.7, ranking=(),
-        sentence=f'drive_1: late. {RESTLESS}: 0.0101 N m on drive_2 are left.',
-        steps=found.steps[:1],
-        evidence={**found.evidence, 'size': 0.1},
+    unknown = replace(
+        found, effect='unknown', where=('drive_2',), ranking=(), advice=(), steps=found.steps[:1],
         per_drive={n: replace(g, before=0.0101) for n, g in found.per_drive.items()},
     )
-    write_diagnosed(tmp_path, restless)
-    said = of_diagnosis(content(write_report(tmp_path)), 'out')
-    assert said.headline.startswith('Something moves or pushes that the simulation of drive_2')
-    assert '0.0101 N m on drive_2 are left.' in said.sure
-    notes = {gap.drive: gap.note for gap in said.gaps}
+    slow = Facts(Cause.SLOW, 'drive_2', 'N m', slow={'drive_2': 0.0101})
+    push = Facts(
+        Cause.EVENTS, 'drive_2', 'N m', contradictions=(0,),
+        events=(Event('drive_2', 1, 1.41, 0.73), Event('drive_2', 2, 0.5, -1.0)),
+    )
+    gate = ('not_asked', 'warn', 'drive_2: not commanded: 1.41 s.')
+    for facts, headline, told in (
+        (slow, 'The residual of drive_2 is too large and too slow', '0.0101 N m on drive_2, '),
+        (push, 'Drive_2 produced effort that was not commanded.',
+         'Drive_2 at 1.41 s (+0.73 N m) in recording 1, 0.50 s (-1 N m) in recording 2.'),
+    ):
+        made = replace(unknown, facts=facts, gates=(gate,))
+        write_diagnosed(tmp_path, replace(made, sentence=words.sentence(made)))
+        said = of_diagnosis(content(write_report(tmp_path)), 'out')
+        assert said.headline.startswith(headline)
+        (sure,) = [text for text in said.sure if text.startswith(told)]
+        assert sure[1:] in words.sentence(made)
+        assert bool(said.careful) == (facts is slow)
+    assert said.state == 'The cause is beside the machine and its command'
+    assert said.steps[1].code.startswith('ident diagnose NEW_BAG --machine ')
+    write_diagnosed(tmp_path, replace(unknown, facts=slow))
+    notes = {gap.drive: gap.note for gap in of_diagnosis(content(tmp_path / 'x'), '').gaps}
     assert notes == {'drive_1': 'noise only', 'drive_2': 'too slow for noise'}
 
 
-def test_efforts_that_nobody_asked_for_are_the_headline(tmp_path):
-    found = diagnosed()
-    made = 'drive_2 at 1.41 s (+0.73 N m). No effect of a machine does that.'
-    gate = ('not_asked', 'warn', 'drive_2: made efforts that the command did not ask for: 1.41 s.')
-    unasked = replace(
-        found, effect='unknown', where=('drive_2',), probability=0.95, ranking=(), also=(),
-        sentence=f'{PUSHED}: {made}', steps=found.steps[:1], gates=(gate,), advice=(),
-    )
-    write_diagnosed(tmp_path, unasked)
-    said = of_diagnosis(content(write_report(tmp_path)), 'out')
-    assert said.headline == 'Drive_2 made efforts that the command did not ask for.'
-    assert said.state == 'The cause is beside the machine and its command'
-    assert f'D{made[1:]}' in said.sure
-    assert not any('did not ask for' in text for text in said.careful)
-    assert said.steps[1].code.startswith('ident diagnose NEW_BAG --machine ')
+def test_advice_tells_effects_apart_and_lists_those_not_visible():
+    found = replace(diagnosed(), not_testable=())
+    rival = Ranked(EffectAt('quadratic_drag', 'drive_1'), 0.4, 0.1, 0.9, {})
+    (one,) = words.advice(replace(found, confusable=(found.ranking[0], rival)))
+    assert 'cannot be told apart' in one and CATALOGUE['quadratic_drag'].title in one
+    both = (EffectAt('stribeck', 'drive_1'), EffectAt('stribeck', 'drive_2'))
+    (seen,) = words.advice(replace(found, not_testable=both))
+    assert seen == f'This motion cannot show: {CATALOGUE["stribeck"].title} (drive_1, drive_2).'
+    unknown = replace(found, effect='unknown', facts=replace(found.facts, cause=Cause.UNKNOWN))
+    assert 'isolate the drive' in words.advice(unknown)[0]
+    assert words.advice(replace(unknown, probability=0.0)) == ()
+    hint = replace(found, again=(0.6,))
+    assert 'counts in only 60 %' in words.advice(hint)[0]
 
 
 def test_parameters_at_a_bound_or_not_told_apart_are_said():
@@ -317,11 +332,10 @@ def test_the_first_screen_answers_four_questions(both):
     assert said.headline == 'Stribeck friction on drive_1 is missing in the simulation.'
     assert said.sure[0] == '93 % that this is the cause, and drive_1 the place.'
     data = content(both)
-    first = small([0.0048, 0.001], 'N m')
-    data['verdict']['sentence'] = f'{first} {data["verdict"]["sentence"]}'
-    assert first == 'The gap is small, 0.48 % of the effort.'
+    for drive, share in zip(data['gap']['per_drive'].values(), (0.0048, 0.001), strict=True):
+        drive['share_of_output'] = share
+    first = 'The gap is small, 0.48 % of the effort.'
     assert of_diagnosis(data, 'runs/one').headline == f'{first} {said.headline}'
-    assert small([0.0048, 0.011], 'N m') == ''
     first, second = said.gaps
     assert (first.drive, first.size, first.share) == (
         'drive_1', '0.0310 → 0.0101 N m', '10.3 → 3.4 %',
@@ -504,7 +518,7 @@ def test_a_contradiction_comes_before_the_answer(both):
     assert said.first == ('drive_1: the gain is twice that.',) and said.level == 'bad'
     assert said.state == 'Correct this first:'
     verdict = {'effect': 'bookkeeping', 'where': ['drive_1'], 'probability': 0.95,
-               'sentence': 'drive_1: the gain is twice that. No effect is named.'}
+               'sentence': 'drive_1: the gain is twice that. No effect is named.', 'cause': 'log'}
     refused = of_diagnosis({**data, 'gates': grave, 'verdict': verdict, 'confusable': []}, '')
     assert refused.headline.startswith('Log and machine file contradict each other')
     assert [step.code for step in refused.steps] == [
@@ -605,7 +619,7 @@ def test_other_files_are_refused(tmp_path):
         write_report(tmp_path)
     assert caught.value.code is ErrorCode.NO_DATA
     (tmp_path / 'diagnosis.json').write_text('{"schema": 7, "verdict": {}}')
-    with pytest.raises(IdentError, match='is no diagnosis of version 2'):
+    with pytest.raises(IdentError, match='is no diagnosis of version 3'):
         write_report(tmp_path)
 
 

@@ -4,14 +4,14 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
-import re
 from typing import Any
 
-from ros2_ident.gap.verdict import OFTEN, PUSHED, RESTLESS
-from ros2_ident.gap.wording import compared, SMALL
+from ros2_ident.gap import words
+from ros2_ident.gap.facts import Cause, Event
+from ros2_ident.gap.wording import compared
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.report.page import sentences, steps
-from ros2_ident.report.page.headline import headline, hidden_by_noise, restless
+from ros2_ident.report.page.headline import headline
 from ros2_ident.report.page.numbers import (
     from_to,
     number,
@@ -21,7 +21,7 @@ from ros2_ident.report.page.numbers import (
     shares,
     unit_of,
 )
-from ros2_ident.report.page.sentences import capital, effect_name, joined, pushed, some
+from ros2_ident.report.page.sentences import capital, effect_name, joined, some
 from ros2_ident.report.page.steps import effects_found, Step
 
 # Drives that the first screen lists; the table further down has all.
@@ -116,8 +116,11 @@ def of_diagnosis(data: Mapping[str, Any], out: str) -> Answer:
         unsure = len(data['confusable']) > 1 or _unexplained(data) or _seldom(data)
         level = 'doubtful' if careful or unsure else 'good'
     said, more = headline(data)
-    if small := re.search(rf'{SMALL}.*? \w+\.(?= )', verdict['sentence']):
-        said = f'{small[0]} {said}'
+    evidence = data['evidence']
+    material = (evidence['size'] or 0.0) >= (evidence['material'] or 0.0)
+    if material and verdict['effect'] not in steps.REFUSALS:
+        shares = (d['share_of_output'] for d in data['gap']['per_drive'].values())
+        said = f'{words.small(shares, data["gap"]["unit"])} {said}'.lstrip()
     return Answer(
         level,
         said,
@@ -138,7 +141,7 @@ def _state_of(
 ) -> str:
     if first:
         return 'Correct this first:'
-    if pushed(data):
+    if data['verdict']['cause'] == Cause.EVENTS:
         return 'The cause is beside the machine and its command'
     return _state(level, _reservations(data, careful))
 
@@ -168,7 +171,8 @@ def _chance(probability: float | None) -> str:
 
 
 def _sure(data: Mapping[str, Any]) -> Iterator[str]:
-    verdict = data['verdict']
+    verdict, facts = data['verdict'], data['facts']
+    facts_only = verdict['cause'] in (Cause.SLOW, Cause.EVENTS)
     held = {
         'check bag': 'Judged on data not used for fitting: another recording.',
         'blocks': 'Judged on data not used for fitting: every second block of 1 s.',
@@ -178,17 +182,18 @@ def _sure(data: Mapping[str, Any]) -> Iterator[str]:
     elif data['complete'] or verdict['probability']:
         that = {
             'none': 'that nothing larger is missing, as far as noise can tell'
-            if hidden_by_noise(data)
+            if data['facts']['hidden']
             else 'that nothing larger is missing',
             'unknown': 'that it is no noise'
-            if restless(data) or pushed(data)
+            if facts_only
             else 'that the cause is none of the effects tried',
         }.get(verdict['effect'], _cause(data))
         yield f'{_chance(verdict["probability"])} {that}.'
-    if data['complete'] and restless(data):
-        yield verdict['sentence'].partition(f'{RESTLESS}: ')[2]
-    if pushed(data):
-        yield capital(verdict['sentence'].partition(f'{PUSHED}: ')[2])
+    if verdict['cause'] == Cause.SLOW:
+        yield words.slow(facts['slow'].items(), data['gap']['unit'])
+    if verdict['cause'] == Cause.EVENTS:
+        made = [Event(**e) for e in facts['events']]
+        yield capital(words.events(made, facts['effort_unit']))
     rivals = [effect_name(x) for x in data['confusable'][1:]]
     if rivals:
         yield f'This recording cannot tell it from {some(rivals)}.'
@@ -218,7 +223,7 @@ def _counted(data: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], float]]:
 
 def _seldom(data: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], float]]:
     """Return those of several effects that are no more than hints."""
-    return [(x, share) for x, share in _counted(data) if share < OFTEN]
+    return [(x, share) for x, share in _counted(data) if share < words.OFTEN]
 
 
 def _cause(data: Mapping[str, Any]) -> str:
@@ -235,8 +240,7 @@ def _gaps(data: Mapping[str, Any]) -> tuple[Gap, ...]:
     chosen = [n for n in drives if n in first[:LISTED]]
     longest = max((max(drives[n]['before'], drives[n]['after'] or 0.0) for n in chosen), default=1)
     closed = len(gap['steps']) > 1
-    where = {*data['verdict']['where']} if restless(data) else set()
-    rest = {n: 'too slow for noise' for n in chosen if where & {n, 'all'}}
+    rest = dict.fromkeys(data['facts']['slow'], 'too slow for noise')
     quiet = {n for n in chosen if above(drives[n]['before'], drives[n]['noise_floor']) < material}
     notes = {n: rest.get(n, 'noise only') for n in quiet}
     return tuple(
@@ -297,20 +301,18 @@ def _unexplained(data: Mapping[str, Any]) -> bool:
 def _careful(data: Mapping[str, Any]) -> Iterator[str]:
     if not data['complete']:
         yield 'The run was cut short: effects not tried by then may close more of the gap.'
-    yield from hidden_by_noise(data)
-    told = ('not_asked',) if pushed(data) else ()
+    facts = data['facts']
+    yield from words.hidden(facts['hidden'].items(), data['gap']['unit'])
+    told = ('not_asked',) if facts['events'] else ()
     odd = [
         g['sentence']
-        for g in data['gates']
-        if g['level'] not in ('ok', *GRAVE) and g['gate'] not in told
+        for k, g in enumerate(data['gates'])
+        if k != facts['leads'] and g['level'] not in ('ok', *GRAVE) and g['gate'] not in told
     ]
-    yield from joined([text for text in odd if text not in data['verdict']['sentence']])
+    yield from joined(odd)
     ends = [name for name, v in data['parameters'].items() if v['at_bound']]
     if ends:
-        yield (
-            f'{some(ends)} {"ends" if len(ends) == 1 else "end"} at a bound of the search: the '
-            'effect is larger than any looked for, or stands in for another cause.'
-        )
+        yield words.at_bounds(ends)
 
 
 # ---------------------------------------------------------------------- an identification

@@ -4,13 +4,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from ros2_ident.gap.facts import Cause
 from ros2_ident.report.page import sentences
 from ros2_ident.report.page.numbers import quantity
-from ros2_ident.report.page.sentences import capital, effect_name, effects_named, pushed
+from ros2_ident.report.page.sentences import capital, effect_name, effects_named
 from ros2_ident.report.page.steps import effects_found, places, REFUSALS
 
-# What the advice on a gap that noise may hide says, of all advice.
-_SLOW_NOISE = 'so slow that it can be noise'
 # A headline of more letters than this ends after the first effect: three lines of a page.
 _LONG = 110
 
@@ -39,22 +38,14 @@ def headline(data: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
 
 def _unknown(data: Mapping[str, Any]) -> str:
     where = places(data['verdict']['where'])
-    if not data['complete']:
+    cause = data['verdict']['cause']
+    if cause == Cause.CUT_SHORT:
         return f'Cut short: the simulation of {where} is off, and no cause was found yet.'
-    if pushed(data):
-        return f'{capital(where)} made efforts that the command did not ask for.'
-    if restless(data):
-        return (
-            f'Something moves or pushes that the simulation of {where} does not know, or the log '
-            'is that noisy.'
-        )
+    if cause == Cause.EVENTS:
+        return f'{capital(where)} produced effort that was not commanded.'
+    if cause == Cause.SLOW:
+        return f'The residual of {where} is too large and too slow for noise.'
     return f'Something is missing in the simulation of {where}, and no known effect explains it.'
-
-
-def restless(data: Mapping[str, Any]) -> bool:
-    """Return whether nothing that can be predicted is left, and more than noise."""
-    size, material = (float(data['evidence'][x] or 0.0) for x in ('size', 'material'))
-    return data['verdict']['effect'] == 'unknown' and size < material and not pushed(data)
 
 
 def _one_sentence(
@@ -94,7 +85,7 @@ def _nothing(data: Mapping[str, Any]) -> str:
     if (data['evidence']['size'] or 0.0) >= (data['evidence']['material'] or 0.0):
         return 'Nothing can be named: what is left is too small to tell its cause.'
     limit = quantity(_limit(data), data['gap']['unit'], 2)
-    if hidden_by_noise(data):
+    if data['facts']['hidden']:
         return f'Nothing found missing above {limit}, but slow noise may hide more.'
     return f'Nothing found missing: what is left is noise, in which a gap of {limit} would show.'
 
@@ -103,8 +94,3 @@ def _limit(data: Mapping[str, Any]) -> float:
     """Return the gap, RMS, that counts on every drive."""
     floors = [d['noise_floor'] or 0.0 for d in data['gap']['per_drive'].values()]
     return float(data['evidence']['material'] or 0.0) * max(floors, default=0.0)
-
-
-def hidden_by_noise(data: Mapping[str, Any]) -> list[str]:
-    """Return the advice on a gap that noise may hide."""
-    return [text for text in data['advice'] if _SLOW_NOISE in text]

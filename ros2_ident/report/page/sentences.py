@@ -10,7 +10,6 @@ import numpy as np
 
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.verdict import NAMELESS as NAMELESS
-from ros2_ident.gap.verdict import PUSHED
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.report.page.numbers import change, number, precision, quantity, UNKNOWN
 
@@ -60,11 +59,6 @@ def effects_named(found: Sequence[Mapping[str, Any]]) -> str:
     if len({tuple(at['where']) for at in found}) == 1:
         names[:-1] = [effect_name({**at, 'where': ['all']}) for at in found[:-1]]
     return names[0] if len(names) == 1 else f'{", ".join(names[:-1])} and {names[-1]}'
-
-
-def pushed(data: Mapping[str, Any]) -> bool:
-    """Return whether a diagnosis says that drives made efforts which nobody asked for."""
-    return str(data['verdict']['sentence']).startswith(PUSHED)
 
 
 def capital(text: str) -> str:

@@ -7,12 +7,13 @@ import shlex
 from typing import Any
 
 from ros2_ident.effects import CATALOGUE, Effect
+from ros2_ident.gap.facts import Cause
 from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.machine.keys import digits
 from ros2_ident.recording import LIVE
 from ros2_ident.report.page import sentences
 from ros2_ident.report.page.numbers import plus_minus, quantity
-from ros2_ident.report.page.sentences import effect_name, pushed, some
+from ros2_ident.report.page.sentences import effect_name, some
 from ros2_ident.report.page.symbols import legend
 
 # Machines of a fleet, and effects, that its page has steps for.
@@ -139,7 +140,7 @@ def of_diagnosis(data: Mapping[str, Any], out: str) -> Iterator[Step]:
         settings = data['settings']
         check = f'{_bags(settings, data["provenance"]["source"])} {_machine(settings)}'
         yield Step(REFUSALS[data['verdict']['effect']][1], code=f'ident check {check}')
-    elif pushed(data):
+    elif data['verdict']['cause'] == Cause.EVENTS:
         yield Step(
             'Look for what else commanded the drives at these instants, held the machine, or '
             'failed.'
