@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # The benchmarks with their default arguments. The first compares with other programs, which it
-# installs into build/peers, writes docs/benchmarks.md, and takes about five minutes on two idle
+# installs into build/peers, writes build/benchmarks.md, and takes about five minutes on two idle
 # cores; the others need nothing but the package, less than two minutes each. Fails if one of them
 # did, after the last. With names as arguments, only those: tools/bench.sh peers.
 #
@@ -26,7 +26,7 @@ for name; do
   printf '\n== checks/benchmarks/%s.py\n' "$name"
   SECONDS=0
   case $name in
-    peers) with_peers checks/benchmarks/peers.py --write docs ;;
+    peers) with_peers checks/benchmarks/peers.py ;;
     mujoco_blind) with_peers checks/benchmarks/mujoco_blind.py ;;
     *) python "checks/benchmarks/$name.py" ;;
   esac || { echo "bench: $name failed." >&2; failed=1; }

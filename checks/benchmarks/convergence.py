@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How many integration steps the tripod's kernel needs: its torque against the slow reference.
-
-Usage: python checks/benchmarks/convergence.py [--write docs/convergence.md]
-"""
+"""How many integration steps the tripod's kernel needs: its torque against the slow reference."""
 
 import argparse
 import itertools
@@ -105,20 +102,9 @@ def table() -> list[str]:
 
 
 def main() -> None:
-    """Print the study, or write the page."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--write', metavar='FILE', help='write the page')
-    args = parser.parse_args()
-    lines = table()
-    print('\n'.join(lines))
-    if args.write:
-        path = Path(args.write)
-        text = path.read_text(encoding='utf-8')
-        begin, end = '<!-- table -->\n', '<!-- end -->'
-        before, rest = text.split(begin)
-        path.write_text(
-            before + begin + '\n'.join(lines) + '\n' + end + rest.split(end)[1], encoding='utf-8'
-        )
+    """Print the study."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
+    print('\n'.join(table()))
 
 
 if __name__ == '__main__':

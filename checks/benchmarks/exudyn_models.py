@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The belt drive and the tripod in Exudyn, as fast as we could make them there.
 
-Several formulations were tried, see docs/benchmarks.md: what is quickest is the first-order system
+Several formulations were tried: what is quickest is the first-order system
 as one object under an explicit solver. The belt drive is linear, so its matrix is all that Exudyn
 needs; the set-point changes between two calls of the solver, so no Python runs within a step. The
 tripod's right-hand side is compiled by numba, and the discrete controllers run before each step.

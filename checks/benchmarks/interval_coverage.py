@@ -5,7 +5,7 @@ The reference simulates one log. Each draw samples it as a recorder would, with 
 and losses, and is identified on its own: the genetic algorithm runs on the first draw only, the
 refinement of every draw starts from the genetic algorithm's result there.
 
-Example: python checks/benchmarks/interval_coverage.py --write docs/coverage.md
+Example: python checks/benchmarks/interval_coverage.py --write build/coverage.md
 """
 
 import argparse

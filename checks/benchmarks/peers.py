@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Beside other simulators and optimisers: Exudyn, MuJoCo, SciPy, pycma. Writes docs/benchmarks.md.
+"""Beside other simulators and optimisers: Exudyn, MuJoCo, SciPy, pycma. Writes a page.
 
 `make bench` installs them into build/peers; the package itself needs none of them.
 

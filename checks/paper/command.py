@@ -21,7 +21,7 @@ EXIT_CODES = {0: 'written'}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument(
-        '--out', default='docs', metavar='DIR', help='directory for the page; docs by default'
+        '--out', default='build', metavar='DIR', help='directory for the page; build by default'
     )
     parser.add_argument(
         '--seeds',

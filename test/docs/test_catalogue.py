@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page on the effects says what the catalogue says, the one on reliability names tests."""
+"""The page on the effects says what the catalogue says."""
 
 from pathlib import Path
 import re
@@ -51,20 +51,3 @@ def test_the_symbols_of_an_effect_stand_in_its_equation(effect) -> None:
             assert re.search(rf'(?<![A-Za-z]){parameter.symbol}(?![A-Za-z])', effect.equation)
     symbols = [p.symbol for p in effect.parameters if p.symbol]
     assert len(set(symbols)) == len(symbols)
-
-
-def test_the_tests_that_the_page_on_reliability_names_are_there() -> None:
-    page = (ROOT / 'docs' / 'reliability.md').read_text(encoding='utf-8')
-    table = page[page.index('## What once went wrong') :]
-    file, found = '', 0
-    for name in re.findall(r'`((?:\w+/)*test_\w+(?:\.py)?(?:::test_\w+)?)`', table):
-        at, _, test = name.partition('::')
-        if at.endswith('.py'):
-            root = ROOT if at.startswith('checks/') else ROOT / 'test'
-            file = (root / at).read_text(encoding='utf-8')
-        else:
-            test = at
-        if test:
-            assert f'def {test}(' in file, name
-            found += 1
-    assert found > 50
