@@ -23,11 +23,7 @@ from ros2_ident.models.belt_drive.model import BeltDrive
 
 HEAD = (
     '# The paper, run again\n\n'
-    'Ludwig, R. and Gerstmayr, J.: Automatic parameter identification for generic robot models. '
-    'Multibody Dynamics 2011, ECCOMAS Thematic Conference, Brussels.\n\n'
-    '`python -m checks.paper` wrote this page: every number and picture of ours comes from '
-    "that run, the paper's numbers stand beside them. The print has lost square roots, exponents "
-    'and two constants; how we read it is said where it matters.\n\n'
+    'What `python -m checks.paper` found; what it means: docs/paper.md.\n\n'
 )
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tripod's part of the page, in words that follow from the numbers."""
+"""The tripod's part of the page: its numbers beside the paper's."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -8,16 +8,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from checks.paper.tripod_findings import findings_table
 from checks.paper.tripod_runs import (
     Case,
     DriveTrial,
-    FRICTION,
     LOUD,
     Plan,
     QUIET,
     TRUTH,
 )
-from checks.paper.tripod_words import findings_text
 
 Array = NDArray[np.float64]
 
@@ -165,92 +164,25 @@ def _median_cost(trials: list[DriveTrial], *, ga: bool) -> str:
     return f'{np.median([t.ga_cost if ga else t.cost for t in trials]):.5f}'
 
 
-def _setting(findings: TripodFindings) -> str:
-    low, high = findings.spans[0]
-    plan = findings.plan
-    others = ' and '.join(f'{a:.1f} to {b:.1f}' for a, b in findings.spans[1:])
-    genetic = plan.genetic
-    coulomb, viscous = FRICTION['coulomb_torque'], FRICTION['viscous_torque']
-    return (
-        'The machine is our reference tripod (`config/tripod.yaml`), simulated in redundant '
-        'coordinates by an adaptive integrator of high order that shares no equations with the '
-        'model that is fitted. Its five parameters are those of Table 5, d_min,0 = 0, in all '
-        f'three drives; the friction torques ({coulomb:g} N m and {viscous:g} N m s/m, our '
-        'choice) are held at the truth: the paper takes friction as known. '
-        f'The motion is a pick-and-place motion of {plan.seconds:g} s with speeds of the drives '
-        f'up to {findings.speeds.max():.2f} m/s; the torque of drive 1 '
-        f'goes from {low:.1f} to {high:.1f} N m, the others from {others} N m (the paper: '
-        'about -3 to 1.5 N m, by the axis of its figure). The paper prints neither geometry, '
-        'gear factor and controller nor the motion: it is **not the same machine or motion**. '
-        'The log went through a bag: 1 kHz, white noise, steps of 0.002 N m, jitter of 10 µs, '
-        'one sample in a thousand lost. The noise is 0.13 N m, which '
-        f"gives the paper's residual by construction, and {QUIET:g} N m in a second run.\n\n"
-        f'The search is Table 4: {genetic.initial_population} candidates at first, '
-        f'{genetic.survivors} survivors, {genetic.children} children each, '
-        f'{genetic.generations} generations, ξ = {genetic.range_reduction:g}, '
-        f'{genetic.evaluations} simulations, in the box of Table 3. One drive is identified, the '
-        'other two follow their recorded motion with the same gears as the candidate.'
-    )
-
-
 def tripod_text(findings: TripodFindings) -> str:
-    """Return section 4 as Markdown."""
+    """Return section 4 as Markdown: its numbers and pictures."""
     trials = findings.trials
-    seeds = len(trials[Case(LOUD, False, 0.0)])
-    begin, end = findings.plan.close
-    more = trials[Case(LOUD, False, 0.0)][0]
-    extra = more.evaluations - more.ga_evaluations
+    spans = ', '.join(f'{a:.1f} to {b:.1f}' for a, b in findings.spans)
     parts = [
         '## Section 4: the tripod',
-        _setting(findings),
-        '### Table 5: one drive, noise 0.13 N m, seed 0',
+        (
+            f'{findings.plan.seconds:g} s of pick-and-place, up to {findings.speeds.max():.2f} '
+            f'm/s, torques of {spans} N m.'
+        ),
+        findings_table(trials, findings.influence),
+        'Table 5, one drive, noise 0.13 N m, seed 0:',
         values_table(trials),
-        (
-            "The paper's columns are from a real machine whose true values nobody knows; ours "
-            'has its first column as truth. "Refined" is the bounded least-squares fit that '
-            f'starts from the result of the genetic algorithm (GA) and takes {extra} further '
-            'simulations here, those of its intervals included.'
-        ),
-        f'### Errors over {seeds} seeds, one drive',
-        (
-            'Relative errors: median (smallest to largest). Each seed is another draw of the '
-            'noise and another search; both distances see the same draws. The refined result is '
-            'that of d_min,0 = 0. The last columns are the median half width of the 95 % '
-            'intervals and how often they hold the truth.'
-        ),
-        'Noise 0.13 N m:',
-        errors_table(trials, LOUD),
-        'Noise 0.01 N m:',
-        errors_table(trials, QUIET),
-        '### All three drives at once',
-        (
-            'Eleven parameters instead of five, the same settings and logs; d_min,0 = 0, because '
-            'in eleven dimensions survivors lie apart by themselves, and most searches run the '
-            'same with 0.5. '
-            "Every drive's own parameters stand together in one row."
-        ),
-        three_table(trials),
-        '### Which findings are reproduced',
-        findings_text(trials, findings.influence),
-        '### Figure 11: cost of all candidates',
-        '![Cost of all candidates over the time delay and the others](paper/figure_11.png)',
-        (
-            'One drive, noise 0.13 N m, d_min,0 = 0.5. The dots on the bounds of the box are '
-            'children of the first generations, whose steps are as wide as the box. '
-            "The paper's caption says 6 parameters, Tables 3 and 5 have five: the sixth is not "
-            'named there. Of the quantities of eq. 23 only the rail mass is in neither table, so '
-            'we take it '
-            'for the sixth; here the five of Table 3 vary.'
-        ),
-        f'### Figures 12 and 13: torque over {findings.plan.seconds:g} s and close-up',
-        (
-            '![Torque, measured and optimised](paper/figure_12.png)\n'
-            f'![Torque from {begin:g} to {end:g} s](paper/figure_13.png)'
-        ),
-        (
-            "The GA's own results, seed 0, noise 0.13 N m. Here the measured torque differs from "
-            "the optimised one by noise alone; in the paper's figures a real machine adds what "
-            'the model lacks.'
-        ),
     ]
+    for noise in (LOUD, QUIET):
+        parts += [
+            f'Errors over all seeds, median (smallest to largest), noise {noise:g} N m:',
+            errors_table(trials, noise),
+        ]
+    parts += ['All three drives at once:', three_table(trials)]
+    parts += [f'![Figure {n}](paper/figure_{n}.png)' for n in (11, 12, 13)]
     return '\n\n'.join(parts) + '\n'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's page: complete, repeatable, and its words follow from the numbers."""
+"""The paper's page: complete and repeatable, and its numbers are those of the trials."""
 
 from dataclasses import replace
 from functools import partial
@@ -117,10 +117,9 @@ def findings(harm):
     return replace(base, rates=rates)
 
 
-def test_words_follow_from_the_numbers():
+def test_numbers_are_those_of_the_trials():
     harmless, harmful = belt_section(findings(False)), belt_section(findings(True))
-    assert '**Not reproduced:** the paper lays its failure on the distance' in harmless
-    assert 'The distance does harm here, as the paper finds.' in harmful
-    assert '**reproduced**, more survivors help' in harmful
-    assert '**not reproduced** clearly' in harmless
-    assert 'no seed was trapped' in harmless
+    assert '| 8 | 0.5 | 100 | 90 % (83 to 94) |' in harmless
+    assert '| 8 | 0.5 | 100 | 20 % (13 to 29) |' in harmful
+    assert 'farther than 10 % from EA | 80 of 80 |' in harmful
+    assert "as near as the paper's run | 0 of 100 |" in harmful
