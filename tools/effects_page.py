@@ -4,11 +4,10 @@
 `python tools/effects_page.py` writes docs/effects.md.
 """
 
-from collections.abc import Iterable
 import importlib
 from pathlib import Path
 
-from ros2_ident.effects import CATALOGUE, Effect, EffectParameter, Hook
+from ros2_ident.effects import CATALOGUE, Effect, EffectParameter
 
 # In the order in which torque goes through the machine, and what a group means.
 GROUPS = {
@@ -17,13 +16,8 @@ GROUPS = {
     'controller': 'between set-point and torque',
     'measurement': 'between torque and log; the machine does not feel it',
 }
-ROLES = {
-    'size': 'size',
-    'shape': 'shape',
-    'order': 'shape, an order of the turn',
-    'position': 'shape, a place',
-    'time': 'shape, an instant',
-}
+# What a parameter of a role holds; a size and a shape say so by their numbers.
+ROLES = {'order': 'order of the turn', 'position': 'place', 'time': 'instant'}
 
 INTRODUCTION = (
     '# The catalogue of effects',
@@ -32,25 +26,19 @@ INTRODUCTION = (
     '',
     'An effect is one way in which a machine differs from its nominal model',
     '([models.md](models.md)). `ident diagnose` tries each at each place where it can sit,',
-    'together with the nominal parameters.',
-    'How to add one: [adding_an_effect.md](adding_an_effect.md).',
+    'together with the nominal parameters. How to add one:',
+    '[adding_an_effect.md](adding_an_effect.md).',
     '',
-    'How to read an entry:',
-    '',
-    "- Symbols: v is the motor's speed and z its position, both at the rail; s the position of",
-    '  the load side, a carriage or a joint; M a torque; t the time since the log began.',
-    '  Friction opposes the motion.',
-    '- A unit with `effort` is N m, or N on a machine that logs a force. Its numbers are shares',
-    "  of the size of the drive's logged effort, which one sample in a thousand exceeds in the",
-    '  liveliest recording: 0.25 means a quarter of it. Numbers in 1/W are shares of the inverse',
-    '  of its power at 1 m/s. A limit in the machine file does not matter.',
-    '- Of a joint that turns, a metre means 20 rad (a lever of 0.05 m), in every unit: bounds of',
-    '  0.005 to 0.2 m/s are 0.1 to 4 rad/s, and 1/m becomes 1/20 rad.',
-    '- At its neutral value a parameter of the role *size* switches the effect off. A *shape*',
-    '  means nothing while the size is neutral.',
-    '- *Place*: each drive can have its own, or the machine has one.',
-    '- Effects of one *family* look alike on ordinary motions.',
-    '- *Confusable*: one log may not tell these apart. *Separated by* is the motion that does.',
+    '- Symbols: v and z are speed and position of the motor, at the rail; s is the position of',
+    '  the load side (carriage or joint), M a torque, F a force, t the time in the log. Friction',
+    '  opposes the motion.',
+    "- The unit `effort` is N m or N. Its bounds are shares of the drive's largest logged effort",
+    '  (the 99.9th percentile of the recording where it is largest). 1/W: shares of the inverse',
+    '  of its power at 1 m/s.',
+    '- Of a joint that turns, a metre means 20 rad (a lever of 0.05 m), in every unit.',
+    '- *Parameters*: bounds and unit. The first are sizes: at 0, or the value in brackets, the',
+    '  effect is off. Those behind a semicolon are shapes.',
+    '- *Confusable*: one log may not tell these apart. *Separated by*: the motion that does.',
 )
 
 
@@ -58,37 +46,23 @@ def _number(value: float) -> str:
     return f'{value:g}'
 
 
-def _row(parameter: EffectParameter, hook: Hook) -> str:
-    starts = ', '.join(map(_number, parameter.starts)) or '-'
-    cells = [
-        f'`{parameter.name}`',
-        parameter.meaning or '-',
-        parameter.unit,
-        parameter.symbol or '-',
-        f'{_number(parameter.low)} to {_number(parameter.high)}',
-        _number(parameter.neutral),
-        ROLES[parameter.role],
-        starts,
+def _parameter(parameter: EffectParameter) -> str:
+    name = f'`{parameter.name}`'
+    symbol = f' {parameter.symbol}' if parameter.symbol else ''
+    meaning = parameter.meaning or ROLES.get(parameter.role, '')
+    unit = '' if parameter.unit == '1' else f' {parameter.unit}'
+    off = parameter.role == 'size' and parameter.neutral
+    neutral = f' ({_number(parameter.neutral)})' if off else ''
+    bounds = f'{_number(parameter.low)} to {_number(parameter.high)}{unit}{neutral}'
+    return f'{name}{symbol}{f" ({meaning})" if meaning else ""} {bounds}'
+
+
+def _parameters(effect: Effect) -> str:
+    parts = [
+        ', '.join(_parameter(p) for p in effect.parameters if (p.role == 'size') == size)
+        for size in (True, False)
     ]
-    if hook is Hook.PARAMETER:
-        verb = {'add': 'added to', 'scale': 'multiplied with', 'set': 'replaces'}[parameter.how]
-        cells.append(f'{verb} `{parameter.target}`')
-    return '| ' + ' | '.join(cells) + ' |'
-
-
-def _table(effect: Effect) -> list[str]:
-    head = ['parameter', 'meaning', 'unit', 'symbol', 'bounds', 'neutral', 'role', 'starts']
-    if effect.hook is Hook.PARAMETER:
-        head.append('acts on')
-    return [
-        '| ' + ' | '.join(head) + ' |',
-        '| ' + ' | '.join(['---'] * len(head)) + ' |',
-        *(_row(parameter, effect.hook) for parameter in effect.parameters),
-    ]
-
-
-def _links(names: Iterable[str]) -> str:
-    return ', '.join(f'[{name}](#{name})' for name in names) or '-'
+    return '; '.join(part for part in parts if part)
 
 
 def what_it_is(effect: Effect) -> str:
@@ -97,26 +71,17 @@ def what_it_is(effect: Effect) -> str:
     return (module.__doc__ or '').strip().split('\n')[0]
 
 
-def section(effect: Effect) -> list[str]:
-    """Return the lines on one effect."""
-    place = 'each drive' if effect.place == 'drive' else 'the machine'
-    acts_on = 'numbers the model has anyway' if effect.kernel is None else effect.hook.value
+def row(effect: Effect) -> str:
+    """Return the line on one effect."""
     motion = effect.separated_by.format(drive='the drive')
-    return [
-        f'### {effect.id}',
-        '',
-        what_it_is(effect),
-        '',
-        f'- equation: `{effect.equation}`',
-        f'- acts on: {acts_on}',
-        f'- place: {place}; family: {effect.family}',
-        f'- confusable with: {_links(effect.confusable)}',
-        f'- separated by: {motion}',
-        f'- source: {effect.source}',
-        '',
-        *_table(effect),
-        '',
+    cells = [
+        f'`{effect.id}`',
+        f'{what_it_is(effect)} `{effect.equation}` ({effect.source})',
+        _parameters(effect),
+        ', '.join(effect.confusable) or '-',
+        motion,
     ]
+    return f'| {" | ".join(cell.replace("|", chr(92) + "|") for cell in cells)} |'
 
 
 def markdown() -> str:
@@ -126,14 +91,10 @@ def markdown() -> str:
         group: [effect for effect in CATALOGUE.values() if effect.group == group]
         for group in GROUPS
     }
-    lines += ['| group | what it sits on | effects |', '| --- | --- | --- |']
     for group, effects in grouped.items():
-        lines.append(f'| {group} | {GROUPS[group]} | {_links(e.id for e in effects)} |')
-    lines += ['', f'{len(CATALOGUE)} effects.', '']
-    for group, effects in grouped.items():
-        lines += [f'## {group.capitalize()}', '']
-        for effect in effects:
-            lines += section(effect)
+        lines += [f'## {group.capitalize()}', '', f'{GROUPS[group].capitalize()}.', '']
+        lines += ['| effect | what it is | parameters | confusable | separated by |']
+        lines += ['| --- | --- | --- | --- | --- |', *map(row, effects), '']
     return '\n'.join(lines).rstrip('\n') + '\n'
 
 

@@ -5,14 +5,14 @@
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Container, Iterable, Iterator
 import math
 from pathlib import Path
 import re
 
 from ros2_ident.cli.main import COMMANDS, make_parser
 from ros2_ident.errors import ErrorCode
-from ros2_ident.machine.keys import Key, literal
+from ros2_ident.machine.keys import Key
 from ros2_ident.models.registry import own_kinds
 
 _MADE = 'Made by `python tools/reference_pages.py`; a test compares it with the code.'
@@ -20,37 +20,68 @@ _MADE = 'Made by `python tools/reference_pages.py`; a test compares it with the 
 
 def machine_file() -> str:
     """Return docs/machine_file.md: every key of a machine file."""
+    kinds = own_kinds()
+    users: dict[tuple[str, ...], list[str]] = {}
+    for kind in kinds.values():
+        for cells in _rows(kind.keys):
+            users.setdefault(cells, []).append(kind.name)
     lines = [
         '# The machine file',
         '',
         _MADE,
         '',
         '`ident new-machine --kind KIND` writes one with all keys; how to fill it in:',
-        '[own_machine.md](own_machine.md). SI units throughout. What lies outside the plausible',
-        'range is warned of, not refused. A key that is not in the table is refused.',
+        '[own_machine.md](own_machine.md). SI units throughout. A value outside the plausible',
+        'range gives a warning. An unknown key is an error.',
+        '',
+        'A key `drive.x` or `controller.x` holds for all drives, or is a list with a value for',
+        'each. Keys of `parameters` are identified; their value is an interval with its unit, as',
+        '`[1.0e+4, 3.0e+5, N/m]`, or one for each drive. A key with a star is a constant that',
+        'can be identified, too: write its interval below `parameters`.',
+        '',
+        '## Keys of several kinds',
+        '',
+        *_table('key', 'unit', 'meaning', 'if absent', 'plausible', 'kinds'),
     ]
-    for kind in own_kinds().values():
-        lines += [
-            '',
-            f'## `machine: {kind.name}`',
-            '',
-            f'{kind.title[0].upper()}{kind.title[1:]}.',
-            '',
-            '| key | unit | meaning | without it | plausible |',
-            '| --- | --- | --- | --- | --- |',
-        ]
-        lines += [_row(key) for key in kind.keys]
+    for cells, names in users.items():
+        if len(names) > 1:
+            everywhere = len(names) == len(kinds)
+            lines.append(_line(*cells, 'all' if everywhere else ', '.join(names)))
+    for kind in kinds.values():
+        lines += ['', f'## `machine: {kind.name}`', '']
+        lines += [f'{kind.title[0].upper()}{kind.title[1:]}.', '']
+        lines += _table('key', 'unit', 'meaning', 'if absent', 'plausible')
+        lines += [_line(*cells) for cells, names in users.items() if names == [kind.name]]
     return '\n'.join(lines) + '\n'
 
 
-def _row(key: Key) -> str:
-    units = [unit for unit in dict.fromkeys((key.unit, key.force_unit)) if unit]
-    without = key.absent or ('not searched: zero' if key.section == 'parameters' else 'refused')
-    span = f'{key.low:g} to {key.high:g}' if math.isfinite(key.high) else ''
-    return (
-        f'| `{".".join(key.path)}` | {" or ".join(units)} | {key.meaning}; '
-        f'as `{literal(key)}` | {without} | {span} |'
-    )
+def _line(*cells: str) -> str:
+    return f'| {" | ".join(cells)} |'
+
+
+def _table(*heads: str) -> list[str]:
+    return [_line(*heads), _line(*['---'] * len(heads))]
+
+
+def _rows(keys: Iterable[Key]) -> Iterator[tuple[str, ...]]:
+    """Yield the cells of each key; a constant that can be identified has one row and a star."""
+    sought = {key.name for key in keys if key.section == 'parameters'}
+    constants = {key.name for key in keys if key.constant}
+    for key in keys:
+        if key.section == 'parameters' and key.name in constants:
+            continue
+        units = [unit for unit in dict.fromkeys((key.unit, key.force_unit)) if unit]
+        absent = key.absent.replace(' by default', '')
+        if key.section == 'parameters':
+            absent = '0' if absent in ('', 'none') else absent
+        star = ' *' if key.constant and key.name in sought else ''
+        yield (
+            f'`{".".join(key.path)}`{star}',
+            ' or '.join(units),
+            key.meaning,
+            absent or 'required',
+            f'{key.low:g} to {key.high:g}' if math.isfinite(key.high) else '',
+        )
 
 
 def errors() -> str:
@@ -83,23 +114,38 @@ def errors() -> str:
 
 def command_line() -> str:
     """Return docs/cli.md: every command with its arguments, examples and exit codes."""
+    parsers = {name: _parser(name) for name in COMMANDS}
+    users: dict[tuple[str, str], list[str]] = {}
+    for name, parser in parsers.items():
+        for action in _options(parser):
+            if action.option_strings:
+                needed = ' (required)' if action.required else ''
+                users.setdefault(_row(action), []).append(f'{name}{needed}')
+    shared = {row: names for row, names in users.items() if len(names) > 1}
     lines = [
         '# The command `ident`',
         '',
         _MADE,
         '',
         'The same is in `ident COMMAND --help`. A word in capitals stands for a value; an option',
-        'marked * can be given several times.',
+        'marked * can be given several times. What is written: [files.md](files.md).',
         '',
-        '| command | does |',
-        '| --- | --- |',
+        *_table('command', 'does'),
         *(
             f'| [`ident {name}`](#ident-{name}) | {line} |'
             for name, (_, line) in COMMANDS.items()
         ),
+        '',
+        'Exit codes: 0 done; 1 done in part, or with a result that needs attention, as each',
+        'command says; 2 wrong use or bad input; 3 a defect of ident.',
+        '',
+        '## Shared options',
+        '',
+        *_table('option', 'meaning', 'of'),
+        *(_line(*row, ', '.join(names)) for row, names in shared.items()),
     ]
-    for name in COMMANDS:
-        lines += ['', *_command(name)]
+    for name, parser in parsers.items():
+        lines += ['', *_command(name, parser, shared)]
     lines += [
         '',
         '## Completion by tab',
@@ -110,34 +156,48 @@ def command_line() -> str:
         'eval "$(register-python-argcomplete ident)"',
         '```',
         '',
-        'In zsh the same after `autoload -U bashcompinit && bashcompinit`. Commands, options,',
-        'bags, machine files, drives, parameters and effects are completed; drives and parameters',
-        'after `--machine FILE` only, since they stand in the file.',
+        'In zsh the same after `autoload -U bashcompinit && bashcompinit`. Drives and parameters',
+        'are completed after `--machine FILE`, since they stand in the file.',
     ]
     return '\n'.join(lines) + '\n'
 
 
-def _command(name: str) -> Iterator[str]:
-    """Yield the section on one command."""
+def _parser(name: str) -> argparse.ArgumentParser:
     parsers = next(
         action
         for action in make_parser([name])._actions
         if isinstance(action, argparse._SubParsersAction)
     )
-    parser = parsers.choices[name]
+    return parsers.choices[name]
+
+
+def _options(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
+    return (x for x in parser._actions if not isinstance(x, argparse._HelpAction))
+
+
+def _command(
+    name: str, parser: argparse.ArgumentParser, shared: Container[tuple[str, str]]
+) -> Iterator[str]:
+    """Yield the section on one command."""
     examples, _, rest = (parser.epilog or '').partition('\n\n')
     yield from (f'## `ident {name}`', '', parser.description or '', '')
-    yield from ('| argument | meaning |', '| --- | --- |')
-    for action in parser._actions:
-        if not isinstance(action, argparse._HelpAction):
-            yield f'| {_argument(action)} | {_meaning(action)} |'
+    yield from _table('argument', 'meaning')
+    for action in _options(parser):
+        row = _row(action)
+        if row not in shared or not action.option_strings:
+            yield _line(row[0], f'{row[1]}; required' if _needed(action) else row[1])
     yield from ('', '<!-- not run: examples -->', '```bash')
     yield from (line.removeprefix('  ') for line in examples.splitlines()[1:])
     yield '```'
     for paragraph in rest.partition('An error ends')[0].strip().split('\n\n'):
         for part in re.split(r'\n(?=exit codes:)', paragraph):
-            text = ' '.join(part.split())
-            yield from ('', f'{text[0].upper()}{text[1:]}.')
+            text = ' '.join(part.split()).rstrip('.')
+            # what 0, 2 and 3 mean is the same everywhere
+            text = re.sub(r'^exit codes: 0 .*?; (1 .*)?2 wrong.*', r'\1', text).rstrip('; ')
+            # files have a page of their own
+            if text and not text.startswith('writes to'):
+                one = f'Exit code 1: {text[2:]}' if text[0] == '1' else text[0].upper() + text[1:]
+                yield from ('', f'{one}.')
 
 
 def _argument(action: argparse.Action) -> str:
@@ -149,33 +209,12 @@ def _argument(action: argparse.Action) -> str:
     return f'`{action.option_strings[-1]}{value}`{several}'
 
 
-def _meaning(action: argparse.Action) -> str:
-    text = (action.help or '').replace('%%', '%').replace('|', '\\|')
-    return f'{text}; required' if action.required and action.option_strings else text
+def _row(action: argparse.Action) -> tuple[str, str]:
+    return _argument(action), (action.help or '').replace('%%', '%').replace('|', '\\|')
 
 
-def messages(root: Path) -> str:
-    """Return docs/messages.md: messages and actions as they are defined.
-
-    Args:
-        root: The root of the source tree, whose msg_defs/ is read.
-    """
-    lines = [
-        '# Messages and actions',
-        '',
-        _MADE,
-        '',
-        'The definitions of the package `ros2_ident_msgs`, from `msg_defs/`. Which topic, service',
-        'or action has which, [node.md](node.md#topics-services-and-the-action) says. In',
-        'an action, goal, result and feedback stand between the lines `---`.',
-    ]
-    for folder in ('action', 'msg'):
-        for path in sorted((root / 'msg_defs' / folder).iterdir()):
-            text = path.read_text(encoding='utf-8').strip()
-            head, _, body = text.partition('\n\n')
-            about = ' '.join(line.lstrip('# ') for line in head.splitlines())
-            lines += ['', f'## `{folder}/{path.stem}`', '', about, '', '```text', body, '```']
-    return '\n'.join(lines) + '\n'
+def _needed(action: argparse.Action) -> bool:
+    return action.required and bool(action.option_strings)
 
 
 def generated(root: Path) -> dict[Path, str]:
@@ -184,7 +223,6 @@ def generated(root: Path) -> dict[Path, str]:
         root / 'docs/cli.md': command_line(),
         root / 'docs/errors.md': errors(),
         root / 'docs/machine_file.md': machine_file(),
-        root / 'docs/messages.md': messages(root),
     }
 
 

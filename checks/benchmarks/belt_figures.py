@@ -8,7 +8,7 @@ along EA of the same set-points without noise. Figure 4 is drawn with the EA and
         --clean --set axial_stiffness=2e5 --set position_gain=45
     ident identify build/belt --machine config/belt_drive.yaml --population 1000 \
         --survivors 20 --min-distance 0.5 --no-refine --out build/belt_result
-    python checks/benchmarks/belt_figures.py build/belt build/belt_result --out docs/paper
+    python checks/benchmarks/belt_figures.py build/belt build/belt_result --out build
 """
 
 import argparse
