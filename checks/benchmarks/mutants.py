@@ -52,7 +52,7 @@ OWN: dict[str, str] = {
     'recording.content': 'recording_bag recording_windows',
     'recording.damage': 'recording_damage',
     'recording.dataset': 'recording_align recording_span',
-    'recording.grid': 'recording_instants',
+    'recording.grid': 'recording_grid',
     'recording.table': 'recording_cells',
     'recording.trajectory': 'recording_follow recording_ros2_control',
     'recording.db3_scan': 'recording_damage recording_bag',

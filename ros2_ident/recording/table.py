@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 import csv
 from decimal import Decimal
 import io
-from itertools import compress, islice
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -164,52 +164,38 @@ def _find(path: Path, cell: Cell, names: list[str]) -> int:
 def _blocks(
     path: Path, reader: Any, width: int, skip: int, warnings: list[str]
 ) -> Iterator[tuple[list[list[str]], list[int]]]:
-    """Yield rows, each at least `width` cells wide, with the numbers of their lines."""
-    short: tuple[int, int] | None = None
-    while True:
-        rows, numbers = [], []
-        for row in islice(_rows(path, reader, skip), _BLOCK):
-            if not any(cell.strip() for cell in row):
-                continue
-            if short is not None:
-                raise _bad(
-                    path,
-                    f'line {short[0]} has {short[1]} cells, the column map needs {width}; correct '
-                    'the line or the delimiter',
-                )
-            if len(row) < width:
-                short = skip + reader.line_num, len(row)
-                continue
-            rows.append(row[:width])
-            numbers.append(skip + reader.line_num)
-        if rows:
-            yield rows, numbers
-        elif short is None or not reader.line_num:
-            return
-        else:
-            # a log that was cut off ends in the middle of a line
-            warnings.append(f'{path}: its last line {short[0]} breaks off and is left out')
-            return
-
-
-def _rows(path: Path, reader: Any, skip: int) -> Iterator[list[str]]:
-    """Yield the rows, each of one line."""
-    before = reader.line_num
+    """Yield rows of one line each, `width` cells wide, with the numbers of their lines."""
+    rows: list[list[str]] = []
+    numbers: list[int] = []
+    narrow, before = '', reader.line_num
     while True:
         try:
             row = next(reader, None)
         except csv.Error as exc:
             raise _bad(path, f'line {skip + reader.line_num} cannot be read ({exc})') from None
         if row is None:
-            return
+            break
         if reader.line_num > before + 1:
-            raise _bad(
-                path,
-                f'line {skip + before + 1} has a quotation mark that is not closed there; '
-                'correct the line',
-            )
+            text = 'has a quotation mark that is not closed there; correct the line'
+            raise _bad(path, f'line {skip + before + 1} {text}')
         before = reader.line_num
-        yield row
+        if not any(cell.strip() for cell in row):
+            continue
+        if narrow:
+            raise _bad(path, f'{narrow}, the column map needs {width}; correct the line or the '
+                       'delimiter')  # fmt: skip
+        if len(row) < width:
+            narrow, cut = f'line {skip + before} has {len(row)} cells', skip + before
+            continue
+        rows.append(row[:width])
+        numbers.append(skip + before)
+        if len(rows) == _BLOCK:
+            yield rows, numbers
+            rows, numbers = [], []
+    if rows:
+        yield rows, numbers
+    if narrow:  # a log that was cut off ends in the middle of a line
+        warnings.append(f'{path}: its last line {cut} breaks off and is left out')
 
 
 def _stamps(

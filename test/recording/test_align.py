@@ -153,15 +153,6 @@ def test_without_a_command_the_grid_covers_the_state():
     assert data.effort[0, 10] == 20.0
 
 
-def test_the_longest_stretch_of_a_command_with_a_hole():
-    ticks = np.r_[np.arange(300), np.arange(500, 1000)] * 2
-    recording = Recording(stream(np.arange(1000) * 2), command=stream(ticks, fields='p'))
-    data = align(recording, NAMES, CYCLE)
-    assert data.effort[0, 0] == 1000.0
-    assert data.cycles == 999
-    assert 'has 1 holes of up to 0.201 s' in ' '.join(data.quality.warnings)
-
-
 def test_a_command_that_is_sent_when_it_changes_has_no_holes():
     ticks = np.r_[np.arange(300), np.arange(500, 1000)] * 2
     held = np.where(ticks < 1000, 0.1, 0.1 + 1e-5 * (ticks - 1000.0))
@@ -239,30 +230,11 @@ def test_a_data_set_refuses_wrong_shapes():
     np.testing.assert_allclose(data.time, np.arange(5) * CYCLE)
 
 
-def test_a_step_is_held_until_the_sample_that_shows_it():
-    time = np.arange(100) * 1e-2
-    position = np.where(time < 0.5, 0.0, 1.0)
-    assert find_steps(time, position).tolist() == [49]
-    out, rate = interpolate_setpoint(time, position, None, np.arange(990) * 1e-3)
-    np.testing.assert_allclose(out[:500], 0.0, atol=1e-12)
-    np.testing.assert_allclose(out[500:], 1.0, atol=1e-12)
-    np.testing.assert_allclose(rate, 0.0, atol=1e-9)
-
-
 def test_smooth_motion_and_ramps_are_no_steps():
     time = np.arange(1000) * 1e-3
     ramp = np.clip(time - 0.3, 0.0, 0.2)
     for position in (np.sin(20.0 * time), ramp, time**3, np.zeros(1000)):
         assert find_steps(time, position).size == 0
-
-
-def test_the_set_points_own_velocity_is_used():
-    time = np.arange(50) * 2e-3
-    wanted = np.arange(99) * 1e-3
-    out, rate = interpolate_setpoint(time, np.sin(9 * time), 9 * np.cos(9 * time), wanted)
-    np.testing.assert_allclose(out, np.sin(9 * wanted), atol=1e-9)
-    np.testing.assert_allclose(rate, 9 * np.cos(9 * wanted), atol=2e-5)
-    np.testing.assert_allclose(rate[::2], 9 * np.cos(9 * time), atol=1e-12)
 
 
 @pytest.mark.parametrize('size', [1, 2, 3, 5])

@@ -134,3 +134,17 @@ def test_a_cycle_that_is_none():
     for cycle in (0.0, -1.0, float('nan'), float('inf'), 1e300, 1e-320):
         with pytest.raises(IdentError, match='give a positive time in the machine file'):
             find_ticks(np.arange(3), 0, cycle)
+
+
+@pytest.mark.parametrize('seconds', [100, 20_000])
+def test_two_messages_long_apart_are_numbered_at_once(seconds):
+    # Any of millions of multiples of the cycle would fit; a set-point is sent when it changes.
+    found = find_ticks(np.array([0, seconds * 10**9]), 0, 1e-3)
+    assert found.tick.tolist() == [0, seconds * 1000]
+
+
+def test_more_cycles_than_can_be_laid_out_are_refused():
+    stamp = np.array([0, 10**14 + 10**9], dtype=np.int64)
+    with pytest.raises(IdentError, match='controller cycles of 0.001 s, more than the 1e.08'):
+        find_ticks(stamp, 0, 1e-3)
+    assert find_ticks(stamp - np.array([0, 2 * 10**9]), 0, 1e-3).tick.size == 2
