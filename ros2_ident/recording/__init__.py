@@ -3,6 +3,7 @@
 
 from ros2_ident.recording.align import align as align
 from ros2_ident.recording.bag import read_bag as read_bag
+from ros2_ident.recording.bag import read_bags as read_bags
 from ros2_ident.recording.bag import Topics as Topics
 from ros2_ident.recording.builder import LIVE as LIVE
 from ros2_ident.recording.builder import RecordingBuilder as RecordingBuilder
@@ -13,7 +14,6 @@ from ros2_ident.recording.findings import Finding as Finding
 from ros2_ident.recording.findings import render as render
 from ros2_ident.recording.findings import Report as Report
 from ros2_ident.recording.quality import check as check
-from ros2_ident.recording.several import read_bags as read_bags
 from ros2_ident.recording.smooth import smooth_motion as smooth_motion
 from ros2_ident.recording.streams import Recording as Recording
 from ros2_ident.recording.streams import scale_effort as scale_effort

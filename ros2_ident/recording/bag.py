@@ -2,6 +2,7 @@
 """Read logs into recordings: MCAP, db3 and ROS 1 bags, whole or damaged, and tables."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,12 +15,14 @@ from ros2_ident.recording.columns import SUFFIXES as TABLES
 from ros2_ident.recording.content import Content, Messages
 from ros2_ident.recording.damage import Damage, Losses
 from ros2_ident.recording.limits import Limits
-from ros2_ident.recording.metadata import Metadata, NAME, read_metadata
 from ros2_ident.recording.ros2_control import ARRAY, CONTROLLER_STATE, JOINT_STATE, ROLES_OF
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.storage import (
     damaged,
     digest,
+    Metadata,
+    NAME,
+    read_metadata,
     readable,
     storage_files,
     SUFFIXES,
@@ -105,6 +108,33 @@ def read_bag(
         if path.suffix.lower() in TABLES:
             return read_table(path, topics.columns, limits)
         return _read(path, topics, limits)
+
+
+def read_bags(paths: Sequence[str | Path], topics: Topics | None = None) -> list[Recording]:
+    """Read logs one after the other.
+
+    Args:
+        paths: As for `read_bag`.
+        topics: As for `read_bag`.
+
+    Raises:
+        IdentError: As `read_bag`; INVALID_GOAL where two hold the same, which would count twice
+            and make every interval too narrow.
+    """
+    found: list[Recording] = []
+    of: dict[str, str | Path] = {}
+    for path in paths:
+        recordings = read_bag(path, topics)
+        digest = recordings[0].sha256
+        if digest in of:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'{printable(str(path))}: is the same log as {printable(str(of[digest]))} and '
+                'would count twice; name it once',
+            )
+        of[digest] = path
+        found += recordings
+    return found
 
 
 def _read(path: Path, topics: Topics, limits: Limits) -> list[Recording]:
