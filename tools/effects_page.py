@@ -27,7 +27,7 @@ INTRODUCTION = (
     'An effect is one way in which a machine differs from its nominal model',
     '([models.md](models.md)). `ident diagnose` tries each at each place where it can sit,',
     'together with the nominal parameters. How to add one:',
-    '[adding_an_effect.md](adding_an_effect.md).',
+    '[extend.md](extend.md#an-effect).',
     '',
     '- Symbols: v and z are speed and position of the motor, at the rail; s is the position of',
     '  the load side (carriage or joint), M a torque, F a force, t the time in the log. Friction',

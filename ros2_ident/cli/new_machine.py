@@ -67,6 +67,7 @@ def run(args: argparse.Namespace) -> int:
     if args.description is not None:
         description_key(KINDS[args.kind])
         known['description'] = description_text(Path(args.description))
+        folder.mkdir(parents=True, exist_ok=True)  # the way leads through it
         known['named'] = os.path.relpath(args.description, folder)
     kind, text = KINDS[args.kind], None
     if args.bag:

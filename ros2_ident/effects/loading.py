@@ -89,7 +89,7 @@ class Catalogue:
 def _wrong(effect: Any) -> str:
     """Return what is wrong with what should be an effect; empty for nothing."""
     if not isinstance(effect, Effect):
-        return 'it defines no EFFECT; write EFFECT = Effect(...), see docs/adding_an_effect.md'
+        return 'it defines no EFFECT; write EFFECT = Effect(...), see docs/extend.md'
     if not effect.id.isidentifier() or not effect.id.islower():
         return f'{effect.id!r} is no id; write it like rubber_buffer'
     if effect.kernel is not None and not 1 <= len(effect.parameters) <= _MOST:

@@ -19,10 +19,12 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.driver import SearchResult
 from ros2_ident.search.fit import Fitted, Solvable
 from ros2_ident.search.genetic import StopReason
-from ros2_ident.search.uncertainty import INSENSITIVE, intervals
+from ros2_ident.search.uncertainty import intervals
 
 # Step to either side, in box widths, and what of it may be curved.
 _STEP, _CURVED = 0.25, 1e-6
+# What acts by less than this against the largest may as well be rounding errors.
+_ACTS = 1e-7
 # Rounds in which the weights follow the residuals.
 _ROUNDS = 3
 # What the data do not show stays in the middle of its box: by so much of a column's length.
@@ -114,7 +116,7 @@ def _rows(problem: Solvable, middle: Array) -> _Rows:
     curved = np.abs(up + down - 2.0 * left).max(axis=1)
     span = np.abs(up - down).max(axis=1)
     # What does not act leaves rounding errors, which are neither straight nor bent.
-    acts = span > INSENSITIVE * span.max()
+    acts = span > _ACTS * span.max()
     bent = acts & (curved > _CURVED * span)
     slopes = ((up - down) / (2.0 * step[:, None])).T * acts
     # Parameters that multiply each other are straight one by one, not together.

@@ -245,7 +245,7 @@ def test_a_wrong_command_is_found(text: str) -> None:
 
 
 NUMBER = re.compile(r'-?\d+(?:\.\d+)?(?:e[+-]?\d+)?$')
-NOT_PRINTED = ('takes minutes', 'after a mistake', 'needs your own files')
+NOT_PRINTED = ('after a mistake', 'needs your own files')
 
 
 def last_digit(number: str) -> float:
@@ -289,7 +289,7 @@ def test_an_output_is_what_is_printed(block: Block, clone: Path) -> None:
 
 
 def test_marks_have_a_reason_that_is_known() -> None:
-    assert {b.reason for b in blocks('') if b.mark == 'not printed'} == set(NOT_PRINTED)
+    assert {b.reason for b in blocks('') if b.mark == 'not printed'} <= set(NOT_PRINTED)
 
 
 def test_a_misspelt_key_is_told_as_the_page_shows(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The example of docs/adding_an_effect.md works as it stands on the page."""
+"""The example of docs/extend.md works as it stands on the page."""
 
 import importlib.util
 from pathlib import Path
@@ -12,7 +12,7 @@ import pytest
 from ros2_ident.effects import CATALOGUE, Effect, Hook
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / 'docs/adding_an_effect.md').read_text(encoding='utf-8')
+PAGE = (ROOT / 'docs/extend.md').read_text(encoding='utf-8')
 BLOCK = re.compile(r'^```python\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 NAME = 'ros2_ident.effects.rubber_buffer'
 
@@ -25,7 +25,7 @@ def blocks() -> list[str]:
 @pytest.fixture
 def example(blocks: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """The page's effect, imported as if it lay among the others."""
-    return _imported(NAME, blocks[0], tmp_path, monkeypatch)
+    return _imported(NAME, blocks[2], tmp_path, monkeypatch)
 
 
 def _imported(name: str, source: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
@@ -56,5 +56,5 @@ def test_the_example_is_an_effect_that_the_catalogue_lacks(example: ModuleType) 
 def test_the_example_passes_its_own_test(
     example: ModuleType, blocks: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = _imported('test_effect_rubber_buffer', blocks[1], tmp_path, monkeypatch)
+    module = _imported('test_effect_rubber_buffer', blocks[3], tmp_path, monkeypatch)
     module.test_the_buffer_pushes_back_behind_its_place_only()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The example of docs/own_model.md works as it stands on the page, and in a fleet."""
+"""The example of docs/extend.md works as it stands on the page, and in a fleet."""
 
 from pathlib import Path
 import re
@@ -14,8 +14,8 @@ from ros2_ident.fleet.row import key_of, run_entry
 from ros2_ident.recording import Stream, write_bag
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / 'docs/own_model.md').read_text(encoding='utf-8')
-MODEL, USE = re.findall(r'^```python\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)
+PAGE = (ROOT / 'docs/extend.md').read_text(encoding='utf-8')
+MODEL, USE = re.findall(r'^```python\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)[:2]
 TRUTH = {'inertia': 0.2, 'weight': 3.0, 'damping': 0.1}
 
 

@@ -20,8 +20,8 @@ from ros2_ident.recording import read_bag, write_bag
 
 ROOT = Path(__file__).parents[2]
 MACHINE = ROOT / 'config/emps.yaml'
-PAGE = (ROOT / 'docs/adding_an_effect.md').read_text(encoding='utf-8')
-SOURCE = re.findall(r'^```python\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)[0]
+PAGE = (ROOT / 'docs/extend.md').read_text(encoding='utf-8')
+SOURCE = re.findall(r'^```python\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)[2]
 SPAWNED = '''
 from concurrent.futures import ProcessPoolExecutor
 import multiprocessing
