@@ -100,6 +100,13 @@ def test_an_arm_without_a_description_has_as_many_joints_as_are_named(count, cap
     assert len(machine.numbers('dh_alpha')) == count
 
 
+def test_a_description_is_found_from_a_folder_that_is_made_for_the_file(tmp_path):
+    out = tmp_path / 'new' / 'arm.yaml'
+    words = ['--description', str(ROOT / 'config/kr300.urdf'), '--out', str(out)]
+    assert main(['new-machine', '--kind', 'serial', *words]) == 0
+    assert len(load_machine(out).drives) == 6
+
+
 def test_a_file_that_is_there_is_kept(tmp_path, capsys):
     path = tmp_path / 'mine.yaml'
     path.write_text('mine')

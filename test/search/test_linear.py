@@ -178,3 +178,11 @@ def test_one_of_ten_samples_and_95_percent_are_usual():
     said = solve(Rows([800], [0.5]), decimation=10, level=0.95)
     np.testing.assert_array_equal(usual.theta, said.theta)
     np.testing.assert_array_equal(usual.intervals.half_width, said.intervals.half_width)
+
+
+def test_rounding_errors_of_what_hardly_acts_are_not_taken_for_a_curve():
+    problem = Rows([300], [0.1])
+    problem.slopes[:, 1] *= 1e-9
+    problem.bend = lambda theta: 1e-12 * np.cos(theta[:, 1:])
+    found = solve(problem, decimation=1)
+    assert found.theta[1] == pytest.approx(0.0)  # the middle of its box
