@@ -1,12 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Build description of ros2_ident, an ament_python package."""
+"""Build description: ros2_ident for colcon, or ros2-ident, the wheel without ROS.
 
+tools/wheel_backend.py asks for the wheel; colcon and debhelper run this file themselves.
+"""
+
+import os
 from pathlib import Path
+from typing import Any
 
 from setuptools import find_packages, setup
 
 NAME = 'ros2_ident'
 SHARED = ('config', 'launch', 'bags')
+# The oldest of each that the tests of the wheel run with are those of Ubuntu 24.04.
+CORE = [
+    'argcomplete',
+    'llvmlite>=0.42',
+    'lz4',
+    'mcap>=1',
+    'numba>=0.59',
+    'numpy>=1.26',
+    'PyYAML',
+    'rich',
+    'rosbags>=0.10',
+    'scipy>=1.11',
+    'zstandard',
+]
+PAGE = ['bokeh>=3', 'Jinja2', 'MarkupSafe']
+PICTURE = ['matplotlib']
+EXTRAS = {'arms': ['pin'], 'dask': ['distributed'], 'mujoco': ['mujoco>=3.3']}
+# What `ident example` copies: folders of this tree as packages without code, in the wheel only.
+EXAMPLES = {
+    f'{NAME}.examples.config': ('config', ['*.yaml', '*.urdf']),
+    f'{NAME}.examples.bags.axis_reversals': ('bags/axis_reversals', ['*']),
+}
 
 
 def shared_files() -> list[tuple[str, list[str]]]:
@@ -19,8 +46,57 @@ def shared_files() -> list[tuple[str, list[str]]]:
     return sorted(folders.items())
 
 
+def parts() -> dict[str, Any]:
+    """Return what the wheel and colcon's package differ in."""
+    found = find_packages(include=[NAME, f'{NAME}.*'])
+    page = {f'{NAME}.report.page': ['*.css', '*.html', '*.js']}
+    main = f'{NAME}.cli.main:main'
+    if os.environ.get('ROS2_IDENT_WHEEL'):
+        extras = {**EXTRAS, 'page': PAGE, 'picture': PICTURE}
+        return {
+            'name': 'ros2-ident',
+            'packages': [name for name in found if not name.startswith(f'{NAME}.ros')]
+            + list(EXAMPLES),
+            'package_dir': {name: folder for name, (folder, _) in EXAMPLES.items()},
+            'package_data': page | {name: files for name, (_, files) in EXAMPLES.items()},
+            'install_requires': CORE,
+            'extras_require': {**extras, 'all': sum(extras.values(), [])},
+            'entry_points': {'console_scripts': [f'ident = {main}', f'ros2-ident = {main}']},
+        }
+    return {
+        'name': NAME,
+        'packages': found,
+        'package_data': page,
+        'data_files': [
+            ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+            (f'share/{NAME}', ['package.xml']),
+            *shared_files(),
+        ],
+        'install_requires': CORE + PAGE + PICTURE,
+        'extras_require': {
+            **EXTRAS,
+            'test': [
+                'distributed',
+                'hypothesis',
+                'import-linter',
+                'pin',
+                'pytest',
+                'pytest-timeout',
+                'pytest-xdist',
+                'selenium',
+            ],
+        },
+        'entry_points': {
+            'console_scripts': [
+                f'ident = {main}',
+                f'identifier = {NAME}.ros.identifier:main',
+                f'replay = {NAME}.ros.replay:main',
+            ],
+        },
+    }
+
+
 setup(
-    name=NAME,
     version='0.1.0',
     description='Identifies drive parameters from recorded drive data and finds what the '
     'simulation is still missing.',
@@ -28,51 +104,6 @@ setup(
     maintainer_email='maintainers@ros2-ident.invalid',
     license='Apache-2.0',
     python_requires='>=3.11',
-    packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={f'{NAME}.report.page': ['*.css', '*.html', '*.js']},
-    data_files=[
-        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
-        (f'share/{NAME}', ['package.xml']),
-        *shared_files(),
-    ],
-    install_requires=[
-        'argcomplete',
-        'bokeh',
-        'Jinja2',
-        'llvmlite',
-        'lz4',
-        'MarkupSafe',
-        'matplotlib',
-        'mcap',
-        'numba',
-        'numpy',
-        'PyYAML',
-        'rich',
-        'rosbags',
-        'scipy',
-        'zstandard',
-    ],
-    extras_require={
-        'arms': ['pin'],
-        'cluster': ['distributed'],
-        'mujoco': ['mujoco>=3.3'],
-        'test': [
-            'distributed',
-            'hypothesis',
-            'import-linter',
-            'pin',
-            'pytest',
-            'pytest-timeout',
-            'pytest-xdist',
-            'selenium',
-        ],
-    },
     zip_safe=False,
-    entry_points={
-        'console_scripts': [
-            f'ident = {NAME}.cli.main:main',
-            f'identifier = {NAME}.ros.identifier:main',
-            f'replay = {NAME}.ros.replay:main',
-        ],
-    },
+    **parts(),
 )

@@ -8,7 +8,10 @@ the cache carries a digest of all sources that a function is made of instead of 
 from collections.abc import Callable
 from contextlib import suppress
 import hashlib
+import os
 from pathlib import Path
+import stat
+import tempfile
 from typing import Any, cast, TypeVar
 
 import numba
@@ -45,7 +48,12 @@ def compiled(function: F, sources: str, **options: Any) -> F:
 
 def cached(function: F, **options: Any) -> F:
     """Compile a function of one file, releasing the GIL, cached on disk where there is room."""
-    dispatcher = numba.njit(cache=True, nogil=True, **options)(function)
+    try:
+        dispatcher = numba.njit(cache=True, nogil=True, **options)(function)
+    except RuntimeError:  # neither beside the sources nor in the user's home is room
+        folder = _own_folder()
+        setattr(numba.config, 'CACHE_DIR', folder)  # noqa: B010 # made when it is loaded
+        dispatcher = numba.njit(cache=bool(folder), nogil=True, **options)(function)
     cache = getattr(dispatcher, '_cache', None)
     save = getattr(cache, 'save_overload', None)
     if cache is not None and save is not None:
@@ -56,3 +64,14 @@ def cached(function: F, **options: Any) -> F:
 
         cache.save_overload = kept
     return cast(F, dispatcher)
+
+
+def _own_folder() -> str:
+    """Return a folder that is this user's alone, since what lies there is run; '' for none."""
+    with suppress(OSError):
+        path = Path(tempfile.gettempdir(), f'ros2_ident-{os.getuid()}')
+        path.mkdir(mode=0o700, exist_ok=True)
+        found = path.lstat()
+        if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid():
+            return '' if stat.S_IMODE(found.st_mode) & 0o077 else str(path)
+    return ''

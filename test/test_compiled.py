@@ -4,8 +4,13 @@
 import errno
 import importlib
 import os
+from pathlib import Path
+import stat
 import subprocess
 import sys
+import tempfile
+
+from ros2_ident.compiled import _own_folder
 
 CALLEE = '''
 from pathlib import Path
@@ -49,3 +54,15 @@ def test_a_full_disk_costs_the_cache_and_no_run(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(os, 'replace', full)
     assert importlib.import_module('full_disk').inner(1.0) == 3.0
+
+
+def test_a_cache_for_want_of_another_place_is_its_users_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    found = _own_folder()
+    assert Path(found).parent == tmp_path and stat.S_IMODE(os.stat(found).st_mode) == 0o700
+    assert _own_folder() == found
+    os.chmod(found, 0o770)
+    assert _own_folder() == '', 'others may have put there what would be run'
+    os.rename(found, tmp_path / 'elsewhere')
+    os.symlink(tmp_path / 'elsewhere', found)
+    assert _own_folder() == ''

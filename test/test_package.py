@@ -95,7 +95,7 @@ KEYS = {
     'rosbags': 'python3-rosbags-pip',
     'zstandard': 'python3-rosbags-pip',
 }
-# What is said to be installed where it is asked for: the extras `cluster` and `arms`.
+# What is said to be installed where it is asked for: the extras `dask`, `arms` and `mujoco`.
 OPTIONAL = {'distributed', 'mujoco', 'pinocchio'}
 
 
@@ -123,7 +123,7 @@ def set_up() -> tuple[set[str], set[str]]:
         [sys.executable, '-c', script], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
     needed, tests = json.loads(said.splitlines()[-1])
-    return set(needed), set(tests)
+    return {re.split('[<>=]', x)[0] for x in needed}, set(tests)
 
 
 def depends(kind: str) -> set[str]:

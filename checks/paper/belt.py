@@ -3,13 +3,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from checks.belt_matrix import eigenfrequencies, step_reference
+from ros2_ident.cli.example import shipped
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.models.belt_drive.model import BeltDrive
 from ros2_ident.search import GeneticSearch, GeneticSettings, MANY_MINIMA, minimise
@@ -72,14 +71,7 @@ def shipped_machine(name: str) -> Machine:
     Args:
         name: Its file without the ending: `belt_drive`, `tripod`.
     """
-    beside = Path(str(files('ros2_ident'))).parent / 'config' / f'{name}.yaml'
-    if beside.is_file():
-        return load_machine(beside)
-    for folder in Path(str(files('ros2_ident'))).parents:
-        shared = folder / 'share' / 'ros2_ident' / 'config' / f'{name}.yaml'
-        if shared.is_file():
-            return load_machine(shared)
-    return load_machine(beside)  # whose error names the path
+    return load_machine(shipped(f'config/{name}.yaml'))
 
 
 def belt_machine() -> Machine:

@@ -2,6 +2,7 @@
 """`ident fleet`: many bags of many machines, identified, diagnosed and compared."""
 
 import argparse
+from contextlib import suppress
 from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
@@ -18,6 +19,7 @@ from ros2_ident.cli.arguments import (
     topics_of,
     whole,
 )
+from ros2_ident.errors import IdentError
 
 if TYPE_CHECKING:
     from ros2_ident.fleet import Entry, Row, Wish
@@ -169,7 +171,6 @@ def run(args: argparse.Namespace) -> int:
 def _print(rows: 'list[Row]') -> None:
     from ros2_ident.cli.table import columns
     from ros2_ident.fleet import summarise
-    from ros2_ident.report.page.several import differences
 
     lines = [('bag', 'machine', 'date', 'state', 'verdict')] if rows else []
     for row in rows:
@@ -178,5 +179,8 @@ def _print(rows: 'list[Row]') -> None:
         lines.append((row['name'], row['machine'], row['date'], state, said))
     for line in columns(lines, (False,) * 5):
         print(line)
-    for text in differences(summarise(rows)):
-        print(text)
+    with suppress(IdentError):  # without the page's packages they stand in fleet.json alone
+        from ros2_ident.report.page.several import differences
+
+        for text in differences(summarise(rows)):
+            print(text)

@@ -21,6 +21,7 @@ from ros2_ident.threads import one_thread_for_linear_algebra
 # EXIT_CODES (what 0 and 1 mean), add_arguments(parser) and run(args), and imports what is slow in
 # run only.
 COMMANDS: dict[str, tuple[str, str]] = {
+    'example': ('ros2_ident.cli.example', 'write a bag and machine files to try it on'),
     'new-machine': ('ros2_ident.cli.new_machine', 'write a commented machine file'),
     'check': ('ros2_ident.cli.check', 'say what is in a bag and whether it can be used'),
     'identify': ('ros2_ident.cli.identify', "identify a machine's parameters from a bag"),

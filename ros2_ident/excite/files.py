@@ -2,6 +2,7 @@
 """A motion in files: a bag of set-points, a trajectory for a controller, a table, its worth."""
 
 from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
 import json
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,7 @@ def write_excitation(
     lead: float,
     asked: str = '',
 ) -> list[Path]:
-    """Write a motion; return the files.
+    """Write a motion; return the files, without a picture where matplotlib is missing.
 
     Args:
         directory: Where to; it is made.
@@ -66,6 +67,8 @@ def write_excitation(
     files = [write_text(folder / TRAJECTORY, f'# {mark("trajectory")}\n{text}')]
     files.append(write_table(folder / TABLE, *_table(found, drives)))
     files.append(write_text(folder / WORTH, json.dumps(worth(found), indent=1) + '\n'))
+    if find_spec('matplotlib') is None:
+        return [bag, *files]
     from ros2_ident.excite.picture import picture
 
     about = {'format': 'ros2_ident.picture'}

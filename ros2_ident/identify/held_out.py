@@ -122,4 +122,4 @@ def _steps(
     box = np.column_stack([np.eye(count) * size / _BOX, np.zeros(count)])
     for k, rows in enumerate(parts):
         others = np.vstack([*factors[:k], *factors[k + 1 :], box])
-        yield rows, np.linalg.lstsq(others[:, :count], -others[:, count])[0]
+        yield rows, np.linalg.lstsq(others[:, :count], -others[:, count], rcond=None)[0]

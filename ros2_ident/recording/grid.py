@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import isotonic_regression
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.streams import FloatArray, IntArray
@@ -212,9 +211,23 @@ def _number(position: FloatArray) -> IntArray:
     if (np.diff(rounded) > 0).all() and np.abs(position - rounded).max() < 0.25:
         return rounded
     # strictly increasing integers less their index never decrease: isotonic regression, rounded
-    level = isotonic_regression(position - order).x
-    number: IntArray = np.round(level).astype(np.int64) + order
+    number: IntArray = np.round(_rising(position - order)).astype(np.int64) + order
     return number
+
+
+def _rising(values: FloatArray) -> FloatArray:
+    """Return the nearest values that never fall; SciPy has them from 1.12 on only."""
+    means: list[float] = []
+    sizes: list[int] = []
+    for mean in values.tolist():
+        size = 1
+        while means and means[-1] >= mean:
+            before = sizes.pop()
+            mean = (means.pop() * before + mean * size) / (before + size)
+            size += before
+        means.append(mean)
+        sizes.append(size)
+    return np.repeat(means, sizes)
 
 
 def _line(model: FloatArray, time: FloatArray) -> tuple[float, float]:

@@ -115,7 +115,8 @@ def _power(
     rows = rows - (sums / np.maximum(np.bincount(cell), 1))[:, cell]
     # The part of the velocity that positions, accelerations and drifts cannot have.
     other = rows[1:-1].T / np.maximum(np.linalg.norm(rows[1:-1], axis=1), 1e-300)
-    own, left = (rows[[0, -1]].T - other @ np.linalg.lstsq(other, rows[[0, -1]].T)[0]).T
+    both = rows[[0, -1]].T
+    own, left = (both - other @ np.linalg.lstsq(other, both, rcond=None)[0]).T
     damping = (own @ left) / max(own @ own, 1e-300)
     block = np.arange(at.size) * _BLOCKS // at.size
     scores = np.bincount(block, own * (left - damping * own))

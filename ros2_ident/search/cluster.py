@@ -70,7 +70,7 @@ def connect(scheduler: Any) -> Any:
     except ImportError:
         raise IdentError(
             ErrorCode.INVALID_GOAL,
-            'Dask is not installed; install it with `pip install ros2_ident[cluster]`',
+            'Dask is not installed; install it with `pip install "ros2-ident[dask]"`',
         ) from None
     try:
         return Client(  # type: ignore[no-untyped-call]

@@ -104,7 +104,7 @@ REASONS: dict[str, Callable[[Block], bool]] = {
     'needs ros2': begins_with('ros2', 'colcon'),
     'needs a cluster': begins_with('pip', 'dask'),
     'needs your own files': names_missing_files,
-    'sets up the environment': begins_with('make'),
+    'sets up the environment': begins_with('make', 'pip'),
     'makes what is there already': makes_what_is_there,
     'examples': is_a_help_page,  # of the help of `ident`; cli/test_main.py checks them there, too
 }

@@ -1,6 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page on a result directory: `report.html`, one file that needs nothing else."""
 
-from ros2_ident.report.page.assemble import write_report as write_report
-from ros2_ident.report.page.live import LivePage as LivePage
-from ros2_ident.report.page.several import write_comparison as write_comparison
+from ros2_ident.errors import ErrorCode, IdentError
+
+try:
+    from ros2_ident.report.page.assemble import write_report as write_report
+    from ros2_ident.report.page.live import LivePage as LivePage
+    from ros2_ident.report.page.several import write_comparison as write_comparison
+except ModuleNotFoundError as missing:
+    if (missing.name or '').split('.')[0] not in ('bokeh', 'jinja2', 'markupsafe'):
+        raise
+    raise IdentError(
+        ErrorCode.INVALID_GOAL,
+        f'a page needs {missing.name}; `pip install "ros2-ident[page]"` brings it',
+    ) from None
