@@ -457,7 +457,7 @@ class DriveModel(FullModel):
     def _steps(self, block: Array, *, fast: bool = False) -> npt.NDArray[np.int64]:
         """Return (S,) integration steps in a cycle, by the gear's and the friction's stiffness.
 
-        The limits come from the convergence study in `docs/convergence.md`. While all drives move
+        The limits come from the convergence study in `docs/figures.md`. While all drives move
         `fast`, friction is as good as constant and the gear alone counts, as where the recorded
         motion tells the speeds.
         """
