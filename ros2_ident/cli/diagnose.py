@@ -48,8 +48,7 @@ EXAMPLES = (
     'writes to DIR: diagnosis.json, diagnosis.npz (measured and simulated effort), overlay (a\n'
     'bag with the measured effort, that of the model with the effects found, the residual, and\n'
     'the diagnosis), report.html (all of it as a page, with the identification where DIR holds\n'
-    'one); while it runs, progress.js with --live, and diagnose.checkpoint, which stays where it\n'
-    'was cut short\n'
+    'one); while it runs, diagnose.checkpoint, which stays where it was cut short\n'
 )
 EXIT_CODES = {
     0: 'the diagnosis is complete',

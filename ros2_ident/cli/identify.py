@@ -49,8 +49,8 @@ EXAMPLES = (
     'writes to DIR: result.json and result.yaml (the same content), history.npz (every\n'
     'candidate), signals.npz (measured and simulated effort), overlay (a bag with the measured,\n'
     'simulated and residual effort, the result, and of a tripod or an arm its motion as markers\n'
-    'for RViz and Foxglove), report.html (all of it as a page); while it runs, progress.js with\n'
-    '--live, and identify.checkpoint, which stays where it was cut short\n'
+    'for RViz and Foxglove), report.html (all of it as a page); while it runs,\n'
+    'identify.checkpoint, which stays where it was cut short\n'
 )
 EXIT_CODES = {
     0: 'identified',

@@ -2,7 +2,7 @@
 """The files of a run, all but the overlay bag and the page.
 
 An identification: `result.json`, `result.yaml`, `history.npz`, `signals.npz`. A diagnosis:
-`diagnosis.json`, `diagnosis.npz`. Of either `motion.npz`, written with the overlay.
+`diagnosis.json`, `diagnosis.npz`.
 """
 
 from collections.abc import Mapping
@@ -35,14 +35,11 @@ DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'
 FLEET = 'fleet.json'
 # Made from the others by `report.page`.
 PAGE = 'report.html'
-# The machine in space along the first recording, where its kind has a picture: written with the
-# overlay bag.
-MOTION = 'motion.npz'
 # What a run that was cut short goes on from.
 CHECKPOINT, DIAGNOSIS_CHECKPOINT = 'identify.checkpoint', 'diagnose.checkpoint'
 # What the two commands write, beside the overlay bag.
-OF_RESULT = (JSON, YAML, HISTORY, SIGNALS, MOTION, PAGE, CHECKPOINT)
-OF_DIAGNOSIS = (DIAGNOSIS, DIAGNOSIS_SIGNALS, MOTION, PAGE, DIAGNOSIS_CHECKPOINT)
+OF_RESULT = (JSON, YAML, HISTORY, SIGNALS, PAGE, CHECKPOINT)
+OF_DIAGNOSIS = (DIAGNOSIS, DIAGNOSIS_SIGNALS, PAGE, DIAGNOSIS_CHECKPOINT)
 
 
 def write_diagnosis(
@@ -67,7 +64,6 @@ def write_diagnosis(
         `diagnosis.json`, and `diagnosis.npz` with measured and simulated effort.
     """
     folder = Path(directory)
-    remove_file(folder / MOTION)  # that of an older run
     content = {
         'format': 'ros2_ident.diagnosis',
         **diagnosis_mapping(found),
@@ -125,7 +121,6 @@ def write_result(
         IdentError: INVALID_GOAL where the directory cannot be written to.
     """
     folder = make_directory(directory)
-    remove_file(folder / MOTION)  # that of an older run
     data = to_mapping(result)
     _withdraw(folder, PAGE, YAML, HISTORY, SIGNALS)
     files = (

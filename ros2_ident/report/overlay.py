@@ -23,8 +23,7 @@ from ros2_ident.recording import Dataset, Recording, Stream, Topics, write_bag
 from ros2_ident.recording.grid import find_ticks
 from ros2_ident.recording.streams import FloatArray, IntArray
 from ros2_ident.recording.write import remove_bag, require_room, Topic
-from ros2_ident.report.files import MOTION
-from ros2_ident.report.scene import MARKERS, scene_messages, scene_of, write_scene
+from ros2_ident.report.scene import MARKERS, scene_messages, scene_of
 from ros2_ident.report.schema import to_mapping as result_mapping
 
 # Where the node `identifier` publishes the same, so that one layout shows both.
@@ -165,8 +164,6 @@ def write_overlay(
         others = [] if verdict is None else _said(verdict, recording.begin)
         scene = scene_of(problem, theta, extra['residual'], number - 1) if moving else None
         if scene is not None:
-            if number == 1:
-                write_scene(path.with_name(MOTION), scene)
             others.append(Topic(SCENE, MARKERS, scene_messages(scene)))
         written.append(write_bag(_place(path, number), streams, mark=OVERLAY, others=others))
     return tuple(written)

@@ -10,15 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 import functools
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import write_arrays
+from ros2_ident.errors import IdentError
 from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.figure import Figure
 from ros2_ident.models.registry import kind_of, make_model
@@ -32,8 +30,6 @@ RATE, REPEAT = 20.0, 20
 SHOWN = 0.25
 # The brightest colour is the gap that this percentage of the path stays below.
 TOP = 95.0
-# What is kept of a figure in a file.
-_PARTS = 'tool', 'blocks', 'links', 'body', 'frame'
 _CUBES, _STRIP, _LINES, _TEXT = 6, 4, 5, 9
 Msg = Any
 _STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -116,45 +112,6 @@ def scene_of(problem: Problem, theta: Array, residual: Stream, segment: int = 0)
         np.interp(stamp, residual.stamp[there], gap[there], np.nan, np.nan),
         machine.effort_unit,
     )
-
-
-def write_scene(path: Path, scene: Scene) -> Path:
-    """Write a scene as NPZ without pickle, for the page; return the path."""
-    arrays = {
-        'machine': np.array(scene.machine),
-        'unit': np.array(scene.unit),
-        'stamp': scene.stamp,
-        'gap': scene.gap,
-        'size': np.array(scene.figure.size),
-        **{name: getattr(scene.figure, name).astype(np.float32) for name in _PARTS},
-    }
-    if scene.simulated is not None:
-        arrays['simulated'] = scene.simulated
-    return write_arrays(path, arrays)
-
-
-def load_scene(path: Path) -> Scene:
-    """Read a scene.
-
-    Raises:
-        IdentError: BAD_VALUES where the file is damaged.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = dict(file)
-        parts = {name: arrays[name].astype(np.float64) for name in _PARTS}
-        return Scene(
-            str(arrays['machine']),
-            arrays['stamp'],
-            Figure(size=float(arrays['size']), **parts),
-            arrays.get('simulated'),
-            arrays['gap'],
-            str(arrays['unit']),
-        )
-    except Exception as exc:  # zipfile, zlib and numpy each have their own
-        raise IdentError(
-            ErrorCode.BAD_VALUES, f'{path}: is damaged ({exc}); delete it, or run again'
-        ) from None
 
 
 def _filled(row: FloatArray) -> FloatArray:

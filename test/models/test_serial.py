@@ -26,14 +26,7 @@ from ros2_ident.models.registry import kind_of  # noqa: E402
 from ros2_ident.models.serial.arm import Arm, arm_of  # noqa: E402
 from ros2_ident.models.serial.model import Serial  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
-from ros2_ident.report.page.machine import moving as on_page  # noqa: E402
-from ros2_ident.report.scene import (  # noqa: E402
-    load_scene,
-    MARKERS,
-    Scene,
-    scene_messages,
-    write_scene,
-)
+from ros2_ident.report.scene import MARKERS, Scene, scene_messages  # noqa: E402
 
 JOINTS = ('base', 'slide', 'elbow', 'wrist')
 URDF = '''<robot name="bent">
@@ -180,16 +173,11 @@ def test_an_arm_without_lengths_is_not_drawn() -> None:
     assert kind_of(machine).scene(machine, motion(2, 3)[0]) is None
 
 
-def test_an_arm_moves_on_the_page_and_in_rviz(tmp_path: Path) -> None:
+def test_an_arm_moves_in_rviz(tmp_path: Path) -> None:
     machine = described(tmp_path)
     figure = kind_of(machine).scene(machine, motion(4, 6)[0])
     stamp = 50_000_000 * np.arange(6)
     scene = Scene('serial', stamp, figure, None, np.linspace(1.0, 2.0, 6), 'N m')
-    made = on_page(scene)
-    assert made.frames == 6 and made.first == 5 and 'Orange' not in made.note
-    write_scene(tmp_path / 'motion.npz', scene)
-    again = load_scene(tmp_path / 'motion.npz')
-    np.testing.assert_allclose(again.figure.links, figure.links, atol=1e-6)
     store = get_typestore(Stores.ROS2_JAZZY)
     for _, message in scene_messages(scene):
         drawn = store.deserialize_cdr(message, MARKERS).markers

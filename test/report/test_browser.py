@@ -4,18 +4,13 @@
 from collections.abc import Iterator
 import json
 from pathlib import Path
-import re
 from typing import Any
 
 from browser_cases import AXE, chromium, JUDGE, until
-from identify_cases import ROOT, tripod
 import pytest
 from report_cases import long_signals, write_diagnosed, write_identified
 
 from ros2_ident.fleet.summary import write_summary
-from ros2_ident.identify.run import read_data
-from ros2_ident.identify.setup import problem_of
-from ros2_ident.report.overlay import write_overlay
 from ros2_ident.report.page import write_comparison, write_report
 from ros2_ident.report.signals import write_signals
 
@@ -233,28 +228,3 @@ def test_close_up_every_sample_is_drawn(page: Any) -> None:
     close = page.execute_script(RANGE)
     assert close['points'] == pytest.approx(101, abs=3)
     assert close['most'] == pytest.approx(4.0, abs=0.01)
-
-
-def test_a_tripod_moves_along_the_log(page: Any, tmp_path: Path) -> None:
-    machine = tripod()
-    problem = problem_of(machine, read_data(ROOT / 'bags/tripod_mixed', machine))
-    write_identified(tmp_path)
-    write_overlay(tmp_path / 'overlay', problem, 0.5 * (problem.low + problem.high))
-    page.get(write_report(tmp_path).as_uri())
-    until(page, 'return document.documentElement.dataset.ready')
-    told = "return document.querySelector('.player output').textContent"
-    drawn = "return document.querySelector('path.links').getAttribute('d')"
-    first, rods = page.execute_script(told), page.execute_script(drawn)
-    assert re.fullmatch(r'[0-9.]+ s, residual [0-9.e+-]+ N m', first)
-    assert rods.count('M') == 3
-    page.execute_script(
-        "const s = document.querySelector('.player input')\n"
-        "s.value = 0; s.dispatchEvent(new Event('input'))"
-    )
-    assert page.execute_script(told).startswith('0.00 s')
-    page.execute_script("document.querySelector('.player button').click()")
-    until(page, f"return !{told.removeprefix('return ')}.startsWith('0.00 s')")
-    assert page.execute_script(drawn) != rods
-    if AXE.exists():
-        page.execute_script(AXE.read_text(encoding='utf-8'))
-        assert page.execute_async_script(JUDGE) == []

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Overlay bags: what was recorded, what was found, and the tripod in space."""
 
-import base64
 from dataclasses import replace
 import json
 
@@ -9,12 +8,9 @@ from identify_cases import ROOT, tripod
 from mcap.reader import make_reader
 import numpy as np
 import pytest
-from report_cases import write_identified
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 
-from ros2_ident.errors import IdentError
-from ros2_ident.files import write_arrays
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.identify.run import read_data
 from ros2_ident.identify.setup import problem_of
@@ -26,12 +22,9 @@ from ros2_ident.report.overlay import (
     Verdict,
     write_overlay,
 )
-from ros2_ident.report.page import write_report
-from ros2_ident.report.page.machine import HEIGHT, moving, WIDTH
 from ros2_ident.report.scene import (
     colours,
     largest_gap,
-    load_scene,
     MARKERS,
     REPEAT,
     scene_messages,
@@ -65,42 +58,6 @@ def overlay(problem, theta, tmp_path_factory):
         tmp_path_factory.mktemp('bags') / 'overlay', problem, theta, verdict=SAID
     )
     return path
-
-
-def test_the_scene_is_kept_beside_the_overlay_for_the_page(overlay, scene):
-    kept = load_scene(overlay.with_name('motion.npz'))
-    assert (kept.machine, kept.unit) == (scene.machine, scene.unit)
-    np.testing.assert_array_equal(kept.stamp, scene.stamp)
-    np.testing.assert_allclose(kept.figure.links, scene.figure.links, atol=1e-6)
-    np.testing.assert_allclose(kept.simulated, scene.simulated, atol=1e-12)
-    broken = overlay.with_name('broken.npz')
-    broken.write_bytes(b'PK')
-    with pytest.raises(IdentError, match='is damaged'):
-        load_scene(broken)
-
-
-def test_the_page_shows_a_rod_where_it_is(scene):
-    made = moving(scene)
-    data = json.loads(made.data)
-    assert made.frames == len(data['time']) == len(scene.stamp)
-    links = np.frombuffer(base64.b64decode(data['parts']['links']), '<i2') / data['fine']
-    links = links.reshape(len(scene.stamp), -1, 2)
-    assert (links >= 0.0).all() and (links <= [WIDTH, HEIGHT]).all()
-    # seen from aside, what is higher stands higher, and a rod is never longer than it is
-    ends = scene.figure.links.reshape(len(scene.stamp), -1, 3)
-    assert np.corrcoef(ends[..., 2].ravel(), links[..., 1].ravel())[0, 1] < -0.8
-    lengths = np.linalg.norm(np.diff(links.reshape(-1, 2, 2), axis=1), axis=-1)
-    true = np.linalg.norm(np.diff(ends.reshape(-1, 2, 3), axis=1), axis=-1)
-    assert np.ptp(true) < 1e-9 and (lengths / true <= (lengths / true).max() * 1.01).all()
-    assert data['gap'][made.first] == max(x for x in data['gap'] if x is not None)
-    assert f'times {scene.magnification:.0f}' in made.note
-
-
-def test_a_later_run_without_an_overlay_shows_no_old_motion(tmp_path):
-    write_identified(tmp_path)
-    write_arrays(tmp_path / 'motion.npz', {'old': np.zeros(1)})
-    write_identified(tmp_path)
-    assert 'class="machine"' not in write_report(tmp_path).read_text()
 
 
 def messages(path, topic):

@@ -18,7 +18,6 @@ from ros2_ident.report.files import (
     JSON,
     load_diagnosis,
     load_result,
-    MOTION,
     PAGE,
     SIGNALS,
     YAML,
@@ -27,12 +26,10 @@ from ros2_ident.report.page import bars, charts, numbers, plots, sentences
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.look import Picture
-from ros2_ident.report.page.machine import moving
 from ros2_ident.report.page.render import render
 from ros2_ident.report.page.several import write_fleet
 from ros2_ident.report.page.steps import effects_found
 from ros2_ident.report.page.symbols import legend
-from ros2_ident.report.scene import load_scene
 from ros2_ident.report.signals import load_signals
 
 Facts = list[tuple[str, str]]
@@ -83,7 +80,6 @@ def _render(folder: Path, result: Identification | None, diagnosis: dict[str, An
         'result': result,
         'diagnosis': diagnosis,
         'pictures': _pictures(folder, result, diagnosis),
-        'machine': moving(load_scene(folder / MOTION)) if (folder / MOTION).exists() else None,
         # a solution by least squares looks at no candidate but its own
         'searched': result is not None and result.settings.get('method') != 'algebraic',
         'effects': '',

@@ -1,13 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run in the browser while it goes on.
+"""Page of a run in progress, written anew every few seconds; the browser reloads it."""
 
-`report.html` is a page that asks for `progress.js` beside it once a second: a browser loads no
-other file of a directory without a server. Where that file has gone, the report is there.
-"""
-
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
-import json
 import math
 from pathlib import Path
 import time
@@ -16,58 +11,59 @@ from typing import Any, Self
 
 import numpy as np
 
-from ros2_ident.arrays import plain
 from ros2_ident.errors import IdentError
-from ros2_ident.files import remove_file, write_text
+from ros2_ident.files import write_text
 from ros2_ident.gap.diagnose import DiagnoseProgress
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.recording import Stream
 from ros2_ident.report.files import PAGE
-from ros2_ident.report.page.numbers import quantity, unit_of
+from ros2_ident.report.page.effort import effort_plot
+from ros2_ident.report.page.look import Picture
+from ros2_ident.report.page.numbers import quantity
+from ros2_ident.report.page.plots import cost_over_time
 from ros2_ident.report.page.render import render
+from ros2_ident.report.page.sentences import capital
 from ros2_ident.report.preview import Preview
+from ros2_ident.report.signals import Curves, Signals
 
-NEWS = 'progress.js'
-# Written at most so often, s; the page asks as often.
-EVERY = 1.0
-# Points of a history; of a longer one every second goes.
+# Seconds from one page to the next, and from one reload by the browser to the next.
+EVERY, RELOAD = 3.0, 3
+# Points of the cost's history; of a longer one every second goes.
 POINTS = 240
 _CONTENTS = ('answer', 'Progress'), ('effort', 'Effort'), ('parameters', 'Parameters')
 
 
 class LivePage:
-    """The page on a run that goes on, from its start until the report takes its place.
+    """Page of a run in progress, from its start until the report takes its place.
 
     Args:
         directory: That of the results; exists.
-        title: What runs.
-        lead: Of what.
+        title: Command and recordings.
+        lead: Drives and duration.
         problem: Of an identification: its parameters and efforts are shown, too.
     """
 
     def __init__(
         self, directory: str | Path, title: str, lead: str, problem: Problem | None = None
     ) -> None:
-        self._folder = Path(directory)
-        self._heading = {'title': title, 'lead': lead}
+        self._page = Path(directory) / PAGE
+        self._context: dict[str, Any] = {
+            'title': title, 'lead': lead, 'reload': RELOAD, 'share': 0,
+            'times': '', 'notes': [], 'parameters': [],
+            'headline': 'Preparing: data are read, and a new kind of machine is compiled',
+        }  # fmt: skip
         self._problem = problem
         self._next = -math.inf
-        self._begin = time.monotonic()
         self._costs: list[tuple[float, float]] = []
-        self._thetas: list[list[float]] = []
-        self._said: dict[str, Any] = {}
-        self._efforts: list[dict[str, Any]] = []
-        self._notes: list[tuple[float, str]] = []
+        self._signals: Signals | None = None
+        self._notes: dict[str, float] = {}
         compared = problem is not None and problem.models[0].outputs[0].quantity == 'effort'
         self._preview = Preview(problem, self._compare, EVERY) if problem and compared else None
 
     def __enter__(self) -> Self:
-        """Write the page; what is said of an earlier run goes."""
-        self._write({'state': 'preparing'})
-        contents = _CONTENTS if self._problem else _CONTENTS[:1]
-        context = {**self._heading, 'contents': contents, 'news': NEWS}
-        write_text(self._folder / PAGE, render('live.html', context))
+        """Write the first page."""
+        self._write()
         return self
 
     def __exit__(
@@ -76,115 +72,109 @@ class LivePage:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Give way to the report; where none was written, say why."""
-        if error is None and (self._folder / PAGE).exists():
-            remove_file(self._folder / NEWS)
+        """Leave the report; after an error, the reason of the end."""
+        if error is None and not self._page.exists():
+            why = 'it could not be written'
+        elif error is None:
             return
-        why = 'it could not be written' if error is None else type(error).__name__
-        if isinstance(error, IdentError):
+        elif isinstance(error, IdentError):
             why = error.message
-        elif isinstance(error, KeyboardInterrupt):
-            why = 'it was interrupted twice'
-        with suppress(IdentError):
-            self._write({**self._said, 'state': 'ended', 'why': why})
+        else:
+            interrupted = isinstance(error, KeyboardInterrupt)
+            why = 'it was interrupted twice' if interrupted else type(error).__name__
+        self._write(headline=f'The run ended without a report: {why}', reload=0)
 
     @property
     def place(self) -> str:
-        """Where a browser finds it."""
-        return (self._folder / PAGE).resolve().as_uri()
+        """Address for the browser."""
+        return self._page.resolve().as_uri()
 
     def identifying(self, progress: IdentifyProgress) -> None:
-        """Show how far an identification is."""
-        if self._preview is not None and math.isfinite(progress.best_cost):
-            self._preview(progress)
-        if not self._due():
-            return
+        """Show the progress of an identification."""
         known = math.isfinite(progress.best_cost)
-        if known:
-            self._costs = _fewer([*self._costs, (progress.elapsed, progress.best_cost)])
-            self._thetas = _fewer([*self._thetas, progress.best_theta.tolist()])
+        if self._preview is not None and known:
+            self._preview(progress)
+        if time.monotonic() < self._next:
+            return
         phases = {'search': 'generation', 'refinement': 'refining start'}
         counted = f'{progress.generation} of {progress.generations}'
         what = phases.get(progress.phase)
-        self._say(
-            what=f'{what} {counted}' if what else 'weighing what the model may lack',
-            gone=progress.elapsed,
-            left=progress.eta,
-            share=progress.elapsed / (progress.elapsed + progress.eta),
-            best=quantity(progress.best_cost, progress.unit, 4) if known else '',
-            candidates=progress.evaluations,
-            costs=self._costs,
-            unit=unit_of(progress.unit),
+        more = []
+        pictures: dict[str, Picture] = {}
+        if known:
+            self._costs = _fewer([*self._costs, (progress.elapsed, progress.best_cost)])
+            best = quantity(progress.best_cost, progress.unit, 4)
+            more = [f'best {best}', f'{progress.evaluations} candidates']
+            pictures['cost-plot'] = cost_over_time(self._costs, progress.unit)
+        if self._signals is not None:
+            pictures['effort-plot'] = effort_plot(self._signals)
+        self._write(
+            headline=capital(f'{what} {counted}' if what else 'model errors'),
+            times=_times(progress.elapsed, progress.eta, more),
+            share=_percent(progress.elapsed / (progress.elapsed + progress.eta)),
+            pictures=pictures,
             parameters=list(self._parameters(progress)) if known else [],
-            efforts=self._efforts,
+            contents=_CONTENTS if known else _CONTENTS[:1],
         )
 
     def diagnosing(self, progress: DiagnoseProgress) -> None:
-        """Show how far a diagnosis is."""
+        """Show the progress of a diagnosis; each better explanation at once."""
         best = progress.best_so_far
-        news = bool(best) and (not self._notes or self._notes[-1][1] != best)
+        news = bool(best) and best not in self._notes
         if news:
-            self._notes.append((progress.elapsed, best))
-        if not self._due() and not news:
+            self._notes[best] = progress.elapsed
+        if time.monotonic() < self._next and not news:
             return
-        self._say(
-            what=progress.stage,
-            gone=progress.elapsed,
-            left=progress.eta,
-            share=progress.fraction,
-            notes=self._notes,
+        self._write(
+            headline=capital(progress.stage),
+            times=_times(progress.elapsed, progress.eta, ()),
+            share=_percent(progress.fraction),
+            notes=[f'{_duration(when)}: {text}' for text, when in self._notes.items()],
         )
 
-    def _due(self) -> bool:
-        return time.monotonic() >= self._next
-
-    def _say(self, **said: Any) -> None:
-        self._said = {'state': 'running', **said}
-        with suppress(IdentError):  # a run does not end where a disk is full
-            self._write(self._said)
-
-    def _write(self, said: dict[str, Any]) -> None:
+    def _write(self, **changes: Any) -> None:
+        self._context |= {'written': time.strftime('%X'), **changes}
+        context = {'contents': _CONTENTS[:1], 'pictures': {}, **self._context}
+        with suppress(IdentError):  # a full disk does not end a run
+            write_text(self._page, render('live.html', context, plots=bool(context['pictures'])))
         self._next = time.monotonic() + EVERY
-        news = {'format': 'ros2_ident.news', **plain(said), 'written': time.time()}
-        text = json.dumps(news, separators=(',', ':'))
-        write_text(self._folder / NEWS, f'identNews({text})\n')
 
-    def _parameters(self, progress: IdentifyProgress) -> Any:
-        """Yield what is shown of each parameter: how it changed is within its bounds, 0 to 1."""
+    def _parameters(self, progress: IdentifyProgress) -> Iterable[tuple[str, str, float, str]]:
+        """Yield name, value, place within the bounds in percent, and the bounds."""
         assert self._problem is not None
-        low, high = self._problem.low, self._problem.high
-        within = np.clip((np.array(self._thetas) - low) / (high - low), 0.0, 1.0)
+        low, high, theta = self._problem.low, self._problem.high, progress.best_theta
+        place = np.clip(100.0 * (theta - low) / (high - low), 0.0, 100.0).round(1).tolist()
         for k, parameter in enumerate(self._problem.parameters):
-            yield {
-                'name': progress.names[k],
-                'value': quantity(progress.best_theta[k], parameter.unit, 4),
-                'trace': np.round(within[:, k], 3).tolist(),
-                'ends': f'{low[k]:g} to {high[k]:g}',
-            }
+            value = quantity(theta[k], parameter.unit, 4)
+            yield progress.names[k], value, place[k], f'{low[k]:g} to {high[k]:g}'
 
     def _compare(self, simulated: Sequence[Stream], residual: Sequence[Stream]) -> None:
         """Take the efforts of the first recording into the page."""
         first, rest = simulated[0], residual[0]
-        assert first.effort is not None and rest.effort is not None
-        time_s = np.round(1e-9 * (first.stamp - first.stamp[0]), 4).tolist()
-        unit = unit_of(self._problem.machine.effort_unit) if self._problem else ''
-        self._efforts = [
-            {
-                'drive': name,
-                'unit': unit,
-                'time': time_s,
-                'simulated': _short(first.effort[:, k]),
-                'measured': _short(first.effort[:, k] + rest.effort[:, k]),
-            }
-            for k, name in enumerate(first.names)
-        ]
+        assert first.effort is not None and rest.effort is not None and self._problem is not None
+        made = first.effort.T.astype(np.float32)
+        curves = Curves(
+            '', 1e-9 * (first.stamp - first.stamp[0]), made + rest.effort.T.astype(np.float32),
+            made[None], np.full_like(made, np.nan),
+        )  # fmt: skip
+        unit = self._problem.machine.effort_unit
+        self._signals = Signals(unit, tuple(first.names), ('best so far',), (curves,))
 
 
-def _short(values: Any) -> list[float | None]:
-    """Return numbers to four digits; None where there is none."""
-    return [float(f'{x:.4g}') if math.isfinite(x) else None for x in values.tolist()]
+def _times(gone: float, left: float, more: Sequence[str]) -> str:
+    to_go = f'about {_duration(left)} to go' if math.isfinite(left) else 'time to go not known yet'
+    return ', '.join([f'{_duration(gone)} gone', to_go, *more])
 
 
-def _fewer(points: list[Any]) -> list[Any]:
+def _duration(seconds: float) -> str:
+    whole = max(0, round(seconds))
+    return f'{whole} s' if whole < 60 else f'{whole // 60}:{whole % 60:02d}'
+
+
+def _percent(share: float) -> int:
+    return round(100.0 * share) if math.isfinite(share) else 0
+
+
+def _fewer(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """Return points without every second one where they are too many; the last one stays."""
     return points if len(points) <= POINTS else [*points[:-1:2], points[-1]]

@@ -90,55 +90,8 @@ const identPage = {
     },
   },
 
-  // A machine in space: an instant is shown, or all of them at the speed at which they were logged.
-  machine(figure) {
-    const data = JSON.parse(figure.querySelector('script.machine').textContent)
-    const slider = figure.querySelector('input'), words = figure.querySelector('output')
-    const button = figure.querySelector('button')
-    const parts = Object.entries(data.parts).map(([name, text]) => {
-      const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0))
-      const codes = new Int16Array(bytes.buffer)
-      const path = figure.querySelector(`path.${name}`)
-      return {path, codes, length: codes.length / data.time.length, dots: name === 'blocks'}
-    })
-    const [wide, high] = data.block
-    const show = () => {
-      const k = Number(slider.value)
-      for (const {path, codes, length, dots} of parts) {
-        let d = ''
-        for (let i = k * length; i < (k + 1) * length; i += dots ? 2 : 4) {
-          const [a, b, e, f] = Array.from(codes.subarray(i, i + 4), (x) => x / data.fine)
-          d += dots ? `M${a - wide / 2} ${b - high / 2}h${wide}v${high}h${-wide}z` : `M${a} ${b}L${e} ${f}`
-        }
-        path.setAttribute('d', d)
-      }
-      const gap = data.gap[k] === null ? '' : `, residual ${data.gap[k]} ${data.unit}`
-      words.textContent = `${data.time[k].toFixed(2)} s${gap}`
-      slider.setAttribute('aria-valuetext', words.textContent)
-    }
-    let running = 0
-    const stop = () => { cancelAnimationFrame(running); running = 0; button.textContent = 'Play' }
-    const play = () => {
-      if (running) return stop()
-      if (Number(slider.value) >= data.time.length - 1) slider.value = 0
-      const begin = performance.now() - 1000 * data.time[Number(slider.value)]
-      button.textContent = 'Pause'
-      const next = (now) => {
-        slider.value = Math.max(0, this.rowAt(data.time, (now - begin) / 1000 + 1e-9) - 1)
-        show()
-        if (Number(slider.value) >= data.time.length - 1 || (now - begin) / 1000 > data.time.at(-1)) return stop()
-        running = requestAnimationFrame(next)
-      }
-      running = requestAnimationFrame(next)
-    }
-    slider.addEventListener('input', () => { stop(); show() })
-    button.addEventListener('click', play)
-    show()
-  },
-
   press(button) {
     const {plot, do: action, value} = button.dataset
-    if (action === 'play') return
     if (action === 'copy') {
       const text = button.parentNode.querySelector('code').textContent
       navigator.clipboard?.writeText(text).then(() => {
@@ -202,6 +155,5 @@ document.addEventListener('click', (event) => {
 })
 document.addEventListener('DOMContentLoaded', () => {
   identPage.watch()
-  for (const figure of document.querySelectorAll('figure.machine')) identPage.machine(figure)
   identPage.draw()
 })

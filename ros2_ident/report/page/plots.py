@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plots of the page besides the efforts: the search, the correlations, the gap."""
 
+from collections.abc import Sequence
 import math
 from typing import Any
 
@@ -98,6 +99,23 @@ def cost_over_generations(result: Identification) -> Picture | None:
     if _axis_type(values) == 'log':
         logarithmic(made.yaxis, float(values.min()), float(values.max()))
     return Picture(made, 'Cost of the candidates over the generations', tuple(keys))
+
+
+def cost_over_time(points: Sequence[tuple[float, float]], unit: str) -> Picture:
+    """Draw the best cost over the time of a run, s."""
+    times, costs = np.array(points).T
+    made = plot(
+        height=200,
+        sizing_mode='stretch_width',
+        y_axis_type=_axis_type(costs),
+        x_axis_label='time [s]',
+        y_axis_label=f'best cost [{unit}]',
+        min_border_left=76,
+    )
+    made.line(times, costs, color=INK, line_width=1.8)
+    if _axis_type(costs) == 'log':
+        logarithmic(made.yaxis, float(costs.min()), float(costs.max()))
+    return Picture(made, f'Best cost over time, now {number(float(costs[-1]))} {unit}')
 
 
 def _spread(generations: npt.NDArray[np.int64], costs: Array) -> Array:

@@ -58,7 +58,6 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
         css=Markup(_asset('page.css')),
         script=Markup(_asset('page.js')),
         library=Markup(library),
-        live=Markup(_asset('live.js')) if template == 'live.html' else '',
         **context,
     )
     return page
