@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A residual along a coordinate, with the law that was found drawn through it, as SVG.
-
-It is text of the page: there before any script runs, in the page's colours, and it prints.
-"""
+"""Maps of a residual along a coordinate, and the law that was found, as SVG by matplotlib."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+import io
 import itertools
 import math
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from markupsafe import escape, Markup
 import numpy as np
@@ -16,18 +14,22 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.gap.wording import compared
 from ros2_ident.report.page.numbers import number, unit_of
+from ros2_ident.report.style import BLUE, GREY, numbers, ORANGE, RED, tidy
 
-WIDTH, HEIGHT = 560.0, 330.0
-_SIDES = ('before', 'after')
-_LEFT, _RIGHT, _TOP, _BOTTOM = 84.0, 10.0, 10.0, 52.0
-# Nothing is drawn across a gap of this share of the width.
-_EMPTY = 0.3
-# Dots nearer to each other than this, in pixels, are drawn as one.
-_NEAR = 9.0
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Size, inches of 72 pixels.
+SIZE = 5.8, 3.5
+# No line crosses a gap of this share of the width.
+_EMPTY = 0.36
 # A picture over the speed is read at once: it goes before one that shows hardly more.
 FAMILIAR = 1.25
-# What stands for a coordinate in a sentence.
+# Names of coordinates in a sentence.
 NAMES = {'load': 'transmitted load', 'torque': 'simulated effort', 'lagging friction': 'time'}
+_COLOURS = {'forwards': BLUE, 'backwards': ORANGE, 'both': 'black'}
+
+Laws = Sequence[tuple[str, Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -36,10 +38,9 @@ class Chart:
 
     Attributes:
         svg: The drawing.
-        title: What it is, for a caption.
+        title: Caption.
         headings: Directions of motion that are drawn apart.
-        law: What the thick line is; empty where there is none.
-        summary: The same in words, for who cannot see it.
+        law: Name of the thick line; empty where there is none.
         bent: Whether its axis is linear near zero and logarithmic beyond.
     """
 
@@ -47,77 +48,7 @@ class Chart:
     title: str
     headings: tuple[str, ...]
     law: str
-    summary: str
     bent: bool = False
-
-
-@dataclass(frozen=True)
-class _Axis:
-    """One axis: values from `low` to `high` stand from `start` to `end`, in pixels.
-
-    Attributes:
-        linear: Values nearer to zero than this stand evenly, others by their logarithm; 0 for
-            an axis that is linear, -1 for one that is logarithmic.
-    """
-
-    low: float
-    high: float
-    start: float
-    end: float
-    linear: float = 0.0
-
-    def __call__(self, values: Any) -> Array:
-        low, high = (float(_stretched(x, self.linear)) for x in (self.low, self.high))
-        share = (_stretched(values, self.linear) - low) / ((high - low) or 1.0)
-        out: Array = self.start + share * (self.end - self.start)
-        return out
-
-    def ticks(self, most: int) -> list[float]:
-        """Return round values, `most` at most, none beside another."""
-        if self.linear == 0.0:
-            return _round_values(self.low, self.high, most)
-        room = abs(self.end - self.start) / most
-        out: list[float] = []
-        for value in _decades(self.low, self.high, self.linear):
-            at = float(self(value))
-            if all(abs(at - float(self(other))) >= room for other in out):
-                out.append(value)
-        return sorted(out)
-
-
-def _stretched(values: Any, linear: float) -> Array:
-    """Return places on an axis that is linear near zero and logarithmic beyond."""
-    array = np.asarray(values, dtype=np.float64)
-    if linear == 0.0:
-        return array
-    if linear < 0.0:
-        return np.asarray(np.log10(np.maximum(array, 1e-300)), dtype=np.float64)
-    size = np.abs(array) / linear
-    beyond = 0.6 + np.log10(np.maximum(size, 1.0))
-    out: Array = np.sign(array) * np.where(size <= 1.0, 0.6 * size, beyond)
-    return out
-
-
-def _round_values(low: float, high: float, most: int) -> list[float]:
-    if not high > low:
-        return [low]
-    rough = (high - low) / most
-    power = 10.0 ** math.floor(math.log10(rough))
-    step = next(s * power for s in (1.0, 2.0, 5.0, 10.0) if s * power >= rough * (1.0 - 1e-9))
-    first = math.ceil(low / step - 1e-9)
-    return [step * k for k in range(first, math.floor(high / step + 1e-9) + 1)]
-
-
-def _decades(low: float, high: float, linear: float) -> list[float]:
-    """Return zero, then 1, 5 and 2 of each decade within the axis: what matters most first."""
-    least = linear if linear > 0.0 else low
-    top = max(abs(low), abs(high))
-    exponents = range(math.floor(math.log10(least)), math.ceil(math.log10(top)) + 1)
-    sides = [step * 10.0**e for step in (1, 5, 2) for e in exponents]
-    sides = [x for x in sides if 0.9 * least <= x <= 1.02 * top]
-    if linear < 0.0:
-        return [x for x in sides if low <= x <= high]
-    return [x for x in [0.0, *(s * x for x in sides for s in (1, -1))] if low <= x <= high]
 
 
 def picture(found: Mapping[str, Any], effects: str = '') -> Chart | None:
@@ -125,7 +56,7 @@ def picture(found: Mapping[str, Any], effects: str = '') -> Chart | None:
 
     Args:
         found: An entry of `maps` of a diagnosis.
-        effects: What the law is, for the text; empty draws none.
+        effects: Name of the law; empty draws none.
 
     Returns:
         The picture; None where the map holds no line.
@@ -134,54 +65,97 @@ def picture(found: Mapping[str, Any], effects: str = '') -> Chart | None:
     if not before:
         return None
     spectrum = found['coordinate'] == 'frequency'
-    x = _x_axis(before, -1.0 if spectrum else float(found['linear']))
-    if not spectrum:
-        found = {**found, **{k: [_merged(line, x) for line in found[k]] for k in _SIDES}}
-        before = [line for line in found['before'] if line['place']]
     laws = _laws(found) if effects else []
-    y = _y_axis(found, before, laws, spectrum)
-    parts = [*_frame(found, x, y, spectrum)]
-    for line in before:
-        parts += _measured(line, x, y, spectrum)
-    for heading, place, values in laws:
-        drawn = [slice(None)] if spectrum else _stretches(x(place))
-        parts += [_path(f'law {heading}', x(place[s]), y(values[s])) for s in drawn]
     name = NAMES.get(found['coordinate'], found['coordinate'])
-    what = compared(str(found['unit']))
-    title = f'{found["drive"]}: measured minus simulated {what} over the {name}'
-    summary = _summary(found, before, laws, effects, title)
-    svg = Markup(
-        f'<svg class="chart" viewBox="0 0 {WIDTH:.0f} {HEIGHT:.0f}" role="img">'
-        f'<title>{escape(summary)}</title>{"".join(parts)}</svg>'
+    title = (
+        f'{found["drive"]}: measured minus simulated {compared(str(found["unit"]))} over the '
+        f'{name}'
     )
-    headings = tuple(line['heading'] for line in before)
+    summary = _summary(found, before, laws, effects, title)
+    svg = Markup(f'<div class="drawn" role="img" aria-label="{escape(summary)}">') + Markup(
+        _drawn(found, before, laws, spectrum=spectrum) + '</div>'
+    )
     verb = 'add' if effects == 'the effects' else 'adds'
-    adds = f'what {effects} {verb} to the simulation, with its parameters refitted'
-    what = f'left with {effects}' if spectrum else adds
-    return Chart(svg, title, headings, what if laws else '', summary, x.linear > 0.0)
+    law = f'what {effects} {verb} to the simulation, with its parameters refitted'
+    law = f'left with {effects}' if spectrum else law
+    headings = tuple(line['heading'] for line in before)
+    bent = not spectrum and float(found['linear']) > 0.0
+    return Chart(svg, title, headings, law if laws else '', bent)
 
 
-def _merged(line: Mapping[str, Any], x: _Axis) -> Mapping[str, Any]:
-    """Return a line whose bins lie apart on the picture: those that would overlap as their mean.
+def _drawn(
+    found: Mapping[str, Any], lines: Sequence[Mapping[str, Any]], laws: Laws, *, spectrum: bool
+) -> str:
+    """Return a map as SVG."""
+    # A page without maps need not wait for matplotlib.
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
 
-    Bins hold equally many samples, so that means of bins are means of samples.
-    """
-    if not line['place']:
-        return line
-    at = x(line['place'])
-    groups = [[0]]
-    for k in range(1, len(at)):
-        if at[k] - at[groups[-1][0]] < _NEAR:
-            groups[-1].append(k)
-        else:
-            groups.append([k])
-    place, mean, half = (np.array(line[k], dtype=np.float64) for k in ('place', 'mean', 'half'))
-    return {
-        **line,
-        'place': [float(np.mean(place[g])) for g in groups],
-        'mean': [float(np.mean(mean[g])) for g in groups],
-        'half': [float(np.sqrt(np.sum(half[g] ** 2)) / len(g)) for g in groups],
-    }
+    with rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'ros2_ident', 'font.size': 12.0}):
+        made = Figure(SIZE, layout='constrained')
+        axes = made.subplots()
+        tidy(axes)
+        axes.tick_params(labelsize=11.0)
+        if spectrum:
+            axes.loglog()
+            numbers(axes.xaxis)
+        elif found['linear']:
+            _bend(axes, float(found['linear']), [x for line in lines for x in line['place']])
+        floor = float(found['noise_floor'] or 0.0)
+        if floor and not spectrum:
+            axes.axhspan(-floor, floor, color=GREY, alpha=0.13, lw=0.0)
+            axes.axhline(0.0, color=GREY, lw=0.8)
+        for line in lines:
+            _measured(axes, line, spectrum=spectrum)
+        for heading, place, values in laws:
+            dashed = '--' if heading == 'backwards' else '-'
+            for s in [slice(None)] if spectrum else _stretches(axes, place):
+                axes.plot(place[s], values[s], color=RED, lw=2.4, ls=dashed)
+        what = 'amplitude density' if spectrum else 'measured − simulated'
+        axes.set(xlabel=found['label'], ylabel=f'{what} [{unit_of(str(found["unit"]))}]')
+        file = io.StringIO()
+        made.savefig(file, format='svg', metadata={'Date': None}, transparent=True)
+    text = file.getvalue()
+    body = text[text.index('viewBox=') :]
+    return f'<svg class="chart" xmlns:xlink="http://www.w3.org/1999/xlink" {body}'
+
+
+def _bend(axes: 'Axes', linear: float, places: Sequence[float]) -> None:
+    """Make an axis linear up to `linear` about zero and logarithmic beyond, with plain numbers."""
+    axes.set_xscale('symlog', linthresh=linear, linscale=0.6)
+    first = math.ceil(math.log10(linear))
+    last = max(first, math.floor(math.log10(max(map(abs, places), default=linear) or linear)))
+    decades = [10.0**e for e in range(last, first - 1, -1 - (last - first) // 3)]
+    ticks = [0.0, *(sign * x for x in decades for sign in (1.0, -1.0))]
+    axes.set_xticks(ticks, labels=[f'{x:g}'.replace('-', '−', 1) for x in ticks])
+    axes.set_xticks([], minor=True)
+
+
+def _measured(axes: 'Axes', line: Mapping[str, Any], *, spectrum: bool) -> None:
+    """Draw the means with their 95 % band; a spectrum as a line."""
+    place, mean, half = (np.array(line[k], dtype=float) for k in ('place', 'mean', 'half'))
+    colour = _COLOURS[line['heading']]
+    if spectrum:
+        axes.plot(place, mean, color=colour, lw=1.4)
+        return
+    if np.isfinite(half).all():
+        for s in _stretches(axes, place):
+            axes.fill_between(
+                place[s], (mean - half)[s], (mean + half)[s], color=colour, alpha=0.18, lw=0.0
+            )
+    mark = 's' if line['heading'] == 'backwards' else 'o'
+    axes.plot(place, mean, mark, color=colour, ms=4.0)
+
+
+def _stretches(axes: 'Axes', place: Array) -> list[slice]:
+    """Return the stretches of a line between which there are no data."""
+    if len(place) < 2:
+        return [slice(None)]
+    at = axes.xaxis.get_transform().transform(place)
+    apart = np.diff(at)
+    wide = apart > max(_EMPTY * float(np.ptp(at)), 3.0 * float(np.median(apart)))
+    ends = [0, *(np.flatnonzero(wide) + 1), len(place)]
+    return [slice(a, b) for a, b in itertools.pairwise(ends)]
 
 
 def _laws(found: Mapping[str, Any]) -> list[tuple[str, Array, Array]]:
@@ -201,117 +175,6 @@ def _laws(found: Mapping[str, Any]) -> list[tuple[str, Array, Array]]:
             values = np.array(line['mean'], dtype=np.float64) - np.array(other['mean'])
         out.append((line['heading'], np.array(line['place'], dtype=np.float64), values))
     return out
-
-
-def _x_axis(lines: Sequence[Mapping[str, Any]], linear: float) -> _Axis:
-    places = [p for line in lines for p in line['place']]
-    low, high = min(places), max(places)
-    if linear == 0.0:
-        room = 0.02 * (high - low)
-        low, high = low - room, high + room
-    return _Axis(low, high, _LEFT, WIDTH - _RIGHT, linear)
-
-
-def _y_axis(
-    found: Mapping[str, Any],
-    lines: Sequence[Mapping[str, Any]],
-    laws: Sequence[tuple[str, Array, Array]],
-    spectrum: bool,
-) -> _Axis:
-    values = [np.array(line['mean'], dtype=np.float64) for line in lines]
-    values += [law for _, _, law in laws]
-    if spectrum:
-        positive = np.concatenate(values)
-        positive = positive[positive > 0.0]
-        low = max(float(positive.min()), 1e-4 * float(positive.max()))
-        return _Axis(low, 1.5 * float(positive.max()), HEIGHT - _BOTTOM, _TOP, -1.0)
-    for line in lines:
-        half = np.nan_to_num(np.array(line['half'], dtype=np.float64))
-        mean = np.array(line['mean'], dtype=np.float64)
-        values += [mean - half, mean + half]
-    low, high = (float(f(np.concatenate(values))) for f in (np.min, np.max))
-    floor = float(found['noise_floor'] or 0.0)
-    low, high = min(low, -0.3 * floor, 0.0), max(high, 0.3 * floor, 0.0)
-    room = 0.06 * (high - low)
-    return _Axis(low - room, high + room, HEIGHT - _BOTTOM, _TOP)
-
-
-def _frame(found: Mapping[str, Any], x: _Axis, y: _Axis, spectrum: bool) -> list[str]:
-    """Return grid, numbers, names of the axes, and the noise floor."""
-    left, right, top, bottom = _LEFT, WIDTH - _RIGHT, _TOP, HEIGHT - _BOTTOM
-    out = []
-    floor = float(found['noise_floor'] or 0.0)
-    if floor and not spectrum:
-        high, low = (float(np.clip(y(s * floor), top, bottom)) for s in (1.0, -1.0))
-        out.append(
-            f'<rect class="floor" x="{left}" y="{high:.1f}" width="{right - left}" '
-            f'height="{max(0.0, low - high):.1f}"/>'
-        )
-    for value in y.ticks(6):
-        at = float(y(value))
-        out.append(f'<path class="grid" d="M{left} {at:.1f}H{right}"/>')
-        out.append(
-            f'<text x="{left - 7}" y="{at + 4.5:.1f}" class="end">{number(value, 3)}</text>'
-        )
-    for value in x.ticks(7):
-        at = float(x(value))
-        out.append(f'<path class="grid" d="M{at:.1f} {top}V{bottom}"/>')
-        out.append(
-            f'<text x="{at:.1f}" y="{bottom + 18}" class="middle">{number(value, 3)}</text>'
-        )
-    if not spectrum:
-        out.append(f'<path class="zero" d="M{left} {float(y(0.0)):.1f}H{right}"/>')
-    what = 'amplitude density' if spectrum else 'measured − simulated'
-    label = f'{what} [{unit_of(str(found["unit"]))}]'
-    middle = 0.5 * (top + bottom)
-    out.append(
-        f'<text class="middle" transform="translate(15 {middle:.0f}) rotate(-90)">'
-        f'{escape(label)}</text>'
-    )
-    out.append(
-        f'<text x="{0.5 * (left + right):.0f}" y="{HEIGHT - 10}" class="middle">'
-        f'{escape(str(found["label"]))}</text>'
-    )
-    return out
-
-
-def _measured(line: Mapping[str, Any], x: _Axis, y: _Axis, spectrum: bool) -> list[str]:
-    """Return the means with their 95 % band; a spectrum as a line."""
-    heading = line['heading']
-    places, mean = x(line['place']), np.array(line['mean'], dtype=np.float64)
-    if spectrum:
-        return [_path(f'line {heading}', places, y(np.maximum(mean, y.low)))]
-    out = []
-    half = np.array(line['half'], dtype=np.float64)
-    if np.isfinite(half).all():
-        for s in _stretches(places):
-            edge = np.concatenate([y(mean + half)[s], y(mean - half)[s][::-1]])
-            around = np.concatenate([places[s], places[s][::-1]])
-            out.append(_path(f'band {heading}', around, edge, closed=True))
-    for px, py in zip(places, y(mean), strict=True):
-        if line['heading'] == 'backwards':
-            out.append(
-                f'<rect class="dot {heading}" x="{px - 3:.1f}" y="{py - 3:.1f}" width="6" '
-                'height="6"/>'
-            )
-        else:
-            out.append(f'<circle class="dot {heading}" cx="{px:.1f}" cy="{py:.1f}" r="3.4"/>')
-    return out
-
-
-def _stretches(xs: Array) -> list[slice]:
-    """Return the stretches of places, in the picture's units, between which there are no data."""
-    if len(xs) < 2:
-        return [slice(None)]
-    apart = np.diff(xs)
-    wide = apart > max(_EMPTY * WIDTH, 3.0 * float(np.median(apart)))
-    ends = [0, *(np.flatnonzero(wide) + 1), len(xs)]
-    return [slice(a, b) for a, b in itertools.pairwise(ends)]
-
-
-def _path(style: str, xs: Array, ys: Array, *, closed: bool = False) -> str:
-    points = 'L'.join(f'{a:.1f} {b:.1f}' for a, b in zip(xs, ys, strict=True))
-    return f'<path class="{style}" d="M{points}{"Z" if closed else ""}"/>'
 
 
 def _summary(
