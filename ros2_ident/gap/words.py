@@ -133,7 +133,7 @@ def _first(d: Diagnosis) -> str:
         m = facts.misfit
         tried = 'with the effects that close most' if m.extended else 'with every effect'
         return (
-            f'The model does not fit this machine: {tried} its residual is '
+            f'The model is not the one of this machine: {tried} its residual is '
             f'{100.0 * m.share:.0f} % of the variation of the {m.quantity} of {m.drive} '
             f'({m.rms:.3g} {d.unit}, {m.over_floor:.3g} times the noise floor).'
         )
