@@ -49,7 +49,10 @@ def write_report_of(folder: Path) -> None:
     write_report(folder)
 
 
-def test_a_page_comes_at_most_every_few_seconds(problem: Any, tmp_path: Path) -> None:
+def test_a_page_comes_at_most_every_few_seconds(
+    problem: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, 'EVERY', 3600.0)
     with LivePage(tmp_path, 'Identifying', 'axis', problem) as page:
         page.identifying(step(problem, 3.0))
         assert 'Preparing' in text(tmp_path) and RELOADS in text(tmp_path)
