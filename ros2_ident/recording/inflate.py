@@ -15,7 +15,7 @@ from ros2_ident.recording.limits import Limits, size_text, variable_of
 ZSTD = b'\x28\xb5\x2f\xfd'
 # What the decompressors raise at damaged data.
 FAILURES = (ZstdError, RuntimeError, EOFError, OSError, ValueError, MemoryError)
-_PIECE = 1 << 20
+_PIECE = 1 << 16  # read1 of a zstd frame that is cut never ends
 
 
 def open_zstd(source: Any) -> Any:
@@ -77,7 +77,7 @@ def inflate(method: str, packed: bytes, most: int) -> tuple[bytes, bool]:
     try:
         with _OPEN.get(method, BytesIO)(packed if sound else b'') as stream:
             while len(out) <= most:
-                piece = stream.read1(min(_PIECE, most + 1 - len(out)))
+                piece = stream.read(min(_PIECE, most + 1 - len(out)))
                 if not piece:
                     break
                 out += piece
