@@ -137,7 +137,7 @@ def _unpack_file(path: Path, target: Path, limits: Limits) -> bool:
     )
     with path.open('rb') as source, open_zstd(source) as pieces, target.open('wb') as sink:
         try:
-            while piece := pieces.read(1 << 16):
+            while piece := pieces.read(1 << 13):
                 left -= len(piece)
                 if left < 0:
                     raise refusal
