@@ -180,7 +180,7 @@ def check_ros2(words: list[str]) -> None:
 
 def check_pip(words: list[str]) -> None:
     extra = re.fullmatch(r'\.\[(\w+)\]', words[-1])
-    assert extra is not None and f"'{extra[1]}': [" in (ROOT / 'setup.py').read_text(), words
+    assert extra is not None and f"'{extra[1]}': " in (ROOT / 'setup.py').read_text(), words
 
 
 CHECKS: dict[str, Callable[[list[str]], None]] = {
