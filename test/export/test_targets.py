@@ -142,7 +142,7 @@ def test_a_urdf_asks_what_was_identified(tmp_path: Path) -> None:
 
 
 def test_friction_in_a_urdf_turns_over_at_once(tmp_path: Path) -> None:
-    found = content(described(tmp_path, **BOXES))
+    found = content(described(tmp_path, **BOXES).with_constants(coulomb_regularisation=0.02))
     path, _ = into_urdf(tmp_path, found)
     there = sliding(found)
     assert there.mean() > 0.5
