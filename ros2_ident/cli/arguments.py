@@ -185,15 +185,14 @@ def machine_files(prefix: str, **_: Any) -> list[str]:
 
 def add_bags(parser: argparse.ArgumentParser) -> None:
     """Add one bag or several of one machine, and what differs between them."""
-    action = parser.add_argument(
-        'bag',
-        metavar='BAG',
-        nargs='+',
-        help='bag directory, or an .mcap, .db3, .bag or .csv file; several of one machine make '
-        'one fit',
-    )
-    complete(action, bags)
+    add_bags_read(parser, '; several of one machine make one fit')
     add_conditions(parser)
+
+
+def add_bags_read(parser: argparse.ArgumentParser, more: str = '') -> None:
+    """Add one bag or several of one machine."""
+    what = f'bag directory, or an .mcap, .db3, .bag or .csv file{more}'
+    complete(parser.add_argument('bag', metavar='BAG', nargs='+', help=what), bags)
 
 
 def add_conditions(parser: argparse.ArgumentParser) -> None:

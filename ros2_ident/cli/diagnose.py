@@ -183,6 +183,7 @@ def run(args: argparse.Namespace) -> int:
 def print_diagnosis(d: 'Diagnosis') -> None:
     """Print a diagnosis on standard output, the answer first."""
     from ros2_ident.cli.colour import alarming
+    from ros2_ident.cli.table import free_run
     from ros2_ident.gap.verdict import REFUSED
     from ros2_ident.gap.wording import compared, figure
 
@@ -210,6 +211,7 @@ def print_diagnosis(d: 'Diagnosis') -> None:
     if len(d.steps) > 1:
         s = d.share_closed
         print(f'share of the explainable gap closed: {s.value:.3f} [{s.low:.3f}, {s.high:.3f}]')
+    print(free_run(d.prediction), end='')
     nominal = set(d.moved)
     for name, v in d.parameters.items():
         moves = name in nominal and abs(d.moved[name]) >= 0.01

@@ -157,7 +157,7 @@ def _problem(args: argparse.Namespace, estimate: 'Estimate') -> 'Problem':
     from ros2_ident.models import load_machine
 
     settings = estimate.settings
-    machine = with_effort(load_machine(_asked(args.machine, settings.get('machine_file'))), args)
+    machine = with_effort(load_machine(machine_behind(args.machine, estimate)), args)
     logs = args.bag or settings.get('bags') or []
     missing = next((log for log in logs if not Path(log).exists()), None)
     if not logs or missing is not None:
@@ -179,7 +179,13 @@ def _problem(args: argparse.Namespace, estimate: 'Estimate') -> 'Problem':
     )
 
 
-def _asked(given: str | None, before: object) -> str:
+def machine_behind(given: str | None, estimate: 'Estimate') -> str:
+    """Return the machine file to read: the one given, else that of the estimate.
+
+    Raises:
+        IdentError: INVALID_GOAL where it is not there.
+    """
+    before = estimate.settings.get('machine_file')
     found = given or (before if isinstance(before, str) else None)
     if found is None or not Path(found).exists():
         raise IdentError(

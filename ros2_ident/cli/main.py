@@ -29,6 +29,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         'ros2_ident.cli.diagnose',
         'say where the gap lies, what causes it, how far it closes',
     ),
+    'predict': ('ros2_ident.cli.predict', 'run what was found freely on any bag'),
     'report': ('ros2_ident.cli.report', 'write one page on a result directory'),
     'simulate': ('ros2_ident.cli.simulate', 'make a bag of a machine with known parameters'),
     'excite': ('ros2_ident.cli.excite', 'plan the motion that determines parameters best'),

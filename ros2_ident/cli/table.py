@@ -7,6 +7,7 @@ import math
 from ros2_ident.cli.colour import alarming
 from ros2_ident.cli.progress import duration
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
+from ros2_ident.prediction import Prediction
 
 # A half width beyond this share of the value, in percent, is told by itself.
 TELLING = 1000.0
@@ -66,6 +67,20 @@ def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
     )
 
 
+def free_run(found: Prediction | None) -> str:
+    """Return a line on free runs; empty where none was made."""
+    if found is None:
+        return ''
+    if found.hindered:
+        return f'no free run: {found.hindered}\n'
+    drives = ', '.join(
+        f'{row[0].drive} {" → ".join(f"{e.rmse:.3g}" for e in row)} {row[0].unit}'
+        for row in found.first
+    )
+    stages = ' → '.join(s.label for s in found.stages)
+    return f'free run of the {found.on}, {found.quantity} RMSE, {stages}: {drives}\n'
+
+
 def print_result(result: Identification) -> None:
     """Print a result on standard output."""
     head = ('parameter', 'value', '95 %', '', 'noise alone', 'unit', '')
@@ -88,6 +103,7 @@ def print_result(result: Identification) -> None:
         )
     if held_out:
         print(f'held out: {result.validated_on}')
+    print(free_run(result.prediction), end='')
     print(f'{result.evaluations} candidates in {duration(result.seconds)}, seed {result.seed}')
     for warning in result.quality.warnings:
         print(f'warning: {warning}')

@@ -43,7 +43,7 @@ class Estimate:
 
 
 def read_estimate(path: str | Path) -> Estimate:
-    """Return the estimate of a run's directory; of a diagnosis where no other is there.
+    """Return the estimate of a run's directory, of a diagnosis where no other is there, or a file.
 
     Raises:
         IdentError: NO_DATA or BAD_VALUES as the files' readers; INVALID_GOAL where the estimate
@@ -51,11 +51,12 @@ def read_estimate(path: str | Path) -> Estimate:
     """
     folder = Path(path)
     whole = not folder.is_dir() or (folder / JSON).exists() or (folder / YAML).exists()
-    if whole or not (folder / DIAGNOSIS).exists():
+    diagnosis = folder.parent if folder.name == DIAGNOSIS else folder
+    if diagnosis == folder and (whole or not (folder / DIAGNOSIS).exists()):
         found = _identified(folder)
     else:
-        with intact(folder / DIAGNOSIS):
-            found = _found(folder)
+        with intact(diagnosis / DIAGNOSIS):
+            found = _found(diagnosis)
     several = [name for name in found.values if '@' in name]
     if several:
         raise IdentError(

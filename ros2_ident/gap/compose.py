@@ -33,6 +33,15 @@ from ros2_ident.gap.words import advice, sentence, titled
 from ros2_ident.gates import Gate
 from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt
+from ros2_ident.prediction import (
+    CHECK,
+    IDENTIFIED,
+    LOG,
+    of_description,
+    predicted,
+    Prediction,
+    Run,
+)
 from ros2_ident.search.evidence import Evidence
 
 
@@ -121,6 +130,7 @@ def compose(
         seed=seed,
         traces=_traces(case, found),
         facts=_facts(explainer, found, verdict, gates),
+        prediction=_predicted(case, chain),
     )
     return replace(made, sentence=sentence(made), advice=advice(made))
 
@@ -217,6 +227,18 @@ def _traces(case: Case, found: Explained) -> tuple[Trace, ...]:
                 )
             )
     return tuple(traces)
+
+
+def _predicted(case: Case, chain: Sequence[Explanation]) -> Prediction:
+    """Return how far free runs come from the recordings judged on, effect by effect."""
+    apart = case.held_out == CHECK
+    stages: list[tuple[str, list[Run]]] = []
+    for e in chain:
+        joint = (case.check if apart else case.fit).with_effects(e.effects)
+        runs = [(m, joint.own(k, e.theta)[0]) for k, m in enumerate(joint.models)]
+        label = titled(e.effects[-1]) if e.effects else IDENTIFIED
+        stages += [*([] if stages else of_description(runs)), (label, runs)]
+    return predicted(CHECK if apart else LOG, stages)
 
 
 def _values(

@@ -17,6 +17,7 @@ from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.maps import chosen, map_of
 from ros2_ident.models import EffectAt
+from ros2_ident.prediction import Prediction
 
 SCHEMA = 3
 
@@ -171,6 +172,7 @@ class Diagnosis:
         again: For the verdict's effect and each of `also`, the share of the resampled blocks held
             out in which it counts again.
         facts: Facts behind the verdict.
+        prediction: How far free runs come from the recordings judged on, effect by effect.
     """
 
     effect: str
@@ -200,6 +202,7 @@ class Diagnosis:
     traces: tuple[Trace, ...]
     again: tuple[float, ...] = ()
     facts: Facts = Facts()
+    prediction: Prediction | None = None
 
 
 def _shown(d: Diagnosis) -> tuple[str, ...]:
@@ -310,6 +313,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
         'parameters': {n: asdict(v) for n, v in d.parameters.items()},
         'nominal': d.nominal,
         'moved': d.moved,
+        'prediction': None if d.prediction is None else asdict(d.prediction),
         'gates': [{'gate': g, 'level': level, 'sentence': text} for g, level, text in d.gates],
         'not_testable': [_at(a) for a in d.not_testable],
         'advice': list(d.advice),

@@ -15,6 +15,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode
 from ros2_ident.gates import Gate
 from ros2_ident.machine.parameter import Kind
+from ros2_ident.prediction import Prediction
 
 # An interval that reaches so many times as far to one side as to the other is lopsided.
 LOPSIDED = 2.0
@@ -270,6 +271,7 @@ class Identification:
         validation: Held-out error: what is left of data that was not fitted on, for each drive.
         validated_on: Which data that is: a bag, or how parts of the log were left out.
         gates: What log and machine file say of each other before any fit, the worst first.
+        prediction: How far free runs come from the data judged on; None where none was made.
     """
 
     outcome: Outcome
@@ -294,6 +296,7 @@ class Identification:
     validation: tuple[DriveResidual, ...] = ()
     validated_on: str = ''
     gates: tuple[Gate, ...] = ()
+    prediction: Prediction | None = None
 
     @property
     def theta(self) -> Array:

@@ -5,6 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
+
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import examine, GateReport
 from ros2_ident.identify.data import chosen_drives, Data, gather
@@ -22,6 +25,7 @@ from ros2_ident.identify.settings import IdentifySettings, OnProgress
 from ros2_ident.identify.setup import problem_of, problem_of_models
 from ros2_ident.models import EffectAt, Machine, Model
 from ros2_ident.models.registry import compared_of
+from ros2_ident.prediction import CHECK, IDENTIFIED, LOG, of_description, predicted, Prediction
 from ros2_ident.recording import Dataset, Recording
 from ros2_ident.search import algebraic
 from ros2_ident.search.evaluators import Cancel, Threads, Workers
@@ -175,7 +179,21 @@ def solve(
         report,
         poorly_fitted(problem, found.residual),
     )
-    return result if found.cancelled else with_held_out(result, problem, weighed, check)
+    if found.cancelled:
+        return result
+    result = with_held_out(result, problem, weighed, check)
+    return replace(result, prediction=_predicted(problem, result.theta, check))
+
+
+def _predicted(problem: Problem, theta: Array, check: Problem | None) -> Prediction | None:
+    """Return how far free runs come from the recordings judged on."""
+    if not np.isfinite(theta).all():
+        return None
+    judged_on = problem if check is None else check
+    own = theta if check is None else check.taken_from(problem, theta)
+    runs = [(m, judged_on.own(k, own)[0]) for k, m in enumerate(judged_on.models)]
+    on = LOG if check is None else CHECK
+    return predicted(on, [*of_description(runs), (IDENTIFIED, runs)])
 
 
 class _Watch:

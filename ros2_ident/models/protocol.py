@@ -236,6 +236,13 @@ class FullModel(ABC):
         """Return the same model that compares its outputs only where `there` (O, K) holds."""
         return _Restricted(self, there)
 
+    def free_run(self) -> 'FullModel | None':
+        """Return the same model, comparing all that its log holds of its drives, run freely.
+
+        None where it is not known to run by set-points alone.
+        """
+        return None
+
     # ------------------------------------------------------------------ what a log shows
 
     def recorded_motion(self) -> RecordedMotion | None:

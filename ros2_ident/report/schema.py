@@ -23,6 +23,7 @@ from ros2_ident.identify.result import (
     Provenance,
     Quality,
 )
+from ros2_ident.prediction import prediction_from
 
 SCHEMA = 'ros2_ident.identification'
 VERSION = 1
@@ -50,6 +51,7 @@ def to_mapping(result: Identification) -> dict[str, Any]:
         'validation': _residuals(result.validation),
         'validated_on': result.validated_on,
         'gates': [asdict(gate) for gate in result.gates],
+        'prediction': None if result.prediction is None else asdict(result.prediction),
         'evaluations': result.evaluations,
         'seconds': result.seconds,
         'seed': result.seed,
@@ -196,4 +198,5 @@ def _result(data: Mapping[str, Any]) -> Identification:
         gates=tuple(
             Gate(**{**gate, 'number': _number(gate['number'])}) for gate in data.get('gates', ())
         ),
+        prediction=prediction_from(data.get('prediction')),
     )

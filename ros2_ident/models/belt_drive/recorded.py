@@ -110,6 +110,10 @@ class RecordedBelt(FullModel):
         """The machine."""
         return self._machine
 
+    def free_run(self) -> 'RecordedBelt':
+        """Return the model itself: it runs by its set-point alone."""
+        return self
+
     def _whole(self, theta: Array) -> Array:
         """Return (S, P) all of the belt's parameters, those that are held with their values."""
         theta = np.atleast_2d(theta)

@@ -24,7 +24,7 @@ from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.drives.band import Band
 from ros2_ident.models.drives.candidates import Candidates, CONSTANT_ROWS, SLOTS
 from ros2_ident.models.drives.effort_range import effort_range
-from ros2_ident.models.drives.outputs import chosen_outputs
+from ros2_ident.models.drives.outputs import chosen_outputs, logged_of
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
 from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
@@ -336,6 +336,18 @@ class DriveModel(FullModel):
         other = copy.copy(self)
         other.__dict__.pop('_costing', None)
         other._compared = there
+        return other
+
+    def free_run(self) -> 'DriveModel | None':
+        """Return the model that compares all that the log holds; None along a recorded motion."""
+        if not self._closed:
+            return None
+        other = copy.copy(self)
+        for made in ('_costing', '_compare'):
+            other.__dict__.pop(made, None)
+        other._compared = None
+        logged = logged_of(self.data, self.drives)
+        other.signals = chosen_outputs(self.machine.drives, self.drives, logged, None)
         return other
 
     def recorded_motion(self) -> RecordedMotion | None:

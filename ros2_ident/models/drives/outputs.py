@@ -129,6 +129,13 @@ class Outputs:
         return out
 
 
+def logged_of(data: Dataset, drives: Sequence[str]) -> tuple[str, ...]:
+    """Return which quantities a recording holds of some drives, of one of them at least."""
+    rows = [data.names.index(name) for name in drives]
+    every = {quantity: getattr(data, quantity) for quantity in QUANTITIES}
+    return tuple(q for q, x in every.items() if x is not None and np.isfinite(x[rows]).any())
+
+
 def chosen_outputs(
     machine_drives: Sequence[str],
     drives: Sequence[str],

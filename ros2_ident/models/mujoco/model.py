@@ -2,6 +2,7 @@
 """A recording beside a simulator of the user's own."""
 
 from collections.abc import Mapping, Sequence
+import copy
 import functools
 import math
 from typing import Any
@@ -18,7 +19,7 @@ from ros2_ident.machine.parameter import Parameter
 from ros2_ident.machine.space import Space
 from ros2_ident.models.drives.candidates import Candidates, MAY_BE_ZERO
 from ros2_ident.models.drives.effort_range import effort_range
-from ros2_ident.models.drives.outputs import chosen_outputs
+from ros2_ident.models.drives.outputs import chosen_outputs, logged_of
 from ros2_ident.models.mujoco import KIND
 from ros2_ident.models.mujoco.plant import Plant
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
@@ -263,6 +264,14 @@ class Mujoco(FullModel):
             efforts=self._efforts, quantities=self.signals.quantities,
             weights=self.signals.weights,
         )  # fmt: skip
+
+    def free_run(self) -> 'Mujoco':
+        """Return the model that compares all that the log holds."""
+        other = copy.copy(self)
+        other.__dict__.pop('measured', None)
+        logged = logged_of(self._data, self.drives)
+        other.signals = chosen_outputs(self._machine.drives, self.drives, logged, None)
+        return other
 
     def effort_limit(self, place: str) -> float:
         """Return the effort that a share of a drive's limit refers to [N m]."""

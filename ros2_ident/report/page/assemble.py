@@ -10,6 +10,7 @@ from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
 from ros2_ident.identify.result import Identification
+from ros2_ident.prediction import Prediction, prediction_from
 from ros2_ident.report.files import (
     DIAGNOSIS,
     DIAGNOSIS_SIGNALS,
@@ -84,6 +85,7 @@ def _render(folder: Path, result: Identification | None, diagnosis: dict[str, An
         'searched': result is not None and result.settings.get('method') != 'algebraic',
         'effects': '',
         'hero': None,
+        'free': _free(result, diagnosis),
         'about': [],
     }
     if result is not None:
@@ -97,6 +99,15 @@ def _render(folder: Path, result: Identification | None, diagnosis: dict[str, An
         if shown.get(name, {'result': result, 'diagnosis': diagnosis, '': True}[part])
     ]
     return render('template.html', context, plots=True)
+
+
+def _free(
+    result: Identification | None, diagnosis: Mapping[str, Any] | None
+) -> Prediction | None:
+    """Return the free runs, of a diagnosis where there is one."""
+    if diagnosis is not None:
+        return prediction_from(diagnosis.get('prediction'))
+    return result.prediction if result is not None else None
 
 
 # Section, its entry in the contents, and the part of a run it belongs to.

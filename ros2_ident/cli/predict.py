@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ident predict`: how far what was found comes from a bag, run freely by its set-points."""
+
+import argparse
+import json
+from typing import TYPE_CHECKING
+
+from ros2_ident.cli.arguments import (
+    add_bags_read,
+    add_effects,
+    add_effort,
+    add_topics,
+    complete,
+    machine_files,
+    topics_of,
+    whole,
+    with_effort,
+)
+from ros2_ident.errors import ErrorCode, IdentError
+
+if TYPE_CHECKING:
+    from ros2_ident.export.estimate import Estimate
+    from ros2_ident.prediction import Run
+
+DESCRIPTION = (
+    "Run what was identified or diagnosed freely: from a bag's start, by its set-points alone, "
+    "with the machine's own model and controllers. Prints how far position, velocity and effort "
+    'of each drive come from the log, of several results side by side.'
+)
+EXAMPLES = (
+    '  ident predict results my_bag\n'
+    '  ident predict results my_bag other_bag --beside diagnosis --out prediction\n'
+    '  ident predict diagnosis/diagnosis.json my_bag --machine my.yaml --warm-up 20\n'
+    '\n'
+    'writes to DIR: prediction.json, prediction.png (measured and simulated)\n'
+)
+EXIT_CODES = {0: 'predicted', 1: 'the model does not run freely on this bag'}
+JSON, PICTURE, FORMAT = 'prediction.json', 'prediction.png', 'ros2_ident.prediction'
+# Of a log that is only simulated no windows are chosen.
+_ALL = 10**12
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    parser.add_argument(
+        'results',
+        metavar='RESULT',
+        help='what `ident identify` or `ident diagnose` wrote: its directory or JSON file',
+    )
+    add_bags_read(parser)
+    parser.add_argument(
+        '--beside',
+        action='append',
+        default=[],
+        metavar='RESULT',
+        help='another result on the same bag, more than once for several',
+    )
+    machine = parser.add_argument(
+        '--machine', metavar='FILE', help='machine file; that of each result by default'
+    )
+    complete(machine, machine_files)
+    parser.add_argument(
+        '--warm-up',
+        type=whole,
+        default=0,
+        metavar='N',
+        help="samples at a bag's start that are simulated and not compared; none by default",
+    )
+    parser.add_argument('--out', metavar='DIR', help='directory for table and picture')
+    add_effects(parser)
+    add_effort(parser)
+    add_topics(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate, print the table, write it."""
+    from dataclasses import asdict
+
+    from ros2_ident.arrays import plain
+    from ros2_ident.cli.table import columns
+    from ros2_ident.effects import add_effect_files
+    from ros2_ident.export.estimate import read_estimate
+    from ros2_ident.files import make_directory, replacing, require_ours, write_text
+    from ros2_ident.prediction import of_description, predicted
+
+    add_effect_files(args.effect)
+    folder = make_directory(args.out) if args.out else None
+    require_ours([folder / name for name in (JSON, PICTURE)] if folder else [])
+    runs = {path: _runs(args, read_estimate(path)) for path in (args.results, *args.beside)}
+    stages = [*of_description(runs[args.results]), *runs.items()]
+    found = predicted(', '.join(args.bag), stages, args.warm_up)
+    if found.hindered:
+        print(f'no free run: {found.hindered}')
+        return 1
+    rows = [('drive', 'quantity', 'unit', 'error', *(s.label for s in found.stages))]
+    for row in found.rows:
+        for name in ('rmse', 'mae'):
+            numbers = [f'{getattr(e, name):.4g}' for e in row]
+            rows.append((row[0].drive, row[0].quantity, row[0].unit, name.upper(), *numbers))
+    for line in columns(rows, (False,) * 4 + (True,) * len(found.stages)):
+        print(line)
+    if folder is not None:
+        from ros2_ident.report.free_run import picture
+
+        content = {'format': FORMAT, 'warm_up': args.warm_up, **plain(asdict(found))}
+        write_text(folder / JSON, json.dumps(content, indent=1) + '\n')
+        with replacing(folder / PICTURE) as file:
+            figure = picture(found, stages)
+            figure.savefig(file, format='png', dpi=110, metadata={'format': FORMAT})
+        print(f'written: {folder / JSON}, {folder / PICTURE}')
+    return 0
+
+
+def _runs(args: argparse.Namespace, estimate: 'Estimate') -> 'list[Run]':
+    """Return the machine's models on the bags, each with what was found."""
+    import numpy as np
+
+    from ros2_ident.cli.export import machine_behind
+    from ros2_ident.identify.data import read_data
+    from ros2_ident.identify.setup import at_rest
+    from ros2_ident.models import load_machine, make_model
+    from ros2_ident.models.registry import efforts_of, kind_of
+
+    machine = with_effort(load_machine(machine_behind(args.machine, estimate)), args)
+    drives = estimate.drives or None
+    # A position is all that a free run has to have beside the set-point.
+    follows = kind_of(machine).follows
+    quantities = ('position',) if follows else None
+    data = read_data(
+        args.bag, machine, drives, topics=topics_of(args), samples=_ALL, quantities=quantities
+    ).datasets
+    machine, drives = at_rest(machine, data, drives)
+    if any(d.command_position is None for d in data):
+        quantities = None
+    efforts = efforts_of(machine, data)
+    nominal = make_model(
+        machine, data[0], drives=drives, efforts=efforts, fixed=estimate.fixed,
+        quantities=quantities,
+    )  # fmt: skip
+    effects = estimate.effects([p.name for p in nominal.parameters])
+    models = [
+        make_model(
+            machine, d, drives=drives, efforts=efforts, fixed=estimate.fixed, effects=effects,
+            quantities=quantities,
+        )
+        for d in data
+    ]  # fmt: skip
+    missing = [p.name for p in models[0].parameters if p.name not in estimate.values]
+    if missing:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'the result holds no {missing[0]}; give the machine file that it was found with',
+        )
+    theta = np.array([estimate.values[p.name] for p in models[0].parameters])
+    return [(model, theta) for model in models]
+

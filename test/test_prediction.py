@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Free runs: how far a model comes from a log by set-points alone."""
+
+from dataclasses import replace
+import json
+from pathlib import Path
+
+from identify_cases import (
+    axis,
+    axis_bag,
+    axis_data,
+    AXIS_TRUTH,
+    QUICK,
+    recording_of,
+    theta_of,
+    tripod,
+    tripod_bag,
+    TRIPOD_TRUTH,
+)
+import numpy as np
+import pytest
+
+from ros2_ident.cli.main import main
+from ros2_ident.identify.data import gather
+from ros2_ident.identify.run import identify
+from ros2_ident.identify.setup import problem_of
+from ros2_ident.models import EffectAt, make_model
+from ros2_ident.prediction import (
+    CHECK,
+    IDENTIFIED,
+    LOG,
+    of_description,
+    predicted,
+    Prediction,
+    prediction_from,
+)
+from ros2_ident.report.files import load_result, write_result
+from ros2_ident.report.page.assemble import write_report
+
+
+def run_of(machine, bag, truth, **changes):
+    (data,) = gather([recording_of(bag)], machine).datasets
+    model = make_model(machine, replace(data, **changes))
+    return model, theta_of([p.name for p in model.parameters], truth)
+
+
+def test_errors_are_those_of_each_quantity_along_the_log() -> None:
+    model, theta = run_of(axis(), axis_bag(), AXIS_TRUTH)
+    wrong = theta * np.array([1.2, 1.0, 1.0, 1.0])
+    found = predicted('log', [('true', [(model, theta)]), ('heavy', [(model, wrong)])])
+    assert [row[0].quantity for row in found.rows] == ['position', 'velocity', 'effort']
+    assert found.quantity == 'position'
+    # of a model of its own that compares that quantity
+    alone = make_model(axis(), model.data, quantities=('position',))
+    there = np.isfinite(alone.measured[0])
+    left = (alone.measured - alone.simulate(wrong[None])[0])[0, there]
+    true, heavy = found.first[0]
+    assert heavy.samples == there.sum()
+    assert heavy.rmse == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-12)
+    assert heavy.mae == pytest.approx(np.mean(np.abs(left)), rel=1e-12)
+    assert true.rmse < 0.1 * heavy.rmse
+    # the model that was fitted compares what it did
+    assert [o.quantity for o in model.outputs] == ['effort']
+
+
+def test_a_tripod_runs_freely_and_its_recordings_count_together() -> None:
+    model, theta = run_of(tripod(), tripod_bag(), TRIPOD_TRUTH)
+    one = predicted('log', [('true', [(model, theta)])])
+    two = predicted('log', [('true', [(model, theta)] * 2)])
+    assert len(one.first) == 3
+    assert max(e.rmse for (e,) in one.first) < 1e-5
+    assert two.first[0][0].samples == 2 * one.first[0][0].samples
+    assert two.first[0][0].rmse == pytest.approx(one.first[0][0].rmse)
+
+
+def test_a_warm_up_is_simulated_and_not_compared() -> None:
+    model, theta = run_of(axis(), axis_bag(), AXIS_TRUTH)
+    whole = predicted('log', [('true', [(model, theta)])]).first[0][0]
+    later = predicted('log', [('true', [(model, theta)])], 20).first[0][0]
+    assert later.samples == whole.samples - 20
+    assert later.rmse != whole.rmse
+
+
+def test_a_model_along_its_recorded_motion_says_what_to_log() -> None:
+    model, theta = run_of(
+        axis(), axis_bag(), AXIS_TRUTH, command_position=None, command_velocity=None
+    )
+    found = predicted('log', [('true', [(model, theta)])])
+    assert not found.stages and not found.first and found.quantity == ''
+    assert 'joint_command' in found.hindered
+
+
+def test_a_candidate_that_diverges_is_infinitely_far_in_the_file_too() -> None:
+    model, theta = run_of(axis(), axis_bag(), AXIS_TRUTH)
+    found = predicted('log', [('true', [(model, theta)]), ('bad', [(model, np.nan * theta)])])
+    assert np.isinf(found.first[0][1].rmse)
+    problem = problem_of(axis(), axis_data())
+    result = replace(identify(axis(), axis_data(), settings=QUICK, seed=1), prediction=found)
+    assert problem.names == tuple(p.name for p in result.parameters)
+    assert prediction_from(json.loads(json.dumps(_plain(result)))) == found
+
+
+def _plain(result):
+    from ros2_ident.report.schema import to_mapping
+
+    return to_mapping(result)['prediction']
+
+
+def test_what_a_description_states_is_the_first_stage() -> None:
+    model, theta = run_of(axis(), axis_bag(), AXIS_TRUTH)
+    assert of_description([(model, theta)]) == []
+    model.as_described = lambda given: {'emps_axis.moving_mass': 80.0}
+    ((label, ((same, values),)),) = of_description([(model, theta)])
+    assert (label, same) == ('as described', model)
+    np.testing.assert_array_equal(values, [80.0, *theta[1:]])
+
+
+def test_an_identification_predicts_what_it_is_judged_on(tmp_path: Path) -> None:
+    alone = identify(axis(), axis_data(), settings=QUICK, seed=1)
+    assert alone.prediction.on == LOG
+    other = gather([replace(recording_of(axis_bag(3.0)), source='other')], axis())
+    found = identify(axis(), axis_data(), settings=QUICK, seed=1, check=other)
+    assert found.prediction.on == CHECK
+    assert [s.label for s in found.prediction.stages] == [IDENTIFIED]
+    assert found.prediction.first[0][0].samples < alone.prediction.first[0][0].samples
+    write_result(tmp_path, found)
+    assert load_result(tmp_path).prediction == found.prediction
+    page = write_report(tmp_path).read_text(encoding='utf-8')
+    assert page.count('Free run') == 1 and 'RMSE, identified' in page
+    write_result(tmp_path, replace(found, prediction=Prediction(CHECK, hindered='no set-point')))
+    assert 'No free run: no set-point.' in write_report(tmp_path).read_text(encoding='utf-8')
+
+
+def test_an_effect_of_the_model_is_in_its_free_run() -> None:
+    effect = EffectAt('position_gain_error', 'emps_axis')
+    model, theta = run_of(axis(), axis_bag(), AXIS_TRUTH)
+    wide = model.extended([effect])
+    stages = [('nominal', [(model, theta)]), ('gain', [(wide, np.append(theta, 0.2))])]
+    gain = predicted('log', stages).first[0]
+    assert gain[1].rmse > 10.0 * gain[0].rmse
+
+
+def test_the_command_says_what_the_result_says(tmp_path: Path, capsys) -> None:
+    words = ['identify', 'bags/axis_reversals', '--machine', 'config/emps.yaml', '--quiet']
+    words += ['--no-report', '--no-overlay', '--population', '64', '--generations', '4']
+    assert main([*words, '--out', str(tmp_path / 'a')]) == 0
+    said = capsys.readouterr().out
+    assert 'free run of the log fitted on, position RMSE, identified: emps_axis ' in said
+    result = load_result(tmp_path / 'a')
+    out = tmp_path / 'out'
+    words = ['predict', str(tmp_path / 'a'), 'bags/axis_reversals', '--out', str(out)]
+    assert main([*words, '--beside', str(tmp_path / 'a' / 'result.json')]) == 0
+    found = prediction_from(json.loads((out / 'prediction.json').read_text(encoding='utf-8')))
+    first, second = found.stages
+    assert first.errors == second.errors == result.prediction.stages[0].errors
+    assert (out / 'prediction.png').read_bytes().startswith(b'\x89PNG')
+    capsys.readouterr()
+    assert main([*words, '--command-topic', 'none']) == 1
+    assert capsys.readouterr().out.startswith('no free run: without a set-point')
