@@ -9,6 +9,7 @@ from identify_cases import (
     axis,
     axis_bag,
     axis_data,
+    AXIS_FILE,
     AXIS_TRUTH,
     QUICK,
     recording_of,
@@ -21,10 +22,11 @@ import numpy as np
 import pytest
 
 from ros2_ident.cli.main import main
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
-from ros2_ident.models import EffectAt, make_model
+from ros2_ident.models import EffectAt, load_machine, make_model
 from ros2_ident.prediction import (
     CHECK,
     IDENTIFIED,
@@ -138,6 +140,51 @@ def test_an_effect_of_the_model_is_in_its_free_run() -> None:
     stages = [('nominal', [(model, theta)]), ('gain', [(wide, np.append(theta, 0.2))])]
     gain = predicted('log', stages).first[0]
     assert gain[1].rmse > 10.0 * gain[0].rmse
+
+
+@pytest.fixture
+def pushed(tmp_path: Path):
+    """The axis, moved by its logged effort."""
+    text = AXIS_FILE.read_text(encoding='utf-8').replace('law: cascade_p', 'law: effort')
+    path = tmp_path / 'axis.yaml'
+    lines = [line for line in text.splitlines() if '_gain:' not in line]
+    path.write_text('\n'.join(lines), encoding='utf-8')
+    return load_machine(path)
+
+
+def test_an_effort_moves_the_axis_as_the_equation_of_motion_says(pushed) -> None:
+    (data,) = gather([recording_of(axis_bag())], pushed, quantities=('position',)).datasets
+    assert data.command_position is None
+    model = make_model(pushed, data, quantities=('position',))
+    theta = theta_of([p.name for p in model.parameters], AXIS_TRUTH)
+    found = predicted('log', [('true', [(model, theta)])])
+    assert [row[0].quantity for row in found.rows] == ['position', 'velocity']
+    mass, viscous, coulomb, constant = theta
+    effort = data.effort[0].copy()
+    for k in np.flatnonzero(np.isnan(effort)):
+        effort[k] = effort[k - 1] if k else effort[1]
+    # Euler's steps, 1/40 of a cycle; from where the model starts
+    simulated = model.simulate(theta[None])[0, 0]
+    place, speed, far, step = simulated[0], 0.0, 0.0, data.cycle / 40
+    for k, force in enumerate(effort):
+        far = max(far, abs(place - simulated[k]))
+        for _ in range(40):
+            friction = coulomb * np.tanh(speed / 1e-3) + viscous * speed + constant
+            speed += step * (force - friction) / mass
+            place += step * speed
+    assert far < 1e-3 * np.ptp(simulated)
+    # and the noise of the effort leads astray no further
+    assert found.first[0][0].rmse < 1e-2 * np.ptp(data.position[0][~np.isnan(data.position[0])])
+
+
+def test_an_effort_that_moves_the_axis_is_not_compared(pushed) -> None:
+    with pytest.raises(IdentError, match='--outputs position') as caught:
+        make_model(pushed, axis_data().datasets[0])
+    assert caught.value.code is ErrorCode.INVALID_GOAL
+    lacking = replace(axis_data().datasets[0], effort=None)
+    with pytest.raises(IdentError, match='none is logged') as caught:
+        make_model(pushed, lacking, quantities=('position',))
+    assert caught.value.code is ErrorCode.MISSING_STREAM
 
 
 def test_the_command_says_what_the_result_says(tmp_path: Path, capsys) -> None:

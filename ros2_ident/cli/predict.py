@@ -119,18 +119,18 @@ def _runs(args: argparse.Namespace, estimate: 'Estimate') -> 'list[Run]':
     from ros2_ident.identify.data import read_data
     from ros2_ident.identify.setup import at_rest
     from ros2_ident.models import load_machine, make_model
-    from ros2_ident.models.registry import efforts_of, kind_of
+    from ros2_ident.models.registry import efforts_of, follows, kind_of
 
     machine = with_effort(load_machine(machine_behind(args.machine, estimate)), args)
     drives = estimate.drives or None
-    # A position is all that a free run has to have beside the set-point.
-    follows = kind_of(machine).follows
-    quantities = ('position',) if follows else None
+    # A position is all that a free run has to have beside what drives it.
+    pushed = kind_of(machine).follows and not follows(machine)
+    quantities = ('position',) if kind_of(machine).follows else None
     data = read_data(
         args.bag, machine, drives, topics=topics_of(args), samples=_ALL, quantities=quantities
     ).datasets
     machine, drives = at_rest(machine, data, drives)
-    if any(d.command_position is None for d in data):
+    if not pushed and any(d.command_position is None for d in data):
         quantities = None
     efforts = efforts_of(machine, data)
     nominal = make_model(

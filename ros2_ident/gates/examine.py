@@ -16,7 +16,7 @@ from ros2_ident.gates.law import fit_law, Law
 from ros2_ident.gates.log import check_asked, check_effort, check_streams
 from ros2_ident.gates.tracking import check_tracking, tracking_of
 from ros2_ident.models import FullModel, Machine
-from ros2_ident.models.registry import compared_of, kind_of
+from ros2_ident.models.registry import compared_of, follows, kind_of
 from ros2_ident.recording import Dataset
 
 # The simulation's own error, as a share of the noise floor.
@@ -177,7 +177,7 @@ def _of_motion(
             return GateReport((*found, *apart))
     if data.command_position is None:
         # A kind that follows none needs none.
-        missed = (NO_COMMAND,) if kind_of(machine).follows else ()
+        missed = (NO_COMMAND,) if follows(machine) else ()
         return GateReport((*found, *missed))
     if not (machine.known('position_gain') and machine.known('velocity_gain')):
         return GateReport((*found, *apart))

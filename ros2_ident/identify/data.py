@@ -10,7 +10,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.result import Quality
 from ros2_ident.models import Machine
-from ros2_ident.models.registry import compared_of, kind_from_bag, kind_of
+from ros2_ident.models.registry import compared_of, follows, kind_from_bag, kind_of
 from ros2_ident.recording import (
     align,
     choose_windows,
@@ -292,7 +292,7 @@ def _aligned(
         need=need,
         effort_scale=machine.effort_scale,
         released=kind_of(machine).released,
-        follows=kind_of(machine).follows,
+        follows=follows(machine),
     )
     if not everyone and 'effort' in quantities:
         _check_efforts(recording, dataset, chosen)

@@ -187,6 +187,12 @@ def set_points_of(machine: Machine, points: 'Array', speeds: 'Array') -> 'tuple[
     return (points, speeds) if of_tool is None else of_tool(points, speeds, machine)
 
 
+def follows(machine: Machine) -> bool:
+    """Return whether a machine's set-points count, where they are logged."""
+    pushed = 'law' in machine.constants and 'effort' in machine.texts('law')
+    return kind_of(machine).follows and not pushed
+
+
 def compared_of(machine: Machine) -> tuple[str, ...]:
     """Return the quantities of a machine that are compared where nobody says which."""
     return kind_of(machine).compares

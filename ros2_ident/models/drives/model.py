@@ -38,6 +38,8 @@ _LAWS = {
     'cascade_pi': drive_kernel.VELOCITY_FROM_STATE,
     'cascade_p': drive_kernel.VELOCITY_FROM_POSITIONS,
     'position': drive_kernel.POSITION,
+    # What is asked for comes in as the set-point's rate, see `LinearAxis`.
+    'effort': drive_kernel.POSITION,
 }
 # Order of the filter that smooths an effort, and candidates whose logs are kept whole at a time.
 _SMOOTHING, _WHOLE = 2, 64
@@ -275,6 +277,11 @@ class DriveModel(FullModel):
         return self.data.command_position is not None and self.data.command_velocity is not None
 
     @property
+    def pushed(self) -> bool:
+        """Whether logged efforts move it, and no controllers."""
+        return False
+
+    @property
     def turns(self) -> Array:
         """(D,) motor angle per travel [rad/m].
 
@@ -346,7 +353,7 @@ class DriveModel(FullModel):
         for made in ('_costing', '_compare'):
             other.__dict__.pop(made, None)
         other._compared = None
-        logged = logged_of(self.data, self.drives)
+        logged = logged_of(self.data, self.drives)[int(self.pushed) :]
         other.signals = chosen_outputs(self.machine.drives, self.drives, logged, None)
         return other
 
@@ -384,7 +391,7 @@ class DriveModel(FullModel):
     def _drive_constants(self, base: Array) -> None:
         machine = self.machine
         for key in self.gains:
-            if self._closed and not machine.known(key):
+            if self._closed and not self.pushed and not machine.known(key):
                 raise IdentError(
                     ErrorCode.BAD_MACHINE_FILE,
                     f'the log holds a set-point but the machine file no controller.{key}; add it, '
@@ -425,7 +432,7 @@ class DriveModel(FullModel):
         return Context(
             drives=len(drives),
             identified=frozenset(SLOTS[n].row for n in self.machine.bounds if n in SLOTS),
-            closed_loop=self._closed,
+            closed_loop=self._closed and not self.pushed,
             elastic=not self.rigid,
             lifted=bool(base[rows.row_of('gravity')]),
             integral=any(base[rows.row_of('integral_gain', d)] for d in drives),
@@ -525,10 +532,7 @@ class DriveModel(FullModel):
         command = np.zeros(2 * len(order) * count)
         motion = np.zeros(0)
         if self._closed:
-            assert data.command_position is not None and data.command_velocity is not None
-            command = np.concatenate(
-                [data.command_position[order].ravel(), data.command_velocity[order].ravel()]
-            )
+            command = self._set_points(order)
             for name in self.drives:
                 mode[self.machine.drives.index(name)] = drive_kernel.CLOSED_LOOP
         if (mode == drive_kernel.PRESCRIBED).any():
@@ -541,6 +545,13 @@ class DriveModel(FullModel):
             smooth = self._motion_below(self._motion_cutoff(data.position[order]))
             motion = np.concatenate([part.ravel() for part in smooth])
         return command, motion, mode
+
+    def _set_points(self, order: Sequence[int]) -> Array:
+        """Return (2 * D * K,) set-points of the drives, rows `order` of the log; their rates."""
+        data = self.data
+        assert data.command_position is not None and data.command_velocity is not None
+        both = data.command_position[order], data.command_velocity[order]
+        return np.concatenate([part.ravel() for part in both])
 
     def _motion_below(self, cutoff: float) -> tuple[Array, Array, Array]:
         """Return the recorded motion below a frequency, Hz, each (D, K)."""

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drives that do not know of each other: where they start, and their compiled simulation."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -14,6 +16,10 @@ from ros2_ident.models.drives.model import DriveModel
 _REST = 0.02
 # Samples of the position that show how fast an axis starts.
 _FIRST = 10
+# Those that show how one starts that no set-point holds, and the first of them, that show where.
+_BEGINNING, _STILL = 12, 3
+# A speed counts where it is so many standard errors.
+_SURE = 4.0
 
 
 class SeparateDrives(DriveModel):
@@ -54,6 +60,17 @@ class SeparateDrives(DriveModel):
             begin[d], begin[drives + d] = place, slope
         return begin
 
+    def _seen(self, begin: Array) -> Array:
+        """Return starts (2 * D,) as the first measured positions say, where there are some."""
+        drives = len(self.machine.drives)
+        for d, name in enumerate(self.machine.drives if self.data.position is not None else ()):
+            assert self.data.position is not None
+            row = self.data.position[self.data.names.index(name)]
+            there = np.flatnonzero(np.isfinite(row))[:_BEGINNING]
+            if len(there) == _BEGINNING:
+                begin[d], begin[drives + d] = _beginning(self.data.time[there], row[there])
+        return begin
+
     @property
     def _supply(self) -> Array | None:
         """(D * K,) share of a servo's supply at every cycle; None where efforts are commanded."""
@@ -81,3 +98,16 @@ class SeparateDrives(DriveModel):
             self.law,
             *task,
         )
+
+
+def _beginning(time: Array, seen: Array) -> tuple[float, float]:
+    """Return place and speed at time zero, by samples (T,); at rest unless they say otherwise."""
+    terms = np.vander(time, 3)
+    found = np.linalg.lstsq(terms, seen, rcond=None)[0]
+    apart = np.diff(np.unique(seen))
+    step = float(apart.min()) if apart.size else 0.0
+    noise = math.hypot(float(np.std(seen - terms @ found)), step / math.sqrt(12.0))
+    error = noise * math.sqrt(float(np.linalg.inv(terms.T @ terms)[1, 1]))
+    if abs(found[1]) > _SURE * error:
+        return float(found[2]), float(found[1])
+    return float(np.mean(seen[:_STILL])), 0.0

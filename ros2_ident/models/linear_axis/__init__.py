@@ -2,6 +2,7 @@
 """Carriages, each on a motor of its own."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,7 +27,17 @@ _MOVING_MASS = sought(
     shown=False,
 )
 _DRIVE = keys.drive_keys(3.5)
-_CONTROLLER = keys.controller_keys(1.0e-3)
+_CONTROLLER = tuple(
+    replace(
+        key,
+        meaning=f'{key.meaning}; effort: none, the logged effort moves the axis, and its motion '
+        'is compared (`--outputs position`)',
+        choices=(*key.choices, 'effort'),
+    )
+    if key.name == 'law'
+    else key
+    for key in keys.controller_keys(1.0e-3)
+)
 
 
 def _judge(draft: Draft) -> Iterator[Remark]:

@@ -9,7 +9,6 @@ Models for the Physics Simulation of Servo Actuators, ICRA 2025.
 
 import copy
 from dataclasses import replace
-import math
 
 import numpy as np
 import numpy.typing as npt
@@ -23,15 +22,11 @@ from ros2_ident.models.drives.separate import SeparateDrives
 from ros2_ident.models.protocol import Output
 from ros2_ident.models.servo import CURRENT, DUTY, VOLTAGE
 
-# Samples of the position that show how a servo starts, and the first of them, that show where.
-_FIRST, _STILL = 12, 3
 # Share of the stall torque that presses a gear where steps are chosen; with their margin,
 # Runge-Kutta stays stable up to nine tenths of it.
 _PRESSED = 0.5
 # Steps while fast, as a share of those near standstill.
 _LONGER = 0.4
-# A speed counts where it is so many standard errors.
-_SURE = 4.0
 
 
 def stall_torque(machine: Machine) -> Array:
@@ -146,25 +141,4 @@ class Servo(SeparateDrives):
 
         A law without an integral part never stands where its set-point is.
         """
-        begin = super()._start(command, motion)
-        drives = len(self.machine.drives)
-        for d, name in enumerate(self.machine.drives if self.data.position is not None else ()):
-            assert self.data.position is not None
-            row = self.data.position[self.data.names.index(name)]
-            there = np.flatnonzero(np.isfinite(row))[:_FIRST]
-            if len(there) == _FIRST:
-                begin[d], begin[drives + d] = _beginning(self.data.time[there], row[there])
-        return begin
-
-
-def _beginning(time: Array, seen: Array) -> tuple[float, float]:
-    """Return place and speed at time zero, by samples (T,); at rest unless they say otherwise."""
-    terms = np.vander(time, 3)
-    found = np.linalg.lstsq(terms, seen, rcond=None)[0]
-    apart = np.diff(np.unique(seen))
-    step = float(apart.min()) if apart.size else 0.0
-    noise = math.hypot(float(np.std(seen - terms @ found)), step / math.sqrt(12.0))
-    error = noise * math.sqrt(float(np.linalg.inv(terms.T @ terms)[1, 1]))
-    if abs(found[1]) > _SURE * error:
-        return float(found[2]), float(found[1])
-    return float(np.mean(seen[:_STILL])), 0.0
+        return self._seen(super()._start(command, motion))
