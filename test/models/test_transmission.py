@@ -185,9 +185,10 @@ def shaken(data: Dataset) -> Dataset:
 
 def test_below_its_bandwidth_an_arm_is_rigid(tmp_path: Path) -> None:
     truth = {'coulomb_torque': 2.0, 'viscous_torque': 3.0}
-    plain = arm(tmp_path)
+    width = '\n  coulomb_regularisation: 0.02\n'
+    plain = arm(tmp_path, width)
     log = shaken(noisy(logged(plain, truth), 0.05))
-    wide, bounded = (arm(tmp_path, controller=f'  bandwidth: {b}\n') for b in (40.0, 6.0))
+    wide, bounded = (arm(tmp_path, width, f'  bandwidth: {b}\n') for b in (40.0, 6.0))
     clean = make_model(plain, logged(plain, truth, 8.0, seed=2))
     size = np.nanstd(clean.measured, axis=1)
     ends = np.cumsum(np.isfinite(clean.measured).sum(axis=1))[:-1]

@@ -406,11 +406,12 @@ class DriveModel(FullModel):
                 base[rows.row_of(row, d)] = 0.0 if math.isnan(value) else value
             if self.law[d] != drive_kernel.VELOCITY_FROM_STATE:
                 base[rows.row_of('integral_gain', d)] = 0.0  # P on velocity
-            if self._limit < math.inf and not machine.stated('coulomb_regularisation'):
+            if not self._closed and not machine.stated('coulomb_regularisation'):
                 # Nothing is integrated here: friction turns over as the speed is known to.
-                assert self.data.position is not None
-                row = self.data.position[self.data.names.index(drive)]
-                width = speed_error(row, self.cycle, self._motion_cutoff(self.data.position))
+                width, position = 0.0, self.data.position
+                if self._limit < math.inf and position is not None:
+                    row = position[self.data.names.index(drive)]
+                    width = speed_error(row, self.cycle, self._motion_cutoff(position))
                 base[rows.row_of('regularisation', d)] = max(width, _NOTHING)
 
     def _derive(self, block: Array, d: int) -> None:
