@@ -353,8 +353,10 @@ class DriveModel(FullModel):
         for made in ('_costing', '_compare'):
             other.__dict__.pop(made, None)
         other._compared = None
-        logged = logged_of(self.data, self.drives)[int(self.pushed) :]
-        other.signals = chosen_outputs(self.machine.drives, self.drives, logged, None)
+        # A simulation of its own makes what it always makes.
+        if type(self).simulate is DriveModel.simulate:
+            logged = logged_of(self.data, self.drives)[int(self.pushed) :]
+            other.signals = chosen_outputs(self.machine.drives, self.drives, logged, None)
         return other
 
     def recorded_motion(self) -> RecordedMotion | None:
