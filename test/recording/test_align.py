@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import align, Dataset, Recording, RecordingBuilder, Stream
@@ -71,48 +72,6 @@ def test_every_sample_is_at_its_cycle(seed, jitter, order, begin):
     np.testing.assert_allclose(data.command_velocity[:, inner], velocity.T[:, inner], atol=1e-6)
 
 
-@given(order=st.permutations(range(300)))
-@settings(max_examples=15, deadline=None)
-def test_the_replay_order_of_topics_does_not_change_the_data(order):
-    """Messages of a topic keep their order; how topics interleave is chance."""
-    streams = {
-        'state': stream(np.arange(100) * 2, fields='pv'),
-        'effort': stream(np.arange(100) * 2, fields='e'),
-        'command': stream(np.arange(100) * 2, fields='p'),
-    }
-
-    def build(roles):
-        builder = RecordingBuilder()
-        count = dict.fromkeys(streams, 0)
-        for role in roles:
-            k, count[role] = count[role], count[role] + 1
-            x = streams[role]
-            values = [() if v is None else v[k] for v in (x.position, x.velocity, x.effort)]
-            add(builder, role, int(x.stamp[k]), x.names, *values)
-        return align(builder.build()[0], NAMES, CYCLE)
-
-    roles = [role for role in streams for _ in range(100)]
-    one, two = build(roles), build([roles[i] for i in order])
-    assert one.start == two.start
-    for field in ('command_position', 'command_velocity', 'position', 'velocity', 'effort'):
-        np.testing.assert_array_equal(getattr(one, field), getattr(two, field))
-    assert one.quality == two.quality
-
-
-def test_what_the_quality_says():
-    ticks = np.delete(np.arange(200) * 2, [7, 50, 51])
-    recording = Recording(stream(ticks), command=stream(np.arange(200) * 2, fields='p'))
-    data = align(recording, NAMES, CYCLE)
-    state = data.quality.stream('state')
-    assert (state.samples, state.missing, state.stride) == (197, 3, 2)
-    assert state.rate == pytest.approx(1000.0)
-    assert state.missing_share == pytest.approx(3 / 200)
-    assert data.quality.stream('effort') is None
-    assert data.quality.warnings == ()
-    assert data.cycles == 399
-    assert data.duration == pytest.approx(398 * CYCLE)
-
-
 def test_effort_comes_from_the_state_where_the_effort_stream_lacks_a_drive():
     ticks = np.arange(100) * 2
     other = Stream(('drive_1',), START + ticks * 500_000, effort=np.full((100, 1), 7.0))
@@ -143,14 +102,6 @@ def test_drives_that_publish_one_by_one(apart):
         tick = np.flatnonzero(np.isfinite(row))
         assert tick.size == 200
         np.testing.assert_array_equal(row[tick], tick - i * late + 0.5 * i)
-
-
-def test_without_a_command_the_grid_covers_the_state():
-    data = align(Recording(stream(np.arange(50) * 2)), NAMES, CYCLE, effort_scale=2.0)
-    assert data.command_position is None
-    assert data.command_velocity is None
-    assert data.cycles == 99
-    assert data.effort[0, 10] == 20.0
 
 
 def test_a_command_that_is_sent_when_it_changes_has_no_holes():
@@ -230,21 +181,31 @@ def test_a_data_set_refuses_wrong_shapes():
     np.testing.assert_allclose(data.time, np.arange(5) * CYCLE)
 
 
+TIME, FINE = 0.01 * np.arange(40), 0.001 * np.arange(-20, 420)
+
+
+def test_set_points_between_samples_follow_a_quintic_and_hold_a_step():
+    wave = np.sin(7.0 * TIME) + 0.2 * TIME
+    inside = np.clip(FINE, 0.0, TIME[-1])
+    for speed, spline in (
+        (None, make_interp_spline(TIME, wave, k=5)),
+        (7.0 * np.cos(7.0 * TIME), CubicHermiteSpline(TIME, wave, 7.0 * np.cos(7.0 * TIME))),
+    ):
+        found, rate = interpolate_setpoint(TIME, wave, speed, FINE)
+        np.testing.assert_allclose(found, spline(inside), atol=1e-12)
+        np.testing.assert_allclose(rate[21:400], spline(inside, 1)[21:400], atol=1e-9)
+        assert rate[0] == rate[-1] == 0.0
+    found, rate = interpolate_setpoint(TIME, np.where(TIME < 0.2, 0.0, 1.0), None, FINE)
+    np.testing.assert_allclose(found, FINE > 0.2 - 1e-9, atol=1e-12)
+    np.testing.assert_allclose(rate, 0.0, atol=1e-9)
+
+
 def test_smooth_motion_and_ramps_are_no_steps():
     time = np.arange(1000) * 1e-3
     ramp = np.clip(time - 0.3, 0.0, 0.2)
     for position in (np.sin(20.0 * time), ramp, time**3, np.zeros(1000)):
         assert find_steps(time, position).size == 0
-
-
-@pytest.mark.parametrize('size', [1, 2, 3, 5])
-def test_few_samples(size):
-    time = np.arange(size) * 1e-2
-    out, rate = interpolate_setpoint(time, 2.0 * time, None, np.arange(-3, 60) * 1e-3)
-    inside = slice(3, 3 + 10 * (size - 1) + 1)
-    np.testing.assert_allclose(out[inside], 2.0 * np.arange(-3, 60)[inside] * 1e-3, atol=1e-12)
-    assert out[0] == 0.0
-    assert rate[0] == rate[-1] == 0.0
+    assert find_steps(np.arange(6.0), np.array([0.0, 0, 0, 5, 5, 5])).tolist() == [2]
 
 
 def test_speeds_without_positions_are_integrated():

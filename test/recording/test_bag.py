@@ -3,19 +3,17 @@
 
 import hashlib
 from pathlib import Path
-import time
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from rosbags.rosbag1 import Writer as Writer1
+from reader_cases import make_recording, ros_1_file
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
-import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording import read_bag, Recording, Stream, Topics, write_bag
+from ros2_ident.recording import read_bag, Stream, Topics, write_bag
 from ros2_ident.recording.cdr import decode, encode
 from ros2_ident.recording.streams import FIELDS
 
@@ -25,21 +23,9 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 
 
-def make_recording(size=2000, seed=0):
-    rng = np.random.default_rng(seed)
-    stamp = START + np.arange(size) * MS
-    names = ('drive_1', 'drive_2', 'drive_3')
-    late = np.sort(rng.choice(size, size - 5, replace=False))
-    return Recording(
-        state=Stream(names, stamp, rng.normal(size=(size, 3)), rng.normal(size=(size, 3))),
-        effort=Stream(names, stamp[late] + 3, effort=rng.normal(size=(late.size, 3))),
-        command=Stream(names[::-1], stamp, rng.normal(size=(size, 3))),
-    )
-
-
 @pytest.fixture(scope='module')
 def recording():
-    return make_recording()
+    return make_recording(2000)
 
 
 @pytest.fixture(scope='module')
@@ -94,7 +80,7 @@ def test_other_tools_read_it(recording, bag):
     with Reader(bag) as reader:
         counts = {x.topic: x.msgcount for x in reader.connections}
         data = next(data for c, _, data in reader.messages() if c.topic == '/joint_states')
-    assert counts == {'/joint_states': 2000, '/effort': 1995, '/joint_command': 2000}
+    assert counts == {'/joint_states': 2000, '/effort': 2000, '/joint_command': 2000}
     first = STORE.deserialize_cdr(data, JOINT_STATE)
     assert first.name == list(recording.state.names)
     np.testing.assert_array_equal(first.velocity, recording.state.velocity[0])
@@ -165,108 +151,21 @@ def test_without_metadata(bag, recording, tmp_path):
     assert 'metadata.yaml does not fit the files' in read.warnings[0]
 
 
-def test_a_ros_1_bag(tmp_path):
-    store = get_typestore(Stores.ROS1_NOETIC)
-    types = store.types
-    with Writer1(tmp_path / 'log.bag') as writer:
-        connection = writer.add_connection('/joint_states', JOINT_STATE, typestore=store)
-        for k in range(20):
-            header = types['std_msgs/msg/Header'](
-                k, types['builtin_interfaces/msg/Time'](1_700_000_000, k * MS), 'base'
-            )
-            empty = np.empty(0)
-            values = types[JOINT_STATE](header, ['a', 'b'], np.array([k, -k], float), empty, empty)
-            writer.write(connection, START + k, store.serialize_ros1(values, JOINT_STATE))
-    (read,) = read_bag(tmp_path / 'log.bag')
-    np.testing.assert_array_equal(read.state.stamp, START + np.arange(20) * MS)
-    np.testing.assert_array_equal(read.state.position[:, 1], -np.arange(20.0))
-
-
-def write_ros_1(path, recording, compression, start=0, stop=None):
-    store = get_typestore(Stores.ROS1_NOETIC)
-    types = store.types
-    time = types['builtin_interfaces/msg/Time']
-    writer = Writer1(path)
-    if compression:
-        writer.set_compression(compression)
-    with writer:
-        for topic, stream in (
-            ('/joint_states', recording.state),
-            ('/effort', recording.effort),
-            ('/joint_command', recording.command),
-        ):
-            connection = writer.add_connection(topic, JOINT_STATE, typestore=store)
-            for k, stamp in list(enumerate(stream.stamp.tolist()))[start:stop]:
-                header = types['std_msgs/msg/Header'](k, time(*divmod(stamp, 10**9)), '')
-                fields = [stream.values(x) for x in FIELDS]
-                arrays = [np.empty(0) if x is None else x[k] for x in fields]
-                data = types[JOINT_STATE](header, list(stream.names), *arrays)
-                writer.write(connection, stamp, store.serialize_ros1(data, JOINT_STATE))
-
-
-def write_split(path, recording, storage):
-    """Write a bag of two files under one metadata.yaml, as `ros2 bag record` splits."""
-    middle = int(recording.state.stamp[150])
-    pieces = []
-    for number, (begin, end) in enumerate([(0, middle), (middle, 1 << 62)]):
-        part = write_bag(
-            path.with_name(f'log_{number}'), recording.between(begin, end), storage=storage
-        )
-        pieces.append(yaml.safe_load((part / 'metadata.yaml').read_text()))
-    whole = pieces[0]
-    whole_info, more = (x['rosbag2_bagfile_information'] for x in pieces)
-    for key in ('relative_file_paths', 'files'):
-        whole_info[key] += more[key]
-    whole_info['message_count'] += more['message_count']
-    for one, two in zip(
-        whole_info['topics_with_message_count'], more['topics_with_message_count'], strict=True
-    ):
-        one['message_count'] += two['message_count']
-    path.mkdir()
-    for info, number in ((whole_info, 0), (more, 1)):
-        name = info['relative_file_paths'][-1 if number else 0]
-        path.with_name(f'log_{number}').joinpath(name).rename(path / name)
-    (path / 'metadata.yaml').write_text(yaml.safe_dump(whole))
-
-
-@pytest.mark.parametrize(
-    ('kind', 'option'),
-    [
-        *(('ros 1', x) for x in (None, *Writer1.CompressionFormat)),
-        *(('split', x) for x in ('mcap', 'sqlite3')),
-        ('split ros 1', None),
-    ],
-)
-def test_every_kind_of_file_gives_the_same_streams(tmp_path, kind, option):
+@pytest.mark.parametrize('split', [False, True])
+def test_a_ros_1_bag_gives_the_same_streams(tmp_path, split):
     recording = make_recording(300)
     path = tmp_path / 'log.bag'
-    if kind == 'ros 1':
-        write_ros_1(path, recording, option)
-    elif kind == 'split ros 1':
+    if split:
         path = tmp_path / 'log'
         path.mkdir()
-        write_ros_1(path / 'log_0.bag', recording, option, stop=150)
-        write_ros_1(path / 'log_1.bag', recording, option, start=150)
+        middle = int(recording.state.stamp[150])
+        for number, (begin, end) in enumerate([(0, middle), (middle, 1 << 62)]):
+            ros_1_file(path / f'log_{number}.bag', recording.between(begin, end))
     else:
-        path = tmp_path / 'log'
-        write_split(path, recording, option)
+        ros_1_file(path, recording)
     (read,) = read_bag(path)
-    assert (read.state, read.effort, read.command) == (
-        recording.state,
-        recording.effort,
-        recording.command,
-    )
+    assert read.streams == recording.streams
     assert read.warnings == ()
-    if kind == 'split':
-        (path / 'metadata.yaml').unlink()
-        (read,) = read_bag(path)
-        assert read.state == recording.state
-
-
-def test_a_loop_in_a_bag_gives_segments(tmp_path):
-    stamps = [START + k * MS for k in range(50)] * 2
-    path = write_messages(tmp_path / 'log', [message(position=[1.0], stamp=s) for s in stamps])
-    assert [r.state.stamp.size for r in read_bag(path)] == [50, 50]
 
 
 def test_messages_without_stamps_get_the_time_of_recording(tmp_path):
@@ -380,14 +279,6 @@ def test_the_fast_decoder_agrees_with_rosbags(joints, filled, frame):
                 expected = getattr(data[place], field)
                 found = np.empty(0) if values is None else values[row]
                 np.testing.assert_array_equal(found, expected)
-
-
-def test_reading_is_fast_enough(tmp_path):
-    path = write_bag(tmp_path / 'log', make_recording(20_000))
-    begin = time.perf_counter()
-    read_bag(path)
-    # measured: 0.2 s for 72 000 messages; the bound leaves room for a busy machine
-    assert time.perf_counter() - begin < 3.0
 
 
 def test_split_bags_are_read_in_the_order_of_their_numbers(tmp_path):

@@ -1,19 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Damaged and crafted logs: what is whole is read and what is lost is said, within bounds."""
 
-from io import BytesIO
 import json
 from pathlib import Path
-import random
 import re
 import resource
-import sqlite3
 import struct
 import time
-import zlib
 
-from mcap.records import Chunk
-from mcap.stream_reader import StreamReader
 import numpy as np
 import pytest
 from reader_cases import (
@@ -31,11 +25,10 @@ from reader_cases import (
     START,
     TOPICS,
 )
-import yaml
 import zstandard
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording import align, check, read_bag, RecordingBuilder, Stream, write_bag
+from ros2_ident.recording import align, check, read_bag, RecordingBuilder, write_bag
 from ros2_ident.recording.cdr import encode
 from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.shown import printable
@@ -66,18 +59,6 @@ def refused(path, text, code=ErrorCode.DAMAGED_BAG, limits=None):
 # ---------------------------------------------------------------------- checksums
 
 
-def test_what_is_written_carries_every_checksum(tmp_path):
-    bag = write_bag(tmp_path / 'log', make_recording(4000))
-    data = (bag / 'log.mcap').read_bytes()
-    found = list(StreamReader(BytesIO(data), emit_chunks=True, validate_crcs=True).records)
-    chunks = [x for x in found if isinstance(x, Chunk)]
-    assert len(chunks) > 1 and all(x.uncompressed_crc for x in chunks)
-    sums = {type(x).__name__: x for x in found}
-    end = data.index(b'\x0f\x04' + bytes(7))
-    assert sums['DataEnd'].data_section_crc == zlib.crc32(data[:end])
-    assert sums['Footer'].summary_crc == zlib.crc32(data[end + 13 : -12])
-
-
 @pytest.mark.parametrize('kind', ['mcap', 'db3', 'mcap_plain', 'mcap_lz4'])
 def test_no_flipped_byte_passes_in_silence(logs, tmp_path, kind):
     """Every so many bytes of a small log, each with another bit."""
@@ -88,17 +69,6 @@ def test_no_flipped_byte_passes_in_silence(logs, tmp_path, kind):
         data = bytearray(log.data)
         data[at] ^= 1 << at % 8
         assert outcome(log.write(tmp_path, bytes(data)), truth) != 'silent', at
-
-
-def test_a_flip_in_a_bundled_bag_is_said(tmp_path):
-    name = 'axis_reversals'
-    data = (ROOT / 'bags' / name / f'{name}.mcap').read_bytes()
-    truth = read_bag(ROOT / 'bags' / name)
-    rng = random.Random(3)
-    for _ in range(12):
-        other = bytearray(data)
-        other[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
-        assert outcome(file_of(tmp_path, bytes(other)), truth) != 'silent'
 
 
 def test_a_sound_db3_is_read_by_sqlite_without_a_word(tmp_path):
@@ -112,42 +82,6 @@ def test_a_sound_db3_is_read_by_sqlite_without_a_word(tmp_path):
     assert read_bag(odd)[0].warnings == ()
     odd.with_name(odd.name + '-wal').write_bytes(b'x')
     assert 'holds messages that were never moved into it' in read_bag(odd)[0].warnings[0]
-
-
-def test_a_db3_with_topics_that_are_not_read_misses_none_of_their_messages(tmp_path):
-    recording = make_recording()
-    bag = write_bag(tmp_path / 'log', recording, storage='sqlite3')
-    base = sqlite3.connect(bag / 'log.db3')
-    (_, _, *rest) = base.execute('SELECT * FROM topics').fetchone()
-    base.execute(f'INSERT INTO topics VALUES (99, "/other"{", ?" * len(rest)})', rest)
-    base.execute('INSERT INTO messages SELECT max(id) + 1, 99, timestamp, data FROM messages')
-    base.commit()
-    base.close()
-    metadata = bag / 'metadata.yaml'
-    plain = yaml.safe_load(metadata.read_text())
-    info = plain['rosbag2_bagfile_information']
-    one = dict(info['topics_with_message_count'][0])
-    one = {'topic_metadata': {**one['topic_metadata'], 'name': '/other'}, 'message_count': 1}
-    info['topics_with_message_count'].append(one)
-    info['message_count'] += 1
-    metadata.write_text(yaml.safe_dump(plain))
-    (read,) = read_bag(bag)
-    assert read.state == recording.state
-    assert not [text for text in read.warnings if 'missing' in text or 'lost' in text]
-
-
-def test_a_db3_of_ours_tells_a_flip_in_a_message(tmp_path):
-    recording = make_recording()
-    bag = write_bag(tmp_path / 'log', recording, storage='sqlite3')
-    file = bag / 'log.db3'
-    data = bytearray(file.read_bytes())
-    value = struct.pack('<d', recording.state.position[7, 0])
-    assert data.count(value) == 1
-    data[data.index(value)] ^= 1
-    file.write_bytes(bytes(data))
-    (read,) = read_bag(bag)
-    assert read.state.position[7, 0] != recording.state.position[7, 0]
-    assert 'the checksum of /joint_states does not fit' in read.warnings[0]
 
 
 # ---------------------------------------------------------------------- salvage
@@ -314,13 +248,12 @@ def test_a_compressed_file_that_is_cut_is_read_as_far_as_it_goes(tmp_path):
 # ---------------------------------------------------------------------- bombs
 
 
-def small_memory(path, text, limits=None):
+def small_memory(path, text, code=ErrorCode.DAMAGED_BAG):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     begin = time.process_time()
-    message = refused(path, text, limits=limits)
+    refused(path, text, code)
     assert time.process_time() - begin < 5.0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 400_000  # KiB
-    return message
 
 
 @pytest.mark.parametrize('claimed', [None, 1000])
@@ -341,13 +274,9 @@ def test_a_file_that_would_fill_the_disk_is_refused(tmp_path):
 
 
 def test_many_small_blocks_may_not_grow_without_end(tmp_path):
-    raw = message_record(0, START, bytes(1 << 26))
-    blocks = chunk_record(raw, 'zstd') * 8
+    blocks = chunk_record(message_record(0, START, bytes(1 << 26)), 'zstd') * 8
     path = file_of(tmp_path, MAGIC + record(1, bytes(8)) + definitions(topics=['/x']) + blocks)
-    with pytest.raises(IdentError):
-        read_bag(path)
-    limits = Limits(chunk=1 << 30)
-    refused(path, 'holds none of /joint_states', ErrorCode.MISSING_STREAM, limits)
+    small_memory(path, 'holds none of /joint_states', ErrorCode.MISSING_STREAM)
 
 
 def joint_log(tmp_path, names, count=3):
@@ -369,18 +298,13 @@ def test_names_are_bounded_in_number_and_length(tmp_path):
     refused(joint_log(tmp_path, ['x' * 5000]), 'name of 5000 bytes, more than the 256', bad)
 
 
-def test_ten_thousand_names_in_as_many_messages_are_refused_at_once(tmp_path):
-    data = [
-        encode(np.array([START + k]), [f'joint_{k:05d}'], [np.zeros((1, 1)), None, None])[0]
-        for k in range(10_000)
-    ]
-    body = b''.join(message_record(0, START + k, x) for k, x in enumerate(data))
-    path = file_of(
-        tmp_path, MAGIC + record(1, bytes(8)) + definitions() + body + record(15, bytes(4))
-    )
-    begin = time.process_time()
+def test_names_of_all_messages_together_are_bounded(tmp_path):
+    stamp, body = np.array([START]), b''
+    for k in range(1001):
+        (data,) = encode(stamp + k, [f'joint_{k:05d}'], [np.zeros((1, 1)), None, None])
+        body += message_record(0, START + k, data)
+    path = file_of(tmp_path, MAGIC + record(1, bytes(8)) + definitions() + body)
     refused(path, 'state names more than 1000 joints', ErrorCode.BAD_VALUES)
-    assert time.process_time() - begin < 5.0
 
 
 def test_control_sequences_in_names_never_reach_the_terminal(tmp_path):
@@ -443,34 +367,6 @@ def test_one_wrong_stamp_costs_one_message(by):
     assert read.state.stamp.size == 1999
     assert 'state: 1 message has a stamp up to' in read.warnings[0]
     assert 'the first is number 901, and is left out' in read.warnings[0]
-
-
-def test_a_set_point_sent_when_it_changes_is_no_pause():
-    stamp = START + np.arange(60_000) * MS
-    position = np.repeat([[0.0], [1.0], [2.0]], 20_000, axis=0)
-    builder = RecordingBuilder('log')
-    builder.add_block('state', stamp, ['a'], position)
-    builder.add_block('command', stamp[[0, 20_000, 40_000]], ['a'], position[[0, 20_000, 40_000]])
-    (read,) = builder.build()
-    assert read.warnings == ()
-
-
-def test_a_grid_is_estimated_before_it_is_made():
-    stream = Stream(('a',), START + np.arange(10) * 10**9, np.zeros((10, 1)))
-    builder = RecordingBuilder('log')
-    builder.add_block('state', stream.stamp, ['a'], stream.position)
-    (read,) = builder.build()
-    with pytest.raises(IdentError, match='controller cycles'):
-        align(read, ['a'], 1e-9, need=('position',))
-    with pytest.raises(IdentError, match='ROS2_IDENT_MAX_MEMORY'):
-        align(read, ['a'], 1e-6, need=('position',), limits=Limits(memory=1 << 20))
-
-
-@pytest.mark.parametrize('stamp', [1 << 62, -(1 << 62), (1 << 63) - 1])
-def test_a_stamp_that_is_no_time(stamp):
-    builder = RecordingBuilder('log')
-    with pytest.raises(IdentError, match='no time'):
-        builder.add_block('state', np.array([stamp]), ['a'], np.ones((1, 1)))
 
 
 def test_log_times_and_nanoseconds_beyond_their_range_are_left_out(tmp_path):

@@ -17,7 +17,6 @@ from reader_cases import COLUMNS, damage, kinds, outcome, START
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import check, read_bag, RecordingBuilder
 from ros2_ident.recording.cdr import decode
-from ros2_ident.recording.columns import OPTIONS
 
 CORPUS = Path(__file__).parent / 'corpus' / 'readers'
 QUIET = settings(
@@ -135,32 +134,6 @@ def test_any_table_is_answered(tmp_path, rows, encoding, end, regular):
     path = tmp_path / 'log.csv'
     path.write_bytes(end.join(lines).encode(encoding, 'replace'))
     (tmp_path / 'log.columns.yaml').write_text(COLUMNS)
-    answered(path)
-
-
-YAML = st.recursive(
-    st.one_of(st.none(), st.booleans(), st.floats(), st.integers(), st.text(max_size=5)),
-    lambda x: st.one_of(
-        st.lists(x, max_size=3),
-        st.dictionaries(st.sampled_from(['column', 'unit', 'scale', 'position', 'a']), x),
-    ),
-    max_leaves=6,
-)
-
-
-@QUIET
-@given(st.sampled_from([*OPTIONS, 'x', 'part']), YAML)
-def test_any_map_is_answered(tmp_path, key, value):
-    import yaml
-
-    columns = yaml.safe_load(COLUMNS)
-    if key == 'part':
-        next(iter(columns['joints'].values()))['effort'] = value
-    else:
-        columns[key] = value
-    path = tmp_path / 'log.csv'
-    path.write_text('time,q1,q2,tau1,tau2,ref1,ref2\n0,1,2,3,4,5,6\n0.001,1,2,3,4,5,6\n')
-    (tmp_path / 'log.columns.yaml').write_text(yaml.safe_dump(columns))
     answered(path)
 
 

@@ -7,16 +7,12 @@ import numpy as np
 import pytest
 from reader_cases import make_recording
 from ros2_control_bags import as_ros2_control_records, Maker
-from rosbags.rosbag1 import Writer as Writer1
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import check, read_bag, render, Topics
 from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.ros2_control import (
     ARRAY,
-    JOINT_STATE,
-    parser,
-    ROLES_OF,
     TRAJECTORY,
 )
 from ros2_ident.recording.trajectory import parse_trajectory, set_points
@@ -68,26 +64,6 @@ def test_noetic_s_controller_state_is_read_too(tmp_path):
         read_bag(tmp_path / 'log', Topics('', CONTROLLER, ''))
 
 
-def test_a_controller_of_ros_1_is_read_too(tmp_path):
-    recording = make_recording()
-    maker = Maker(old=True)
-    path = tmp_path / 'log.bag'
-    with Writer1(path) as writer:
-        topics = {}
-        for when, topic, kind, message in as_ros2_control_records(
-            maker, recording, dynamic=False
-        ):
-            if topic not in topics:
-                topics[topic] = writer.add_connection(topic, kind, typestore=maker.store)
-            data = maker.store.cdr_to_ros1(maker.bytes_of(kind, message), kind)
-            writer.write(topics[topic], when, bytes(data))
-    (read,) = read_bag(path)
-    for role in ('state', 'command'):
-        np.testing.assert_array_equal(
-            drives(read.streams[role], 'position'), drives(recording.streams[role], 'position')
-        )
-
-
 def test_one_controller_can_give_everything(tmp_path):
     recording = make_recording()
     maker = Maker()
@@ -106,21 +82,9 @@ def test_one_controller_can_give_everything(tmp_path):
         )
     (read,) = read_bag(path, Topics(command=''))
     assert read.command is None, 'a role that is left out stays so'
-
-
-def test_topics_of_their_own_go_before_those_of_ros2_control(tmp_path):
-    recording = make_recording()
-    maker = Maker()
-    messages = as_ros2_control_records(maker, recording)
-    names = recording.command.names
-    messages += [
-        (t, '/joint_command', JOINT_STATE, maker.joint_state(t, names, x + 1.0))
-        for t, x in zip(recording.command.stamp.tolist(), recording.command.position, strict=True)
-    ]
-    (read,) = read_bag(maker.write(tmp_path / 'log', messages))
-    np.testing.assert_array_equal(
-        drives(read.command, 'position'), drives(recording.command, 'position') + 1.0
-    )
+    path = maker.write(tmp_path / 'both', as_ros2_control_records(maker, recording))
+    with pytest.raises(IdentError, match='which holds no command; give another topic as command'):
+        read_bag(path, Topics(command='/dynamic_joint_states'))
 
 
 def test_two_controllers_are_not_guessed_between(tmp_path):
@@ -190,14 +154,6 @@ def test_check_names_the_topics_and_the_options(tmp_path):
     ) in lines
 
 
-def test_a_topic_in_a_role_it_cannot_have_is_refused(tmp_path):
-    recording = make_recording()
-    maker = Maker()
-    path = maker.write(tmp_path / 'log', as_ros2_control_records(maker, recording))
-    with pytest.raises(IdentError, match='which holds no command; give another topic as command'):
-        read_bag(path, Topics(command='/dynamic_joint_states'))
-
-
 def test_damaged_messages_of_a_controller_are_counted(tmp_path):
     recording = make_recording()
     maker = Maker()
@@ -240,16 +196,6 @@ def test_a_trajectory_is_followed_as_its_controller_does():
         np.testing.assert_allclose(block.fields[1][:-1, column], speed[:-1], atol=1e-11)
 
 
-def test_positions_alone_are_joined_by_lines():
-    maker = Maker()
-    points = [(0, [0.0]), (10**8, [1.0]), (3 * 10**8, [0.0])]
-    (block,) = set_points([parsed(maker, START, 'a', points)], LIMITS)
-    time = (block.stamp - START) * 1e-9
-    np.testing.assert_allclose(
-        block.fields[0][:, 0], np.interp(time, [0.0, 0.1, 0.3], [0.0, 1.0, 0.0]), atol=1e-12
-    )
-
-
 def test_a_later_trajectory_takes_over_from_the_set_point():
     maker = Maker()
     first = parsed(maker, START, 'a', [(0, [0.0]), (10**9, [1.0])])
@@ -260,6 +206,12 @@ def test_a_later_trajectory_takes_over_from_the_set_point():
     expected = np.interp(time, [0.0, 0.5, 1.0], [0.0, 0.5, 0.0])
     np.testing.assert_allclose(block.fields[0][:, 0], expected, atol=1.1e-3)
     assert time[-1] == 1.0
+
+
+def test_absurd_trajectories_take_no_memory():
+    points = [(0, [0.0] * 6), ((2**31 - 1) * 10**9, [1.0] * 6)]
+    with pytest.raises(IdentError, match='of memory, more than'):
+        set_points([parsed(Maker(), START, 'abcdef', points)], LIMITS)
 
 
 def test_trajectories_in_a_bag_are_the_command(tmp_path):
@@ -296,26 +248,3 @@ def test_trajectories_in_a_bag_are_the_command(tmp_path):
 def test_what_no_controller_can_follow_is_refused(points):
     with pytest.raises(ValueError):
         parsed(Maker(), START, 'a', points)
-
-
-def test_absurd_trajectories_take_no_memory():
-    maker = Maker()
-    names = [f'joint_{k}' for k in range(6)]
-    points = [(0, [0.0] * 6), ((2**31 - 1) * 10**9, [1.0] * 6)]
-    with pytest.raises(IdentError, match='of memory, more than'):
-        set_points([parsed(maker, START, names, points)], LIMITS)
-
-
-@pytest.mark.parametrize('cut', range(1, 200, 7))
-def test_what_lies_beyond_the_end_is_never_read(cut):
-    maker = Maker()
-    for _, topic, kind, message in as_ros2_control_records(maker, make_recording(1)):
-        data = maker.bytes_of(kind, message)
-        short = data[: max(0, len(data) - cut)]
-        for role in ROLES_OF[kind]:
-            try:
-                layout = parser(kind, role)(short, LIMITS)
-            except ValueError:
-                continue
-            places = [x for x in layout.places if x is not None]
-            assert all((x + 8 <= len(short)).all() for x in places), topic

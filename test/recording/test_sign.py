@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from ros2_ident.recording.motion import Motion
-from ros2_ident.recording.sign import sentence, sign_of
+from ros2_ident.recording.sign import sign_of
 from ros2_ident.recording.smooth import smooth_motion
 
 
@@ -82,8 +82,3 @@ def test_a_joint_that_others_load_is_judged_where_it_moves_alone():
     assert sign_of(always, alone=True) == 'open'
     hung = replace(always, effort=log.effort - log.effort.min() + 0.3 * np.ptp(log.effort))
     assert sign_of(hung, alone=True) == 'open'
-
-
-def test_the_remedies_of_a_sign():
-    assert 'negate the effort or the position' in sentence('a', 'reversed')
-    assert '"sign: velocity" in the column map' in sentence('a', 'unsigned')

@@ -6,6 +6,8 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import smooth_motion
+from ros2_ident.recording.motion import best_lag
+from ros2_ident.recording.smooth import allowed_cutoff
 
 CYCLE = 5e-4
 TIME = np.arange(6000) * CYCLE
@@ -61,18 +63,6 @@ def test_before_the_first_and_after_the_last_sample_it_stands():
     np.testing.assert_allclose(velocity[0, -300:], 0.0, atol=1e-7)
 
 
-def test_gain_at_the_cutoff_is_a_half():
-    wave = np.sin(2.0 * np.pi * 10.0 * TIME)
-    found, _, _ = smooth_motion(wave[None], CYCLE, 10.0)
-    assert np.ptp(found[0, 2000:4000]) == pytest.approx(1.0, rel=1e-3)
-
-
-def test_a_short_recording():
-    found = smooth_motion(np.array([[0.0, 1.0, 2.0, 3.0, 4.0]]), 0.1, 2.0)
-    assert [x.shape for x in found] == [(1, 5)] * 3
-    assert all(np.isfinite(x).all() for x in found)
-
-
 @pytest.mark.parametrize(
     ('position', 'cutoff', 'text'),
     [
@@ -89,3 +79,24 @@ def test_errors_name_the_remedy(position, cutoff, text):
     with pytest.raises(IdentError, match=text) as caught:
         smooth_motion(np.array(position), 0.01, cutoff)
     assert caught.value.code == ErrorCode.BAD_VALUES
+
+
+def test_a_cutoff_leaves_room_below_half_the_rate_of_the_slowest():
+    rare = np.zeros((2, 100))
+    assert [allowed_cutoff(rare, 0.01, x) for x in (10.0, 50.0)] == pytest.approx([10.0, 20.0])
+    rare[1, np.arange(100) % 4 != 0] = np.nan
+    assert allowed_cutoff(rare, 0.01, 10.0) == pytest.approx(5.0)
+    rare[1, 1:] = np.nan  # a single sample has no rate
+    assert allowed_cutoff(rare, 0.01, 50.0) == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize('lag', [0.004, 0.03, 0.0333, 0.113])
+@pytest.mark.parametrize('gain', [2.0, -3.0])
+def test_a_lag_is_found_to_a_fraction_of_a_sample(lag, gain):
+    time = 0.01 * np.arange(3000)
+    columns = np.stack([np.sin(2.0 * time), np.cos(5.0 * time)], axis=1)
+    target = gain * np.sin(2.0 * (time - lag)) + 0.5 * np.cos(5.0 * (time - lag))
+    found, solution, share = best_lag(columns, target, 0.01, -0.02)
+    assert found == pytest.approx(lag, abs=3e-4)
+    np.testing.assert_allclose(solution, [gain, 0.5], rtol=0.02)
+    assert share > 0.999

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables with a column map: the same streams as from a bag, and sentences for what is wrong."""
 
-from dataclasses import replace
 import re
 
 from identify_cases import ROOT
@@ -11,9 +10,11 @@ import yaml
 
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.models import load_machine
-from ros2_ident.recording import read_bag, Stream, Topics
+from ros2_ident.recording import read_bag, scale_effort, Stream, table, Topics
 from ros2_ident.recording.columns import load_columns
+from ros2_ident.recording.limits import Limits
+from ros2_ident.recording.table import read_table
+from ros2_ident.recording.table_write import write_table
 
 NAMES = ('drive_1', 'drive_2')
 START = 1_700_000_000_123_456_789
@@ -45,7 +46,7 @@ def time_text(stamp, unit):
     return text if not digits else f'{text[:-digits]}.{text[-digits:]}'
 
 
-def write_table(path, samples, unit='s', rows=COUNT, delimiter=',', decimal='.', before=''):
+def write_log(path, samples, unit='s', rows=COUNT, delimiter=',', decimal='.', before=''):
     stamp, values = samples
     header = ['time', *(f'{short}{d + 1}' for short in QUANTITIES.values() for d in range(2))]
     lines = [delimiter.join(header)]
@@ -84,7 +85,7 @@ def expected(samples, rows=COUNT):
 @pytest.mark.parametrize('unit', DIGITS)
 def test_a_table_gives_the_streams_bit_for_bit(samples, tmp_path, unit):
     rows = 20_000 if unit == 's' else 50
-    path = write_table(tmp_path / 'log.csv', samples, unit, rows)
+    path = write_log(tmp_path / 'log.csv', samples, unit, rows)
     write_map(tmp_path / 'log.columns.yaml', time={'column': 'time', 'unit': unit})
     (read,) = read_bag(path)
     assert (read.state, read.effort, read.command) == expected(samples, rows)
@@ -94,7 +95,7 @@ def test_a_table_gives_the_streams_bit_for_bit(samples, tmp_path, unit):
 
 
 def test_semicolons_decimal_commas_and_lines_before_the_names(samples, tmp_path):
-    path = write_table(
+    path = write_log(
         tmp_path / 'log.csv', samples, rows=30, delimiter=';', decimal=',', before='Scope;1\n\n'
     )
     where = write_map(tmp_path / 'map.yaml', delimiter=';', decimal=',', skip=2)
@@ -102,103 +103,129 @@ def test_semicolons_decimal_commas_and_lines_before_the_names(samples, tmp_path)
     assert (read.state, read.effort, read.command) == expected(samples, 30)
 
 
-def test_columns_by_number_with_scale_and_without_names(tmp_path):
-    (tmp_path / 'log.csv').write_text('0,1.5,7,-2\n0.001,2.5,7,4\n\n')
-    where = write_map(
-        tmp_path / 'map.yaml',
-        header=False,
-        time={'column': 1, 'unit': 's'},
-        joints={'a': {'position': {'column': 2, 'scale': 0.001}, 'effort': 4}},
-    )
-    (read,) = read_bag(tmp_path / 'log.csv', Topics(columns=where))
-    np.testing.assert_array_equal(read.state.position[:, 0], [0.0015, 0.0025])
-    np.testing.assert_array_equal(read.effort.effort[:, 0], [-2.0, 4.0])
-    np.testing.assert_array_equal(read.state.stamp, [0, 1_000_000])
+def read(tmp_path, text, more='', joints='a: {position: q}', time='t', **limits):
+    (tmp_path / 'log.csv').write_bytes(text if isinstance(text, bytes) else text.encode())
+    where = tmp_path / 'map.yaml'
+    where.write_text(f'time: {{column: {time}, unit: s}}\njoints: {{{joints}}}\n{more}')
+    return read_table(tmp_path / 'log.csv', where, Limits(**limits))
 
 
-def test_a_step_back_begins_a_recording_and_a_cut_line_is_left_out(samples, tmp_path):
-    path = write_table(tmp_path / 'log.csv', samples, rows=50)
-    lines = path.read_text().splitlines()
-    path.write_text('\n'.join([*lines, *lines[1:], lines[1][:40]]))
-    where = write_map(tmp_path / 'map.yaml')
-    one, two = read_bag(path, Topics(columns=where))
-    assert (one.state, two.state) == (expected(samples, 50)[0],) * 2
-    assert 'its last line 102 breaks off and is left out' in one.warnings[0]
+def test_columns_are_added_rows_chosen_and_lines_of_units_left_out(tmp_path):
+    text = 't,q,joint,m,g\ns,rad,-,A,A\n0,1,2,3,5\n0.1,7,1.0,0,0\n0.2,2,2.0,1,\n0.3,4,2,4,1\n'
+    joints = 'a: {position: q, effort: [m, {column: g, scale: -2}]}'
+    (log,) = read(tmp_path, text, 'where: {joint: 2}\nskip_below: 1\n', joints)
+    assert log.state.position[:, 0].tolist() == [1.0, 2.0, 4.0]
+    assert log.effort.effort[:, 0].tolist() == [-7.0, 2.0]  # of two columns, both were measured
+    with pytest.raises(IdentError, match='leave lines of units .* by `skip_below'):
+        read(tmp_path, text, '', joints)
+    with pytest.raises(IdentError, match='no row of values with what `where` asks for'):
+        read(tmp_path, text, 'where: {joint: 3}\nskip_below: 1\n', joints)
 
 
-def fails(tmp_path, code, text, table='time,q1\n0,1\n0.001,2\n', **changes):
-    (tmp_path / 'log.csv').write_text(table)
-    given = {'joints': {'a': {'position': 'q1'}}} | changes
-    where = write_map(tmp_path / 'map.yaml', **given)
-    with pytest.raises(IdentError, match=text) as caught:
-        read_bag(tmp_path / 'log.csv', Topics(columns=where))
-    assert caught.value.code == code
-    assert '\n' not in caught.value.message
+def test_streams_of_different_rates_stand_in_one_table_without_names(tmp_path):
+    joints = 'a: {position: 2, effort: {column: 3, scale: 2.0}}, b: {effort: 4}'
+    text = '0.00,1,,\n0.01,2,5,6\n0.02,,,\n0.03,3,7,\n'
+    (found,) = read(tmp_path, text, 'header: false\n', joints, time=1)
+    assert found.state.names == ('a',) and found.effort.names == ('a', 'b')
+    assert found.state.stamp.tolist() == [0, 10_000_000, 30_000_000]
+    np.testing.assert_array_equal(found.effort.effort, [[10.0, 6.0], [14.0, np.nan]])
 
 
-@pytest.mark.parametrize(
-    ('text', 'changes'),
-    [
-        ("time is 'time'; write {column: NAME, unit: s}", {'time': 'time'}),
-        ('the unit s, ms, us or ns', {'time': {'column': 'time', 'unit': 'min'}}),
-        (
-            "a has 'torque'; choose from position, velocity, effort",
-            {'joints': {'a': {'torque': 1}}},
-        ),
-        ("the map has 'sep'; choose from time, joints", {'sep': ';'}),
-        ("decimal is ','; write", {'decimal': ',', 'delimiter': ','}),
-        ('delimiter is 5; write one character', {'delimiter': 5}),
-        ('skip is -1; write the number of lines', {'skip': -1}),
-        ('joints is empty', {'joints': {}}),
-        ('a has no column', {'joints': {'a': {}}}),
-        ('header is 0; write true or false', {'header': 0}),
-        ('names the column 0; write the name or the number', {'joints': {'a': {'effort': 0}}}),
-        (
-            "names the column 'time'; write the number",
-            {'header': False},
-        ),
-        (
-            'scale is 0; write a number other than 0',
-            {'joints': {'a': {'effort': {'column': 'q1', 'scale': 0}}}},
-        ),
-    ],
-)
-def test_maps_that_make_no_sense(tmp_path, text, changes):
-    fails(tmp_path, ErrorCode.INVALID_GOAL, re.escape(text), **changes)
+@pytest.mark.parametrize('motion', ['velocity', 'position'])
+def test_an_effort_takes_the_sign_of_the_velocity_and_keeps_it_at_rest(tmp_path, motion):
+    time = 0.01 * np.arange(600)
+    rate = np.where((time > 3.0) & (time < 4.0), 0.0, np.sin(2.0 * np.pi * 0.5 * time + 0.3))
+    values = rate if motion == 'velocity' else 0.01 * np.cumsum(rate)
+    body = ''.join(f'{t:.2f},{x},2\n' for t, x in zip(time, values, strict=True))
+    joints = f'a: {{{motion}: q, effort: {{column: i, scale: 0.5, sign: velocity}}}}'
+    (log,) = read(tmp_path, 't,q,i\n' + body, '', joints)
+    effort = log.effort.effort[:, 0]
+    moves = np.abs(rate) > 0.2
+    np.testing.assert_array_equal(effort[moves], np.sign(rate[moves]))
+    assert (np.abs(effort) == 1.0).all()
+
+
+@pytest.mark.parametrize('block', [1, 3, 7, 1000])
+def test_a_step_back_begins_a_recording_and_a_cut_line_is_left_out(tmp_path, monkeypatch, block):
+    monkeypatch.setattr(table, '_BLOCK', block)
+    rows = [f'{0.01 * k:.9f},{k}' for k in range(6)]
+    lines = ['one', 't,q', *rows, '', ' , ', *rows, '0.06']
+    one, two = read(tmp_path, '\n'.join(lines), 'skip: 1')
+    assert one.state == two.state and one.state.position[:, 0].tolist() == [0, 1, 2, 3, 4, 5]
+    assert one.warnings[0].endswith('log.csv: its last line 17 breaks off and is left out')
+
+
+@pytest.mark.parametrize('code', ['utf-8-sig', 'latin-1'])
+def test_a_table_is_read_in_any_code_and_within_bounds(tmp_path, code):
+    text = 't,q,Kraft \xb5\n0,1,2\n0.01,2,3\n'.encode(code)
+    (found,) = read(tmp_path, text, memory=8 * len(text))
+    assert found.state.stamp.size == 2
+    with pytest.raises(IdentError, match='the table takes') as caught:
+        read(tmp_path, text, memory=8 * len(text) - 1)
+    assert caught.value.code is ErrorCode.BAD_VALUES
+
+
+MAPS = [
+    ("time is 'time'; write {column: NAME, unit: s}", 'time: time'),
+    ('the unit s, ms, us or ns', 'time: {column: time, unit: min}'),
+    ("a has 'torque'; choose from position, velocity, effort", 'joints: {a: {torque: 1}}'),
+    ("the map has 'sep'; choose from time, joints", 'sep: ;'),
+    ("decimal is ','; write", 'decimal: ","\ndelimiter: ","'),
+    ("decimal is ';'", 'decimal: ";"'),
+    ('delimiter is 5; write one character', 'delimiter: 5'),
+    ("delimiter is 'ab'", 'delimiter: ab'),
+    ('skip is -1; write the number of lines', 'skip: -1'),
+    ('skip is True', 'skip: true'),
+    ('joints is empty', 'joints: {}'),
+    ('where is 3; write {COLUMN: VALUE}', 'where: 3'),
+    ('a has no column', 'joints: {a: {}}'),
+    ('names a joint twice', 'joints: {1: {position: 2}, "1": {position: 3}}'),
+    ('header is 0; write true or false', 'header: 0'),
+    ("names the column 'time'; write the number", 'header: false'),
+    *(
+        (f'names the column {said}', f'joints: {{a: {{effort: {cell}}}}}')
+        for cell, said in (('0', '0; write the name or the number'), ('1.5', '1.5'),
+                           ('true', 'True'), ('65537', '65537'), ('""', "''"),
+                           ('{scale: 2.0}', 'None'))
+    ),
+    *(
+        (said, f'joints: {{a: {{effort: {{column: q1, {part}}}}}}}')
+        for part, said in (('scale: 0', 'scale is 0; write a number other than 0'),
+                           ('scale: .nan', 'scale is nan'), ('scale: x', "scale is 'x'"),
+                           ('unit: m', "has 'unit'; choose from column, scale"))
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(('said', 'line'), MAPS)
+def test_maps_that_make_no_sense(tmp_path, said, line):
+    given = {'time': '{column: time, unit: s}', 'joints': '{a: {position: q1}}'}
+    given = {k: f'{k}: {v}' for k, v in given.items() if not line.startswith(k)}
+    (tmp_path / 'map.yaml').write_text('\n'.join([*given.values(), line]))
+    with pytest.raises(IdentError, match=re.escape(said)) as caught:
+        load_columns(tmp_path / 'map.yaml')
+    assert caught.value.code == ErrorCode.INVALID_GOAL and '\n' not in caught.value.message
 
 
 @pytest.mark.parametrize(
     ('code', 'text', 'table'),
     [
-        (
-            ErrorCode.MISSING_STREAM,
-            "no column 'q1', its columns are time, x; cor",
-            'time,x\n0,1\n',
-        ),
-        (ErrorCode.BAD_VALUES, "line 3, column q1: 'abc' is no number", 'time,q1\n0,1\n1,abc\n'),
-        (ErrorCode.BAD_VALUES, "line 2: the time '12:30' is no number", 'time,q1\n12:30,1\n'),
-        (ErrorCode.BAD_VALUES, "two columns are called 'q1'", 'time,q1,q1\n0,1,2\n'),
-        (
-            ErrorCode.BAD_VALUES,
-            'line 3 has 1 cells, the column map needs 2',
-            'time,q1\n0,1\n1\n2,3\n',
-        ),
-        (
-            ErrorCode.BAD_VALUES,
-            'the rows are 1000 s apart; correct the unit',
-            'time,q1\n0,1\n1000,2\n',
-        ),
-        (
-            ErrorCode.BAD_VALUES,
-            '2 of 4 rows have the time of the row before',
-            'time,q1\n0,1\n0,2\n1,3\n1,3\n',
-        ),
-        (ErrorCode.NO_DATA, 'holds no row of values; record again', 'time,q1\n'),
-        (ErrorCode.NO_DATA, 'no measured value arrived', 'time,q1\n0,\n0.001,\n'),
+        ('MISSING_STREAM', "no column 'q', its columns are t, x; cor", 't,x\n0,1\n'),
+        ('BAD_VALUES', "line 3, column q: 'abc' is no number", 't,q\n0,1\n1,abc\n'),
+        ('BAD_VALUES', "line 2: the time '12:30' is no number", 't,q\n12:30,1\n'),
+        ('BAD_VALUES', "two columns are called 'q'", 't,q,q\n0,1,2\n'),
+        ('BAD_VALUES', 'line 3 has 1 cells, the column map needs 2', 't,q\n0,1\n1\n2,3\n'),
+        ('BAD_VALUES', 'line 3 has a quotation mark that is not closed', 't,q\n0,1\n1,"6\n2,7"\n'),
+        ('BAD_VALUES', 'the rows are 1000 s apart; correct the unit', 't,q\n0,1\n1000,2\n'),
+        ('BAD_VALUES', '2 of 4 rows have the time of the row before', 't,q\n0,1\n0,2\n1,3\n1,3\n'),
+        ('NO_DATA', 'holds no row of values; record again', 't,q\n'),
+        ('NO_DATA', 'no measured value arrived', 't,q\n0,\n0.001,\n'),
     ],
 )
 def test_tables_that_make_no_sense(tmp_path, code, text, table):
-    fails(tmp_path, code, re.escape(text), table)
+    with pytest.raises(IdentError, match=re.escape(text)) as caught:
+        read(tmp_path, table)
+    assert caught.value.code == ErrorCode[code] and '\n' not in caught.value.message
 
 
 def test_the_map_in_the_documentation_is_one(tmp_path):
@@ -228,48 +255,10 @@ def test_a_table_without_a_map(tmp_path):
         read_bag(tmp_path / 'log.csv')
 
 
-def test_units_of_the_effort():
-    machine = load_machine('config/tripod.yaml')
-    assert machine.with_effort_unit('A', 0.25).effort_scale == 0.25
-    assert machine.with_effort_unit('percent', None, 6.0).effort_scale == pytest.approx(0.06)
-    assert machine.with_effort_unit('percent', None, 6.0).model_unit == 'N m'
-    linear = replace(load_machine('config/emps.yaml'), effort_unit='A')
-    assert linear.model_unit == 'N'
-    with pytest.raises(IdentError, match='needs torque_constant .* or give --torque-constant'):
-        machine.with_effort_unit('A')
-
-
-def bag_as_table(bag, path, effort=1.0):
-    """Write a bundled bag as a table of the merged times of its streams."""
-    (recording,) = read_bag(bag)
-    stamps = np.unique(np.concatenate([x.stamp for x in recording.streams.values()]))
-    columns, joints = {'t': stamps}, {}
-    for role, short in (('state', ''), ('effort', ''), ('command', 'command_')):
-        stream = recording.streams.get(role)
-        for field in ('position', 'velocity', 'effort'):
-            values = None if stream is None else stream.values(field)
-            if values is None:
-                continue
-            for d, name in enumerate(stream.names):
-                cells = np.full(stamps.size, np.nan)
-                cells[np.searchsorted(stamps, stream.stamp)] = values[:, d] * (
-                    effort if field == 'effort' else 1.0
-                )
-                columns[f'{short}{field}_{name}'] = cells
-                joints.setdefault(name, {})[short + field] = f'{short}{field}_{name}'
-    rows = zip(*columns.values(), strict=True)
-    text = [','.join(columns)]
-    text += [
-        ','.join([str(stamp), *('' if np.isnan(x) else repr(float(x)) for x in row)])
-        for stamp, *row in rows
-    ]
-    path.write_text('\n'.join(text))
-    write_map(path.with_name('map.yaml'), time={'column': 't', 'unit': 'ns'}, joints=joints)
-
-
 def test_the_commands_take_a_table_like_a_bag(tmp_path, capsys):
-    bag_as_table('bags/axis_reversals', tmp_path / 'log.csv', effort=0.5)
-    words = ['--machine', 'config/emps.yaml', '--columns', str(tmp_path / 'map.yaml')]
+    (recording,) = read_bag('bags/axis_reversals')
+    write_table(tmp_path / 'log.csv', [scale_effort(recording, 0.5)])
+    words = ['--machine', 'config/emps.yaml']
     assert main(['check', str(tmp_path / 'log.csv'), *words]) == 0
     assert 'it has the sign of the motion' in capsys.readouterr().out
     search = ['--generations', '2', '--population', '64', '--no-overlay', '--quiet']

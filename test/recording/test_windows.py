@@ -9,7 +9,6 @@ import pytest
 from ros2_ident.identify.run import identify, read_data
 from ros2_ident.models import load_machine
 from ros2_ident.recording import choose_windows, read_bag, Recording, Stream, write_bag
-from ros2_ident.recording.windows import effort_samples
 from ros2_ident.report.files import load_result, write_result
 
 ROOT = Path(__file__).parents[2]
@@ -59,11 +58,6 @@ def test_parts_do_not_overlap_and_begin_at_rest() -> None:
         assert np.ptp(near.position) < 1e-4
 
 
-def test_one_window_is_taken_where_none_fits() -> None:
-    chosen = choose_windows([log(100.0, [(10.0, 90.0)])], ('a',), samples=100)
-    assert chosen is not None and len(chosen.fit) == 1
-
-
 def test_long_log_is_fitted_in_part_and_validated_on_the_rest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -96,18 +90,6 @@ def test_messages_are_decoded_in_pieces(tmp_path: Path, monkeypatch: pytest.Monk
 # ---------------------------------------------------------------------- rule by rule
 
 
-def test_samples_of_all_drives_count_where_the_efforts_are() -> None:
-    recording = log(60.0, [(1.0, 50.0)])
-    assert effort_samples(recording, ('a',)) == 12_000
-    assert effort_samples(recording, ('a', 'b')) == 12_000
-    state = recording.state
-    assert state is not None
-    assert effort_samples(Recording(state), ('a',)) == 0
-    both = Stream(('a', 'b'), state.stamp, effort=np.zeros((12_000, 2)))
-    assert effort_samples(Recording(state, both), ('a', 'b')) == 24_000
-    assert choose_windows([recording], ('a',), samples=11_999) is not None
-
-
 def test_as_many_windows_again_are_spread_over_the_rest() -> None:
     recording = log(300.0, [(k + 1.0, k + 9.0) for k in range(0, 300, 10)])
     chosen = choose_windows([recording, log(5.0, [])], ('a',), samples=10_000)
@@ -118,12 +100,3 @@ def test_as_many_windows_again_are_spread_over_the_rest() -> None:
     begins = [begin for _, begin, _ in chosen.check]
     assert begins[0] < 30e9 and begins[-1] > 250e9 and min(np.diff(begins)) > 30e9
     assert {number for number, *_ in chosen.fit + chosen.check} == {0}
-
-
-def test_without_positions_windows_are_taken_as_they_come() -> None:
-    stamp = np.arange(12_000, dtype=np.int64) * 5_000_000
-    chosen = choose_windows(
-        [Recording(Stream(('a',), stamp, effort=np.zeros((12_000, 1))))], ('a',), samples=4_500
-    )
-    assert chosen is not None and len(chosen.fit) == len(chosen.check) == 2
-    assert {begin % 10**10 for _, begin, _ in chosen.fit} == {0}
