@@ -53,7 +53,7 @@ def _parameter(parameter: EffectParameter) -> str:
     unit = '' if parameter.unit == '1' else f' {parameter.unit}'
     off = parameter.role == 'size' and parameter.neutral
     neutral = f' ({_number(parameter.neutral)})' if off else ''
-    bounds = f'{_number(parameter.low)} to {_number(parameter.high)}{unit}{neutral}'
+    bounds = f'[{_number(parameter.low)}, {_number(parameter.high)}]{unit}{neutral}'
     return f'{name}{symbol}{f" ({meaning})" if meaning else ""} {bounds}'
 
 

@@ -36,12 +36,14 @@ def machine_file() -> str:
         '',
         'A key `drive.x` or `controller.x` holds for all drives, or is a list with a value for',
         'each. Keys of `parameters` are identified; their value is an interval with its unit, as',
-        '`[1.0e+4, 3.0e+5, N/m]`, or one for each drive. A key with a star is a constant that',
-        'can be identified, too: write its interval below `parameters`.',
+        '`[1.0e+4, 3.0e+5, N/m]`, or one for each drive; absent, they are 0, of the kind `mujoco`',
+        "the description's. A starred key is a constant that can be identified, too: write its",
+        'interval below `parameters`. The second of two units is that of a drive whose effort is',
+        'a force, or of an arm\'s sliding joint.',
         '',
         '## Keys of several kinds',
         '',
-        *_table('key', 'unit', 'meaning', 'if absent', 'plausible', 'kinds'),
+        *_table('key', 'meaning', 'if absent', 'plausible', 'kinds'),
     ]
     for cells, names in users.items():
         if len(names) > 1:
@@ -50,7 +52,7 @@ def machine_file() -> str:
     for kind in kinds.values():
         lines += ['', f'## `machine: {kind.name}`', '']
         lines += [f'{kind.title[0].upper()}{kind.title[1:]}.', '']
-        lines += _table('key', 'unit', 'meaning', 'if absent', 'plausible')
+        lines += _table('key', 'meaning', 'if absent', 'plausible')
         lines += [_line(*cells) for cells, names in users.items() if names == [kind.name]]
     return '\n'.join(lines) + '\n'
 
@@ -70,17 +72,15 @@ def _rows(keys: Iterable[Key]) -> Iterator[tuple[str, ...]]:
     for key in keys:
         if key.section == 'parameters' and key.name in constants:
             continue
-        units = [unit for unit in dict.fromkeys((key.unit, key.force_unit)) if unit]
-        absent = key.absent.replace(' by default', '')
-        if key.section == 'parameters':
-            absent = '0' if absent in ('', 'none') else absent
+        units = [unit for unit in dict.fromkeys((key.unit, key.force_unit)) if unit.strip('1')]
+        bounds = f'[{key.low:g}, {key.high:g}]' if math.isfinite(key.high) else ''
+        absent = key.absent.replace(' by default', '') or 'required'
         star = ' *' if key.constant and key.name in sought else ''
         yield (
             f'`{".".join(key.path)}`{star}',
-            ' or '.join(units),
             key.meaning,
-            absent or 'required',
-            f'{key.low:g} to {key.high:g}' if math.isfinite(key.high) else '',
+            '' if key.section == 'parameters' else absent,
+            f'{bounds} {" or ".join(units)}'.strip(),
         )
 
 
@@ -127,8 +127,8 @@ def command_line() -> str:
         '',
         _MADE,
         '',
-        'The same is in `ident COMMAND --help`. A word in capitals stands for a value; an option',
-        'marked * can be given several times. What is written: [files.md](files.md).',
+        '`ident COMMAND --help` has the same, with more examples. A word in capitals stands for a',
+        'value; an option marked * can be given several times. What is written: [files.md](files.md).',
         '',
         *_table('command', 'does'),
         *(
@@ -187,7 +187,9 @@ def _command(
         if row not in shared or not action.option_strings:
             yield _line(row[0], f'{row[1]}; required' if _needed(action) else row[1])
     yield from ('', '<!-- not run: examples -->', '```bash')
-    yield from (line.removeprefix('  ') for line in examples.splitlines()[1:])
+    lines = [line.removeprefix('  ') for line in examples.splitlines()[1:]]
+    starts = [number for number, line in enumerate(lines) if not line.startswith(' ')]
+    yield from lines[: [*starts, *[len(lines)] * 2][2]]  # two of them; the help has all
     yield '```'
     for paragraph in rest.partition('An error ends')[0].strip().split('\n\n'):
         for part in re.split(r'\n(?=exit codes:)', paragraph):
@@ -210,7 +212,8 @@ def _argument(action: argparse.Action) -> str:
 
 
 def _row(action: argparse.Action) -> tuple[str, str]:
-    return _argument(action), (action.help or '').replace('%%', '%').replace('|', '\\|')
+    text = (action.help or '').replace('%(default)s', f'`{action.default}`')
+    return _argument(action), text.replace('%%', '%').replace('|', '\\|')
 
 
 def _needed(action: argparse.Action) -> bool:

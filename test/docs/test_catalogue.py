@@ -36,7 +36,7 @@ def test_an_entry_holds_what_a_reader_needs(effect) -> None:
     for parameter in effect.parameters:
         assert f'`{parameter.name}`' in text
         assert parameter.meaning in text
-        assert f'{parameter.low:g} to {parameter.high:g}' in text
+        assert f'[{parameter.low:g}, {parameter.high:g}]' in text
     assert '{drive}' not in text
 
 
