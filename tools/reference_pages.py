@@ -186,7 +186,7 @@ def _command(
         row = _row(action)
         if row not in shared or not action.option_strings:
             yield _line(row[0], f'{row[1]}; required' if _needed(action) else row[1])
-    yield from ('', '<!-- not run: examples -->', '```bash')
+    yield from ('', '```sh')  # cli/test_main.py checks them in the help
     lines = [line.removeprefix('  ') for line in examples.splitlines()[1:]]
     starts = [number for number, line in enumerate(lines) if not line.startswith(' ')]
     yield from lines[: [*starts, *[len(lines)] * 2][2]]  # two of them; the help has all

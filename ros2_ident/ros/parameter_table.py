@@ -330,14 +330,13 @@ def markdown(table: Sequence[Entry] = TABLE) -> str:
         'change during a run takes effect at the next one. A double needs its point:',
         '`time_budget: 10` is refused, write `10.0`.',
         '',
-        '| parameter | type | default | range | what it does |',
-        '| --- | --- | --- | --- | --- |',
+        '| parameter | default | range | meaning |',
+        '| --- | --- | --- | --- |',
     ]
     for entry in table:
         text = entry.description + (' Fixed when the node starts.' if entry.read_only else '')
         lines.append(
-            f'| `{entry.name}` | {entry.kind} | `{literal(entry.default)}` | {entry.range} '
-            f'| {text} |'
+            f'| `{entry.name}` | `{literal(entry.default)}` | {entry.range} | {text} |'
         )
     lines += [
         '',

@@ -12,7 +12,8 @@ with a reason of `REASONS`, and what the reason claims is checked. Its commands 
 not run: arguments of `ident` by its parser, of scripts by their help, targets of `make` by the
 Makefile, names behind `ros2` by what the package has.
 
-A fenced block without a language is an output: its lines stand one after the other in what the
+Blocks of `sh` are examples of the help of `ident`, which cli/test_main.py checks. A fenced block
+without a language is an output: its lines stand one after the other in what the
 commands of its page print. A number may differ by one in its last digit, since processors round
 differently. Two marks say otherwise:
 
@@ -94,10 +95,6 @@ def makes_what_is_there(block: Block) -> bool:
     return bool(made) and all((ROOT / path).exists() for path in made)
 
 
-def is_a_help_page(block: Block) -> bool:
-    return block.page == 'docs/cli.md'
-
-
 # Why a block is not run, and how it is seen that this is so.
 REASONS: dict[str, Callable[[Block], bool]] = {
     'takes minutes': says_long,
@@ -106,7 +103,6 @@ REASONS: dict[str, Callable[[Block], bool]] = {
     'needs your own files': names_missing_files,
     'sets up the environment': begins_with('make', 'pip'),
     'makes what is there already': makes_what_is_there,
-    'examples': is_a_help_page,  # of the help of `ident`; cli/test_main.py checks them there, too
 }
 
 
