@@ -19,7 +19,7 @@ DESCRIPTION = (
 EXAMPLES = (
     '  ident new-machine --kind linear_axis --drives x_axis --out my_axis.yaml\n'
     '  ident new-machine --kind tripod --drives left,right,rear --out my_tripod.yaml\n'
-    '  ident new-machine --kind serial --description arm.urdf --bag my_bag --out my_arm.yaml\n'
+    '  ident new-machine --description arm.urdf --bag my_bag --out my_arm.yaml\n'
     '  ident new-machine --kind linear_axis --bag log.csv --out my_joint.yaml\n'
     '  ident check --machine my_axis.yaml\n'
 )
@@ -31,8 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--kind',
         choices=tuple(KINDS),
-        required=True,
-        help='kind of machine',
+        help='kind of machine; by default, with --description and --bag, mujoco (an arm under its '
+        'controllers) where the log holds set-points, else serial (along its recorded motion)',
     )
     parser.add_argument(
         '--drives', type=names, default=(), metavar='A,B', help='joint names in your bags'
@@ -60,19 +60,34 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.errors import ErrorCode, IdentError
     from ros2_ident.files import write_text
     from ros2_ident.machine.description import description_text
-    from ros2_ident.models.new_file import description_key, new_machine_file, one_joint_file
+    from ros2_ident.models.new_file import (
+        description_key,
+        followed_file,
+        new_machine_file,
+        one_joint_file,
+        ways,
+    )
 
     folder = Path(args.out).parent if args.out else Path()
     known: dict[str, Any] = {}
+    log = _log(args) if args.bag else None
+    if args.kind is None and (log is None or args.description is None):
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'say of what kind the machine is, --kind {"/".join(KINDS)}; of an arm a description '
+            'and a log of it say that, --description and --bag',
+        )
+    follows = log is not None and log.command is not None and log.command.position is not None
+    kind, text = KINDS[args.kind or ('mujoco' if follows else 'serial')], None
     if args.description is not None:
-        description_key(KINDS[args.kind])
+        description_key(kind)
         known['description'] = description_text(Path(args.description))
         folder.mkdir(parents=True, exist_ok=True)  # the way leads through it
         known['named'] = os.path.relpath(args.description, folder)
-    kind, text = KINDS[args.kind], None
-    if args.bag:
-        log = _log(args)
+    if log is not None:
         text = one_joint_file(kind, args.drives, log)
+        if kind.name == 'mujoco' and args.description is not None:
+            text = followed_file(args.drives, known['description'], known['named'], log)
         known['states'] = log.state
     text = text or new_machine_file(kind, args.drives, **known)
     machine_from_mapping(yaml.safe_load(text), '--drives', folder)
@@ -86,6 +101,8 @@ def run(args: argparse.Namespace) -> int:
         )
     write_text(path, text)
     print(f'written: {path}; change its values, then: ident check --machine {path}')
+    if log is not None and kind.joints is not None:
+        print(ways(kind, log))
     return 0
 
 

@@ -77,6 +77,21 @@ def judged_tree(
     return root
 
 
+def joints_in(text: str) -> tuple[str, ...]:
+    """Return the joints of a description that turn about or slide along one axis.
+
+    Raises:
+        IdentError: As `judged_tree`.
+    """
+    root = judged_tree(text)
+    found = root.iterfind('joint' if root.tag == 'robot' else './/worldbody//joint')
+    one_axis = 'revolute', 'continuous', 'prismatic', 'hinge', 'slide'
+    return tuple(
+        joint.get('name', '') for joint in found
+        if joint.get('name') and joint.get('type', 'hinge') in one_axis
+    )  # fmt: skip
+
+
 class _Bounded(ET.TreeBuilder):
     """A tree that grows within bounds, of what stands there and nothing that is declared."""
 

@@ -6,11 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.keys import DESCRIPTION_TOPIC
+from ros2_ident.machine.description import judged_tree
+from ros2_ident.machine.keys import DESCRIPTION_TOPIC, digits
 from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.template import machine_template
 from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import Recording, Stream
+from ros2_ident.recording.align import align
+from ros2_ident.recording.grid import sample_period
 from ros2_ident.recording.motion import motion_of
 from ros2_ident.recording.streams import with_positions
 
@@ -81,6 +84,85 @@ def one_joint_file(kind: Kind, drives: Sequence[str], log: Recording) -> str | N
     )
 
 
+def followed_file(
+    drives: Sequence[str], description: str, named: str, log: Recording
+) -> str | None:
+    """Return the whole file of a URDF's joints that follow set-points, by their log.
+
+    Bounds are what alone would make the largest effort: that of the log, or the URDF's limit.
+
+    Args:
+        drives: Joint names; those that description and log have in common where there are none.
+        description: The description.
+        named: Where it can be found, for the file.
+        log: A log with a measured motion.
+
+    Returns:
+        The text; None where the description has actuators of its own, or the log no set-point.
+    """
+    root = judged_tree(description)
+    if log.command is None or log.command.position is None or root.tag != 'robot':
+        return None
+    log, _ = with_positions(log, log.state.names if log.state else ())
+    assert log.state is not None and log.command is not None
+    names = tuple(drives) or _joints(KINDS['mujoco'], description, log.state)
+    limits = {
+        joint.get('name'): float(limit.get('effort', 0.0))
+        for joint in root.iterfind('joint')
+        for limit in joint.iterfind('limit')
+    }
+    boxes: dict[str, list[str]] = {}
+    effort = log.state.effort is not None
+    for name in names:
+        motion = motion_of(log, name)
+        logged = 0.0 if motion.effort is None else float(np.nanmax(np.abs(motion.effort)))
+        most = logged or limits.get(name) or max(limits.values(), default=0.0) or 100.0
+        data = align(log, [name], motion.period, need=('position',))
+        assert data.command_position is not None and data.position is not None
+        apart = float(np.nanstd(data.command_position - data.position))
+        ends = {
+            'kp': (0.02, 20.0 * most / max(apart, 1e-4), 'N m/rad'),
+            'kv': (0.0, 5.0 * most / max(float(motion.velocity.std()), 1e-3), 'N m s/rad'),
+            'armature': (0.0, most / max(float(motion.acceleration.std()), 1e-3), 'kg m^2'),
+            'frictionloss': (0.0, most, 'N m'),
+        }
+        if effort:
+            ends['damping'] = (0.0, ends['kv'][1], 'N m s/rad')
+        for key, (low, high, unit) in ends.items():
+            boxes.setdefault(key, []).append(f'[{digits(low)}, {high:.3g}, {unit}]')
+    lines = ['\n  - '.join([f'  {key}:', *each]) for key, each in boxes.items()]
+    return (
+        f'machine: mujoco\ndrives: [{", ".join(names)}]\n'
+        f'geometry: {{description: {named}}}\n'
+        'controller:      # torque kp (set-point - position) - kv velocity\n'
+        f'  cycle: {sample_period(log.command.stamp):.4g}      # s, how long a set-point holds\n'
+        '  # What is known of kp, kv, force_limit, velocity_feedforward, set_point_delay belongs\n'
+        '  # here, a value for all or a list, and then not below.\n'
+        'parameters:      # of joints that slide: N/m, N s/m, kg, N\n'
+        + '\n'.join(lines)
+        + ('' if effort else '\n  # Without an effort in the log, damping and kv are one number.')
+        + '\n'
+    )
+
+
+def ways(kind: Kind, log: Recording) -> str:
+    """Return in which ways a log lets an arm be simulated, the file's first."""
+    state, command = log.state, log.command
+    effort = state is not None and state.effort is not None
+    points = command is not None and command.position is not None
+    along = 'along its recorded motion (--kind serial), by the logged effort'
+    freely = 'freely under its controllers (--kind mujoco), by the logged set-points'
+    if kind.name == 'mujoco' and points:
+        if not effort:
+            return f'this log lets the arm run {freely}; along its recorded motion needs an effort'
+        both = 'compare both, --outputs position,effort'
+        return f'this log lets the arm run {freely}; {both}; also {along}'
+    if effort:
+        more = f'also {freely}' if points else 'for a free run log the set-points (joint_command)'
+        return f'this log lets the arm run {along}; {more}'
+    return 'this log allows neither way: log an effort, or the set-points'
+
+
 def description_key(kind: Kind) -> str:
     """Return the key that names a machine's description.
 
@@ -98,8 +180,7 @@ def description_key(kind: Kind) -> str:
 
 def arm_from_topic(description: str, states: Stream) -> str:
     """Return the text of a machine file for a robot of which description and motion are heard."""
-    kind = next(kind for kind in KINDS.values() if kind.joints is not None)
-    return new_machine_file(kind, description=description, states=states)
+    return new_machine_file(KINDS['serial'], description=description, states=states)
 
 
 def _joints(kind: Kind, description: str | None, states: Stream | None) -> tuple[str, ...]:
@@ -109,6 +190,8 @@ def _joints(kind: Kind, description: str | None, states: Stream | None) -> tuple
         return logged or ()
     known = kind.joints(description)
     common = tuple(name for name in known if logged is None or name in logged)
+    if not common and ('drive', 'joint') in kind.by_path:
+        return logged or ()  # the file says which joint is which
     if not common:
         raise IdentError(
             ErrorCode.INVALID_GOAL,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording beside a simulator of the user's own."""
+"""A recording beside what MuJoCo makes of a description, by the set-points alone."""
 
 from collections.abc import Mapping, Sequence
 import copy
@@ -21,11 +21,11 @@ from ros2_ident.models.drives.candidates import Candidates, MAY_BE_ZERO
 from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.models.drives.outputs import chosen_outputs, logged_of
 from ros2_ident.models.mujoco import KIND
-from ros2_ident.models.mujoco.plant import Plant
+from ros2_ident.models.mujoco.plant import OWN, Plant
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
 from ros2_ident.recording import Dataset
 
-# Rows of the kernels' whose change an MJCF can express, and what they are at their neutral value.
+# Rows of the kernels' whose change MuJoCo can express, and what they are at their neutral value.
 _FACTORS = ('position_gain', 'velocity_gain', 'log_gain')
 _EXPRESSED = frozenset(
     (*_FACTORS, 'coulomb', 'viscous', 'set_point_delay', 'torque_limit', 'log_bias', 'log_delay')
@@ -42,7 +42,7 @@ _SENSORS = {'effort': 'jointactuatorfrc', 'position': 'jointpos', 'velocity': 'j
 
 
 class Mujoco(FullModel):
-    """Joints of an MJCF under its own actuators, which follow the set-points of a log.
+    """Joints of a description under actuators, which follow the set-points of a log.
 
     Args:
         machine: The machine.
@@ -95,6 +95,7 @@ class Mujoco(FullModel):
         )  # fmt: skip
         order = [data.names.index(name) for name in machine.drives]
         self._command = np.asarray(data.command_position)[order]
+        self._rate = np.gradient(self._command, data.cycle, axis=1)
         self._begin = np.array([_beginning(data, row) for row in order]).T
 
     def __getstate__(self) -> dict[str, Any]:
@@ -137,7 +138,7 @@ class Mujoco(FullModel):
                     self._machine.box(name, drive)[2],
                     *self._machine.box(name, drive)[:2],
                     kind,
-                    f'MJCF: {meaning[name]}',
+                    f'MuJoCo: {meaning[name]}',
                     0.0 if name in MAY_BE_ZERO else None,
                 )
                 for drive in places
@@ -305,11 +306,20 @@ class Mujoco(FullModel):
         sense = np.array([at.sense for at in self.plant.places])
         zero = self._own('joint_zero', own, len(theta))
         late = self._own('set_point_delay', own, len(theta)) + row['set_point_delay']
+        values = [self._attributes(own, row, s) for s in range(len(theta))]
         command = _late(self._command, late / self.cycle)
+        ahead = self._machine.numbers('velocity_feedforward')
+        if ahead.any():
+            # kp (c* - q) + kv (share c*' - q') is kp (c - q) - kv q', c = c* + share kv/kp c*'.
+            kp, kv = (
+                np.array([[self._attribute(v, n, d) for d in range(count)] for v in values])
+                for n in ('kp', 'kv')
+            )
+            rate = _late(self._rate, late / self.cycle)
+            command = command + (ahead * kv / kp)[:, :, None] * rate
         start = np.repeat(self._begin[None], len(theta), axis=0)
         start[:, 0] = sense * (start[:, 0] - zero)
         start[:, 1] *= sense
-        values = [self._attributes(own, row, s) for s in range(len(theta))]
         in_joints = sense[:, None] * (command - zero[:, :, None])
         told = self.plant.rollout(values, in_joints, start)
         parts = []
@@ -325,9 +335,11 @@ class Mujoco(FullModel):
         return np.concatenate(parts, axis=1)
 
     def _own(self, name: str, own: Mapping[str, Array], count: int) -> Array:
-        """Return (S, D) a parameter of each drive; 0 where it is none."""
-        zero = np.zeros(count)
-        return np.stack([own.get(f'{d}.{name}', zero) for d in self._machine.drives], axis=1)
+        """Return (S, D) a parameter of each drive; the constant where it is none, or 0."""
+        named = name in self._machine.constants
+        known = {d: self._machine.number(name, d) if named else 0.0 for d in self._machine.drives}
+        each = [own.get(f'{d}.{name}', np.full(count, known[d])) for d in self._machine.drives]
+        return np.stack(each, axis=1)
 
     def _attributes(
         self, own: Mapping[str, Array], row: Mapping[str, Array], s: int
@@ -372,8 +384,10 @@ class _Same:
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
         words = ('description', 'joint', 'actuator', 'direction', 'body')
-        cycle = machine.number('cycle')
-        self._made = (machine.drives, cycle, *(machine.texts(word) for word in words))
+        # As text: what nobody knows is NaN, which is unlike itself.
+        numbers = (str(machine.numbers(word)) for word in (*OWN, 'cycle'))
+        stated = machine.given & {*OWN}
+        self._made = (machine.drives, stated, *numbers, *(machine.texts(word) for word in words))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Same) and self._made == other._made

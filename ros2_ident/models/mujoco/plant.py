@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An MJCF compiled, its attributes by name, and candidates rolled out.
+"""A description compiled, its attributes by name, and candidates rolled out.
 
 Nothing else in this process imports MuJoCo. Every thread has models and data of its own.
 """
@@ -30,6 +30,8 @@ _TOGETHER, _NUMBERS = 64, 4_000_000
 # Steps of the simulator in a cycle, at most.
 _SUBSTEPS = 10_000
 _QUANTITIES = ('jointpos', 'jointvel', 'jointactuatorfrc')
+# Of an actuator, what a machine file states in the description's place; a URDF has none.
+OWN = 'kp', 'kv', 'force_limit'
 
 
 @functools.cache
@@ -48,9 +50,14 @@ def _mujoco() -> Any:
     return mujoco
 
 
-def _judged(text: str) -> str:
-    """Return an MJCF that MuJoCo can be given, as this package writes it."""
-    text = ET.tostring(judged_tree(text, shapes=False), encoding='unicode')
+def _judged(text: str, joints: list[str]) -> str:
+    """Return a description that MuJoCo can be given, as this package writes it."""
+    root = judged_tree(text, shapes=False)
+    for joint in root.iterfind('joint'):
+        # Of a URDF, what no drive moves.
+        if joint.get('name') not in joints:
+            joint.set('type', 'fixed')
+    text = ET.tostring(root, encoding='unicode')
     trial = subprocess.run(
         [sys.executable, '-P', str(Path(__file__).with_name('trial.py'))],
         input=text.encode(), capture_output=True,
@@ -137,6 +144,16 @@ def _kv(model: Any, at: Place, value: float) -> None:
 def _force_limit(model: Any, at: Place, value: float) -> None:
     model.actuator_forcelimited[at.actuator] = True
     model.actuator_forcerange[at.actuator] = -value, value
+    # Where a URDF has its limit, which would hold beside this one.
+    model.jnt_actfrclimited[at.joint] = False
+
+
+def _limit(model: Any, at: Place) -> float:
+    own, joint = model.actuator_forcerange[at.actuator, 1], model.jnt_actfrcrange[at.joint, 1]
+    return min(
+        own if model.actuator_forcelimited[at.actuator] else math.inf,
+        joint if model.jnt_actfrclimited[at.joint] else math.inf,
+    )
 
 
 def _gear(model: Any, at: Place, value: float) -> None:
@@ -146,6 +163,14 @@ def _gear(model: Any, at: Place, value: float) -> None:
 def _mass(model: Any, at: Place, value: float) -> None:
     model.body_inertia[at.body] *= value / model.body_mass[at.body]
     model.body_mass[at.body] = value
+
+
+def _inertia(model: Any, at: Place, value: float) -> None:
+    model.body_inertia[at.body] *= value
+
+
+def _centre(model: Any, at: Place, value: float) -> None:
+    model.body_ipos[at.body] *= value
 
 
 def _place(model: Any, at: Place, value: float) -> None:
@@ -173,11 +198,13 @@ _SET: Mapping[str, Callable[[Any, Place, float], None]] = {
     'actuator_gear': _gear,
     'body_mass': _mass,
     'body_place': _place,
+    'body_centre': _centre,
+    'body_inertia': _inertia,
 }
 _FIELDS = (
     'dof_armature', 'dof_damping', 'dof_frictionloss', 'jnt_stiffness', 'actuator_gainprm',
     'actuator_biasprm', 'actuator_forcelimited', 'actuator_forcerange', 'actuator_gear',
-    'body_inertia', 'body_mass', 'body_pos',
+    'body_inertia', 'body_ipos', 'body_mass', 'body_pos', 'jnt_actfrclimited',
 )  # fmt: skip
 
 
@@ -199,9 +226,12 @@ class Plant:
     def __init__(self, machine: Machine) -> None:
         mj = _mujoco()
         joints = [machine.text('joint', name) or name for name in machine.drives]
-        text = _judged(machine.text('description'))
+        text = _judged(machine.described(None).text('description'), joints)
+        self._bare = text.startswith('<robot')
         try:
             spec = mj.MjSpec.from_string(text)
+            if self._bare:
+                self._actuate(spec, joints)
             for joint in joints:
                 for quantity in _QUANTITIES:
                     kind = getattr(mj.mjtSensor, f'mjSENS_{_SENSORS[quantity]}')
@@ -220,6 +250,16 @@ class Plant:
             )
             for joint, name in zip(joints, machine.drives, strict=True)
         ]  # fmt: skip
+        for d, name in enumerate(machine.drives):
+            for word in OWN:
+                if machine.stated(word) or self._bare and machine.known(word):
+                    _SET[word](self.model, self.places[d], machine.number(word, name))
+            if self._bare and not self.stated('kp', d) > 0.0:
+                raise IdentError(
+                    ErrorCode.BAD_MACHINE_FILE,
+                    f'geometry.description is a URDF, which has no gains, and nothing says that '
+                    f'of {name}; state controller.kp, or list it in parameters',
+                )
         cycle = machine.number('cycle')
         step = self.model.opt.timestep
         if not step * _SUBSTEPS >= cycle:
@@ -237,6 +277,18 @@ class Plant:
             for quantity in _QUANTITIES
         }
         self._own = threading.local()
+
+    @staticmethod
+    def _actuate(spec: Any, joints: list[str]) -> None:
+        """Give the joints of a URDF actuators, whose gains are written later."""
+        mj = _mujoco()
+        # Rounded inertias are often none that a body can have.
+        spec.compiler.balanceinertia = True
+        spec.option.integrator = mj.mjtIntegrator.mjINT_IMPLICITFAST
+        for name in joints:
+            added = spec.add_actuator(name=name, target=name, biastype=mj.mjtBias.mjBIAS_AFFINE)
+            added.trntype = mj.mjtTrn.mjTRN_JOINT
+            added.gainprm[0] = 0.0
 
     def changed(self, model: Any, values: Mapping[str, Mapping[int, float]]) -> None:
         """Write attributes into a copy of the model, from the description's on.
@@ -256,6 +308,12 @@ class Plant:
                 continue
             for drive, value in each.items():
                 _SET[name](model, self.places[drive], value)
+        if self._bare:
+            # Velocities are those half a step later, so that damping d adds the inertia d h / 2.
+            for at in self.places:
+                damping = model.dof_damping[at.dof] - model.actuator_biasprm[at.actuator, 2]
+                less = 0.5 * model.opt.timestep * damping
+                model.dof_armature[at.dof] = max(model.dof_armature[at.dof] - less, 0.0)
         _mujoco().mj_setConst(model, self._data)
 
     def stated(self, name: str, drive: int) -> float:
@@ -267,15 +325,15 @@ class Plant:
             'actuator_gear': model.actuator_gear[at.actuator, 0],
             'body_mass': model.body_mass[at.body],
             'body_place': 1.0,
+            'body_centre': 1.0,
+            'body_inertia': 1.0,
             'joint_zero': 0.0,
             'free_fall': float(np.linalg.norm(model.opt.gravity)),
             'damping': model.dof_damping[at.dof],
             'frictionloss': model.dof_frictionloss[at.dof],
             'kp': model.actuator_gainprm[at.actuator, 0],
             'kv': -model.actuator_biasprm[at.actuator, 2],
-            'force_limit': model.actuator_forcerange[at.actuator, 1]
-            if model.actuator_forcelimited[at.actuator]
-            else math.inf,
+            'force_limit': _limit(model, at),
         }
         return float(found[name])
 
@@ -353,12 +411,29 @@ class Plant:
         for d, at in enumerate(self.places):
             control[:, :, at.actuator] = command[:, d]
         steps = np.repeat(control, self.substeps, axis=1)
+        if self._bare:
+            # A step's force acts half a step before and after its beginning.
+            fresh = steps[:, self.substeps :: self.substeps]
+            fresh += 0.5 * (control[:, :-1] - fresh)
         ends, told = self._own.roller.rollout(models, data, states, steps)
         # Where it is unstable MuJoCo stops, and time with it.
         told[ends[:, -1, 0] < (steps.shape[1] - 0.5) * self.model.opt.timestep] = math.inf
+        after = told[:, 1 :: self.substeps] if self.substeps > 1 else told[:, 1:]
         # What a step's sensors tell is of its beginning.
         told = told[:, :: self.substeps]
-        return {q: told[:, :, adr].swapaxes(1, 2) for q, adr in self._sensors.items()}
+        out = {q: told[:, :, adr].swapaxes(1, 2) for q, adr in self._sensors.items()}
+        if self._bare:
+            place, rate, force = (out[quantity] for quantity in _QUANTITIES)
+            later = after[:, :, self._sensors['jointvel']].swapaxes(1, 2)
+            rate[:, :, : later.shape[2]] += 0.5 * (later - rate[:, :, : later.shape[2]])
+            for s, model in enumerate(models):
+                for d, at in enumerate(self.places):
+                    kp, kv = (-model.actuator_biasprm[at.actuator, n] for n in (1, 2))
+                    gear = model.actuator_gear[at.actuator, 0]
+                    error = command[s % len(command), d] - gear * place[s, d]
+                    asked = gear * (kp * error - kv * gear * rate[s, d])
+                    force[s, d] = np.clip(asked, -_limit(model, at), _limit(model, at))
+        return out
 
 
 _SENSORS = {
@@ -371,7 +446,9 @@ def _unreadable(text: str, joints: list[str], error: ValueError) -> IdentError:
     try:
         model = _mujoco().MjModel.from_xml_string(text)
         for joint in joints:
-            Place(model, joint, '', 1.0)
+            _number(model, _mujoco().mjtObj.mjOBJ_JOINT, joint, 'joint')
+            if model.nu:
+                Place(model, joint, '', 1.0)
     except IdentError as found:
         return found
     except ValueError:
@@ -379,5 +456,6 @@ def _unreadable(text: str, joints: list[str], error: ValueError) -> IdentError:
     reason = ' '.join(str(error).split()).partition(', line ')[0]
     return IdentError(
         ErrorCode.BAD_MACHINE_FILE,
-        f'geometry.description cannot be read ({reason}); give an MJCF without files of its own',
+        f'geometry.description cannot be read ({reason}); give a URDF, or an MJCF '
+        'without files of its own',
     )

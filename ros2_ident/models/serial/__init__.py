@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from functools import partial
 import math
 
+from ros2_ident.machine.description import joints_in
 from ros2_ident.machine.draft import Draft, Remark
 from ros2_ident.machine.keys import head, Key, of_drive, of_geometry, sought
 from ros2_ident.machine.kind import Kind, later
@@ -168,7 +169,7 @@ KIND = Kind(
     follows=False,
     scene=later('ros2_ident.models.serial.scene:figure'),
     read=later('ros2_ident.models.serial.arm:arm_of'),
-    joints=later('ros2_ident.models.serial.arm:joints_in'),
+    joints=joints_in,
     space=later('ros2_ident.models.serial.space:space'),
     described=('link_mass', 'link_moment', 'link_inertia'),
 )

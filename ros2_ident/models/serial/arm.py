@@ -221,17 +221,6 @@ def base_turn(machine: Machine) -> Array:
     return _pinocchio().rpy.rpyToMatrix(roll, pitch, 0.0)
 
 
-def joints_in(text: str) -> tuple[str, ...]:
-    """Return the joints of a URDF or an MJCF that turn about or slide along one axis.
-
-    Raises:
-        IdentError: As `arm_of`.
-    """
-    model = _whole(_pinocchio(), text, ())
-    names = list(model.names)
-    return tuple(names[j] for j in range(1, model.njoints) if model.joints[j].nv == 1)
-
-
 def _whole(pin: Any, text: str, drives: Sequence[str]) -> Any:
     """Return the model of a URDF or an MJCF, all of its joints moving."""
     root = judged_tree(text)

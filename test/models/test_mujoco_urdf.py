@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A URDF under P and D on position: MuJoCo's numbers, and the way from a log to a result."""
+
+from pathlib import Path
+import sys
+
+import numpy as np
+import pytest
+import yaml
+
+from ros2_ident.cli.main import main
+from ros2_ident.errors import IdentError
+from ros2_ident.models import load_machine, make_model
+from ros2_ident.models.new_file import ways
+from ros2_ident.models.registry import KINDS
+from ros2_ident.recording import Dataset, Recording, Stream
+from ros2_ident.recording.write import write_bag
+
+sys.path.append(str(Path(__file__).parents[2] / 'build/peers'))
+mujoco = pytest.importorskip('mujoco', reason='MuJoCo is not installed; see CONTRIBUTING.md')
+
+INERTIAL = (
+    '<inertial><origin xyz="0 0 -0.15"/><mass value="{}"/><inertia ixx="0.01" ixy="0" ixz="0" '
+    'iyy="0.01" iyz="0" izz="0.002"/></inertial><visual><geometry><mesh filename='
+    '"package://nowhere/link.stl"/></geometry></visual>'
+)
+JOINT = (
+    '<joint name="{}" type="revolute"><origin xyz="0 0 {}"/><parent link="{}"/><child link="{}"/>'
+    '<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="{}" velocity="3"/></joint>'
+)
+URDF = (
+    '<robot name="two"><link name="base"/>'
+    f'<link name="upper">{INERTIAL.format(2.0)}</link>'
+    f'<link name="lower">{INERTIAL.format(1.0)}</link>'
+    f'<link name="finger">{INERTIAL.format(0.1)}</link>'
+    + JOINT.format('one', 0, 'base', 'upper', 30)
+    + JOINT.format('two', -0.3, 'upper', 'lower', 12)
+    + JOINT.format('grip', -0.3, 'lower', 'finger', 1)
+    + '</robot>'
+)
+DRIVES, CYCLE = ('one', 'two'), 0.004
+TRUE = {
+    'kp': (120.0, 60.0), 'kv': (4.0, 1.5), 'armature': (0.1, 0.04), 'frictionloss': (0.8, 0.4),
+    'damping': (0.6, 0.3),
+}  # fmt: skip
+UNITS = {'kp': 'N m/rad', 'kv': 'N m s/rad', 'armature': 'kg m^2', 'frictionloss': 'N m',
+         'damping': 'N m s/rad'}  # fmt: skip
+
+
+def moved(count=1500, step=5e-5, ahead=0.0, delay=0, limit=1e3):
+    """Return set-points, positions, velocities and torques (D, K) by finer steps, own law."""
+    text = URDF.replace(INERTIAL[INERTIAL.index('<visual') :], '')  # the mesh is missing
+    spec = mujoco.MjSpec.from_string(text.replace('name="grip" type="revolute"',
+                                                  'name="grip" type="fixed"'))  # fmt: skip
+    spec.option.timestep = step
+    for d, name in enumerate(DRIVES):
+        joint = spec.joint(name)
+        joint.armature, joint.frictionloss = TRUE['armature'][d], TRUE['frictionloss'][d]
+    model = spec.compile()
+    model.dof_damping[:] = TRUE['damping']
+    data = mujoco.MjData(model)
+    time = CYCLE * np.arange(count)
+    points = np.clip(2.0 * time, 0.0, 1.0) * [0.7 * np.sin(5.0 * time), 0.5 * np.sin(8.0 * time)]
+    rates = np.gradient(points, CYCLE, axis=1)
+    seen = np.empty((3, 2, count))
+    kp, kv = np.array(TRUE['kp']), np.array(TRUE['kv'])
+    for k in range(count):
+        at = max(k - delay, 0)
+        for inner in range(round(CYCLE / step)):
+            wanted = kp * (points[:, at] - data.qpos) + kv * (ahead * rates[:, at] - data.qvel)
+            data.qfrc_applied[:] = np.clip(wanted, -limit, limit)
+            if inner == 0:
+                seen[:, :, k] = data.qpos, data.qvel, data.qfrc_applied
+            mujoco.mj_step(model, data)
+    return points, *seen
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp('urdf')
+    (made / 'arm.urdf').write_text(URDF)
+    return made
+
+
+def machine_of(folder, controller=None, found=('armature',)):
+    path = folder / 'machine.yaml'
+    path.write_text(yaml.safe_dump({
+        'machine': 'mujoco', 'drives': list(DRIVES), 'geometry': {'description': 'arm.urdf'},
+        'controller': {'cycle': CYCLE, **(controller or {})},
+        'parameters': {name: [0.0, 500.0, UNITS[name]] for name in found},
+    }))  # fmt: skip
+    return load_machine(path)
+
+
+@pytest.mark.parametrize(
+    ('law', 'changed'),
+    [
+        ({}, {}),
+        ({'velocity_feedforward': 0.9}, {'ahead': 0.9}),
+        ({'set_point_delay': 2 * CYCLE}, {'delay': 2}),
+        ({'force_limit': 15.0}, {'limit': 15.0}),
+    ],
+)
+def test_the_law_of_the_machine_file_moves_the_urdf(folder, law, changed) -> None:
+    gains = {'kp': list(TRUE['kp']), 'kv': list(TRUE['kv'])}
+    machine = machine_of(folder, {**gains, **law}, ('armature', 'frictionloss', 'damping'))
+    points, position, velocity, effort = moved(**changed)
+    data = Dataset(DRIVES, CYCLE, 0, points, None, position, velocity, effort)
+    model = make_model(machine, data, quantities=('effort', 'position'))
+    model._begin[:] = 0.0
+    theta = [TRUE[p.name.split('.')[1]][DRIVES.index(p.name.split('.')[0])]
+             for p in model.parameters]  # fmt: skip
+    left = np.sqrt(np.mean((model.simulate(np.array([theta]))[0] - model.measured) ** 2, axis=1))
+    # 2 ms beside 0.05 ms.
+    assert left[2:].max() < 1e-3 * np.ptp(position)
+    assert left[:2].max() < 0.01 * np.ptp(effort)
+
+
+def test_without_gains_it_says_what_to_state(folder) -> None:
+    points = np.zeros((2, 100))
+    data = Dataset(DRIVES, CYCLE, 0, points, points, points, None, None)
+    with pytest.raises(IdentError, match=r'a URDF, which has no gains.*of one; state controller'):
+        make_model(machine_of(folder), data)
+
+
+def test_from_urdf_and_log_to_parameters(folder, capsys) -> None:
+    points, position, velocity, effort = moved()
+    noise = np.random.default_rng(1).standard_normal((2, 2, position.shape[1]))
+    stamp = np.arange(position.shape[1]) * round(CYCLE * 1e9)
+    state = Stream(DRIVES, stamp, position=(position + 2e-5 * noise[0]).T, velocity=velocity.T,
+                   effort=(effort + 0.05 * noise[1]).T)  # fmt: skip
+    log = Recording(state, command=Stream(DRIVES, stamp, position=points.T))
+    write_bag(folder / 'log', log)
+    out = folder / 'mine.yaml'
+    words = ['new-machine', '--description', str(folder / 'arm.urdf'), '--out', str(out)]
+    assert main([*words, '--bag', str(folder / 'log')]) == 0
+    assert 'lets the arm run freely under its controllers' in capsys.readouterr().out
+    machine = load_machine(out)
+    assert machine.kind == 'mujoco'
+    assert machine.drives == DRIVES
+    assert set(machine.bounds) == set(TRUE)
+    words = ['identify', str(folder / 'log'), '--machine', str(out), '--quiet', '--no-overlay',
+             '--no-report', '--outputs', 'position,effort', '--out', str(folder / 'out'),
+             '--generations', '6', '--population', '256']  # fmt: skip
+    assert main(words) == 0
+    found = yaml.safe_load((folder / 'out/result.yaml').read_text())['parameters']
+    assert len(found) == 10
+    for full, p in found.items():
+        drive, name = full.split('.')
+        assert p['value'] == pytest.approx(TRUE[name][DRIVES.index(drive)], rel=0.05), full
+
+
+def test_what_a_log_allows_is_said() -> None:
+    stamp = np.arange(3)
+    many = np.zeros((3, 1))
+    points = Stream(('a',), stamp, position=many)
+    both = Stream(('a',), stamp, position=many, effort=many)
+    assert 'needs an effort' in ways(KINDS['mujoco'], Recording(points, command=points))
+    assert 'also along' in ways(KINDS['mujoco'], Recording(both, command=points))
+    assert 'also freely' in ways(KINDS['serial'], Recording(both, command=points))
+    assert 'log the set-points' in ways(KINDS['serial'], Recording(both))
+    assert 'neither' in ways(KINDS['serial'], Recording(points))
