@@ -28,7 +28,12 @@ CORE = [
 ]
 PAGE = ['bokeh>=3', 'Jinja2', 'MarkupSafe']
 PICTURE = ['matplotlib']
-EXTRAS = {'arms': ['pin'], 'dask': ['distributed'], 'mujoco': ['mujoco>=3.3']}
+EXTRAS = {
+    'arms': ['pin'],
+    'dask': ['distributed'],
+    'lerobot': ['pyarrow'],
+    'mujoco': ['mujoco>=3.3'],
+}
 # What `ident example` copies: folders of this tree as packages without code, in the wheel only.
 EXAMPLES = {
     f'{NAME}.examples.config': ('config', ['*.yaml', '*.urdf']),
@@ -80,6 +85,7 @@ def parts() -> dict[str, Any]:
                 'hypothesis',
                 'import-linter',
                 'pin',
+                'pyarrow',
                 'pytest',
                 'pytest-timeout',
                 'pytest-xdist',

@@ -27,7 +27,7 @@ from ros2_ident.identify.run import identify as find_parameters
 from ros2_ident.identify.settings import IdentifySettings, OnProgress
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import EffectAt, Machine
-from ros2_ident.models.registry import compared_of
+from ros2_ident.models.registry import compared_of, travel_of
 from ros2_ident.recording import read_bags, Recording, RecordingBuilder, SAMPLES, Topics
 from ros2_ident.search import Threads
 from ros2_ident.search.evaluators import Cancel, Workers
@@ -189,13 +189,14 @@ def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
     if not request.bags and received is None:
         raise IdentError(ErrorCode.NO_DATA, 'there is no live data; replay a bag or name its path')
     if received is None or request.bags:
-        recordings = read_bags(request.bags, request.topics)
+        recordings = read_bags(request.bags, request.topics, travel_of(request.machine))
     else:
         recordings = received.build()
     fit = _gathered(request, recordings)
     check = None
     if request.check:
-        check = _gathered(request, read_bags(request.check, request.topics))
+        travel = travel_of(request.machine)
+        check = _gathered(request, read_bags(request.check, request.topics, travel))
     return Logs(fit, check, fit.sha256 or _digest_of(recordings), since)
 
 

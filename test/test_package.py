@@ -95,8 +95,8 @@ KEYS = {
     'rosbags': 'python3-rosbags-pip',
     'zstandard': 'python3-rosbags-pip',
 }
-# What is said to be installed where it is asked for: the extras `dask`, `arms` and `mujoco`.
-OPTIONAL = {'distributed', 'mujoco', 'pinocchio'}
+# What is said to be installed where it is asked for: extras.
+OPTIONAL = {'distributed', 'mujoco', 'pinocchio', 'pyarrow'}
 
 
 def imported(*folders: str) -> set[str]:
@@ -149,8 +149,8 @@ def test_requirements_name_what_the_set_up_script_names() -> None:
 def test_what_the_tests_import_is_declared() -> None:
     found = [*(ROOT / 'test').iterdir(), *(ROOT / 'tools').glob('*.py')]
     own = {path.stem for path in found}
-    # MuJoCo is of no distribution; without it its tests are skipped.
-    modules = imported('test') - own - {'checks', 'conftest', 'mujoco'}
+    # MuJoCo and pyarrow are of no distribution; without them their tests are skipped.
+    modules = imported('test') - own - {'checks', 'conftest', 'mujoco', 'pyarrow'}
     known = depends('exec') | depends('test')
     names = {x: {x, KEYS.get(x, f'python3-{x}')} for x in modules}
     assert not [x for x, keys in names.items() if not keys & known]

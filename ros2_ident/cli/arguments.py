@@ -326,7 +326,15 @@ def add_topics(parser: argparse.ArgumentParser) -> None:
         '--columns',
         default='',
         metavar='FILE',
-        help='column map of a .csv file, as in docs/logs.md; NAME.columns.yaml by default',
+        help='column map of a .csv file, as in docs/logs.md, NAME.columns.yaml by default; of a '
+        "LeRobot folder the robot's calibration",
+    )
+    group.add_argument(
+        '--position-unit',
+        default='',
+        choices=('rad', 'deg', 'percent'),
+        help='of a LeRobot folder, percent for -100 to 100; by the limits of the joints by '
+        'default',
     )
 
 
@@ -335,7 +343,12 @@ def topics_of(args: argparse.Namespace) -> Any:
     from ros2_ident.recording import Topics
 
     return Topics(
-        args.state_topic, args.effort_topic, args.command_topic, args.columns, args.joint_names
+        args.state_topic,
+        args.effort_topic,
+        args.command_topic,
+        args.columns,
+        args.joint_names,
+        position_unit=args.position_unit,
     )
 
 

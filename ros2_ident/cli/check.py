@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.commissioning import check_both, check_machine
     from ros2_ident.errors import ErrorCode, IdentError
     from ros2_ident.identify.data import gather
-    from ros2_ident.models.registry import read_machine_file
+    from ros2_ident.models.registry import read_machine_file, travel_of
     from ros2_ident.recording import check, read_bag, render, Report
 
     file = read_machine_file(args.machine) if args.machine else None
@@ -61,7 +61,9 @@ def run(args: argparse.Namespace) -> int:
         report = Report(file.name, findings=check_machine(file))
         recordings = []
     else:
-        recordings = read_bag(args.bag, topics_of(args))
+        machine = file.machine if file else None
+        travel = travel_of(machine) if machine else None
+        recordings = read_bag(args.bag, topics_of(args), travel=travel)
         report = check_both(recordings, file, args.drives) if file else check(recordings)
     for line in render(report):
         print(line)

@@ -10,7 +10,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.result import Quality
 from ros2_ident.models import Machine
-from ros2_ident.models.registry import compared_of, follows, kind_from_bag, kind_of
+from ros2_ident.models.registry import compared_of, follows, kind_from_bag, kind_of, travel_of
 from ros2_ident.recording import (
     align,
     choose_windows,
@@ -139,7 +139,7 @@ def read_data(
         IdentError: As `read_bags`, `align` and `gather`.
     """
     several = [bags] if isinstance(bags, str | Path) else bags
-    recordings = read_bags(several, topics)
+    recordings = read_bags(several, topics, travel_of(machine))
     return gather(recordings, machine, drives, samples=samples, quantities=quantities)
 
 
@@ -224,7 +224,7 @@ def gather(
         datasets,
         used,
         ' + '.join(sources),
-        ' + '.join(sources.values()),
+        ' + '.join(dict.fromkeys(sources.values())),
         tuple(warnings),
         held_out,
         origin,

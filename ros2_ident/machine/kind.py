@@ -70,6 +70,8 @@ class Kind:
         set_points: Returns set-points (D, K) of its drives and their derivatives by the way (M, K)
             of the tool that they carry and its derivatives; None where they carry none.
         described: Parameters that its description holds.
+        ends: Returns low and high ends (D,) of its drives' joints, rad, infinite for a joint that
+            slides or has none; None where it has no description.
 
     Raises:
         ValueError: Where two of its constants have one name, or it comes from a bag without
@@ -99,6 +101,7 @@ class Kind:
     space: Callable[[Machine], Space] | None = None
     set_points: Callable[[Array, Array, Machine], tuple[Array, Array]] | None = None
     described: tuple[str, ...] = ()
+    ends: Callable[[Machine], tuple[Array, Array]] | None = None
 
     def __post_init__(self) -> None:
         names = [key.name for key in self.constants]

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import functools
 import importlib
 from importlib.metadata import entry_points
+import math
 from pathlib import Path
 import pkgutil
 from typing import Any, TYPE_CHECKING
@@ -175,6 +176,15 @@ def space_of(machine: Machine) -> Space:
             f'the kind {machine.kind} has no `space` to move in; add one to its Kind',
         )
     return space(machine)
+
+
+def travel_of(machine: Machine) -> dict[str, tuple[float, float]]:
+    """Return the ends of the joints that turn and have some, low and high by drive [rad]."""
+    ends = kind_of(machine).ends
+    if ends is None:
+        return {}
+    pairs = zip(machine.drives, *(x.tolist() for x in ends(machine)), strict=True)
+    return {drive: (low, high) for drive, low, high in pairs if math.isfinite(high - low)}
 
 
 def set_points_of(machine: Machine, points: 'Array', speeds: 'Array') -> 'tuple[Array, Array]':

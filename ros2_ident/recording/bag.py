@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read logs into recordings: MCAP, db3 and ROS 1 bags, whole or damaged, and tables."""
+"""Read logs into recordings: bags whole or damaged, tables, LeRobot folders."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -14,6 +14,7 @@ from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.columns import SUFFIXES as TABLES
 from ros2_ident.recording.content import Content, Messages
 from ros2_ident.recording.damage import Damage, Losses
+from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
 from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.ros2_control import ARRAY, CONTROLLER_STATE, JOINT_STATE, ROLES_OF
 from ros2_ident.recording.shown import listed, printable
@@ -44,9 +45,11 @@ class Topics:
         effort: Measured efforts on a topic of their own.
         command: The controller's set-point.
         columns: Column map of a table (CSV), which has no topics; where empty, the file
-            `NAME.columns.yaml` beside `NAME.csv`.
+            `NAME.columns.yaml` beside `NAME.csv`. Of a LeRobot folder its robot's calibration.
         names: What the numbers of a Float64MultiArray are: joints, or `joint/velocity`.
         so_far: Whether the log is of a node that may not have heard every topic yet.
+        position_unit: Unit of the positions in a LeRobot folder: rad, deg or percent; where empty,
+            it is told by the ends of the joints.
     """
 
     state: str = '/joint_states'
@@ -55,6 +58,7 @@ class Topics:
     columns: str = ''
     names: tuple[str, ...] = ()
     so_far: bool = False
+    position_unit: str = ''
 
     def topic(self, role: str) -> str:
         """Return the absolute name of a role's topic, empty for none."""
@@ -83,23 +87,27 @@ class Topics:
 
 
 def read_bag(
-    path: str | Path, topics: Topics | None = None, limits: Limits | None = None
+    path: str | Path,
+    topics: Topics | None = None,
+    limits: Limits | None = None,
+    travel: Travel | None = None,
 ) -> list[Recording]:
     """Read what joints do from a bag's topics, or a table's columns.
 
     Args:
         path: A bag directory with or without metadata.yaml, a bare `.mcap`, `.db3` or `.bag`
-            file, or a `.csv` file.
+            file, a `.csv` file, or a LeRobot folder.
         topics: Which topics to read; the default names where None.
         limits: How much of the machine it may take; those of the environment where None.
+        travel: Ends of the machine's joints, by which a LeRobot folder's unit is told.
 
     Returns:
         One recording per uninterrupted stretch, in the order of the log. What a damaged bag does
         not yield is said in their warnings.
 
     Raises:
-        IdentError: NO_DATA, MISSING_STREAM, DAMAGED_BAG, BAD_VALUES or INVALID_GOAL, each with
-            the remedy.
+        IdentError: NO_DATA, MISSING_STREAM, DAMAGED_BAG, BAD_VALUES, WRONG_UNITS or INVALID_GOAL,
+            each with the remedy.
     """
     path = Path(path)
     topics = topics or Topics()
@@ -107,15 +115,22 @@ def read_bag(
     with readable(path):
         if path.suffix.lower() in TABLES:
             return read_table(path, topics.columns, limits)
+        if is_lerobot(path):
+            roles = [role for role in ROLES if topics.topic(role)]
+            unit = topics.position_unit
+            return read_lerobot(path, roles, unit, topics.columns, travel, limits)
         return _read(path, topics, limits)
 
 
-def read_bags(paths: Sequence[str | Path], topics: Topics | None = None) -> list[Recording]:
+def read_bags(
+    paths: Sequence[str | Path], topics: Topics | None = None, travel: Travel | None = None
+) -> list[Recording]:
     """Read logs one after the other.
 
     Args:
         paths: As for `read_bag`.
         topics: As for `read_bag`.
+        travel: As for `read_bag`.
 
     Raises:
         IdentError: As `read_bag`; INVALID_GOAL where two hold the same, which would count twice
@@ -124,7 +139,7 @@ def read_bags(paths: Sequence[str | Path], topics: Topics | None = None) -> list
     found: list[Recording] = []
     of: dict[str, str | Path] = {}
     for path in paths:
-        recordings = read_bag(path, topics)
+        recordings = read_bag(path, topics, travel=travel)
         digest = recordings[0].sha256
         if digest in of:
             raise IdentError(

@@ -68,7 +68,7 @@ def check(
     if not recordings:
         text = 'there is no recording; record joint states while the drives move'
         return Report('', findings=(Finding('error', 'no_data', '', text),))
-    if len(recordings) > 1:
+    if len(recordings) > 1 and len({x.source for x in recordings}) == 1:
         findings.append(
             Finding(
                 'warn',

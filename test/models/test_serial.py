@@ -22,7 +22,7 @@ from ros2_ident.identify.run import identify  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model  # noqa: E402
-from ros2_ident.models.registry import kind_of  # noqa: E402
+from ros2_ident.models.registry import kind_of, travel_of  # noqa: E402
 from ros2_ident.models.serial.arm import Arm, arm_of  # noqa: E402
 from ros2_ident.models.serial.model import Serial  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
@@ -232,6 +232,7 @@ def test_a_log_in_degrees_is_beyond_the_limits_of_the_description(tmp_path: Path
     machine = described(tmp_path)
     log = moving(machine)
     degrees = [replace(log, position=np.degrees(log.position))]
+    assert travel_of(machine) == {'elbow': (-3.0, 3.0), 'wrist': (-3.0, 3.0)}
     assert examine(machine, [log]).of('reach') == ()
     # Both ways of a joint without an end are sound: counted on and on, and taken back at a turn.
     base = 0.9 * machine.number('cycle') * np.arange(log.position.shape[1])

@@ -87,6 +87,7 @@ KIND = Kind(
     joints=joints_in,
     compares=('position',),
     space=later('ros2_ident.models.mujoco.model:space'),
+    ends=later('ros2_ident.models.mujoco.model:ends'),
     described=('joint_zero', 'armature', 'damping', 'frictionloss', 'stiffness', 'kp', 'kv',
                'force_limit', 'actuator_gear', 'body_mass', 'body_place',
                'body_centre', 'body_inertia', 'free_fall'),

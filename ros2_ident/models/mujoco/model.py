@@ -410,6 +410,14 @@ def space(machine: Machine) -> Space:
     return Space(0.5 * sense * (low + high), 0.45 * (high - low), _SPEED, _ACCELERATION)
 
 
+def ends(machine: Machine) -> tuple[Array, Array]:
+    """Return low and high ends (D,) of the joints that turn, rad, infinite for others."""
+    plant = _plant(machine)
+    ways = np.sort(np.array([at.sense for at in plant.places]) * np.array(plant.ends), axis=0)
+    ways[:, [at.slides for at in plant.places]] = [[-np.inf], [np.inf]]
+    return ways[0], ways[1]
+
+
 def _beginning(data: Dataset, row: int) -> tuple[float, float]:
     """Return where a joint is at the log's start, and how fast: by its first samples."""
     assert data.command_position is not None

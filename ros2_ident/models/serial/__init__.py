@@ -171,5 +171,6 @@ KIND = Kind(
     read=later('ros2_ident.models.serial.arm:arm_of'),
     joints=joints_in,
     space=later('ros2_ident.models.serial.space:space'),
+    ends=later('ros2_ident.models.serial.space:ends'),
     described=('link_mass', 'link_moment', 'link_inertia'),
 )
