@@ -36,6 +36,7 @@ from ros2_ident.prediction import (
     Prediction,
     prediction_from,
 )
+from ros2_ident.recording import Dataset
 from ros2_ident.report.files import load_result, write_result
 from ros2_ident.report.page.assemble import write_report
 
@@ -175,6 +176,25 @@ def test_an_effort_moves_the_axis_as_the_equation_of_motion_says(pushed) -> None
     assert far < 1e-3 * np.ptp(simulated)
     # and the noise of the effort leads astray no further
     assert found.first[0][0].rmse < 1e-2 * np.ptp(data.position[0][~np.isnan(data.position[0])])
+
+
+def test_an_axis_whose_friction_has_no_width_moves_and_stops_as_newton_says(pushed) -> None:
+    cycle, mass, coulomb = 1e-3, 95.0, 20.0
+    time = cycle * np.arange(4000)
+    push = np.where(time < 1.0, 0.9, np.where(time < 2.0, 2.0, np.where(time < 2.5, 0.0, -0.9)))
+    still = np.zeros((1, len(time)))
+    data = Dataset(pushed.drives, cycle, 0, None, None, still, None, coulomb * push[None])
+    model = make_model(
+        pushed.with_constants(coulomb_regularisation=0.0), data, quantities=('position',)
+    )
+    truth = {'moving_mass': mass, 'coulomb_friction': coulomb}
+    theta = np.array([[truth.get(p.name.rpartition('.')[2], 0.0) for p in model.parameters]])
+    simulated = model.simulate(theta)[0, 0]
+    # It stands, slides for a second, is braked by friction, then by the effort too, and stands.
+    assert np.ptp(simulated[:1000]) < 1e-12
+    way = 0.5 + 0.375 + 0.125 / 1.9
+    assert simulated[3000] == pytest.approx(way * coulomb / mass, rel=5e-3)
+    assert np.ptp(simulated[3000:]) < 1e-12
 
 
 def test_an_effort_that_moves_the_axis_is_not_compared(pushed) -> None:

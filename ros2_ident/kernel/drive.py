@@ -20,6 +20,8 @@ from ros2_ident.lanes import (
     INLINED,
     inlined,
     load,
+    maximum,
+    minimum,
     product,
     spread,
     store,
@@ -210,9 +212,14 @@ def stand(par, first, mem, own, on, s, hold, far):
 
 
 @inlined
-def motor_torque(par, first, mem, own, on, z, v, s, force, time, elapsed):
-    """Return the torque [N m] that moves the motor and its gear: applied less friction."""
+def motor_torque(par, first, mem, own, on, z, v, s, force, time, elapsed, held):
+    """Return the torque [N m] that moves the motor and its gear: applied less friction.
+
+    Whose direction is `held` where that is not None and friction has no regularisation.
+    """
     direction = tanh(v * load(par, (first + SLOPE) * W))
+    if held is not None:
+        direction = where(sticks(par, first), held, direction)
     torque = load(mem, (own + COMMANDED) * W)
     friction = load(par, (first + COULOMB) * W) * direction + load(par, (first + VISCOUS) * W) * v
     if on is not None and on:
@@ -226,6 +233,36 @@ def motor_torque(par, first, mem, own, on, z, v, s, force, time, elapsed):
             state = drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed)
             torque = hooks.torque_hook(torque, state, on, par, first, mem, own)
     return torque - friction
+
+
+@inlined
+def sticks(par, first):
+    """Return where friction holds at rest: it has no regularisation."""
+    return load(par, (first + EPS) * W) <= spread(0.0)
+
+
+@inlined
+def holding(par, first, mem, own, on, z, v, s, force, back, time, elapsed, drag, h):
+    """Return the direction of friction, -1..1, over a step of `h` seconds.
+
+    That which stops the motor at the step's end, as far as friction can: Coulomb's set-valued law
+    in an implicit Euler step. Source: Kikuuwe et al., Fixed-step friction simulation, IROS 2005.
+
+    Args:
+        drag: What else brakes the motor [N m s/rad].
+    """
+    end = spread(0.0)
+    free = v
+    reached = v
+    for turn in range(2):
+        torque = motor_torque(par, first, mem, own, on, z, v, s, force, time, elapsed, end)
+        bend = motor_acceleration(par, first, mem, own, torque - drag * v, back)
+        reached = v + h * bend
+        if turn == 0:
+            free = reached
+            end = with_sign(spread(1.0), free)
+    most = maximum(absolute(free - reached), spread(1e-300))
+    return end * minimum(absolute(free) / most, spread(1.0))
 
 
 @inlined
@@ -247,7 +284,7 @@ def prescribed_torque(
     """Return the torque [N m] that it takes to follow a recorded motion; none is commanded."""
     zero = spread(0.0)
     store(mem, (own + COMMANDED) * W, zero)
-    friction = -motor_torque(par, first, mem, own, on, z, v, s, force, time, zero)
+    friction = -motor_torque(par, first, mem, own, on, z, v, s, force, time, zero, None)
     return at_motor(par, first, mass * acceleration + back) + friction
 
 

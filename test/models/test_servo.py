@@ -234,6 +234,40 @@ def test_what_a_servo_lacks_is_said(drop, change, said) -> None:
     assert any(said in remark.text for remark in remarks), remarks
 
 
+def held(width, boxes=FRICTION, effects=(), values=()):
+    """Return positions of a servo that comes to rest above where its load hangs."""
+    time = np.arange(3000) * 1e-3
+    points = np.minimum(1.5 * time, 1.2)[None]
+    one = machine(boxes).with_constants(coulomb_regularisation=width, velocity_gain=0.0)
+    data = Dataset(one.drives, 1e-3, 0, points, np.gradient(points, 1e-3, axis=1), points, None,
+                   None)  # fmt: skip
+    model = make_model(one, data, effects=effects, quantities=('position',))
+    truth = [{**TRUTH, 'coulomb_torque': 0.08}[name] for name in boxes]
+    return model.simulate(np.array([[*truth, *values]]))[0, 0]
+
+
+@pytest.mark.parametrize(
+    ('boxes', 'effects', 'values'),
+    [
+        (FRICTION, (), ()),
+        ({**FRICTION, **GEAR}, (), ()),
+        (FRICTION, (EffectAt('load_dependent_friction', 'joint'),), (0.2,)),
+    ],
+)
+def test_friction_without_a_width_holds_with_one_it_creeps(boxes, effects, values) -> None:
+    sticking, creeping = (held(width, boxes, effects, values)[-1500:] for width in (0.0, 1e-2))
+    # A load behind an elastic gear still swings a little.
+    assert np.ptp(sticking) < (1e-5 if boxes is not FRICTION else 1e-12)
+    assert np.ptp(creeping) > 1e-3
+
+
+def test_friction_that_holds_is_what_narrower_widths_come_to() -> None:
+    one = held(0.0)[:1200]
+    apart = [np.abs(held(width)[:1200] - one).max() for width in (4e-3, 1e-3)]
+    assert apart[1] < 2e-3
+    assert 3.0 < apart[0] / apart[1] < 5.0
+
+
 def test_friction_by_load_that_is_steep_at_standstill_takes_shorter_steps() -> None:
     one = machine({**FRICTION}, CONTROLLER | {'position_gain': 2.0})
     one = one.with_constants(coulomb_regularisation=2e-3)

@@ -20,6 +20,8 @@ from ros2_ident.models.protocol import EffectAt
 
 # What a share of an unstated limit refers to, in sizes of the logged effort.
 UNLIMITED = 2.0
+# Width of a step without one.
+_NARROW = 1e-12
 # A parameter without its drive, and the drive's number; None where all drives share it.
 Target = tuple[str, int | None]
 
@@ -345,7 +347,10 @@ class Candidates:
         for d in drives:
             # Divided here, not in every cycle.
             for derived, of in (('gear_inverse', 'gear'), ('friction_slope', 'regularisation')):
-                block[:, rows.row_of(derived, d)] = 1.0 / block[:, rows.row_of(of, d)]
+                # Along a recorded motion, too, a regularisation may be 0.
+                divisor = block[:, rows.row_of(of, d)]
+                divisor = np.where(divisor == 0.0, _NARROW, divisor)
+                block[:, rows.row_of(derived, d)] = 1.0 / divisor
         return block
 
     def own_values(self, theta: Array) -> dict[str, Array]:

@@ -110,6 +110,19 @@ def _step(
     par, first, mem, on, supply, rigid, mode, acceleration, place, rate, bend, time, since, h
 ):  # fmt: skip
     """Integrate one drive over a step of `h` seconds that begins `since` seconds into a cycle."""
+    held = spread(0.0)
+    if mode == dk.CLOSED_LOOP and any_lane(dk.sticks(par, first)):
+        z, v = load(place, MOTOR * W), load(rate, MOTOR * W)
+        now = time + since
+        if rigid:
+            s = z
+            force = _rigid_force(par, first, mem, 0, on, supply, z, v, now)
+            back = force
+        else:
+            s, w = load(place, CARRIAGE * W), load(rate, CARRIAGE * W)
+            force, back = dk.gear_force(par, first, mem, 0, on, z, v, s, w, now)
+        drag = spread(0.0) if supply is None else load(mem, dk.BRAKING * W)
+        held = dk.holding(par, first, mem, 0, on, z, v, s, force, back, now, since, drag, h)
     for part in range(rk.STAGES):
         at = part * COORDINATES
         elapsed = since + rk.ahead(part) * h
@@ -126,7 +139,7 @@ def _step(
             push = force + dk.carriage_force(par, first, mem, 0, on, z, v, s, now)
             store(bend, (at + CARRIAGE) * W, push / rail - _fall(par, first, supply, s, rail))
         if mode == dk.CLOSED_LOOP:
-            torque = dk.motor_torque(par, first, mem, 0, on, z, v, s, force, now, elapsed)
+            torque = dk.motor_torque(par, first, mem, 0, on, z, v, s, force, now, elapsed, held)
             if supply is not None:
                 torque = torque - load(mem, dk.BRAKING * W) * v
             store(bend, at * W, dk.motor_acceleration(par, first, mem, 0, torque, back))

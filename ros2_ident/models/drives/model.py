@@ -465,7 +465,7 @@ class DriveModel(FullModel):
             np.array([[block[rows.row_of(name, d)]] for d in self.signals.places])
             for name in ('coulomb', 'viscous', 'regularisation', 'drive_inertia', 'gear')
         )
-        friction = coulomb * np.tanh(velocity / width) + viscous * velocity
+        friction = coulomb * np.tanh(velocity / np.maximum(width, _NOTHING)) + viscous * velocity
         out: Array = friction + inertia * gear * acceleration
         return out
 
@@ -491,10 +491,10 @@ class DriveModel(FullModel):
             rail = block[:, rows.row_of('rail_mass', d)]
             if self._closed and not fast:
                 eps = block[:, rows.row_of('regularisation', d)]
-                slope = (
-                    block[:, rows.row_of('gear', d)]
-                    * self._dry(block, d)
-                    / (eps * (motor + (rail if self.stiff[d] else 0.0)))
+                # Friction that sticks is not stiff: it is solved for.
+                slope = np.where(eps > 0.0, block[:, rows.row_of('gear', d)], 0.0) * (
+                    self._dry(block, d)
+                    / (np.maximum(eps, _NOTHING) * (motor + (rail if self.stiff[d] else 0.0)))
                 )
                 need = np.maximum(need, self.cycle * slope / 1.5)
             if not self.stiff[d]:

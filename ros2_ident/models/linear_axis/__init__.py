@@ -26,7 +26,12 @@ _MOVING_MASS = sought(
     high=1e5,
     shown=False,
 )
-_DRIVE = keys.drive_keys(3.5)
+_DRIVE = tuple(
+    replace(key, meaning=f'{key.meaning}; 0: friction that holds at rest', low=0.0)
+    if key.name == 'coulomb_regularisation'
+    else key
+    for key in keys.drive_keys(3.5)
+)
 _CONTROLLER = tuple(
     replace(
         key,

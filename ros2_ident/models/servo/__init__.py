@@ -48,8 +48,9 @@ _MOTOR = (
     _of_drive('armature', 'kg m^2', 'of rotor and gear, at the output', 2.0e-3, 0.0, 1e2),
 )
 _SIGN = of_drive('coulomb_regularisation', 'rad/s',
-                 'width v of the step in Coulomb friction, tanh(speed / v)', 1.0e-2,
-                 absent='0.01 by default', default=1e-2, low=1e-5, high=1.0)
+                 'width v of the step in Coulomb friction, tanh(speed / v), which creeps; 0: '
+                 'friction that holds', 1.0e-2, absent='0 by default', default=0.0, low=0.0,
+                 high=1.0, shown=False)
 _CONTROLLER = (
     of_controller('law', '', 'position: P and D on the position', 'position',
                   absent='position by default', default='position', shown=False,

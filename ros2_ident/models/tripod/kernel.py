@@ -108,7 +108,9 @@ def _drive(
     s, w = rk.stage_state(place, rate, bend, COORDINATES, CARRIAGE + d, part, h)
     force, back = dk.gear_force(par, first, mem, own, flags, z, v, s, w, time)
     if dk.closed_loop(mode, d):
-        torque = dk.motor_torque(par, first, mem, own, flags, z, v, s, force, time, elapsed)
+        torque = dk.motor_torque(
+            par, first, mem, own, flags, z, v, s, force, time, elapsed, None
+        )  # fmt: skip
         acceleration = dk.motor_acceleration(par, first, mem, own, torque, back)
     else:
         acceleration = spread(motion[(6 + d) * count + k])
