@@ -13,13 +13,12 @@ from ros2_ident.identify.data import Data
 from ros2_ident.identify.hidden import Weighed
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification
+from ros2_ident.search.prior import BOX_DEVIATION
 
 # A log is left out in so many parts.
 PARTS = 4
 QUARTERS = 'each quarter of the log, predicted from the other three'
 REST = 'parts of the log that were not fitted on'
-# Standard deviation of a parameter of which only its box is known, in widths of the box.
-_BOX = 12.0**-0.5
 
 
 def with_held_out(
@@ -119,7 +118,7 @@ def _steps(
         for x in parts
     ]
     size = float(np.sqrt(np.mean(weighed.residual**2)))
-    box = np.column_stack([np.eye(count) * size / _BOX, np.zeros(count)])
+    box = np.column_stack([np.eye(count) * size / BOX_DEVIATION, np.zeros(count)])
     for k, rows in enumerate(parts):
         others = np.vstack([*factors[:k], *factors[k + 1 :], box])
         yield rows, np.linalg.lstsq(others[:, :count], -others[:, count], rcond=None)[0]

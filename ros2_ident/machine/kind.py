@@ -65,6 +65,8 @@ class Kind:
         read: Reads a machine's description as its model does; None where it has none.
         joints: Returns the joints of a description, which its key that names a file holds; None
             where it has no such key.
+        extent: Returns the mass [kg] that a description moves, and how far it reaches [m]; None
+            where it has no such key.
         space: Returns where it moves when nobody says otherwise: its drives, or the tool that they
             carry.
         set_points: Returns set-points (D, K) of its drives and their derivatives by the way (M, K)
@@ -98,6 +100,7 @@ class Kind:
     follows: bool = True
     read: Callable[[Machine], Any] | None = None
     joints: Callable[[str], tuple[str, ...]] | None = None
+    extent: Callable[[str], tuple[float, float]] | None = None
     space: Callable[[Machine], Space] | None = None
     set_points: Callable[[Array, Array, Machine], tuple[Array, Array]] | None = None
     described: tuple[str, ...] = ()

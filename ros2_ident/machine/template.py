@@ -49,8 +49,9 @@ def machine_template(
             lines += ['', f'{section}:{note}']
             indent = '  '
         for key in keys:
-            if key.name in given and key.section != 'parameters':
-                key = replace(key, shown=True)
+            boxed = section == 'parameters'
+            if key.name in given and (not boxed or key.name in kind.described):
+                key = replace(key, shown=key.shown or not boxed)
                 lines += _lines(key, indent, given[key.name])
                 continue
             if key.section in described and key.absent and (key.each or key.default is None):

@@ -40,7 +40,7 @@ def new_machine_file(
     """
     known = {}
     if description is not None:
-        known[description_key(kind)] = named
+        known = {description_key(kind): named, **_boxes(kind, description)}
     if states is not None:
         period = float(np.median(np.diff(states.stamp))) * 1e-9
         known['cycle'] = f'{period:.4g}'
@@ -161,6 +161,18 @@ def ways(kind: Kind, log: Recording) -> str:
         more = f'also {freely}' if points else 'for a free run log the set-points (joint_command)'
         return f'this log lets the arm run {along}; {more}'
     return 'this log allows neither way: log an effort, or the set-points'
+
+
+def _boxes(kind: Kind, description: str) -> dict[str, str]:
+    """Return how far links can be from a description: by no more than all of it at its reach."""
+    mass, reach = kind.extent(description) if kind.extent else (0.0, 0.0)
+    if not mass * reach > 0.0:
+        return {}
+    most = (mass, 'kg'), (mass * reach, 'kg m'), (mass * reach**2, 'kg m^2')
+    return {
+        name: f'[{-x:.2g}, {x:.2g}, {unit}]'
+        for name, (x, unit) in zip(kind.described, most, strict=True)
+    }
 
 
 def description_key(kind: Kind) -> str:

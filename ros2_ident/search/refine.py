@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Local refinement: bounded least squares on the residual vector from several starts."""
+"""Local refinement: bounded least squares on the residual vector from several starts.
+
+Of fits that the data cannot tell apart it ends at the most probable one, see `prior`.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,9 +18,14 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.evaluators import Cancel
 from ros2_ident.search.jacobian import Box, finite_differences, Residuals
 from ros2_ident.search.journal import digest_of, Journal, Within
+from ros2_ident.search.prior import Posterior
 
 # What SciPy keeps a start away from its bounds, as a share of the cube.
 _INSIDE = 1e-10
+# A step of Gauss and Newton is taken where it gains this share of what a linear model would.
+_AS_FORESEEN = 0.5
+# Gains of twice the logarithm of the posterior below this are lost in finite differences.
+_RESOLVED = 1e-3
 
 
 class RefineStatus(enum.Enum):
@@ -142,9 +150,8 @@ class _Start:
             return self._here[1]
         residual: Array = self.evaluate(self.box.physical(unit)[None, :])[0]
         self._here = (unit.copy(), residual)
-        cost = float(np.sqrt(np.mean(residual**2)))
-        if cost < self.cost:
-            self.cost, self.point, self.residual = cost, unit.copy(), residual
+        if float(np.sqrt(np.mean(residual**2))) < self.cost:
+            self._keep(unit, residual)
         return residual
 
     def jac(self, unit: Array) -> Array:
@@ -182,15 +189,17 @@ class _Start:
         return True
 
     def _solve(self, tolerance: float) -> RefineStatus:
-        """Run scipy's trust region and try the bounds that the result leans on."""
+        """Run Gauss-Newton; where that fails, scipy's trust region, and try the bounds."""
         try:
             # The trust region begins strictly inside the cube.
             inside = np.clip(self.point, _INSIDE, 1.0 - _INSIDE)
             if not (np.isfinite(self.fun(self.point)) & np.isfinite(self.fun(inside))).all():
                 return RefineStatus.DIVERGED
+            if self._climb(tolerance):
+                return RefineStatus.CONVERGED
             solution = least_squares(
                 self.fun,
-                self.point,
+                np.clip(self.point, _INSIDE, 1.0 - _INSIDE),
                 self.jac,
                 bounds=(0.0, 1.0),
                 method='trf',
@@ -201,9 +210,39 @@ class _Start:
                 max_nfev=self.limit,
             )
             self._try_bounds(solution.grad)
+            if solution.status > 0:
+                self._climb(tolerance)
         except _Stop as stop:
             return stop.status
         return RefineStatus.CONVERGED if solution.status > 0 else RefineStatus.EVALUATIONS
+
+    def _climb(self, tolerance: float) -> bool:
+        """Go by Gauss and Newton to the most probable point, while the residual is as foreseen.
+
+        The trust region creeps where parameters do not act, or together only: it takes bounds
+        for close. The prior holds them.
+
+        Returns:
+            Whether it converged.
+        """
+        while self.cost > 0.0:
+            unit, residual = self.point, self.residual
+            posterior = Posterior.of(residual)
+            loss = posterior.loss(unit, residual)
+            there, least = posterior.least(unit, residual, self.jac(unit))
+            if loss - least <= tolerance * loss:
+                return True
+            now = self.fun(there)
+            if not loss - posterior.loss(there, now) > _AS_FORESEEN * (loss - least):
+                return loss - least <= _RESOLVED
+            # The most probable point may leave a little more than the best fit.
+            self._keep(there, now)
+        return True
+
+    def _keep(self, unit: Array, residual: Array) -> None:
+        """Take a point for the best."""
+        self.cost = float(np.sqrt(np.mean(residual**2)))
+        self.point, self.residual = unit.copy(), residual
 
     def _try_bounds(self, gradient: Array) -> None:
         # The trust region stays strictly inside; where the cost falls towards a near bound, the

@@ -104,7 +104,11 @@ def test_a_description_is_found_from_a_folder_that_is_made_for_the_file(tmp_path
     out = tmp_path / 'new' / 'arm.yaml'
     words = ['--description', str(ROOT / 'config/kr300.urdf'), '--out', str(out)]
     assert main(['new-machine', '--kind', 'serial', *words]) == 0
-    assert len(load_machine(out).drives) == 6
+    machine = load_machine(out)
+    assert len(machine.drives) == 6
+    # No link is further off than all that moves, at its reach.
+    ends = machine.box('link_inertia', machine.drives[0])[:2]
+    assert ends == pytest.approx((-1e4, 1e4), rel=0.05)
 
 
 def test_a_file_that_is_there_is_kept(tmp_path, capsys):

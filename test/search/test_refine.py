@@ -70,6 +70,19 @@ def test_what_lies_beyond_a_bound_ends_at_it(best, ends):
     assert ((found.theta >= 0.0) & (found.theta <= 4.0)).all()
 
 
+def test_what_the_data_leave_open_stays_in_the_middle_of_its_box():
+    """Two parameters act as their sum alone, one not at all."""
+    slopes, noise = np.linspace(1.0, 2.0, 50), np.random.default_rng(4).normal(size=50)
+
+    def summed(theta):
+        return (theta[:, :1] + theta[:, 1:2] - 3.0) * slopes + 0.01 * noise
+
+    found = refine(summed, [[3.9, 0.1, -1.9]], [0.0, 0.0, -2.0], [4.0, 4.0, 8.0])
+    assert found.status is RefineStatus.CONVERGED
+    assert found.theta[:2].sum() == pytest.approx(3.0, abs=0.01)
+    np.testing.assert_allclose(found.theta, [1.5, 1.5, 3.0], atol=0.02)
+
+
 def test_stays_in_the_box_and_reaches_the_bound():
     high = np.array([2.0, 1e5])
     result = refine(residuals, [[1.0, 2100.0]], LOW, high)

@@ -170,6 +170,7 @@ KIND = Kind(
     scene=later('ros2_ident.models.serial.scene:figure'),
     read=later('ros2_ident.models.serial.arm:arm_of'),
     joints=joints_in,
+    extent=later('ros2_ident.models.serial.arm:extent_of'),
     space=later('ros2_ident.models.serial.space:space'),
     ends=later('ros2_ident.models.serial.space:ends'),
     described=('link_mass', 'link_moment', 'link_inertia'),

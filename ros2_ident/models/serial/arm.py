@@ -221,6 +221,24 @@ def base_turn(machine: Machine) -> Array:
     return _pinocchio().rpy.rpyToMatrix(roll, pitch, 0.0)
 
 
+def extent_of(text: str) -> tuple[float, float]:
+    """Return the mass [kg] of all that moves in a URDF or an MJCF, and how far it reaches [m].
+
+    The reach is from the axis of the first joint to the furthest centre of mass, stretched out.
+
+    Raises:
+        IdentError: As `arm_of`.
+    """
+    model = _whole(_pinocchio(), text, ())
+    way, most = np.zeros(model.njoints), 0.0
+    for j in range(1, model.njoints):
+        parent = int(model.parents[j])
+        step = float(np.linalg.norm(model.jointPlacements[j].translation))
+        way[j] = way[parent] + step if parent else 0.0
+        most = max(most, way[j] + float(np.linalg.norm(model.inertias[j].lever)))
+    return sum(model.inertias[j].mass for j in range(1, model.njoints)), most
+
+
 def _whole(pin: Any, text: str, drives: Sequence[str]) -> Any:
     """Return the model of a URDF or an MJCF, all of its joints moving."""
     root = judged_tree(text)
