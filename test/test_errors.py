@@ -119,7 +119,7 @@ def test_a_code_is_provoked_with_its_sentence_and_its_exit_code(
 
 
 def test_a_defect_is_said_to_be_one(monkeypatch, capsys):
-    def broken(*_: object) -> None:
+    def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError('by hand')
 
     monkeypatch.setattr('ros2_ident.recording.read_bag', broken)

@@ -164,7 +164,7 @@ def test_what_does_not_fit_the_machine():
 
 def test_segments_short_ones_and_no_command():
     short = recording(slice(0, 500))
-    report = check([short, Recording(short.state, warnings=('cut off',))])
+    report = check([short, Recording(short.state, warnings=('cut off',), source='log')])
     assert {'segments', 'short', 'no_command', 'reading'} <= codes(report, 'warn')
     assert [x.recording for x in report.streams] == [0, 0, 1]
     assert check([]).level == 'error'
