@@ -13,6 +13,7 @@ from ros2_ident.gap.blocks import Interval
 from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
 from ros2_ident.gap.facts import Cause, Facts
 from ros2_ident.gap.localise import localise
+from ros2_ident.gates import Gate
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.result import Identification
 from ros2_ident.identify.run import identify
@@ -74,7 +75,7 @@ def diagnosed() -> Diagnosis:
         },
         nominal={'drive_1.coulomb_torque': 0.08},
         moved={'drive_1.coulomb_torque': -0.375},
-        gates=(('missing', 'ok', 'effort: 4000 samples, none missing'),),
+        gates=(Gate('missing', '', 'ok', 0.0, '1', 'effort: 4000 samples, none missing'),),
         not_testable=(EffectAt('rod_length_error', 'all'),),
         advice=('Record a motion with <slow> reversals.',),
         complete=True,

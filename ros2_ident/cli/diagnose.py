@@ -194,9 +194,9 @@ def print_diagnosis(d: 'Diagnosis') -> None:
             f'  not to be told from: {ranked.at.effect} on {ranked.at.where} '
             f'({ranked.probability:.2f})'
         )
-    for k, (_, level, text) in enumerate(d.gates):
-        if level != 'ok' and k != d.facts.leads:
-            print(f'{level}: {text}')
+    for k, gate in enumerate(d.gates):
+        if gate.level != 'ok' and k != d.facts.leads:
+            print(f'{gate.level}: {gate.sentence}')
     for finding in d.localisation[:5]:
         print(f'where: {finding.sentence}')
     print(f'gap on held-out data ({d.held_out}), RMS in {d.unit}:')

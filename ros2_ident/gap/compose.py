@@ -121,7 +121,7 @@ def compose(
         parameters=values,
         moved=moved,
         nominal=nominal,
-        gates=tuple((g.gate, g.level, g.sentence) for g in gates),
+        gates=tuple(gates),
         not_testable=hidden,
         advice=(),
         again=again,

@@ -16,10 +16,11 @@ from ros2_ident.gap.facts import Facts
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.maps import chosen, map_of
+from ros2_ident.gates import Gate
 from ros2_ident.models import EffectAt
 from ros2_ident.prediction import Prediction
 
-SCHEMA = 3
+SCHEMA = 4
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,7 @@ class Diagnosis:
         nominal: Values of the nominal fit.
         moved: How far each nominal parameter moved when the effects came in, as a share of its
             value.
-        gates: What was checked before any physics, as (name, level, sentence).
+        gates: What was checked before any physics, the worst first.
         not_testable: Effects this motion cannot show.
         advice: What to do next.
         complete: False where the run was cut short.
@@ -193,7 +194,7 @@ class Diagnosis:
     parameters: Mapping[str, Value]
     nominal: Mapping[str, float]
     moved: Mapping[str, float]
-    gates: tuple[tuple[str, str, str], ...]
+    gates: tuple[Gate, ...]
     not_testable: tuple[EffectAt, ...]
     advice: tuple[str, ...]
     complete: bool
@@ -306,6 +307,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
                 'size_over_floor': f.over_floor,
                 'beyond': f.beyond,
                 'sentence': f.sentence,
+                'by_size': f.by_size,
             }
             for f in d.localisation
         ],
@@ -314,7 +316,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
         'nominal': d.nominal,
         'moved': d.moved,
         'prediction': None if d.prediction is None else asdict(d.prediction),
-        'gates': [{'gate': g, 'level': level, 'sentence': text} for g, level, text in d.gates],
+        'gates': [asdict(gate) for gate in d.gates],
         'not_testable': [_at(a) for a in d.not_testable],
         'advice': list(d.advice),
         'complete': d.complete,

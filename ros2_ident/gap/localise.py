@@ -184,6 +184,8 @@ class Finding:
         over_floor: The same over the drive's noise floor.
         beyond: Share that it still explains once the drive's leading coordinate is taken out.
         significant: Whether it holds after the correction for many coordinates, and matters.
+        likely: Whether it explains most on a drive with a large gap, and is not certain.
+        by_size: Whether it is where the residual is large, whatever its sign.
     """
 
     drive: str
@@ -196,6 +198,8 @@ class Finding:
     over_floor: float
     beyond: float
     significant: bool
+    likely: bool = False
+    by_size: bool = False
 
 
 def localise(
@@ -241,7 +245,7 @@ def localise(
             significant=bool(p <= LEVEL * (1.0 + 1e-9))
             and f.over_floor >= MATERIAL
             # A place where the gap is large has to stand out from the rest of the time.
-            and not (f.coordinate.startswith('size by') and f.statistic < CONTRAST),
+            and not (f.by_size and f.statistic < CONTRAST),
         )
         for f, p in zip(found, chance, strict=True)
     ]
@@ -249,20 +253,20 @@ def localise(
     size = np.sqrt(np.nanmean(residual**2, axis=1)) / floor.per_drive
     gap = dict(zip(motion.drives, size.tolist(), strict=True))
     found.sort(key=lambda f: (-f.significant, -gap[f.drive], -f.over_floor))
-    return tuple(f for f in found if f.significant or f.sentence.endswith(_DOUBT))
+    return tuple(f for f in found if f.significant or f.likely)
 
 
 def _likely(found: list[Finding], drives: Sequence[str]) -> list[Finding]:
     """Return what explains most on drives with a large gap where no coordinate is certain."""
     out = []
     for drive in drives:
-        means = [f for f in found if f.drive == drive and not f.coordinate.startswith('size by')]
+        means = [f for f in found if f.drive == drive and not f.by_size]
         best = max(means, key=lambda f: f.statistic, default=None)
         if best is None or any(f.significant for f in means):
             continue
         if best.statistic >= _LIKELY and best.over_floor >= _LARGE:
             found.remove(best)
-            out.append(replace(best, sentence=best.sentence + _DOUBT))
+            out.append(replace(best, sentence=best.sentence + _DOUBT, likely=True))
     return out
 
 
@@ -349,6 +353,7 @@ def _sizes(
             Finding(
                 motion.drives[d], f'size by {coordinate.name}', region, share, p_value, text,
                 size * math.sqrt(share), size * math.sqrt(share) / noise, share, False,
+                by_size=True,
             )
         )
     return out

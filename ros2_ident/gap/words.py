@@ -142,7 +142,7 @@ def _first(d: Diagnosis) -> str:
     if facts.leads is None:
         return ''
     more = len(facts.contradictions) - 1
-    text = d.gates[facts.leads][2].rstrip('.')
+    text = d.gates[facts.leads].sentence.rstrip('.')
     return f'{text}.' + (f' ({more} more like it below.)' if more else '')
 
 

@@ -2,6 +2,6 @@
 """What log and machine file say of each other before any physics is fitted."""
 
 from ros2_ident.gates.examine import examine
-from ros2_ident.gates.finding import Gate, GateReport, Level
+from ros2_ident.gates.finding import Gate, GateReport, Level, likewise, sentences
 
-__all__ = ['Gate', 'GateReport', 'Level', 'examine']
+__all__ = ['Gate', 'GateReport', 'Level', 'examine', 'likewise', 'sentences']

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ros2_ident.effects import shown_by
-from ros2_ident.gates.finding import Gate
+from ros2_ident.gates.finding import Gate, Level
 from ros2_ident.gates.law import fit_law, Gain, Law
 from ros2_ident.gates.scale import FOLLOWS, LATE, LATEST_EFFORT, MORE, STRAYS, SWAPPED, UNITS
 from ros2_ident.gates.signals import LATEST_COMMAND
@@ -51,7 +51,7 @@ def check_law(
             f'{drive}: the control law cannot be checked: that needs a moving set-point, position '
             'and effort'
         )
-        return [Gate('law', drive, 'warn', math.nan, '1', text)]
+        return [Gate('law', drive, 'warn', math.nan, '1', text, cause='unread')]
     level = _STATED * machine.effort_noise if noise is None else noise
     unit = machine.model_unit
     clean = law.misfit <= MORE * math.hypot(level, law.steps)
@@ -73,7 +73,8 @@ def check_law(
         )
         # An effect in the controller or its sensor explains as little.
         lost = law.explained < STRAYS
-        return [Gate('law', drive, 'fail' if lost else 'warn', law.explained, '1', text, lost)]
+        how: Level = 'fail' if lost else 'warn'
+        return [Gate('law', drive, how, law.explained, '1', text, lost, cause='any gains')]
     found = _late(machine, law, clean)
     if noise is not None and not clean:
         text = (
@@ -110,7 +111,7 @@ def _gains(machine: Machine, law: Law, noise: float | None, clean: bool) -> Gate
             'single gain is to blame, correct the machine file, or look whether the drive runs '
             'other gains'
         )
-        return Gate('law', drive, 'warn', math.nan, '1', text)
+        return Gate('law', drive, 'warn', math.nan, '1', text, cause='several gains')
     another = not 1.0 / _ANOTHER < abs(best.ratio) < _ANOTHER
     if best.ratio < 0.0:
         # A sign that is reversed leaves the size; another size is another cause.
@@ -120,6 +121,7 @@ def _gains(machine: Machine, law: Law, noise: float | None, clean: bool) -> Gate
         f'{drive}: {_correction(law, best, unit, machine.travel_unit)}',
         contradicts=another or (clean and best.ratio > 0.0),
         key='' if best.name == 'scale' else best.name,
+        cause=best.name,
     )  # fmt: skip
 
 
@@ -177,13 +179,14 @@ def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
             f'{law.drive}: the effort is logged {1e3 * lag:.3g} ms late, and no delay of the log '
             f'is to be identified; stamp it where it is sampled, or list {delay} under parameters'
         )
-        return [Gate('offset', law.drive, 'warn', lag, 's', text, contradicts=True)]
+        return [Gate('offset', law.drive, 'warn', lag, 's', text, contradicts=True, cause='log')]
     if abs(lag + late) < abs(lag) and abs(lag + late) < abs(late):
         topic, by = 'position', late
     elif -_EARLY <= late <= LATEST_COMMAND:
         topic, by = 'effort', lag
     else:
         topic, by = 'command', -late
+    cause = f'{topic} {"late" if by > 0.0 else "early"}'
     text = (
         f'{law.drive}: the stamps of the {topic} are {round(1e3 * abs(by), 1):g} ms '
         f'{"late" if by > 0.0 else "early"} against those of the others: so shifted, the control '
@@ -191,7 +194,8 @@ def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
     )
     # Two cycles are lost where a set-point is differentiated, or a cycle is stated wrongly.
     apart = abs(by) >= 2.0 * machine.number('cycle')
-    return [Gate('offset', law.drive, 'fail' if apart else 'warn', by, 's', text, apart)]
+    level: Level = 'fail' if apart else 'warn'
+    return [Gate('offset', law.drive, level, by, 's', text, apart, cause=cause)]
 
 
 def of_one_drive(gates: list[Gate], drives: int) -> list[Gate]:

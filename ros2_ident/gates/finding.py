@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the gates find: values and the words for them."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -30,6 +31,7 @@ class Gate:
         contradicts: Whether log and machine file contradict each other, or the model cannot fit
             the log, so that this is what a user has to hear first.
         key: The constant of the machine file that is to be changed, empty for none.
+        cause: Which of several causes the check names, empty where it knows one.
     """
 
     gate: str
@@ -40,6 +42,7 @@ class Gate:
     sentence: str
     contradicts: bool = False
     key: str = ''
+    cause: str = ''
 
 
 @dataclass(frozen=True)
@@ -99,3 +102,21 @@ class GateReport:
         """Return the findings of one check."""
         return tuple(g for g in self.gates if g.gate == gate)
 
+
+def likewise(drives: Iterable[str]) -> str:
+    """Return further drives of which a sentence holds, in brackets; empty for none."""
+    names = ', '.join(dict.fromkeys(drives))
+    return f' (likewise {names})' if names else ''
+
+
+def sentences(gates: Iterable[Gate]) -> list[str]:
+    """Return findings in words, those of one cause on several drives as the first one's."""
+    groups: dict[tuple[object, ...], list[Gate]] = {}
+    for gate in gates:
+        named = None if gate.drive else gate.sentence
+        kind = gate.gate, gate.level, gate.contradicts, gate.unit, gate.key, gate.cause, named
+        groups.setdefault(kind, []).append(gate)
+    return [
+        first.sentence + likewise(g.drive for g in others if g.drive != first.drive)
+        for first, *others in groups.values()
+    ]

@@ -90,7 +90,8 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
         return found
     bad = sign in WRONG
     level: Level = 'fail' if bad else 'ok'
-    return [*found, Gate('sign', drive, level, math.nan, '1', sentence(drive, sign), bad)]
+    text = sentence(drive, sign)
+    return [*found, Gate('sign', drive, level, math.nan, '1', text, bad, cause=sign)]
 
 
 def check_asked(found: Asked, unit: str) -> list[Gate]:

@@ -10,7 +10,7 @@ from scipy.signal import correlate
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
-from ros2_ident.gates.finding import Gate
+from ros2_ident.gates.finding import Gate, Level
 from ros2_ident.gates.scale import APART, FEWEST, FOLLOWS, LATE, STRAYS, SWAPPED, UNITS
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.smooth import allowed_cutoff
@@ -117,7 +117,7 @@ def check_tracking(tracking: Tracking, cycle: float, unit: str) -> list[Gate]:
                 'belong together, or leave the command out'
             )
             # A drive at its limit does not follow either.
-            found.append(Gate('set_point', drive, 'warn', share, '1', text))
+            found.append(Gate('set_point', drive, 'warn', share, '1', text, cause='strays'))
         elif share >= FOLLOWS and abs(slope - 1.0) > _OTHER_UNIT:
             found.append(_of_another_unit(drive, slope, unit))
         elif share >= FOLLOWS and lag < -(LATE + 2.0 * cycle):
@@ -126,7 +126,7 @@ def check_tracking(tracking: Tracking, cycle: float, unit: str) -> list[Gate]:
                 'stamps of the command are late or those of the position early; stamp both with '
                 'one clock where they are sampled, or leave the command out'
             )
-            found.append(Gate('offset', drive, 'fail', lag, 's', text, contradicts=True))
+            found.append(Gate('offset', drive, 'fail', lag, 's', text, True, cause='command late'))
         else:
             text = f'{drive}: the position follows its set-point, {1e3 * lag:.2g} ms behind'
             found.append(Gate('set_point', drive, 'ok', slope, '1', text))
@@ -140,17 +140,18 @@ def _of_another_unit(drive: str, slope: float, unit: str) -> Gate:
             f'{drive}: the position moves against its set-point; its sign is reversed in one of '
             'the two topics, negate it there'
         )
-        return Gate('set_point', drive, 'fail', slope, '1', text, contradicts=True)
+        return Gate('set_point', drive, 'fail', slope, '1', text, True, cause='sign')
     text = f'{drive}: the position moves {slope:.4g} times as far as its set-point'
     for factor, name in UNITS.get(unit, ()):
         for ratio, topic in ((factor, 'position'), (1.0 / factor, 'set-point')):
             if abs(slope / ratio - 1.0) <= _OTHER_UNIT:
                 text += f', so the {topic} is logged in {name}; log {unit}'
-                return Gate('set_point', drive, 'fail', slope, '1', text, contradicts=True)
+                return Gate('set_point', drive, 'fail', slope, '1', text, True, cause=topic + name)
     text += f'; log both in {unit}, of the same side of the gear'
     # A force that the controller does not hold moves a drive, too.
     strange = not 1.0 / _STRANGE < slope < _STRANGE
-    return Gate('set_point', drive, 'fail' if strange else 'warn', slope, '1', text, strange)
+    level: Level = 'fail' if strange else 'warn'
+    return Gate('set_point', drive, level, slope, '1', text, strange, cause='factor')
 
 
 def _mixed(tracking: Tracking) -> list[Gate]:

@@ -68,7 +68,7 @@ def _estimate(
     p, value = problem.parameters[k], float(found.theta[k])
     state = state_of(value, low, high, p.low, p.high)
     bound = bound_of(low, high, p.low, p.high, p.unit)
-    said = []
+    said, hidden = [], False
     if found.intervals is None:
         at = 'lower' if value <= p.low else 'upper' if value >= p.high else ''
         said.append(CUT_SHORT)
@@ -84,7 +84,7 @@ def _estimate(
     said += [BASE] if p.kind == 'base' else []
     return ParameterEstimate(
         p.name, p.unit, value, low, high, p.low, p.high, float(found.ga.theta[k]), bool(at), state,
-        p.kind, ', '.join(said), noise_low, noise_high,
+        p.kind, ', '.join(said), noise_low, noise_high, hidden,
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.gates import GateReport
+from ros2_ident.gates import GateReport, sentences
 from ros2_ident.gates.scale import figure, FLOORS
 from ros2_ident.identify.certainty import doubted
 from ros2_ident.identify.problem import Problem
@@ -112,9 +112,9 @@ def judged(
 def _said(report: GateReport) -> tuple[str, ...]:
     """Return what the gates warn of, but for what is the headline."""
     first = report.contradictions[:1]
-    return tuple(g.sentence for g in report.gates if g.level != 'ok' and g not in first)
+    return tuple(sentences(g for g in report.gates if g.level != 'ok' and g not in first))
 
 
-def _joined(*sentences: str) -> str:
+def _joined(*parts: str) -> str:
     """Return sentences as one text; empty ones are passed over."""
-    return ' '.join(sentence for sentence in sentences if sentence)
+    return ' '.join(part for part in parts if part)

@@ -11,8 +11,9 @@ import platform
 import numpy as np
 
 from ros2_ident.arrays import Array
+from ros2_ident.gates import likewise
 from ros2_ident.gates.scale import figure
-from ros2_ident.identify.certainty import doubted, estimates_of, HIDDEN
+from ros2_ident.identify.certainty import doubted, estimates_of
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.hidden import MATERIAL, OTHER_NOISE
 from ros2_ident.identify.problem import Problem
@@ -70,6 +71,7 @@ def assemble(
     return Identification(
         outcome=outcome,
         message=message,
+        rival=tuple(float(x) for x in rivals[0].theta) if rivals else (),
         model=problem.name,
         drives=problem.drives,
         parameters=estimates,
@@ -106,34 +108,41 @@ def _gap(
     """Return what the residual says of the model and of the noise that is stated."""
     noise, machine = problem.noise, problem.models[0].machine
     told = machine is None or machine.stated('effort_noise')
+    missing, noisy = dict[str, str](), dict[str, str]()
     if evidence is None:
-        return tuple(
-            f'{x.drive}: the residual is {figure(x.rms / noise)} times the effort noise of the '
-            'machine file; `ident diagnose` looks for what the model leaves out'
-            for x in left
-            if noise > 0.0 and not x.unit and x.rms > OTHER_NOISE * noise
-        )
-    out = []
+        for x in left:
+            if noise > 0.0 and not x.unit and x.rms > OTHER_NOISE * noise:
+                noisy[x.drive] = (
+                    f'the residual is {figure(x.rms / noise)} times the effort noise of the '
+                    'machine file; `ident diagnose` looks for what the model leaves out'
+                )
+        return _of_outputs(noisy)
     outputs = problem.models[0].outputs
     rows = zip(outputs, evidence.predicted, evidence.floor, strict=True)
     for output, predicted, floor in rows:
         unit = '' if output.unit == '1' else f' {output.unit}'
         if predicted >= MATERIAL * floor:
-            out.append(
-                f'{output.name}: effects of the catalogue predict {predicted / output.weight:.2g}'
-                f'{unit} of the residual, {figure(predicted / floor)} times the noise; '
-                '`ident diagnose` looks for what the model leaves out'
+            missing[output.name] = (
+                f'effects of the catalogue predict {predicted / output.weight:.2g}{unit} of the '
+                f'residual, {figure(predicted / floor)} times the noise; `ident diagnose` looks '
+                'for what the model leaves out'
             )
         found = floor / output.weight
         stated = told and output.quantity == 'effort' and noise > 0.0
         if not stated or predicted >= MATERIAL * floor:
             continue
         if not noise / OTHER_NOISE < found < noise * OTHER_NOISE:
-            out.append(
-                f'{output.name}: the noise of the log is {found:.2g}{unit}, and the machine file '
-                f'states {noise:.2g}{unit} (effort_noise); the log decides'
+            noisy[output.name] = (
+                f'the noise of the log is {found:.2g}{unit}, and the machine file states '
+                f'{noise:.2g}{unit} (effort_noise); the log decides'
             )
-    return tuple(out)
+    return (*_of_outputs(missing), *_of_outputs(noisy))
+
+
+def _of_outputs(said: Mapping[str, str]) -> tuple[str, ...]:
+    """Return what holds of outputs as one sentence: the first one's, with the others' names."""
+    names = list(said)
+    return tuple(f'{name}: {said[name]}{likewise(names[1:])}' for name in names[:1])
 
 
 def _ambiguous(problem: Problem, rivals: tuple[StartOutcome, ...]) -> str:
@@ -182,20 +191,32 @@ def _judge(
         if bounded
         else ''
     )
+    loose = undetermined(estimates)
+    outcome = Outcome.NOT_IDENTIFIABLE if loose else Outcome.IDENTIFIED
+    first = determined(estimates)
+    return outcome, f'{f"{first}: {loose}" if loose else first}.{leaning}'
+
+
+def determined(estimates: Sequence[ParameterEstimate]) -> str:
+    """Return how many parameters are identified, or are not, as the begin of a sentence."""
+    count, loose = len(estimates), sum(not e.identifiable for e in estimates)
+    if not loose:
+        return f'All {count} parameters are identified'
+    return f'This data does not determine {loose} of {count} parameters'
+
+
+def undetermined(estimates: Sequence[ParameterEstimate]) -> str:
+    """Return which parameters are not identified, and the remedy; empty for none."""
     loose = [e for e in estimates if not e.identifiable]
-    if loose:
-        hidden = [e for e in loose if HIDDEN in e.note]
-        named = (f'{e.name} ({e.bound})' if e.state == 'bounded' else e.name for e in loose)
-        remedy = (
-            'the model lacks something that trades with them: find it with `ident diagnose`'
-            if hidden == loose
-            else 'record a motion that excites them, or fix them at known values'
-        )
-        return Outcome.NOT_IDENTIFIABLE, (
-            f'This data does not determine {len(loose)} of {len(estimates)} parameters: '
-            f'{", ".join(named)}; {remedy}.{leaning}'
-        )
-    return Outcome.IDENTIFIED, f'All {len(estimates)} parameters are identified.{leaning}'
+    if not loose:
+        return ''
+    named = (f'{e.name} ({e.bound})' if e.state == 'bounded' else e.name for e in loose)
+    remedy = (
+        'the model lacks something that trades with them: find it with `ident diagnose`'
+        if all(e.hidden for e in loose)
+        else 'record a motion that excites them, or fix them at known values'
+    )
+    return f'{", ".join(named)}; {remedy}'
 
 
 def cut_short(found: Fitted) -> bool:

@@ -65,6 +65,7 @@ class ParameterEstimate:
         note: The same in words, empty where there is nothing to say.
         noise_low: Lower end if the model lacked nothing: noise alone.
         noise_high: Upper end likewise.
+        hidden: Whether it would be identified if the model lacked nothing.
     """
 
     name: str
@@ -81,6 +82,7 @@ class ParameterEstimate:
     note: str
     noise_low: float = float('nan')
     noise_high: float = float('nan')
+    hidden: bool = False
 
     @property
     def identifiable(self) -> bool:
@@ -272,6 +274,7 @@ class Identification:
         validated_on: Which data that is: a bag, or how parts of the log were left out.
         gates: What log and machine file say of each other before any fit, the worst first.
         prediction: How far free runs come from the data judged on; None where none was made.
+        rival: (N,) another minimum of the cost that fits almost as well; empty for none.
     """
 
     outcome: Outcome
@@ -297,6 +300,7 @@ class Identification:
     validated_on: str = ''
     gates: tuple[Gate, ...] = ()
     prediction: Prediction | None = None
+    rival: tuple[float, ...] = ()
 
     @property
     def theta(self) -> Array:

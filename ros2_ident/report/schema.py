@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A result as plain data and back; `null` stands for what is not a number."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 import math
@@ -52,6 +52,7 @@ def to_mapping(result: Identification) -> dict[str, Any]:
         'validated_on': result.validated_on,
         'gates': [asdict(gate) for gate in result.gates],
         'prediction': None if result.prediction is None else asdict(result.prediction),
+        'rival': result.rival,
         'evaluations': result.evaluations,
         'seconds': result.seconds,
         'seed': result.seed,
@@ -93,6 +94,11 @@ def _read_residuals(data: Mapping[str, Any]) -> tuple[DriveResidual, ...]:
 
 def _number(value: Any) -> float:
     return math.nan if value is None else float(value)
+
+
+def gates_from(data: Iterable[Mapping[str, Any]]) -> tuple[Gate, ...]:
+    """Return the findings that a file holds."""
+    return tuple(Gate(**{**gate, 'number': _number(gate['number'])}) for gate in data)
 
 
 def _numbers(values: Any) -> Array:
@@ -151,6 +157,7 @@ def _estimate(name: str, entry: Mapping[str, Any]) -> ParameterEstimate:
         state=entry.get('state', 'identified' if entry['identifiable'] else 'not determined'),
         kind=entry['kind'],
         note=str(entry['note']),
+        hidden=bool(entry.get('hidden')),
         **{key: _number(entry.get(key)) for key in numbers},
     )
 
@@ -195,8 +202,7 @@ def _result(data: Mapping[str, Any]) -> Identification:
         settings=dict(data['settings']),
         validation=_read_residuals(data.get('validation', {})),
         validated_on=str(data.get('validated_on', '')),
-        gates=tuple(
-            Gate(**{**gate, 'number': _number(gate['number'])}) for gate in data.get('gates', ())
-        ),
+        gates=gates_from(data.get('gates', ())),
         prediction=prediction_from(data.get('prediction')),
+        rival=tuple(data.get('rival', ())),
     )

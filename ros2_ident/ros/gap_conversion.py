@@ -124,7 +124,7 @@ def _fill(message: Gap, finished: Finished[Diagnosed]) -> None:
 
 def warnings_of(done: Diagnosed) -> list[str]:
     """Return what gates and data warn of, each sentence once."""
-    gates = [text for _, level, text in done.result.gates if level != 'ok']
+    gates = [gate.sentence for gate in done.result.gates if gate.level != 'ok']
     logs = done.logs.fit, done.logs.check
     said = [w for data in logs if data for w in data.quality(0).warnings]
     return list(dict.fromkeys([*gates, *said]))

@@ -102,7 +102,7 @@ def test_without_effort_the_friction_of_a_loaded_gear_is_found_and_its_gap_close
     assert found.share_closed.value > 0.85
     motor = found.parameters['joint.directional_load_friction.motor']
     assert motor.value == pytest.approx(0.3, rel=0.1)
-    assert not [gate for gate in found.gates if gate[0] in ('sign', 'limit', 'law')]
+    assert not [gate for gate in found.gates if gate.gate in ('sign', 'limit', 'law')]
 
 
 def test_where_nothing_is_missing_a_servo_is_left_alone() -> None:

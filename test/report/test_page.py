@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page on a result directory, without a browser: what it holds and what it leaves out."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from html.parser import HTMLParser
 import json
 import math
@@ -26,6 +26,7 @@ from ros2_ident.gap import words
 from ros2_ident.gap.diagnosis import DriveGap, Ranked, to_mapping
 from ros2_ident.gap.facts import Cause, Event, Facts
 from ros2_ident.gap.wording import compared
+from ros2_ident.gates import Gate
 from ros2_ident.identify.result import Outcome
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import LIVE
@@ -231,7 +232,7 @@ def test_a_slow_residual_and_uncommanded_effort_are_worded_alike_everywhere(tmp_
         Cause.EVENTS, 'drive_2', 'N m', contradictions=(0,),
         events=(Event('drive_2', 1, 1.41, 0.73), Event('drive_2', 2, 0.5, -1.0)),
     )
-    gate = ('not_asked', 'warn', 'drive_2: not commanded: 1.41 s.')
+    gate = Gate('not_asked', 'drive_2', 'warn', 1.41, 's', 'drive_2: not commanded: 1.41 s.')
     for facts, headline, told in (
         (slow, 'The residual of drive_2 is too large and too slow', '0.0101 N m on drive_2, '),
         (push, 'Drive_2 produced effort that was not commanded.',
@@ -284,6 +285,31 @@ def test_parameters_at_a_bound_or_not_told_apart_are_said():
     assert not any('hardly separates' in text for text in clear.careful)
     assert any('is known best, to ±' in text for text in clear.sure)
     assert clear.values[0][0] == first.name and clear.values[0][2].startswith('± ')
+
+
+def test_like_warnings_of_several_drives_are_one(both):
+    """Of another cause they stay apart, however alike their words are."""
+    drives = ('drive_1', 'drive_2', 'drive_3')
+    cause = dict.fromkeys(drives, 'effort late') | {'drive_3': 'effort early'}
+    odd = [
+        asdict(Gate('offset', d, 'warn', 0.1 * k, 's', f'{d}: {k} ms off.', cause=cause[d]))
+        for k, d in enumerate(drives)
+    ]
+    said = of_diagnosis({**content(both), 'gates': odd}, '').careful
+    assert said == ('drive_1: 0 ms off. (likewise drive_2)', 'drive_3: 2 ms off.')
+
+
+def test_parameters_that_are_not_determined_are_named_below_the_headline():
+    good = identified()
+    loose = replace(good.parameters[0], state='not determined', hidden=True)
+    result = replace(
+        good, outcome=Outcome.NOT_IDENTIFIABLE, parameters=(loose, *good.parameters[1:])
+    )
+    said = of_identification(result, 'out')
+    assert said.headline == 'This data does not determine 1 of 4 parameters.'
+    assert said.sure[0].startswith(f'Not determined: {loose.name}; the model lacks something')
+    several = replace(result, rival=(1.0, 2.0, 3.0, 4.0), message='The cost has several minima.')
+    assert of_identification(several, 'out').headline == several.message
 
 
 def test_what_only_the_log_shows_is_not_to_be_simulated(both):
@@ -474,7 +500,7 @@ def test_the_edge_of_the_answer_is_green_only_where_nothing_is_to_be_careful_abo
         return said.level, said.state
 
     assert shown() == ('good', 'Clear answer')
-    odd = [{'gate': 'sign', 'level': 'warn', 'sentence': 'drive_1: the sign is odd.'}]
+    odd = [asdict(Gate('sign', 'drive_1', 'warn', math.nan, '1', 'drive_1: the sign is odd.'))]
     with_reservations = 'Answer with reservations: '
     assert shown(gates=odd) == ('doubtful', f'{with_reservations}see “Be careful” below')
     assert shown(evidence={**data['evidence'], 'remaining': 1.2}) == (
@@ -513,7 +539,8 @@ def test_the_numbers_are_written_into_the_files_of_a_simulator_by_one_command(bo
 
 def test_a_contradiction_comes_before_the_answer(both):
     data = content(both)
-    grave = [{'gate': 'law', 'level': 'error', 'sentence': 'drive_1: the gain is twice that.'}]
+    text = 'drive_1: the gain is twice that.'
+    grave = [asdict(Gate('law', 'drive_1', 'fail', 2.0, '1', text))]
     said = of_diagnosis({**data, 'gates': grave}, '')
     assert said.first == ('drive_1: the gain is twice that.',) and said.level == 'bad'
     assert said.state == 'Correct this first:'
@@ -619,7 +646,7 @@ def test_other_files_are_refused(tmp_path):
         write_report(tmp_path)
     assert caught.value.code is ErrorCode.NO_DATA
     (tmp_path / 'diagnosis.json').write_text('{"schema": 7, "verdict": {}}')
-    with pytest.raises(IdentError, match='is no diagnosis of version 3'):
+    with pytest.raises(IdentError, match='is no diagnosis of version 4'):
         write_report(tmp_path)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from ros2_ident.gap import words
 from ros2_ident.gap.facts import Cause, Event
 from ros2_ident.gap.wording import compared
+from ros2_ident.gates import sentences as sentences_of
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.report.page import sentences, steps
 from ros2_ident.report.page.headline import headline
@@ -21,13 +22,12 @@ from ros2_ident.report.page.numbers import (
     shares,
     unit_of,
 )
-from ros2_ident.report.page.sentences import capital, effect_name, joined, some
+from ros2_ident.report.page.sentences import capital, effect_name, some
 from ros2_ident.report.page.steps import effects_found, Step
+from ros2_ident.report.schema import gates_from
 
 # Drives that the first screen lists; the table further down has all.
 LISTED = 6
-# Levels of a check of the log that come before any answer.
-GRAVE = ('error', 'fail')
 # Parameters of an identification that it lists.
 PARAMETERS = 10
 # A gap left above the noise, in units of the noise floor, that wants a cause of its own.
@@ -110,8 +110,8 @@ def of_diagnosis(data: Mapping[str, Any], out: str) -> Answer:
     careful = tuple(_careful(data))
     verdict = data['verdict']
     level: sentences.Level = 'bad'
-    grave = [g['sentence'] for g in data['gates'] if g['level'] in GRAVE]
-    first = () if verdict['effect'] in steps.REFUSALS else tuple(joined(grave))
+    grave = sentences_of(g for g in gates_from(data['gates']) if g.level == 'fail')
+    first = () if verdict['effect'] in steps.REFUSALS else tuple(grave)
     if data['complete'] and verdict['effect'] not in sentences.NAMELESS - {'none'} and not first:
         unsure = len(data['confusable']) > 1 or _unexplained(data) or _seldom(data)
         level = 'doubtful' if careful or unsure else 'good'
@@ -305,11 +305,11 @@ def _careful(data: Mapping[str, Any]) -> Iterator[str]:
     yield from words.hidden(facts['hidden'].items(), data['gap']['unit'])
     told = ('not_asked',) if facts['events'] else ()
     odd = [
-        g['sentence']
-        for k, g in enumerate(data['gates'])
-        if k != facts['leads'] and g['level'] not in ('ok', *GRAVE) and g['gate'] not in told
+        g
+        for k, g in enumerate(gates_from(data['gates']))
+        if k != facts['leads'] and g.level == 'warn' and g.gate not in told
     ]
-    yield from joined(odd)
+    yield from map(sentences.warned, sentences_of(odd))
     ends = [name for name, v in data['parameters'].items() if v['at_bound']]
     if ends:
         yield words.at_bounds(ends)
@@ -327,7 +327,7 @@ def of_identification(result: Identification, out: str) -> Answer:
     """
     # Where nothing is identified there is nothing to doubt one by one.
     named = () if result.outcome is Outcome.CONTRADICTED else sentences.doubts(result)
-    doubts = [*named, *joined(result.quality.warnings)]
+    doubts = [*named, *map(sentences.warned, result.quality.warnings)]
     level: sentences.Level = 'bad'
     if result.outcome is Outcome.IDENTIFIED:
         level = 'doubtful' if doubts else 'good'

@@ -3,13 +3,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 import math
-import re
 from typing import Any, Literal
 
 import numpy as np
 
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.verdict import NAMELESS as NAMELESS
+from ros2_ident.identify.outcome import determined, undetermined
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.report.page.numbers import change, number, precision, quantity, UNKNOWN
 
@@ -22,16 +22,11 @@ CLOSE = 0.95
 # A parameter that an effect moves by so much of its value is named; where only all numbers
 # together are determined, one that moves by so much.
 MOVED, MOVED_TOGETHER = 0.05, 0.005
-# A headline from so many letters on ends at its colon.
-LONG = 90
 # Pairs, parameters or effects that one sentence lists.
 LISTED = 6
 # Places of the gap that are told at once, and the share of a drive's gap that a further one has to
 # explain beyond the drive's leading one.
 LEADING, FURTHER = 3, 0.1
-
-_DRIVE = re.compile(r'^([^\s:]+): ')
-_FIGURE = re.compile(r'\d+(?:\.\d+)?(?:e[+-]?\d+)?')
 
 
 def width(estimate: ParameterEstimate) -> float:
@@ -72,45 +67,22 @@ def some(names: Sequence[str]) -> str:
     return ', '.join(names[:LISTED]) + (f' and {more} more' if more > 0 else '')
 
 
-def joined(texts: Sequence[str]) -> list[str]:
-    """Return warnings with those that differ only in their drive and their figures as one.
-
-    The figures are the first one's; so many drives have the same warning is what is new.
-    """
-    groups: dict[str, list[str]] = {}
-    for text in texts:
-        groups.setdefault(_FIGURE.sub('#', _DRIVE.sub('', text)), []).append(text)
-    return [_as_one(group) for group in groups.values()]
-
-
-def _as_one(group: Sequence[str]) -> str:
-    """Return like warnings as one, which begins as a sentence does."""
-    drives = [found[1] for text in group if (found := _DRIVE.match(text))]
-    if len(group) == 1 or len(drives) < len(group):
-        return _sentence(group[0])
-    others = [name for name in dict.fromkeys(drives) if name != drives[0]]
-    return f'{group[0]} (likewise {some(others)})' if others else group[0]
-
-
-def _sentence(text: str) -> str:
+def warned(text: str) -> str:
     """Return a warning with a capital; what begins with a name or a path stays."""
-    first = text.partition(' ')[0]
-    return capital(text) if first.isalpha() else text
+    return capital(text) if text.partition(' ')[0].isalpha() else text
 
 
 # ---------------------------------------------------------------------- identifications
 
 
 def headline(result: Identification) -> tuple[str, str]:
-    """Return how an identification ended, and what a long sentence goes on to say."""
-    # What follows the first sentence is about bounds, which are said one by one.
-    first, _, rest = result.message.partition('. ')
-    if rest and not any(p.at_bound for p in result.parameters):
-        first = result.message
-    short, colon, more = first.rstrip('.').partition(': ')
-    if colon and len(first) > LONG and result.outcome is Outcome.NOT_IDENTIFIABLE:
-        return f'{short}.', f'Not determined: {more}.'
-    return first.rstrip('.') + '.', ''
+    """Return how an identification ended, and which parameters it does not determine."""
+    plain = result.outcome in (Outcome.IDENTIFIED, Outcome.NOT_IDENTIFIABLE)
+    if not plain or result.rival or any(gate.contradicts for gate in result.gates):
+        return result.message, ''
+    # Bounds are said one by one.
+    loose = undetermined(result.parameters)
+    return f'{determined(result.parameters)}.', f'Not determined: {loose}.' if loose else ''
 
 
 def precision_of(result: Identification) -> Iterator[str]:
@@ -239,7 +211,7 @@ def leading(data: Mapping[str, Any]) -> tuple[list[str], list[str]]:
 
 def _says_more(finding: Mapping[str, Any]) -> bool:
     beyond = finding['beyond'] or 0.0
-    return not finding['coordinate'].startswith('size by') and beyond >= FURTHER
+    return not finding['by_size'] and beyond >= FURTHER
 
 
 def _worst(data: Mapping[str, Any]) -> list[str]:
