@@ -17,8 +17,7 @@ from ros2_ident.identify.data import read_data
 from ros2_ident.identify.run import identify
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.models.rotary_tripod.model import Delta
-from ros2_ident.models.rotary_tripod.reach import check_reach, joints_of, set_points
-from ros2_ident.models.rotary_tripod.scene import figure
+from ros2_ident.models.rotary_tripod.reach import check_reach, figure, joints_of, set_points
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.bag import write_simulated
 from ros2_ident.simulate.motions import draw_motion

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a delta's platform can be, and the joints of its arms."""
+"""Where a delta's platform can be, the joints of its arms, and what is drawn of both."""
 
 from collections.abc import Iterator
 
@@ -8,9 +8,10 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.draft import Remark
+from ros2_ident.machine.figure import Figure
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.space import Space
-from ros2_ident.models.tripod.reach import share_apart
+from ros2_ident.models.tripod.reach import check_rods, platform
 
 # How far an arm hangs below the level in the middle of the workspace, rad.
 _HANGING = 0.5
@@ -43,15 +44,8 @@ def check_reach(machine: Machine, angle: Array) -> Iterator[Remark]:
         machine: A delta.
         angle: (3, K) positions of its drives [rad], NaN where there is no sample.
     """
-    rod = machine.number('rod_length')
-    share = share_apart(joints_of(machine, angle), rod)
-    if share > 0.0:
-        yield Remark(
-            'error',
-            ('geometry', 'rod_length'),
-            f'rods of {rod:g} m do not meet in {100.0 * share:.2g} % of the recorded positions; '
-            'correct the lengths, arm_zero, positive, or the unit of the positions (rad)',
-        )
+    remedy = 'the lengths, arm_zero, positive, or the unit of the positions (rad)'
+    yield from check_rods(joints_of(machine, angle), machine.number('rod_length'), remedy)
 
 
 def space(machine: Machine) -> Space:
@@ -102,3 +96,38 @@ def set_points(points: Array, speeds: Array, machine: Machine) -> tuple[Array, A
     rate = along / (arm * (rod_up * cos - rod_ahead * sin))
     sense = _sense(machine)
     return sense * up + machine.numbers('arm_zero')[:, None], sense * rate
+
+
+def figure(machine: Machine, position: Array) -> Figure | None:
+    """Return a delta in space: its frame, arms, rods and the platform where they hold it.
+
+    Only the difference of the two circles matters to the motion; the platform's is drawn as a
+    quarter of it, and the shafts stand out by as much.
+
+    Args:
+        machine: A delta.
+        position: (3, F) angles of its drives [rad].
+
+    Returns:
+        What to draw; None for positions that no rod reaches.
+    """
+    radius, azimuth = machine.number('shaft_radius'), machine.numbers('shaft_azimuth')
+    base = radius * np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(3)], axis=1)
+    joints = joints_of(machine, position).swapaxes(0, 1)
+    corner = 0.25 * base
+    held = platform(joints, machine.number('rod_length'), corner)
+    if held is None:
+        return None
+    tool, body = held
+    knee = joints + corner
+    base = base + corner
+    arms = np.stack([np.broadcast_to(base, knee.shape), knee], axis=2)
+    rods = np.stack([knee, tool[:, None] + corner], axis=2)
+    return Figure(
+        size=radius + machine.number('arm_length'),
+        tool=tool,
+        blocks=knee,
+        links=np.concatenate([arms, rods], axis=1),
+        body=body,
+        frame=np.stack([base, np.roll(base, -1, axis=0)], axis=1),
+    )

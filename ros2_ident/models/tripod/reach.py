@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a tripod's platform can be, and the carriages above it."""
+"""Where a tripod's platform can be, the carriages above it, and what is drawn of both."""
 
 from collections.abc import Iterator
 
@@ -9,22 +9,31 @@ import numpy.typing as npt
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.draft import Remark
+from ros2_ident.machine.figure import Figure
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.space import Space
 
 
-def share_apart(corner: Array, rod: float) -> float:
-    """Return the share of instants at which three rods do not meet.
+def check_rods(corner: Array, rod: float, remedy: str) -> Iterator[Remark]:
+    """Say where three rods do not meet.
 
     Args:
         corner: (3, K, 3) upper ends of the rods [m], NaN where they are not known.
         rod: Their length [m].
+        remedy: What to correct.
     """
     # The rods meet where the circle through the three carriages is smaller than they are long.
     side = [np.linalg.norm(corner[i] - corner[i - 1], axis=-1) for i in range(3)]
     area = np.linalg.norm(np.cross(corner[1] - corner[0], corner[2] - corner[0]), axis=-1)
     circle: Array = side[0] * side[1] * side[2] / (2.0 * area)
-    return float(np.mean(circle[np.isfinite(circle)] >= rod)) if circle.size else 0.0
+    share = float(np.mean(circle[np.isfinite(circle)] >= rod)) if circle.size else 0.0
+    if share > 0.0:
+        yield Remark(
+            'error',
+            ('geometry', 'rod_length'),
+            f'rods of {rod:g} m do not meet in {100.0 * share:.2g} % of the recorded positions; '
+            f'correct {remedy}',
+        )
 
 
 def check_reach(machine: Machine, height: npt.NDArray[np.float64]) -> Iterator[Remark]:
@@ -34,20 +43,13 @@ def check_reach(machine: Machine, height: npt.NDArray[np.float64]) -> Iterator[R
         machine: A tripod.
         height: (3, K) positions of its carriages [m], NaN where there is no sample.
     """
-    rod = machine.number('rod_length')
     radius = machine.number('rail_radius')
     azimuth = machine.numbers('rail_azimuth')[:, None]
     corner = np.stack(
         [*np.broadcast_arrays(radius * np.cos(azimuth), radius * np.sin(azimuth), height)], axis=-1
     )
-    share = share_apart(corner, rod)
-    if share > 0.0:
-        yield Remark(
-            'error',
-            ('geometry', 'rod_length'),
-            f'rods of {rod:g} m do not meet in {100.0 * share:.2g} % of the recorded positions; '
-            'correct rod_length, rail_radius, rail_azimuth, or the unit of the positions (m)',
-        )
+    remedy = 'rod_length, rail_radius, rail_azimuth, or the unit of the positions (m)'
+    yield from check_rods(corner, machine.number('rod_length'), remedy)
 
 
 def meeting_point(feet: Array, lengths: Array) -> Array:
@@ -108,3 +110,54 @@ def set_points(points: Array, speeds: Array, machine: Machine) -> tuple[Array, A
         )
     rise = np.sqrt(square)
     return points[2] + rise, speeds[2] - np.sum(away * speeds[None, :2], axis=1) / rise
+
+
+def platform(feet: Array, rod: float, corner: Array) -> tuple[Array, Array] | None:
+    """Return (F, 3) places of the platform and what is drawn of it; None where no rod reaches.
+
+    Args:
+        feet: (F, 3, 3) upper ends of the rods [m], the platform's circle taken off.
+        rod: Their length [m].
+        corner: (3, 3) its corners from its middle [m].
+    """
+    try:
+        tool = np.array([meeting_point(row, np.full(3, rod)) for row in feet])
+    except IdentError:  # as with a wrong zero
+        return None
+    sides = np.stack([corner, np.roll(corner, -1, axis=0)], axis=1)
+    spokes = np.stack([corner, np.zeros((3, 3))], axis=1)
+    return tool, np.concatenate([sides, spokes])
+
+
+def figure(machine: Machine, position: Array) -> Figure | None:
+    """Return a tripod in space: rails, carriages, rods and the platform where they hold it.
+
+    Only the difference of the two circles matters to the motion; the platform's is drawn as a
+    quarter of it, and the rails stand out by as much.
+
+    Args:
+        machine: A tripod.
+        position: (3, F) heights of its carriages [m].
+
+    Returns:
+        What to draw; None for positions that no rod reaches.
+    """
+    radius, azimuth = machine.number('rail_radius'), machine.numbers('rail_azimuth')
+    rail = radius * np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(3)], axis=1)
+    carriage = position.T[..., None] * np.array([0.0, 0.0, 1.0])
+    corner = 0.25 * rail
+    held = platform(rail + carriage, machine.number('rod_length'), corner)
+    if held is None:
+        return None
+    tool, body = held
+    foot = 1.25 * rail + carriage
+    ends = float(position.min()) - 0.5 * radius, float(position.max()) + 0.25 * radius
+    rails = [1.25 * rail + np.array([0.0, 0.0, z]) for z in ends]
+    return Figure(
+        size=radius,
+        tool=tool,
+        blocks=foot,
+        links=np.stack([foot, tool[:, None] + corner], axis=2),
+        body=body,
+        frame=np.stack(rails, axis=1),
+    )
