@@ -149,7 +149,6 @@ def machine_of(bench: Bench, kp: int) -> Machine:
                 'supply_voltage': bench.supply,
                 'load_mass': bench.mass,
                 'load_length': bench.length,
-                'coulomb_regularisation': 5e-3,
             },
             'controller': {
                 'cycle': 2e-3,

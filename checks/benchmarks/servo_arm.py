@@ -32,7 +32,6 @@ def machine_of(joint: str) -> Machine:
         'supply_voltage': 12.0,
         'resistance': 4.0,
         'armature': 0.02,
-        'coulomb_regularisation': 5e-3,
     }
     return machine_from_mapping(
         {
