@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags as `ros2 bag record -a` makes them beside ros2_control."""
 
+import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
@@ -132,8 +133,6 @@ class Maker:
 
 
 def _array(values):
-    import numpy as np
-
     return np.array(values, dtype=np.float64)
 
 
@@ -146,57 +145,28 @@ def as_ros2_control_records(maker, recording, *, efforts='state', dynamic=True):
         efforts: Where the efforts are: `state`, `dynamic` or `output` of the controller.
         dynamic: Whether the broadcaster's second topic is there.
     """
-    import numpy as np
-
     state, effort, command = recording.state, recording.effort, recording.command
     names = state.names
     order = [names.index(x) for x in command.names]
     found = []
     for k, stamp in enumerate(state.stamp.tolist()):
-        position, velocity = state.position[k], state.velocity[k]
-        force = effort.effort[k]
+        position, velocity, force = state.position[k], state.velocity[k], effort.effort[k]
         shown = force if efforts == 'state' else np.full(len(names), np.nan)
-        joints = (*names, 'gripper')
-        found.append(
-            (
-                stamp + 200_000,
-                '/joint_states',
-                JOINT_STATE,
-                maker.joint_state(
-                    stamp, joints, [*position, 0.01], [*velocity, 0.0], [*shown, np.nan]
-                ),
-            )
-        )
-        rates = (
-            command.velocity[k] if command.velocity is not None else np.zeros(len(names))
-        )
-        found.append(
-            (
-                stamp + 300_000,
-                '/joint_trajectory_controller/controller_state',
-                CONTROLLER_STATE,
-                maker.controller(
-                    stamp,
-                    command.names,
-                    (command.position[k], rates) if command.velocity is not None
-                    else (command.position[k],),
-                    (position[order], velocity[order]),
-                    force[order] if efforts == 'output' else (),
-                ),
-            )
-        )
+        values = [*position, 0.01], [*velocity, 0.0], [*shown, np.nan]
+        reference = [command.position[k]]
+        if command.velocity is not None:
+            reference.append(command.velocity[k])
+        output = force[order] if efforts == 'output' else ()
+        feedback = position[order], velocity[order]
+        state_message = maker.joint_state(stamp, (*names, 'gripper'), *values)
+        controller = maker.controller(stamp, command.names, reference, feedback, output)
+        topic = '/joint_trajectory_controller/controller_state'
+        found.append((stamp + 200_000, '/joint_states', JOINT_STATE, state_message))
+        found.append((stamp + 300_000, topic, CONTROLLER_STATE, controller))
         if dynamic:
-            interfaces = {
-                name: {'velocity': velocity[i], 'position': position[i]}
-                | ({'effort': force[i]} if efforts == 'dynamic' else {})
-                for i, name in enumerate(names)
-            } | {'gpio': {'vacuum': 1.0}}
-            found.append(
-                (
-                    stamp + 250_000,
-                    '/dynamic_joint_states',
-                    DYNAMIC_STATE,
-                    maker.dynamic(stamp, interfaces),
-                )
-            )
+            own = {'effort': force} if efforts == 'dynamic' else {}
+            own = {'velocity': velocity, 'position': position, **own}
+            interfaces = {x: {y: v[i] for y, v in own.items()} for i, x in enumerate(names)}
+            message = maker.dynamic(stamp, {**interfaces, 'gpio': {'vacuum': 1.0}})
+            found.append((stamp + 250_000, '/dynamic_joint_states', DYNAMIC_STATE, message))
     return found

@@ -159,15 +159,6 @@ def test_a_diagnosis_believes_no_record_that_is_whole_and_wrong(tmp_path, monkey
     assert run(tmp_path / 'x') == run()
 
 
-def test_a_diagnosis_that_was_stopped_goes_on_as_if_it_had_not_been(tmp_path, undisturbed):
-    whole, _, asked = undisturbed
-    left = iter(range(asked * 2 // 3))
-    tired = lambda: next(left, None) is None  # noqa: E731
-    cut, _ = diagnosed(tmp_path / 'checkpoint', cancelled=tired)
-    assert not cut.complete
-    assert diagnosed(tmp_path / 'checkpoint')[1] == whole
-
-
 def test_a_command_survives_a_real_kill():
     # At records a diagnosis is stopped above; here a process ends, wherever it is.
     words = [sys.executable, str(ROOT / 'checks' / 'benchmarks' / 'kills.py'), 'identify']

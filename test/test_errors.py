@@ -137,13 +137,6 @@ def test_no_code_is_left_out():
         assert f'ErrorCode.{code.name}' in text[text.index(f'def {name}(') :].split('\n\n\n')[0]
 
 
-def test_every_code_has_a_meaning_a_remedy_and_an_exit_code():
-    for code in ErrorCode:
-        assert code.meaning.endswith('.') and code.remedy.endswith('.')
-        assert code.exit_code in (0, 1, 2, 3)
-        assert ErrorCode(int(code)) is code
-
-
 def test_a_sentence_never_carries_what_a_terminal_obeys():
     error = IdentError(ErrorCode.NO_DATA, 'bag\x1b[31m\n\0 é: does not exist')
     assert error.message == r'bag\x1b[31m\n\x00 é: does not exist'

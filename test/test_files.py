@@ -4,17 +4,13 @@ import os
 from pathlib import Path
 import re
 import shutil
-import subprocess
-import sys
 
 from identify_cases import AXIS_FILE, ROOT
-import numpy as np
 import pytest
 
 from ros2_ident import files
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording import read_bag
 from ros2_ident.report.files import OF_DIAGNOSIS, OF_RESULT
 
 BAG = ROOT / 'bags/axis_reversals'
@@ -70,62 +66,6 @@ def test_where_a_step_fails_the_old_stays_and_nothing_else(old, monkeypatch, wri
     assert sorted(x.name for x in old.iterdir()) == ['file', 'folder']
 
 
-def test_where_the_new_directory_cannot_be_put_the_old_comes_back(old, monkeypatch):
-    rename, calls = os.rename, []
-
-    def second_fails(source: Path, target: Path) -> None:
-        calls.append(target)
-        if len(calls) == 2:
-            full()
-        rename(source, target)
-
-    monkeypatch.setattr(os, 'rename', second_fails)
-    with pytest.raises(IdentError, match='folder: cannot be written'):
-        write_directory(old / 'folder')
-    assert (old / 'folder' / 'a').read_text() == 'old'
-    assert sorted(x.name for x in old.iterdir()) == ['file', 'folder']
-
-
-def test_an_exception_while_writing_leaves_the_old(old):
-    before = content(old)
-    with pytest.raises(KeyboardInterrupt), files.replacing(old / 'file') as file:
-        file.write(b'half')
-        raise KeyboardInterrupt
-    with pytest.raises(KeyboardInterrupt), files.replacing_directory(old / 'folder') as new:
-        fill(new)
-        raise KeyboardInterrupt
-    assert content(old) == before
-    assert sorted(x.name for x in old.iterdir()) == ['file', 'folder']
-
-
-@pytest.mark.parametrize('what', ['file', 'folder'])
-def test_what_a_crash_leaves_is_recognised_and_does_no_harm(old, what):
-    killed = (
-        'import os, signal, sys; from ros2_ident import files;'
-        'path = os.path.join(sys.argv[1], sys.argv[2]);'
-        'writer = files.replacing_directory if sys.argv[2] == "folder" else files.replacing;'
-        'manager = writer(path);'
-        'new = manager.__enter__();'
-        'new.mkdir() if sys.argv[2] == "folder" else new.write(b"half");'
-        'os.kill(os.getpid(), signal.SIGKILL)'
-    )
-    before = content(old)
-    ended = subprocess.run(
-        [sys.executable, '-c', killed, str(old), what],
-        env={**os.environ, 'PYTHONPATH': str(ROOT)},
-        check=False,
-    )
-    assert ended.returncode == -9
-    left = [x for x in old.iterdir() if x.name not in ('file', 'folder')]
-    assert [re.fullmatch(rf'{what}\.[0-9a-f]{{8}}\.partial', x.name) is None for x in left] == [
-        False
-    ]
-    assert {k: v for k, v in content(old).items() if '.partial' not in k} == before
-    (write_file if what == 'file' else write_directory)(old / what)
-    assert content(old)[what if what == 'file' else 'folder/a'].endswith(b'new')
-    assert left[0].exists()
-
-
 def test_a_directory_goes_only_where_it_was_said(old):
     with (
         pytest.raises(IdentError, match='folder: cannot be written .File exists'),
@@ -139,44 +79,6 @@ def test_a_directory_goes_only_where_it_was_said(old):
     write_directory(old / 'folder')
     assert (old / 'folder' / 'a').read_text() == 'new'
     assert sorted(x.name for x in old.iterdir()) == ['file', 'folder', 'link']
-
-
-def test_arrays_come_back_and_texts_keep_their_line_ends(tmp_path):
-    path = files.write_arrays(tmp_path / 'a.npz', {'x': np.arange(3.0)})
-    with np.load(path, allow_pickle=False) as read:
-        np.testing.assert_array_equal(read['x'], [0.0, 1.0, 2.0])
-    assert files.write_text(tmp_path / 'b', 'a\r\nö\n').read_bytes() == b'a\r\n\xc3\xb6\n'
-
-
-def test_a_directory_that_cannot_be_written_to_is_said(tmp_path):
-    if os.geteuid() == 0:
-        # Root may write everywhere but where nobody can: below a file.
-        (tmp_path / 'file').write_text('')
-        place = tmp_path / 'file'
-    else:
-        place = tmp_path / 'closed'
-        place.mkdir(mode=0o500)
-    with pytest.raises(IdentError, match='cannot be written .*make room there, or give another'):
-        files.write_text(place / 'a', 'text')
-    with pytest.raises(IdentError, match='give another directory'):
-        files.make_directory(place / 'a')
-
-
-def test_every_writer_is_this_one():
-    found = [
-        f'{path.relative_to(ROOT)}:{number}'
-        for path in sorted((ROOT / 'ros2_ident').rglob('*.py'))
-        for number, line in enumerate(path.read_text(encoding='utf-8').splitlines(), 1)
-        if path.name != 'files.py' or path.parent.name != 'ros2_ident'
-        if re.search(
-            r"\.write_(text|bytes)\(|open\([^)]*'[wxa]b?'|rmtree|os\.rename"
-            r'|np\.savez?\(|np\.savez_compressed\(|os\.replace|savefig\((?!file,)',
-            line,
-        )
-    ]
-    # These write into a directory that takes its place when it is complete.
-    own = 'ros2_ident/recording/storage.py', 'ros2_ident/recording/mcap_write.py'
-    assert [x for x in found if not x.startswith(own)] == []
 
 
 # ---------------------------------------------------------------- the overlay
@@ -205,23 +107,6 @@ def test_a_recorded_bag_at_the_overlays_place_is_kept(tmp_path, command, capsys)
     assert [x.name for x in tmp_path.iterdir()] == ['overlay']
     main([*command, '--no-overlay'])
     assert content(place) == content(BAG)
-
-
-def test_an_overlay_is_replaced_by_the_next_one_and_by_nothing_half(
-    tmp_path, command, capsys, monkeypatch
-):
-    main(command)
-    place = tmp_path / 'overlay'
-    first = content(place)
-    assert read_bag(place)[0].effort is not None
-    with monkeypatch.context() as patch:
-        patch.setattr(os, 'rename', full)
-        assert main([*command, '--seed', '7']) == 2
-    assert 'No space left on device' in capsys.readouterr().err
-    assert content(place) == first
-    main([*command, '--seed', '7'])
-    assert content(place) != first
-    assert not list(tmp_path.glob('*.partial'))
 
 
 @pytest.mark.parametrize('harm', ['another file', 'a link', 'no metadata'])

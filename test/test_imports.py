@@ -6,7 +6,6 @@ from pathlib import Path
 import shutil
 import subprocess
 import sys
-import tomllib
 
 import pytest
 
@@ -73,12 +72,3 @@ def test_an_import_that_is_not_allowed_is_found(copy, module, text, broken) -> N
     assert not kept
     lines = [line for line in said.splitlines() if 'BROKEN' in line]
     assert any(line.startswith(broken) for line in lines), said
-
-
-def test_every_room_is_in_the_table_of_the_architecture() -> None:
-    contracts = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))
-    layers = contracts['tool']['importlinter']['contracts'][0]['layers']
-    rooms = {room.strip() for layer in layers for room in layer.split('|')}
-    table = (ROOT / 'docs/architecture.md').read_text(encoding='utf-8').split('## Contracts')[0]
-    listed = {row.split('`')[1] for row in table.splitlines() if row.startswith('| `')}
-    assert {x.removesuffix('/').removesuffix('.py') for x in listed} == rooms

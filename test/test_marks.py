@@ -6,7 +6,6 @@ from pathlib import Path
 import re
 
 import pytest
-from slow_tests import slow_of
 
 import conftest
 
@@ -14,18 +13,6 @@ pytest_plugins = ['pytester']
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
-LOG = '''
-9.00s setup    test/test_a.py::test_one
-0.10s call     test/test_a.py::test_two
-1.20s call     test/test_b.py::test_three[x y]
-0.20s call     test/test_b.py::test_four
-'''
-
-
-def test_the_list_is_made_of_measured_durations() -> None:
-    assert slow_of(LOG) == ['test_a.py', 'test_b.py::test_three']
-
-
 def test_what_the_list_names_is_there() -> None:
     assert conftest.listed()
     for name in conftest.listed():

@@ -5,8 +5,6 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.kernel import rows
 from ros2_ident.models.drives.candidates import SLOTS
@@ -60,11 +58,3 @@ def test_no_kind_of_machine_is_named_outside_its_own_folder_and_its_reference() 
         if word in kinds and not place.startswith(tuple(own))
     ]
     assert not named, named
-
-
-@pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda effect: effect.id)
-def test_targets_are_rows_and_twins_agree(effect) -> None:
-    known = {'', *rows.MACHINE_ROWS, *rows.DRIVE_ROWS}
-    assert {p.target for p in effect.parameters} <= known
-    for twin in effect.twins:
-        assert effect.id in CATALOGUE[twin].twins

@@ -95,19 +95,19 @@ def test_absent_messages_are_named(run: Run, tree: Path) -> None:
     assert_one_sentence(result, 'msg_defs/ is missing', 'git checkout')
 
 
-def test_another_ros_is_refused(run: Run) -> None:
-    result = run('tools/setup.sh', env={'ROS_DISTRO': 'humble'}, python3=PYTHON, **TOOLS)
-    assert_one_sentence(result, 'ROS 2 humble is sourced, not Jazzy')
-
-
-def test_a_python_that_does_not_know_the_sourced_ros_is_refused(run: Run) -> None:
-    result = run('tools/setup.sh', env={'ROS_DISTRO': 'jazzy'}, python3='exit 1', **TOOLS)
-    assert_one_sentence(result, 'cannot import rclpy', 'PATH')
-
-
-def test_a_sourced_ros_without_its_build_tool_is_refused(run: Run) -> None:
-    result = run('tools/setup.sh', env={'ROS_DISTRO': 'jazzy'}, python3='exit 0', **TOOLS)
-    assert_one_sentence(result, 'colcon not found', 'ros-dev-tools')
+@pytest.mark.parametrize(
+    ('distribution', 'python', 'parts'),
+    [
+        ('humble', PYTHON, ('ROS 2 humble is sourced, not Jazzy',)),
+        ('jazzy', 'exit 1', ('cannot import rclpy', 'PATH')),
+        ('jazzy', 'exit 0', ('colcon not found', 'ros-dev-tools')),
+    ],
+)
+def test_a_sourced_ros_has_to_be_whole(
+    run: Run, distribution: str, python: str, parts: tuple[str, ...]
+) -> None:
+    result = run('tools/setup.sh', env={'ROS_DISTRO': distribution}, python3=python, **TOOLS)
+    assert_one_sentence(result, *parts)
 
 
 def test_check_changes_nothing(run: Run, tree: Path) -> None:
