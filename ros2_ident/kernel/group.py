@@ -24,7 +24,6 @@ class Task(NamedTuple):
         measured: (Q, D, K + 1) what was measured where costs are summed, else (0, 0, 0).
         samples: (Q, D) cycles that count.
         weights: (Q,) factors on the errors.
-        moving: True where positions or velocities are wanted, None where not.
         limits: (S,) cost above which a candidate need not be simulated further; (0,) for none.
         out: (S, C) what the log holds, or (S, 1) costs.
     """
@@ -33,7 +32,6 @@ class Task(NamedTuple):
     measured: Array
     samples: npt.NDArray[np.int64]
     weights: Array
-    moving: bool | None
     limits: Array
     out: Array
 

@@ -38,7 +38,6 @@ def _build(digest):
         measured,
         samples,
         weights,
-        moving,
         limits,
         out,
     ):
@@ -57,7 +56,6 @@ def _build(digest):
             law: (D,) VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
             wanted, measured, samples, out: As for `measurement.hand_on`.
             weights, limits: Not looked at.
-            moving: None; of the motion there is only what was recorded.
         """
         _ = digest
         drives = on.shape[0]
@@ -99,7 +97,6 @@ def _build(digest):
                         wanted,
                         measured,
                         samples,
-                        moving,
                         rows[g],
                         kept,
                         rest,

@@ -5,8 +5,7 @@ The simulations hand their torque on `PIECE` cycles at a time, while it is still
 cache: a cost needs no trajectory in memory, and residuals are stored at measured samples only.
 
 Where motors' positions and velocities are wanted, too, they are handed on beside the torque; the
-log holds them as they were at the controller's instants. `moving` is None where the effort alone
-is wanted: nothing of this is compiled then.
+log holds them as they were at the controller's instants.
 """
 # mypy: ignore-errors
 
@@ -147,19 +146,17 @@ def _book(seen, whole, first, count, wanted, measured, q, d, rows, kept, out):
 
 @called
 def hand_on(
-    par, torque, moves, first, count, cycle, wanted, measured, samples, moving, rows, kept, room,
-    out,
+    par, torque, moves, first, count, cycle, wanted, measured, samples, rows, kept, room, out
 ):  # fmt: skip
     """Write a piece of a block's log where it is wanted, or add it to the costs.
 
-    A quantity is the effort or, unless `moving` is None, the motors' position or velocity (Q is 1
-    or 3).
+    A quantity is the effort or, where Q is 3 and not 1, the motors' position or velocity.
 
     Args:
         par: (R * W,) rows of the candidates.
         torque: (D * PIECE * W,) commanded torque of the cycles from `first` on.
         moves: (2 * D * PIECE * W,) the motors' positions, then their velocities; not looked at
-            where `moving` is None.
+            where Q is 1.
         first: The piece's first cycle.
         count: Its cycles.
         cycle: Controller cycle [s].
@@ -167,30 +164,29 @@ def hand_on(
         measured: (Q, D, K + 1) what was measured, to sum costs, NaN where there is no sample and
             behind the last cycle; (0, 0, 0) to write the log.
         samples: (Q, D) how many cycles of a drive count.
-        moving: Whether positions and velocities are wanted, or None.
         rows: (W,) row of `out` for each lane, -1 for none.
         kept: (D * KEPT * W,) what is kept between pieces; zero before the first.
         room: (ROOM * W,) to work in.
         out: (S, C) the log, written where it is wanted. The torque's delay interpolates linearly
             between cycles; before the first cycle the torque is the first one.
     """
-    _, drives, cycles = wanted.shape
+    quantities, drives, cycles = wanted.shape
     late = room[: PIECE * W]
     whole = room[PIECE * W :]
-    for d in range(drives):
-        if samples[0, d]:
-            _log(par, torque, d, drives, first, count, cycle, kept, late)
-            delay = load(par, (MACHINE_COUNT + d * DRIVE_COUNT + DELAY) * W) / spread(cycle)
-            store(whole, 0, clip(floor(delay), spread(0.0), spread(float(cycles))))
-            _book(late, whole, first, count, wanted, measured, 0, d, rows, kept, out)
-    if moving is not None:
-        store(whole, 0, spread(0.0))
-        for q in range(1, 1 + MOTIONS):
-            for d in range(drives):
+    for q in range(quantities):
+        for d in range(drives):
+            if not samples[q, d]:
+                continue
+            if q == 0:
+                _log(par, torque, d, drives, first, count, cycle, kept, late)
+                delay = load(par, (MACHINE_COUNT + d * DRIVE_COUNT + DELAY) * W) / spread(cycle)
+                store(whole, 0, clip(floor(delay), spread(0.0), spread(float(cycles))))
+                seen = late
+            else:
                 at = ((q - 1) * drives + d) * PIECE * W
                 seen = moves[at : at + PIECE * W]
-                if samples[q, d]:
-                    _book(seen, whole, first, count, wanted, measured, q, d, rows, kept, out)
+                store(whole, 0, spread(0.0))
+            _book(seen, whole, first, count, wanted, measured, q, d, rows, kept, out)
 
 
 @inlined

@@ -172,7 +172,6 @@ def _build(digest):
         measured,
         samples,
         weights,
-        moving,
         limits,
         out,
     ):
@@ -186,7 +185,7 @@ def _build(digest):
                 else empty.
             start: (2 * D,) where the motors start, then how fast.
             mode: (D,) CLOSED_LOOP or PRESCRIBED.
-            on: (D,) flags of the effects, or None.
+            on: (D,) flags of the effects.
             supply: (D * K,) share of the supply voltage at every cycle, 0 where a motor is
                 switched off; None for axes, whose controllers ask for a torque.
             rigid: (D,) whether motor and carriage are one mass.
@@ -231,7 +230,7 @@ def _build(digest):
                     stretch = zero
                     if not rigid[d]:
                         mem = all_mem[d * mine : (d + 1) * mine]
-                        flags = dk.flags_of(on, d)
+                        flags = on[d]
                         far = _far(supply)
                         stretch = dk.stand(par, first, mem, 0, flags, at, hold, far) - at
                     z = at + stretch if mode[d] == dk.CLOSED_LOOP else at
@@ -248,7 +247,7 @@ def _build(digest):
                 cycles = min(measurement.PIECE, end - begun)
                 for d in range(drives):
                     first = MACHINE_COUNT + d * DRIVE_COUNT
-                    flags = dk.flags_of(on, d)
+                    flags = on[d]
                     one = rigid[d]
                     place = all_place[d * own : (d + 1) * own]
                     rate = all_rate[d * own : (d + 1) * own]
@@ -297,7 +296,7 @@ def _build(digest):
                                 back, time,
                             )  # fmt: skip
                         store(torques, (d * measurement.PIECE + piece) * W, torque)
-                        if moving is not None:
+                        if wanted.shape[0] > 1:
                             store(moves, (d * measurement.PIECE + piece) * W, z)
                             store(moves, ((drives + d) * measurement.PIECE + piece) * W, v)
                         steps = where(fast, load(substeps[g], 0), load(substeps[g], W))
@@ -311,21 +310,7 @@ def _build(digest):
                                 par, first, mem, flags, supply, one, mode[d], acceleration,
                                 place, rate, bend, time, sub * whole, h,
                             )  # fmt: skip
-                            if on is not None:
-                                dk.keep_step(
-                                    par,
-                                    first,
-                                    mem,
-                                    0,
-                                    flags,
-                                    load(place, MOTOR * W),
-                                    load(rate, MOTOR * W),
-                                    active,
-                                )
-                            sub += 1.0
-                            active = steps > spread(sub)
-                        if on is not None:
-                            dk.keep_cycle(
+                            dk.keep_step(
                                 par,
                                 first,
                                 mem,
@@ -333,10 +318,22 @@ def _build(digest):
                                 flags,
                                 load(place, MOTOR * W),
                                 load(rate, MOTOR * W),
-                                load(place, MOTOR * W),
-                                time,
-                                cycle,
+                                active,
                             )
+                            sub += 1.0
+                            active = steps > spread(sub)
+                        dk.keep_cycle(
+                            par,
+                            first,
+                            mem,
+                            0,
+                            flags,
+                            load(place, MOTOR * W),
+                            load(rate, MOTOR * W),
+                            load(place, MOTOR * W),
+                            time,
+                            cycle,
+                        )
                 measurement.hand_on(
                     par,
                     torques,
@@ -347,7 +344,6 @@ def _build(digest):
                     wanted,
                     measured,
                     samples,
-                    moving,
                     rows[g],
                     kept,
                     rest,

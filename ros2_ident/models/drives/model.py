@@ -620,11 +620,6 @@ class DriveModel(FullModel):
         return 0.0 if self._closed else hold / self.cycle
 
     @property
-    def _flags(self) -> npt.NDArray[np.int64] | None:
-        """(D,) flags of the effects; None where none is on: their hooks are not compiled then."""
-        return self.candidates.on if self.candidates.on.any() else None
-
-    @property
     @abstractmethod
     def _state(self) -> int:
         """Numbers of each block that go on from a part of the log to the next."""

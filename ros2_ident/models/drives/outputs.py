@@ -105,7 +105,6 @@ class Outputs:
             np.empty((0, 0, 0)),
             (wanted >= 0).sum(axis=2),
             weights,
-            True if self.moving else None,
             np.empty(0),
             out,
         )

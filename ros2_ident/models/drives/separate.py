@@ -90,7 +90,7 @@ class SeparateDrives(DriveModel):
             self._motion,
             self._begin,
             self._mode,
-            self._flags,
+            self.candidates.on,
             self._supply,
             self.candidates.delayed,
             self.stiff,

@@ -76,7 +76,7 @@ def _efforts(par, first, mem, on, motion, d, drives, count, begun, cycles, cycle
         v = spread(motion[(drives + d) * count + k])
         acceleration = spread(motion[(2 * drives + d) * count + k])
         time = spread(k * cycle)
-        if on is not None and k > 0:
+        if k > 0:
             # What an effect remembers of the way since the last cycle.
             dk.keep_step(par, first, mem, 0, on, z, v, v <= v)
         force = load(efforts, j * W) - dk.carriage_force(par, first, mem, 0, on, z, v, z, time)
@@ -84,8 +84,7 @@ def _efforts(par, first, mem, on, motion, d, drives, count, begun, cycles, cycle
             par, first, mem, 0, on, z, v, z, mass, acceleration, force, force, time
         )
         store(efforts, j * W, effort)
-        if on is not None:
-            dk.keep_cycle(par, first, mem, 0, on, z, v, z, time, cycle)
+        dk.keep_cycle(par, first, mem, 0, on, z, v, z, time, cycle)
 
 
 def _build(digest):
@@ -107,7 +106,6 @@ def _build(digest):
         measured,
         samples,
         weights,
-        moving,
         limits,
         out,
     ):
@@ -120,7 +118,7 @@ def _build(digest):
             terms: (D, K, B) what a coefficient of 1 asks of each joint, N m or N.
             firsts: (D,) first of the terms that is not zero for a joint.
             motion: (3 * D * K,) position, velocity and acceleration of the joints.
-            on: (D,) flags of the effects, or None.
+            on: (D,) flags of the effects.
         """
         _ = digest
         drives, count, _ = terms.shape
@@ -150,7 +148,7 @@ def _build(digest):
                     first = MACHINE_COUNT + d * DRIVE_COUNT
                     own = efforts[d * piece : (d + 1) * piece]
                     mem = all_mem[d * mine : (d + 1) * mine]
-                    flags = dk.flags_of(on, d)
+                    flags = on[d]
                     _loads(par, base, terms[d], firsts[d], begun, cycles, own)
                     _efforts(
                         par, first, mem, flags, motion, d, drives, count, begun, cycles, cycle, own
@@ -165,7 +163,6 @@ def _build(digest):
                     wanted,
                     measured,
                     samples,
-                    moving,
                     rows[g],
                     kept,
                     rest,

@@ -195,7 +195,7 @@ class Serial(DriveModel):
             self._terms,
             self._firsts,
             self._driven,
-            self._flags,
+            self.candidates.on,
             self.cycle,
             *task,
         )

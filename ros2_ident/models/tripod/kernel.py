@@ -183,7 +183,6 @@ def _build(digest):
         measured,
         samples,
         weights,
-        moving,
         limits,
         out,
     ):
@@ -211,7 +210,7 @@ def _build(digest):
             arms: True where the drives turn arms; None where they move carriages on rails.
             cycle: Controller cycle [s].
             law: (3,) VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
-            wanted, measured, samples, moving, out: As for `measurement.hand_on`.
+            wanted, measured, samples, out: As for `measurement.hand_on`.
             weights, limits: As for `measurement.give_up`.
         """
         _ = digest
@@ -309,7 +308,7 @@ def _build(digest):
                             motion[(6 + d) * count + k], force, back, time,
                         )  # fmt: skip
                     store(torques, (d * measurement.PIECE + piece) * W, torque)
-                    if moving is not None:
+                    if wanted.shape[0] > 1:
                         store(moves, (d * measurement.PIECE + piece) * W, z)
                         store(moves, ((3 + d) * measurement.PIECE + piece) * W, v)
                 # The middle of the cycle, as the present rates predict it.
@@ -390,7 +389,6 @@ def _build(digest):
                         wanted,
                         measured,
                         samples,
-                        moving,
                         rows[g],
                         kept,
                         rest,

@@ -59,7 +59,8 @@ class Tripod(DriveModel):
         return STATE
 
     def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
-        flags = self._flags
+        # Without effects their hooks are not compiled.
+        flags = self.candidates.on if self.candidates.on.any() else None
         # The usual case has a kernel of its own, without branches in a step.
         usual = flags is None and (self._mode == CLOSED_LOOP).all()
         simulate(
