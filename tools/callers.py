@@ -24,7 +24,7 @@ OUTSIDE = {
     r'kernel\.drive\._(flags_of|closed_loop)': 'numba.extending.overload',
     r'lanes\._(\w+Type\.\w+|\w+Model|\w*Template.*|neg)': 'numba, which registers it',
     r'machine\.description\._Bounded\.doctype': 'xml.etree',
-    r'recording\.(mcap_write\._McapStorage|rosbag1_scan\._Chunks)\.\w+': 'rosbags',
+    r'recording\.(write\._McapStorage|rosbag1_scan\._Chunks)\.\w+': 'rosbags',
     r'report\.page\.(answer\.Answer\.closing|steps\.Step\.signs)': "the page's templates",
     r'ros\.launching\.\w+': 'launch/',
 }

@@ -10,8 +10,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import cdr
-from ros2_ident.recording.damage import Damage
-from ros2_ident.recording.inflate import Budget, inflate, ZSTD
+from ros2_ident.recording.damage import Budget, Damage, inflate, ZSTD
 from ros2_ident.recording.limits import Limits, too_large
 from ros2_ident.recording.ros2_control import offers, parser, ROLES_OF, TRAJECTORY
 from ros2_ident.recording.streams import IntArray, LATEST_STAMP

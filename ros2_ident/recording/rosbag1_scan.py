@@ -20,8 +20,7 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from rosbags.typesys.store import Typestore
 
 from ros2_ident.recording.content import Content
-from ros2_ident.recording.damage import Damage, Losses
-from ros2_ident.recording.inflate import Budget, inflate
+from ros2_ident.recording.damage import Budget, Damage, inflate, Losses
 from ros2_ident.recording.ros2_control import CONTROLLER_STATE
 from ros2_ident.recording.shown import printable
 

@@ -14,8 +14,8 @@ from tempfile import TemporaryDirectory
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording.damage import FAILURES, open_zstd
 from ros2_ident.recording.db3_scan import CHECKSUM
-from ros2_ident.recording.inflate import FAILURES, open_zstd
 from ros2_ident.recording.limits import Limits, size_text, variable_of
 from ros2_ident.recording.shown import printable
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import mcap.writer
 import numpy as np
 from rosbags.interfaces import (
     Connection,
@@ -16,7 +17,7 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
@@ -25,7 +26,6 @@ from ros2_ident.files import remove_directory, replacing_directory
 from ros2_ident.recording import cdr
 from ros2_ident.recording.bag import Topics
 from ros2_ident.recording.db3_scan import CHECKSUM, topic_checksum
-from ros2_ident.recording.mcap_write import BagWriter
 from ros2_ident.recording.ros2_control import JOINT_STATE
 from ros2_ident.recording.streams import FIELDS, Recording, Stream
 
@@ -45,6 +45,56 @@ _LATCHED = Qos(
 # Key of a bag's mark in the custom data of its metadata.
 MARK = 'ros2_ident'
 _STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
+
+
+class _McapStorage:
+    """What rosbags' writer of bags writes to, by `mcap`'s writer of files."""
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        self.path = path / f'{path.name}.mcap'
+        self._file = self.path.open('xb')
+        self._writer = mcap.writer.Writer(self._file, enable_data_crcs=True)
+        self._writer.start('ros2', 'ros2_ident')
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[int, int] = {}
+
+    def add_msgtype(self, connection: Connection) -> None:
+        """Describe a message type."""
+        text = connection.msgdef.data.encode()
+        kind = connection.msgtype
+        self._schemas[kind] = self._writer.register_schema(kind, 'ros2msg', text)
+
+    def add_connection(self, connection: Connection, offered_qos_profiles: str) -> None:
+        """Describe a topic."""
+        about = {'offered_qos_profiles': offered_qos_profiles}
+        about['topic_type_hash'] = connection.digest
+        schema = self._schemas[connection.msgtype]
+        self._channels[connection.id] = self._writer.register_channel(
+            connection.topic, 'cdr', schema, about
+        )
+
+    def write(self, connection: Connection, timestamp: int, data: Any) -> None:
+        """Write a message."""
+        self._writer.add_message(self._channels[connection.id], timestamp, data, timestamp)
+
+    def close(self, version: int, metadata: str) -> None:
+        """End the file."""
+        self._writer.add_metadata('rosbag2', {'serialized_metadata': metadata})
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.close()
+
+    def abort(self) -> None:
+        """Leave the file as it is."""
+        self._file.close()
+
+
+class BagWriter(Writer):
+    """rosbags' writer of bags with the storage above."""
+
+    STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {
+        **Writer.STORAGE_PLUGINS,
+        StoragePlugin.MCAP: _McapStorage,
+    }
 
 
 @dataclass(frozen=True)
