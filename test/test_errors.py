@@ -63,7 +63,7 @@ class CtrlC:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def __call__(self, progress: object) -> None:
+    def search(self, progress: object) -> None:
         if not self.pressed:
             self.pressed = True
             signal.raise_signal(signal.SIGINT)
@@ -106,7 +106,7 @@ def test_a_code_is_provoked_with_its_sentence_and_its_exit_code(
     code, tmp_path, monkeypatch, capsys
 ):
     if code is ErrorCode.CANCELLED:
-        monkeypatch.setattr('ros2_ident.cli.progress.make_meter', CtrlC)
+        monkeypatch.setattr('ros2_ident.cli.progress.Meter', CtrlC)
     assert main(PROVOKED[code](tmp_path)) == code.exit_code
     said = capsys.readouterr()
     text = said.out if code.exit_code < 2 else said.err

@@ -35,9 +35,13 @@ class Listener:
     def note(self, text: str) -> None:
         """Let a sentence pass."""
 
-    def __call__(self, *said: Any) -> None:
-        """Note a time to go: the last of a diagnosis's three, or an identification's own."""
-        self.told.append((time.monotonic(), float(said[2] if len(said) > 2 else said[0].eta)))
+    def __call__(self, fraction: float, text: str, eta: float) -> None:
+        """Note the time to go of a diagnosis."""
+        self.told.append((time.monotonic(), eta))
+
+    def search(self, progress: Any) -> None:
+        """Note the time to go of an identification."""
+        self.told.append((time.monotonic(), float(progress.eta)))
 
 
 def main() -> int:
@@ -45,8 +49,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('words', nargs=argparse.REMAINDER, help='what `ident` is called with')
     words = parser.parse_args().words
-    setattr(progress, 'make_meter', Listener)  # noqa: B010
-    setattr(progress, 'FractionMeter', Listener)  # noqa: B010
+    setattr(progress, 'Meter', Listener)  # noqa: B010
     code = ident(words)
     end, begin = time.monotonic(), Listener.told[0][0]
     ratios = [

@@ -123,10 +123,10 @@ def _run(args: argparse.Namespace) -> int:
     from checks.blind.run import BlindCheck, Stopped
     from checks.blind.score import score, sentences
     from ros2_ident.cli.interrupt import interrupts
-    from ros2_ident.cli.progress import FractionMeter
+    from ros2_ident.cli.progress import Meter
 
     root = Path(args.rescore or args.out or f'blind_{args.seed}')
-    with FractionMeter(quiet=args.quiet) as meter, interrupts() as cancel:
+    with Meter(quiet=args.quiet) as meter, interrupts() as cancel:
         check = BlindCheck(root, args.processes, meter, cancel.is_set)
         try:
             rows = _rows(check, args)

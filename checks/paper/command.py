@@ -36,10 +36,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the experiments."""
     from checks.paper.run import run as run_paper
-    from ros2_ident.cli.progress import FractionMeter
+    from ros2_ident.cli.progress import Meter
     from ros2_ident.files import make_directory
 
-    with FractionMeter(quiet=args.quiet) as meter:
+    with Meter(quiet=args.quiet) as meter:
         page = run_paper(make_directory(args.out), meter, seeds=args.seeds)
     print(f'written: {page}')
     return 0

@@ -18,47 +18,23 @@ def _read(text: str) -> float:
         return math.nan
 
 
-def positive(text: str) -> float:
-    """Return a number above 0."""
-    value = _read(text)
-    if not (math.isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f'{text!r} has to be a number above 0')
-    return value
+def _kind(fits: Callable[[float], bool], what: str, *, integer: bool = False) -> Any:
+    """Return a type of arguments: numbers that fit, and what is said of others."""
+
+    def read(text: str) -> float:
+        value = _read(text)
+        if not (math.isfinite(value) and fits(value)) or (integer and not text.strip().isdigit()):
+            raise argparse.ArgumentTypeError(f'{text!r} has to be {what}')
+        return int(text) if integer else value
+
+    return read
 
 
-def not_negative(text: str) -> float:
-    """Return a number of at least 0."""
-    value = _read(text)
-    if not (math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f'{text!r} has to be a number of at least 0')
-    return value
-
-
-def number(text: str) -> float:
-    """Return a finite number other than 0."""
-    value = _read(text)
-    if not math.isfinite(value) or value == 0.0:
-        raise argparse.ArgumentTypeError(f'{text!r} has to be a number other than 0')
-    return value
-
-
-def count(text: str) -> int:
-    """Return a whole number of at least 1."""
-    value = whole(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f'{text!r} has to be a whole number of at least 1')
-    return value
-
-
-def whole(text: str) -> int:
-    """Return a whole number of at least 0."""
-    try:
-        value = int(text)
-    except ValueError:
-        value = -1
-    if value < 0:
-        raise argparse.ArgumentTypeError(f'{text!r} has to be a whole number of at least 0')
-    return value
+positive = _kind(lambda x: x > 0.0, 'a number above 0')
+not_negative = _kind(lambda x: x >= 0.0, 'a number of at least 0')
+number = _kind(lambda x: x != 0.0, 'a number other than 0')
+count = _kind(lambda x: x >= 1, 'a whole number of at least 1', integer=True)
+whole = _kind(lambda x: x >= 0, 'a whole number of at least 0', integer=True)
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -90,17 +66,6 @@ def interval(text: str) -> tuple[str, tuple[float, float]]:
     return name, ends
 
 
-def add_effects(parser: argparse.ArgumentParser) -> None:
-    """Add the argument for effects in files of the user."""
-    parser.add_argument(
-        '--effect',
-        action='append',
-        default=[],
-        metavar='FILE.py',
-        help='also look for the effect that this file defines; may be given several times',
-    )
-
-
 def once(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
     """Return pairs as a dictionary.
 
@@ -118,11 +83,6 @@ def once(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
 
 
 # ---------------------------------------------------------------------- completion by tab
-
-
-def complete(action: argparse.Action, words: Callable[..., list[str]]) -> None:
-    """Let tab complete an argument by `words(prefix=..., parsed_args=...)`."""
-    action.completer = words  # type: ignore[attr-defined]
 
 
 def _machine_file(parsed_args: argparse.Namespace) -> dict[str, Any]:
@@ -182,60 +142,107 @@ def machine_files(prefix: str, **_: Any) -> list[str]:
 
 # ---------------------------------------------------------------------- shared arguments
 
+_REPEATED: dict[str, Any] = {'action': 'append', 'default': []}
+_BAG = 'bag directory, or an .mcap, .db3, .bag or .csv file'
+# What several commands have; keywords of argparse, and what tab completes an argument by.
+SHARED: dict[str, dict[str, Any]] = {
+    'bag': {'metavar': 'BAG', 'help': _BAG, 'words': bags},
+    '--check': {**_REPEATED, 'metavar': 'BAG', 'words': bags},
+    '--machine': {
+        'required': True,
+        'metavar': 'FILE',
+        'words': machine_files,
+        'help': 'machine file: what is known and the bounds of what is not, as config/tripod.yaml',
+    },
+    '--out': {'metavar': 'DIR', 'help': 'directory for the results'},
+    '--drives': {
+        'type': names,
+        'metavar': 'A,B',
+        'words': drives,
+        'help': 'identify these drives, the others follow their recorded motion; all by default',
+    },
+    '--fix': {
+        **_REPEATED,
+        'type': assignment,
+        'metavar': 'NAME=VALUE',
+        'words': parameters,
+        'help': 'hold a parameter; gear_stiffness means that of every drive',
+    },
+    '--set': {
+        **_REPEATED, 'type': assignment, 'metavar': 'NAME=VALUE', 'words': parameters,
+    },
+    '--effect': {
+        **_REPEATED,
+        'metavar': 'FILE.py',
+        'help': 'also look for the effect that this file defines; may be given several times',
+    },
+    '--outputs': {
+        'type': names,
+        'default': (),
+        'metavar': 'NAME[=W],..',
+        'help': 'what is compared: of effort, position and velocity, each with a weight, or '
+        'weighted by its noise; effort alone by default',
+    },
+    '--threads': {
+        'type': count, 'metavar': 'N', 'help': 'threads; by default one for each processor',
+    },
+    '--scheduler': {
+        'metavar': 'ADDRESS',
+        'help': 'simulate on the workers of this Dask scheduler, as tcp://host:8786; same result',
+    },
+    '--no-overlay': {'action': 'store_true', 'help': 'write no overlay bag'},
+    '--no-report': {'action': 'store_true', 'help': 'write no report.html'},
+    '--live': {
+        'action': 'store_true',
+        'help': 'keep report.html open in a browser and watch the run there; the report takes '
+        'its place at the end',
+    },
+    '--quiet': {'action': 'store_true', 'help': 'show no progress'},
+}  # fmt: skip
+
+
+def add(parser: Any, *flags: str, **own: Any) -> None:
+    """Add arguments to a parser or a group of one.
+
+    Args:
+        parser: The parser.
+        flags: Their names; of those in `SHARED` what is not given is as there.
+        own: Keywords of argparse, and `words`, by which tab completes: it gets `prefix` and
+            `parsed_args`.
+    """
+    for flag in flags:
+        options = {**SHARED.get(flag, {}), **own}
+        words = options.pop('words', None)
+        action = parser.add_argument(flag, **options)
+        if words is not None:
+            action.completer = words
+
 
 def add_bags(parser: argparse.ArgumentParser) -> None:
     """Add one bag or several of one machine, and what differs between them."""
-    add_bags_read(parser, '; several of one machine make one fit')
+    add(parser, 'bag', nargs='+', help=f'{_BAG}; several of one machine make one fit')
     add_conditions(parser)
-
-
-def add_bags_read(parser: argparse.ArgumentParser, more: str = '') -> None:
-    """Add one bag or several of one machine."""
-    what = f'bag directory, or an .mcap, .db3, .bag or .csv file{more}'
-    complete(parser.add_argument('bag', metavar='BAG', nargs='+', help=what), bags)
 
 
 def add_conditions(parser: argparse.ArgumentParser) -> None:
     """Add what differs between several bags of one machine."""
     group = parser.add_argument_group('several bags')
-    each = group.add_argument(
+    add(
+        group,
         '--each',
         type=names,
         default=(),
         metavar='NAME,..',
+        words=parameters,
         help='parameters with a value of their own in every bag, as tool_mass; the others are '
         'shared',
     )
-    complete(each, parameters)
-    group.add_argument(
+    add(
+        group,
         '--differences',
         metavar='FILE',
         help='YAML file of what is known to differ: by bag, how much a parameter is above the '
         'shared value, as `with_load: {tool_mass: 0.5}`',
-    )
-
-
-def add_check(parser: argparse.ArgumentParser, what: str, otherwise: str) -> None:
-    """Add the bags that are held out."""
-    check = parser.add_argument(
-        '--check',
-        action='append',
-        default=[],
-        metavar='BAG',
-        help=f'{what}, more than once for several; without it, {otherwise}',
-    )
-    complete(check, bags)
-
-
-def add_outputs(parser: argparse.ArgumentParser) -> None:
-    """Add what is compared with the simulation."""
-    parser.add_argument(
-        '--outputs',
-        type=names,
-        default=(),
-        metavar='NAME[=W],..',
-        help='what is compared: of effort, position and velocity, each with a weight, or weighted '
-        'by its noise; effort alone by default',
     )
 
 
@@ -251,52 +258,6 @@ def conditions_of(args: argparse.Namespace) -> Any:
     from ros2_ident.identify.layout import read_conditions
 
     return read_conditions(args.each, args.differences)
-
-
-def add_bag(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
-    """Add the bag."""
-    action = parser.add_argument(
-        'bag',
-        metavar='BAG',
-        nargs=None if required else '?',
-        help='bag directory, or an .mcap, .db3, .bag or .csv file',
-    )
-    complete(action, bags)
-
-
-def add_machine(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
-    """Add the machine file."""
-    action = parser.add_argument(
-        '--machine',
-        required=required,
-        metavar='FILE',
-        help='machine file: what is known and the bounds of what is not, as config/tripod.yaml',
-    )
-    complete(action, machine_files)
-
-
-def add_fix(parser: argparse.ArgumentParser) -> None:
-    """Add the parameters that are held."""
-    fix = parser.add_argument(
-        '--fix',
-        action='append',
-        default=[],
-        type=assignment,
-        metavar='NAME=VALUE',
-        help='hold a parameter; gear_stiffness means that of every drive',
-    )
-    complete(fix, parameters)
-
-
-def add_drives(parser: argparse.ArgumentParser) -> None:
-    """Add the list of drives."""
-    action = parser.add_argument(
-        '--drives',
-        type=names,
-        metavar='A,B',
-        help='identify these drives, the others follow their recorded motion; all by default',
-    )
-    complete(action, drives)
 
 
 def add_topics(parser: argparse.ArgumentParser) -> None:
@@ -390,15 +351,6 @@ def with_effort(machine: Any, args: argparse.Namespace) -> Any:
     if args.effort_unit is None:
         return machine
     return machine.with_effort_unit(args.effort_unit, args.torque_constant, args.rated_torque)
-
-
-def add_scheduler(parser: Any) -> None:
-    """Add the address of a cluster, to a parser or a group of one."""
-    parser.add_argument(
-        '--scheduler',
-        metavar='ADDRESS',
-        help='simulate on the workers of this Dask scheduler, as tcp://host:8786; same result',
-    )
 
 
 def workers_of(args: argparse.Namespace) -> Any:

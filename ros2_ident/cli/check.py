@@ -4,15 +4,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import (
-    add_bag,
-    add_drives,
-    add_effort,
-    add_machine,
-    add_topics,
-    topics_of,
-    with_effort,
-)
+from ros2_ident.cli.arguments import add, add_effort, add_topics, topics_of, with_effort
 
 if TYPE_CHECKING:
     from ros2_ident.models import Machine
@@ -33,9 +25,9 @@ EXIT_CODES = {0: 'no errors, perhaps warnings', 1: 'errors found'}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    add_bag(parser, required=False)
-    add_machine(parser, required=False)
-    add_drives(parser)
+    add(parser, 'bag', nargs='?')
+    add(parser, '--machine', required=False)
+    add(parser, '--drives')
     add_effort(parser)
     add_topics(parser)
 

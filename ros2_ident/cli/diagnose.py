@@ -8,25 +8,18 @@ import time
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
+    add,
     add_bags,
-    add_check,
-    add_drives,
-    add_effects,
     add_effort,
-    add_fix,
-    add_machine,
-    add_scheduler,
     add_topics,
     asked,
-    complete,
-    count,
     effects,
     names,
     not_negative,
     once,
     whole,
 )
-from ros2_ident.cli.report import add_page, answered, live_page, page_line
+from ros2_ident.cli.report import answered, live_page, page_line
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
@@ -60,43 +53,44 @@ EXIT_CODES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_bags(parser)
-    add_check(parser, 'recording to judge on', 'every second block of the others')
-    add_machine(parser)
-    parser.add_argument('--out', metavar='DIR', help='directory for the results')
-    parser.add_argument(
+    add(
+        parser,
+        '--check',
+        help='recording to judge on, more than once for several; without it, every second block '
+        'of the others',
+    )
+    add(parser, '--machine', '--out')
+    add(
+        parser,
         '--resume',
         action='store_true',
         help='go on where an earlier run of the same command ended, by DIR/diagnose.checkpoint; '
         'same result',
     )
-    add_page(parser)
-    without = parser.add_argument(
+    add(parser, '--no-report', '--live')
+    add(
+        parser,
         '--without',
         type=names,
         default=(),
         metavar='EFFECT,..',
+        words=effects,
         help='effects not to look for',
     )
-    complete(without, effects)
-    add_effects(parser)
-    add_drives(parser)
-    add_fix(parser)
-    parser.add_argument(
+    add(parser, '--effect', '--drives', '--fix')
+    add(
+        parser,
         '--output',
         choices=('effort', 'position', 'velocity'),
         help='quantity whose gap is diagnosed; by default what the kind of machine compares: the '
         'effort, of a servo and an MJCF the position',
     )
-    parser.add_argument('--seed', type=whole, default=1, help='same seed and data, same diagnosis')
-    parser.add_argument(
-        '--seconds', type=not_negative, default=0.0, metavar='N', help='stop after N seconds'
-    )
-    parser.add_argument(
-        '--threads', type=count, metavar='N', help='threads; by default one for each processor'
-    )
-    add_scheduler(parser)
-    parser.add_argument('--no-overlay', action='store_true', help='write no overlay bag')
-    parser.add_argument('--quiet', action='store_true', help='show no progress')
+    add(parser, '--seed', type=whole, default=1, help='same seed and data, same diagnosis')
+    add(
+        parser, '--seconds', type=not_negative, default=0.0, metavar='N',
+        help='stop after N seconds',
+    )  # fmt: skip
+    add(parser, '--threads', '--scheduler', '--no-overlay', '--quiet')
     add_effort(parser)
     add_topics(parser)
 
@@ -127,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
     add_effect_files(args.effect)
     from ros2_ident import jobs
     from ros2_ident.cli.interrupt import interrupts
-    from ros2_ident.cli.progress import FractionMeter, WRITING
+    from ros2_ident.cli.progress import Meter, WRITING
     from ros2_ident.files import sole_writer
     from ros2_ident.gap.verdict import REFUSED
     from ros2_ident.report.files import DIAGNOSIS_CHECKPOINT, OF_DIAGNOSIS
@@ -163,7 +157,7 @@ def run(args: argparse.Namespace) -> int:
         writing = WRITING * (time.monotonic() - begun) if out is not None else 0.0
         with (
             live_page(args, out, logs.fit) as live,
-            FractionMeter(quiet=args.quiet) as meter,
+            Meter(quiet=args.quiet) as meter,
             interrupts() as cancel,
         ):
             done = jobs.diagnose(

@@ -7,18 +7,7 @@ import shlex
 import sys
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import (
-    add_drives,
-    add_machine,
-    assignment,
-    complete,
-    names,
-    not_negative,
-    once,
-    parameters,
-    positive,
-    whole,
-)
+from ros2_ident.cli.arguments import add, names, not_negative, once, parameters, positive, whole
 
 if TYPE_CHECKING:
     from ros2_ident.excite.plan import Excitation, Wish
@@ -46,7 +35,7 @@ GENERATIONS = 60
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument('out', metavar='DIR', help='directory for the files')
-    add_machine(parser)
+    add(parser, '--machine')
     parser.add_argument(
         '--limits',
         metavar='FILE',
@@ -54,16 +43,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'it leaves out is taken from the machine file, its URDF, or what suits its kind',
     )
     parser.add_argument('--seconds', type=positive, default=10.0, help='duration; 10 by default')
-    add_drives(parser)
-    wanted = parser.add_argument(
+    add(parser, '--drives')
+    add(
+        parser,
         '--parameters',
         type=names,
         default=(),
         metavar='NAME,..',
+        words=parameters,
         help='parameters to determine, all by default; gear_stiffness means that of every '
         'drive. The others count as unknown, but their intervals do not matter',
     )
-    complete(wanted, parameters)
     parser.add_argument(
         '--criterion',
         choices=('d', 'worst'),
@@ -78,19 +68,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_expected(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('expected parameters; the middle of their ranges by default')
-    expected = group.add_argument(
-        '--set', action='append', default=[], type=assignment, metavar='NAME=VALUE',
-        help='an expected parameter',
-    )  # fmt: skip
+    add(group, '--set', help='an expected parameter')
     group.add_argument(
         '--results', metavar='RESULTS', help='those that `ident identify` or `diagnose` found'
     )
-    held = group.add_argument(
-        '--fix', action='append', default=[], type=assignment, metavar='NAME=VALUE',
-        help='a parameter that is known',
-    )  # fmt: skip
-    for action in (expected, held):
-        complete(action, parameters)
+    add(group, '--fix', help='a parameter that is known')
     group.add_argument(
         '--rate', type=positive, metavar='HZ', help='samples of the log; one in every cycle'
     )
@@ -118,12 +100,12 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument('--max-seconds', type=positive, metavar='S', help='wall time of the search')
     group.add_argument('--threads', type=whole, default=0, help='all processors by default')
-    group.add_argument('--quiet', action='store_true', help='no progress')
+    add(group, '--quiet')
 
 
 def run(args: argparse.Namespace) -> int:
     """Plan, write, say what it is worth."""
-    from ros2_ident.cli.progress import FractionMeter
+    from ros2_ident.cli.progress import Meter
     from ros2_ident.cli.report import answered
     from ros2_ident.excite.course import courses_for
     from ros2_ident.excite.files import PICTURE, require_place, write_excitation
@@ -144,7 +126,7 @@ def run(args: argparse.Namespace) -> int:
         rate=args.rate,
     )
     with answered(_say) as answer:
-        with FractionMeter(quiet=args.quiet) as meter:
+        with Meter(quiet=args.quiet) as meter:
             found = excite(
                 courses,
                 sensitivity,

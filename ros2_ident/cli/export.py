@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
+    add,
     add_effort,
     add_topics,
-    bags,
-    complete,
-    machine_files,
     names,
     positive,
     topics_of,
@@ -52,18 +50,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='RESULTS',
         help='what `ident identify` or `ident diagnose` wrote; for --to csv also a bag',
     )
-    bag = parser.add_argument(
+    add(
+        parser,
         'bag',
-        metavar='BAG',
         nargs='*',
         help='the log it was identified from; that of the results by default',
     )
-    complete(bag, bags)
-    parser.add_argument('--out', required=True, metavar='DIR', help='directory for the files')
-    machine = parser.add_argument(
-        '--machine', metavar='FILE', help='machine file; that of the results by default'
+    add(parser, '--out', required=True, help='directory for the files')
+    add(
+        parser, '--machine', required=False, help='machine file; that of the results by default'
     )
-    complete(machine, machine_files)
     parser.add_argument(
         '--to',
         type=names,

@@ -8,9 +8,8 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
+    add,
     add_conditions,
-    add_fix,
-    add_machine,
     add_topics,
     conditions_of,
     count,
@@ -44,16 +43,16 @@ EXIT_CODES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument('list', metavar='DIR_OR_LIST', help='directory of bags, or a YAML list')
-    add_machine(parser, required=False)
-    parser.add_argument('--out', required=True, metavar='DIR', help='directory for the results')
+    add(parser, '--machine', required=False)
+    add(parser, '--out', required=True)
     parser.add_argument('--no-diagnosis', action='store_true', help='identify only')
     parser.add_argument('--seed', type=whole, default=1, help='of every search')
-    parser.add_argument(
+    add(
+        parser,
         '--scheduler',
-        metavar='ADDRESS',
         help='run the bags on the workers of this Dask scheduler; they have to see the same paths',
     )
-    add_fix(parser)
+    add(parser, '--fix')
     parser.add_argument(
         '--evaluations', type=count, metavar='N', help='simulate at most N candidates a bag'
     )
@@ -63,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         help='end the identification of a bag after N seconds, and its diagnosis likewise',
     )
-    parser.add_argument('--quiet', action='store_true', help='show no progress')
+    add(parser, '--quiet')
     add_conditions(parser)
     add_topics(parser)
 

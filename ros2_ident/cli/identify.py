@@ -7,17 +7,11 @@ import time
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
+    add,
     add_bags,
-    add_check,
-    add_drives,
     add_effort,
-    add_fix,
-    add_machine,
-    add_outputs,
-    add_scheduler,
     add_topics,
     asked,
-    complete,
     count,
     interval,
     once,
@@ -26,7 +20,7 @@ from ros2_ident.cli.arguments import (
     positive,
     whole,
 )
-from ros2_ident.cli.report import add_page, answered, live_page, page_line
+from ros2_ident.cli.report import answered, live_page, page_line
 
 if TYPE_CHECKING:
     from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
@@ -62,29 +56,28 @@ EXIT_CODES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_bags(parser)
-    add_check(
+    add(
         parser,
-        'recording that the held-out error is judged on',
-        'each quarter of the log is predicted from the other three',
+        '--check',
+        help='recording that the held-out error is judged on, more than once for several; without '
+        'it, each quarter of the log is predicted from the other three',
     )
-    add_machine(parser)
-    parser.add_argument('--out', required=True, metavar='DIR', help='directory for the results')
-    add_drives(parser)
-    parser.add_argument('--seed', type=whole, default=0, help='same seed and data, same result')
-    add_fix(parser)
-    bounds = parser.add_argument(
+    add(parser, '--machine')
+    add(parser, '--out', required=True)
+    add(parser, '--drives')
+    add(parser, '--seed', type=whole, default=0, help='same seed and data, same result')
+    add(parser, '--fix')
+    add(
+        parser,
         '--bounds',
         action='append',
         default=[],
         type=interval,
         metavar='NAME=LOW:HIGH',
+        words=parameters,
         help="search here instead of in the machine file's bounds",
     )
-    complete(bounds, parameters)
-    add_outputs(parser)
-    parser.add_argument('--no-overlay', action='store_true', help='write no overlay bag')
-    add_page(parser)
-    parser.add_argument('--quiet', action='store_true', help='show no progress')
+    add(parser, '--outputs', '--no-overlay', '--no-report', '--live', '--quiet')
     _add_search(parser)
     add_effort(parser)
     add_topics(parser)
@@ -131,11 +124,10 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
             'minimum distance of survivors in the unit cube; 0 by default',
         ),
         ('starts', count, 'refine at most N candidates; 4 by default'),
-        ('threads', count, 'threads; by default one for each processor'),
         ('samples', count, 'fit at most N effort samples of a long log; 180000 by default'),
     ):
         group.add_argument(f'--{name}', type=kind, metavar='N', help=what)
-    add_scheduler(group)
+    add(group, '--threads', '--scheduler')
 
 
 def settings_of(args: argparse.Namespace) -> 'IdentifySettings':
@@ -182,7 +174,7 @@ def run(args: argparse.Namespace) -> int:
     begun = time.monotonic()
     from ros2_ident import jobs
     from ros2_ident.cli.interrupt import interrupts
-    from ros2_ident.cli.progress import make_meter, WRITING
+    from ros2_ident.cli.progress import Meter, WRITING
     from ros2_ident.cli.table import print_result
     from ros2_ident.files import sole_writer
     from ros2_ident.identify.result import Outcome
@@ -201,14 +193,14 @@ def run(args: argparse.Namespace) -> int:
         with (
             live_page(args, out, logs.fit, shown) as live,
             interrupts() as cancel,
-            make_meter(quiet=args.quiet) as meter,
+            Meter(quiet=args.quiet) as meter,
         ):
 
             writing = WRITING * (time.monotonic() - begun)
 
             def tell(progress: 'IdentifyProgress') -> None:
                 progress = replace(progress, eta=progress.eta + writing)
-                meter(progress)
+                meter.search(progress)
                 if live is not None:
                     live.identifying(progress)
 

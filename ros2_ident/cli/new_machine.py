@@ -5,7 +5,7 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from ros2_ident.cli.arguments import add_topics, bags, complete, names, topics_of
+from ros2_ident.cli.arguments import add, add_topics, bags, topics_of
 from ros2_ident.models.registry import KINDS, machine_from_mapping
 
 if TYPE_CHECKING:
@@ -34,19 +34,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='kind of machine; by default, with --description and --bag, mujoco (an arm under its '
         'controllers) where the log holds set-points, else serial (along its recorded motion)',
     )
-    parser.add_argument(
-        '--drives', type=names, default=(), metavar='A,B', help='joint names in your bags'
-    )
+    add(parser, '--drives', default=(), words=None, help='joint names in your bags')
     parser.add_argument(
         '--description', metavar='FILE', help='URDF or MJCF of the machine; also gives its joints'
     )
-    bag = parser.add_argument(
+    add(
+        parser,
         '--bag',
         metavar='BAG',
+        words=bags,
         help='a log of the machine; also gives its joints and period. A CSV without a column map '
         'gets one by the names in its header',
     )
-    complete(bag, bags)
     parser.add_argument('--out', metavar='FILE', help='file to write; standard output without it')
     add_topics(parser)
 

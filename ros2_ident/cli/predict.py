@@ -5,17 +5,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import (
-    add_bags_read,
-    add_effects,
-    add_effort,
-    add_topics,
-    complete,
-    machine_files,
-    topics_of,
-    whole,
-    with_effort,
-)
+from ros2_ident.cli.arguments import add, add_effort, add_topics, topics_of, whole, with_effort
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
@@ -47,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='RESULT',
         help='what `ident identify` or `ident diagnose` wrote: its directory or JSON file',
     )
-    add_bags_read(parser)
+    add(parser, 'bag', nargs='+')
     parser.add_argument(
         '--beside',
         action='append',
@@ -55,10 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='RESULT',
         help='another result on the same bag, more than once for several',
     )
-    machine = parser.add_argument(
-        '--machine', metavar='FILE', help='machine file; that of each result by default'
+    add(
+        parser, '--machine', required=False, help='machine file; that of each result by default'
     )
-    complete(machine, machine_files)
     parser.add_argument(
         '--warm-up',
         type=whole,
@@ -66,8 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         help="samples at a bag's start that are simulated and not compared; none by default",
     )
-    parser.add_argument('--out', metavar='DIR', help='directory for table and picture')
-    add_effects(parser)
+    add(parser, '--out', help='directory for table and picture')
+    add(parser, '--effect')
     add_effort(parser)
     add_topics(parser)
 

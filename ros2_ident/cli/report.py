@@ -62,17 +62,6 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def add_page(parser: argparse.ArgumentParser) -> None:
-    """Add what a run does about its page."""
-    parser.add_argument('--no-report', action='store_true', help='write no report.html')
-    parser.add_argument(
-        '--live',
-        action='store_true',
-        help='keep report.html open in a browser and watch the run there; the report takes its '
-        'place at the end',
-    )
-
-
 def live_page(
     args: argparse.Namespace, out: Path | None, data: 'Data', problem: 'Problem | None' = None
 ) -> 'AbstractContextManager[LivePage | None]':

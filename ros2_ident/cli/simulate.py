@@ -8,13 +8,10 @@ import shlex
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
-    add_machine,
-    assignment,
-    complete,
+    add,
     effects_at,
     not_negative,
     once,
-    parameters,
     positive,
     whole,
 )
@@ -54,32 +51,23 @@ QUARTER = 0.25
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument('bag', metavar='BAG', help='bag directory to make')
-    add_machine(parser)
-    truth = parser.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        type=assignment,
-        metavar='NAME=VALUE',
-        help='a true parameter; gear_stiffness means that of every drive',
-    )
-    complete(truth, parameters)
+    add(parser, '--machine')
+    add(parser, '--set', help='a true parameter; gear_stiffness means that of every drive')
     parser.add_argument(
         '--motion', choices=MOTIONS, default='multi_point', help='multi_point by default'
     )
     parser.add_argument('--seconds', type=positive, default=10.0, help='duration; 10 by default')
     parser.add_argument('--seed', type=whole, default=0, help='of motion, noise and losses')
-    effect = parser.add_argument(
+    add(
+        parser,
         '--effect',
-        action='append',
-        default=[],
         metavar='EFFECT@DRIVE:...',
+        words=effects_at,
         help='an unmodelled effect: with its values, stribeck@drive_2:torque=0.05,velocity=0.03, '
         'or drawn by the seed as a share of the largest that is searched for, '
         'stribeck@drive_2:size=0.5; docs/effects.md lists them; one of your own by its file, '
         'rubber_buffer.py@drive_1:size=0.5',
     )
-    complete(effect, effects_at)
     noise = parser.add_mutually_exclusive_group()
     noise.add_argument(
         '--noise',

@@ -88,22 +88,6 @@ def test_row_is_done_anew_where_the_bag_has_changed(listed: Path) -> None:
     assert fleet.key_of(entry, fleet.Wish()) != before
 
 
-def test_row_is_done_anew_where_a_library_has_changed(
-    listed: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    entry = fleet.read_fleet(listed)[0]
-    before = fleet.key_of(entry, fleet.Wish())
-    installed = sources.version
-    monkeypatch.setattr(
-        sources, 'version', lambda name: '0.1' if name == 'scipy' else installed(name)
-    )
-    sources.result_digest.cache_clear()
-    try:
-        assert fleet.key_of(entry, fleet.Wish()) != before
-    finally:
-        sources.result_digest.cache_clear()
-
-
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
     return shutil.copytree(

@@ -60,14 +60,6 @@ def test_a_page_comes_at_most_every_few_seconds(
     assert RELOADS not in text(tmp_path)
 
 
-def test_a_long_run_keeps_its_history_short() -> None:
-    points = [(float(k), 50.0 - k) for k in range(live.POINTS + 1)]
-    fewer = live._fewer(points)
-    assert live.POINTS / 2 < len(fewer) <= live.POINTS
-    assert (fewer[0], fewer[-1]) == (points[0], points[-1])
-    assert live._fewer(fewer) == fewer
-
-
 def test_the_reason_of_an_end_without_report_is_on_the_page(tmp_path: Path) -> None:
     why = IdentError(ErrorCode.DIVERGED, 'every candidate diverges; check the gains')
     for error, words in ((why, why.message), (KeyboardInterrupt(), 'it was interrupted twice')):

@@ -30,7 +30,6 @@ from ros2_ident.gates import Gate
 from ros2_ident.identify.result import Outcome
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import LIVE
-from ros2_ident.report.files import write_result
 from ros2_ident.report.page import charts, write_report
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot
@@ -129,37 +128,34 @@ def test_what_a_file_holds_cannot_be_read_as_html(both):
     assert 'Record a motion with <slow> reversals.' in Page(both).text
 
 
-def test_a_directory_with_an_identification_only(tmp_path):
-    write_identified(tmp_path)
+@pytest.mark.parametrize(
+    ('write', 'lost', 'sections', 'pictures', 'text'),
+    [
+        (
+            write_identified, (), IDENTIFIED,
+            ['effort-plot', 'generations-plot', 'costs-plot', 'correlations-plot'],
+            'ident diagnose test --machine MACHINE.yaml --out ',
+        ),
+        # a result of an older version
+        (
+            write_identified, ('history.npz', 'signals.npz', 'result.json'), IDENTIFIED,
+            ['generations-plot', 'correlations-plot'], 'No simulated effort was kept',
+        ),
+        (write_diagnosed, (), [*DIAGNOSED, 'about'], ['gap-effort-plot'], 'of the effort'),
+        (
+            write_diagnosed, ('diagnosis.npz',), [*DIAGNOSED, 'about'], [],
+            'Nothing simulated was kept',
+        ),
+    ],
+)  # fmt: skip
+def test_a_page_shows_what_the_directory_holds(tmp_path, write, lost, sections, pictures, text):
+    write(tmp_path)
+    for name in lost:
+        (tmp_path / name).unlink()
     page = Page(write_report(tmp_path))
-    assert page.sections == ['answer', *IDENTIFIED, 'provenance']
-    assert f'ident diagnose test --machine MACHINE.yaml --out {tmp_path}' in page.text
-    assert 'gap-effort-plot' not in page.pictures
-    assert 'of the effort' in page.text
-
-
-def test_a_directory_with_a_diagnosis_only(tmp_path):
-    write_diagnosed(tmp_path)
-    page = Page(write_report(tmp_path))
-    assert page.sections == ['answer', *DIAGNOSED, 'about', 'provenance']
-    assert page.pictures == ['gap-effort-plot']
-
-
-def test_a_result_of_an_older_version(tmp_path):
-    write_result(tmp_path, identified())
-    (tmp_path / 'history.npz').unlink()
-    (tmp_path / 'result.json').unlink()
-    page = Page(write_report(tmp_path))
-    assert 'No simulated effort was kept' in page.text
-    assert page.pictures == ['generations-plot', 'correlations-plot']
-
-
-def test_a_diagnosis_without_its_effort(tmp_path):
-    write_diagnosed(tmp_path)
-    (tmp_path / 'diagnosis.npz').unlink()
-    page = Page(write_report(tmp_path))
-    assert page.pictures == []
-    assert 'Nothing simulated was kept' in page.text
+    assert page.sections == ['answer', *sections, 'provenance']
+    assert page.pictures == pictures
+    assert text in page.text
 
 
 def test_a_run_in_which_every_candidate_diverged(tmp_path):

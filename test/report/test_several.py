@@ -36,15 +36,6 @@ def test_what_differs_beyond_its_interval_comes_first():
     assert first.at < second.at
 
 
-def test_of_an_interval_that_is_longer_to_one_side_the_side_towards_the_other_counts():
-    low, high = value(20.0, 0.1), {**value(26.0, 0.5), 'high': 43.0}
-    for runs in ((low, high), (high, low)):
-        (strip,) = strips([(k, {'friction': v}) for k, v in zip('ab', runs, strict=True)])
-        assert strip.differs
-    (strip,) = strips([('a', {'friction': high}), ('b', {'friction': value(40.0, 0.1)})])
-    assert not strip.differs
-
-
 def test_a_value_without_an_interval_is_shown_and_never_differs():
     (strip,) = strips([('a', {'mass': value(1.0, None)}), ('b', {'mass': value(9.0, 0.1)})])
     assert not strip.differs and strip.marks[0].low is None
@@ -85,6 +76,8 @@ def test_a_comparison_of_an_identification_with_another_and_a_diagnosis(tmp_path
     assert 'Stribeck friction on drive_1 is missing in the simulation.' in out.read_text()
     assert f'Not compared, for other effects in the model: {where[2]};' in out.read_text()
     assert 'http' not in out.read_text().replace('http-equiv', '')
+    apart = write_comparison([tmp_path / 'a', tmp_path / 'c']).read_text()
+    assert 'The runs share no parameter.' in apart and '<code>ident fleet</code>' in apart
     with pytest.raises(IdentError, match='holds neither') as caught:
         write_comparison([tmp_path / 'a', tmp_path])
     assert caught.value.code is ErrorCode.NO_DATA
@@ -128,10 +121,8 @@ def test_the_page_of_a_fleet_says_who_drifted_and_who_failed(tmp_path):
         'b_1: Stribeck friction on axis, probability 93\xa0%. '
         'axis: residual 1.39 → 0.30\xa0N, 2.60 → 0.57\xa0% of the effort'
     ) in write_report(tmp_path).read_text()
-    assert '<section id="answer" class="answer bad"' in text, 'one recording failed'
     assert 'Not every recording could be judged' in text
     assert text.count('Inspect a: mass changed.') == 1, 'once, with its latest recording'
-    assert 'ident diagnose &#39;bags/a 2&#39; <span class="shown">--machine</span> a.yaml' in text
     assert 'Correct what the table says of c_1, and run the same command again' in text
     assert 'DAMAGED_BAG' in text and 'is damaged; record it again' in text
     assert 'Stribeck friction &lt;axis&gt;.' in text and '5 recordings of 3 machines' in text
@@ -145,11 +136,11 @@ def test_what_chance_may_explain_does_not_differ_on_the_page_of_a_fleet(tmp_path
     write_summary(tmp_path, rows)
     text = write_report(tmp_path).read_text()
     assert 'the smallest that would have: mass ' in text and ', differs' not in text
-    assert 'class="answer good"' in text and 'No difference shows' in text
+    assert 'No difference shows' in text
     write_summary(tmp_path, [*rows[:-1], row('h', 1, 3.0)])
     text = write_report(tmp_path).read_text()
     assert 'h differs from the others' in text and text.count(', differs') == 1
-    assert 'class="answer doubtful"' in text and 'To be inspected' in text
+    assert 'To be inspected' in text
 
 
 def test_where_no_machine_differs_the_headline_is_what_would_have_shown(tmp_path):

@@ -193,17 +193,6 @@ def test_every_topic_and_field_of_a_layout_is_in_the_running_node(layout, runnin
             assert inner in ('double', 'string') or inner.startswith('uint'), (topic, field)
 
 
-def test_a_layout_with_a_wrong_name_would_be_found(running):
-    types, last = running
-    with pytest.raises(KeyError):
-        resolve(types['/identifier/progress'], 'best_costs', None)
-    with pytest.raises(AssertionError, match='no joint drive_9'):
-        topic = '/identifier/simulated'
-        resolve(types[topic], 'drive_9.effort', last[topic])
-    with pytest.raises(AssertionError):
-        resolve(types['/identifier/progress'], 'spread', None)
-
-
 def test_the_scene_is_latched_and_in_the_frame_of_the_rviz_configuration(running):
     _, last = running
     frame = yaml.safe_load((CONFIG / 'identifier.rviz').read_text())['Visualization Manager'][

@@ -7,7 +7,6 @@ import sys
 
 import pytest
 from ros_helpers import environment, new_domain, ROOT
-import yaml
 
 pytestmark = pytest.mark.ros
 
@@ -47,31 +46,6 @@ def test_template_and_page_are_made_from_the_table() -> None:
         assert path.read_text(encoding='utf-8') == text, (
             f'{path.name} is out of date; run python -m ros2_ident.ros.parameter_table'
         )
-
-
-def test_the_template_holds_every_default() -> None:
-    from ros2_ident.ros.parameter_table import TABLE, yaml_template
-
-    values = yaml.safe_load(yaml_template())['/**']['ros__parameters']
-    for entry in TABLE:
-        group, _, name = entry.name.rpartition('.')
-        held = values[group] if group else values
-        if entry.default == ():
-            assert name not in held
-        else:
-            assert held[name] == entry.default
-            assert type(held[name]) is type(entry.default)
-
-
-def test_every_entry_is_described_and_inside_its_own_range() -> None:
-    from ros2_ident.ros.parameter_table import TABLE
-
-    for entry in TABLE:
-        assert entry.text.endswith('.') or entry.unit or entry.text.endswith('~')
-        if entry.low is not None:
-            assert entry.low <= entry.default <= entry.high
-        if entry.choices:
-            assert entry.default in entry.choices
 
 
 def test_defaults_are_declared_with_descriptions_and_ranges(node) -> None:
@@ -117,15 +91,6 @@ def test_an_unfitting_value_is_answered_in_a_sentence(node, given: str, said: st
     with pytest.raises(IdentError) as caught:
         parameters.declare(node('-p', given))
     assert said in caught.value.message
-
-
-@pytest.mark.parametrize(('given', 'drives'), [('[a, b]', ('a', 'b')), ('[a]', ('a',))])
-def test_lists_of_names(node, given: str, drives: tuple[str, ...]) -> None:
-    from ros2_ident.ros import parameters
-
-    made = node('-p', f'drives:={given}')
-    parameters.declare(made)
-    assert parameters.snapshot(made)['drives'] == drives
 
 
 def test_a_misspelt_parameter_is_noticed(node) -> None:

@@ -88,11 +88,6 @@ def test_a_preview_waits_for_its_period_and_for_something_better(wanted, monkeyp
     assert len(shown) == 3
 
 
-def test_a_run_without_previews_and_progress(wanted):
-    other = replace(wanted, request=replace(wanted.request, seed=5))
-    assert identify(other, None).done.result.seed == 5
-
-
 class Killed(BaseException):
     """The end of the process."""
 

@@ -32,13 +32,3 @@ def test_every_other_module_imports_without_ros() -> None:
         check=False,
     )
     assert ran.returncode == 0, ran.stderr[-2000:]
-
-
-def test_nothing_else_names_rclpy_in_an_import() -> None:
-    for path in (ROOT / 'ros2_ident').rglob('*.py'):
-        if 'ros' in path.relative_to(ROOT).parts:
-            continue
-        for line in path.read_text(encoding='utf-8').splitlines():
-            words = line.split()
-            if words[:1] in (['import'], ['from']):
-                assert words[1].partition('.')[0] not in ROS, path

@@ -240,6 +240,7 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
     smallest = smallest_shown((name, v, first) for _, name, first, v in _pairs(alike))
     differ = [s.name for s in made if s.differs]
     text = f'{len(differ) or "None"} of {shared} parameters differ{"s" * (len(differ) < 2)}'
+    text = text if shared else 'The runs share no parameter'
     rest = sentences.some(differ) if differ else _would_show(smallest)
     text += f': {rest}.' if rest else '.'
     others = [r.label for r in runs if r.effects != runs[0].effects]
