@@ -290,7 +290,7 @@ def _aligned(
         machine.drives,
         cycle,
         need=need,
-        effort_scale=machine.effort_scale,
+        effort_scale=machine.effort_scales,
         released=kind_of(machine).released,
         follows=follows(machine),
     )

@@ -3,12 +3,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-import math
 from typing import Any, Literal
 
 from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.keys import Key, literal
-from ros2_ident.machine.units import angular, plain_unit
+from ros2_ident.machine.units import angular, number, plain_unit
 
 Path = tuple[str, ...]
 
@@ -93,14 +92,3 @@ class Draft:
         """Return a key with its example, as it stands in a machine file."""
         key = self.keys[path]
         return f'{key.name}: {literal(key)}'
-
-
-def number(value: Any) -> float | None:
-    """Return a value as a finite number, None where it is none."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        return None
-    try:
-        found = float(value)  # YAML 1.1 reads 1e-3 as a word
-    except (ValueError, OverflowError):  # the latter of a whole number with 309 digits
-        return None
-    return found if math.isfinite(found) else None

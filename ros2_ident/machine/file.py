@@ -15,12 +15,12 @@ import yaml
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
 from ros2_ident.machine.description import description_text
-from ros2_ident.machine.draft import number, Remark
+from ros2_ident.machine.draft import Remark
 from ros2_ident.machine.judge import contents, judge, TEMPLATE
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, Key, Value
 from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.machine import Box, Machine
-from ros2_ident.machine.units import effort_factor
+from ros2_ident.machine.units import effort_factors, number
 
 _DEPTH = 50  # of lists and mappings
 
@@ -195,9 +195,9 @@ def _machine(data: Mapping[str, Any], kind: Kind, digest: str, folder: Path) -> 
         own_bounds=own,
         given=frozenset([*(key.name for key in stated), *({'effort_noise'} & data.keys())]),
         effort_unit=unit,
-        effort_scale=1.0
+        effort_scale=(1.0,)
         if unit in kind.logs
-        else effort_factor(unit, data.get('torque_constant'), data.get('rated_torque')),
+        else effort_factors(unit, data.get('torque_constant'), data.get('rated_torque')),
         effort_noise=float(data.get('effort_noise', 0.01)),
         digest=digest,
         travel=kind.travel,

@@ -9,12 +9,12 @@ from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.description import description_text
-from ros2_ident.machine.draft import Draft, number, Remark
+from ros2_ident.machine.draft import Draft, Remark
 from ros2_ident.machine.draft import Path as Keys
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, Key
 from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.shown import name_of, shown
-from ros2_ident.machine.units import effort_factor, plain_unit
+from ros2_ident.machine.units import effort_factors, number, plain_unit
 
 SECTIONS = ('geometry', 'drive', 'controller', 'parameters')
 TEMPLATE = 'start from one that `ident new-machine` writes'
@@ -131,7 +131,7 @@ def _effort(draft: Draft, kind: Kind) -> Iterator[Remark]:
     if draft.effort_unit in kind.logs:
         return
     try:
-        effort_factor(
+        effort_factors(
             draft.effort_unit,
             draft.present.get(('torque_constant',)),
             draft.present.get(('rated_torque',)),

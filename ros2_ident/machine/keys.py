@@ -138,11 +138,12 @@ sought = partial(Key, 'parameters', each=True)
 EFFORT = (
     Key('', 'effort_unit', '', 'of the logged effort: N m, N, A or percent', 'N m',
         absent='N m by default'),
-    Key('', 'torque_constant', 'N m/A', 'torque per current', 0.5,
-        absent='needed where effort_unit is A', low=-1e3, high=1e3, force_unit='N/A', shown=False),
-    Key('', 'rated_torque', 'N m', 'torque at 100 %', 2.4,
+    Key('', 'torque_constant', 'N m/A', 'torque per current, or a list of each drive', 0.5,
+        absent='needed where effort_unit is A', low=-1e3, high=1e3, force_unit='N/A', shown=False,
+        each=True),
+    Key('', 'rated_torque', 'N m', 'torque at 100 %, or a list of each drive', 2.4,
         absent='needed where effort_unit is percent', low=-1e5, high=1e5, force_unit='N',
-        shown=False),
+        shown=False, each=True),
 )
 
 

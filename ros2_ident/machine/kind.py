@@ -52,7 +52,7 @@ class Kind:
         travel: Unit of its drives' positions, `m` or `rad`; where empty, `moving_mass` says it.
         compares: Quantities that are compared where nobody says which.
         logs: Units of a logged effort that its model simulates as they are, beside those of
-            `units.effort_factor`.
+            `units.effort_factors`.
         released: Whether its motors are switched off where no set-point comes any more.
         efforts: Returns the (D,) size of the drives' efforts, of which bounds of effects are
             shares; None where the log says it.

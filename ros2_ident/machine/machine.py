@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.description import judged_tree
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, NEUTRAL, Value
-from ros2_ident.machine.units import angular, effort_factor, plain_unit
+from ros2_ident.machine.units import angular, effort_factors, plain_unit
 
 Box = tuple[float, float, str]
 
@@ -35,7 +35,7 @@ class Machine:
             every process.
         effort_unit: Unit of the logged effort.
         effort_scale: Factor from the logged effort to N m (or N): a torque constant [N m/A], or
-            the rated torque over 100 %.
+            the rated torque over 100 %; one for all drives, or one each.
         effort_noise: Standard deviation of the logged effort's noise, in the model's effort unit.
         digest: SHA-256 of the file, and of those that it names; empty where the machine was made
             in memory.
@@ -53,7 +53,7 @@ class Machine:
     own_bounds: Mapping[str, Box] = field(default_factory=dict)
     given: frozenset[str] = field(default=frozenset(), repr=False)
     effort_unit: str = 'N m'
-    effort_scale: float = 1.0
+    effort_scale: tuple[float, ...] = (1.0,)
     effort_noise: float = 0.01
     digest: str = ''
     travel: str = ''
@@ -220,12 +220,18 @@ class Machine:
         )
 
     def with_effort_unit(
-        self, unit: str, torque_constant: float | None = None, rated_torque: float | None = None
+        self, unit: str, torque_constant: object = None, rated_torque: object = None
     ) -> 'Machine':
-        """Return the same machine with a log in another unit; the arguments are `effort_factor`'s.
+        """Return the same machine with a log in another unit, see `effort_factors`.
 
         Raises:
             IdentError: WRONG_UNITS for an unknown unit or a missing constant.
         """
-        factor = effort_factor(unit, torque_constant, rated_torque)
-        return replace(self, effort_unit=unit, effort_scale=factor)
+        factors = effort_factors(unit, torque_constant, rated_torque)
+        return replace(self, effort_unit=unit, effort_scale=factors)
+
+    @property
+    def effort_scales(self) -> dict[str, float]:
+        """Factor from the logged effort to N m (or N) of each drive."""
+        scale = self.effort_scale
+        return dict(zip(self.drives, scale * (len(self.drives) // len(scale)), strict=True))

@@ -3,6 +3,7 @@
 
 import math
 import re
+from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.shown import name_of, shown
@@ -25,22 +26,33 @@ def plain_unit(unit: object) -> str:
     return ''.join(text.replace('^', '').replace('*', '').split())
 
 
-def effort_factor(
-    unit: str, torque_constant: float | None = None, rated: float | None = None
-) -> float:
-    """Return the factor from a logged effort to N m (or N).
+def number(value: Any) -> float | None:
+    """Return a value as a finite number, None where it is none."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        return None
+    try:
+        found = float(value)  # YAML 1.1 reads 1e-3 as a word
+    except (ValueError, OverflowError):  # the latter of a whole number with 309 digits
+        return None
+    return found if math.isfinite(found) else None
+
+
+def effort_factors(
+    unit: str, torque_constant: object = None, rated: object = None
+) -> tuple[float, ...]:
+    """Return the factor from a logged effort to N m (or N), or one for each drive.
 
     Args:
         unit: `N m`, `N`, `A` or `percent`.
-        torque_constant: N m/A (or N/A), needed for `A`.
-        rated: Rated torque N m (or force N), needed for `percent`.
+        torque_constant: N m/A (or N/A), needed for `A`; one number, or a list.
+        rated: Rated torque N m (or force N), needed for `percent`; likewise.
 
     Raises:
         IdentError: WRONG_UNITS naming what is missing.
     """
     if unit in ('N m', 'N'):
-        return 1.0
-    needed: dict[str, tuple[str, float | None, float]] = {
+        return (1.0,)
+    needed: dict[str, tuple[str, object, float]] = {
         'A': ('torque_constant', torque_constant, 1.0),
         'percent': ('rated_torque', rated, 0.01),
     }
@@ -50,14 +62,11 @@ def effort_factor(
             f'effort unit is {shown(unit)}; write one of N m, N, A, percent',
         )
     key, value, share = needed[unit]
-    try:
-        factor = float(value) if value is not None else 0.0
-    except (TypeError, ValueError, OverflowError):
-        factor = 0.0
-    if not math.isfinite(factor) or factor == 0.0:
+    factors = [number(x) or 0.0 for x in (value if isinstance(value, list) else [value])]
+    if not all(factors):
         raise IdentError(
             ErrorCode.WRONG_UNITS,
             f'effort unit {unit} needs {key} to become a torque, found {name_of(value)}; add the '
             f'line `{key}: ...` to the machine file, or give --{key.replace("_", "-")}',
         )
-    return factor * share
+    return tuple(x * share for x in factors)

@@ -112,7 +112,7 @@ def followed_file(
         for limit in joint.iterfind('limit')
     }
     boxes: dict[str, list[str]] = {}
-    effort = log.state.effort is not None
+    effort = any(x is not None and x.effort is not None for x in (log.state, log.effort))
     for name in names:
         motion = motion_of(log, name)
         logged = 0.0 if motion.effort is None else float(np.nanmax(np.abs(motion.effort)))
@@ -148,7 +148,8 @@ def followed_file(
 def ways(kind: Kind, log: Recording) -> str:
     """Return in which ways a log lets an arm be simulated, the file's first."""
     state, command = log.state, log.command
-    effort = state is not None and state.effort is not None
+    roles = state, log.effort
+    effort = any(x is not None and x.effort is not None for x in roles)
     points = command is not None and command.position is not None
     along = 'along its recorded motion (--kind serial), by the logged effort'
     freely = 'freely under its controllers (--kind mujoco), by the logged set-points'

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bring a recording's streams onto one grid of controller cycles."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +37,7 @@ def align(
     cycle: float,
     *,
     need: Collection[str] = ('effort',),
-    effort_scale: float = 1.0,
+    effort_scale: float | Mapping[str, float] = 1.0,
     limits: Limits | None = None,
     released: bool = False,
     follows: bool = True,
@@ -50,7 +50,8 @@ def align(
         cycle: Controller cycle, s.
         need: Fields without which the data is of no use: of `position`, `velocity`, `effort`,
             `command`.
-        effort_scale: Factor from the logged effort to N m or N (a torque constant, say).
+        effort_scale: Factor from the logged effort to N m or N (a torque constant, say), or that
+            of each joint.
         limits: How much memory the grid may take; the default where None.
         released: Whether a stream of set-points that stops before the state does means that the
             motors were switched off.

@@ -35,8 +35,8 @@ class MachineFacts(Protocol):
         """Bounds of what is to be identified, by name: low, high, unit."""
 
     @property
-    def effort_scale(self) -> float:
-        """Factor from the logged effort to N m or N."""
+    def effort_scales(self) -> Mapping[str, float]:
+        """Factor from the logged effort to N m or N of each drive."""
 
     def number(self, name: str, drive: str | None = None) -> float:
         """Return a constant of the machine, or of a drive.
@@ -224,7 +224,7 @@ def _judge_recording(
             machine.drives,
             machine.number('cycle'),
             need=need,
-            effort_scale=machine.effort_scale,
+            effort_scale=machine.effort_scales,
         )
     except IdentError as exc:
         yield Finding('error', exc.code.name.lower(), '', exc.message)
@@ -257,9 +257,11 @@ def _judge_drives(
     drives: list[DriveSummary] = []
     findings: list[Finding] = []
     gravity = 0.0 if machine is None else machine.number('gravity')
-    scale = 1.0 if machine is None else machine.effort_scale
+    scales = {} if machine is None else machine.effort_scales
     for name in names:
-        summary, said = judge_drive(number, recording, name, gravity, scale, machine is not None)
+        summary, said = judge_drive(
+            number, recording, name, gravity, scales.get(name, 1.0), machine is not None
+        )
         # An integrated speed says nothing of the speed.
         vacuous = name in integrated
         findings += [f for f in said if not (vacuous and f.code.startswith('velocity'))]

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The values a recording is made of: immutable, validated once, in the units of the log."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -252,12 +253,12 @@ class Recording:
         return replace(self, **{role: cut.get(role) for role in ROLES})  # type: ignore[arg-type]
 
 
-def scale_effort(recording: Recording, factor: float | Iterable[float]) -> Recording:
+def scale_effort(recording: Recording, factor: float | Mapping[str, float]) -> Recording:
     """Convert the measured efforts of a recording.
 
     Args:
         recording: The recording in its log's unit.
-        factor: One factor to N m (or N), or one per joint of each stream.
+        factor: To N m (or N), of all joints or by joint; those it does not name stay.
 
     Returns:
         The recording with state and effort streams scaled; the command's feed-forward effort too.
@@ -265,18 +266,23 @@ def scale_effort(recording: Recording, factor: float | Iterable[float]) -> Recor
     Raises:
         IdentError: WRONG_UNITS where the factor is no finite number other than zero.
     """
-    gain = np.asarray(factor, dtype=np.float64)
-    if not np.isfinite(gain).all() or (gain == 0.0).any():
+    gains = list(factor.values()) if isinstance(factor, Mapping) else [factor]
+    if not all(math.isfinite(x) and x for x in gains):
         raise IdentError(
             ErrorCode.WRONG_UNITS,
             f'effort factor is {factor}; give the torque constant or the rated torque over 100',
         )
-    if gain.ndim == 0 and float(gain) == 1.0:
+    if set(gains) == {1.0}:
         return recording
-    scaled = {
-        role: replace(stream, effort=stream.effort * gain) if stream.effort is not None else stream
-        for role, stream in recording.streams.items()
-    }
+
+    def scaled_of(stream: Stream) -> Stream:
+        if stream.effort is None:
+            return stream
+        own = factor if isinstance(factor, Mapping) else dict.fromkeys(stream.names, factor)
+        gain = np.array([own.get(name, 1.0) for name in stream.names])
+        return replace(stream, effort=stream.effort * gain)
+
+    scaled = {role: scaled_of(stream) for role, stream in recording.streams.items()}
     return replace(recording, **scaled)  # type: ignore[arg-type]
 
 

@@ -106,11 +106,13 @@ def overlay_streams(problem: Problem, theta: Array) -> list[dict[str, Stream]]:
         compared as names, their stamps, and efforts in the unit of the log.
     """
     streams = []
-    scale = problem.machine.effort_scale
+    scale = problem.machine.effort_scales
+    per_drive = np.array([[scale[drive]] for drive in problem.drives])
     for number, (model, dataset, recording) in enumerate(
         zip(problem.models, problem.data.datasets, problem.data.recordings, strict=True)
     ):
-        simulated = model.simulate(problem.own(number, theta))[0, : len(problem.drives)] / scale
+        simulated = model.simulate(problem.own(number, theta))[0, : len(problem.drives)]
+        simulated = simulated / per_drive
         stamp, cycle, measured = _measured(recording, dataset, problem.drives, scale)
         values = np.where(np.isnan(measured), np.nan, simulated[:, cycle].T)
         streams.append(
@@ -235,14 +237,14 @@ def _said(verdict: Verdict, stamp: int) -> list[Topic]:
 
 
 def _measured(
-    recording: Recording, dataset: Dataset, drives: tuple[str, ...], scale: float
+    recording: Recording, dataset: Dataset, drives: tuple[str, ...], scale: Mapping[str, float]
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Return stamps (T,), cycles (T,) and efforts (T, D) of the samples on the data set's grid."""
     stamps, cycles, columns = [], [], []
     for drive in drives:
         stream, values = _source(recording, drive)
         there = ~np.isnan(values)
-        cycle = _cycles(stream, dataset, drive, values * scale)
+        cycle = _cycles(stream, dataset, drive, values * scale[drive])
         inside = there & (cycle >= 0) & (cycle < dataset.cycles)
         stamps.append(stream.stamp[inside])
         cycles.append(cycle[inside])

@@ -142,14 +142,20 @@ def test_an_overlay_holds_the_log_and_what_the_simulation_says(tmp_path, result)
     assert rms == pytest.approx(result.residuals[0].rms, rel=0.01)
 
 
-def test_an_overlay_keeps_the_unit_of_the_log():
-    machine = replace(axis(), effort_unit='A', effort_scale=2.0)
-    data = gather([recording_of(axis_bag())], machine)
+@pytest.mark.parametrize(
+    ('machine', 'bag', 'constants'),
+    [(axis, axis_bag, [2.0]), (tripod, tripod_bag, [2.0, 3.0, 4.0])],
+)
+def test_an_overlay_keeps_the_unit_of_the_log(machine, bag, constants):
+    machine = machine().with_effort_unit('A', constants)
+    data = gather([recording_of(bag())], machine)
+    assert list(machine.effort_scales.values()) == constants
     problem = problem_of(machine, data)
     (streams,) = overlay_streams(problem, 0.5 * (problem.low + problem.high))
-    log = recording_of(axis_bag()).effort
+    log = recording_of(bag()).effort
     shared = np.isin(log.stamp, streams['simulated'].stamp)
     total = streams['simulated'].effort + streams['residual'].effort
+    assert streams['simulated'].names == machine.drives == log.names
     assert total == pytest.approx(log.effort[shared])
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The check: what it finds in recordings that are fine, and in those that are not."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 import re
 
@@ -19,7 +20,7 @@ class Machine:
     """The part of a machine file that the check reads."""
 
     drives: tuple = ('a',)
-    effort_scale: float = 1.0
+    effort_scales: Mapping[str, float] = field(default_factory=dict)
     # 0.2 N m at rest at 10 rad/m: 2 N, the weight of 0.2 kg
     constants: dict = field(
         default_factory=lambda: {
