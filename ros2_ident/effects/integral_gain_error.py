@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The integral part has another gain than the machine file says."""
+"""The integral gain differs from the machine file's."""
 
 from ros2_ident.effects.effect import Effect, EffectParameter, Hook
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A load that is taken up and put down again and again; the log says when."""
+"""A load taken up and put down repeatedly, at instants found in the log."""
 
 from ros2_ident.effects.effect import Effect, EffectParameter, Hook, turns
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The position loop has another gain than the machine file says."""
+"""The position gain differs from the machine file's."""
 
 from ros2_ident.effects.effect import closed_loop, Effect, EffectParameter, Hook
 

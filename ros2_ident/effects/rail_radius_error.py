@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rails stand on another radius than the machine file says."""
+"""The rails' radius differs from the machine file's."""
 
 from ros2_ident.effects.effect import Effect, EffectParameter, Hook, platform
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rods have another length than the machine file says."""
+"""The rods' length differs from the machine file's."""
 
 from ros2_ident.effects.effect import Effect, EffectParameter, Hook, platform
 

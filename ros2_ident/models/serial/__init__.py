@@ -62,7 +62,7 @@ _DRIVE = (
              low=1e-5, high=10.0, force_unit='m', shown=False),
     of_drive('coulomb_regularisation', 'rad/s',
              'width v of the step in Coulomb friction, tanh(speed / v)', 0.02,
-             absent='as the log tells speeds by default', default=0.02, low=1e-5, high=1.0,
+             absent='error of its speeds by default', default=0.02, low=1e-5, high=1.0,
              force_unit='m/s', shown=False),
 )
 _COUPLING = (
@@ -143,12 +143,11 @@ KIND = Kind(
         *_COUPLING,
         *_BALANCE,
         Key('controller', 'cycle', 's', 'period of the log', 0.008, low=1e-6, high=0.05),
-        Key('controller', 'bandwidth', 'Hz', 'compare what is slower; what is faster shakes links '
-            'and gears that are rigid here', 10.0, absent='by the log by default',
+        Key('controller', 'bandwidth', 'Hz', 'efforts are compared below it; above it links and '
+            'gears, rigid here, swing', 10.0, absent='by the log by default',
             default=math.inf, low=0.1, high=1e4, shown=False),
-        Key('controller', 'least_speed', 'rad/s', 'compare a joint where it is faster; at rest '
-            'its friction is what holds it', 0.05, absent='by its readings by default',
-            default=0.0, force_unit='m/s', low=0.0, high=10.0, shown=False, each=True),
+        Key('controller', 'least_speed', 'rad/s', 'a joint is compared where it is faster', 0.05,
+            absent='by its readings by default', default=0.0, force_unit='m/s', low=0.0, high=10.0, shown=False, each=True),
         keys.DELAY.at(
             (0.0, 0.05),
             shown=False,
