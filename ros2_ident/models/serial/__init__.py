@@ -147,7 +147,8 @@ KIND = Kind(
             'gears, rigid here, swing', 10.0, absent='by the log by default',
             default=math.inf, low=0.1, high=1e4, shown=False),
         Key('controller', 'least_speed', 'rad/s', 'a joint is compared where it is faster', 0.05,
-            absent='by its readings by default', default=0.0, force_unit='m/s', low=0.0, high=10.0, shown=False, each=True),
+            absent='by its readings by default', default=0.0, force_unit='m/s', low=0.0, high=10.0,
+            shown=False, each=True),
         keys.DELAY.at(
             (0.0, 0.05),
             shown=False,
