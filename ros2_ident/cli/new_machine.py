@@ -60,6 +60,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.files import write_text
     from ros2_ident.machine.description import description_text
     from ros2_ident.models.new_file import (
+        arm_kind,
         description_key,
         followed_file,
         new_machine_file,
@@ -77,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
             'and a log of it say that, --description and --bag',
         )
     follows = log is not None and log.command is not None and log.command.position is not None
-    kind, text = KINDS[args.kind or ('mujoco' if follows else 'serial')], None
+    kind, text = KINDS[args.kind] if args.kind else arm_kind(follows), None
     if args.description is not None:
         description_key(kind)
         known['description'] = description_text(Path(args.description))
@@ -85,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         known['named'] = os.path.relpath(args.description, folder)
     if log is not None:
         text = one_joint_file(kind, args.drives, log)
-        if kind.name == 'mujoco' and args.description is not None:
+        if kind is arm_kind(True) and args.description is not None:
             text = followed_file(args.drives, known['description'], known['named'], log)
         known['states'] = log.state
     text = text or new_machine_file(kind, args.drives, **known)

@@ -105,7 +105,7 @@ def followed_file(
         return None
     log, _ = with_positions(log, log.state.names if log.state else ())
     assert log.state is not None and log.command is not None
-    names = tuple(drives) or _joints(KINDS['mujoco'], description, log.state)
+    names = tuple(drives) or _joints(arm_kind(True), description, log.state)
     limits = {
         joint.get('name'): float(limit.get('effort', 0.0))
         for joint in root.iterfind('joint')
@@ -132,7 +132,7 @@ def followed_file(
             boxes.setdefault(key, []).append(f'[{digits(low)}, {high:.3g}, {unit}]')
     lines = ['\n  - '.join([f'  {key}:', *each]) for key, each in boxes.items()]
     return (
-        f'machine: mujoco\ndrives: [{", ".join(names)}]\n'
+        f'machine: {arm_kind(True).name}\ndrives: [{", ".join(names)}]\n'
         f'geometry: {{description: {named}}}\n'
         'controller:      # torque kp (set-point - position) - kv velocity\n'
         f'  cycle: {sample_period(log.command.stamp):.4g}      # s, how long a set-point holds\n'
@@ -145,6 +145,11 @@ def followed_file(
     )
 
 
+def arm_kind(follows: bool) -> Kind:
+    """Return the kind of an arm that follows set-points, or that its recorded motion drives."""
+    return next(x for x in KINDS.values() if x.joints is not None and x.follows is follows)
+
+
 def ways(kind: Kind, log: Recording) -> str:
     """Return in which ways a log lets an arm be simulated, the file's first."""
     state, command = log.state, log.command
@@ -153,7 +158,7 @@ def ways(kind: Kind, log: Recording) -> str:
     points = command is not None and command.position is not None
     along = 'along its recorded motion (--kind serial), by the logged effort'
     freely = 'freely under its controllers (--kind mujoco), by the logged set-points'
-    if kind.name == 'mujoco' and points:
+    if kind.follows and points:
         if not effort:
             return f'this log lets the arm run {freely}; along its recorded motion needs an effort'
         both = 'compare both, --outputs position,effort'
@@ -193,7 +198,7 @@ def description_key(kind: Kind) -> str:
 
 def arm_from_topic(description: str, states: Stream) -> str:
     """Return the text of a machine file for a robot of which description and motion are heard."""
-    return new_machine_file(KINDS['serial'], description=description, states=states)
+    return new_machine_file(arm_kind(False), description=description, states=states)
 
 
 def _joints(kind: Kind, description: str | None, states: Stream | None) -> tuple[str, ...]:
