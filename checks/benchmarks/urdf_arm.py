@@ -58,6 +58,8 @@ def main() -> None:
     model = spec.compile()
     for key in ('armature', 'frictionloss', 'damping'):
         getattr(model, f'dof_{key}')[:] = hidden[key]
+    # By what a joint moves MuJoCo scales how firmly dry friction holds.
+    mujoco.mj_setConst(model, mujoco.MjData(model))
     stamp = np.arange(round(SECONDS / CYCLE)) * round(CYCLE * 1e9)
     time = stamp[:, None] * 1e-9
     for bag in ('fit', 'judge'):
