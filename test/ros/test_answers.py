@@ -183,6 +183,39 @@ def test_a_cancel_that_is_taken_together_with_its_goal_is_heeded(start) -> None:
     assert result.status == GoalStatus.STATUS_CANCELED
 
 
+def test_what_a_callback_raises_does_not_end_the_node(start) -> None:
+    node, listener = start()
+    listener.until(lambda: listener.statuses, 'the node')
+
+    class Broken:
+        def spin_once(self, seconds):
+            raise ZeroDivisionError('of a test')
+
+    before = len(node.node.board._stumbled)
+    node.node.spin(Broken())
+    node.node.spin(Broken())
+    assert len(node.node.board._stumbled) == before + 1
+
+
+@pytest.mark.parametrize('raised', [ZeroDivisionError, OSError, RecursionError])
+def test_the_end_of_a_stream_does_not_end_the_node(start, monkeypatch, raised) -> None:
+    from ros2_ident.errors import ErrorCode
+    from ros2_ident.ros import node as module
+
+    def fail(*arguments, **options):
+        raise raised('of a test')
+
+    monkeypatch.setattr(module, 'automatic_goal', fail)
+    node, listener = start(auto_start=True)
+    node.executor.create_task(node.node._stream_ended)
+    told = listener.until(
+        lambda: [x for x in listener.statuses if 'of a test' in x.error_message], 'the failure'
+    )
+    assert told[0].error_code == ErrorCode.INTERNAL
+    found = answer(listener, bag_path='').result.identification
+    assert found.error_code == ErrorCode.INVALID_GOAL
+
+
 def test_a_full_disk_leaves_the_result_on_the_topic_and_to_be_saved(start, monkeypatch) -> None:
     from std_srvs.srv import Trigger
 
@@ -247,6 +280,23 @@ def test_a_wrong_machine_file_is_told_at_the_start_and_when_it_is_set(start) -> 
     assert not said.successful and '/nor_there.yaml: cannot be read' in said.reason
 
 
+def test_parameters_that_are_no_part_of_a_run_are_read_again(start) -> None:
+    from rclpy.parameter import Parameter
+
+    node, _ = start()
+    changes = {
+        'keep_streams': True,
+        'buffer_messages': 1234,
+        'missing_warning': 0.5,
+        'joint_names': ['a', 'b/effort'],
+    }
+    said = node.node.set_parameters([Parameter(x, value=y) for x, y in changes.items()])
+    assert all(x.successful for x in said)
+    capture = node.node.capture
+    assert (capture.keep_streams, capture.limit) == (True, 1234)
+    assert capture.names == ('a', 'b/effort') and node.node.diagnostics.missing_warning == 0.5
+
+
 @pytest.mark.parametrize('empty', ['BOOL_ARRAY', 'STRING_ARRAY', 'INTEGER_ARRAY'])
 def test_drives_can_be_emptied(start, empty) -> None:
     from rclpy.parameter import Parameter
@@ -261,6 +311,24 @@ def test_drives_can_be_emptied(start, empty) -> None:
     assert said.successful and snapshot(node.node)['drives'] == ()
     (said,) = node.node.set_parameters([Parameter('drives', Parameter.Type.INTEGER_ARRAY, [1])])
     assert not said.successful and 'string array' in said.reason
+
+
+def test_clearing_counts_what_is_not_decoded_yet(start) -> None:
+    from std_srvs.srv import Trigger
+
+    from ros2_ident.recording import cdr
+
+    node, _ = start()
+    stamps = np.arange(1, 6) * 1_000_000
+    messages = cdr.encode(stamps, ['drive_1'], [np.zeros((5, 1)), None, None])
+
+    def clear():  # in the executor's thread: nothing decodes them in between
+        for message in messages:
+            node.node.capture._subscriptions['state'].callback(message, {'source_timestamp': 0})
+        return node.node._clear_data(Trigger.Request(), Trigger.Response())
+
+    assert node.asked(clear).message == '5 messages are forgotten'
+    assert node.node.capture.empty
 
 
 def test_two_nodes_of_one_name_are_told(start, tmp_path) -> None:

@@ -118,6 +118,23 @@ def test_a_replayed_bag_gives_the_same_data_set_as_the_bag_read_directly() -> No
     assert one.quality == two.quality
 
 
+def test_joints_go_by_name_in_any_order_and_number(ear) -> None:
+    mouth = Mouth(listening := ear())
+    mouth.say(1.0, ['a', 'b'], position=[1.0, 2.0], effort=[0.1, math.nan])
+    mouth.say(1.1, ['b', 'a'], position=[4.0, 3.0], effort=[0.4, 0.3])
+    mouth.say(1.2, ['b'], position=[6.0])
+    (recording,) = listening.capture.snapshot().build()
+    assert recording.state.names == ('a', 'b')
+    assert np.array_equal(
+        recording.state.position, [[1.0, 2.0], [3.0, 4.0], [math.nan, 6.0]], equal_nan=True
+    )
+    assert np.array_equal(
+        recording.state.effort, [[0.1, math.nan], [0.3, 0.4], [math.nan] * 2], equal_nan=True
+    )
+    assert recording.state.velocity is None
+    assert recording.state.stamp.tolist() == [1_000_000_000, 1_100_000_000, 1_200_000_000]
+
+
 def test_a_backward_stamp_closes_the_segment(ear) -> None:
     mouth = Mouth(listening := ear())
     for k in (*range(50), *range(50)):
@@ -197,6 +214,35 @@ def test_a_new_stream_replaces_the_ended_one_unless_it_is_kept(ear, keep: bool) 
     assert capture.empty
     with pytest.raises(IdentError):
         capture.snapshot().build()
+
+
+def test_what_waits_is_taken_at_once_and_in_order(ear) -> None:
+    from rclpy.duration import Duration
+    from sensor_msgs.msg import JointState
+
+    mouth = Mouth(listening := ear())
+    (state, *_) = listening.capture._subscriptions.values()
+    callback, rounds = state.callback, []
+
+    def counted(data, info):
+        rounds.append(1)
+        callback(data, info)
+
+    state.callback = counted
+
+    def send():  # in the executor's thread: nothing is taken meanwhile
+        for k in range(300):
+            message = JointState(name=['a'], position=[float(k)])
+            message.header.stamp.sec = k
+            mouth.publishers['joint_states'].publish(message)
+        assert mouth.publishers['joint_states'].wait_for_all_acked(Duration(seconds=10.0))
+
+    listening.asked(send)
+    listening.until(lambda: listening.received() == 300, 'all of them')
+    (recording,) = listening.capture.snapshot().build()
+    assert recording.state.position[:, 0].tolist() == list(range(300))
+    # a round of the executor costs many times what a message does, and gives others their turn
+    assert 3 <= len(rounds) <= 10
 
 
 def test_incompatible_qos_is_named(ear) -> None:

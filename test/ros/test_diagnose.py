@@ -218,10 +218,18 @@ def test_cancel_is_answered_at_once_and_keeps_the_best(shared: Any) -> None:
 @pytest.mark.parametrize(
     ('changes', 'code', 'said'),
     [
+        ({'data_source': 0, 'bag_path': ''}, 'NO_DATA', '/joint_states has 0 publishers'),
+        ({'data_source': 0}, 'INVALID_GOAL', 'bag_path is given and data_source is 0'),
+        ({'bag_path': ''}, 'INVALID_GOAL', 'bag_path is empty'),
+        ({'bag_path': '/nowhere'}, 'NO_DATA', '/nowhere: does not exist'),
         ({'check_bag_path': '/nowhere'}, 'NO_DATA', '/nowhere: does not exist'),
         ({'check_bag_path': str(TRIPOD_BAG)}, 'MISSING_STREAM', 'emps_axis'),
+        ({'machine_file': '/nowhere.yaml'}, 'BAD_MACHINE_FILE', 'cannot be read'),
+        ({'machine_file': str(ROOT / 'Makefile')}, 'BAD_MACHINE_FILE', 'Makefile'),
+        ({'drives': ['drive_9']}, 'INVALID_GOAL', 'drive_9'),
         ({'without_effects': ['gremlins']}, 'UNKNOWN_PARAMETER', "no effect is called 'gremlins'"),
         ({'output': 'torque'}, 'INVALID_GOAL', "output is 'torque'; choose from effort, position"),
+        ({'time_budget': -1.0}, 'INVALID_GOAL', 'time_budget is -1'),
     ],
 )
 def test_an_unusable_goal_is_answered_with_code_and_sentence(
@@ -258,3 +266,26 @@ def test_live_data_is_diagnosed(shared: Any) -> None:
     shared.until(lambda: shared.state() == Status.STATE_READY, 'the end of the stream')
     _, gap = shared.diagnose(goal_of(data_source=0, bag_path=''))
     assert gap.error_message == '' and gap.effect == 'coulomb_friction'
+
+
+def test_a_signal_ends_a_diagnosis_and_keeps_its_result(
+    tmp_path: Path, frictionless: Path
+) -> None:
+    from ros2_ident.errors import ErrorCode
+
+    domain = new_domain()
+    machine = f'machine_file:={frictionless}'
+    with identifier(domain, tmp_path, machine, 'drives:=[emps_axis]') as process:
+        listener = Diagnostician(domain)
+        try:
+            feedback: list[Any] = []
+            listener.send(goal_of(without_effects=[]), feedback.append)
+            listener.until(lambda: len(feedback) > 1, 'feedback')
+            process.send_signal(signal.SIGINT)
+            code, text = ended(process)
+            assert code == 0 and 'Traceback' not in text, text
+            listener.until(lambda: listener.gaps, 'the last gap')
+            assert listener.gaps[0].error_code == ErrorCode.CANCELLED
+        finally:
+            listener.close()
+    assert len(list(tmp_path.glob('*/diagnosis.json'))) == 1

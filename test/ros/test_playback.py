@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pace of a replay, and the worker: parts that need no DDS."""
 
+import gc
+import os
 from pathlib import Path
 import time
 
@@ -145,4 +147,48 @@ def test_the_worker_tells_everything_in_the_executors_thread() -> None:
         assert threads == {station._thread.name}
         assert not worker.busy and worker.join(5.0)
     finally:
+        station.close()
+
+
+@pytest.mark.ros
+def test_the_worker_gives_memory_back_after_a_run() -> None:
+    import weakref
+
+    from rclpy.node import Node
+
+    from ros2_ident.ros.worker import Worker
+
+    class Circle:
+        """What only the garbage collector finds."""
+
+        def __init__(self) -> None:
+            self.itself = self
+
+    circles, kept, done, workers = [], [], [], []
+
+    def make(context):
+        node = Node('worker', context=context)
+        workers.append(Worker(node))
+        return node
+
+    def job(cancel, say) -> None:
+        circles.append(weakref.ref(Circle()))
+        # below what malloc maps one by one, and with pieces between them that are kept
+        pieces = [b'1' * (100_000 + k) for k in range(1000)]
+        kept.extend(pieces[::100])
+
+    def resident() -> int:
+        return int(Path('/proc/self/statm').read_text().split()[1]) * os.sysconf('SC_PAGE_SIZE')
+
+    station = Station(make, new_domain())
+    try:
+        gc.disable()
+        before = resident()
+        workers[0].start(job, lambda what: None, lambda *x: done.append(x))
+        station.until(lambda: done, 'the end')
+        station.until(lambda: circles[0]() is None, 'the collector', 5.0)
+        station.until(lambda: resident() - before < 3e7, 'the memory', 5.0)
+        assert workers[0].join(5.0)
+    finally:
+        gc.enable()
         station.close()
