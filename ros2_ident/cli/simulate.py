@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='EFFECT@DRIVE:...',
         words=effects_at,
         help='an unmodelled effect: with its values, stribeck@drive_2:torque=0.05,velocity=0.03, '
-        'or drawn by the seed as a share of the largest that is searched for, '
+        'or drawn by the seed as a share of the largest that is searched for with this motion, '
         'stribeck@drive_2:size=0.5; docs/effects.md lists them; one of your own by its file, '
         'rubber_buffer.py@drive_1:size=0.5',
     )
@@ -109,13 +109,18 @@ def run(args: argparse.Namespace) -> int:
     path = write_simulated(
         args.bag,
         bag,
-        {'command': shlex.join(['ident', *args.words]), 'parameters': json.dumps(truth)},
+        {
+            'command': shlex.join(['ident', *args.words]),
+            'parameters': json.dumps({**truth, **bag.log.effects}),
+        },
     )
     units = {key.name: key.unit for key in kind_of(machine).keys}
     units |= {name: unit for name, (_, _, unit) in machine.bounds.items()}
     rows = [
         (name, f'{value:.6g}', _unit(units, name)) for name, value in truth.items()
     ]
+    # Sizes are shares of this motion's efforts: for another one they are given as values.
+    rows += [(name, f'{value:.6g}', '') for name, value in bag.log.effects.items()]
     for line in columns(rows, (False, True, False)):
         print(line)
     print(f'written: {path}, {motion.seconds:.4g} s of the motion {args.motion}')

@@ -2,7 +2,7 @@
 """The log of a machine with known parameters and effects, from the model that identifies it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
@@ -28,6 +28,7 @@ class Log:
         effort: (D, K) logged effort, late by the measurement delay [N m, or N].
         position: (D, K) position of the drives [m, or rad].
         velocity: (D, K) its derivative.
+        effects: Values of the effects' parameters by their full names, as they were drawn.
     """
 
     names: tuple[str, ...]
@@ -35,6 +36,7 @@ class Log:
     effort: Array
     position: Array
     velocity: Array
+    effects: Mapping[str, float] = field(default_factory=dict, kw_only=True)
 
 
 def simulate(
@@ -85,10 +87,11 @@ def simulate(
         machine, motion.position, motion.velocity, effects=there, efforts=efforts
     )
     rng = rng or np.random.default_rng(0)
+    drawn: dict[str, float] = {}
     for added in effects:
         for at in added.places(machine):
-            values |= added.values_at(at, model.scaled(at), motion, machine, rng)
-    return _log(machine, motion, model, values)
+            drawn |= added.values_at(at, model.scaled(at), motion, machine, rng)
+    return replace(_log(machine, motion, model, values | drawn), effects=drawn)
 
 
 def _log(
@@ -109,7 +112,7 @@ def _log(
     quantities = {output.quantity for output in model.outputs}
     if 'position' in quantities and 'velocity' not in quantities:
         rows['velocity'] = np.gradient(rows['position'], model.cycle, axis=1)
-    return Log(machine.drives, model.cycle, **rows)
+    return Log(machine.drives, model.cycle, rows['effort'], rows['position'], rows['velocity'])
 
 
 def _theta(model: FullModel, values: Mapping[str, float]) -> Array:

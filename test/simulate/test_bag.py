@@ -12,6 +12,8 @@ from ros2_ident.models import load_machine, registry
 from ros2_ident.models.registry import space_of
 from ros2_ident.recording import read_bag
 from ros2_ident.simulate.bag import CLEAN, nuisance_of, simulate_bag, START, write_simulated
+from ros2_ident.simulate.effects import read_effect
+from ros2_ident.simulate.log import simulate
 from ros2_ident.simulate.motions import draw_motion, KINDS
 
 ROOT = Path(__file__).parents[2]
@@ -91,6 +93,16 @@ def test_a_clean_bag_is_the_log(bag):
     assert np.array_equal(clean.streams['/effort'].effort.T, clean.log.effort)
     assert np.array_equal(clean.streams['/joint_command'].velocity.T, bag.motion.velocity)
     assert np.array_equal(clean.log.effort, bag.log.effort)
+
+
+def test_a_drawn_effect_is_that_of_the_values_it_is_logged_with():
+    truth = {name: 0.75 * low + 0.25 * high for name, (low, high, _) in EMPS.bounds.items()}
+    motion = draw_motion('mixed', EMPS, 2.0, 3)
+    drawn = simulate(EMPS, truth, motion, [read_effect('stribeck@emps_axis:size=0.3')])
+    values = ','.join(f'{name.rpartition(".")[2]}={x!r}' for name, x in drawn.effects.items())
+    again = simulate(EMPS, truth, motion, [read_effect(f'stribeck@emps_axis:{values}')])
+    np.testing.assert_array_equal(again.effort, drawn.effort)
+    assert not np.array_equal(simulate(EMPS, truth, motion).effort, drawn.effort)
 
 
 def test_same_seed_same_bag(bag):
