@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 import pickle
 import signal
-import threading
 from typing import Any
 
 from bowl import Bowl, Broken
@@ -14,17 +13,14 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.identify.result import Identification, Outcome
+from ros2_ident.identify.result import Identification
 from ros2_ident.identify.run import identify, read_data
-from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import load_machine
 from ros2_ident.search import (
-    Budget,
     GeneticSearch,
     GeneticSettings,
     minimise,
-    StopReason,
     Threads,
 )
 from ros2_ident.search.cluster import Cluster
@@ -76,46 +72,10 @@ def same(one: Identification, other: Identification) -> None:
     assert dict(one.settings) == dict(other.settings)
 
 
-def test_a_cluster_gives_the_bits_of_threads(near: Any) -> None:
-    here, there = run(Threads(1), Bowl()), run(near, Bowl())
-    np.testing.assert_array_equal(here.theta, there.theta)
-    assert here.best_costs == there.best_costs
-    assert here.evaluations == there.evaluations
-
-
-def test_killed_process_costs_its_batch_only(cluster: Any, tmp_path: Path) -> None:
-    deadly = tmp_path / 'died'
-    there = run(Cluster(cluster.scheduler_address), Bowl(deadly))
-    assert deadly.exists()
-    np.testing.assert_array_equal(there.theta, run(Threads(1), Bowl()).theta)
-
-
 def test_failure_of_the_work_is_no_loss_of_the_worker(near: Any) -> None:
     with pytest.raises(IdentError, match='mend it') as caught:
         run(near, Broken())
     assert caught.value.code is ErrorCode.BAD_VALUES
-
-
-def test_cancel_is_seen_while_workers_are_busy(near: Any) -> None:
-    cancel = threading.Event()
-    with near.open(Bowl(slow=0.2), cancel) as evaluators:
-        result = minimise(
-            evaluators.costs,
-            search(),
-            low=LOW,
-            high=HIGH,
-            lot=8,
-            cancel=cancel,
-            on_progress=lambda _: cancel.set(),
-        )
-    assert result.stop is StopReason.CANCELLED
-    assert 0 < result.evaluations < SETTINGS.initial_population
-
-
-def test_budget_of_evaluations_is_kept_with_batches_on_their_way(near: Any) -> None:
-    for count in (8, 20, 64, 77):
-        result = run(near, Bowl(), budget=Budget(evaluations=count))
-        assert result.evaluations == count
 
 
 def test_cut_batches_are_put_together_again(near: Any) -> None:
@@ -126,23 +86,6 @@ def test_cut_batches_are_put_together_again(near: Any) -> None:
             while not batch.wait(1.0):
                 pass
             np.testing.assert_array_equal(batch.result(), Bowl().costs(theta[:count]))
-
-
-def test_dask_gives_the_bits_of_threads(cluster: Any) -> None:
-    machine = load_machine(ROOT / 'config/emps.yaml')
-    data = read_data(ROOT / 'bags/axis_reversals', machine)
-    seen: list[str] = []
-    here = identify(machine, data, seed=3)
-    there = identify(
-        machine,
-        data,
-        seed=3,
-        workers=Cluster(cluster.scheduler_address),
-        on_progress=lambda p: seen.append(p.phase),
-    )
-    same(here, there)
-    # A refinement may be over before it is due to say something.
-    assert 'search' in seen
 
 
 def test_dask_worker_killed_in_mid_run_leaves_the_result_unchanged(cluster: Any) -> None:
@@ -218,12 +161,3 @@ def test_result_does_not_depend_on_how_candidates_are_cut() -> None:
     for size in (1, 5, 8):
         cut = [problem.residuals(theta[at : at + size]) for at in range(0, len(theta), size)]
         np.testing.assert_array_equal(np.concatenate(cut), whole)
-
-
-def test_budget_and_outcome_across_a_cluster(near: Any) -> None:
-    machine = load_machine(ROOT / 'config/emps.yaml')
-    data = read_data(ROOT / 'bags/axis_reversals', machine)
-    settings = IdentifySettings(budget=Budget(evaluations=120), refine=False)
-    there = identify(machine, data, settings=settings, workers=near)
-    same(identify(machine, data, settings=settings), there)
-    assert there.outcome is Outcome.BUDGET_SPENT

@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pytest
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import IdentError
 from ros2_ident.search import fit as module
 from ros2_ident.search.driver import Budget
 from ros2_ident.search.evaluators import Threads
@@ -155,19 +155,7 @@ class _Enough(Exception):
     """Ends a fit."""
 
 
-def test_seconds_are_shared_and_the_rest_is_left_out(monkeypatch):
-    seen = []
-    minimise = module.minimise
-
-    def watched(*arguments, **more):
-        seen.append((more['budget'].seconds, more['budget'].generations))
-        return minimise(*arguments, **more)
-
-    monkeypatch.setattr(module, 'minimise', watched)
-    run(budget=Budget(seconds=100.0, generations=2))
-    run(budget=Budget(seconds=100.0), refine=False)
-    run(budget=Budget(generations=1))
-    assert seen == [(70.0, 2), (100.0, None), (None, 1)]
+def test_without_time_everything_is_left_out():
     cut = run(budget=Budget(seconds=1e-9))
     assert cut.ga.stop is StopReason.SECONDS
     assert cut.left_out and cut.refined is None and not cut.cancelled
@@ -246,21 +234,6 @@ def test_a_fit_that_was_killed_goes_on_to_the_same_bits(tmp_path, whole, after):
     with Journal(path) as journal:
         run(other, seed=4, journal=journal)
     assert other.simulated > PLANNED
-
-
-@pytest.mark.parametrize(
-    ('budget', 'count'), [(None, PLANNED), (80, 80), (10, 60), (1000, PLANNED)]
-)
-def test_memory_is_asked_for_what_will_be_drawn(monkeypatch, budget, count):
-    needed = count * (4 * 8 * 2 + 100)
-    wanted = Budget(evaluations=budget)
-    monkeypatch.setattr(module, 'free_memory', lambda: needed)
-    run(budget=wanted, refine=False)
-    monkeypatch.setattr(module, 'free_memory', lambda: needed - 1)
-    with pytest.raises(IdentError, match=f'{count} candidates of 2 parameters') as caught:
-        run(budget=wanted)
-    assert caught.value.code is ErrorCode.INVALID_GOAL
-    assert f'about {needed / 2**30:.3g} GiB' in caught.value.message
 
 
 def test_a_large_search_says_what_it_would_take(monkeypatch):

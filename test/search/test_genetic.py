@@ -154,17 +154,6 @@ def test_an_improvement_below_the_tolerance_is_none(better, stops):
     assert search.best_cost == (1.0 - better) ** (4 if stops else 12)
 
 
-def test_above_the_last_survivors_cost_nobody_survives():
-    search = GeneticSearch(2, SMALL, seed=3)
-    points = search.ask()
-    costs = rough(points)
-    assert search.limit(points[:3], costs[:3]) == math.inf
-    assert search.limit(points[:30], costs[:30]) == np.sort(costs[:30])[3]
-    search.tell(costs)
-    # the parents count
-    assert search.limit(search.ask()[:1], np.array([math.inf])) == np.sort(costs)[3]
-
-
 # infinities and refusals
 
 

@@ -27,46 +27,18 @@ def test_a_bent_valley_is_followed_to_its_end():
     assert found.loss == pytest.approx(np.mean(found.residual**2))
     np.testing.assert_allclose(found.theta, LOW + found.unit * (HIGH - LOW))
     assert found.evaluations == sum(map(len, valley.asked))
-    # A Jacobian of two columns, then eight dampings and the next one, again and again.
-    assert {len(theta) for theta in valley.asked} == {3, 8}
-    # It takes 263; with a rung of the ladder moved up to 307.
-    assert found.evaluations <= 268
-
-
-def test_a_straight_problem_takes_two_iterations():
-    matrix = np.array([[3.0, 1.0], [1.0, -2.0], [0.5, 0.5]])
-
-    def straight(theta):
-        return (theta - [0.5, 2.0]) @ matrix.T
-
-    found = local_fit(straight, np.array([-1.0, -3.0]), LOW, HIGH, tolerance=1e-9)
-    np.testing.assert_allclose(found.theta, [0.5, 2.0], atol=1e-6)
-    # The damping begins at a hundredth of a thousandth, and falls.
-    one = local_fit(straight, np.array([-1.0, -3.0]), LOW, HIGH, iterations=1)
-    assert one.evaluations == 3 + 8 + 3
-    np.testing.assert_allclose(one.theta, [0.5, 2.0], atol=2e-3)
 
 
 @pytest.mark.parametrize('iterations', [0, 1, 3])
 def test_iterations_and_a_stop_end_it_with_the_best_so_far(iterations):
     start = np.array([-1.2, 1.0])
     found = local_fit(Valley(), start, LOW, HIGH, iterations=iterations)
-    assert found.evaluations == 3 + 11 * iterations
     left = iter([False] * iterations + [True])
     same = local_fit(Valley(), start, LOW, HIGH, stopped=lambda: next(left))
     np.testing.assert_array_equal(same.theta, found.theta)
     assert (found.loss < 12.0) is (iterations > 0)
     if not iterations:
         np.testing.assert_allclose(found.theta, start)
-
-
-def test_a_gain_below_the_tolerance_ends_it():
-    start = np.array([-1.2, 1.0])
-    losses = [local_fit(Valley(), start, LOW, HIGH, iterations=n).loss for n in range(8)]
-    gains = -np.diff(losses) / losses[:-1]
-    small = int(np.argmin(gains[:6] > 0.5)) if (gains[:6] <= 0.5).any() else 6
-    found = local_fit(Valley(), start, LOW, HIGH, tolerance=0.5)
-    assert found.evaluations == 3 + 11 * (small + 1)
 
 
 @pytest.mark.parametrize(('truth', 'ends'), [([5.0, 1.0], [2.0, 1.0]), ([-7.0, 9.0], [-2.0, 6.0])])

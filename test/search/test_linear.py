@@ -82,36 +82,6 @@ def test_what_cannot_be_below_zero_is_not_and_the_others_make_the_best_of_it():
     assert found.theta[0] == pytest.approx(own @ problem.measured / (own @ own), rel=1e-9)
 
 
-def test_what_does_not_act_stays_in_the_middle_of_its_box():
-    problem = Rows([300], [0.1])
-    problem.slopes[:, 1] *= 1e-13
-    found = solve(problem, decimation=1)
-    assert found.theta[1] == 0.0
-    assert np.isinf(found.intervals.half_width[1]) and np.isfinite(found.intervals.half_width[0])
-
-
-def test_every_series_counts_by_the_noise_that_it_leaves(monkeypatch):
-    lengths = [400, 300]
-    problem = Rows(lengths, [5.0, 0.01])
-    seen = []
-    known = algebraic.intervals
-    monkeypatch.setattr(
-        algebraic, 'intervals', lambda *a, **more: seen.append((a, more)) or known(*a, **more)
-    )
-    found = solve(problem, decimation=1, level=0.9)
-    theta, left, weights = weighted(problem, lengths)
-    np.testing.assert_allclose(found.theta, theta, rtol=1e-9)
-    np.testing.assert_allclose(found.residual, left, rtol=1e-7, atol=1e-9)
-    assert found.ga.cost == pytest.approx(problem.cost_of(left))
-    np.testing.assert_array_equal(found.ga.survivors, [found.theta])
-    (((jacobian, residual, *_), more),) = seen
-    np.testing.assert_allclose(residual, left * weights, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(jacobian, problem.slopes * weights[:, None], rtol=1e-6)
-    assert more == {'series': (400, 300), 'level': 0.9}
-    # The second series alone would tell as much.
-    assert (found.intervals.standard_error < 0.01).all()
-
-
 def test_series_that_are_long_enough_are_decimated_one_by_one(monkeypatch):
     lengths = [400, 399, 801]
     problem = Rows(lengths, [1.0, 2.0, 3.0])
@@ -161,23 +131,11 @@ def test_what_bends_is_named(bend, said):
     assert caught.value.code is ErrorCode.INVALID_GOAL
 
 
-def test_rounding_is_no_bend():
-    problem = Rows([100], bend=lambda theta: 1e-9 * theta[:, 1:] ** 2)
-    np.testing.assert_allclose(solve(problem, decimation=1).theta, TRUTH, rtol=1e-5)
-
-
 def test_a_middle_that_diverges_is_refused():
     problem = Rows([100], bend=lambda theta: np.where(theta[:, :1] > 2.5, np.inf, 0.0))
     with pytest.raises(IdentError, match='in the middle of the bounds diverges') as caught:
         solve(problem)
     assert caught.value.code is ErrorCode.DIVERGED
-
-
-def test_one_of_ten_samples_and_95_percent_are_usual():
-    usual = solve(Rows([800], [0.5]))
-    said = solve(Rows([800], [0.5]), decimation=10, level=0.95)
-    np.testing.assert_array_equal(usual.theta, said.theta)
-    np.testing.assert_array_equal(usual.intervals.half_width, said.intervals.half_width)
 
 
 def test_rounding_errors_of_what_hardly_acts_are_not_taken_for_a_curve():

@@ -52,13 +52,6 @@ def test_several_starts_find_the_best_of_several_minima(central):
     assert result.evaluations == sum(s.evaluations for s in result.starts) + 4
 
 
-def test_the_best_start_counts_wherever_it_stands():
-    good, poor = [5.0, 2200.0], [3.0, 40000.0]
-    for starts in ([good, poor], [poor, good]):
-        result = refine(residuals, starts, LOW, HIGH)
-        np.testing.assert_allclose(result.theta, TRUTH, rtol=1e-8)
-
-
 @pytest.mark.parametrize(('best', 'ends'), [(-1.0, 0.0), (5.0, 4.0)])
 def test_what_lies_beyond_a_bound_ends_at_it(best, ends):
     slopes = np.linspace(1.0, 2.0, 20)
@@ -81,18 +74,6 @@ def test_what_the_data_leave_open_stays_in_the_middle_of_its_box():
     assert found.status is RefineStatus.CONVERGED
     assert found.theta[:2].sum() == pytest.approx(3.0, abs=0.01)
     np.testing.assert_allclose(found.theta, [1.5, 1.5, 3.0], atol=0.02)
-
-
-def test_stays_in_the_box_and_reaches_the_bound():
-    high = np.array([2.0, 1e5])
-    result = refine(residuals, [[1.0, 2100.0]], LOW, high)
-    assert result.theta[0] == 2.0
-    assert ((result.theta >= LOW) & (result.theta <= high)).all()
-    # Nothing inside is better.
-    for nearer in (1.999, 1.9):
-        inside = result.theta.copy()
-        inside[0] = nearer
-        assert np.sqrt(np.mean(residuals(inside[None, :]) ** 2)) > result.cost
 
 
 def test_starts_outside_and_on_bounds_are_taken_in():
@@ -205,28 +186,10 @@ def test_a_journal_has_the_end_of_every_start(tmp_path):
         (lambda: refine(residuals, [], LOW, HIGH), 'at least one row of 2 finite parameters'),
         (lambda: refine(residuals, [[math.nan, 1.0]], LOW, HIGH), '2 finite parameters'),
         (lambda: refine(residuals, [[1.0, 200.0]], HIGH, LOW), 'below its upper bound'),
-        (lambda: refine(residuals, [[1.0]], [math.nan], [1.0]), 'two lists of finite numbers'),
-        (
-            lambda: refine(residuals, [[1.0, 200.0]], LOW, [HIGH[0], math.inf]),
-            'two lists of finite numbers',
-        ),
-        (
-            lambda: refine(residuals, [[1.0, 200.0]], [-math.inf, LOW[1]], HIGH),
-            'two lists of finite numbers',
-        ),
         (lambda: refine(residuals, [[1.0]], LOW, HIGH[:1]), 'two lists of finite numbers'),
-        (lambda: refine(residuals, [[1.0]], [LOW], [HIGH]), 'two lists of finite numbers'),
         (
             lambda: refine(one_is_missing, [[1.0, 200.0]], LOW, HIGH),
             'leave out samples that were not measured',
-        ),
-        (
-            lambda: refine(lambda t: residuals(t) * math.nan, [[1.0, 200.0]], LOW, HIGH),
-            'leave out samples that were not measured',
-        ),
-        (
-            lambda: refine(lambda t: residuals(t)[0], [[1.0, 200.0]], LOW, HIGH),
-            'one row for each',
         ),
         (
             lambda: refine(lambda t: residuals(t)[:1], [[1.0, 200.0]], LOW, HIGH),
