@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
+from values import TABLE_5 as TRUTH
 
 from checks.reference.axis import simulate_axis
 from checks.reference.tripod import simulate_tripod
@@ -35,15 +36,6 @@ OWN = {
     'integral_gain': [250.0, 90.0],
     'velocity_feedforward': [1.0, 0.7],
     'torque_limit': [6.0, 0.3],
-}
-TRUTH = {
-    'measurement_delay': 0.0249,
-    'gear_stiffness': 232139.0,
-    'gear_damping_ratio': 0.396,
-    'tool_mass': 1.762,
-    'drive_inertia': 89.08e-6,
-    'coulomb_torque': 0.05,
-    'viscous_torque': 0.05,
 }
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from values import TABLE_5 as TRUTH
 import yaml
 
 from checks.reference.axis import simulate_axis
@@ -24,15 +25,6 @@ from ros2_ident.simulate.motions import draw_motion
 
 FILE = Path(__file__).parents[2] / 'config' / 'tripod.yaml'
 MACHINE = load_machine(FILE)
-TRUTH = {
-    'measurement_delay': 0.0249,
-    'gear_stiffness': 232139.0,
-    'gear_damping_ratio': 0.396,
-    'tool_mass': 1.762,
-    'drive_inertia': 89.08e-6,
-    'coulomb_torque': 0.05,
-    'viscous_torque': 0.05,
-}
 ALL = 'effort', 'position', 'velocity'
 TOLERANCE = {'effort': 1e-5, 'position': 2e-8, 'velocity': 2e-6}
 

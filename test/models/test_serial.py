@@ -23,7 +23,7 @@ from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model  # noqa: E402
 from ros2_ident.models.registry import kind_of, travel_of  # noqa: E402
-from ros2_ident.models.serial.arm import Arm, arm_of  # noqa: E402
+from ros2_ident.models.serial.arm import arm_of  # noqa: E402
 from ros2_ident.models.serial.model import Serial  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
 from ros2_ident.report.scene import MARKERS, Scene, scene_messages  # noqa: E402
@@ -480,25 +480,6 @@ def test_a_joint_has_every_effect_that_prescribed_motion_shows(tmp_path: Path) -
     assert offered == (EFFECTS | nominal | {'effort_crosstalk'}) - {'gear_flexibility'}
 
 
-def test_what_links_ask_is_computed_once_for_all_effects(tmp_path: Path, monkeypatch) -> None:
-    boxes = {'link_moment': [-5.0, 5.0, 'kg m'], 'coulomb_torque': [0.0, 4.0, 'N m']}
-    machine = described(tmp_path, **boxes)
-    data = moving(machine)
-    model = make_model(machine, data)
-    low, high = np.array([(p.low, p.high) for p in model.parameters]).T
-    model.costs(np.array([0.5 * (low + high)]))
-    asked = []
-    terms = Arm.terms
-    monkeypatch.setattr(Arm, 'terms', lambda *given: asked.append(given) or terms(*given))
-    wide = [model.extended([EffectAt('degressive_friction', name)]) for name in JOINTS]
-    theta = np.concatenate([0.3 * low + 0.7 * high, [0.8, 0.5]])
-    seen = [one.simulate(theta) for one in wide]
-    assert not asked
-    for one, again in zip(wide, seen, strict=True):
-        apart = make_model(machine, data, effects=one.effects)
-        np.testing.assert_array_equal(again, apart.simulate(theta))
-
-
 def test_an_arm_with_a_hidden_effect_is_found_again(tmp_path: Path) -> None:
     boxes = {
         'link_moment': [-2.0, 2.0, 'kg m'],
@@ -566,18 +547,14 @@ def test_mistakes_are_told_with_the_remedy(tmp_path: Path, monkeypatch) -> None:
     ('old', 'new', 'said'),
     [
         ('</robot>', '', 'is no XML (no element found: line'),
-        ('<robot', '<model', 'is no XML'),
         ('robot', 'model', 'has the root element model'),
         ('name="bent"', 'name="bent" xmlns:xacro="http://x.org/xacro"><xacro:arm/', 'is a xacro'),
         ('"7.5"', '"${m}"', '${m} as mass value of link column; write a number'),
         ('ixx="0.2" ', '', 'has no inertia ixx of link column; add it'),
         ('xyz="0 0.6 0.8"', 'xyz="0 0 0"', 'the axis "0 0 0" of joint slide'),
         ('"7.5"', '"-1"', 'has -1 as mass value of link column; write a number from 0'),
-        ('"7.5"', '"nan"', 'has nan as mass value of link column; write a number from 0'),
         ('xyz="0.3 0 0.1"', 'xyz="1e308 0 0"', 'has 1e308 0 0 as origin xyz of joint slide'),
-        ('"0.2" ixy', '"-5" ixy', 'has -5 as inertia ixx of link column'),
         ('bent', '\0', 'is no XML (not well-formed'),
-        (URDF, ' ', 'is no XML (no element found'),
         ('<robot', '<!DOCTYPE r [<!ENTITY e "9">]><robot', 'has a DOCTYPE'),
         ('effort="1" velocity="1"', '', 'has no limit effort of joint slide; add it'),
         ('<child link="tool"/>', '<child link="hand"/>', 'joint flange between hand and hand'),

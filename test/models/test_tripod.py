@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from values import TABLE_5
 
 from checks.reference.axis import simulate_axis
 from checks.reference.tripod import simulate_tripod
@@ -16,15 +17,6 @@ from ros2_ident.recording import Dataset
 from ros2_ident.simulate.motions import draw_motion
 
 CONFIG = Path(__file__).parents[2] / 'config'
-TABLE_5 = {
-    'measurement_delay': 0.024903,
-    'gear_stiffness': 232139.0,
-    'gear_damping_ratio': 0.396306,
-    'tool_mass': 1.76244,
-    'drive_inertia': 89.0817e-6,
-    'coulomb_torque': 0.05,
-    'viscous_torque': 0.05,
-}
 MACHINE = load_machine(CONFIG / 'tripod.yaml')
 
 
