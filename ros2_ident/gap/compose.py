@@ -15,7 +15,7 @@ from ros2_ident.gap.criteria import at_bound
 from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.facts import Cause, Facts
-from ros2_ident.gap.fits import Explanation
+from ros2_ident.gap.fits import Explanation, Fits
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.gap.verdict import (
@@ -130,7 +130,7 @@ def compose(
         seed=seed,
         traces=_traces(case, found),
         facts=_facts(explainer, found, verdict, gates),
-        prediction=_predicted(case, chain),
+        prediction=_predicted(explainer, chain, verdict),
     )
     return replace(made, sentence=sentence(made), advice=advice(made))
 
@@ -229,14 +229,26 @@ def _traces(case: Case, found: Explained) -> tuple[Trace, ...]:
     return tuple(traces)
 
 
-def _predicted(case: Case, chain: Sequence[Explanation]) -> Prediction:
-    """Return how far free runs come from the recordings judged on, effect by effect."""
+def _predicted(
+    explainer: Explainer, chain: Sequence[Explanation], verdict: Verdict
+) -> Prediction:
+    """Return how far free runs come from the recordings judged on, effect by effect.
+
+    Where a number of the machine file is wrong, with what fits in its place.
+    """
+    case = explainer.case
+    models = [(titled(e.effects[-1]) if e.effects else IDENTIFIED, case, e) for e in chain]
+    machine, wrong = case.fit.models[0].machine, next(iter(verdict.constants), None)
+    one = wrong is not None and len(chain) == 1 and math.isfinite(wrong.stated)
+    if wrong and one and machine and machine.stated(wrong.key):
+        stated = case.stating(wrong.key, wrong.value)
+        fit = Fits(stated, explainer.floor.per_drive).refit((), chain[0].theta)
+        models.append((f'{wrong.key} {wrong.value:.4g}', stated, fit))
     apart = case.held_out == CHECK
     stages: list[tuple[str, list[Run]]] = []
-    for e in chain:
-        joint = (case.check if apart else case.fit).with_effects(e.effects)
+    for label, own, e in models:
+        joint = (own.check if apart else own.fit).with_effects(e.effects)
         runs = [(m, joint.own(k, e.theta)[0]) for k, m in enumerate(joint.models)]
-        label = titled(e.effects[-1]) if e.effects else IDENTIFIED
         stages += [*([] if stages else of_description(runs)), (label, runs)]
     return predicted(CHECK if apart else LOG, stages)
 

@@ -34,3 +34,6 @@ def test_a_servo_with_another_load_than_stated_is_told_which() -> None:
     assert found.effect == 'bookkeeping' and 'load_mass is ' in found.sentence
     mass = found.parameters['load_mass']
     assert mass.low < true < mass.high
+    *_, before, after = found.prediction.stages
+    assert after.label.startswith('load_mass ')
+    assert after.errors[0].rmse < 0.5 * before.errors[0].rmse
