@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.units import effort_factor
+from ros2_ident.machine.units import effort_factors
 from ros2_ident.recording import Recording, Stream
 
 STAMP = np.arange(4) * 1_000_000
@@ -79,7 +79,7 @@ def test_a_part_of_a_recording():
     [(('N m',), 1.0), (('N',), 1.0), (('A', 0.25), 0.25), (('percent', None, 6.0), 0.06)],
 )
 def test_effort_units(arguments, factor):
-    assert effort_factor(*arguments) == pytest.approx(factor)
+    assert effort_factors(*arguments) == pytest.approx((factor,))
 
 
 @pytest.mark.parametrize(
@@ -93,5 +93,5 @@ def test_effort_units(arguments, factor):
 )
 def test_effort_units_that_cannot_be_converted(arguments, text):
     with pytest.raises(IdentError, match=text) as caught:
-        effort_factor(*arguments)
+        effort_factors(*arguments)
     assert caught.value.code == ErrorCode.WRONG_UNITS
