@@ -241,25 +241,24 @@ class Goals:
     def __init__(self, room: Path) -> None:
         from ros2_ident_msgs.action import Diagnose, Identify
 
-        from ros2_ident.ros.goals import diagnose_wanted, identify_wanted
+        from ros2_ident.ros.goals import wanted_of
         from ros2_ident.ros.parameter_table import BY_NAME
-        from ros2_ident.ros.parameters import Snapshot
 
-        self.kinds = ((Identify.Goal, identify_wanted), (Diagnose.Goal, diagnose_wanted))
+        self.ask = wanted_of
+        self.kinds = Identify.Goal, Diagnose.Goal
         values: dict[str, Any] = {name: entry.default for name, entry in BY_NAME.items()}
         values |= {'machine_file': str(ROOT / 'config' / 'emps.yaml'), 'drives': []}
-        self.parameters = [Snapshot(values), Snapshot(values | {'allowed_directory': str(room)})]
+        self.parameters = [values, values | {'allowed_directory': str(room)}]
         paths = (str(ROOT / 'bags' / 'axis_reversals'), str(room), '/proc/self/mem', '/')
         self.words = (*paths, 'viscous_friction', 'backlash', 'effort', 'linear_axis')
 
     def __call__(self, generator: random.Random) -> str:
         """Ask for one."""
-        kind, ask = generator.choice(self.kinds)
-        goal = kind()
+        goal = generator.choice(self.kinds)()
         fields = goal.get_fields_and_field_types()
         for name in generator.sample(list(fields), generator.randrange(1, 5)):
             setattr(goal, name, self.value(fields[name], generator))
-        ask(goal, generator.choice(self.parameters))
+        self.ask(goal, generator.choice(self.parameters))
         return 'taken'
 
     def value(self, kind: str, generator: random.Random) -> Any:

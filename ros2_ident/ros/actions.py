@@ -1,100 +1,134 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Long goals on one thread: the callback awaits a future while the worker does the work.
+"""The actions ~/identify and ~/diagnose: from a goal to a run, from its end to messages and files.
 
-A callback that blocked would keep the executor from answering a cancel. This one is a coroutine:
-it gives the executor back at once and goes on when the run has ended.
+Long goals on one thread: the callback awaits a future while the worker does the work. A callback
+that blocked would keep the executor from answering a cancel. This one is a coroutine: it gives the
+executor back at once and goes on when the run has ended.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.node import Node
 from rclpy.qos import qos_profile_parameters
 from rclpy.task import Future
+from ros2_ident_msgs.action import Diagnose, Identify
+from ros2_ident_msgs.msg import Status
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.jobs import Identified
+from ros2_ident.ros import conversion, parameters, run
+from ros2_ident.ros.goals import wanted_of
+from ros2_ident.search.evaluators import Cancel
 
-Done = Callable[[Any], None]
+Says = Callable[[Any], None]
 
 # Requests wait here for the executor. Of the ten that services hold by default an eleventh would
 # push out the first, without an answer; this is what ROS gives a node's parameters (1000).
 REQUESTS = qos_profile_parameters
+# How a run has ended, by the code of its message; with any other it has failed.
+_STATES = {ErrorCode.OK: Status.STATE_DONE, ErrorCode.CANCELLED: Status.STATE_CANCELLED}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What one action has for itself.
+
+    Attributes:
+        action: Its type.
+        doing: What the node does meanwhile, as a word.
+        state: The node's meanwhile.
+        field: Name of the result's field, which holds a message with an error code.
+        topic: Where that message goes as well, latched.
+        run: Does what a goal wants, in the worker's thread; see `run.identify`.
+        feedback: Makes a progress a feedback, and a sentence of it.
+        message: Makes the end of a run a message; see `conversion.result_message`.
+        sentence: Returns what such a message says was found.
+    """
+
+    action: Any
+    doing: str
+    state: int
+    field: str
+    topic: str
+    run: Callable[..., run.Finished[Any]]
+    feedback: Callable[..., tuple[Any, str]]
+    message: Callable[..., Any]
+    sentence: Callable[[Any], str]
+
+
+IDENTIFY = Kind(
+    Identify,
+    'identifying',
+    Status.STATE_IDENTIFYING,
+    'identification',
+    'result',
+    run.identify,
+    conversion.identify_feedback,
+    conversion.result_message,
+    lambda message: message.outcome_sentence,
+)
+DIAGNOSE = Kind(
+    Diagnose,
+    'diagnosing',
+    Status.STATE_DIAGNOSING,
+    'gap',
+    'gap',
+    run.diagnose,
+    conversion.diagnose_feedback,
+    conversion.gap_message,
+    conversion.gap_sentence,
+)
 
 
 class GoalServer:
     """An action of which one goal runs at a time, beside whatever else keeps the node busy.
 
     Args:
-        node: The node.
-        kind: Type of the action.
-        name: Its name.
-        busy: Returns what runs now as words for a sentence, empty for nothing.
-        begin: Starts a goal: gets it, what to call with each feedback, and what to call with
-            the result message at the end. Raises IdentError where the goal is unusable.
-        cancel: Asks the run to end with the best so far.
-        refuse: Is told why a goal was refused.
-        failed: Makes a result message of what was raised.
-        field: Name of the result's field, which holds a message with an error code.
-        result_timeout: How long a result can be asked for after the end, s.
+        node: The node, with the board, outlet, pages and worker that its runs share.
+        kind: Which action.
 
     Attributes:
         pending: Whether a goal has been accepted that has not begun yet.
         open: How many accepted goals have no result yet.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        kind: Any,
-        name: str,
-        *,
-        busy: Callable[[], str],
-        begin: Callable[[Any, Done, Done], None],
-        cancel: Callable[[], None],
-        refuse: Callable[[IdentError], None],
-        failed: Callable[[BaseException], Any],
-        field: str,
-        result_timeout: float,
-    ) -> None:
-        self._node = node
-        self._kind = kind
-        self._busy = busy
-        self._begin = begin
-        self._cancel = cancel
-        self._refuse = refuse
-        self._failed = failed
-        self._field = field
+    def __init__(self, node: Any, kind: Kind) -> None:
+        self.node = node
+        self.kind = kind
         self.pending = False
         self.open = 0
-        self._finish: Done | None = None
+        self._finish: Says | None = None
         self._given_up = False
         self._server = ActionServer(
             node,
-            kind,
-            name,
+            kind.action,
+            f'~/{kind.action.__name__.lower()}',
             self._execute,
             goal_callback=self._answer,
             cancel_callback=self._answer_cancel,
             goal_service_qos_profile=REQUESTS,
             result_service_qos_profile=REQUESTS,
             cancel_service_qos_profile=REQUESTS,
-            result_timeout=round(result_timeout),
+            result_timeout=round(parameters.snapshot(node)['result_timeout']),
         )
+
+    # ------------------------------------------------------------------ the goal and its client
 
     def _answer(self, goal: Any) -> GoalResponse:
         """Accept a goal unless something runs; what is wrong with it is said in its result."""
         error = self._occupied()
         if error is not None:
-            self._refuse(error)
+            self.node.board.refuse(error)
             return GoalResponse.REJECT
         self.pending = True
         self.open += 1
         return GoalResponse.ACCEPT
 
     def _occupied(self) -> IdentError | None:
-        running = self._busy()
+        running = self.node.occupation()
         if not running:
             return None
         return IdentError(
@@ -104,7 +138,7 @@ class GoalServer:
 
     def _answer_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._finish is not None:  # or another run than this goal's would end
-            self._cancel()
+            self.node.worker.cancel()
         return CancelResponse.ACCEPT
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
@@ -119,14 +153,14 @@ class GoalServer:
             else:
                 # The end of the node stops a run, too, but no client has asked for it.
                 handle.abort()
-            return self._kind.Result(**{self._field: message})
+            return self.kind.action.Result(**{self.kind.field: message})
         finally:
             self.open -= 1
 
     async def _message_of(self, handle: ServerGoalHandle) -> Any:
         """Run a goal; return its result's message, whatever happens."""
         self.pending = False
-        done = Future(executor=self._node.executor)
+        done = Future(executor=self.node.executor)
 
         def finish(message: Any) -> None:
             self._finish = None
@@ -134,7 +168,7 @@ class GoalServer:
                 return
             done.set_result(message)
             # a future that is set outside of the executor's round would wait for the next event
-            executor = self._node.executor
+            executor = self.node.executor
             if executor is not None:
                 executor.wake()
 
@@ -146,19 +180,122 @@ class GoalServer:
             # a run may have started by itself since the goal was accepted
             if (error := self._occupied()) is not None:
                 raise error
-            self._begin(handle.request, tell, finish)
+            self.begin(handle.request, tell, finish)
         except IdentError as error:
-            self._refuse(error)
-            return self._failed(error)
+            self.node.board.refuse(error)
+            return self._message(None, error)
         except Exception as error:  # whatever it is, the client hears of it
-            return self._failed(error)
+            return self._message(None, self.node.board.fault(error))
         self._finish = finish
         if handle.is_cancel_requested:  # taken together with the goal
-            self._cancel()
+            self.node.worker.cancel()
         return await done
 
     def give_up(self, error: IdentError) -> None:
         """Answer the goal that runs, without waiting for the end of its run any longer."""
         if self._finish is not None:
             self._given_up = True
-            self._finish(self._failed(error))
+            self._finish(self._message(None, error))
+
+    # ------------------------------------------------------------------ the run
+
+    def begin(
+        self, goal: Any, tell: Says = lambda feedback: None, done: Says = lambda message: None
+    ) -> None:
+        """Start a run.
+
+        Args:
+            goal: Of the action's type.
+            tell: Gets each feedback.
+            done: Gets the result's message.
+
+        Raises:
+            IdentError: Where the goal is unusable; nothing has been started then.
+        """
+        node = self.node
+        now = parameters.snapshot(node)
+        wanted = wanted_of(goal, now, receiving=node.receiving, heard=node.heard)
+        request = wanted.request
+        received = None if request.bags else node.received()
+
+        def preview(*streams: Any) -> None:
+            series = [run.messages(x) for x in streams]
+            node.worker.post(lambda: node.begin_series(*series))
+
+        def job(cancel: Cancel, say: Says) -> tuple[run.Finished[Any], str, Exception | None]:
+            finished = self.kind.run(wanted, received, cancel, say, preview)
+            return finished, *run.attempted(lambda: run.save(finished))
+
+        def said(progress: Any) -> None:
+            feedback, node.board.sentence = self.kind.feedback(
+                progress, request.machine, self._stamp
+            )
+            if self.kind is IDENTIFY:
+                node.diagnostics.progress = feedback.progress
+                node.outlet.progress.publish(feedback.progress)
+            tell(feedback)
+
+        def ended(value: Any, error: BaseException | None) -> None:
+            try:
+                message = self._ended(value, error)
+            except Exception as failure:  # the result may be lost, but not the answer
+                message = self._ended(None, failure)
+            done(message)
+
+        node.diagnostics.progress = None  # an earlier run's would pass for this one's
+        source = ' + '.join(request.bags) or 'the data received'
+        what = f'{self.kind.doing} {", ".join(request.drives or ())} from {source}'
+        node.board.change(self.kind.state, what)
+        node.worker.start(job, said, ended, rate=now['progress_rate'])
+
+    def _ended(self, value: Any, error: BaseException | None) -> Any:
+        """Publish how a run ended; return the message."""
+        node = self.node
+        if error is not None:
+            fault = node.board.fault(error)
+            message = self._message(None, fault)
+            node.board.change(Status.STATE_FAILED, fault.message, fault)
+        else:
+            finished, path, unwritten = value
+            node.last = finished
+            node.diagnostics.data = finished.done.logs.fit
+            message = self._message(finished, None, path)
+            if isinstance(finished.done, Identified):
+                self._compare(finished, path)
+            code = ErrorCode(message.error_code)
+            fault = IdentError(code, message.error_message) if code else None
+            unwritten = unwritten and node.board.unwritten(unwritten)
+            state = _STATES.get(code, Status.STATE_FAILED)
+            node.board.change(state, self.kind.sentence(message), fault or unwritten)
+            node.board.warnings(message.warnings)
+            if unwritten is not None:
+                message.warnings = [*message.warnings, unwritten.message]
+            node.pages.start(path)
+        setattr(node.diagnostics, self.kind.topic, message)
+        getattr(node.outlet, self.kind.topic).publish(message)
+        return message
+
+    def _compare(self, finished: run.Finished[Identified], path: str) -> None:
+        """Publish and write the simulated machine beside the measured one, after the result."""
+        node = self.node
+
+        def done(value: Any, error: BaseException | None) -> None:
+            if error is not None:
+                node.get_logger().error(node.board.fault(error).message)
+                return
+            *series, scene = value
+            node.begin_series(*series)
+            if scene is not None:
+                node.outlet.scene.publish(scene)
+
+        if not node.stopping:  # a run that the node's end has cut
+            node.worker.chore(lambda: run.compare(finished, path), done)
+
+    def _message(
+        self, finished: run.Finished[Any] | None, error: IdentError | None, path: str = ''
+    ) -> Any:
+        return self.kind.message(finished, error, self._stamp, path)
+
+    @property
+    def _stamp(self) -> Any:
+        return self.node.get_clock().now().to_msg()

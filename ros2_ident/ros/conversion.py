@@ -1,21 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between messages and the library's values."""
+"""From the library's values to messages."""
 
 from array import array
+from collections.abc import Mapping, Sequence
 import math
+from operator import attrgetter
 from typing import Any
 
 from builtin_interfaces.msg import Time
 import numpy as np
 import numpy.typing as npt
-from ros2_ident_msgs.msg import IdentificationResult, ParameterEstimate, Progress
+from ros2_ident_msgs.action import Diagnose, Identify
+from ros2_ident_msgs.msg import (
+    Gap,
+    GapCandidate,
+    IdentificationResult,
+    ParameterEstimate,
+    Progress,
+)
 
-from ros2_ident.errors import IdentError
-from ros2_ident.identify.result import Identification, Outcome
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.blocks import Interval
+from ros2_ident.gap.diagnose import DiagnoseProgress
+from ros2_ident.gap.diagnosis import Diagnosis, Ranked, Step, Value
+from ros2_ident.identify.certainty import NOT_IDENTIFIABLE, state_of
+from ros2_ident.identify.outcome import package_version
+from ros2_ident.identify.result import bound_of, Identification, Outcome
 from ros2_ident.identify.settings import IdentifyProgress
-from ros2_ident.jobs import Identified
-from ros2_ident.models import Machine
-from ros2_ident.recording import cdr, Stream
+from ros2_ident.jobs import Diagnosed, Identified
+from ros2_ident.models import EffectAt, Machine, Parameter
 from ros2_ident.ros.run import Finished
 
 _OUTCOMES = {
@@ -26,52 +39,72 @@ _OUTCOMES = {
     Outcome.DIVERGED: IdentificationResult.OUTCOME_NONE,
     Outcome.CONTRADICTED: IdentificationResult.OUTCOME_CONTRADICTED,
 }
-KINDS = {
+_KINDS = {
     'physical': ParameterEstimate.KIND_PHYSICAL,
     'base': ParameterEstimate.KIND_PHYSICAL,
     'measurement': ParameterEstimate.KIND_MEASUREMENT,
 }
+# A value as near to a bound as this share of the range lies on it.
+_AT_BOUND = 1e-3
+# Fields of a message without a result; 0 would be an answer.
+_COSTS = 'cost_genetic', 'cost_refined', 'missing_fraction'
+_GAPS = ('probability', 'before', 'before_low', 'before_high', 'after', 'after_low', 'after_high',
+         'noise_floor', 'share_closed')  # fmt: skip
+# Both Value's and ParameterEstimate's.
+_ESTIMATE = 'unit', 'value', 'low', 'high', 'noise_low', 'noise_high'
 
 
-def doubles(values: npt.ArrayLike) -> 'array[float]':
+def _copied(source: Any, *names: str, **renamed: str) -> dict[str, Any]:
+    """Return fields of a message that a value has, too, some by another name or inside another."""
+    fields = dict(zip(names, names, strict=True)) | renamed
+    values = {field: attrgetter(name)(source) for field, name in fields.items()}
+    return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
+
+
+def _doubles(values: npt.ArrayLike) -> 'array[float]':
     """Return numbers as rclpy takes them without looking at each."""
     return array('d', np.ascontiguousarray(values, dtype=np.float64).tobytes())
 
 
-def joint_states(stream: Stream) -> list[bytes]:
-    """Return a stream as serialised JointState messages."""
-    fields = [stream.position, stream.velocity, stream.effort]
-    return cdr.encode(stream.stamp, stream.names, fields)
+def _close(message: Any, error: IdentError | None, stamp: Time) -> Any:
+    """Return a message with the time of a run's end and what went wrong."""
+    message.header.stamp = stamp
+    if error is not None:
+        message.error_code = int(error.code)
+        message.error_message = error.message
+    return message
 
 
-# ---------------------------------------------------------------------- progress and result
+# ---------------------------------------------------------------------- ~/identify
 
 
-def unit_of(machine: Machine, name: str) -> str:
+def _unit_of(machine: Machine, name: str) -> str:
     """Return the unit of a parameter by its full name."""
     declared = machine.bounds.get(name) or machine.bounds.get(name.rpartition('.')[2])
     return declared[2] if declared else ''
 
 
-def progress_message(progress: IdentifyProgress, machine: Machine, stamp: Time) -> Progress:
-    """Return a progress as a message."""
-    message = Progress()
-    message.header.stamp = stamp
+def identify_feedback(
+    progress: IdentifyProgress, machine: Machine, stamp: Time
+) -> tuple[Identify.Feedback, str]:
+    """Return a progress as a message and in words."""
     refining = progress.phase != 'search'
-    message.phase = Progress.PHASE_REFINEMENT if refining else Progress.PHASE_GENETIC_ALGORITHM
-    message.generation = progress.generation
-    message.generations = progress.generations
-    message.evaluations = progress.evaluations
-    message.evaluation_budget = progress.budget
-    message.best_cost = progress.best_cost
-    message.cost_unit = progress.unit
-    message.parameter_names = list(progress.names)
-    message.parameter_units = [unit_of(machine, name) for name in progress.names]
-    message.best_theta = doubles(progress.best_theta)
-    message.spread = doubles(np.full(len(progress.names), progress.spread))
-    message.elapsed = progress.elapsed
-    message.eta = progress.eta
-    return message
+    message = Progress(
+        **_copied(
+            progress, 'generation', 'generations', 'evaluations', 'best_cost', 'elapsed', 'eta',
+            evaluation_budget='budget', cost_unit='unit',
+        ),
+        phase=Progress.PHASE_REFINEMENT if refining else Progress.PHASE_GENETIC_ALGORITHM,
+        parameter_names=list(progress.names),
+        parameter_units=[_unit_of(machine, name) for name in progress.names],
+        best_theta=_doubles(progress.best_theta),
+        spread=_doubles(np.full(len(progress.names), progress.spread)),
+    )  # fmt: skip
+    message.header.stamp = stamp
+    return Identify.Feedback(progress=message), (
+        f'{"refinement" if refining else "genetic algorithm"}, {message.generation} of '
+        f'{message.generations}, best cost {message.best_cost:.4g} {message.cost_unit}'
+    )
 
 
 def result_message(
@@ -80,50 +113,48 @@ def result_message(
     stamp: Time,
     result_file: str = '',
 ) -> IdentificationResult:
-    """Return a run's end as a message: its result, or what kept it from having one."""
-    message = IdentificationResult()
-    message.header.stamp = stamp
-    message.cost_genetic = message.cost_refined = message.missing_fraction = math.nan
-    message.result_file = result_file
-    if finished is not None:
-        _fill(message, finished)
-    if error is not None:
-        message.error_code = int(error.code)
-        message.error_message = error.message
-        message.outcome = message.outcome or IdentificationResult.OUTCOME_NONE
-        message.outcome_sentence = message.outcome_sentence or error.message
+    """Return a run's end as a message: its result, or what kept it from having one.
+
+    Args:
+        finished: The run, None where there is none.
+        error: What went wrong, None for nothing.
+        stamp: Of the end, node clock.
+        result_file: Path of the result file, empty where it was not written.
+    """
+    fields = dict.fromkeys(_COSTS, math.nan) if finished is None else _identified(finished)
+    message = _close(IdentificationResult(result_file=result_file, **fields), error, stamp)
+    message.outcome_sentence = message.outcome_sentence or message.error_message
     return message
 
 
-def _fill(message: IdentificationResult, finished: Finished[Identified]) -> None:
-    found = finished.done.result
+def _identified(finished: Finished[Identified]) -> dict[str, Any]:
+    found, done = finished.done.result, finished.done
     # undetermined parameters are no error as long as there is one that is determined
-    if found.outcome != Outcome.NOT_IDENTIFIABLE or not any(
+    known = found.outcome == Outcome.NOT_IDENTIFIABLE and any(
         p.identifiable for p in found.parameters
-    ):
-        message.error_code = int(found.outcome.error_code)
-        message.error_message = found.message if message.error_code else ''
-    message.outcome = _outcome(found)
-    message.outcome_sentence = found.message
-    message.warnings = list(found.quality.warnings)
-    message.model = found.model
-    message.drives = list(found.drives)
-    message.parameters = [_estimate(p) for p in found.parameters]
-    message.correlation = doubles(found.correlation)
-    message.cost_genetic = found.cost.ga
-    message.cost_refined = found.cost.refined
-    message.cost_unit = found.cost.unit
-    message.residual_rms = doubles([x.rms for x in found.residuals])
-    message.residual_share = doubles([x.share for x in found.residuals])
-    message.evaluations = found.evaluations
-    message.seconds = finished.done.seconds
-    message.seed = found.seed
-    message.missing_fraction = max(found.quality.missing.values(), default=math.nan)
-    message.bag_path = ' + '.join(finished.done.request.bags)
-    message.bag_sha256 = finished.done.logs.sha256
-    message.configuration = finished.wanted.configuration
-    message.configuration_sha256 = finished.configuration_sha256
-    message.package_version = found.provenance.package_version
+    )
+    code = 0 if known else int(found.outcome.error_code)
+    return {
+        **_copied(
+            found, 'model', 'drives', 'evaluations', 'seed',
+            outcome_sentence='message', warnings='quality.warnings', cost_genetic='cost.ga',
+            cost_refined='cost.refined', cost_unit='cost.unit',
+            package_version='provenance.package_version',
+        ),
+        **_copied(
+            finished, 'configuration_sha256', configuration='wanted.configuration',
+            seconds='done.seconds', bag_sha256='done.logs.sha256',
+        ),
+        'error_code': code,
+        'error_message': found.message if code else '',
+        'outcome': _outcome(found),
+        'parameters': [_of_result(p) for p in found.parameters],
+        'correlation': _doubles(found.correlation),
+        'residual_rms': _doubles([x.rms for x in found.residuals]),
+        'residual_share': _doubles([x.share for x in found.residuals]),
+        'missing_fraction': max(found.quality.missing.values(), default=math.nan),
+        'bag_path': ' + '.join(done.request.bags),
+    }  # fmt: skip
 
 
 def _outcome(found: Identification) -> int:
@@ -136,30 +167,160 @@ def _outcome(found: Identification) -> int:
     return int(outcome)
 
 
-def _estimate(found: Any) -> ParameterEstimate:
+def _of_result(found: Any) -> ParameterEstimate:
     return ParameterEstimate(
-        name=found.name,
-        unit=found.unit,
-        value=found.value,
-        low=found.low,
-        high=found.high,
-        noise_low=found.noise_low,
-        noise_high=found.noise_high,
-        lower_bound=found.lower_bound,
-        upper_bound=found.upper_bound,
-        genetic_value=found.ga_value,
+        **_copied(
+            found, 'name', 'note', 'lower_bound', 'upper_bound', *_ESTIMATE,
+            genetic_value='ga_value',
+        ),
         # A flag of NumPy's would end the process: rosidl asserts Python's.
         at_bound=bool(found.at_bound),
         identifiable=bool(found.identifiable),
-        kind=KINDS[found.kind],
-        note=found.note,
+        kind=_KINDS[found.kind],
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------------- ~/diagnose
+
+
+def diagnose_feedback(
+    progress: DiagnoseProgress, machine: Machine, stamp: Time
+) -> tuple[Diagnose.Feedback, str]:
+    """Return a progress as the action's feedback and in words; arguments as of the other one."""
+    feedback = Diagnose.Feedback(
+        **_copied(progress, 'stage', 'fraction', 'best_so_far', 'elapsed', 'eta')
+    )
+    best = f'; so far: {feedback.best_so_far}' if feedback.best_so_far else ''
+    return feedback, f'diagnosing, {100 * feedback.fraction:.0f} %: {feedback.stage}{best}'
+
+
+def gap_message(
+    finished: Finished[Diagnosed] | None,
+    error: IdentError | None,
+    stamp: Time,
+    result_file: str = '',
+) -> Gap:
+    """Return a diagnosis' end as a message; arguments as of `result_message`."""
+    fields = dict.fromkeys(_GAPS, math.nan) if finished is None else _diagnosed(finished)
+    if finished is not None and finished.cancelled:
+        error = IdentError(
+            ErrorCode.CANCELLED,
+            f'cancelled after {finished.done.seconds:.1f} s; the best so far is kept, effects '
+            'that had not been tried by then may close more of the gap',
+        )
+    message = Gap(package_version=package_version(), result_file=result_file, **fields)
+    return _close(message, error, stamp)
+
+
+def gap_sentence(message: Gap) -> str:
+    """Return what a diagnosis that came to an end has found."""
+    if message.error_code == ErrorCode.CANCELLED:
+        return f'The diagnosis was {message.error_message}. By then: {message.sentence}'
+    return str(message.sentence)
+
+
+def _diagnosed(finished: Finished[Diagnosed]) -> dict[str, Any]:
+    done, declared = finished.done, finished.declared
+    found = done.result
+    advice = list(found.advice)
+    if not found.complete and not finished.cancelled:
+        advice.insert(
+            0,
+            f'The time budget of {done.request.seconds:g} s ended the run before every effect '
+            'had been tried; give it more.',
+        )
+    return {
+        **_copied(
+            found, 'effect', 'where', 'probability', 'sentence', 'unit', 'held_out', 'seed',
+            noise_floor='floor.together', share_closed='share_closed.value',
+        ),
+        **_interval('before', found.steps[:1]),
+        **_interval('after', found.steps[-1:]),
+        **{
+            f'drive_{name}': _doubles([getattr(x, name) for x in found.per_drive.values()])
+            for name in ('before', 'after', 'noise_floor', 'share_closed')
+        },
+        'warnings': _warnings_of(done),
+        'also': [_also(found, declared, at) for at in found.also],
+        'confusable': [_candidate(found, declared, r) for r in found.confusable],
+        'ranking': [_candidate(found, declared, r) for r in found.ranking],
+        'drives': list(found.per_drive),
+        'localisation': [finding.sentence for finding in found.localisation],
+        'advice': advice,
+        'seconds': done.seconds,
+    }  # fmt: skip
+
+
+def _interval(name: str, step: Sequence[Step]) -> dict[str, float]:
+    """Return the gap at a step of the waterfall with its interval; NaN where there is none."""
+    gap = step[0].gap if step else Interval(math.nan, math.nan, math.nan)
+    return {name: gap.value, f'{name}_low': gap.low, f'{name}_high': gap.high}
+
+
+def _warnings_of(done: Diagnosed) -> list[str]:
+    """Return what gates and data warn of, each sentence once."""
+    gates = [gate.sentence for gate in done.result.gates if gate.level != 'ok']
+    logs = done.logs.fit, done.logs.check
+    said = [w for data in logs if data for w in data.quality(0).warnings]
+    return list(dict.fromkeys([*gates, *said]))
+
+
+def _candidate(found: Diagnosis, declared: Mapping[str, Parameter], ranked: Ranked) -> Any:
+    """Return a candidate; the verdict's own effect with the extended model's estimates."""
+    values: Mapping[str, Value] = ranked.parameters
+    if ranked.at.effect == found.effect and (ranked.at.where,) == found.where:
+        values = {name: found.parameters.get(name, value) for name, value in values.items()} | {
+            name: found.parameters[name] for name in found.moved
+        }
+    return GapCandidate(
+        effect=ranked.at.effect,
+        where=[ranked.at.where],
+        **_copied(ranked, 'probability', 'gap_after'),
+        gap_after_low=math.nan,
+        gap_after_high=math.nan,
+        parameters=[_of_gap(name, value, declared.get(name)) for name, value in values.items()],
     )
 
 
-def progress_sentence(message: Progress) -> str:
-    """Return a progress message in words."""
-    phase = 'refinement' if message.phase == Progress.PHASE_REFINEMENT else 'genetic algorithm'
-    return (
-        f'{phase}, {message.generation} of {message.generations}, best cost '
-        f'{message.best_cost:.4g} {message.cost_unit}'
+def _also(found: Diagnosis, declared: Mapping[str, Parameter], at: EffectAt) -> Any:
+    """Return a further effect: what it came to in the extended model, and the gap left with it."""
+    prefix = f'{at.effect}.' if at.where == 'all' else f'{at.where}.{at.effect}.'
+    step = 1 + (EffectAt(found.effect, *found.where[:1]), *found.also).index(at)
+    return GapCandidate(
+        effect=at.effect,
+        where=[at.where],
+        probability=math.nan,
+        **_interval('gap_after', found.steps[step : step + 1]),
+        parameters=[
+            _of_gap(name, value, declared.get(name))
+            for name, value in found.parameters.items()
+            if name.startswith(prefix)
+        ],
+    )
+
+
+def _of_gap(name: str, value: Value, declared: Parameter | None) -> ParameterEstimate:
+    low, high = (declared.low, declared.high) if declared else (math.nan, math.nan)
+    edge = _AT_BOUND * (high - low)
+    below, above = value.value <= low + edge, value.value >= high - edge
+    unknown = math.isnan(value.low) or math.isnan(value.high)
+    state = state_of(value.value, value.low, value.high, low, high)
+    # without an interval nothing speaks against it
+    loose = not unknown and state != 'identified'
+    bound = bound_of(value.low, value.high, low, high, value.unit)
+    notes = [bound or NOT_IDENTIFIABLE] if loose else []
+    if below or above:
+        notes.append(f'at its {"lower" if below else "upper"} bound')
+    if unknown:
+        notes.append('no interval is known')
+    return ParameterEstimate(
+        **_copied(value, *_ESTIMATE),
+        name=name,
+        lower_bound=low,
+        upper_bound=high,
+        genetic_value=math.nan,
+        at_bound=bool(below or above),
+        identifiable=not loose,
+        kind=_KINDS[declared.kind if declared else 'physical'],
+        note='; '.join(notes),
     )

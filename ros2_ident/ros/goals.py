@@ -2,7 +2,7 @@
 """From a goal to a request: everything a run needs, checked before it starts."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 import math
 from typing import Any
 
@@ -14,7 +14,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
 from ros2_ident.identify.data import chosen_drives
 from ros2_ident.identify.layout import Conditions, read_conditions
-from ros2_ident.identify.outputs import Outputs, QUANTITIES, read_outputs
+from ros2_ident.identify.outputs import QUANTITIES, read_outputs
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.jobs import Request
 from ros2_ident.models import load_machine, Machine
@@ -25,10 +25,10 @@ from ros2_ident.ros.parameter_table import BY_NAME
 from ros2_ident.ros.parameters import Snapshot
 from ros2_ident.ros.paths import allowed, expanded
 from ros2_ident.ros.run import Wanted
-from ros2_ident.search import Budget
+from ros2_ident.search import Budget, GeneticSettings
 from ros2_ident.threads import processors
 
-_COUNTS = ('initial_population', 'survivors', 'children', 'generations')
+_SEARCH = 'initial_population', 'survivors', 'children', 'generations', 'range_reduction'
 
 
 def _refuse(text: str) -> IdentError:
@@ -51,66 +51,26 @@ class Heard:
 _NOTHING = Heard()
 
 
-def automatic_goal(parameters: Snapshot) -> Any:
+def automatic_goal(parameters: Snapshot) -> Identify.Goal:
     """Return the goal of a run that starts by itself."""
     return Identify.Goal(refine=parameters['refine'])
 
 
-def identify_wanted(
+def wanted_of(
     goal: Any, parameters: Snapshot, *, receiving: bool = False, heard: Heard = _NOTHING
 ) -> Wanted:
     """Return what a goal asks for, with the node's parameters where it says nothing.
 
     Args:
-        goal: An `Identify.Goal`.
+        goal: An `Identify.Goal` or a `Diagnose.Goal`.
         parameters: The node's.
         receiving: Whether messages arrive that must not wait for the simulation.
         heard: What was heard of the robot.
 
     Raises:
-        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, or what is wrong with the machine file.
+        IdentError: INVALID_GOAL, NO_DATA, UNKNOWN_PARAMETER, also for a strange effect, or what is
+            wrong with the machine file.
     """
-    wanted = _wanted(goal, parameters, heard)
-    machine = wanted.request.machine
-    if goal.model and goal.model != machine.kind:
-        raise _refuse(
-            f'model is {goal.model!r} and the machine file describes a {machine.kind}; '
-            'leave model empty or give another machine file'
-        )
-    settings = _settings(goal, parameters, receiving)
-    outputs = read_outputs(tuple(goal.outputs))
-    return replace(
-        wanted, request=replace(wanted.request, settings=settings, outputs=outputs)
-    )
-
-
-def diagnose_wanted(
-    goal: Any, parameters: Snapshot, *, receiving: bool = False, heard: Heard = _NOTHING
-) -> Wanted:
-    """Return what a goal asks for; as `identify_wanted`, of a `Diagnose.Goal`.
-
-    Raises:
-        IdentError: INVALID_GOAL, NO_DATA, UNKNOWN_PARAMETER for a strange effect, or what is wrong
-            with the machine file.
-    """
-    wanted = _wanted(goal, parameters, heard)
-    for name in goal.without_effects:
-        get_effect(name)
-    seconds = goal.time_budget or parameters['time_budget']
-    settings = IdentifySettings(
-        budget=Budget(seconds=seconds or None), threads=_threads(parameters, receiving)
-    )
-    request = replace(
-        wanted.request,
-        settings=settings,
-        outputs=_output(goal.output),
-        without=tuple(goal.without_effects),
-    )
-    return replace(wanted, request=request)
-
-
-def _wanted(goal: Any, parameters: Snapshot, heard: Heard) -> Wanted:
-    """Return what the goals of both actions say alike."""
     _check_ranges(goal)
     machine, text, description = _machine(goal, parameters, heard)
     drives = tuple(goal.drives) or tuple(parameters['drives']) or None
@@ -127,16 +87,54 @@ def _wanted(goal: Any, parameters: Snapshot, heard: Heard) -> Wanted:
         bounds=bounds,
         seed=goal.seed or parameters['seed'],
     )
-    return Wanted(request, text, parameters['output_directory'], description)
+    budget = Budget(seconds=goal.time_budget or parameters['time_budget'] or None)
+    threads = parameters['workers'] or max(1, processors() - receiving)
+    settings = IdentifySettings(budget=budget, threads=threads)
+    own = _of_identify if isinstance(goal, Identify.Goal) else _of_diagnose
+    request = replace(request, **own(goal, parameters, machine, settings))
+    directory = parameters['output_directory']
+    return Wanted(request, text, directory, description, parameters['preview_rate'])
 
 
-def _output(name: str) -> Outputs | None:
-    """Return the quantity that a goal names; None where it names none."""
-    if not name:
-        return None
-    if name not in QUANTITIES:
-        raise _refuse(f'output is {name!r}; choose from {", ".join(QUANTITIES)}')
-    return {name: None}
+def _of_identify(
+    goal: Any, parameters: Snapshot, machine: Machine, settings: IdentifySettings
+) -> dict[str, Any]:
+    """Return what an identification has for itself."""
+    if goal.model and goal.model != machine.kind:
+        raise _refuse(
+            f'model is {goal.model!r} and the machine file describes a {machine.kind}; '
+            'leave model empty or give another machine file'
+        )
+    genetic = {x.name: parameters[x.name] for x in fields(GeneticSettings) if x.name in BY_NAME}
+    genetic |= {x: getattr(goal, x) for x in _SEARCH if getattr(goal, x)}
+    if goal.min_distance:
+        genetic['min_distance'] = max(0.0, goal.min_distance)
+    evaluations = goal.evaluation_budget or parameters['evaluation_budget'] or None
+    try:
+        settings = replace(
+            settings,
+            genetic=GeneticSettings(**genetic),
+            budget=replace(settings.budget, evaluations=evaluations),
+            refine=goal.refine,
+        )
+    except IdentError as error:
+        raise _refuse(error.message) from None
+    return {'settings': settings, 'outputs': read_outputs(tuple(goal.outputs))}
+
+
+def _of_diagnose(
+    goal: Any, parameters: Snapshot, machine: Machine, settings: IdentifySettings
+) -> dict[str, Any]:
+    """Return what a diagnosis has for itself; arguments as of an identification."""
+    for name in goal.without_effects:
+        get_effect(name)
+    if goal.output and goal.output not in QUANTITIES:
+        raise _refuse(f'output is {goal.output!r}; choose from {", ".join(QUANTITIES)}')
+    return {
+        'settings': settings,
+        'outputs': {goal.output: None} if goal.output else None,
+        'without': tuple(goal.without_effects),
+    }
 
 
 def _check_ranges(goal: Any) -> None:
@@ -224,30 +222,6 @@ def _conditions(goal: Any, parameters: Snapshot) -> Conditions:
     path = goal.differences_file
     where = allowed(path, parameters['allowed_directory']) if path else None
     return read_conditions(tuple(goal.each), where)
-
-
-def _threads(parameters: Snapshot, receiving: bool) -> int:
-    """Return how many threads simulate."""
-    return parameters['workers'] or max(1, processors() - receiving)
-
-
-def _settings(goal: Any, parameters: Snapshot, receiving: bool) -> IdentifySettings:
-    changes: dict[str, Any] = {
-        name: getattr(goal, name) for name in (*_COUNTS, 'range_reduction') if getattr(goal, name)
-    }
-    if goal.min_distance:
-        changes['min_distance'] = max(0.0, goal.min_distance)
-    evaluations = goal.evaluation_budget or parameters['evaluation_budget']
-    seconds = goal.time_budget or parameters['time_budget']
-    try:
-        return IdentifySettings(
-            genetic=parameters.genetic(**changes),
-            budget=Budget(evaluations=evaluations or None, seconds=seconds or None),
-            refine=goal.refine,
-            threads=_threads(parameters, receiving),
-        )
-    except IdentError as error:
-        raise _refuse(error.message) from None
 
 
 def _overrides(

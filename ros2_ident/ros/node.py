@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node `identifier`: brings together what it hears, the worker, and what it says."""
 
-from collections.abc import Callable
 import time
 from typing import Any
 
@@ -13,31 +12,21 @@ from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
-from ros2_ident_msgs.action import Identify
-from ros2_ident_msgs.msg import IdentificationResult, Status
+from ros2_ident_msgs.msg import Status
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.jobs import Identified
-from ros2_ident.recording import RecordingBuilder, Stream
+from ros2_ident.recording import RecordingBuilder
 from ros2_ident.ros import parameters, start
-from ros2_ident.ros.actions import GoalServer, REQUESTS
+from ros2_ident.ros.actions import DIAGNOSE, GoalServer, IDENTIFY, REQUESTS
 from ros2_ident.ros.board import Board
 from ros2_ident.ros.capture import Capture
-from ros2_ident.ros.conversion import (
-    joint_states,
-    progress_message,
-    progress_sentence,
-    result_message,
-)
-from ros2_ident.ros.diagnoser import Diagnoser
 from ros2_ident.ros.diagnostics import Diagnostics
-from ros2_ident.ros.files import attempted, compare, save
-from ros2_ident.ros.goals import automatic_goal, Heard, identify_wanted
+from ros2_ident.ros.goals import automatic_goal, Heard
 from ros2_ident.ros.outlet import LATCHED, Outlet
 from ros2_ident.ros.page import PageWriter
-from ros2_ident.ros.run import Finished, identify
+from ros2_ident.ros.run import Finished, save
 from ros2_ident.ros.worker import Worker
 
 TICK = 0.1  # s
@@ -45,9 +34,6 @@ TICK = 0.1  # s
 RECEIVING = 0.5
 # Silence is explained this often, s.
 EXPLAIN = 5.0
-
-Says = Callable[[Any], None]
-
 
 class Identifier(Node):
     """Identifies drives and diagnoses gaps from what it hears or from bags, one run at a time.
@@ -94,19 +80,8 @@ class Identifier(Node):
         self._due = False  # a stream has ended while a run was going on
         self._ticks = 0
         self._explained = time.monotonic()
-        identifying = GoalServer(
-            self,
-            Identify,
-            '~/identify',
-            busy=self.occupation,
-            begin=self._begin_goal,
-            cancel=self.worker.cancel,
-            refuse=lambda error: self.board.refuse(error),
-            failed=lambda error: self._failed(self.board.fault(error)),
-            field='identification',
-            result_timeout=now['result_timeout'],
-        )
-        self._servers = (identifying, Diagnoser(self).server)
+        self.identifying = GoalServer(self, IDENTIFY)
+        self._servers = self.identifying, GoalServer(self, DIAGNOSE)
         self.create_service(Trigger, '~/clear_data', self._clear_data, qos_profile=REQUESTS)
         # it awaits what other callbacks bring, and would shut them out in the node's own group
         self.create_service(
@@ -143,61 +118,6 @@ class Identifier(Node):
 
     # ------------------------------------------------------------------ runs
 
-    def begin(
-        self,
-        goal: Any,
-        tell: Says | None = None,
-        done: Callable[[IdentificationResult], None] | None = None,
-    ) -> None:
-        """Start a run.
-
-        Args:
-            goal: An `Identify.Goal`.
-            tell: Gets every progress message that is published.
-            done: Gets the result message.
-
-        Raises:
-            IdentError: Where the goal is unusable; nothing has been started then.
-        """
-        now = parameters.snapshot(self)
-        wanted = identify_wanted(goal, now, receiving=self.receiving, heard=self.heard)
-        request = wanted.request
-        buffer = None if request.bags else self.received()
-
-        def preview(simulated: list[Stream], residual: list[Stream]) -> None:
-            series = _messages(simulated), _messages(residual)
-            self.worker.post(lambda: self._begin_series(*series))
-
-        def job(cancel: Any, say: Says) -> tuple[Finished[Identified], str, Exception | None]:
-            rate = now['preview_rate']
-            finished = identify(
-                wanted, buffer, cancel, say, preview if rate else None, 1.0 / (rate or 1.0)
-            )
-            return finished, *attempted(lambda: save(finished))
-
-        def said(progress: Any) -> None:
-            message = progress_message(progress, request.machine, self.get_clock().now().to_msg())
-            self.diagnostics.progress = message
-            self.outlet.progress.publish(message)
-            self.board.sentence = progress_sentence(message)
-            if tell is not None:
-                tell(message)
-
-        def ended(value: Any, error: BaseException | None) -> None:
-            try:
-                message = self._ended(value, error)
-            except Exception as failure:  # the result may be lost, but not the answer
-                message = self._ended(None, failure)
-            if done is not None:
-                done(message)
-
-        source = ' + '.join(request.bags) or 'the data received'
-        self.board.change(
-            Status.STATE_IDENTIFYING,
-            f'identifying {", ".join(request.drives or ())} from {source}',
-        )
-        self.worker.start(job, said, ended, rate=now['progress_rate'])
-
     @property
     def receiving(self) -> bool:
         """Whether messages have arrived just now, which must not wait for the simulation."""
@@ -217,62 +137,6 @@ class Identifier(Node):
     def heard(self) -> Heard:
         """What has been heard of the robot."""
         return Heard(self.description, lambda: self.received().build()[0].state)
-
-    def _begin_goal(self, goal: Any, tell: Says, done: Says) -> None:
-        self.begin(goal, lambda message: tell(Identify.Feedback(progress=message)), done)
-
-    def _failed(self, error: IdentError) -> IdentificationResult:
-        return result_message(None, error, self.get_clock().now().to_msg())
-
-    def _ended(self, value: Any, error: BaseException | None) -> IdentificationResult:
-        """Publish how a run ended; return the message."""
-        if error is not None:
-            fault = self.board.fault(error)
-            message = self._failed(fault)
-            self.board.change(Status.STATE_FAILED, fault.message, fault)
-        else:
-            finished, path, unwritten = value
-            self.last = finished
-            self.diagnostics.data = finished.done.logs.fit
-            message = result_message(finished, None, self.get_clock().now().to_msg(), path)
-            self._compare(finished, path)
-            state = Status.STATE_DONE
-            if message.error_code == ErrorCode.CANCELLED:
-                state = Status.STATE_CANCELLED
-            elif message.error_code:
-                state = Status.STATE_FAILED
-            fault = None
-            if message.error_code:
-                fault = IdentError(ErrorCode(message.error_code), message.error_message)
-            if unwritten is not None:
-                unwritten = self.board.unwritten(unwritten)
-            self.board.change(state, message.outcome_sentence, fault or unwritten)
-            self.board.warnings(message.warnings)
-            if unwritten is not None:
-                message.warnings = [*message.warnings, unwritten.message]
-        self.diagnostics.result = message
-        self.outlet.result.publish(message)
-        return message
-
-    def _compare(self, finished: Finished[Identified], path: str) -> None:
-        """Publish and write the simulated machine beside the measured one, after the result."""
-
-        def work() -> tuple[list[bytes], list[bytes], bytes | None]:
-            found = compare(finished, path)
-            return _messages(found.simulated), _messages(found.residual), found.scene
-
-        def done(value: Any, error: BaseException | None) -> None:
-            if error is not None:
-                self.get_logger().error(self.board.fault(error).message)
-                return
-            simulated, residual, scene = value
-            self._begin_series(simulated, residual)
-            if scene is not None:
-                self.outlet.scene.publish(scene)
-
-        if not self.stopping:  # a run that the node's end has cut
-            self.worker.chore(work, done)
-        self.pages.start(path)
 
     def occupation(self) -> str:
         """Return what runs now as words for a sentence, empty for nothing."""
@@ -420,7 +284,7 @@ class Identifier(Node):
             )
             return
         try:
-            self.begin(automatic_goal(parameters.snapshot(self)))
+            self.identifying.begin(automatic_goal(parameters.snapshot(self)))
         except Exception as error:
             fault = self.board.fault(error)
             self.board.change(Status.STATE_FAILED, fault.message, fault)
@@ -432,7 +296,8 @@ class Identifier(Node):
         if self.board.state == Status.STATE_WAITING:
             self.board.warn(self.capture.silence())
 
-    def _begin_series(self, simulated: list[bytes], residual: list[bytes]) -> None:
+    def begin_series(self, simulated: list[bytes], residual: list[bytes]) -> None:
+        """Publish two series of serialised messages in place of those still waiting."""
         self.outlet.series(simulated=simulated, residual=residual)
         self._series.reset()
 
@@ -450,7 +315,3 @@ class Identifier(Node):
             )
         )
 
-
-def _messages(streams: list[Stream]) -> list[bytes]:
-    """Return streams as serialised messages, one after the other."""
-    return [message for stream in streams for message in joint_states(stream)]

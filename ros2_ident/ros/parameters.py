@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Declare the node's parameters from the table, refuse wrong ones in sentences, take snapshots."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Mapping, Sequence
 import difflib
 from typing import Any
 
@@ -23,7 +22,6 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
 from ros2_ident.ros.parameter_table import BY_NAME, Entry, literal, TABLE
 from ros2_ident.ros.paths import expanded
-from ros2_ident.search import GeneticSettings
 
 _TYPES = {
     'bool': Parameter.Type.BOOL,
@@ -32,22 +30,10 @@ _TYPES = {
     'string': Parameter.Type.STRING,
     'string_array': Parameter.Type.STRING_ARRAY,
 }
-_GENETIC = [field.name for field in fields(GeneticSettings) if field.name in BY_NAME]
 
 
-@dataclass(frozen=True)
-class Snapshot:
-    """The parameters at one instant, by name."""
-
-    values: dict[str, Any]
-
-    def __getitem__(self, name: str) -> Any:
-        """Return the value of a parameter of the table."""
-        return self.values[name]
-
-    def genetic(self, **changes: float) -> GeneticSettings:
-        """Return the settings of the search, some of them replaced."""
-        return GeneticSettings(**{name: self.values[name] for name in _GENETIC} | changes)
+# The parameters at one instant, by name.
+Snapshot = Mapping[str, Any]
 
 
 def descriptor(entry: Entry) -> ParameterDescriptor:
@@ -154,7 +140,7 @@ def snapshot(node: Node, table: Iterable[Entry] = TABLE) -> Snapshot:
         if entry.kind == 'string_array':
             value = tuple(x for x in value or () if x)
         values[entry.name] = value
-    return Snapshot(values)
+    return values
 
 
 def check_change(changes: Iterable[Parameter]) -> SetParametersResult:

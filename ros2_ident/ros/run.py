@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One run, as the worker's thread does it: from what a goal asks for to values.
+"""One run, as the worker's thread does it: from what a goal asks for to values, files and series.
 
 Knows nothing of rclpy, so that it can be read and tested without.
 """
@@ -9,20 +9,28 @@ from dataclasses import dataclass, field
 import hashlib
 import math
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
+import numpy as np
 import yaml
 
 from ros2_ident import jobs
 from ros2_ident.effects import CATALOGUE
+from ros2_ident.files import write_text
 from ros2_ident.gap.diagnose import DiagnoseProgress
-from ros2_ident.identify.settings import IdentifyProgress, OnProgress
+from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.jobs import Diagnosed, Identified, Logs, Request
+from ros2_ident.machine.keys import DESCRIPTION_TOPIC
 from ros2_ident.models import EffectAt, make_model, Parameter
-from ros2_ident.recording import RecordingBuilder
+from ros2_ident.recording import cdr, RecordingBuilder, Stream
+from ros2_ident.report.overlay import OVERLAY, overlay_streams, verdict_of, write_overlay
 from ros2_ident.report.preview import Preview, Series
-from ros2_ident.ros.unfinished import place_of
+from ros2_ident.report.scene import largest_gap, scene_of
+from ros2_ident.ros.paths import checkpoint_of, new_folder
 from ros2_ident.search.evaluators import Cancel
+
+CONFIGURATION = 'configuration.yaml'
+ROBOT, MACHINE = 'robot.urdf', 'machine.yaml'
 
 Done = TypeVar('Done', Identified, Diagnosed)
 
@@ -36,12 +44,14 @@ class Wanted:
         machine_text: Content of the machine file.
         output_directory: Where to make the run's folder; empty to write nothing.
         description: What was heard of the robot in the place of a file; None where it has one.
+        preview_rate: Most previews of an identification per second, Hz; 0 for none.
     """
 
     request: Request
     machine_text: str = ''
     output_directory: str = ''
     description: str | None = None
+    preview_rate: float = 1.0
 
     @property
     def configuration(self) -> str:
@@ -64,7 +74,7 @@ class Finished(Generic[Done]):
     Attributes:
         wanted: What was asked for.
         done: What came of it.
-        cancelled: Whether a cancel cut it short.
+        cancelled: Whether a cancel cut a diagnosis short.
         declared: Of a diagnosis the parameters of the nominal model and of every effect in the
             ranking, by name.
     """
@@ -84,9 +94,8 @@ def identify(
     wanted: Wanted,
     received: RecordingBuilder | None,
     cancel: Cancel | None = None,
-    on_progress: OnProgress | None = None,
+    on_progress: Callable[[IdentifyProgress], None] = lambda progress: None,
     on_preview: Callable[[Series, Series], None] | None = None,
-    preview_period: float = 1.0,
 ) -> Finished[Identified]:
     """Identify.
 
@@ -97,7 +106,6 @@ def identify(
         on_progress: Called from this thread.
         on_preview: Gets simulated and residual effort of better and better candidates, from this
             thread; see `Preview`.
-        preview_period: Least time between previews, s.
 
     Returns:
         The result, also where the run was cancelled.
@@ -105,13 +113,14 @@ def identify(
     Raises:
         IdentError: With the remedy.
     """
-    request = wanted.request
+    request, rate = wanted.request, wanted.preview_rate
     logs = jobs.read(request, received)
-    preview = on_preview and Preview(request.problem(logs.fit), on_preview, preview_period)
+    preview = None
+    if on_preview is not None and rate:
+        preview = Preview(request.problem(logs.fit), on_preview, 1.0 / rate)
 
     def report(progress: IdentifyProgress) -> None:
-        if on_progress is not None:
-            on_progress(progress)
+        on_progress(progress)
         if preview is not None:
             preview(progress)
 
@@ -125,8 +134,9 @@ def diagnose(
     received: RecordingBuilder | None,
     cancel: Cancel,
     on_progress: Callable[[DiagnoseProgress], None],
+    on_preview: object = None,
 ) -> Finished[Diagnosed]:
-    """Diagnose; arguments, result and errors as of `identify`."""
+    """Diagnose; arguments, result and errors as of `identify`, but that nothing is previewed."""
     on_progress(DiagnoseProgress('reading the recordings', 0.0, '', 0.0, math.nan))
     request = wanted.request
     logs = jobs.read(request, received)
@@ -140,7 +150,7 @@ def _place(wanted: Wanted, logs: Logs, what: str) -> Path | None:
     request = wanted.request
     check = logs.check.sha256 if logs.check else ''
     asked = request.machine.digest, wanted.configuration, repr(request.settings)
-    return place_of(wanted.output_directory, what, *asked, logs.sha256, check)
+    return checkpoint_of(wanted.output_directory, what, *asked, logs.sha256, check)
 
 
 def _declared(done: Diagnosed) -> dict[str, Parameter]:
@@ -149,12 +159,95 @@ def _declared(done: Diagnosed) -> dict[str, Parameter]:
     effects: list[EffectAt] = [ranked.at for ranked in found.ranking]
     if found.where and found.effect in CATALOGUE:
         effects += [EffectAt(found.effect, found.where[0]), *found.also]
-    effects = list(dict.fromkeys(effects))
     model = make_model(
         request.machine,
         done.logs.fit.datasets[0],
         drives=request.drives,
-        effects=effects,
+        effects=list(dict.fromkeys(effects)),
         quantities=tuple(request.outputs) if request.outputs else None,
     )
     return {parameter.name: parameter for parameter in model.parameters}
+
+
+# ---------------------------------------------------------------------- files and series
+
+
+def save(finished: Finished[Any], directory: str | None = None) -> str:
+    """Write a result and the configuration it was found with, in a new folder.
+
+    Args:
+        finished: The run.
+        directory: Where to make its folder; that of the goal where None.
+
+    Returns:
+        Path of the result file; empty where the directory is.
+
+    Raises:
+        IdentError: INVALID_GOAL where nothing can be written there.
+    """
+    wanted = finished.wanted
+    base = wanted.output_directory if directory is None else directory
+    if not base:
+        return ''
+    folder = new_folder(base)
+    # The overlay takes longer than the answer may.
+    path = jobs.save(finished.done, folder, overlay=False)[0]
+    write_text(folder / CONFIGURATION, wanted.configuration)
+    if wanted.description is not None:  # a robot that was heard, so that `ident` can read it
+        write_text(folder / ROBOT, wanted.description)
+        write_text(folder / MACHINE, wanted.machine_text.replace(DESCRIPTION_TOPIC, ROBOT))
+    return str(path)
+
+
+def attempted(save: Callable[[], str]) -> tuple[str, Exception | None]:
+    """Return the path of what was saved, or why it was not: a result is not lost with its file."""
+    try:
+        return save(), None
+    except Exception as error:
+        return '', error
+
+
+def messages(streams: Series) -> list[bytes]:
+    """Return streams as serialised JointState messages, one after the other."""
+
+    def encoded(stream: Stream) -> list[bytes]:
+        fields = [stream.position, stream.velocity, stream.effort]
+        return cdr.encode(stream.stamp, stream.names, fields)
+
+    return [message for stream in streams for message in encoded(stream)]
+
+
+def compare(
+    finished: Finished[Identified], result_file: str
+) -> tuple[list[bytes], list[bytes], bytes | None]:
+    """Set the simulated effort beside the measured one, and write both as a bag beside the result.
+
+    Args:
+        finished: The run.
+        result_file: Its result file; empty to write nothing.
+
+    Returns:
+        Simulated and residual effort (measured less simulated) at the measured stamps, in the
+        log's unit, as JointState messages; and a MarkerArray of the first segment, None where the
+        machine has no scene. Nothing where no candidate converged.
+    """
+    done = finished.done
+    theta = done.result.theta
+    if not np.isfinite(theta).all():
+        return [], [], None
+    problem = done.problem()
+    if result_file:
+        write_overlay(
+            Path(result_file).with_name(OVERLAY),
+            problem,
+            theta,
+            topics=done.request.topics,
+            verdict=verdict_of(done.result),
+        )
+    streams = overlay_streams(problem, theta)
+    scene = scene_of(problem, theta, streams[0]['residual'])
+    return (
+        messages([x['simulated'] for x in streams]),
+        messages([x['residual'] for x in streams]),
+        None if scene is None else largest_gap(scene),
+    )

@@ -148,18 +148,16 @@ def test_a_run_that_does_not_end_is_answered_all_the_same(start) -> None:
     assert 'did not end in time' in result.error_message
 
 
-@pytest.mark.parametrize('where', ['identify_wanted', 'identify', 'result_message'])
+@pytest.mark.parametrize(
+    'where', ['ros.actions.wanted_of', 'jobs.identify', 'ros.conversion._outcome']
+)
 def test_whatever_is_raised_becomes_an_answer_with_a_code(start, monkeypatch, where) -> None:
     from ros2_ident.errors import ErrorCode
-    from ros2_ident.ros import node as module
 
     def fail(*arguments, **options):
-        if where == 'result_message' and arguments[0] is None:
-            return original(*arguments, **options)
         raise ZeroDivisionError('of a test')
 
-    original = getattr(module, where)
-    monkeypatch.setattr(module, where, fail)
+    monkeypatch.setattr(f'ros2_ident.{where}', fail)
     _, listener = start()
     found = answer(listener).result.identification
     assert found.error_code == ErrorCode.INTERNAL

@@ -47,7 +47,7 @@ def test_the_node_hears_it_and_goals_use_it(asking: Path) -> None:
     from std_msgs.msg import String
 
     from ros2_ident.ros import parameters
-    from ros2_ident.ros.goals import diagnose_wanted, identify_wanted
+    from ros2_ident.ros.goals import wanted_of
     from ros2_ident.ros.node import Identifier
     from ros2_ident.ros.outlet import LATCHED
 
@@ -60,14 +60,11 @@ def test_the_node_hears_it_and_goals_use_it(asking: Path) -> None:
         late.until(lambda: late.node.description, 'the description')
         now = parameters.snapshot(late.node)
         bag = {'data_source': Identify.Goal.DATA_SOURCE_BAG, 'machine_file': str(asking)}
-        for ask, goal in (
-            (identify_wanted, Identify.Goal(bag_path=log, **bag)),
-            (diagnose_wanted, Diagnose.Goal(bag_path=log, **bag)),
-        ):
-            wanted = ask(goal, now, heard=late.node.heard)
+        for goal in (Identify.Goal(bag_path=log, **bag), Diagnose.Goal(bag_path=log, **bag)):
+            wanted = wanted_of(goal, now, heard=late.node.heard)
             assert wanted.request.machine.text('description') == wanted.description == URDF
             with pytest.raises(IdentError) as caught:
-                ask(goal, now)
+                wanted_of(goal, now)
             assert caught.value.code is ErrorCode.MISSING_STREAM
     finally:
         late.close()
@@ -133,7 +130,7 @@ def test_a_robot_that_is_only_heard_is_identified_without_a_machine_file(tmp_pat
         node.until(lambda: node.node.description, 'the description')
         robot.until(lambda: states.get_subscription_count(), 'the subscription')
         with pytest.raises(IdentError, match='ident new-machine') as caught:
-            node.node.begin(Identify.Goal(data_source=1, bag_path=str(tmp_path)))
+            node.node.identifying.begin(Identify.Goal(data_source=1, bag_path=str(tmp_path)))
         assert caught.value.code is ErrorCode.INVALID_GOAL
         for message in swings():
             states.publish(message)
@@ -152,11 +149,11 @@ def test_a_robot_that_is_only_heard_is_identified_without_a_machine_file(tmp_pat
         assert again.text('description') == PENDULUM and again.number('cycle') == 0.004
         node.node.description = PENDULUM[:300]
         with pytest.raises(IdentError, match='is no XML') as caught:
-            node.node.begin(Identify.Goal())
+            node.node.identifying.begin(Identify.Goal())
         assert caught.value.code is ErrorCode.BAD_MACHINE_FILE
         node.node.description = None
         with pytest.raises(IdentError, match='no robot_description was heard'):
-            node.node.begin(Identify.Goal())
+            node.node.identifying.begin(Identify.Goal())
     finally:
         node.close()
         robot.close()

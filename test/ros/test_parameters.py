@@ -62,7 +62,6 @@ def test_defaults_are_declared_with_descriptions_and_ranges(node) -> None:
         assert described.read_only == entry.read_only
         ranges = [*described.integer_range, *described.floating_point_range]
         assert len(ranges) == (entry.low is not None)
-    assert snapshot.genetic(survivors=3).survivors == 3
 
 
 def test_the_template_is_a_parameter_file(node) -> None:

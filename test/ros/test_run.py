@@ -15,9 +15,8 @@ from ros2_ident.jobs import Request
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag
 from ros2_ident.report.preview import Preview, SAMPLES
-from ros2_ident.ros.files import save
-from ros2_ident.ros.run import diagnose, identify, Wanted
-from ros2_ident.ros.unfinished import MOST, place_of
+from ros2_ident.ros.paths import checkpoint_of, MOST
+from ros2_ident.ros.run import diagnose, identify, save, Wanted
 from ros2_ident.search import GeneticSettings
 from ros2_ident.search.journal import Journal
 
@@ -32,7 +31,8 @@ def wanted():
             load_machine(AXIS_FILE),
             bags=(str(BAG),),
             settings=IdentifySettings(genetic=genetic, refine=False),
-        )
+        ),
+        preview_rate=np.inf,
     )
 
 
@@ -42,9 +42,7 @@ def test_better_and_better_candidates_are_shown_during_a_run(wanted):
     def preview(simulated, residual):
         shown.append((heard[-1].best_cost, simulated, residual))
 
-    finished = identify(
-        wanted, None, on_progress=heard.append, on_preview=preview, preview_period=0.0
-    )
+    finished = identify(wanted, None, on_progress=heard.append, on_preview=preview)
     (log,) = read_bag(BAG)
     costs = [cost for cost, _, _ in shown]
     assert costs and costs == sorted(set(costs), reverse=True)
@@ -60,7 +58,7 @@ def test_better_and_better_candidates_are_shown_during_a_run(wanted):
 
 
 def test_previews_leave_the_result_as_it_is(wanted):
-    with_previews = identify(wanted, None, on_preview=lambda *_: None, preview_period=0.0)
+    with_previews = identify(wanted, None, on_preview=lambda *_: None)
     without = identify(wanted, None)
     np.testing.assert_array_equal(with_previews.done.result.theta, without.done.result.theta)
 
@@ -177,10 +175,10 @@ def test_a_directory_that_cannot_be_written_costs_the_checkpoint_only(wanted, tm
 
 def test_checkpoints_do_not_pile_up_and_none_is_shared(tmp_path):
     for k in range(2 * MOST):
-        path = place_of(str(tmp_path), f'goal {k}')
+        path = checkpoint_of(str(tmp_path), f'goal {k}')
         os.utime(path, (k, k))
     assert len(left_in(tmp_path)) == MOST
-    with Journal(place_of(str(tmp_path), 'goal'), 'key') as journal:
-        assert place_of(str(tmp_path), 'goal') != journal._path
-    assert place_of(str(tmp_path), 'goal') == journal._path
-    assert place_of('', 'goal') is None
+    with Journal(checkpoint_of(str(tmp_path), 'goal'), 'key') as journal:
+        assert checkpoint_of(str(tmp_path), 'goal') != journal._path
+    assert checkpoint_of(str(tmp_path), 'goal') == journal._path
+    assert checkpoint_of('', 'goal') is None
