@@ -71,7 +71,7 @@ def parts() -> dict[str, Any]:
     return {
         'name': NAME,
         'packages': found,
-        'package_data': page,
+        'package_data': page | {f'{NAME}.ros': ['*.yaml']},
         'data_files': [
             ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
             (f'share/{NAME}', ['package.xml']),

@@ -185,6 +185,11 @@ class Capture:
         return {role: inbox.meter for role, inbox in self._inbox.items()}
 
     @property
+    def received(self) -> int:
+        """Messages of all streams, as far as they are decoded."""
+        return sum(meter.received for meter in self.meters.values())
+
+    @property
     def empty(self) -> bool:
         """Whether nothing has arrived since the last `clear`."""
         return self._arrived is None

@@ -142,9 +142,10 @@ def _identified(finished: Finished[Identified]) -> dict[str, Any]:
             package_version='provenance.package_version',
         ),
         **_copied(
-            finished, 'configuration_sha256', configuration='wanted.configuration',
-            seconds='done.seconds', bag_sha256='done.logs.sha256',
+            finished, configuration='wanted.configuration', seconds='done.seconds',
+            bag_sha256='done.logs.sha256',
         ),
+        'configuration_sha256': finished.configuration_sha256,
         'error_code': code,
         'error_message': found.message if code else '',
         'outcome': _outcome(found),

@@ -19,16 +19,9 @@ _SLOW = 0.02
 _REVERSALS = 4
 
 
-def _status(
-    name: str, level: bytes, message: str, values: Mapping[str, object]
-) -> DiagnosticStatus:
-    return DiagnosticStatus(
-        name=name,
-        hardware_id='',
-        level=level,
-        message=message,
-        values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
-    )
+# Level, message and values of a status.
+_Judged = tuple[bytes, str, Mapping[str, object]]
+_OK, _WARN, _ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
 def _text(value: object) -> str:
@@ -71,46 +64,53 @@ class Diagnostics:
         """
         array = DiagnosticArray()
         array.header.stamp = stamp
-        array.status = [
-            self._data(meters, topics, silence),
-            self._excitation(),
-            self._search(),
-            self._fit(),
-            self._gap(),
-        ]
+        for name, (level, text, values) in {
+            'data': self._data(meters, topics, silence),
+            'excitation': self._excitation(),
+            'search': (_OK, self.state, self._search()),
+            'fit': self._fit(),
+            'gap': self._gap(),
+        }.items():
+            array.status.append(
+                DiagnosticStatus(
+                    name=f'{self.name}: {name}',
+                    level=level,
+                    message=text,
+                    values=[KeyValue(key=k, value=_text(v)) for k, v in values.items()],
+                )
+            )
         return array
 
     def _data(
         self, meters: Mapping[str, StreamMeter], topics: Mapping[str, str], silence: str
-    ) -> DiagnosticStatus:
+    ) -> _Judged:
         values: dict[str, object] = {}
-        worst = 0.0
         faults = []
         for role, meter in meters.items():
-            values[f'{role}: topic'] = topics[role]
-            values[f'{role}: received'] = meter.received
-            values[f'{role}: rate [Hz]'] = meter.rate
-            values[f'{role}: missing fraction'] = meter.missing_fraction
-            values[f'{role}: segments'] = meter.backward + 1 if meter.received else 0
-            values[f'{role}: latency p50 [ms]'] = 1e3 * meter.latency(50)
-            values[f'{role}: latency p99 [ms]'] = 1e3 * meter.latency(99)
-            if meter.missing_fraction > worst:
-                worst = meter.missing_fraction
+            numbers = {
+                'topic': topics[role],
+                'received': meter.received,
+                'rate [Hz]': meter.rate,
+                'missing fraction': meter.missing_fraction,
+                'segments': meter.backward + 1 if meter.received else 0,
+                'latency p50 [ms]': 1e3 * meter.latency(50),
+                'latency p99 [ms]': 1e3 * meter.latency(99),
+            }
+            values |= {f'{role}: {name}': number for name, number in numbers.items()}
             if meter.malformed:
                 faults.append(f'{meter.malformed} malformed messages on {topics[role]}')
             if meter.dropped:
                 faults.append(f'{meter.dropped} messages of {topics[role]} beyond the buffer')
         if silence:
-            return _status(f'{self.name}: data', DiagnosticStatus.WARN, silence, values)
+            return _WARN, silence, values
+        worst = np.nanmax([0.0, *(meter.missing_fraction for meter in meters.values())])
         if worst > self.missing_warning:
             faults.append(f'{100 * worst:.3g} % of the samples are missing; read the bag directly')
-        level = DiagnosticStatus.WARN if faults else DiagnosticStatus.OK
-        return _status(f'{self.name}: data', level, '; '.join(faults) or 'complete', values)
+        return _WARN if faults else _OK, '; '.join(faults) or 'complete', values
 
-    def _excitation(self) -> DiagnosticStatus:
-        name = f'{self.name}: excitation'
+    def _excitation(self) -> _Judged:
         if self.data is None:
-            return _status(name, DiagnosticStatus.OK, 'judged at the end of a run', {})
+            return _OK, 'judged at the end of a run', {}
         values: dict[str, object] = {}
         poor = []
         for drive, (travel, speed, reversals) in excitation(self.data).items():
@@ -124,29 +124,27 @@ class Diagnostics:
                 f'{", ".join(poor)} reversed fewer than {_REVERSALS} times; friction is poorly '
                 'determined'
             )
-            return _status(name, DiagnosticStatus.WARN, text, values)
-        return _status(name, DiagnosticStatus.OK, 'sufficient', values)
+            return _WARN, text, values
+        return _OK, 'sufficient', values
 
-    def _search(self) -> DiagnosticStatus:
-        values: dict[str, object] = {}
-        if self.progress is not None:
-            p = self.progress
-            values = {
-                'generation': f'{p.generation}/{p.generations}',
-                'evaluations': p.evaluations,
-                'evaluations per second': p.evaluations / p.elapsed if p.elapsed else math.nan,
-                f'best cost [{p.cost_unit}]': p.best_cost,
-                'spread': max(p.spread, default=math.nan),
-                'elapsed [s]': p.elapsed,
-                'to go [s]': p.eta,
-            }
-        return _status(f'{self.name}: search', DiagnosticStatus.OK, self.state, values)
+    def _search(self) -> dict[str, object]:
+        p = self.progress
+        if p is None:
+            return {}
+        return {
+            'generation': f'{p.generation}/{p.generations}',
+            'evaluations': p.evaluations,
+            'evaluations per second': p.evaluations / p.elapsed if p.elapsed else math.nan,
+            f'best cost [{p.cost_unit}]': p.best_cost,
+            'spread': max(p.spread, default=math.nan),
+            'elapsed [s]': p.elapsed,
+            'to go [s]': p.eta,
+        }
 
-    def _fit(self) -> DiagnosticStatus:
-        name = f'{self.name}: fit'
-        if self.result is None:
-            return _status(name, DiagnosticStatus.OK, 'nothing identified yet', {})
+    def _fit(self) -> _Judged:
         r = self.result
+        if r is None:
+            return _OK, 'nothing identified yet', {}
         values: dict[str, object] = {
             f'{drive}: residual [{r.cost_unit}]': rms
             for drive, rms in zip(r.drives, r.residual_rms, strict=False)
@@ -156,20 +154,16 @@ class Diagnostics:
         values['at a bound'] = ', '.join(bound) or 'none'
         values['not identifiable'] = ', '.join(loose) or 'none'
         values |= _numbered(r.warnings)
-        level = DiagnosticStatus.OK
         if r.error_code:
-            level = DiagnosticStatus.ERROR
-        elif bound or loose or r.warnings:
-            level = DiagnosticStatus.WARN
-        return _status(name, level, r.error_message or _with_first(r), values)
+            return _ERROR, r.error_message, values
+        return _WARN if bound or loose or r.warnings else _OK, _with_first(r), values
 
-    def _gap(self) -> DiagnosticStatus:
-        name = f'{self.name}: gap'
+    def _gap(self) -> _Judged:
         g = self.gap
         if g is None:
-            return _status(name, DiagnosticStatus.OK, 'nothing diagnosed yet', {})
+            return _OK, 'nothing diagnosed yet', {}
         if not g.effect:
-            return _status(name, DiagnosticStatus.ERROR, g.error_message, {})
+            return _ERROR, g.error_message, {}
         values: dict[str, object] = {
             'verdict': _place(g.effect, g.where),
             'probability': g.probability,
@@ -189,18 +183,17 @@ class Diagnostics:
             values['also'] = ', '.join(_place(a.effect, a.where) for a in g.also)
         values |= _numbered(g.warnings)
         if g.effect in (g.EFFECT_BOOKKEEPING, g.EFFECT_MODEL):
-            return _status(name, DiagnosticStatus.ERROR, g.sentence, values)
+            return _ERROR, g.sentence, values
         if g.error_code == ErrorCode.CANCELLED:
             text += '; cancelled'
         if g.effect == g.EFFECT_NONE:
-            level = DiagnosticStatus.WARN if g.warnings else DiagnosticStatus.OK
-            return _status(name, level, g.sentence, values)
+            return _WARN if g.warnings else _OK, g.sentence, values
         missing = 'something not in the catalogue'
         if g.effect != g.EFFECT_UNKNOWN:
             missing = _place(g.effect, g.where)
         elif g.error_code:
             missing = 'not found by then'
-        return _status(name, DiagnosticStatus.WARN, f'{text}; missing: {missing}', values)
+        return _WARN, f'{text}; missing: {missing}', values
 
 
 def _numbered(warnings: Sequence[str]) -> dict[str, object]:

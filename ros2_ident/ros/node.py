@@ -17,15 +17,16 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording import RecordingBuilder
-from ros2_ident.ros import parameters, start
+from ros2_ident.models import load_machine
+from ros2_ident.recording import read_bag, RecordingBuilder, Topics
+from ros2_ident.recording.spool import Spool
+from ros2_ident.ros import parameters
 from ros2_ident.ros.actions import DIAGNOSE, GoalServer, IDENTIFY, REQUESTS
-from ros2_ident.ros.board import Board
 from ros2_ident.ros.capture import Capture
 from ros2_ident.ros.diagnostics import Diagnostics
 from ros2_ident.ros.goals import automatic_goal, Heard
-from ros2_ident.ros.outlet import LATCHED, Outlet
-from ros2_ident.ros.page import PageWriter
+from ros2_ident.ros.outlet import Board, LATCHED, Outlet, PageWriter
+from ros2_ident.ros.paths import expanded
 from ros2_ident.ros.run import Finished, save
 from ros2_ident.ros.worker import Worker
 
@@ -104,17 +105,65 @@ class Identifier(Node):
             limit=now['buffer_messages'],
             keep_streams=now['keep_streams'],
             names=now['joint_names'],
-            spool=start.spool_of(self, now),
+            spool=self._spool(now),
         )
-        self.board = Board(self, self.outlet, self.capture)
+        self.board = Board(self)
         self.board.publish()
         self.add_post_set_parameters_callback(lambda _: self._parameters_changed())
-        start.look_at_machine(self, now['machine_file'])
-        start.find_again(self)
+        if now['machine_file']:  # what is wrong with it is said at once; a goal may name another
+            try:
+                load_machine(expanded(now['machine_file']))
+            except IdentError as error:
+                self.board.refuse(error)
+        self._find_again()
 
     def _described(self, message: String) -> None:
         """Keep what is heard of the robot, for machine files that ask for it."""
         self.description = message.data
+
+    def _spool(self, now: parameters.Snapshot) -> Spool | None:
+        """Return the file to which what arrives is written as well; None for none."""
+        if not (now['output_directory'] and now['spool_size']):
+            return None
+        name = self.get_fully_qualified_name().strip('/').replace('/', '.')
+        try:
+            folder = expanded(now['output_directory']) / 'spool'
+            return Spool(folder / f'{name}.mcap', 1_000_000 * now['spool_size'])
+        except IdentError as error:
+            self.get_logger().warning(f'what arrives is not spooled: {error.message}')
+            return None
+
+    def _find_again(self) -> None:
+        """Read what was heard before a restart, if nothing is heard by then."""
+        capture = self.capture
+        if capture.spool is None or capture.spool.empty:
+            return
+        path = capture.spool.path
+        where = Topics(**capture.topics, names=capture.names, so_far=True)
+
+        def found(recordings: Any, error: BaseException | None) -> None:
+            if error is not None:
+                text = error.message if isinstance(error, IdentError) else str(error)
+                self.get_logger().warning(f'what was heard before the start is lost: {text}')
+            elif capture.empty:
+                capture.restore(recordings)
+                self.board.change(
+                    Status.STATE_READY,
+                    f'{capture.received} messages from before the start are held ({path}); send a '
+                    'goal to ~/identify or ~/diagnose, replay anew, or call ~/clear_data',
+                )
+
+        self.worker.chore(lambda: read_bag(path, where), found)
+
+    def _look_for_twins(self) -> None:
+        """Say once that another node has the same name: topics and services are mixed up."""
+        own = self.get_name(), self.get_namespace()
+        if not self.twin and self.get_node_names_and_namespaces().count(own) > 1:
+            self.twin = True
+            self.get_logger().warning(
+                f'another node is named {self.get_fully_qualified_name()} too, and both answer; '
+                'end one of them or start it with --ros-args -r __node:=another_name'
+            )
 
     # ------------------------------------------------------------------ runs
 
@@ -188,7 +237,7 @@ class Identifier(Node):
 
     def _clear_data(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.capture.flush()  # or what is not decoded yet is forgotten without a count
-        count = sum(meter.received for meter in self.capture.meters.values())
+        count = self.capture.received
         self.capture.clear()
         if not self.worker.busy:
             self.board.change(Status.STATE_WAITING, 'no data yet')
@@ -257,7 +306,7 @@ class Identifier(Node):
             self._explain()
         capture.adapt()
         if self._ticks % round(1.0 / TICK) == 0:
-            self.twin = self.twin or start.look_for_twins(self)
+            self._look_for_twins()
             capture.flush()
             if (not capture.empty and not capture.ended) or self.worker.busy:
                 self.board.publish()
@@ -298,12 +347,11 @@ class Identifier(Node):
 
     def begin_series(self, simulated: list[bytes], residual: list[bytes]) -> None:
         """Publish two series of serialised messages in place of those still waiting."""
-        self.outlet.series(simulated=simulated, residual=residual)
+        self.outlet.series(simulated, residual)
         self._series.reset()
 
     def _publish_series(self) -> None:
-        self.outlet.go_on()
-        if not self.outlet.waiting:
+        if not self.outlet.go_on():
             self._series.cancel()
 
     def _publish_diagnostics(self) -> None:

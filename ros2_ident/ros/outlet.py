@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node says: its publishers, and long series in pieces that keep it responsive."""
+"""What the node says: its publishers, its state in words, and the pages on its runs."""
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 import itertools
+from pathlib import Path
+import subprocess
+import sys
+import traceback
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -13,17 +17,20 @@ from ros2_ident_msgs.msg import Gap, IdentificationResult, Progress, Status
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
+from ros2_ident.errors import ErrorCode, IdentError
+
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-EVENTS = QoSProfile(depth=10)
-SERIES = QoSProfile(depth=5000)
+EVENTS, SERIES = 10, 5000  # depths
 # Messages of a series in one go: about a millisecond.
 _PIECE = 100
+# The process goes behind everything else, as the worker does.
+_REPORT = ['nice', '-n', '10', sys.executable, '-m', 'ros2_ident.cli.main', 'report']
 
 
 class Outlet:
-    """The publishers of a node.
+    """The publishers of a node, and long series in pieces that keep it responsive.
 
     Args:
         node: The node.
@@ -44,28 +51,152 @@ class Outlet:
         self.status = node.create_publisher(Status, '~/status', LATCHED)
         self.scene = node.create_publisher(MarkerArray, '~/scene', LATCHED)
         self.diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', EVENTS)
-        self._series = {
-            name: node.create_publisher(JointState, f'~/{name}', SERIES)
-            for name in ('simulated', 'residual')
-        }
+        self._series = [
+            node.create_publisher(JointState, name, SERIES)
+            for name in ('~/simulated', '~/residual')
+        ]
         self._waiting: deque[tuple[Any, Iterable[bytes]]] = deque()
 
-    def series(self, **messages: Iterable[bytes]) -> None:
-        """Begin to publish series of serialised messages instead of those still waiting."""
-        self._waiting = deque((self._series[name], iter(x)) for name, x in messages.items())
+    def series(self, *messages: Iterable[bytes]) -> None:
+        """Begin to publish simulated and residual effort instead of those still waiting."""
+        self._waiting = deque(zip(self._series, map(iter, messages), strict=True))
 
-    @property
-    def waiting(self) -> bool:
-        """Whether messages of a series are left to publish."""
+    def go_on(self) -> bool:
+        """Publish the next piece of the series, alternating; return whether any is left."""
+        if self._waiting:
+            publisher, messages = self._waiting.popleft()
+            piece = list(itertools.islice(messages, _PIECE))
+            for message in piece:
+                publisher.publish(message)
+            if len(piece) == _PIECE:
+                self._waiting.append((publisher, messages))
         return bool(self._waiting)
 
-    def go_on(self) -> None:
-        """Publish the next piece of the series, alternating between them."""
-        if not self._waiting:
-            return
-        publisher, messages = self._waiting.popleft()
-        piece = list(itertools.islice(messages, _PIECE))
-        for message in piece:
-            publisher.publish(message)
-        if len(piece) == _PIECE:
-            self._waiting.append((publisher, messages))
+
+class Board:
+    """The node's state in a number and in words, on ~/status and in the log.
+
+    Args:
+        node: The node, with an outlet and the capture whose streams are listed.
+
+    Attributes:
+        state: One of the message's states.
+        sentence: The same in words.
+    """
+
+    def __init__(self, node: Any) -> None:
+        self.state: int = Status.STATE_WAITING
+        self.sentence = 'no data yet'
+        self._error: IdentError | None = None
+        self._stumbled: set[str] = set()
+        self._node = node
+        self._log = node.get_logger()
+
+    def change(self, state: int, sentence: str, error: IdentError | None = None) -> None:
+        """Enter a state."""
+        self.state = state
+        self.sentence = sentence
+        self._error = error
+        if error is not None and error.code != ErrorCode.CANCELLED:
+            self._log.error(sentence)
+        else:
+            self._log.info(sentence)
+        self.publish()
+
+    def warn(self, sentence: str) -> None:
+        """Say something else in the same state, once."""
+        if sentence != self.sentence:
+            self._log.warning(sentence)
+            self.sentence = sentence
+            self.publish()
+
+    def warnings(self, sentences: Sequence[str]) -> None:
+        """Log what a result warns of, without another state."""
+        for sentence in sentences:
+            self._log.warning(sentence)
+
+    def refuse(self, error: IdentError) -> None:
+        """Say why a goal was refused, without touching what runs."""
+        self._log.warning(error.message)
+        self._error = error
+        self.publish()
+
+    def fault(self, error: BaseException) -> IdentError:
+        """Return what the user is told; what is no user's error goes to the log in full."""
+        if isinstance(error, IdentError):
+            return error
+        text = ''.join(traceback.format_exception(error))
+        self._log.error(f'a defect of this package:\n{text}')
+        return IdentError(
+            ErrorCode.INTERNAL,
+            f'a defect of this package ended the run ({type(error).__name__}: {error}); '
+            'please report it with the log',
+        )
+
+    def stumbled(self, error: BaseException) -> None:
+        """Log what a callback raised, once for each place and kind."""
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        what = f'{type(error).__name__} in {frame.filename}:{frame.lineno}'
+        if what not in self._stumbled:
+            self._stumbled.add(what)
+            self.fault(error)
+
+    def unwritten(self, error: BaseException) -> IdentError:
+        """Say that the files of a run could not be written; return what the user is told."""
+        fault = self.fault(error)
+        self._log.error(
+            f'{fault.message}; the result is published; correct that, then call ~/save_result to '
+            'write it'
+        )
+        return fault
+
+    def publish(self) -> None:
+        """Publish the state as it is."""
+        meters = self._node.capture.meters.values()
+        message = Status(
+            state=self.state,
+            sentence=self.sentence,
+            streams=list(self._node.capture.topics.values()),
+            received=[meter.received for meter in meters],
+            rate=[meter.rate for meter in meters],
+            missing_fraction=[meter.missing_fraction for meter in meters],
+        )
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        if self._error is not None:
+            message.error_code = int(self._error.code)
+            message.error_message = self._error.message
+        self._node.outlet.status.publish(message)
+
+
+class PageWriter:
+    """Has pages on runs written by processes of their own: messages and runs need not wait."""
+
+    def __init__(self) -> None:
+        self._running: list[subprocess.Popen[str]] = []
+
+    def start(self, result_file: str) -> None:
+        """Begin to write the page on a run.
+
+        Args:
+            result_file: Path of its result or diagnosis file; empty to write nothing.
+        """
+        if result_file:
+            process = subprocess.Popen(
+                [*_REPORT, str(Path(result_file).parent)],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
+                start_new_session=True,  # Ctrl-C ends the node, and the page is still written
+            )
+            self._running.append(process)
+
+    def failures(self) -> list[str]:
+        """Return a sentence for each page that could not be written since the last call."""
+        ended = [process for process in self._running if process.poll() is not None]
+        self._running = [process for process in self._running if process not in ended]
+        return [
+            f'the page on a run was not written ({process.communicate()[1].strip()}); its other '
+            'files are there, and `ident report` writes the page from them'
+            for process in ended
+            if process.returncode
+        ]

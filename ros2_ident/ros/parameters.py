@@ -20,7 +20,7 @@ from rclpy.parameter import Parameter
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
-from ros2_ident.ros.parameter_table import BY_NAME, Entry, literal, TABLE
+from ros2_ident.ros.parameter_table import BY_NAME, Entry, literal
 from ros2_ident.ros.paths import expanded
 
 _TYPES = {
@@ -58,14 +58,14 @@ def descriptor(entry: Entry) -> ParameterDescriptor:
     return found
 
 
-def declare(node: Node, table: Iterable[Entry] = TABLE) -> None:
+def declare(node: Node) -> None:
     """Declare every parameter of the table on a node.
 
     Raises:
         IdentError: BAD_VALUES where an override does not fit, with the remedy.
     """
     given = dict(node._parameter_overrides)  # as launch files and the command line say; read only
-    for entry in table:
+    for entry in BY_NAME.values():
         value = given[entry.name].value if entry.name in given else None
         try:
             if entry.kind == 'string_array' and (reason := wrong_list(entry, value)):
@@ -132,10 +132,10 @@ def unknown(node: Node) -> list[str]:
     return sentences
 
 
-def snapshot(node: Node, table: Iterable[Entry] = TABLE) -> Snapshot:
+def snapshot(node: Node) -> Snapshot:
     """Return all parameters of the table as they are now."""
     values = {}
-    for entry in table:
+    for entry in BY_NAME.values():
         value = node.get_parameter(entry.name).value
         if entry.kind == 'string_array':
             value = tuple(x for x in value or () if x)

@@ -2,21 +2,29 @@
 """The program `replay`: plays a bag's JointState topics where there is no `ros2 bag play`."""
 
 import argparse
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 import signal
 import sys
 import time
+from typing import Any, NamedTuple
 
-from ros2_ident.errors import IdentError
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import get_typestore, Stores
+
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.ros.identifier import missing, Stop
-from ros2_ident.ros.playback import Bag, Message, play
 
+TYPE = 'sensor_msgs/msg/JointState'
 # A publisher knows of a subscriber a little before that one knows of it; what is sent in between
 # is lost, and nothing tells when it is over.
 SETTLE = 0.5
 # Time for the last messages to leave this process: what reliable subscribers may take to confirm
 # them, and what comes on top for the others.
 PATIENCE, LINGER = 1.0, 0.3
+# The longest sleep [s]: a signal is noticed after it.
+_NAP = 0.05
 
 EXAMPLES = (
     'examples:\n'
@@ -27,6 +35,110 @@ EXAMPLES = (
     '\n'
     'exit codes: 0 played to its end, 1 not played, 2 wrong arguments, 130 interrupted\n'
 )
+
+
+class Message(NamedTuple):
+    """One serialised message."""
+
+    topic: str
+    log_time: int
+    data: bytes
+
+
+class Bag:
+    """The JointState topics of a bag, read as they are needed.
+
+    Args:
+        path: A bag directory or a single file.
+        topics: Topics to take; all of the type where None.
+
+    Attributes:
+        topics: Topics and how many messages each has.
+        skipped: Topics of other types.
+        duration: From the first to the last log time of the bag, s.
+
+    Raises:
+        IdentError: NO_DATA, MISSING_STREAM or DAMAGED_BAG.
+    """
+
+    def __init__(self, path: str | Path, topics: Sequence[str] | None = None) -> None:
+        path = Path(path).expanduser()
+        if not path.exists():
+            raise IdentError(
+                ErrorCode.NO_DATA, f'{path}: does not exist; give a bag directory or an .mcap file'
+            )
+        try:
+            reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            reader.open()
+        except Exception as exc:  # rosbags lets errors of its decoders through
+            reason = ' '.join(str(exc).split()).rstrip('.') or type(exc).__name__
+            raise IdentError(
+                ErrorCode.DAMAGED_BAG,
+                f'{path}: cannot be played ({reason}); try `mcap recover` or `ros2 bag reindex`',
+            ) from None
+        self._reader = reader
+        fitting = [x for x in reader.connections if x.msgtype == TYPE]
+        self.skipped = sorted({x.topic for x in reader.connections if x.msgtype != TYPE})
+        there = sorted({x.topic for x in fitting})
+        if absent := [topic for topic in topics or () if topic not in there]:
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                f'{path}: has no JointState topic {", ".join(absent)}; '
+                f'it has {", ".join(there) or "none"}',
+            )
+        self._connections = [x for x in fitting if topics is None or x.topic in topics]
+        self.topics: Counter[str] = Counter()
+        for connection in self._connections:
+            self.topics[connection.topic] += connection.msgcount
+        if not self.topics.total():
+            raise IdentError(
+                ErrorCode.NO_DATA,
+                f'{path}: holds no message of type {TYPE}; '
+                f'its other topics are {", ".join(self.skipped) or "none"}',
+            )
+        self.duration = 1e-9 * (int(reader.end_time) - int(reader.start_time))
+
+    def messages(self) -> Iterator[Message]:
+        """Yield the messages in the order of log time, in the CDR of ROS 2."""
+        reader = self._reader
+        for connection, log_time, data in reader.messages(connections=self._connections):
+            raw = data if reader.is2 else reader.typestore.ros1_to_cdr(data, TYPE)
+            yield Message(connection.topic, int(log_time), bytes(raw))
+
+    def close(self) -> None:
+        """Close the files."""
+        self._reader.close()
+
+
+def play(
+    messages: Iterable[Message],
+    publish: Callable[[Message], None],
+    *,
+    rate: float = 1.0,
+    stopped: Callable[[], Any] = lambda: False,
+    between: Callable[[int], None] = lambda log_time: None,
+) -> bool:
+    """Hand out messages at the recorded pace; return whether the end was reached.
+
+    Args:
+        messages: In the order of log time.
+        publish: Takes a message when it is due.
+        rate: Times faster than recorded.
+        stopped: Whether to end now.
+        between: Called with the log time now, ns, between the messages; has to be quick.
+    """
+    first, start = None, time.monotonic_ns()
+    for message in messages:
+        if first is None:
+            first, start = message.log_time, time.monotonic_ns()
+        due = start + round((message.log_time - first) / rate)
+        while not stopped() and (now := time.monotonic_ns()) < due:
+            between(first + round((now - start) * rate))
+            time.sleep(min((due - now) * 1e-9, _NAP))
+        if stopped():
+            return False
+        publish(message)
+    return True
 
 
 def positive(text: str) -> float:
@@ -81,13 +193,10 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     stop = Stop().install()
     given = list(sys.argv[1:] if args is None else args)
-    own, ros = given, []
-    if '--ros-args' in given:
-        at = given.index('--ros-args')
-        own, ros = given[:at], given[at:]
-    options = parser().parse_args(own)
+    at = given.index('--ros-args') if '--ros-args' in given else len(given)
+    options = parser().parse_args(given[:at])
     try:
-        return _play(options, ros, stop)
+        return _play(options, given[at:], stop)
     except IdentError as error:
         print(f'replay: {error.message}', file=sys.stderr)
         return 1
@@ -106,7 +215,7 @@ def _play(options: argparse.Namespace, ros: list[str], stop: Stop) -> int:
     if not options.quiet:
         left = f'; not {", ".join(bag.skipped)}, no JointState' if bag.skipped else ''
         print(
-            f'replay: {bag.count} messages of {", ".join(bag.topics)}, '
+            f'replay: {bag.topics.total()} messages of {", ".join(bag.topics)}, '
             f'{bag.duration / options.rate:.1f} s{left}',
             file=sys.stderr,
             flush=True,
@@ -115,104 +224,74 @@ def _play(options: argparse.Namespace, ros: list[str], stop: Stop) -> int:
     ros = (ros or ['--ros-args']) + remaps
     rclpy.init(args=ros, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        station = Station(bag, options)
-        try:
-            return station.run(stop)
-        finally:
-            station.close()
+        return _publish(rclpy.create_node('replay'), bag, options, stop)
     finally:
         bag.close()
         rclpy.try_shutdown()
 
 
-class Station:
-    """The node that plays, and its publishers.
+def _publish(node: Any, bag: Bag, options: argparse.Namespace, stop: Stop) -> int:
+    """Play as the options say, and let the last messages out; return the exit code."""
+    from rclpy.duration import Duration
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import JointState
 
-    Args:
-        bag: What to play.
-        options: The command line.
-    """
+    # reliable: matches every subscriber
+    publishers = {topic: node.create_publisher(JointState, topic, 5000) for topic in bag.topics}
+    clock = node.create_publisher(Clock, '/clock', 10) if options.clock else None
+    next_clock = 0
 
-    def __init__(self, bag: Bag, options: argparse.Namespace) -> None:
-        from rclpy.node import Node
-        from rclpy.qos import QoSProfile
-        from rosgraph_msgs.msg import Clock
-        from sensor_msgs.msg import JointState
+    def tick(log_time: int) -> None:
+        nonlocal next_clock
+        if clock is None or log_time < next_clock:
+            return
+        next_clock = log_time + round(1e9 / options.clock * options.rate)
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(log_time, 1_000_000_000)
+        clock.publish(message)
 
-        self._bag = bag
-        self._options = options
-        self._node = Node('replay')
-        qos = QoSProfile(depth=5000)  # reliable: matches every subscriber
-        self._publishers = {
-            topic: self._node.create_publisher(JointState, topic, qos) for topic in bag.topics
-        }
-        self._clock = None
-        if options.clock:
-            self._clock = self._node.create_publisher(Clock, '/clock', QoSProfile(depth=10))
-            self._clock_type = Clock
-        self._next_clock = 0
+    def publish(message: Message) -> None:
+        tick(message.log_time)
+        publishers[message.topic].publish(message.data)
 
-    def run(self, stop: Stop) -> int:
-        """Play as the options say; return the exit code."""
-        options = self._options
-        if options.wait_for_subscribers and not self._wait(options.wait_for_subscribers, stop):
-            if stop.signal:
-                return 128 + stop.signal
-            names = [t for t, p in self._publishers.items() if not p.get_subscription_count()]
+    def stopped() -> int:
+        return stop.signal
+
+    try:
+        patience = options.wait_for_subscribers
+        if patience and (deaf := _unheard(publishers, patience, stopped)):
             print(
-                f'replay: nobody listened to {", ".join(names)} within '
-                f'{options.wait_for_subscribers:g} s; start the subscriber first, or choose with '
-                '--topics',
+                f'replay: nobody listened to {", ".join(deaf)} within {patience:g} s; start the '
+                'subscriber first, or choose with --topics',
                 file=sys.stderr,
             )
             return 1
-        whole = play(
-            self._bag.messages(),
-            self._publish,
-            rate=options.rate,
-            stopped=lambda: bool(stop.signal),
-            between=self._tick_clock,
-        )
+        whole = play(bag.messages(), publish, rate=options.rate, stopped=stopped, between=tick)
         return 0 if whole else 128 + stop.signal
-
-    def _publish(self, message: Message) -> None:
-        self._tick_clock(message.log_time)
-        self._publishers[message.topic].publish(message.data)
-
-    def _tick_clock(self, log_time: int) -> None:
-        if self._clock is None or log_time < self._next_clock:
-            return
-        self._next_clock = log_time + round(1e9 / self._options.clock * self._options.rate)
-        message = self._clock_type()
-        message.clock.sec, message.clock.nanosec = divmod(log_time, 1_000_000_000)
-        self._clock.publish(message)
-
-    def _wait(self, seconds: float, stop: Stop) -> bool:
-        """Wait for a subscriber on each topic; return whether they came."""
-        deadline = time.monotonic() + seconds
-        while time.monotonic() < deadline and not stop.signal:
-            if all(p.get_subscription_count() for p in self._publishers.values()):
-                _sleep(SETTLE, stop)
-                return True
-            time.sleep(0.02)
-        return False
-
-    def close(self) -> None:
-        """Let the last messages out and take the node off the air."""
-        from rclpy.duration import Duration
-
+    finally:
         deadline = time.monotonic() + PATIENCE
-        for publisher in self._publishers.values():
+        for publisher in publishers.values():
             left = max(0.0, deadline - time.monotonic())
             publisher.wait_for_all_acked(Duration(seconds=left))
         time.sleep(LINGER)
-        self._node.destroy_node()
+        node.destroy_node()
 
 
-def _sleep(seconds: float, stop: Stop) -> None:
-    deadline = time.monotonic() + seconds
-    while not stop.signal and (left := deadline - time.monotonic()) > 0.0:
-        time.sleep(min(left, 0.05))
+def _unheard(
+    publishers: dict[str, Any], seconds: float, stopped: Callable[[], int]
+) -> list[str]:
+    """Wait for a subscriber on each topic; return the topics that have none in the end."""
+    end = time.monotonic() + seconds
+    while deaf := [x for x, p in publishers.items() if not p.get_subscription_count()]:
+        if stopped():
+            return []
+        if time.monotonic() > end:
+            return deaf
+        time.sleep(_NAP)
+    end = time.monotonic() + SETTLE
+    while not stopped() and time.monotonic() < end:
+        time.sleep(_NAP)
+    return []
 
 
 if __name__ == '__main__':

@@ -154,7 +154,7 @@ def check_python(words: list[str]) -> None:
 
 
 def check_ros2(words: list[str]) -> None:
-    from ros2_ident.ros.parameter_table import TABLE
+    from ros2_ident.ros.parameter_table import BY_NAME
 
     if words[1:3] == ['run', 'robot_state_publisher']:
         return  # of another package
@@ -165,7 +165,7 @@ def check_ros2(words: list[str]) -> None:
         assert name in programs if words[1] == 'run' else (ROOT / 'launch' / name).is_file()
     for before, word in zip(words, words[1:], strict=False):
         if before == '-p' and not word.startswith('qos_overrides'):
-            assert word.split(':=')[0] in {entry.name for entry in TABLE}, word
+            assert word.split(':=')[0] in BY_NAME, word
         if word.startswith('/identifier/'):
             text = (ROOT / 'docs/node.md').read_text()
             assert f'`~/{word.removeprefix("/identifier/")}`' in text, word
