@@ -3,6 +3,7 @@
 
 import ast
 import json
+import os
 from pathlib import Path
 import re
 import shutil
@@ -133,6 +134,23 @@ def test_what_the_tests_import_is_declared() -> None:
     known = depends('exec') | depends('test')
     names = {x: {x, KEYS.get(x, f'python3-{x}')} for x in modules}
     assert not [x for x, keys in names.items() if not keys & known]
+
+
+def test_a_release_holds_three_packages_side_by_side_and_asks_pip_for_nothing(
+    tmp_path: Path,
+) -> None:
+    words = [str(ROOT / 'tools/release_tree.sh'), str(tmp_path)]
+    subprocess.run(words, env={**os.environ, 'LIBRARIES': 'no'}, check=True)
+    found = {path.parent.name: ElementTree.parse(path) for path in tmp_path.glob('*/package.xml')}
+    vendor = 'ros2_ident_vendor'
+    assert found.keys() == {'ros2_ident', 'ros2_ident_msgs', vendor}
+    assert len({tree.findtext('version') for tree in found.values()}) == 1
+    ours = {str(x.text) for x in found['ros2_ident'].iter() if x.tag.endswith('_depend')}
+    pip = {key for key in KEYS.values() if key.endswith('-pip')} | {KEYS['mcap']}
+    assert ours == depends('exec') - pip | {vendor}
+    assert (tmp_path / 'ros2_ident/ros2_ident/cli/main.py').exists()
+    assert (tmp_path / 'ros2_ident_msgs/action/Identify.action').exists()
+    assert 'Forthcoming' not in (tmp_path / 'ros2_ident/CHANGELOG.rst').read_text()
 
 
 @pytest.mark.ros

@@ -49,7 +49,8 @@ def scan(path: Path, content: Content) -> Losses:
         Damage: The file is no ROS 1 bag, is encrypted, or has no sound index.
     """
     losses = Losses(size=path.stat().st_size)
-    reader = _Chunks(_Mapped(path))  # type: ignore[arg-type]
+    reader = _Chunks(path)
+    reader.path = _Mapped(path)  # type: ignore[assignment]
     try:
         reader.open()
     except Exception as exc:  # the parser lets whatever damaged bytes cause through
@@ -64,7 +65,6 @@ class _Mapped:
     """A path whose file is mapped: no stated length makes it allocate more than is there."""
 
     def __init__(self, path: Path) -> None:
-        self.exists = path.exists
         self._path = path
 
     def open(self, mode: str) -> mmap.mmap:
