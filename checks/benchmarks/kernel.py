@@ -26,8 +26,7 @@ import numpy as np
 from ros2_ident.kernel import rows
 from ros2_ident.lanes import WIDTH
 from ros2_ident.models import load_machine
-from ros2_ident.models.rotary_tripod.model import Delta
-from ros2_ident.models.tripod.model import Tripod
+from ros2_ident.models.tripod.model import Delta, Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSearch, GeneticSettings, minimise, ThreadedEvaluator
 from ros2_ident.simulate.motions import draw_motion

@@ -21,9 +21,10 @@ class Task(NamedTuple):
 
     Attributes:
         wanted: (Q, D, K) column of `out` for each quantity, drive and cycle, -1 for none.
-        measured: (Q, D, K + 1) what was measured where costs are summed, else (0, 0, 0).
+        measured: (Q, D, K + 1) what was measured where costs are summed, NaN where there is no
+            sample and behind the last cycle; else (0, 0, 0).
         samples: (Q, D) cycles that count.
-        weights: (Q,) factors on the errors.
+        weights: (Q,) factors on the errors, positive.
         limits: (S,) cost above which a candidate need not be simulated further; (0,) for none.
         out: (S, C) what the log holds, or (S, 1) costs.
     """

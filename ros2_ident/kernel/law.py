@@ -34,12 +34,7 @@ def _build(digest):
         delayed,
         cycle,
         law,
-        wanted,
-        measured,
-        samples,
-        weights,
-        limits,
-        out,
+        task,
     ):
         """Run the controllers of blocks of candidates along a recorded motion.
 
@@ -54,8 +49,7 @@ def _build(digest):
             delayed: Whether command delays are on.
             cycle: Controller cycle [s].
             law: (D,) VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
-            wanted, measured, samples, out: As for `measurement.hand_on`.
-            weights, limits: Not looked at.
+            task: A `Task`; its weights and limits are not looked at.
         """
         _ = digest
         drives = on.shape[0]
@@ -88,21 +82,10 @@ def _build(digest):
                     store(torques, (d * measurement.PIECE + piece) * W, torque)
                 if piece == measurement.PIECE - 1 or k == count - 1:
                     measurement.hand_on(
-                        par,
-                        torques,
-                        torques,
-                        k - piece,
-                        piece + 1,
-                        cycle,
-                        wanted,
-                        measured,
-                        samples,
-                        rows[g],
-                        kept,
+                        par, torques, torques, k - piece, piece + 1, cycle, task, rows[g], kept,
                         rest,
-                        out,
-                    )
-            measurement.conclude(par, finite, measured, samples, weights, rows[g], kept, out)
+                    )  # fmt: skip
+            measurement.conclude(par, finite, task, rows[g], kept)
 
     return replay
 

@@ -135,19 +135,17 @@ def _square(late, whole, first, count, measured, squares):
 
 
 @inlined
-def _book(seen, whole, first, count, wanted, measured, q, d, rows, kept, out):
+def _book(seen, whole, first, count, task, q, d, rows, kept):
     """Write what the log holds of quantity `q` of drive `d`, or add it to the costs."""
-    if measured.size:
+    if task.measured.size:
         row = (d * KEPT + SQUARES + q) * W
-        _square(seen, whole, first, count, measured[q, d], kept[row : row + W])
+        _square(seen, whole, first, count, task.measured[q, d], kept[row : row + W])
     else:
-        _write(seen, whole, first, count, wanted[q, d], rows, out)
+        _write(seen, whole, first, count, task.wanted[q, d], rows, task.out)
 
 
 @called
-def hand_on(
-    par, torque, moves, first, count, cycle, wanted, measured, samples, rows, kept, room, out
-):  # fmt: skip
+def hand_on(par, torque, moves, first, count, cycle, task, rows, kept, room):
     """Write a piece of a block's log where it is wanted, or add it to the costs.
 
     A quantity is the effort or, where Q is 3 and not 1, the motors' position or velocity.
@@ -160,22 +158,18 @@ def hand_on(
         first: The piece's first cycle.
         count: Its cycles.
         cycle: Controller cycle [s].
-        wanted: (Q, D, K) column of `out` for each quantity, drive and cycle, -1 for none.
-        measured: (Q, D, K + 1) what was measured, to sum costs, NaN where there is no sample and
-            behind the last cycle; (0, 0, 0) to write the log.
-        samples: (Q, D) how many cycles of a drive count.
+        task: A `group.Task`. The torque's delay interpolates linearly between cycles; before the
+            first cycle the torque is the first one.
         rows: (W,) row of `out` for each lane, -1 for none.
         kept: (D * KEPT * W,) what is kept between pieces; zero before the first.
         room: (ROOM * W,) to work in.
-        out: (S, C) the log, written where it is wanted. The torque's delay interpolates linearly
-            between cycles; before the first cycle the torque is the first one.
     """
-    quantities, drives, cycles = wanted.shape
+    quantities, drives, cycles = task.wanted.shape
     late = room[: PIECE * W]
     whole = room[PIECE * W :]
     for q in range(quantities):
         for d in range(drives):
-            if not samples[q, d]:
+            if not task.samples[q, d]:
                 continue
             if q == 0:
                 _log(par, torque, d, drives, first, count, cycle, kept, late)
@@ -186,11 +180,11 @@ def hand_on(
                 at = ((q - 1) * drives + d) * PIECE * W
                 seen = moves[at : at + PIECE * W]
                 store(whole, 0, spread(0.0))
-            _book(seen, whole, first, count, wanted, measured, q, d, rows, kept, out)
+            _book(seen, whole, first, count, task, q, d, rows, kept)
 
 
 @inlined
-def _cost(samples, weights, kept, lane):
+def _cost(task, kept, lane):
     """Return a lane's cost, eq. 2 of the paper, as far as errors have been summed.
 
     Squares only add to it, and every operation on them rises with them: it never exceeds, not in
@@ -198,69 +192,63 @@ def _cost(samples, weights, kept, lane):
     """
     total = 0.0
     outputs = 0
-    for q in range(samples.shape[0]):
-        for d in range(samples.shape[1]):
-            if samples[q, d]:
+    for q in range(task.samples.shape[0]):
+        for d in range(task.samples.shape[1]):
+            if task.samples[q, d]:
                 square = kept[(d * KEPT + SQUARES + q) * W + lane]
-                total += weights[q] * np.sqrt(square / samples[q, d])
+                total += task.weights[q] * np.sqrt(square / task.samples[q, d])
                 outputs += 1
     return total / max(outputs, 1)
 
 
 @called
-def give_up(samples, weights, rows, limits, kept, out):
+def give_up(task, rows, kept):
     """Write what lanes cost that have come above their limits; return whether none is left.
 
     A lane's number is that of the first piece after which it was above: it does not depend on
     the lane's neighbours.
 
     Args:
-        samples: As for `hand_on`.
-        weights: (Q,) factors on the errors, positive.
+        task: As for `hand_on`; its `out` gets what a lane cost when it came above its limit.
         rows: As for `hand_on`; becomes -1 for a lane that is given up.
-        limits: (S,) cost above which a candidate need not be simulated further; (0,) for none.
         kept: What `hand_on` kept.
-        out: (S, 1) what a lane cost when it came above its limit.
     """
-    if not limits.size:
+    if not task.limits.size:
         return False
     left = False
     for lane in range(W):
         if rows[lane] >= 0:
-            cost = _cost(samples, weights, kept, lane)
-            if cost <= limits[rows[lane]]:
+            cost = _cost(task, kept, lane)
+            if cost <= task.limits[rows[lane]]:
                 left = True
             else:
-                out[rows[lane], 0] = cost if np.isfinite(cost) else np.inf
+                task.out[rows[lane], 0] = cost if np.isfinite(cost) else np.inf
                 rows[lane] = -1
     return not left
 
 
 @called
-def conclude(par, finite, measured, samples, weights, rows, kept, out):
+def conclude(par, finite, task, rows, kept):
     """Write the costs (S, 1), eq. 2 of the paper, and inf for diverged candidates.
 
     Args:
         par: (R * W,) rows of the candidates.
         finite: (W,) other than zero where a candidate stayed finite.
-        measured: As for `hand_on`.
-        samples: As for `hand_on`.
-        weights: As for `give_up`.
+        task: As for `hand_on`; a cost is weight times RMS error, averaged over the quantities of
+            drives that count.
         rows: As for `hand_on`.
         kept: What `hand_on` kept.
-        out: (S, C) as for `hand_on`; where costs are summed (S, 1), weight times RMS error,
-            averaged over the quantities of drives that count.
     """
     for lane in range(W):
         if rows[lane] < 0:
             continue
         good = finite[lane] != 0.0
-        for d in range(samples.shape[1]):
+        for d in range(task.samples.shape[1]):
             delay = par[(MACHINE_COUNT + d * DRIVE_COUNT + DELAY) * W + lane]
             good &= np.isfinite(delay) and delay >= 0.0
-        if measured.size:
-            cost = _cost(samples, weights, kept, lane)
-            good &= np.isfinite(cost) and samples.any()
-            out[rows[lane], 0] = cost if good else np.inf
+        if task.measured.size:
+            cost = _cost(task, kept, lane)
+            good &= np.isfinite(cost) and task.samples.any()
+            task.out[rows[lane], 0] = cost if good else np.inf
         elif not good:
-            out[rows[lane]] = np.inf
+            task.out[rows[lane]] = np.inf

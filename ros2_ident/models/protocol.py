@@ -181,9 +181,13 @@ class FullModel(ABC):
 
     def residuals(self, theta: Array) -> Array:
         """Return (S, R) weighted measured less simulated outputs, output by output (eq. 1)."""
-        there = ~np.isnan(self.measured)
-        weight = np.repeat([o.weight for o in self.outputs], there.sum(axis=1))
-        out: Array = (self.measured[there] - self.simulate_at(theta, there)) * weight
+        measured = self.measured
+        there = ~np.isnan(measured)
+        out = self.simulate_at(theta, there)
+        np.subtract(measured[there], out, out=out)
+        weights = np.array([output.weight for output in self.outputs])
+        if (weights != 1.0).any():
+            out *= np.repeat(weights, there.sum(axis=1))
         return out
 
     def costs(
@@ -326,44 +330,6 @@ class FullModel(ABC):
         )
 
 
-class _Restricted(FullModel):
-    """A model of which only a part of the samples is compared."""
-
-    def __init__(self, model: FullModel, there: Mask) -> None:
-        self._model = model
-        self._measured = np.where(there, model.measured, np.nan)
-        self.name, self.noise = model.name, model.noise
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self._model.parameters
-
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        return self._model.outputs
-
-    @property
-    def measured(self) -> Array:
-        return self._measured
-
-    @property
-    def cycle(self) -> float:
-        return self._model.cycle
-
-    @property
-    def data(self) -> Dataset:
-        return self._model.data
-
-    def simulate(self, theta: Array) -> Array:
-        return self._model.simulate(theta)
-
-    def simulate_at(self, theta: Array, there: Mask) -> Array:
-        return self._model.simulate_at(theta, there)
-
-    def work(self, theta: Array) -> npt.NDArray[np.int64]:
-        return self._model.work(theta)
-
-
 class _Completed(FullModel):
     """A model that has the least, with the defaults for the rest."""
 
@@ -399,6 +365,29 @@ class _Completed(FullModel):
                 f'candidates; it has to return {shape}: candidates, outputs, instants',
             )
         return np.where(np.isnan(told), math.inf, told)
+
+
+class _Restricted(_Completed):
+    """A model of which only a part of the samples is compared."""
+
+    def __init__(self, model: FullModel, there: Mask) -> None:
+        super().__init__(model)
+        self._whole = model
+        self._measured = np.where(there, model.measured, np.nan)
+
+    @property
+    def measured(self) -> Array:
+        return self._measured
+
+    @property
+    def data(self) -> Dataset:
+        return self._whole.data
+
+    def simulate_at(self, theta: Array, there: Mask) -> Array:
+        return self._whole.simulate_at(theta, there)
+
+    def work(self, theta: Array) -> npt.NDArray[np.int64]:
+        return self._whole.work(theta)
 
 
 def complete(model: Any) -> FullModel:

@@ -42,11 +42,6 @@ class TwoMass(DriveModel):
 
     rigid = False
 
-    def _constants(self):
-        base = rows.neutral_rows(1, len(self.machine.drives))[0]
-        self._drive_constants(base)
-        return base
-
     _state = 0
 
     def _run(self, group, begin, end, task):

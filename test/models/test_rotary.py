@@ -16,8 +16,8 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import read_data
 from ros2_ident.identify.run import identify
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
-from ros2_ident.models.rotary_tripod.model import Delta
-from ros2_ident.models.rotary_tripod.reach import check_reach, figure, joints_of, set_points
+from ros2_ident.models.tripod.model import Delta
+from ros2_ident.models.tripod.reach import check_reach, figure, set_points_of_delta
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.bag import write_simulated
 from ros2_ident.simulate.motions import draw_motion
@@ -140,15 +140,15 @@ def test_set_points_put_the_platform_where_it_shall_be() -> None:
     points = centre + rng.uniform(-0.08, 0.08, (3, 40))
     speeds = rng.uniform(-1.0, 1.0, (3, 40))
     plant = delta_plant(CROOKED, TRUTH)
-    angle, rate = set_points(points, speeds, CROOKED)
+    angle, rate = set_points_of_delta(points, speeds, CROOKED)
     for k in range(40):
         assert platform_at(angle[:, k], plant.shared, plant.drive) == pytest.approx(points[:, k])
     step = 1e-6
-    ahead = set_points(points + step * speeds, speeds, CROOKED)[0]
-    behind = set_points(points - step * speeds, speeds, CROOKED)[0]
+    ahead = set_points_of_delta(points + step * speeds, speeds, CROOKED)[0]
+    behind = set_points_of_delta(points - step * speeds, speeds, CROOKED)[0]
     assert (ahead - behind) / (2.0 * step) == pytest.approx(rate, abs=1e-6)
     with pytest.raises(IdentError, match='reach of the rods') as caught:
-        set_points(points + [[0.0], [0.0], [-0.5]], speeds, MACHINE)
+        set_points_of_delta(points + [[0.0], [0.0], [-0.5]], speeds, MACHINE)
     assert caught.value.code is ErrorCode.BAD_VALUES
 
 
@@ -167,7 +167,6 @@ def test_a_scene_keeps_every_length() -> None:
     lengths = [np.linalg.norm(part[:, :, 1] - part[:, :, 0], axis=-1) for part in (arms, rods)]
     assert lengths[0] == pytest.approx(np.full((len(arms), 3), CROOKED.number('arm_length')))
     assert lengths[1] == pytest.approx(np.full((len(arms), 3), CROOKED.number('rod_length')))
-    assert joints_of(CROOKED, motion.position).shape == (3, motion.position.shape[1], 3)
     short = MACHINE.with_constants(rod_length=0.36)
     assert figure(short, np.zeros((3, 1))) is None
 

@@ -11,15 +11,15 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.belt_drive.model import BeltDrive, StepReference
-from ros2_ident.models.drives.outputs import chosen_outputs
-from ros2_ident.models.protocol import EffectAt, FullModel, Output, Stop
+from ros2_ident.models.drives.outputs import MachineModel
+from ros2_ident.models.protocol import EffectAt, Output, Stop
 from ros2_ident.recording import Dataset
 
 # Rows of what a `BeltDrive` simulates, by the quantity of a log that they are.
 _ROWS = {'effort': 1, 'position': 0}
 
 
-class RecordedBelt(FullModel):
+class RecordedBelt(MachineModel):
     """A belt drive along the set-point of a log, at rest at its first sample.
 
     Args:
@@ -51,11 +51,9 @@ class RecordedBelt(FullModel):
         quantities: Sequence[str] = ('effort', 'position'),
         weights: Sequence[float] | None = None,
     ) -> None:
+        super().__init__(machine, data, drives, effects, fixed, quantities, weights)
         self.extended(effects)
-        self._machine, self._data = machine, data
-        self._fixed = dict(fixed or {})
-        self.name, self.noise = machine.kind, machine.effort_noise
-        self.signals = chosen_outputs(machine.drives, machine.drives, quantities, weights)
+        self.noise = machine.effort_noise
         if 'velocity' in quantities:
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
@@ -68,14 +66,14 @@ class RecordedBelt(FullModel):
             )
         self.belt = BeltDrive(machine, StepReference(data.cycle, data.command_position))
         names = [p.name for p in self.belt.parameters]
-        unknown = [name for name in self._fixed if name not in names]
+        unknown = [name for name in self.fixed if name not in names]
         if unknown:
             raise IdentError(
                 ErrorCode.UNKNOWN_PARAMETER,
                 f'{unknown[0]!r} cannot be fixed: no such parameter; the model has '
                 f'{", ".join(names)}',
             )
-        self._free = [n for n, name in enumerate(names) if name not in self._fixed]
+        self._free = [n for n, name in enumerate(names) if name not in self.fixed]
         self._measured = self.signals.measured(data)
         complete = bool(np.isfinite(self._measured).all())
         self._fused = complete and self.signals.weights == (1.0, 1.0)
@@ -95,21 +93,6 @@ class RecordedBelt(FullModel):
         """(O, K) measured outputs, NaN where there is no sample."""
         return self._measured
 
-    @property
-    def cycle(self) -> float:
-        """Seconds from one sample to the next."""
-        return self._data.cycle
-
-    @property
-    def data(self) -> Dataset:
-        """The recording."""
-        return self._data
-
-    @property
-    def machine(self) -> Machine:
-        """The machine."""
-        return self._machine
-
     def free_run(self) -> 'RecordedBelt':
         """Return the model itself: it runs by its set-point alone."""
         return self
@@ -119,7 +102,7 @@ class RecordedBelt(FullModel):
         theta = np.atleast_2d(theta)
         whole = np.empty((len(theta), len(self.belt.parameters)))
         for n, p in enumerate(self.belt.parameters):
-            whole[:, n] = self._fixed.get(p.name, math.nan)
+            whole[:, n] = self.fixed.get(p.name, math.nan)
         whole[:, self._free] = theta
         return whole
 

@@ -47,36 +47,24 @@ class Slot:
 
 _PAPER = 'Ludwig and Gerstmayr 2011, Table 3'
 _FILE = 'a constant of the machine file'
-# Rows that constants of the machine file fill, of each drive and of the machine.
-CONSTANT_ROWS = {
+# Rows that constants of the machine file fill, where they have another name.
+_ROWS = {
     'gear_factor': 'gear',
-    'rail_mass': 'rail_mass',
     'coulomb_regularisation': 'regularisation',
-    'position_gain': 'position_gain',
-    'velocity_gain': 'velocity_gain',
-    'integral_gain': 'integral_gain',
     'velocity_feedforward': 'feedforward',
-    'torque_limit': 'torque_limit',
-}
-_OF_MACHINE = ('gravity', 'rail_radius', 'rod_length', 'arm_length')
-# Of arms on shafts: the constants' rows.
-_OF_ARMS = {
+    'shaft_radius': 'rail_radius',
     'shaft_azimuth': 'rail_azimuth',
     'arm_inertia': 'rail_mass',
-    'arm_moment': 'arm_moment',
-    'arm_zero': 'arm_zero',
+    'armature': 'drive_inertia',
+    'duty_limit': 'torque_limit',
 }
-# Of a servo: constants that have a row of their own name.
-SERVO_ROWS = (
-    'torque_constant',
-    'resistance',
-    'supply_voltage',
-    'load_mass',
-    'load_length',
-    'arm_mass',
-    'load_inertia',
-    'load_angle',
-)
+_CONSTANTS = (
+    'gear_factor', 'rail_mass', 'coulomb_regularisation', 'position_gain', 'velocity_gain',
+    'integral_gain', 'velocity_feedforward', 'torque_limit', 'rail_azimuth', 'gravity',
+    'rail_radius', 'rod_length', 'arm_length', 'torque_constant', 'resistance', 'supply_voltage',
+    'load_mass', 'load_length', 'arm_mass', 'load_inertia', 'load_angle', 'shaft_radius',
+    'shaft_azimuth', 'arm_inertia', 'arm_moment', 'arm_zero', 'armature', 'duty_limit',
+)  # fmt: skip
 SLOTS: Mapping[str, Slot] = dict(
     measurement_delay=Slot('log_delay', True, 'measurement', _PAPER),
     gear_stiffness=Slot('gear_stiffness', False, 'physical', _PAPER),
@@ -89,14 +77,11 @@ SLOTS: Mapping[str, Slot] = dict(
     coulomb_friction=Slot('coulomb', False, 'physical', 'Coulomb 1785', force=True),
     viscous_friction=Slot('viscous', False, 'physical', 'linear viscous friction', force=True),
     constant_force=Slot('constant_load', False, 'physical', 'Janot, Gautier, Brunot 2019, offset'),
-    **{name: Slot(row, False, 'physical', _FILE) for name, row in CONSTANT_ROWS.items()},
-    rail_azimuth=Slot('rail_azimuth', False, 'physical', _FILE),
-    **{name: Slot(name, True, 'physical', _FILE) for name in _OF_MACHINE},
-    **{name: Slot(name, False, 'physical', _FILE) for name in SERVO_ROWS},
-    shaft_radius=Slot('rail_radius', True, 'physical', _FILE),
-    **{name: Slot(row, False, 'physical', _FILE) for name, row in _OF_ARMS.items()},
-    armature=Slot('drive_inertia', False, 'physical', _FILE),
-    duty_limit=Slot('torque_limit', False, 'physical', _FILE),
+    **{
+        name: Slot(row, row in rows.MACHINE_ROWS, 'physical', _FILE)
+        for name in _CONSTANTS
+        for row in [_ROWS.get(name, name)]
+    },
 )
 # Of these zero is an answer: a machine can be without them, and an angle may be any.
 _ZERO = ('measurement_delay', 'gear_damping_ratio', 'integral_gain', 'velocity_feedforward',

@@ -151,10 +151,7 @@ def _step(
 def _build(digest):
     @kernel
     def simulate(
-        blocks,
-        rows,
-        substeps,
-        state,
+        group,
         room,
         begin,
         end,
@@ -168,17 +165,12 @@ def _build(digest):
         rigid,
         cycle,
         law,
-        wanted,
-        measured,
-        samples,
-        weights,
-        limits,
-        out,
+        task,
     ):
         """Simulate blocks of candidates; arguments as in the tripod's kernel, but for these.
 
         Args:
-            state: (G, state_for(D)).
+            group: A `Group`, its state (G, state_for(D)).
             room: (room_for(D),) to work in.
             command: (2 * D * K,) set-point positions of the drives, then their rates.
             motion: (3 * D * K,) recorded position, velocity and acceleration of prescribed motors,
@@ -191,8 +183,9 @@ def _build(digest):
             rigid: (D,) whether motor and carriage are one mass.
         """
         _ = digest
+        blocks, rows, substeps, state = group
         drives = mode.shape[0]
-        count = wanted.shape[2]
+        count = task.wanted.shape[2]
         going = room[: state.shape[1]]
         all_place, more = parted(room, drives * COORDINATES)
         all_rate, more = parted(more, drives * COORDINATES)
@@ -296,7 +289,7 @@ def _build(digest):
                                 back, time,
                             )  # fmt: skip
                         store(torques, (d * measurement.PIECE + piece) * W, torque)
-                        if wanted.shape[0] > 1:
+                        if task.wanted.shape[0] > 1:
                             store(moves, (d * measurement.PIECE + piece) * W, z)
                             store(moves, ((drives + d) * measurement.PIECE + piece) * W, v)
                         steps = where(fast, load(substeps[g], 0), load(substeps[g], W))
@@ -335,21 +328,9 @@ def _build(digest):
                             cycle,
                         )
                 measurement.hand_on(
-                    par,
-                    torques,
-                    moves,
-                    begun,
-                    cycles,
-                    cycle,
-                    wanted,
-                    measured,
-                    samples,
-                    rows[g],
-                    kept,
-                    rest,
-                    out,
+                    par, torques, moves, begun, cycles, cycle, task, rows[g], kept, rest
                 )
-                if measurement.give_up(samples, weights, rows[g], limits, kept, out):
+                if measurement.give_up(task, rows[g], kept):
                     break
             copied(going, state[g])
             if end == count:
@@ -360,7 +341,7 @@ def _build(digest):
                             at = (d * COORDINATES + r) * W + lane
                             if not np.isfinite(all_place[at] + all_rate[at]):
                                 finite[lane] = 0.0
-                measurement.conclude(par, finite, measured, samples, weights, rows[g], kept, out)
+                measurement.conclude(par, finite, task, rows[g], kept)
 
     return simulate
 

@@ -19,13 +19,14 @@ from ros2_ident.kernel import drive as drive_kernel
 from ros2_ident.kernel import law as law_kernel
 from ros2_ident.kernel import rows
 from ros2_ident.kernel.group import Group, PART, Task
+from ros2_ident.machine.keys import NEUTRAL
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.drives.band import Band
-from ros2_ident.models.drives.candidates import Candidates, CONSTANT_ROWS, SLOTS
+from ros2_ident.models.drives.candidates import Candidates, SLOTS
 from ros2_ident.models.drives.effort_range import effort_range
-from ros2_ident.models.drives.outputs import chosen_outputs, logged_of
-from ros2_ident.models.protocol import EffectAt, FullModel, Output
+from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel
+from ros2_ident.models.protocol import EffectAt, Output
 from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.band import speed_error, standing, told_band
@@ -55,7 +56,7 @@ _SHORTEST = 0.05
 SEEN = 0.3
 
 
-class DriveModel(FullModel):
+class DriveModel(MachineModel):
     """Drives under their controllers, simulated for many candidates at once.
 
     Args:
@@ -107,20 +108,11 @@ class DriveModel(FullModel):
     ) -> None:
         if like is not None:
             self._take_over(like)
-        self._machine = machine
-        self._data = data
+        super().__init__(machine, data, drives, effects, fixed, quantities, weights)
         self._compared: npt.NDArray[np.bool_] | None = None
         self.held = held
-        self._effects = tuple(effects)
-        self.fixed = dict(fixed or {})
         self.substeps = substeps
         self.cutoff = cutoff
-        self.drives = self._chosen(drives)
-        self.signals = chosen_outputs(machine.drives, self.drives, quantities, weights)
-        self._cycle = data.cycle
-        self.name = machine.kind
-        # Stated for the effort only.
-        self.noise = machine.effort_noise if 'effort' in quantities else 0.0
         self.law = np.array([_LAWS[law] for law in machine.texts('law')], dtype=np.int64)
         self.efforts = self._own_efforts() if efforts is None else efforts
         self.candidates = self._candidates()
@@ -153,17 +145,6 @@ class DriveModel(FullModel):
         """The machine with the boxes in which parameters are searched."""
         return self.machine
 
-    def _chosen(self, drives: Sequence[str] | None) -> tuple[str, ...]:
-        known = self.machine.drives
-        chosen = tuple(drives) if drives else known
-        for name in chosen:
-            if name not in known:
-                raise IdentError(
-                    ErrorCode.INVALID_GOAL,
-                    f'drive {name!r} is not in the machine file; choose from {", ".join(known)}',
-                )
-        return tuple(n for n in known if n in chosen)
-
     def _check_outputs(self) -> None:
         if self.signals.moving and not self._closed:
             raise IdentError(
@@ -176,21 +157,6 @@ class DriveModel(FullModel):
     def parameters(self) -> tuple[Parameter, ...]:
         """The free parameters, in the order of theta's columns."""
         return self.candidates.free
-
-    @property
-    def machine(self) -> Machine:
-        """The machine."""
-        return self._machine
-
-    @property
-    def data(self) -> Dataset:
-        """The recording."""
-        return self._data
-
-    @property
-    def effects(self) -> tuple[EffectAt, ...]:
-        """Effects besides the nominal physics."""
-        return self._effects
 
     def extended(self, effects: Sequence[EffectAt]) -> 'DriveModel':
         """Return the model of the same recording with these effects and no others."""
@@ -309,16 +275,6 @@ class DriveModel(FullModel):
         return self.signals.described(self.effort_unit, self.machine.travel_unit)
 
     @property
-    def places(self) -> tuple[str, ...]:
-        """The drives compared."""
-        return self.drives
-
-    @property
-    def cycle(self) -> float:
-        """The controller's cycle, s."""
-        return self._cycle
-
-    @property
     def measured(self) -> Array:
         """(O, K) what was measured of `outputs`; NaN at cycles without a sample."""
         measured = self._compare
@@ -386,11 +342,8 @@ class DriveModel(FullModel):
 
     # ------------------------------------------------------------------ candidates to rows
 
-    @abstractmethod
     def _constants(self) -> Array:
         """Return (R,) rows of what the machine file knows, the rest neutral."""
-
-    def _drive_constants(self, base: Array) -> None:
         machine = self.machine
         for key in self.gains:
             if self._closed and not self.pushed and not machine.known(key):
@@ -399,13 +352,17 @@ class DriveModel(FullModel):
                     f'the log holds a set-point but the machine file no controller.{key}; add it, '
                     'or let the recorded motion drive the model: `--command-topic none`',
                 )
-        turn = self.turns
-        for d, drive in enumerate(machine.drives):
-            base[rows.row_of('motor_turn', d)] = turn[d]
-            for key, row in CONSTANT_ROWS.items():
+        base: Array = rows.neutral_rows(1, len(machine.drives))[0]
+        for name in dict.fromkeys((*NEUTRAL, *machine.constants)):
+            row = SLOTS[name].row if name in SLOTS else ''
+            if row in rows.MACHINE_ROWS:
+                base[rows.row_of(row)] = machine.number(name)
+            for d, drive in enumerate(machine.drives) if row in rows.DRIVE_ROWS else ():
                 # Without a set-point nobody reads a gain that nobody knows.
-                value = machine.number(key, drive)
+                value = machine.number(name, drive)
                 base[rows.row_of(row, d)] = 0.0 if math.isnan(value) else value
+        for d, drive in enumerate(machine.drives):
+            base[rows.row_of('motor_turn', d)] = self.turns[d]
             if self.law[d] != drive_kernel.VELOCITY_FROM_STATE:
                 base[rows.row_of('integral_gain', d)] = 0.0  # P on velocity
             if not self._closed and not machine.stated('coulomb_regularisation'):
@@ -415,6 +372,7 @@ class DriveModel(FullModel):
                     row = position[self.data.names.index(drive)]
                     width = speed_error(row, self.cycle, self._motion_cutoff(position))
                 base[rows.row_of('regularisation', d)] = max(width, _NOTHING)
+        return base
 
     def _derive(self, block: Array, d: int) -> None:
         """Fill what follows from other rows of drive `d`, in every candidate of (S, R)."""
@@ -745,7 +703,7 @@ class DriveModel(FullModel):
             self.candidates.delayed,
             self.cycle,
             self.law,
-            *task,
+            task,
         )
         return task.out
 
@@ -780,17 +738,6 @@ class DriveModel(FullModel):
     def _costing(self) -> Task:
         """The task of summing costs, but for what belongs to the candidates."""
         return self.signals.costing(self.measured)
-
-    def residuals(self, theta: Array) -> Array:
-        """Return (S, R) weighted measured less simulated output, output by output (eq. 1)."""
-        measured = self.measured
-        there = ~np.isnan(measured)
-        out = self.simulate_at(theta, there)
-        np.subtract(measured[there], out, out=out)
-        weights = np.array([output.weight for output in self.outputs])
-        if (weights != 1.0).any():
-            out *= np.repeat(weights, there.sum(axis=1))
-        return out
 
     @property
     def _cycles(self) -> int:

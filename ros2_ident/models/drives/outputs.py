@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of the drives is compared with a recording, and how much each of it counts."""
+"""What of a machine's drives is compared with a recording, and how much each of it counts."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
@@ -12,7 +12,8 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel.group import Task
 from ros2_ident.kernel.measurement import QUANTITIES
-from ros2_ident.models.protocol import Output
+from ros2_ident.machine.machine import Machine
+from ros2_ident.models.protocol import EffectAt, FullModel, Output
 from ros2_ident.recording import Dataset
 
 T = TypeVar('T', bound=np.generic)
@@ -175,3 +176,75 @@ def chosen_outputs(
         ordered,
         tuple(of[q] for q in ordered),
     )
+
+
+class MachineModel(FullModel):
+    """What the models of machine files have in common: machine, recording and what is compared.
+
+    Args:
+        machine: The machine.
+        data: The recording.
+        drives: Drives that are compared; all where there are none.
+        effects: Effects besides the nominal physics.
+        fixed: Values of parameters that are not to be identified, by name.
+        quantities: What of the drives is compared.
+        weights: Factor on the errors of each quantity; 1 by default.
+
+    Attributes:
+        drives: Drives that are compared.
+        signals: What of them.
+        fixed: As above.
+
+    Raises:
+        IdentError: INVALID_GOAL with the remedy.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        data: Dataset,
+        drives: Sequence[str] | None,
+        effects: Sequence[EffectAt],
+        fixed: Mapping[str, float] | None,
+        quantities: Sequence[str],
+        weights: Sequence[float] | None,
+    ) -> None:
+        self._machine, self._data = machine, data
+        self._effects, self.fixed = tuple(effects), dict(fixed or {})
+        self.name = machine.kind
+        for name in drives or ():
+            if name not in machine.drives:
+                raise IdentError(
+                    ErrorCode.INVALID_GOAL,
+                    f'drive {name!r} is not in the machine file; choose from '
+                    f'{", ".join(machine.drives)}',
+                )
+        self.drives = tuple(n for n in machine.drives if n in (drives or machine.drives))
+        self.signals = chosen_outputs(machine.drives, self.drives, quantities, weights)
+        # Stated for the effort only.
+        self.noise = machine.effort_noise if 'effort' in quantities else 0.0
+
+    @property
+    def machine(self) -> Machine:
+        """The machine."""
+        return self._machine
+
+    @property
+    def data(self) -> Dataset:
+        """The recording."""
+        return self._data
+
+    @property
+    def effects(self) -> tuple[EffectAt, ...]:
+        """Effects besides the nominal physics."""
+        return self._effects
+
+    @property
+    def cycle(self) -> float:
+        """Seconds from one instant to the next."""
+        return self._data.cycle
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The drives compared."""
+        return self.drives

@@ -82,7 +82,7 @@ class SeparateDrives(DriveModel):
 
     def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
         simulate(
-            *group,
+            group,
             room(room_for(len(self.machine.drives))),
             begin,
             end,
@@ -96,7 +96,7 @@ class SeparateDrives(DriveModel):
             self.stiff,
             self.cycle,
             self.law,
-            *task,
+            task,
         )
 
 

@@ -65,9 +65,7 @@ class LinearAxis(SeparateDrives):
         return self._seen(np.zeros(2 * len(self.machine.drives)))
 
     def _constants(self) -> Array:
-        base: Array = rows.neutral_rows(1, len(self.machine.drives))[0]
-        base[rows.row_of('gravity')] = self.machine.number('gravity')
-        self._drive_constants(base)
+        base = super()._constants()
         for d in range(len(self.machine.drives) if self.pushed else 0):
             for name, value in (
                 ('position_gain', 0.0), ('velocity_gain', _NO_GAIN), ('feedforward', _THROUGH)

@@ -19,10 +19,10 @@ from ros2_ident.machine.parameter import Parameter
 from ros2_ident.machine.space import Space
 from ros2_ident.models.drives.candidates import Candidates, MAY_BE_ZERO
 from ros2_ident.models.drives.effort_range import effort_range
-from ros2_ident.models.drives.outputs import chosen_outputs, logged_of
+from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel
 from ros2_ident.models.mujoco import KIND
 from ros2_ident.models.mujoco.plant import OWN, Plant
-from ros2_ident.models.protocol import EffectAt, FullModel, Output
+from ros2_ident.models.protocol import EffectAt, Output
 from ros2_ident.recording import Dataset
 
 # Rows of the kernels' whose change MuJoCo can express, and what they are at their neutral value.
@@ -41,7 +41,7 @@ _FIRST = 10
 _SENSORS = {'effort': 'jointactuatorfrc', 'position': 'jointpos', 'velocity': 'jointvel'}
 
 
-class Mujoco(FullModel):
+class Mujoco(MachineModel):
     """Joints of a description under actuators, which follow the set-points of a log.
 
     Args:
@@ -80,17 +80,12 @@ class Mujoco(FullModel):
                 'the recording holds no set-point, which the actuators of the simulator follow; '
                 'record it too',
             )
-        self._machine, self._data = machine, data
-        self.name = machine.kind
-        self.noise = machine.effort_noise if 'effort' in quantities else 0.0
+        super().__init__(machine, data, drives, effects, fixed, quantities, weights)
         self.plant = _plant(machine)
-        self.drives = tuple(n for n in machine.drives if n in (drives or machine.drives))
-        self.signals = chosen_outputs(machine.drives, self.drives, quantities, weights)
-        self._effects, self._fixed = tuple(effects), dict(fixed or {})
         self._efforts = self._sizes(efforts)
         self._parts = self._declared()
         self._candidates = Candidates(
-            machine, self.drives, effects, self._fixed, self._base, True, self._efforts,
+            machine, self.drives, effects, self.fixed, self._base, True, self._efforts,
             tuple('m' if at.slides else 'rad' for at in self.plant.places), self._parts,
         )  # fmt: skip
         order = [data.names.index(name) for name in machine.drives]
@@ -178,26 +173,6 @@ class Mujoco(FullModel):
         return self.signals.measured(self._data)
 
     @property
-    def cycle(self) -> float:
-        """Seconds from one set-point to the next."""
-        return self._data.cycle
-
-    @property
-    def data(self) -> Dataset:
-        """The recording."""
-        return self._data
-
-    @property
-    def machine(self) -> Machine:
-        """The machine."""
-        return self._machine
-
-    @property
-    def places(self) -> tuple[str, ...]:
-        """The drives compared."""
-        return self.drives
-
-    @property
     def effort_unit(self) -> str:
         """Unit of efforts."""
         return 'N' if self._sliding else 'N m'
@@ -214,11 +189,6 @@ class Mujoco(FullModel):
         return all(self.plant.places[d].slides for d in self.signals.places)
 
     # ------------------------------------------------------------------ effects
-
-    @property
-    def effects(self) -> tuple[EffectAt, ...]:
-        """Effects besides the description."""
-        return self._effects
 
     def extensions(self) -> tuple[EffectAt, ...]:
         """Return every effect that an MJCF can express, at every drive it can sit on."""
@@ -261,7 +231,7 @@ class Mujoco(FullModel):
                     'attribute for',
                 )
         return type(self)(
-            self._machine, self._data, drives=self.drives, effects=effects, fixed=self._fixed,
+            self._machine, self._data, drives=self.drives, effects=effects, fixed=self.fixed,
             efforts=self._efforts, quantities=self.signals.quantities,
             weights=self.signals.weights,
         )  # fmt: skip

@@ -90,10 +90,7 @@ def _efforts(par, first, mem, on, motion, d, drives, count, begun, cycles, cycle
 def _build(digest):
     @kernel
     def simulate(
-        blocks,
-        rows,
-        substeps,
-        state,
+        group,
         room,
         begin,
         end,
@@ -102,18 +99,13 @@ def _build(digest):
         motion,
         on,
         cycle,
-        wanted,
-        measured,
-        samples,
-        weights,
-        limits,
-        out,
+        task,
     ):
         """Simulate blocks of candidates; arguments as in the tripod's kernel, but for these.
 
         Args:
-            blocks: (G, (R + B) * W) rows of the candidates, their coefficients behind.
-            state: (G, state_for(D)).
+            group: A `Group`, its blocks (G, (R + B) * W), coefficients behind the rows; its state
+                (G, state_for(D)).
             room: (room_for(D),) to work in.
             terms: (D, K, B) what a coefficient of 1 asks of each joint, N m or N.
             firsts: (D,) first of the terms that is not zero for a joint.
@@ -121,6 +113,7 @@ def _build(digest):
             on: (D,) flags of the effects.
         """
         _ = digest
+        blocks, rows, _, state = group
         drives, count, _ = terms.shape
         base = MACHINE_COUNT + drives * DRIVE_COUNT
         going = room[: state.shape[1]]
@@ -154,27 +147,15 @@ def _build(digest):
                         par, first, mem, flags, motion, d, drives, count, begun, cycles, cycle, own
                     )
                 measurement.hand_on(
-                    par,
-                    efforts,
-                    efforts,
-                    begun,
-                    cycles,
-                    cycle,
-                    wanted,
-                    measured,
-                    samples,
-                    rows[g],
-                    kept,
-                    rest,
-                    out,
+                    par, efforts, efforts, begun, cycles, cycle, task, rows[g], kept, rest
                 )
-                if measurement.give_up(samples, weights, rows[g], limits, kept, out):
+                if measurement.give_up(task, rows[g], kept):
                     break
             copied(going, state[g])
             if end == count:
                 for lane in range(W):
                     finite[lane] = 1.0
-                measurement.conclude(par, finite, measured, samples, weights, rows[g], kept, out)
+                measurement.conclude(par, finite, task, rows[g], kept)
 
     return simulate
 

@@ -161,11 +161,6 @@ class Serial(DriveModel):
     def _own(self) -> Mapping[str, Sequence[Parameter]]:
         return {**self.inertials.parameters, **self.transmission.parameters}
 
-    def _constants(self) -> Array:
-        base: Array = rows.neutral_rows(1, len(self.machine.drives))[0]
-        self._drive_constants(base)
-        return base
-
     def rows(self, theta: Array) -> Array:
         """Return (S, R + B) kernel rows of (S, N) candidates, coefficients of the links behind."""
         block = self.candidates.rows(theta)
@@ -188,7 +183,7 @@ class Serial(DriveModel):
 
     def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
         simulate(
-            *group,
+            group,
             room(room_for(len(self.machine.drives))),
             begin,
             end,
@@ -197,5 +192,5 @@ class Serial(DriveModel):
             self._driven,
             self.candidates.on,
             self.cycle,
-            *task,
+            task,
         )

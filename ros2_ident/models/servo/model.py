@@ -17,7 +17,6 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Machine
-from ros2_ident.models.drives.candidates import SERVO_ROWS, SLOTS
 from ros2_ident.models.drives.separate import SeparateDrives
 from ros2_ident.models.protocol import Output
 from ros2_ident.models.servo import CURRENT, DUTY, VOLTAGE
@@ -75,15 +74,6 @@ class Servo(SeparateDrives):
             )
 
     # ------------------------------------------------------------------ candidates to rows
-
-    def _constants(self) -> Array:
-        base: Array = rows.neutral_rows(1, len(self.machine.drives))[0]
-        base[rows.row_of('gravity')] = self.machine.number('gravity')
-        self._drive_constants(base)
-        for name in (*SERVO_ROWS, 'armature', 'duty_limit'):
-            for d, value in enumerate(self.machine.numbers(name)):
-                base[rows.row_of(SLOTS[name].row, d)] = value
-        return base
 
     def _derive(self, block: Array, d: int) -> None:
         def of(name: str) -> Array:

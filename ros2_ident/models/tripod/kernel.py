@@ -52,12 +52,18 @@ ROOM = STATE + W * (
 
 
 @inlined
-def _linkage(par, arms, s1, s2, s3, w1, w2, w3, tool, frame, out):
-    """Write mass matrix and load of the linkage at the drives' places and rates."""
+def _linkage(par, arms, place, rate, tool, frame, out):
+    """Write mass matrix and load of the linkage at the drives' places and rates, (3,) each."""
     if arms is not None:
-        on_arms(par, s1, s2, s3, w1, w2, w3, tool, frame, out)
+        on_arms(par, place, rate, tool, frame, out)
     else:
-        on_rails(par, s1, s2, s3, w1, w2, w3, tool, frame, out)
+        on_rails(par, place, rate, tool, frame, out)
+
+
+@inlined
+def _three(block, row):
+    """Return (3,) rows of a block from one on."""
+    return load(block, row * W), load(block, (row + 1) * W), load(block, (row + 2) * W)
 
 
 @inlined
@@ -66,19 +72,13 @@ def _carriages(par, link, push, sway, sway_rate, frame, bend, at):
     f1 = load(push, 0) - load(link, 6 * W)
     f2 = load(push, W) - load(link, 7 * W)
     f3 = load(push, 2 * W) - load(link, 8 * W)
-    i11 = load(link, 0)
-    i22 = load(link, W)
-    i33 = load(link, 2 * W)
-    i12 = load(link, 3 * W)
-    i13 = load(link, 4 * W)
-    i23 = load(link, 5 * W)
+    i11, i22, i33 = _three(link, 0)
+    i12, i13, i23 = _three(link, 3)
     a1 = i11 * f1 + i12 * f2 + i13 * f3
     a2 = i12 * f1 + i22 * f2 + i23 * f3
     a3 = i13 * f1 + i23 * f2 + i33 * f3
     if frame:
-        g1 = load(link, 9 * W)
-        g2 = load(link, 10 * W)
-        g3 = load(link, 11 * W)
+        g1, g2, g3 = _three(link, 9)
         b1 = i11 * g1 + i12 * g2 + i13 * g3
         b2 = i12 * g1 + i22 * g2 + i23 * g3
         b3 = i13 * g1 + i23 * g2 + i33 * g3
@@ -163,10 +163,7 @@ def _step(
 def _build(digest):
     @kernel
     def simulate(
-        blocks,
-        rows,
-        substeps,
-        state,
+        group,
         room,
         begin,
         end,
@@ -179,23 +176,13 @@ def _build(digest):
         arms,
         cycle,
         law,
-        wanted,
-        measured,
-        samples,
-        weights,
-        limits,
-        out,
+        task,
     ):
         """Simulate blocks of candidates; see `drives.model.DriveModel`.
 
         Args:
-            blocks: (G, R * W) rows of `kernel.rows`.
-            rows: (G, W) row of `out` for each lane, -1 for none; becomes -1 for a lane that is
-                given up.
-            substeps: (G, 2 * W) Runge-Kutta steps in a cycle: while every drive moves fast, and
-                otherwise.
-            state: (G, STATE) what goes on from one part of the log to the next; need not be set
-                for the first.
+            group: A `Group`; its rows become -1 for lanes that are given up, its state (G, STATE)
+                need not be set for the first part of the log.
             room: (ROOM,) to work in.
             begin: First cycle of this part of the log, a multiple of `measurement.PIECE`.
             end: Cycle behind its last, likewise, or the number of cycles.
@@ -210,10 +197,10 @@ def _build(digest):
             arms: True where the drives turn arms; None where they move carriages on rails.
             cycle: Controller cycle [s].
             law: (3,) VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
-            wanted, measured, samples, out: As for `measurement.hand_on`.
-            weights, limits: As for `measurement.give_up`.
+            task: A `Task`.
         """
         _ = digest
+        blocks, rows, substeps, state = group
         count = command.shape[0] // 7
         coordinates = COORDINATES if frame else FRAME
         # One array for all: the compiler sees then that its parts do not overlap.
@@ -245,19 +232,8 @@ def _build(digest):
                 for d in range(3):
                     start = command[d * count] if dk.closed_loop(mode, d) else motion[d * count]
                     store(place, (CARRIAGE + d) * W, spread(start))
-                _linkage(
-                    par,
-                    arms,
-                    load(place, CARRIAGE * W),
-                    load(place, (CARRIAGE + 1) * W),
-                    load(place, (CARRIAGE + 2) * W),
-                    zero,
-                    zero,
-                    zero,
-                    tool,
-                    frame,
-                    link,
-                )
+                still = zero, zero, zero
+                _linkage(par, arms, _three(place, CARRIAGE), still, tool, frame, link)
                 for d in range(3):
                     first = MACHINE_COUNT + d * DRIVE_COUNT
                     own = d * MEMORY_COUNT
@@ -308,32 +284,22 @@ def _build(digest):
                             motion[(6 + d) * count + k], force, back, time,
                         )  # fmt: skip
                     store(torques, (d * measurement.PIECE + piece) * W, torque)
-                    if wanted.shape[0] > 1:
+                    if task.wanted.shape[0] > 1:
                         store(moves, (d * measurement.PIECE + piece) * W, z)
                         store(moves, ((3 + d) * measurement.PIECE + piece) * W, v)
                 # The middle of the cycle, as the present rates predict it.
-                w1 = load(rate, CARRIAGE * W)
-                w2 = load(rate, (CARRIAGE + 1) * W)
-                w3 = load(rate, (CARRIAGE + 2) * W)
+                s1, s2, s3 = _three(place, CARRIAGE)
+                w1, w2, w3 = _three(rate, CARRIAGE)
+                b1, b2, b3 = _three(drift, 0)
                 now = tool
                 if loaded:
                     start = load(par, PAYLOAD_TIME * W)
                     inside = (time >= start) & (time < start + load(par, PAYLOAD_DURATION * W))
                     now = where(inside, tool + load(par, PAYLOAD * W), tool)
                     now = now + command[6 * count + k] * load(par, PAYLOAD_TURNED * W)
-                _linkage(
-                    par,
-                    arms,
-                    load(place, CARRIAGE * W) + half * w1,
-                    load(place, (CARRIAGE + 1) * W) + half * w2,
-                    load(place, (CARRIAGE + 2) * W) + half * w3,
-                    w1 + half * load(drift, 0),
-                    w2 + half * load(drift, W),
-                    w3 + half * load(drift, 2 * W),
-                    now,
-                    frame,
-                    link,
-                )
+                middle = s1 + half * w1, s2 + half * w2, s3 + half * w3
+                there = w1 + half * b1, w2 + half * b2, w3 + half * b3
+                _linkage(par, arms, middle, there, now, frame, link)
                 steps = where(fast, load(substeps[g], 0), load(substeps[g], W))
                 whole = where(fast, quick, slow)
                 sub = 0.0
@@ -380,21 +346,9 @@ def _build(digest):
                         )
                 if piece == measurement.PIECE - 1 or k == end - 1:
                     measurement.hand_on(
-                        par,
-                        torques,
-                        moves,
-                        k - piece,
-                        piece + 1,
-                        cycle,
-                        wanted,
-                        measured,
-                        samples,
-                        rows[g],
-                        kept,
-                        rest,
-                        out,
+                        par, torques, moves, k - piece, piece + 1, cycle, task, rows[g], kept, rest
                     )
-                    if measurement.give_up(samples, weights, rows[g], limits, kept, out):
+                    if measurement.give_up(task, rows[g], kept):
                         break
             copied(going, state[g])
             if end == count:
@@ -403,7 +357,7 @@ def _build(digest):
                     for r in range(coordinates):
                         if not np.isfinite(place[r * W + lane] + rate[r * W + lane]):
                             finite[lane] = 0.0
-                measurement.conclude(par, finite, measured, samples, weights, rows[g], kept, out)
+                measurement.conclude(par, finite, task, rows[g], kept)
 
     return simulate
 

@@ -87,6 +87,21 @@ def _platform(par, mass, a1, a2, a3, bias, inertia, weight, frame, out):
 
 
 @inlined
+def _times(a, factor):
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
+@inlined
+def _sum(a, b, c, by):
+    """Return the sum of three vectors, times the three numbers of `by`."""
+    return (
+        a[0] * by[0] + b[0] * by[1] + c[0] * by[2],
+        a[1] * by[0] + b[1] * by[1] + c[1] * by[2],
+        a[2] * by[0] + b[2] * by[1] + c[2] * by[2],
+    )
+
+
+@inlined
 def _inverse(rod1, rod2, rod3):
     """Return the columns of the inverse of the matrix of the rods, less its 1 / det, and that."""
     x1, y1, z1 = rod1
@@ -110,19 +125,20 @@ def _depth(bx, by, qx, qy, length):
 
 
 @inlined
-def on_rails(par, s1, s2, s3, w1, w2, w3, tool, frame, out):
-    """Write mass matrix and load of the linkage at carriages s [m] and rates w [m/s].
+def on_rails(par, place, rate, tool, frame, out):
+    """Write mass matrix and load of the linkage at carriages (3,) [m] and rates (3,) [m/s].
 
     s'' = inverse mass matrix (gear forces - load).
     """
+    w1, w2, w3 = rate
     x, y = load(par, RAIL_X * W), load(par, RAIL_Y * W)
     x_2, x_3 = load(par, RAIL_X_2 * W), load(par, RAIL_X_3 * W)
     y_2, y_3 = load(par, RAIL_Y_2 * W), load(par, RAIL_Y_3 * W)
     radius = load(par, RADIUS * W)
     length = load(par, LENGTH * W)
     rod = load(par, ROD * W)
-    u2 = s2 - s1
-    u3 = s3 - s1
+    u2 = place[1] - place[0]
+    u3 = place[2] - place[0]
     inverse = load(par, INVERSE_RADIUS * W)
     bx = (x_2 * u2 + x_3 * u3) * inverse
     by = (y_2 * u2 + y_3 * u3) * inverse
@@ -214,17 +230,18 @@ def _reaction(rod, tangent, bend, v, w, over):
 
 
 @inlined
-def on_arms(par, q1, q2, q3, w1, w2, w3, tool, frame, out):
-    """Write mass matrix and load of the linkage at arms' angles q [rad] and rates w [rad/s].
+def on_arms(par, place, rate, tool, frame, out):
+    """Write mass matrix and load of the linkage at arms' angles (3,) [rad] and rates (3,) [rad/s].
 
     q'' = inverse mass matrix (gear torques - load).
     """
+    w1, w2, w3 = rate
     x1, y1 = load(par, RAIL_X * W), load(par, RAIL_Y * W)
     x2, y2 = x1 + load(par, RAIL_2_X * W), y1 + load(par, RAIL_2_Y * W)
     x3, y3 = x1 + load(par, RAIL_3_X * W), y1 + load(par, RAIL_3_Y * W)
-    f1, t1, b1, g1, u1 = _arm(par, 0, q1, x1, y1)
-    f2, t2, b2, g2, u2 = _arm(par, 1, q2, x2, y2)
-    f3, t3, b3, g3, u3 = _arm(par, 2, q3, x3, y3)
+    f1, t1, b1, g1, u1 = _arm(par, 0, place[0], x1, y1)
+    f2, t2, b2, g2, u2 = _arm(par, 1, place[1], x2, y2)
+    f3, t3, b3, g3, u3 = _arm(par, 2, place[2], x3, y3)
     across2 = (f2[0] - f1[0], f2[1] - f1[1], f2[2] - f1[2])
     across3 = (f3[0] - f1[0], f3[1] - f1[1], f3[2] - f1[2])
     # All rods have one length: the first one's product with the way to another foot is known.
@@ -240,25 +257,14 @@ def on_arms(par, q1, q2, q3, w1, w2, w3, tool, frame, out):
     rod2 = (rod1[0] + across2[0], rod1[1] + across2[1], z + across2[2])
     rod3 = (rod1[0] + across3[0], rod1[1] + across3[1], z + across3[2])
     c1, c2, c3, over = _inverse(rod1, rod2, rod3)
-    k1 = _dot(rod1, t1) * over
-    k2 = _dot(rod2, t2) * over
-    k3 = _dot(rod3, t3) * over
-    a1 = (c1[0] * k1, c1[1] * k1, c1[2] * k1)
-    a2 = (c2[0] * k2, c2[1] * k2, c2[2] * k2)
-    a3 = (c3[0] * k3, c3[1] * k3, c3[2] * k3)
-    v = (
-        a1[0] * w1 + a2[0] * w2 + a3[0] * w3,
-        a1[1] * w1 + a2[1] * w2 + a3[1] * w3,
-        a1[2] * w1 + a2[2] * w2 + a3[2] * w3,
-    )
+    a1 = _times(c1, _dot(rod1, t1) * over)
+    a2 = _times(c2, _dot(rod2, t2) * over)
+    a3 = _times(c3, _dot(rod3, t3) * over)
+    v = _sum(a1, a2, a3, rate)
     e1 = _reaction(rod1, t1, b1, v, w1, over)
     e2 = _reaction(rod2, t2, b2, v, w2, over)
     e3 = _reaction(rod3, t3, b3, v, w3, over)
-    bias = (
-        c1[0] * e1 + c2[0] * e2 + c3[0] * e3,
-        c1[1] * e1 + c2[1] * e2 + c3[1] * e3,
-        c1[2] * e1 + c2[2] * e2 + c3[2] * e3,
-    )
+    bias = _sum(c1, c2, c3, (e1, e2, e3))
     # Each rod's mass is halved between its ends (Codourey 1998).
     rod = load(par, ROD * W)
     arm = load(par, ARM * W)

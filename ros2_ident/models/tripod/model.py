@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tripod of Ludwig and Gerstmayr 2011, section 4: three vertical drives, all coupled."""
+"""The tripod of Ludwig and Gerstmayr 2011, section 4, and the delta: three drives, all coupled."""
 
 from functools import cached_property
 from typing import ClassVar
@@ -13,6 +13,7 @@ from ros2_ident.kernel.group import Group, Task
 from ros2_ident.lanes import room
 from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.tripod.kernel import ROOM, simulate, STATE
+from ros2_ident.models.tripod.reach import sense
 
 _INVERSE_RADIUS = rows.row_of('rail_inverse_radius')
 _AZIMUTHS = [rows.row_of('rail_azimuth', d) for d in range(3)]
@@ -25,15 +26,6 @@ class Tripod(DriveModel):
     features = frozenset({'platform'})
     # Whether the drives turn arms, as the kernel takes it: a type of its own.
     arms: ClassVar[bool | None] = None
-
-    def _constants(self) -> Array:
-        base: Array = rows.neutral_rows(1, 3)[0]
-        for key in ('rail_radius', 'rod_length', 'gravity'):
-            base[rows.row_of(key)] = self.machine.number(key)
-        for d, angle in enumerate(self.machine.numbers('rail_azimuth')):
-            base[rows.row_of('rail_azimuth', d)] = angle
-        self._drive_constants(base)
-        return base
 
     @cached_property
     def _told(self) -> Array:
@@ -64,7 +56,7 @@ class Tripod(DriveModel):
         # The usual case has a kernel of its own, without branches in a step.
         usual = flags is None and (self._mode == CLOSED_LOOP).all()
         simulate(
-            *group,
+            group,
             room(ROOM),
             begin,
             end,
@@ -77,5 +69,16 @@ class Tripod(DriveModel):
             self.arms,
             self.cycle,
             self.law,
-            *task,
+            task,
         )
+
+
+class Delta(Tripod):
+    """Three motors, gears and arms, and a platform on rods; see `Tripod`. Positions are angles."""
+
+    arms: ClassVar[bool | None] = True
+
+    def _constants(self) -> Array:
+        base = super()._constants()
+        base[rows.row_of('arm_sense')] = sense(self.machine)
+        return base

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a tripod's platform can be, the carriages above it, and what is drawn of both."""
+"""Where the platform of a tripod or a delta can be, the drives above it, and what is drawn."""
 
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
@@ -13,43 +12,64 @@ from ros2_ident.machine.figure import Figure
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.space import Space
 
+# How far a delta's arm hangs below the level in the middle of the workspace, rad.
+_HANGING = 0.5
 
-def check_rods(corner: Array, rod: float, remedy: str) -> Iterator[Remark]:
-    """Say where three rods do not meet.
+
+def feet(machine: Machine, position: Array) -> Array:
+    """Return (3, K, 3) upper ends of the rods [m], the platform's circle taken off.
 
     Args:
-        corner: (3, K, 3) upper ends of the rods [m], NaN where they are not known.
-        rod: Their length [m].
-        remedy: What to correct.
+        machine: A tripod, or a delta, whose arms carry them.
+        position: (3, K) positions of its drives [m or rad].
     """
-    # The rods meet where the circle through the three carriages is smaller than they are long.
+    if not _turns(machine):
+        radius, azimuth = machine.number('rail_radius'), machine.numbers('rail_azimuth')[:, None]
+        level = radius * np.cos(azimuth), radius * np.sin(azimuth)
+        return np.stack([*np.broadcast_arrays(*level, position)], axis=-1)
+    azimuth = machine.numbers('shaft_azimuth')[:, None]
+    turned = position - machine.numbers('arm_zero')[:, None]
+    arm = machine.number('arm_length')
+    far = machine.number('shaft_radius') + arm * np.cos(turned)
+    high = sense(machine) * arm * np.sin(turned)
+    return np.stack([far * np.cos(azimuth), far * np.sin(azimuth), high], axis=-1)
+
+
+def _turns(machine: Machine) -> bool:
+    """Return whether the drives turn arms."""
+    return 'arm_length' in machine.constants
+
+
+def sense(machine: Machine) -> float:
+    """Return 1 where positive angles lift a delta's arms, -1 where they lower them."""
+    return 1.0 if machine.text('positive') == 'up' else -1.0
+
+
+def check_reach(machine: Machine, position: Array) -> Iterator[Remark]:
+    """Say where the rods cannot meet at the recorded positions.
+
+    Args:
+        machine: A tripod or a delta.
+        position: (3, K) of its drives [m or rad], NaN where there is no sample.
+    """
+    corner, rod = feet(machine, position), machine.number('rod_length')
+    # The rods meet where the circle through their upper ends is smaller than they are long.
     side = [np.linalg.norm(corner[i] - corner[i - 1], axis=-1) for i in range(3)]
     area = np.linalg.norm(np.cross(corner[1] - corner[0], corner[2] - corner[0]), axis=-1)
     circle: Array = side[0] * side[1] * side[2] / (2.0 * area)
     share = float(np.mean(circle[np.isfinite(circle)] >= rod)) if circle.size else 0.0
     if share > 0.0:
+        remedy = (
+            'the lengths, arm_zero, positive, or the unit of the positions (rad)'
+            if _turns(machine)
+            else 'rod_length, rail_radius, rail_azimuth, or the unit of the positions (m)'
+        )
         yield Remark(
             'error',
             ('geometry', 'rod_length'),
             f'rods of {rod:g} m do not meet in {100.0 * share:.2g} % of the recorded positions; '
             f'correct {remedy}',
         )
-
-
-def check_reach(machine: Machine, height: npt.NDArray[np.float64]) -> Iterator[Remark]:
-    """Say where the rods of a tripod cannot meet at the recorded positions.
-
-    Args:
-        machine: A tripod.
-        height: (3, K) positions of its carriages [m], NaN where there is no sample.
-    """
-    radius = machine.number('rail_radius')
-    azimuth = machine.numbers('rail_azimuth')[:, None]
-    corner = np.stack(
-        [*np.broadcast_arrays(radius * np.cos(azimuth), radius * np.sin(azimuth), height)], axis=-1
-    )
-    remedy = 'rod_length, rail_radius, rail_azimuth, or the unit of the positions (m)'
-    yield from check_rods(corner, machine.number('rod_length'), remedy)
 
 
 def meeting_point(feet: Array, lengths: Array) -> Array:
@@ -112,52 +132,100 @@ def set_points(points: Array, speeds: Array, machine: Machine) -> tuple[Array, A
     return points[2] + rise, speeds[2] - np.sum(away * speeds[None, :2], axis=1) / rise
 
 
-def platform(feet: Array, rod: float, corner: Array) -> tuple[Array, Array] | None:
-    """Return (F, 3) places of the platform and what is drawn of it; None where no rod reaches.
+def space_of_delta(machine: Machine) -> Space:
+    """Return where the platform moves when nobody says otherwise."""
+    arm = machine.number('arm_length')
+    out = machine.number('shaft_radius') + arm * np.cos(_HANGING)
+    depth = arm * np.sin(_HANGING) + np.sqrt(machine.number('rod_length') ** 2 - out**2)
+    size = arm / 0.25
+    return Space(
+        np.array([0.0, 0.0, -depth]), np.array([0.10, 0.10, 0.05]) * size, 2.0 * size, 50.0 * size
+    )
+
+
+def set_points_of_delta(points: Array, speeds: Array, machine: Machine) -> tuple[Array, Array]:
+    """Return the drives' set-points of a platform's way: the arms bend outwards.
 
     Args:
-        feet: (F, 3, 3) upper ends of the rods [m], the platform's circle taken off.
-        rod: Their length [m].
-        corner: (3, 3) its corners from its middle [m].
+        points: (3, K) platform positions [m].
+        speeds: (3, K) platform speeds [m/s].
+        machine: A delta.
+
+    Returns:
+        (3, K) angles [rad] and their rates [rad/s].
+
+    Raises:
+        IdentError: BAD_VALUES where a rod would not reach.
     """
-    try:
-        tool = np.array([meeting_point(row, np.full(3, rod)) for row in feet])
-    except IdentError:  # as with a wrong zero
-        return None
-    sides = np.stack([corner, np.roll(corner, -1, axis=0)], axis=1)
-    spokes = np.stack([corner, np.zeros((3, 3))], axis=1)
-    return tool, np.concatenate([sides, spokes])
+    azimuth = machine.numbers('shaft_azimuth')[:, None]
+    arm, rod = machine.number('arm_length'), machine.number('rod_length')
+    out = np.stack([np.cos(azimuth), np.sin(azimuth)])
+    # In each arm's plane: the platform outwards of the shaft and above it; across it the rest.
+    ahead = np.sum(out * points[:2, None], axis=0) - machine.number('shaft_radius')
+    across = out[0] * points[1] - out[1] * points[0]
+    square = ahead**2 + points[2] ** 2
+    wanted = (square + across**2 + arm**2 - rod**2) / (2.0 * arm * np.sqrt(square))
+    if not np.all(np.abs(wanted) < 1.0):
+        raise IdentError(
+            ErrorCode.BAD_VALUES, 'the motion leaves the reach of the rods; shrink its space'
+        )
+    up = np.arctan2(points[2], ahead) + np.arccos(wanted)
+    up = np.remainder(up + np.pi, 2.0 * np.pi) - np.pi
+    # Along a rod nothing moves: its product with the platform's speed is that with the joint's.
+    rate_ahead = np.sum(out * speeds[:2, None], axis=0)
+    rate_across = out[0] * speeds[1] - out[1] * speeds[0]
+    cos, sin = np.cos(up), np.sin(up)
+    rod_ahead, rod_up = ahead - arm * cos, points[2] - arm * sin
+    along = rod_ahead * rate_ahead + across * rate_across + rod_up * speeds[2]
+    rate = along / (arm * (rod_up * cos - rod_ahead * sin))
+    up, rate = sense(machine) * up, sense(machine) * rate
+    return up + machine.numbers('arm_zero')[:, None], rate
 
 
 def figure(machine: Machine, position: Array) -> Figure | None:
-    """Return a tripod in space: rails, carriages, rods and the platform where they hold it.
+    """Return a machine in space: its frame, carriages or arms, rods and the platform.
 
     Only the difference of the two circles matters to the motion; the platform's is drawn as a
-    quarter of it, and the rails stand out by as much.
+    quarter of it, and rails or shafts stand out by as much.
 
     Args:
-        machine: A tripod.
-        position: (3, F) heights of its carriages [m].
+        machine: A tripod or a delta.
+        position: (3, F) of its drives [m or rad].
 
     Returns:
         What to draw; None for positions that no rod reaches.
     """
-    radius, azimuth = machine.number('rail_radius'), machine.numbers('rail_azimuth')
-    rail = radius * np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(3)], axis=1)
-    carriage = position.T[..., None] * np.array([0.0, 0.0, 1.0])
-    corner = 0.25 * rail
-    held = platform(rail + carriage, machine.number('rod_length'), corner)
-    if held is None:
+    turns = _turns(machine)
+    of = 'shaft' if turns else 'rail'
+    radius, azimuth = machine.number(f'{of}_radius'), machine.numbers(f'{of}_azimuth')
+    base = radius * np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(3)], axis=1)
+    corner = 0.25 * base
+    joints = feet(machine, position).swapaxes(0, 1)
+    rods = np.full(3, machine.number('rod_length'))
+    try:
+        tool = np.array([meeting_point(row, rods) for row in joints])
+    except IdentError:  # as with a wrong zero
         return None
-    tool, body = held
-    foot = 1.25 * rail + carriage
-    ends = float(position.min()) - 0.5 * radius, float(position.max()) + 0.25 * radius
-    rails = [1.25 * rail + np.array([0.0, 0.0, z]) for z in ends]
+    base, joints = base + corner, joints + corner
+    links = np.stack([joints, tool[:, None] + corner], axis=2)
+    if turns:
+        arms = np.stack([np.broadcast_to(base, joints.shape), joints], axis=2)
+        links = np.concatenate([arms, links], axis=1)
+        frame = _sides(base)
+    else:
+        ends = float(position.min()) - 0.5 * radius, float(position.max()) + 0.25 * radius
+        frame = np.stack([base + np.array([0.0, 0.0, z]) for z in ends], axis=1)
+    spokes = np.stack([corner, np.zeros((3, 3))], axis=1)
     return Figure(
-        size=radius,
+        size=radius + (machine.number('arm_length') if turns else 0.0),
         tool=tool,
-        blocks=foot,
-        links=np.stack([foot, tool[:, None] + corner], axis=2),
-        body=body,
-        frame=np.stack(rails, axis=1),
+        blocks=joints,
+        links=links,
+        body=np.concatenate([_sides(corner), spokes]),
+        frame=frame,
     )
+
+
+def _sides(corners: Array) -> Array:
+    """Return (3, 2, 3) the ends of a triangle's sides."""
+    return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
