@@ -13,7 +13,7 @@ from ros2_ident.models import Machine
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import motion_in
-from ros2_ident.recording.sign import sentence, sign_of, WRONG
+from ros2_ident.recording.sign import SAID, sign_of, WRONG
 from ros2_ident.recording.smooth import ROOM
 
 # Shares of samples missing from which on a log is suspect, and of no use.
@@ -90,7 +90,7 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
         return found
     bad = sign in WRONG
     level: Level = 'fail' if bad else 'ok'
-    text = sentence(drive, sign)
+    text = f'{drive}: {SAID[sign]}'
     return [*found, Gate('sign', drive, level, math.nan, '1', text, bad, cause=sign)]
 
 

@@ -1,20 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a check of recordings says: values, and their rendering as lines of text."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 Level = Literal['ok', 'warn', 'error']
 _ORDER: dict[str, int] = {'ok': 0, 'warn': 1, 'error': 2}
-# Columns of a report's tables.
-_STREAM_HEAD = (
-    'segment', 'stream', 'joints', 'fields', 'samples', 'time', 'rate', 'jitter', 'missing'
-)  # fmt: skip
-_DRIVE_HEAD = (
-    'segment', 'drive', 'stroke', 'top speed', 'reversals', 'at rest', 'effort', 'late',
-    'explained',
-)  # fmt: skip
+# Level, code and sentence of what is found, without its subject.
+Said = tuple[Level, str, str]
 
 
 @dataclass(frozen=True)
@@ -32,6 +26,11 @@ class Finding:
     code: str
     subject: str
     sentence: str
+
+
+def about(subject: str, said: Iterable[Said]) -> list[Finding]:
+    """Return what is found of a stream or a drive, which each sentence names first."""
+    return [Finding(level, code, subject, f'{subject}: {text}') for level, code, text in said]
 
 
 @dataclass(frozen=True)
@@ -141,50 +140,47 @@ class Report:
 def render(report: Report) -> list[str]:
     """Return a report as lines of text."""
     lines = [report.source or 'recording', '']
-    if report.streams:
-        rows = [
-            (
-                str(x.recording + 1),
-                x.role,
-                str(len(x.joints)),
-                '+'.join(x.fields),
-                str(x.samples),
-                f'{x.duration:.2f} s',
-                f'{x.rate:.6g} Hz',
-                f'{x.jitter * 1e3:.3g} ms',
-                f'{100.0 * x.missing_share:.2g} %',
-            )
-            for x in report.streams
-        ]
-        lines += [*_table(_STREAM_HEAD, rows), '']
-    if report.drives:
-        rows = [
-            (
-                str(x.recording + 1),
-                x.drive,
-                f'{x.stroke:.4g}',
-                f'{x.top_speed:.3g}',
-                str(x.reversals),
-                f'{100.0 * x.rest_share:.0f} %',
-                _range(x.effort_low, x.effort_high),
-                '-' if x.effort_lag != x.effort_lag else f'{x.effort_lag * 1e3:.0f} ms',
-                '-' if x.explained != x.explained else f'{100.0 * x.explained:.0f} %',
-            )
-            for x in report.drives
-        ]
-        lines += [*_table(_DRIVE_HEAD, rows), '']
-    lines += [f'{x.level:5s} {x.sentence}' for x in report.findings]
-    return lines
+    for columns, entries in ((_STREAM, report.streams), (_DRIVE, report.drives)):
+        if entries:
+            rows = [[text(x) for text in columns.values()] for x in entries]
+            lines += [*_table([list(columns), *rows]), '']
+    return lines + [f'{x.level:5s} {x.sentence}' for x in report.findings]
 
 
-def _range(low: float, high: float) -> str:
-    return '-' if low != low else f'{low:.3g} .. {high:.3g}'
+def _known(value: float, text: str) -> str:
+    """Return the text on a value, a dash where it is not known."""
+    return '-' if value != value else text
 
 
-def _table(head: Sequence[str], rows: Sequence[tuple[str, ...]]) -> list[str]:
+# Columns of a report's tables.
+_STREAM: Mapping[str, Callable[[Any], str]] = {
+    'segment': lambda x: str(x.recording + 1),
+    'stream': lambda x: x.role,
+    'joints': lambda x: str(len(x.joints)),
+    'fields': lambda x: '+'.join(x.fields),
+    'samples': lambda x: str(x.samples),
+    'time': lambda x: f'{x.duration:.2f} s',
+    'rate': lambda x: f'{x.rate:.6g} Hz',
+    'jitter': lambda x: f'{x.jitter * 1e3:.3g} ms',
+    'missing': lambda x: f'{100.0 * x.missing_share:.2g} %',
+}
+_DRIVE: Mapping[str, Callable[[Any], str]] = {
+    'segment': lambda x: str(x.recording + 1),
+    'drive': lambda x: x.drive,
+    'stroke': lambda x: f'{x.stroke:.4g}',
+    'top speed': lambda x: f'{x.top_speed:.3g}',
+    'reversals': lambda x: str(x.reversals),
+    'at rest': lambda x: f'{100.0 * x.rest_share:.0f} %',
+    'effort': lambda x: _known(x.effort_low, f'{x.effort_low:.3g} .. {x.effort_high:.3g}'),
+    'late': lambda x: _known(x.effort_lag, f'{x.effort_lag * 1e3:.0f} ms'),
+    'explained': lambda x: _known(x.explained, f'{100.0 * x.explained:.0f} %'),
+}
+
+
+def _table(rows: Sequence[Sequence[str]]) -> list[str]:
     """Return lines with aligned columns."""
-    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         '  '.join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
-        for row in (head, *rows)
+        for row in rows
     ]

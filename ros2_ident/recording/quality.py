@@ -9,7 +9,15 @@ import numpy as np
 
 from ros2_ident.errors import IdentError
 from ros2_ident.recording.align import align
-from ros2_ident.recording.findings import DriveSummary, Finding, Level, Report, StreamSummary
+from ros2_ident.recording.findings import (
+    about,
+    DriveSummary,
+    Finding,
+    Level,
+    Report,
+    Said,
+    StreamSummary,
+)
 from ros2_ident.recording.grid import sample_period
 from ros2_ident.recording.plausibility import judge_drive, standing
 from ros2_ident.recording.streams import FIELDS, Recording, Stream, with_positions
@@ -69,23 +77,18 @@ def check(
         text = 'there is no recording; record joint states while the drives move'
         return Report('', findings=(Finding('error', 'no_data', '', text),))
     if len(recordings) > 1 and len({x.source for x in recordings}) == 1:
-        findings.append(
-            Finding(
-                'warn',
-                'segments',
-                '',
-                f'the stamps step back, or nothing came for long: the log falls into '
-                f'{len(recordings)} segments; each is judged and used by itself',
-            )
+        text = (
+            f'the stamps step back, or nothing came for long: the log falls into '
+            f'{len(recordings)} segments; each is judged and used by itself'
         )
+        findings.append(Finding('warn', 'segments', '', text))
     for number, recording in enumerate(recordings):
         findings += [Finding('warn', 'reading', '', text) for text in recording.warnings]
         if not number:
             findings += [Finding('ok', 'topics', '', text) for text in recording.notes]
-        summaries = [summarise(number, role, stream) for role, stream in recording.streams.items()]
-        streams += summaries
-        for summary in summaries:
-            findings += _judge_stream(summary)
+        for role, stream in recording.streams.items():
+            streams.append(summarise(number, role, stream))
+            findings += about(role, _of_stream(streams[-1]))
         findings += _judge_recording(recording, machine, need)
         found, said = _judge_drives(number, recording, machine)
         drives += found
@@ -136,59 +139,37 @@ def summarise(number: int, role: str, stream: Stream) -> StreamSummary:
     )
 
 
-def _judge_stream(x: StreamSummary) -> Iterator[Finding]:
+def _of_stream(x: StreamSummary) -> Iterator[Said]:
     """Judge rate, gaps and missing values of one stream."""
-    text = f'{x.role}: {x.samples} samples at {x.rate:.6g} Hz'
+    text = f'{x.samples} samples at {x.rate:.6g} Hz'
     period = 1.0 / x.rate if x.rate else 0.0
     if period and x.jitter > 0.15 * period and x.gaps > 0.02 * x.samples:
-        yield Finding(
-            'warn',
-            'irregular',
-            x.role,
-            f'{text}, but the steps scatter by {x.jitter * 1e3:.3g} ms and {x.gaps} are far '
-            'longer; log from the control loop itself where that is possible',
+        text += (
+            f', but the steps scatter by {x.jitter * 1e3:.3g} ms and {x.gaps} are far longer; log '
+            'from the control loop itself where that is possible'
         )
+        yield 'warn', 'irregular', text
     elif x.missing_share > _MISSING_WARN:
-        level: Level = 'error' if x.missing_share > _MISSING_ERROR else 'warn'
-        yield Finding(
-            level,
-            'missing',
-            x.role,
-            f'{text}, {100.0 * x.missing_share:.3g} % of the samples are missing, the longest '
-            f'gap lasts {x.longest_gap:.3g} s; record on the machine itself, or with a larger '
-            'cache',
+        text += (
+            f', {100.0 * x.missing_share:.3g} % of the samples are missing, the longest gap lasts '
+            f'{x.longest_gap:.3g} s; record on the machine itself, or with a larger cache'
         )
+        yield 'error' if x.missing_share > _MISSING_ERROR else 'warn', 'missing', text
     else:
-        rest = f', {x.missing} missing' if x.missing else ', none missing'
-        yield Finding(
-            'ok', 'rate', x.role, f'{text}{rest}, stamps scatter by {x.jitter * 1e3:.3g} ms'
-        )
+        text += f', {x.missing or "none"} missing, stamps scatter by {x.jitter * 1e3:.3g} ms'
+        yield 'ok', 'rate', text
     for name in x.silent:
-        if x.role == 'effort' or not name.startswith('effort'):
-            yield Finding(
-                'warn',
-                'nan',
-                x.role,
-                f'{x.role}: every value of the {_of(name)} is NaN: it was not measured',
-            )
-        else:
-            yield Finding(
-                'warn',
-                'nan',
-                x.role,
-                f'{x.role}: every value of the {_of(name)} is NaN; name the topic that '
-                'carries the effort, or switch its measurement on',
-            )
+        remedy = ': it was not measured'
+        if x.role != 'effort' and name.startswith('effort'):
+            remedy = '; name the topic that carries the effort, or switch its measurement on'
+        yield 'warn', 'nan', f'every value of the {_of(name)} is NaN{remedy}'
     for name, count in x.nan:
-        share = count / x.samples
-        if share > _MISSING_WARN:
-            yield Finding(
-                'warn',
-                'nan',
-                x.role,
-                f'{x.role}: {100.0 * share:.3g} % of the values of the {_of(name)} are '
-                'missing or NaN; they are left out; check the driver if you expected them',
+        if (share := count / x.samples) > _MISSING_WARN:
+            text = (
+                f'{100.0 * share:.3g} % of the values of the {_of(name)} are missing or NaN; they '
+                'are left out; check the driver if you expected them'
             )
+            yield 'warn', 'nan', text
 
 
 def _of(name: str) -> str:
@@ -201,21 +182,17 @@ def _judge_recording(
 ) -> Iterator[Finding]:
     """Judge what a recording holds as a whole."""
     if recording.duration < _SHORT:
-        yield Finding(
-            'warn',
-            'short',
-            '',
-            f'the recording lasts {recording.duration:.2g} s; record at least {_SHORT:g} s '
-            'with acceleration, cruise and reversal',
+        text = (
+            f'the recording lasts {recording.duration:.2g} s; record at least {_SHORT:g} s with '
+            'acceleration, cruise and reversal'
         )
+        yield Finding('warn', 'short', '', text)
     if recording.command is None:
-        yield Finding(
-            'warn',
-            'no_command',
-            'command',
-            'there is no command stream: the recorded motion will drive the model, which '
-            'leaves the controller untested; record the set-point too where there is one',
+        text = (
+            'there is no command stream: the recorded motion will drive the model, which leaves '
+            'the controller untested; record the set-point too where there is one'
         )
+        yield Finding('warn', 'no_command', 'command', text)
     if machine is None:
         return
     try:
@@ -242,22 +219,14 @@ def _judge_drives(
     recording, integrated = with_positions(recording, everyone)
     state = recording.state
     if state is None or state.position is None:
-        return [], [
-            Finding(
-                'warn',
-                'no_position',
-                'state',
-                'no position was recorded, so excitation and effort cannot be judged; record the '
-                'joint states',
-            )
-        ]
-    names = (
-        state.names if machine is None else tuple(x for x in machine.drives if x in state.names)
-    )
+        text = 'no position was recorded, so excitation and effort cannot be judged; record the '
+        return [], [Finding('warn', 'no_position', 'state', f'{text}joint states')]
     drives: list[DriveSummary] = []
     findings: list[Finding] = []
-    gravity = 0.0 if machine is None else machine.number('gravity')
-    scales = {} if machine is None else machine.effort_scales
+    names, gravity, scales = state.names, 0.0, dict[str, float]()
+    if machine is not None:
+        names = tuple(x for x in machine.drives if x in state.names)
+        gravity, scales = machine.number('gravity'), dict(machine.effort_scales)
     for name in names:
         summary, said = judge_drive(
             number, recording, name, gravity, scales.get(name, 1.0), machine is not None
@@ -299,13 +268,9 @@ def _judge_weight(drives: Sequence[DriveSummary], machine: MachineFacts) -> list
     if 1.0 / _WEIGHT_WARN < off < _WEIGHT_WARN:
         return []
     level: Level = 'warn' if 1.0 / _WEIGHT_ERROR < off < _WEIGHT_ERROR else 'error'
-    return [
-        Finding(
-            level,
-            'effort_weight',
-            '',
-            f'the efforts at rest hold {force:.3g} N, the machine weighs {low:.3g} to {high:.3g} '
-            f'N: the effort is {off:.2g} times a torque; state effort_unit with torque_constant '
-            'or rated_torque in the machine file, or correct its gear_factor and masses',
-        )
-    ]
+    text = (
+        f'the efforts at rest hold {force:.3g} N, the machine weighs {low:.3g} to {high:.3g} N: '
+        f'the effort is {off:.2g} times a torque; state effort_unit with torque_constant or '
+        'rated_torque in the machine file, or correct its gear_factor and masses'
+    )
+    return [Finding(level, 'effort_weight', '', text)]

@@ -22,7 +22,8 @@ Sign = Literal['right', 'reversed', 'unsigned', 'either', 'open']
 
 # What is no torque of the drive as it was logged.
 WRONG: frozenset[Sign] = frozenset({'reversed', 'unsigned', 'either'})
-_SAID: dict[Sign, str] = {
+# What to say of it, with the remedy.
+SAID: dict[Sign, str] = {
     'right': 'the effort overcomes friction, so it has the sign of the motion',
     'reversed': 'where the same positions are passed both ways the effort takes power from the '
     'drive instead of overcoming friction: its sign is reversed against the motion; negate the '
@@ -43,11 +44,6 @@ _CHANCE = 1e-3
 # An effort passes zero, and falls to it, by these shares of its largest values, and stays there
 # for this share of the time; a drive that has stood longer may be braked or off, s.
 _PASSES, _FALLS, _OFTEN, _STOOD = 0.005, 0.02, 0.005, 0.1
-
-
-def sentence(drive: str, sign: Sign) -> str:
-    """Return what to say of the sign of a drive's effort, with the remedy."""
-    return f'{drive}: {_SAID[sign]}'
 
 
 def sign_of(motion: Motion, alone: bool = False) -> Sign:
