@@ -61,7 +61,6 @@ OWN: dict[str, str] = {
     'recording.limits': 'recording_damage',
     'recording.mcap_scan': 'recording_damage recording_bag',
     'recording.motion': 'recording_quality',
-    'recording.placing': 'recording_span recording_grid',
     'recording.plausibility': 'recording_quality',
     'recording.rosbag1_scan': 'recording_damage recording_bag',
     'recording.segments': 'recording_builder',
@@ -69,7 +68,6 @@ OWN: dict[str, str] = {
     'recording.shown': 'recording_builder recording_damage',
     'recording.smooth': 'recording_smooth',
     'recording.storage': 'recording_bag recording_damage',
-    'recording.table_write': 'recording_table',
     'recording.write': 'recording_damage recording_bag',
 }
 # Tests of which those marked slow are quick enough for the modules that they are for.

@@ -125,7 +125,7 @@ def _tables(args: argparse.Namespace) -> tuple[Path, ...]:
     """Write results, or else a log, as CSV."""
     from ros2_ident.recording import read_bag
     from ros2_ident.recording.columns import MAP_SUFFIX
-    from ros2_ident.recording.table_write import write_table
+    from ros2_ident.recording.table import write_table
     from ros2_ident.report.tables import holds_results, write_tables
 
     log = Path(args.results)

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bring a recording's streams onto one grid of controller cycles."""
+"""Bring a recording's streams onto one grid of controller cycles, on which each is numbered."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.dataset import AlignQuality, Dataset, StreamQuality
-from ros2_ident.recording.grid import sample_period
+from ros2_ident.recording.grid import find_ticks, sample_period, Ticks
 from ros2_ident.recording.limits import Limits, too_large
-from ros2_ident.recording.placing import place, Placed
 from ros2_ident.recording.setpoint import interpolate_setpoint
 from ros2_ident.recording.streams import (
     FIELDS,
     FloatArray,
+    IntArray,
     Recording,
     scale_effort,
     Stream,
@@ -29,6 +29,34 @@ _STREAMED = 50
 _STRANGERS = 12
 # Arrays of drives and cycles that a data set holds, twice while they are made.
 _GRIDS = 10
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """A stream reduced to the drives, with the cycle number of each sample.
+
+    Attributes:
+        role: `state`, `effort` or `command`.
+        stream: The samples of the drives, one a cycle.
+        tick: Their cycle numbers (T,).
+        instants: Sampling times (T,) in cycles: whole numbers where the stream keeps to the grid.
+        ticks: How its stamps lie on the grid.
+        period: The typical spacing of its stamps, s.
+        reference: The stamp that the numbers count from, ns.
+    """
+
+    role: str
+    stream: Stream
+    tick: IntArray
+    instants: FloatArray
+    ticks: Ticks
+    period: float
+    reference: int
+
+    def stamp_of(self, tick: int, cycle: float) -> int:
+        """Return the stamp of a cycle on this stream's clock, ns."""
+        offset = self.ticks.phase + tick * cycle * (1.0 + self.ticks.drift)
+        return self.reference + round(offset * 1e9)
 
 
 def align(
@@ -82,13 +110,16 @@ def align(
             f'state: no position of {", ".join(found)} was recorded; it is the integral of the '
             'speed, from 0'
         )
-    placed = place(recording, names, cycle, warnings)
+    placed = _place(recording, names, cycle, warnings)
     where = recording.source or 'recording'
     start, cycles = _span(where, placed, cycle, warnings)
     off = None
     if released:
         off, cycles = _released(placed, start, cycles, cycle, warnings)
-    _check_memory(where, cycles, len(names), limits or Limits())
+    needed, limits = _GRIDS * cycles * len(names) * 8, limits or Limits()
+    if needed > limits.memory:
+        what = f'{where}: a grid of {cycles} controller cycles takes'
+        raise too_large(what, needed, limits.memory, 'memory')
     command = placed.get('command')
     position = velocity = None
     if command is not None:
@@ -101,6 +132,7 @@ def align(
     )
     origin = placed['state'] if 'state' in placed else next(iter(placed.values()))
     begin = origin.stamp_of(start, cycle)
+    grid = np.arange(cycles, dtype=np.float64) * cycle
     return Dataset(
         names,
         float(cycle),
@@ -111,9 +143,9 @@ def align(
         measured['velocity'],
         measured['effort'],
         quality,
-        _beside(recording, names, begin, cycles, cycle),
+        _beside(recording.state, names, begin, grid),
         off,
-        _asked(asking, names, begin, cycles, cycle),
+        _asked(asking, names, begin, grid),
     )
 
 
@@ -123,65 +155,177 @@ def _only_efforts(command: Stream | None) -> bool:
 
 
 def _asked(
-    command: Stream | None, names: tuple[str, ...], begin: int, cycles: int, cycle: float
+    command: Stream | None, names: tuple[str, ...], begin: int, grid: FloatArray
 ) -> FloatArray | None:
     """Return the effort asked for (D, K), NaN for a drive without; None where there is none.
 
     Beside a set-point of the motion an effort is a feed-forward, a part of what is asked for.
     """
-    if command is None or command.effort is None:
+    if command is None or command.stamp.size < 2:
         return None
-    moved = np.zeros(len(command.names), dtype=bool)
-    for values in (command.position, command.velocity):
-        if values is not None:
-            moved |= np.nan_to_num(np.nanmax(values, axis=0) - np.nanmin(values, axis=0)) > 0.0
-    time = (command.stamp - begin) * 1e-9
-    grid = np.arange(cycles) * cycle
-    out = np.full((len(names), cycles), np.nan)
+    out = np.full((len(names), grid.size), np.nan)
     for row, name in zip(out, names, strict=True):
-        column = command.names.index(name) if name in command.names else -1
-        if column < 0 or moved[column]:
-            continue
-        values = command.effort[:, column]
-        there = np.isfinite(values)
-        if there.sum() > 1:
-            row[:] = np.interp(grid, time[there], values[there])
+        found = (command.column(field, name) for field in ('position', 'velocity'))
+        moves = any(x is not None and np.nanmax(x) > np.nanmin(x) for x in found)
+        values = command.column('effort', name)
+        if values is not None and not moves:
+            row[:] = _between(command, values, begin, grid)
     return None if np.isnan(out).all() else out
 
 
 def _beside(
-    recording: Recording, names: tuple[str, ...], begin: int, cycles: int, cycle: float
+    state: Stream | None, names: tuple[str, ...], begin: int, grid: FloatArray
 ) -> dict[str, FloatArray]:
     """Return positions of the joints that are no drives, where each has been measured."""
-    state = recording.state
-    if state is None or state.position is None:
-        return {}
-    time = (state.stamp - begin) * 1e-9
-    grid = np.arange(cycles) * cycle
-    strangers = [n for n in state.names if n not in names][:_STRANGERS]
-    columns = {n: state.position[:, state.names.index(n)] for n in strangers}
-    return {
-        n: np.interp(grid, time[np.isfinite(x)], x[np.isfinite(x)])
-        for n, x in columns.items()
-        if np.isfinite(x).any()
-    }
+    strangers = [x for x in state.names if x not in names] if state else []
+    found = {}
+    for name in strangers[:_STRANGERS]:
+        if state and (values := state.column('position', name)) is not None:
+            found[name] = _between(state, values, begin, grid)
+    return found
 
 
-def _check_memory(where: str, cycles: int, drives: int, limits: Limits) -> None:
-    """Refuse a grid that would not fit.
+def _between(stream: Stream, values: FloatArray, begin: int, grid: FloatArray) -> FloatArray:
+    """Return values (T,) at seconds (K,) after a stamp, by straight lines."""
+    there = np.isfinite(values)
+    return np.interp(grid, ((stream.stamp - begin) * 1e-9)[there], values[there])
 
-    Raises:
-        IdentError: BAD_VALUES.
-    """
-    needed = _GRIDS * cycles * drives * 8
-    if needed > limits.memory:
-        raise too_large(
-            f'{where}: a grid of {cycles} controller cycles takes', needed, limits.memory, 'memory'
+
+def _place(
+    recording: Recording, names: tuple[str, ...], cycle: float, warnings: list[str]
+) -> dict[str, _Placed]:
+    """Reduce the streams to the drives and number their samples on one common grid."""
+    placed: dict[str, _Placed] = {}
+    where = recording.source or 'recording'
+    reference, shift = 0, 0
+    for role, whole in recording.streams.items():
+        stream = _reduced(where, role, whole, names, warnings)
+        if stream is None:
+            continue
+        if not placed:
+            reference = int(stream.stamp[0])
+        counted_from = reference + shift
+        stream, ticks = _numbered(stream, counted_from, cycle)
+        if not placed:
+            shift = round(ticks.phase * 1e9)
+        elif ticks.stride and abs(ticks.phase) > 0.35 * cycle:
+            warnings.append(
+                f'{role}: stamps lie {abs(ticks.phase) * 1e3:.3g} ms beside those of '
+                f'{next(iter(placed))}, near half a cycle: it may be one cycle off'
+            )
+        period = sample_period(stream.stamp)
+        warnings += _remarks(role, period, ticks, cycle)
+        kept, tick, raw = stream, ticks.tick, ticks.raw
+        if not ticks.keep.all():
+            kept, tick, raw = stream.taken(ticks.keep), tick[ticks.keep], raw[ticks.keep]
+        instants = tick.astype(np.float64) if ticks.stride else raw
+        placed[role] = _Placed(role, kept, tick, instants, ticks, period, counted_from)
+    if 'state' not in placed and 'effort' not in placed:
+        raise IdentError(
+            ErrorCode.MISSING_STREAM,
+            f'{where}: neither a state nor an effort stream holds the drives; record the topic on '
+            'which they report, or name it',
         )
+    return placed
+
+
+def _numbered(stream: Stream, reference: int, cycle: float) -> tuple[Stream, Ticks]:
+    """Number a stream's samples; drives that publish one by one are numbered one by one.
+
+    Args:
+        stream: The stream, reduced to the drives.
+        reference: The stamp that numbers count from, ns.
+        cycle: Controller cycle, s.
+
+    Returns:
+        The stream, with one sample per cycle where its drives had to be put together, and the
+        numbers.
+    """
+    there = np.any([~np.isnan(values) for values in stream.fields.values()], axis=0)
+    if np.mean(there.all(axis=1)) > 0.5 or not there.any(axis=0).all():
+        return stream, find_ticks(stream.stamp, reference, cycle)
+    parts = [find_ticks(stream.stamp[rows], reference, cycle) for rows in there.T]
+    tick = np.unique(np.concatenate([part.tick[part.keep] for part in parts]))
+    merged = {field: np.full((tick.size, len(parts)), np.nan) for field in stream.fields}
+    for column, (rows, part) in enumerate(zip(there.T, parts, strict=True)):
+        place = np.searchsorted(tick, part.tick[part.keep])
+        for field, values in stream.fields.items():
+            merged[field][place, column] = values[rows, column][part.keep]
+    first = parts[0]
+    length = cycle * (1.0 + first.drift)
+    stamp = reference + np.round((first.phase + tick * length) * 1e9).astype(np.int64)
+    ticks = replace(
+        first,
+        tick=tick,
+        raw=tick.astype(np.float64),
+        keep=np.ones(tick.size, dtype=np.bool_),
+        stride=first.stride if all(part.stride == first.stride for part in parts) else 0,
+        jitter=max(part.jitter for part in parts),
+    )
+    return Stream(stream.names, stamp, **merged), ticks
+
+
+def _remarks(role: str, period: float, ticks: Ticks, cycle: float) -> list[str]:
+    """Say how a stream's samples fell on the grid, where that is worth a warning."""
+    remarks = []
+    milliseconds = f'{cycle * 1e3:.4g} ms'
+    doubled = int((~ticks.keep).sum())
+    if doubled:
+        remarks.append(
+            f'{role}: {doubled} samples share a controller cycle of {milliseconds} with another '
+            'and are left out; state a shorter cycle if the controller has one'
+        )
+    if not ticks.stride and ticks.tick.size > 2:
+        remarks.append(
+            f'{role}: the samples, {period * 1e3:.4g} ms apart, do not keep to the controller '
+            f'cycle of {milliseconds}; each counts at the nearest cycle'
+        )
+    if ticks.jitter > 0.2 * ticks.stride * cycle > 0.0:
+        remarks.append(
+            f'{role}: the stamps scatter by {ticks.jitter * 1e3:.3g} ms about the controller '
+            'cycles, some samples may be placed wrongly; stamp the messages where the values are '
+            'taken'
+        )
+    if abs(ticks.drift) > 2e-5:
+        remarks.append(
+            f'{role}: the controller cycle is {cycle * (1.0 + ticks.drift) * 1e3:.6g} ms on the '
+            f'clock of the stamps, not {cycle * 1e3:.6g} ms'
+        )
+    return remarks
+
+
+def _reduced(
+    where: str, role: str, stream: Stream, names: tuple[str, ...], warnings: list[str]
+) -> Stream | None:
+    """Return the stream with the drives only, in their order; None where it does not help."""
+    missing = [name for name in names if name not in stream.names]
+    if missing and role != 'effort':
+        raise IdentError(
+            ErrorCode.MISSING_STREAM,
+            f'{where}: {role} has no joint {", ".join(missing)}, it holds '
+            f'{", ".join(stream.names)}; write these names as drives in the machine file, or '
+            'record the others too',
+        )
+    if len(missing) == len(names):
+        warnings.append(
+            f'effort: holds none of the drives, only {", ".join(stream.names)}; efforts of the '
+            'state are used'
+        )
+        return None
+    columns = [stream.names.index(x) if x in stream.names else -1 for x in names]
+    picked = {field: values[:, columns] for field, values in stream.fields.items()}
+    for values in picked.values():
+        values[:, np.less(columns, 0)] = np.nan
+    picked = {field: x for field, x in picked.items() if not np.isnan(x).all()}
+    if not picked:
+        warnings.append(f'{role}: every value of the drives is NaN; the stream is not used')
+        return None
+    filled = np.any([~np.isnan(x).all(axis=1) for x in picked.values()], axis=0)
+    return Stream(names, stream.stamp[filled], **{k: x[filled] for k, x in picked.items()})
 
 
 def _span(
-    where: str, placed: dict[str, Placed], cycle: float, warnings: list[str]
+    where: str, placed: dict[str, _Placed], cycle: float, warnings: list[str]
 ) -> tuple[int, int]:
     """Return first cycle and number of cycles of the grid."""
     leader = placed.get('command') or placed.get('state') or placed['effort']
@@ -221,7 +365,7 @@ def _span(
 
 
 def _released(
-    placed: dict[str, Placed], start: int, cycles: int, cycle: float, warnings: list[str]
+    placed: dict[str, _Placed], start: int, cycles: int, cycle: float, warnings: list[str]
 ) -> tuple[int | None, int]:
     """Return the cycle from which on motors are off, None for none, and the cycles up to then.
 
@@ -248,10 +392,10 @@ def _released(
     return int(state[state > command[-1]][0]) - start, end
 
 
-def _longest_stretch(command: Placed, cycle: float, warnings: list[str]) -> tuple[int, int]:
+def _longest_stretch(command: _Placed, cycle: float, warnings: list[str]) -> tuple[int, int]:
     """Return first and last cycle of the longest stretch of the command without a long hole."""
     tick = command.tick
-    values = command.samples('position')
+    values = command.stream.position
     steps = np.diff(tick)
     typical = float(np.median(steps)) if steps.size else 1.0
     long = steps > max(_BRIDGED_SAMPLES * typical, _BRIDGED_SECONDS / cycle)
@@ -275,10 +419,10 @@ def _longest_stretch(command: Placed, cycle: float, warnings: list[str]) -> tupl
 
 
 def _setpoint(
-    command: Placed, start: int, cycles: int, cycle: float
+    command: _Placed, start: int, cycles: int, cycle: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return set-point and its velocity (D, K) at every cycle."""
-    position, velocity = command.samples('position'), command.samples('velocity')
+    position, velocity = command.stream.position, command.stream.velocity
     if position is None:
         raise IdentError(
             ErrorCode.MISSING_STREAM,
@@ -308,21 +452,20 @@ def _setpoint(
 
 
 def _measured(
-    field: str, placed: dict[str, Placed], names: tuple[str, ...], start: int, cycles: int
+    field: str, placed: dict[str, _Placed], names: tuple[str, ...], start: int, cycles: int
 ) -> FloatArray | None:
     """Return a measured field (D, K) with NaN where no sample is, or None where never measured."""
     out = np.full((len(names), cycles), np.nan)
-    for column in range(len(names)):
-        for role in ('effort', 'state') if field == 'effort' else ('state',):
-            if role not in placed:
-                continue
-            values = placed[role].samples(field)
-            if values is None or np.isnan(values[:, column]).all():
-                continue
-            index = placed[role].tick - start
-            inside = (index >= 0) & (index < cycles)
-            out[column, index[inside]] = values[inside, column]
-            break
+    # an effort of its own topic counts before that of the state
+    for x in (placed.get('state'), placed.get('effort') if field == 'effort' else None):
+        if x is None or (values := x.stream.values(field)) is None:
+            continue
+        index = x.tick - start
+        inside = (index >= 0) & (index < cycles)
+        for row, column in zip(out, values.T, strict=True):
+            if not np.isnan(column).all():
+                row[:] = np.nan
+                row[index[inside]] = column[inside]
     return None if np.isnan(out).all() else out
 
 
@@ -345,35 +488,28 @@ def _check_need(
         if field not in need:
             continue
         values = measured[field]
+        code, text = ErrorCode.MISSING_STREAM, ''
         if values is not None:
             silent = [n for n, row in zip(names, values, strict=True) if np.isnan(row).all()]
             if not silent:
                 continue
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
-                f'{where}: no {field} of {", ".join(silent)}; leave these drives out, or record '
-                'theirs too',
+            listed = ', '.join(silent)
+            text = f'no {field} of {listed}; leave these drives out, or record theirs too'
+        elif any(field in x.fields for role, x in recording.streams.items() if role != 'command'):
+            code = ErrorCode.BAD_VALUES
+            text = (
+                f'every {field} of the drives is NaN; switch the measurement on in the drive, or '
+                'name the topic that carries it'
             )
-        sent = any(
-            stream.values(field) is not None
-            for role, stream in recording.streams.items()
-            if role != 'command'
-        )
-        if sent:
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                f'{where}: every {field} of the drives is NaN; switch the measurement on in the '
-                'drive, or name the topic that carries it',
+        else:
+            text = (
+                f'no stream holds a{"n" * (field == "effort")} {field}; record it, or name the '
+                'topic that carries it'
             )
-        article = 'an' if field == 'effort' else 'a'
-        raise IdentError(
-            ErrorCode.MISSING_STREAM,
-            f'{where}: no stream holds {article} {field}; record it, or name the topic that '
-            'carries it',
-        )
+        raise IdentError(code, f'{where}: {text}')
 
 
-def _quality(placed: Placed, names: tuple[str, ...], start: int, cycles: int) -> StreamQuality:
+def _quality(placed: _Placed, names: tuple[str, ...], start: int, cycles: int) -> StreamQuality:
     """Count what of a stream lies on the grid."""
     tick = placed.tick
     inside = (tick >= start) & (tick < start + cycles)
@@ -383,20 +519,15 @@ def _quality(placed: Placed, names: tuple[str, ...], start: int, cycles: int) ->
     usual = stride or (float(np.median(steps)) if steps.size else 1.0)
     missing = int(np.maximum(np.round(steps / usual) - 1, 0).sum()) if steps.size else 0
     nan = {}
-    for field in FIELDS:
-        values = placed.samples(field)
-        if values is None:
-            continue
-        for column, name in enumerate(names):
-            count = int(np.isnan(values[inside, column]).sum())
+    for field, values in placed.stream.fields.items():
+        for name, count in zip(names, np.isnan(values[inside]).sum(axis=0).tolist(), strict=True):
             if 0 < count < used:
                 nan[f'{field} {name}'] = count
-    period = sample_period(placed.stream.stamp)
     return StreamQuality(
         placed.role,
         used,
         missing,
-        1.0 / period if period else 0.0,
+        1.0 / placed.period if placed.period else 0.0,
         placed.ticks.jitter,
         stride,
         nan,

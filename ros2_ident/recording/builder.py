@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """From single messages to recordings: the one way in for bags and for live topics."""
 
-from array import array
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+import copy
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.limits import Limits, too_large, variable_of
@@ -14,6 +14,7 @@ from ros2_ident.recording.outliers import leave_out
 from ros2_ident.recording.segments import match_segments, split_pauses, split_stamps
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.streams import (
+    FIELDS,
     FloatArray,
     IntArray,
     LATEST_STAMP,
@@ -31,40 +32,51 @@ _ABSURD = 1e30
 LIVE = 'live'
 
 
-@dataclass
-class _Layout:
-    """Messages of one shape: the same joints in the same order, the same fields filled."""
+# Blocks that are put together: single messages would take more room than their values.
+_MANY = 1024
 
-    names: tuple[str, ...]
-    filled: tuple[bool, bool, bool]
-    values: 'array[float]' = field(default_factory=lambda: array('d'))
-
-    @property
-    def width(self) -> int:
-        return len(self.names) * sum(self.filled)
+# Stamps (T,), the D joints, and position, velocity and effort, each (T, D) or None.
+_Block = tuple[IntArray, tuple[str, ...], Sequence[FloatArray | None]]
 
 
 @dataclass
 class _Track:
-    """All messages of one role, in the order of arrival."""
+    """All messages of one role, in the order of arrival, and the place of each joint in them."""
 
-    stamp: 'array[int]' = field(default_factory=lambda: array('q'))
-    layout_id: 'array[int]' = field(default_factory=lambda: array('I'))
-    layouts: list[_Layout] = field(default_factory=list)
-    known: dict[tuple[tuple[str, ...], tuple[bool, bool, bool]], int] = field(default_factory=dict)
-
+    blocks: list[_Block] = field(default_factory=list)
     joints: dict[str, int] = field(default_factory=dict)
+    count: int = 0
+    fresh: int = 0
 
-    def layout(self, names: tuple[str, ...], filled: tuple[bool, bool, bool]) -> int:
-        """Return the number of a layout."""
-        key = (names, filled)
-        number = self.known.get(key)
-        if number is None:
-            number = self.known[key] = len(self.layouts)
-            self.layouts.append(_Layout(names, filled))
-            for name in names:
-                self.joints.setdefault(name, len(self.joints))
-        return number
+    def add(self, stamp: IntArray, joints: tuple[str, ...], fields: Sequence[Any]) -> None:
+        """Append messages."""
+        for name in joints:
+            self.joints.setdefault(name, len(self.joints))
+        self.blocks.append((stamp, joints, fields))
+        self.count += len(stamp)
+        self.fresh += 1
+        if self.fresh == _MANY:
+            self.blocks[-_MANY:] = [self.joined(self.blocks[-_MANY:])]
+            self.fresh = 0
+
+    def measured(self, blocks: Sequence[_Block]) -> list[bool]:
+        """Say which of position, velocity and effort blocks hold."""
+        return [any(joints and x[i] is not None for _, joints, x in blocks) for i in range(3)]
+
+    def joined(self, blocks: Sequence[_Block]) -> _Block:
+        """Return blocks as one of all joints, NaN where a message does not name one."""
+        stamp = np.concatenate([x for x, *_ in blocks])
+        shape = (stamp.size, len(self.joints))
+        fields = [np.full(shape, np.nan) if x else None for x in self.measured(blocks)]
+        begin = 0
+        for own, joints, values in blocks:
+            rows = slice(begin, begin + len(own))
+            begin = rows.stop
+            columns = [self.joints[name] for name in joints]
+            for target, part in zip(fields, values, strict=True):
+                if target is not None and part is not None:
+                    target[rows, columns] = part
+        return stamp, tuple(self.joints), fields
 
 
 class RecordingBuilder:
@@ -98,7 +110,17 @@ class RecordingBuilder:
     @property
     def counts(self) -> dict[str, int]:
         """Messages taken so far, by role."""
-        return {role: len(track.stamp) for role, track in self._tracks.items()}
+        return {role: track.count for role, track in self._tracks.items()}
+
+    def copied(self) -> 'RecordingBuilder':
+        """Return a copy, which another thread may build while this one collects."""
+        other = copy.copy(self)
+        other._warnings = [*self._warnings]
+        other._tracks = {
+            role: replace(x, blocks=[*x.blocks], joints={**x.joints})
+            for role, x in self._tracks.items()
+        }
+        return other
 
     def warn(self, sentence: str) -> None:
         """Attach a sentence to every recording that will be built; repeated ones are kept once."""
@@ -119,7 +141,7 @@ class RecordingBuilder:
         velocity: FloatArray | None = None,
         effort: FloatArray | None = None,
     ) -> None:
-        """Append T messages of the same joints.
+        """Append T messages of the same joints, in arrays that nobody writes to afterwards.
 
         Args:
             role: `state`, `effort` or `command`.
@@ -132,39 +154,54 @@ class RecordingBuilder:
         Raises:
             IdentError: BAD_VALUES where the shapes do not fit.
         """
-        track = self._track(role)
+        if role not in self._tracks:
+            raise self._bad(f'role is {role!r}; choose one of {", ".join(ROLES)}')
+        track = self._tracks[role]
         joints = self._named(role, names)
-        rows = len(stamp)
-        parts = [x for x in (position, velocity, effort) if x is not None]
-        for part in parts:
-            if part.shape != (rows, len(joints)):
-                raise IdentError(
-                    ErrorCode.BAD_VALUES,
-                    f'{self.source}: a block of {role} has shape {part.shape}, expected '
-                    f'{(rows, len(joints))} (messages, joints)',
+        fields = (position, velocity, effort)
+        shape = (len(stamp), len(joints))
+        for part in fields:
+            if part is not None and part.shape != shape:
+                raise self._bad(
+                    f'{self.source}: a block of {role} has shape {part.shape}, expected {shape} '
+                    '(messages, joints)'
                 )
-        filled = tuple(x is not None for x in (position, velocity, effort))
         if len(set(joints)) != len(joints):
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
+            raise self._bad(
                 f'{self.source}: a message of {role} names a joint twice ({listed(joints)}); '
-                'give each joint its own name',
+                'give each joint its own name'
             )
-        if not rows:
+        if not len(stamp):
             return
         if int(stamp.max()) >= LATEST_STAMP or int(stamp.min()) <= -LATEST_STAMP:
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
+            raise self._bad(
                 f'{self.source}: a stamp of {role} is no time, it lies more than a century off; '
-                'send nanoseconds since 1970',
+                'send nanoseconds since 1970'
             )
-        number = track.layout(joints, (filled[0], filled[1], filled[2]))
-        if parts:
-            track.layouts[number].values.frombytes(
-                np.concatenate(parts, axis=1, dtype=np.float64).tobytes()
-            )
-        track.stamp.frombytes(np.ascontiguousarray(stamp, dtype=np.int64).tobytes())
-        track.layout_id.frombytes(np.full(rows, number, dtype=np.uint32).tobytes())
+        track.add(np.asarray(stamp, dtype=np.int64), joints, fields)
+
+    def add_columns(
+        self, stamp: IntArray, columns: Mapping[tuple[str, str, str], FloatArray]
+    ) -> None:
+        """Append a table; a row without any value of a role is no message of it.
+
+        Args:
+            stamp: Stamps of the rows (T,), ns.
+            columns: Values (T,) by role, joint and field.
+
+        Raises:
+            IdentError: As `add_block`.
+        """
+        for role in dict.fromkeys(role for role, *_ in columns):
+            own = {(joint, field): x for (of, joint, field), x in columns.items() if of == role}
+            joints = list(dict.fromkeys(joint for joint, _ in own))
+            fields: dict[str, FloatArray] = {}
+            for (joint, name), row in own.items():
+                table = fields.setdefault(name, np.full((len(stamp), len(joints)), np.nan))
+                table[:, joints.index(joint)] = row
+            there = np.any([~np.isnan(x).all(axis=1) for x in fields.values()], axis=0)
+            taken = {name: x[there] for name, x in fields.items()}
+            self.add_block(role, stamp[there], joints, *map(taken.get, FIELDS))
 
     def build(self) -> list[Recording]:
         """Cut what was collected into recordings.
@@ -179,7 +216,7 @@ class RecordingBuilder:
         warnings = list(self._warnings)
         pieces: dict[str, list[Stream]] = {}
         for role, track in self._tracks.items():
-            if track.stamp:
+            if track.count:
                 pieces[role] = self._streams(role, track, warnings)
         if not any(pieces.values()):
             raise IdentError(
@@ -204,58 +241,50 @@ class RecordingBuilder:
             for group in groups
         ]
 
-    def _track(self, role: str) -> _Track:
-        try:
-            return self._tracks[role]
-        except KeyError:
-            raise IdentError(
-                ErrorCode.BAD_VALUES, f'role is {role!r}; choose one of {", ".join(ROLES)}'
-            ) from None
+    @staticmethod
+    def _bad(text: str) -> IdentError:
+        return IdentError(ErrorCode.BAD_VALUES, text)
 
     def _named(self, role: str, names: Sequence[str]) -> tuple[str, ...]:
         """Return the names as they may be shown, within the limits of a stream."""
-        track, limits = self._track(role), self.limits
+        track, limits = self._tracks[role], self.limits
         joints = tuple(names)
         if all(name in track.joints for name in joints):
             return joints
         longest = max(map(len, joints))
         new = sum(name not in track.joints for name in joints)
-        if longest > limits.name or len(track.joints) + new > limits.joints:
+        what = ''
+        if longest > limits.name:
             what = (
                 f'a name of {longest} characters, more than the {limits.name} allowed; shorten '
                 f'it, or raise {variable_of("name")}'
-                if longest > limits.name
-                else f'more than {limits.joints} joints; record the drives only, or raise '
+            )
+        elif len(track.joints) + new > limits.joints:
+            what = (
+                f'more than {limits.joints} joints; record the drives only, or raise '
                 f'{variable_of("joints")}'
             )
-            raise IdentError(ErrorCode.BAD_VALUES, f'{self.source}: {role} names {what}')
+        if what:
+            raise self._bad(f'{self.source}: {role} names {what}')
         return tuple(printable(name, 8 * limits.name) for name in joints)
 
     def _streams(self, role: str, track: _Track, warnings: list[str]) -> list[Stream]:
         """Return the segments of one role."""
         names = list(track.joints)
-        measured = [
-            any(layout.filled[i] and layout.names for layout in track.layouts) for i in range(3)
-        ]
+        measured = track.measured(track.blocks)
         if not any(measured):
             warnings.append(
-                f'{role}: {len(track.stamp)} messages without any value; nothing was measured '
-                'there'
+                f'{role}: {track.count} messages without any value; nothing was measured there'
             )
             return []
-        stamp = np.array(track.stamp, dtype=np.int64)
-        needed = 3 * sum(measured) * len(names) * stamp.size * 8
+        needed = 3 * sum(measured) * len(names) * track.count * 8
         if needed > self.limits.memory:
-            raise too_large(
-                f'{self.source}: {role} with {len(names)} joints takes',
-                needed,
-                self.limits.memory,
-                'memory',
-            )
-        fields = self._fields(track, names, measured)
-        for array_ in fields:
-            if array_ is not None and (bad := np.abs(array_) > _ABSURD).any():
-                array_[bad] = np.nan
+            what = f'{self.source}: {role} with {len(names)} joints takes'
+            raise too_large(what, needed, self.limits.memory, 'memory')
+        stamp, _, fields = track.joined(track.blocks)
+        for target in fields:
+            if target is not None and (bad := np.abs(target) > _ABSURD).any():
+                target[bad] = np.nan
                 warnings.append(
                     f'{role}: {int(bad.sum())} infinite values are taken as not measured'
                 )
@@ -287,31 +316,6 @@ class RecordingBuilder:
                 'look for two publishers on one topic'
             )
         return streams
-
-    @staticmethod
-    def _fields(track: _Track, names: list[str], measured: list[bool]) -> list[FloatArray | None]:
-        """Return the three fields (T, D) in the order of arrival."""
-        count = len(track.stamp)
-        number = np.array(track.layout_id, dtype=np.int64)
-        fields: list[FloatArray | None] = [
-            np.full((count, len(names)), np.nan) if there else None for there in measured
-        ]
-        order = np.argsort(number, kind='stable')
-        edges = np.searchsorted(number[order], np.arange(len(track.layouts) + 1))
-        for index, layout in enumerate(track.layouts):
-            if not layout.width:
-                continue
-            rows = order[edges[index] : edges[index + 1]]
-            columns = np.array([track.joints[name] for name in layout.names])
-            # a copy: a view would lock the growing array against the next append
-            block = np.array(layout.values, dtype=np.float64).reshape(rows.size, layout.width)
-            offset = 0
-            for i in range(3):
-                target = fields[i]
-                if layout.filled[i] and target is not None:
-                    target[np.ix_(rows, columns)] = block[:, offset : offset + len(columns)]
-                    offset += len(columns)
-        return fields
 
 
 def _strayed(role: str, stamp: IntArray, rows: IntArray) -> str:
@@ -366,8 +370,7 @@ def _merge(
         Stamps (U,) without repetition, the fields (U, D) with the latest measured value of each
         joint, and how many values were overwritten.
     """
-    first: NDArray[np.bool_] = np.ones(stamp.size, dtype=np.bool_)
-    first[1:] = np.diff(stamp) != 0
+    first = np.diff(stamp, prepend=stamp[0] - 1) != 0
     if first.all():
         return stamp, fields, 0
     starts = np.flatnonzero(first)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Column maps: what each column of a table is."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 import math
 from pathlib import Path
@@ -23,11 +23,8 @@ QUANTITIES = {
 }
 # Decimal digits from a unit of time to ns.
 _DIGITS = {'s': 9, 'ms': 6, 'us': 3, 'ns': 0}
-_COUNTS = {'skip': 'before', 'skip_below': 'below'}  # the line of names
-OPTIONS = ('time', 'joints', 'where', 'delimiter', 'decimal', *_COUNTS, 'header')
 # A map is short; so is a row.
 _LARGEST_MAP, _MOST_COLUMNS = 1 << 20, 1 << 16
-_NO_DELIMITER = '\r\n\0"'
 
 Cell = str | int
 
@@ -51,6 +48,32 @@ class Column:
     unsigned: bool = False
 
 
+def _is_count(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def _is_choice(value: object) -> bool:
+    return isinstance(value, Mapping) and not any(
+        isinstance(x, list | dict) for x in value.values()
+    )
+
+
+def _is_mark(value: object) -> bool:
+    return isinstance(value, str) and len(value) == 1 and value not in '\r\n\0"'
+
+
+# What a map may state beside time and joints: the usual, whether a value fits, what to write else.
+_OPTIONS: Mapping[str, tuple[Any, Callable[[Any], bool], str]] = {
+    'where': ({}, _is_choice, 'write {COLUMN: VALUE} of rows that count'),
+    'delimiter': (',', _is_mark, 'write one character, as ";" or "\\t"'),
+    'decimal': ('.', ('.', ',').__contains__, 'write "." or ",", and another one as delimiter'),
+    'skip': (0, _is_count, 'write the number of lines before the names'),
+    'skip_below': (0, _is_count, 'write the number of lines below the names'),
+    'header': (True, lambda x: isinstance(x, bool), 'write true or false'),
+}
+OPTIONS = ('time', 'joints', *_OPTIONS)
+
+
 @dataclass(frozen=True)
 class ColumnMap:
     """What a table's columns are.
@@ -70,12 +93,12 @@ class ColumnMap:
     time: Cell
     digits: int
     columns: tuple[Column, ...]
-    delimiter: str = ','
-    decimal: str = '.'
-    skip: int = 0
-    header: bool = True
-    skip_below: int = 0
-    where: tuple[tuple[Cell, str], ...] = ()
+    delimiter: str
+    decimal: str
+    skip: int
+    header: bool
+    skip_below: int
+    where: tuple[tuple[Cell, str], ...]
 
 
 def load_columns(path: str | Path) -> ColumnMap:
@@ -97,25 +120,12 @@ def load_columns(path: str | Path) -> ColumnMap:
     if not isinstance(data, Mapping) or not isinstance(data.get('joints'), Mapping):
         raise refuse(path, 'needs `time` and `joints`; docs/logs.md has an example')
     _known(path, 'the map', data, OPTIONS)
-    header, where = data.get('header', True), data.get('where', {})
-    delimiter, decimal = data.get('delimiter', ','), data.get('decimal', '.')
-    if not isinstance(header, bool):
-        raise refuse(path, f'header is {short(header)}; write true or false')
-    skips = [data.get(x, 0) for x in _COUNTS]
-    for (key, side), skip in zip(_COUNTS.items(), skips, strict=True):
-        if not isinstance(skip, int) or isinstance(skip, bool) or skip < 0:
-            text = f'{key} is {short(skip)}; write the number of lines {side} the names'
-            raise refuse(path, text)
-    if not isinstance(where, Mapping) or any(isinstance(x, list | dict) for x in where.values()):
-        raise refuse(path, f'where is {short(where)}; write {{COLUMN: VALUE}} of rows that count')
-    if not isinstance(delimiter, str) or len(delimiter) != 1 or delimiter in _NO_DELIMITER:
-        raise refuse(
-            path, f'delimiter is {short(delimiter)}; write one character, as ";" or "\\t"'
-        )
-    if decimal not in ('.', ',') or decimal == delimiter:
-        raise refuse(
-            path, f'decimal is {short(decimal)}; write "." or ",", and another one as delimiter'
-        )
+    given = {key: data.get(key, usual) for key, (usual, *_) in _OPTIONS.items()}
+    for key, value in given.items():
+        _, fits, remedy = _OPTIONS[key]
+        if not fits(value) or (key == 'decimal' and value == given['delimiter']):
+            raise refuse(path, f'{key} is {short(value)}; {remedy}')
+    header, where = given['header'], given.pop('where')
     time, digits = _time(path, data.get('time'), header)
     columns = []
     for joint, quantities in data['joints'].items():
@@ -134,9 +144,7 @@ def load_columns(path: str | Path) -> ColumnMap:
     if not columns:
         raise refuse(path, 'joints is empty; name at least one joint and its columns')
     rows = tuple((_cell(path, 'where', x, header), str(y).strip()) for x, y in where.items())
-    return ColumnMap(
-        time, digits, tuple(columns), delimiter, decimal, skips[0], header, skips[1], rows
-    )
+    return ColumnMap(time, digits, tuple(columns), where=rows, **given)
 
 
 def refuse(path: object, text: str) -> IdentError:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """LeRobot folders, v2.1 and v3: one episode a recording, in units that nobody wrote down."""
 
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 import json
 import math
@@ -16,7 +16,7 @@ from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.limits import Limits, too_large
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.storage import damaged, digest
-from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray, Recording, ROLES
+from ros2_ident.recording.streams import FloatArray, IntArray, Recording, ROLES
 
 # Ends of each joint's travel by its name: low and high, rad.
 Travel = Mapping[str, tuple[float, float]]
@@ -113,8 +113,8 @@ def read_lerobot(
         for sentence in said:
             builder.warn(sentence)
         stamp = np.round(frame[rows] * (1e9 / rate)).astype(np.int64)
-        for role, names, fields in _streams(columns, values[rows]):
-            builder.add_block(role, stamp, names, *fields)
+        pairs = zip(columns, values[rows].T, strict=True)
+        builder.add_columns(stamp, {(x.role, x.joint, x.field): row for x, row in pairs})
         found += builder.build()
     return found
 
@@ -294,21 +294,3 @@ def _fits(unit: str, spans: Travel, ends: Travel) -> bool:
             return False
         moved.append((end - begin) / (high - low))
     return not moved or max(moved) > _MOVED
-
-
-def _streams(
-    columns: list[_Column], values: FloatArray
-) -> Iterable[tuple[str, list[str], list[FloatArray | None]]]:
-    """Yield role, joints and fields of each stream."""
-    for role in dict.fromkeys(x.role for x in columns):
-        names = list(dict.fromkeys(x.joint for x in columns if x.role == role))
-        fields: list[FloatArray | None] = []
-        for field in FIELDS:
-            own = {
-                x.joint: n for n, x in enumerate(columns) if (x.role, x.field) == (role, field)
-            }
-            table = np.full((len(values), len(names)), np.nan)
-            for name, number in own.items():
-                table[:, names.index(name)] = values[:, number]
-            fields.append(table if own else None)
-        yield role, names, fields

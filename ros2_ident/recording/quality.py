@@ -20,7 +20,7 @@ from ros2_ident.recording.findings import (
 )
 from ros2_ident.recording.grid import sample_period
 from ros2_ident.recording.plausibility import judge_drive, standing
-from ros2_ident.recording.streams import FIELDS, Recording, Stream, with_positions
+from ros2_ident.recording.streams import Recording, Stream, with_positions
 
 # Shares of missing samples from which a warning, and an error, is due.
 _MISSING_WARN, _MISSING_ERROR = 0.01, 0.2
@@ -113,10 +113,7 @@ def summarise(number: int, role: str, stream: Stream) -> StreamSummary:
     gap = steps > 1.5 * period
     nan: list[tuple[str, int]] = []
     silent: list[str] = []
-    for field in FIELDS:
-        values = stream.values(field)
-        if values is None:
-            continue
+    for field, values in stream.fields.items():
         for name, count in zip(stream.names, np.isnan(values).sum(axis=0).tolist(), strict=True):
             if count == stream.stamp.size:
                 silent.append(f'{field} {name}')
@@ -126,7 +123,7 @@ def summarise(number: int, role: str, stream: Stream) -> StreamSummary:
         recording=number,
         role=role,
         joints=stream.names,
-        fields=tuple(field for field in FIELDS if stream.values(field) is not None),
+        fields=tuple(stream.fields),
         samples=stream.stamp.size,
         duration=stream.duration,
         rate=1.0 / period if period else 0.0,

@@ -4,6 +4,7 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,10 +88,7 @@ class Stream:
         object.__setattr__(self, 'names', names)
         object.__setattr__(self, 'stamp', stamp)
         shape = (stamp.size, len(names))
-        for field in FIELDS:
-            values = getattr(self, field)
-            if values is None:
-                continue
+        for field, values in self.fields.items():
             array = np.asarray(values, dtype=np.float64)
             if array.shape != shape:
                 raise _fail(
@@ -104,7 +102,7 @@ class Stream:
                     'there is no measurement'
                 )
             object.__setattr__(self, field, _frozen(array))
-        if all(getattr(self, field) is None for field in FIELDS):
+        if not self.fields:
             raise _fail(
                 'a stream holds neither position, velocity nor effort; leave the stream out '
                 'instead'
@@ -114,15 +112,13 @@ class Stream:
         """Compare values; NaN equals NaN."""
         if not isinstance(other, Stream):
             return NotImplemented
-        if self.names != other.names or not np.array_equal(self.stamp, other.stamp):
-            return False
-        for field in FIELDS:
-            one, two = getattr(self, field), getattr(other, field)
-            if (one is None) != (two is None):
-                return False
-            if one is not None and not np.array_equal(one, two, equal_nan=True):
-                return False
-        return True
+        mine, theirs = self.fields, other.fields
+        return (
+            self.names == other.names
+            and mine.keys() == theirs.keys()
+            and np.array_equal(self.stamp, other.stamp)
+            and all(np.array_equal(x, theirs[k], equal_nan=True) for k, x in mine.items())
+        )
 
     def __hash__(self) -> int:
         """Hash by what is cheap; equality decides the rest."""
@@ -133,19 +129,22 @@ class Stream:
         """Time from the first to the last sample, s."""
         return float(self.stamp[-1] - self.stamp[0]) * 1e-9
 
+    @property
+    def fields(self) -> dict[str, FloatArray]:
+        """What was measured (T, D), by its name."""
+        found = {field: getattr(self, field) for field in FIELDS}
+        return {field: values for field, values in found.items() if values is not None}
+
     def values(self, field: str) -> FloatArray | None:
-        """Return one field by its name.
-
-        Args:
-            field: `position`, `velocity` or `effort`.
-
-        Returns:
-            The field (T, D) in its own unit, or None where never measured.
-        """
+        """Return one field (T, D) by its name, None where it was never measured."""
         if field not in FIELDS:
             raise _fail(f'a stream has no field {field!r}; choose one of {", ".join(FIELDS)}')
-        array: FloatArray | None = getattr(self, field)
-        return array
+        return self.fields.get(field)
+
+    def taken(self, rows: slice | NDArray[Any]) -> 'Stream':
+        """Return some of the samples, at least one."""
+        fields = {field: values[rows] for field, values in self.fields.items()}
+        return Stream(self.names, self.stamp[rows], **fields)
 
     def column(self, field: str, name: str) -> FloatArray | None:
         """Return one joint's samples of a field.
@@ -171,14 +170,7 @@ class Stream:
             end: Stamp after the last, ns.
         """
         low, high = np.searchsorted(self.stamp, [begin, end])
-        if low >= high:
-            return None
-        cut = slice(int(low), int(high))
-        return Stream(
-            self.names,
-            self.stamp[cut],
-            *(None if (x := self.values(field)) is None else x[cut] for field in FIELDS),
-        )
+        return self.taken(slice(int(low), int(high))) if low < high else None
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Logs as tables (CSV), read by a column map that says what each column is."""
+"""Logs as tables (CSV), read and written with a column map that says what each column is."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 import csv
 from decimal import Decimal
 import io
@@ -11,8 +11,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import make_directory, mark, require_ours, write_text
+from ros2_ident.files import write_table as write_rows
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.columns import (
     Cell,
@@ -29,12 +32,14 @@ from ros2_ident.recording.motion import CUTOFF
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.smooth import allowed_cutoff, smooth_motion
 from ros2_ident.recording.storage import digest
-from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray, Recording
+from ros2_ident.recording.streams import FloatArray, IntArray, Recording, Stream
 
 # Rows converted at once: bounds the memory that texts take.
 _BLOCK = 1 << 14
 # A step between rows outside of this is a wrong unit of the time, ns.
 _FINEST, _COARSEST = 1_000, 2_000_000_000
+# ns are nine decimals of a second.
+_TO_SECONDS = -9
 # A joint that is slower than this share of its top speed rests.
 _REST = 0.01
 
@@ -76,7 +81,7 @@ def read_table(
     builder = RecordingBuilder(str(path), digest([path, where]), limits)
     for sentence in warnings:
         builder.warn(sentence)
-    _feed(builder, layout, stamp, values)
+    builder.add_columns(stamp, _summed(str(path), layout, stamp, values))
     return builder.build()
 
 
@@ -288,30 +293,82 @@ def _directions(
     return np.sign(rate[np.where(last < 0, np.argmax(moves), last)])
 
 
-def _feed(
-    builder: RecordingBuilder, layout: ColumnMap, stamp: IntArray, values: list[FloatArray]
-) -> None:
-    """Hand the columns over, stream by stream."""
+def _summed(
+    path: str, layout: ColumnMap, stamp: IntArray, values: list[FloatArray]
+) -> dict[tuple[str, str, str], FloatArray]:
+    """Return the values by role, joint and field, of which a map may have several columns."""
     sums: dict[tuple[str, str], FloatArray] = {}
     for column, row in sorted(
         zip(layout.columns, values, strict=True), key=lambda x: x[0].unsigned
     ):
         key = column.joint, column.quantity
         if column.unsigned:
-            row = row * _directions(builder.source, column.joint, stamp, sums)
+            row = row * _directions(path, column.joint, stamp, sums)
         sums[key] = sums[key] + row if key in sums else row
-    for role in dict.fromkeys(QUANTITIES[x.quantity][0] for x in layout.columns):
-        joints = list(
-            dict.fromkeys(x.joint for x in layout.columns if QUANTITIES[x.quantity][0] == role)
-        )
-        fields: dict[str, FloatArray] = {}
-        for (joint, quantity), row in sums.items():
-            own, field = QUANTITIES[quantity]
-            if own == role:
-                block = fields.setdefault(field, np.full((stamp.size, len(joints)), np.nan))
-                block[:, joints.index(joint)] = row
-        there = np.zeros(stamp.size, dtype=np.bool_)
-        for block in fields.values():
-            there |= ~np.isnan(block).all(axis=1)
-        blocks = [None if x not in fields else fields[x][there] for x in FIELDS]
-        builder.add_block(role, stamp[there], joints, *blocks)
+    found = {}
+    for column in layout.columns:
+        role, field = QUANTITIES[column.quantity]
+        found[role, column.joint, field] = sums[column.joint, column.quantity]
+    return found
+
+
+def write_table(
+    path: str | Path, recordings: Sequence[Recording], inputs: Sequence[str | Path] = ()
+) -> tuple[Path, Path]:
+    """Write recordings of one log as a table; `read_bag` gets the same values back.
+
+    Streams of other rates leave cells empty. The time of the next recording steps back, as it
+    does in the log.
+
+    Args:
+        path: The `.csv` file.
+        recordings: In order.
+        inputs: What they were read from, which is not replaced.
+
+    Returns:
+        The table and its column map, which lies beside it.
+
+    Raises:
+        IdentError: INVALID_GOAL where a file cannot be written, or is not ours to replace.
+    """
+    table = Path(path)
+    where = table.with_name(table.stem + MAP_SUFFIX)
+    require_ours([table, where], inputs)
+    make_directory(table.parent)
+    columns = list(dict.fromkeys(name for r in recordings for name, *_ in _columns(r)))
+    joints: dict[str, dict[str, str]] = {}
+    for joint, quantity in columns:
+        joints.setdefault(joint, {})[quantity] = f'{joint}.{quantity}'
+    told = {'time': {'column': 'time', 'unit': 's'}, 'joints': joints}
+    head = ['time', *map('.'.join, columns)]
+    return (
+        write_rows(table, head, (row for r in recordings for row in _rows(r, columns))),
+        write_text(where, f'# {mark("columns")}\n{yaml.safe_dump(told, sort_keys=False)}'),
+    )
+
+
+def _rows(recording: Recording, columns: Sequence[tuple[str, str]]) -> Iterator[list[str]]:
+    """Yield the rows of a recording: a time, and a cell for each column."""
+    own = list(_columns(recording))
+    stamps = np.unique(np.concatenate([stamp for _, stamp, _ in own]))
+    cells = np.full((stamps.size, len(columns)), np.nan)
+    for name, stamp, values in own:
+        cells[np.searchsorted(stamps, stamp), columns.index(name)] = values
+    for stamp, row in zip(stamps.tolist(), cells.tolist(), strict=True):
+        time = Decimal(stamp).scaleb(_TO_SECONDS)
+        yield [f'{time:f}', *('' if value != value else repr(value) for value in row)]
+
+
+def _columns(
+    recording: Recording,
+) -> Iterator[tuple[tuple[str, str], IntArray, FloatArray]]:
+    """Yield joint and quantity, stamps (T,) and values (T,) of all that was measured."""
+    for quantity, (role, field) in QUANTITIES.items():
+        stream: Stream | None = getattr(recording, role)
+        if role == 'effort' and stream is None:
+            stream = recording.state  # joint states may bring the effort
+        values = None if stream is None else getattr(stream, field)
+        if stream is not None and values is not None:
+            for joint, column in zip(stream.names, values.T, strict=True):
+                if np.isfinite(column).any():
+                    yield (joint, quantity), stream.stamp, column

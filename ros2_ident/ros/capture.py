@@ -10,7 +10,6 @@ for as long. All methods belong to the executor's thread; `snapshot` hands a cop
 """
 
 from collections.abc import Callable, Sequence
-import copy
 from importlib import import_module
 import time
 from typing import Any
@@ -271,7 +270,7 @@ class Capture:
     def snapshot(self) -> RecordingBuilder:
         """Return a copy of all that was received; another thread may build it."""
         self.flush()
-        builder = copy.deepcopy(self._builder)
+        builder = self._builder.copied()
         for role, inbox in self._inbox.items():
             for block in set_points(inbox.trajectories, _LIMITS):
                 builder.add_block(role, block.stamp, block.names, *block.fields)

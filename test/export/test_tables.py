@@ -10,7 +10,7 @@ import pytest
 from ros2_ident.cli.main import main
 from ros2_ident.recording import read_bag, Recording, Stream
 from ros2_ident.recording.streams import FIELDS
-from ros2_ident.recording.table_write import write_table
+from ros2_ident.recording.table import write_table
 from ros2_ident.report.files import load_result
 from ros2_ident.report.signals import load_signals
 from ros2_ident.report.tables import write_tables

@@ -13,8 +13,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import read_bag, scale_effort, Stream, table, Topics
 from ros2_ident.recording.columns import load_columns
 from ros2_ident.recording.limits import Limits
-from ros2_ident.recording.table import read_table
-from ros2_ident.recording.table_write import write_table
+from ros2_ident.recording.table import read_table, write_table
 
 NAMES = ('drive_1', 'drive_2')
 START = 1_700_000_000_123_456_789
