@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noise and model error in a residual, told apart by what can be predicted.
 
-    r = -J d - S a + n,    a ~ N(0, tau^2 I),    n ~ AR(p) of each place
+    r = -J d - S a + n,    a_i ~ N(0, tau^2 + tau_i^2),    n ~ AR(p) of each place
 
 J is the derivative of the residual by the parameters, whose error d has the box as its prior. The
 columns of S are what the model may lack: what effects would change, functions of the motion. How
-large they are, tau, is what maximises the evidence; size and colour of the noise are those of what
-is left, with what the coefficients' uncertainty hides of it put back (expectation maximisation).
+large they are is what maximises the evidence: tau of all, and a tau_i of its own for the few of
+which the evidence is so many times larger that it outweighs their choice among all. Size and
+colour of the noise are those of what is left, with what the coefficients' uncertainty hides of it
+put back (expectation maximisation).
 Nothing of either has to be known. The evidence says how well each sample is predicted by
 those before it; what it is not clear about counts only where it comes true on blocks left out.
 """
@@ -39,9 +41,10 @@ _MUCH = 0.25
 _CHANCE = 3.0
 # From here on it is clear that something is predicted.
 _CLEAR = 30.0
-# Sizes tried, as shares of the residual: every fourth, then those about the best.
+# Sizes tried, as shares of the residual: every fourth, then those about the best. And how many
+# times single columns get their own before that of all is looked for again.
 _SIZES = np.logspace(-5.0, 1.5, 66)
-_EVERY = 4
+_EVERY, _ROUNDS = 4, 4
 
 
 @dataclass(frozen=True)
@@ -53,8 +56,7 @@ class Evidence:
         rms: (P,) root mean square of the residual.
         rest: (P,) the same of what is left of it.
         unseen: (P,) the same of what is left of blocks that were left out.
-        size: tau: RMS of what a single column may add to the residual.
-        gain: Logarithm of the evidence for that size over that for none.
+        gain: Logarithm of the evidence that something is missing over that for nothing.
         shift: (N,) how far the parameters move, in shares of their box, where what is missing may
             take its part of the residual.
         covariance: (N, N) of the parameters, in shares of their box, with what is missing unknown.
@@ -65,7 +67,6 @@ class Evidence:
     rms: Array
     rest: Array
     unseen: Array
-    size: float
     gain: float
     shift: Array
     covariance: Array
@@ -132,7 +133,8 @@ def weigh(
 
     Reference:
         Kennedy and O'Hagan (2001), J. R. Statist. Soc. B 63; Brynjarsdottir and O'Hagan (2014),
-        Inverse Problems 30; size by MacKay (1992), Neural Computation 4.
+        Inverse Problems 30; one size by MacKay (1992), Neural Computation 4; sizes of single
+        columns by Tipping and Faul (2003), AISTATS 9.
     """
     scaled, limit = _of_one_size(jacobian, missing, most)
     # A column's samples lie side by side: whitening and products go along them.
@@ -150,7 +152,7 @@ def weigh(
     )
     place = np.concatenate([np.full(run.stop - run.start, run.place) for run in runs])
     rms = _rms(residual, place)
-    if found.sums.taken(found.size) > _MUCH * len(residual):
+    if found.sums.taken(found.sizes) > _MUCH * len(residual):
         # As many columns as rows follow any noise: then all of it may be noise.
         plain = data.noise(
             residual - jacobian @ np.linalg.lstsq(jacobian, residual, rcond=None)[0]
@@ -158,17 +160,16 @@ def weigh(
         if data.plain(plain, len(jacobian.T)) > found.evidence:
             found = max(found, data.weighed(plain, blocks), key=lambda one: one.evidence)
     unseen, rest = data.unseen(found, blocks), found.rest(place)
-    sums, size = found.sums, found.size
+    sums = found.sums
     # Rows that were left out of the sums tell as much as those in them.
     whole = _Sums(sums.normal / share, sums.gradient / share, limit)
-    shift, covariance = whole.parameters(size)
+    shift, covariance = whole.parameters(found.sizes)
     # A prediction that makes it worse is none.
     return Evidence(
         found.noise,
         rms,
         np.minimum(rms, rest),
         np.minimum(rms, _rms(unseen, place)),
-        size,
         found.gain,
         shift,
         covariance,
@@ -183,7 +184,7 @@ class _Found:
     noise: tuple[NoiseModel, ...]
     sums: '_Sums'
     parts: list[tuple[Array, Array]]
-    size: float
+    sizes: Array
     gain: float
     evidence: float
     left: Array
@@ -221,12 +222,12 @@ class _Rows:
             parts = [(own @ own.T, own @ against) for own, against in rows]
             normal, gradient = (np.sum(x, axis=0) for x in zip(*parts, strict=True))
             sums = _Sums(normal, gradient, self.limit)
-            size, gain, evidence = sums.size(self.scale)
+            sizes, gain, evidence = sums.sizes(self.scale)
             evidence -= 0.5 * float(right @ right) + whiten.volume
-            left = self.residual - columns @ sums.solve(size)
-            spread = columns @ sums.draws(size, drawn)
+            left = self.residual - columns @ sums.solve(sizes)
+            spread = columns @ sums.draws(sizes, drawn)
             noise = self.noise(left, spread)
-        return _Found(noise, sums, parts, size, gain, evidence, left, spread)
+        return _Found(noise, sums, parts, sizes, gain, evidence, left, spread)
 
     def unseen(self, found: _Found, blocks: npt.NDArray[np.int64]) -> Array:
         """Return (R,) what is left of blocks that are predicted by the others."""
@@ -234,7 +235,7 @@ class _Rows:
         for fold, (normal, gradient) in enumerate(found.parts):
             own, sums = blocks % _FOLDS == fold, found.sums
             others = _Sums(sums.normal - normal, sums.gradient - gradient, self.limit)
-            out[own] = self.residual[own] - self.columns[own] @ others.solve(found.size)
+            out[own] = self.residual[own] - self.columns[own] @ others.solve(found.sizes)
         return out
 
     def plain(self, noise: tuple[NoiseModel, ...], count: int) -> float:
@@ -242,7 +243,7 @@ class _Rows:
         whiten = Whitening(self.runs, noise)
         white, right = whiten(self.columns[:, :count].T).T, whiten(self.residual)
         sums = _Sums(white.T @ white, white.T @ right, np.empty(0))
-        return sums.evidence(1.0) - 0.5 * float(right @ right) - whiten.volume
+        return sums.evidence(np.empty(0)) - 0.5 * float(right @ right) - whiten.volume
 
     def noise(self, left: Array, spread: Array | None = None) -> tuple[NoiseModel, ...]:
         """Return the noise of each place: one for all where that is the more probable.
@@ -280,66 +281,117 @@ class _Sums:
         normal: (N + C, N + C) products of the columns.
         gradient: (N + C,) products of columns and residual.
         limit: (C,) largest size of each column of what is missing.
+
+    Sizes (C,) are standard deviations of their coefficients.
     """
 
     def __init__(self, normal: Array, gradient: Array, limit: Array) -> None:
         self.normal, self.gradient, self.limit = normal, gradient, limit
         self.count = len(normal) - len(limit)
 
-    def size(self, scale: float) -> tuple[float, float, float]:
-        """Return the most probable size of what is missing, its gain over none, its evidence."""
-        sizes = scale * _SIZES
-        gains = np.full(sizes.size, -np.inf)
-        gains[::_EVERY] = [self.evidence(size) for size in sizes[::_EVERY]]
-        first = max(0, int(np.argmax(gains)) - _EVERY + 1)
-        near = slice(first, first + 2 * _EVERY - 1)
-        gains[near] = [self.evidence(size) for size in sizes[near]]
-        best = int(np.argmax(gains))
-        gain = float(gains[best] - gains[0])
-        # What chance gains is no evidence that anything is missing.
-        best = best if gain > _CHANCE else 0
-        return float(sizes[best]), gain, float(gains[best])
+    def sizes(self, scale: float) -> tuple[Array, float, float]:
+        """Return (C,) the most probable sizes of what is missing, the gain over none, evidence."""
+        none, own = np.minimum(scale * _SIZES[0], self.limit), np.zeros(len(self.limit))
+        size, evidence = self._of_all(own, scale * _SIZES)
+        least = self.evidence(none)
+        if not evidence - least > _CHANCE:
+            # What chance gains is no evidence that anything is missing.
+            return none, evidence - least, least
+        for _ in range(_ROUNDS):
+            common = np.minimum(size, self.limit)
+            sizes = self._own(np.hypot(common, own), common)
+            further = np.sqrt(np.maximum(sizes**2 - common**2, 0.0))
+            if np.array_equal(further, own):
+                break
+            own = further
+            size, evidence = self._of_all(own, scale * _SIZES[scale * _SIZES <= size])
+        return np.minimum(np.hypot(size, own), self.limit), evidence - least, evidence
 
-    def evidence(self, size: float) -> float:
-        """Return the logarithm of the evidence for a size, but for what is the noise's alone."""
-        factor, scale = self._factor(size)
+    def _of_all(self, own: Array, tried: Array) -> tuple[float, float]:
+        """Return the most probable size of all beside those (C,) of their own, and its evidence.
+
+        Args:
+            own: (C,) sizes of single columns.
+            tried: Sizes to try: every fourth, then those about the best.
+        """
+        evidence = {}
+
+        def best(sizes: Array) -> int:
+            for size in sizes.tolist():
+                if size not in evidence:
+                    evidence[size] = self.evidence(np.minimum(np.hypot(size, own), self.limit))
+            return int(np.searchsorted(tried, max(sizes.tolist(), key=lambda x: evidence[x])))
+
+        first = max(0, best(tried[::-_EVERY]) - _EVERY + 1)
+        last = best(tried[first : first + 2 * _EVERY - 1])
+        return float(tried[last]), evidence[float(tried[last])]
+
+    def _own(self, sizes: Array, common: Array) -> Array:
+        """Return (C,) sizes, some of them now their own, from sizes and those `common` to all.
+
+        One at a time, by the evidence that its best size has beside the others as they are. That
+        it is this one and no other has to be paid for.
+        """
+        own = slice(self.count, None)
+        covariance, mean = self.covariance(sizes), self.solve(sizes)
+        square, least = sizes**2, max(_CHANCE, math.log(max(sizes.size, 1)))
+        for _ in range(sizes.size):
+            spread = np.diag(covariance)[own]
+            # What the rows and the other coefficients say of one: precision, and its mean by that.
+            precision = np.maximum(1.0 / spread - 1.0 / square, 1e-300)
+            told = mean[own] / spread
+            best = np.clip((told**2 / precision - 1.0) / precision, common**2, self.limit**2)
+            gain = _of_one(best, told, precision) - _of_one(square, told, precision)
+            i = int(np.argmax(gain))
+            if not gain[i] > least:
+                break
+            change = 1.0 / best[i] - 1.0 / square[i]
+            column = covariance[:, self.count + i]
+            factor = change / (1.0 + change * column[self.count + i])
+            mean = mean - factor * mean[self.count + i] * column
+            covariance = covariance - factor * np.outer(column, column)
+            square[i] = best[i]
+        out: Array = np.sqrt(square)
+        return out
+
+    def evidence(self, sizes: Array) -> float:
+        """Return the logarithm of the evidence for sizes, but for what is the noise's alone."""
+        factor, scale = self._factor(sizes)
         half = solve_triangular(factor, self.gradient * scale, lower=True)
-        deviation = np.minimum(size, self.limit)
-        volume = np.sum(np.log(np.diag(factor) / scale)) + np.sum(np.log(deviation))
+        volume = np.sum(np.log(np.diag(factor) / scale)) + np.sum(np.log(sizes))
         return float(0.5 * half @ half - volume)
 
-    def solve(self, size: float) -> Array:
+    def solve(self, sizes: Array) -> Array:
         """Return (N + C,) the most probable coefficients."""
-        factor, scale = self._factor(size)
+        factor, scale = self._factor(sizes)
         out: Array = scale * cho_solve((factor, True), scale * self.gradient)
         return out
 
-    def parameters(self, size: float) -> tuple[Array, Array]:
+    def parameters(self, sizes: Array) -> tuple[Array, Array]:
         """Return (N,) how far the parameters move, and (N, N) their covariance."""
         own = slice(0, self.count)
-        return -self.solve(size)[own], self.covariance(size)[own, own]
+        return -self.solve(sizes)[own], self.covariance(sizes)[own, own]
 
-    def taken(self, size: float) -> float:
+    def taken(self, sizes: Array) -> float:
         """Return how many of the coefficients the rows decide, and not their prior."""
-        precision = np.concatenate([np.ones(self.count), np.minimum(size, self.limit) ** -2.0])
-        return float(precision.size - precision @ np.diag(self.covariance(size)))
+        precision = np.concatenate([np.ones(self.count), sizes**-2.0])
+        return float(precision.size - precision @ np.diag(self.covariance(sizes)))
 
-    def draws(self, size: float, drawn: Array) -> Array:
+    def draws(self, sizes: Array, drawn: Array) -> Array:
         """Return (N + C, M) deviations of the coefficients from standard normal numbers."""
-        factor, scale = self._factor(size)
+        factor, scale = self._factor(sizes)
         out: Array = scale[:, None] * solve_triangular(factor, drawn, lower=True, trans='T')
         return out
 
-    def covariance(self, size: float) -> Array:
+    def covariance(self, sizes: Array) -> Array:
         """Return (N + C, N + C) the covariance of the coefficients."""
-        factor, scale = self._factor(size)
+        factor, scale = self._factor(sizes)
         out: Array = scale[:, None] * cho_solve((factor, True), np.diag(scale))
         return out
 
-    def _factor(self, size: float) -> tuple[Array, Array]:
+    def _factor(self, sizes: Array) -> tuple[Array, Array]:
         """Return the lower Cholesky factor of the precision, scaled to ones on its diagonal."""
-        deviation = np.minimum(size, self.limit)
-        prior = np.concatenate([np.ones(self.count), deviation**-2.0])
+        prior = np.concatenate([np.ones(self.count), sizes**-2.0])
         precision = self.normal + np.diag(prior)
         scale: Array = np.diag(precision) ** -0.5
         precision *= np.outer(scale, scale)
@@ -348,6 +400,13 @@ class _Sums:
         except LinAlgError:
             # More columns than samples, and rounding took the prior from those that are alike.
             return cholesky(precision + _ROUNDED * np.eye(len(scale)), lower=True), scale
+
+
+def _of_one(square: Array, told: Array, precision: Array) -> Array:
+    """Return (C,) the evidence of single coefficients by the squares of their sizes."""
+    more = 1.0 + square * precision
+    out: Array = 0.5 * (told**2 * square / more - np.log(more))
+    return out
 
 
 def _of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[Array, Array]:

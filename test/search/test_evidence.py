@@ -54,12 +54,12 @@ def test_what_a_column_predicts_is_no_noise(rho):
 
 def test_noise_that_columns_could_follow_is_not_taken_for_less():
     told = []
-    for seed in range(6):
+    for seed in range(24):
         rng = np.random.default_rng(seed)
         missing, drawn = waves(rng, 60), noise(rng, 0.01, 0.9)
         seen = weigh(drawn + 0.01 * missing[:, 7], waves(rng, 5), missing, RUNS, BLOCKS)
         told.append(seen.floor[0] / drawn.std())
-    assert np.mean(told) == pytest.approx(1.0, abs=0.01)
+    assert np.sqrt(np.mean((np.array(told) - 1.0) ** 2)) < 0.015
 
 
 def test_places_of_one_noise_share_it():
@@ -102,7 +102,7 @@ def test_what_chance_gains_is_no_evidence():
         residual = noise(rng, 0.01, 0.0)
         seen = weigh(residual, waves(rng, 5), waves(rng, 60), RUNS, BLOCKS)
         gains.append(seen.gain)
-        assert seen.size == pytest.approx(1e-5 * np.sqrt(np.mean(residual**2)))
+        assert seen.rest[0] == pytest.approx(0.01, rel=0.02)
     assert min(gains) > 1.0 and max(gains) < 3.0
 
 

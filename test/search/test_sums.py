@@ -15,7 +15,6 @@ def evidence(gain=0.0, **changes):
         'rms': np.array([5.0, 2.0]),
         'rest': np.array([3.0, 2.0]),
         'unseen': np.array([4.0, 2.5]),
-        'size': 0.1,
         'gain': gain,
         'shift': np.array([0.01, -0.02]),
         'covariance': np.diag([1e-4, 4e-4]),
