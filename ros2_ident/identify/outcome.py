@@ -27,6 +27,7 @@ from ros2_ident.identify.result import (
     Provenance,
 )
 from ros2_ident.models import Machine
+from ros2_ident.recording.shown import listed
 from ros2_ident.search import RefineStatus, StopReason
 from ros2_ident.search.evidence import Evidence
 from ros2_ident.search.fit import Fitted
@@ -41,6 +42,8 @@ ONE_OF_SEVERAL = 'of one of several minima that fit almost alike'
 APART, BEYOND = 0.01, 3.0
 # One that leaves less than so many times the best one's mean square above the noise fits alike.
 ALIKE = 2.0
+# Parameters that a sentence names; every one has its line in the result.
+NAMED = 4
 
 
 def assemble(
@@ -186,7 +189,7 @@ def _judge(
         return Outcome.NOT_IDENTIFIABLE, ambiguous
     bounded = [e.name for e in estimates if e.at_bound]
     leaning = (
-        f' {", ".join(bounded)} {"lies" if len(bounded) == 1 else "lie"} at a bound: check '
+        f' {listed(bounded, NAMED)} {"lies" if len(bounded) == 1 else "lie"} at a bound: check '
         'whether the true value can lie beyond.'
         if bounded
         else ''
@@ -216,7 +219,7 @@ def undetermined(estimates: Sequence[ParameterEstimate]) -> str:
         if all(e.hidden for e in loose)
         else 'record a motion that excites them, or fix them at known values'
     )
-    return f'{", ".join(named)}; {remedy}'
+    return f'{listed(named, NAMED)}; {remedy}'
 
 
 def cut_short(found: Fitted) -> bool:
