@@ -14,7 +14,7 @@ from ros2_ident.excite.course import derived, tool_of
 from ros2_ident.excite.limits import carries, Moved, transmission
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
-from ros2_ident.models.planned import planned_model
+from ros2_ident.models.planned import drives_moved, planned_model
 from ros2_ident.models.protocol import FullModel
 from ros2_ident.models.registry import compared_of
 from ros2_ident.search import finite_differences
@@ -164,13 +164,7 @@ class Sensitivity:
 
     def _moved(self, model: FullModel, planned: Moved, told: Array) -> Moved:
         """Return what the drives do: what the model does not tell is as planned."""
-        rows = {
-            'position': planned.position.copy(),
-            'velocity': planned.velocity.copy(),
-            'effort': np.zeros_like(planned.position),
-        }
-        for output, row in zip(model.outputs, told, strict=True):
-            rows[output.quantity][self.machine.drives.index(output.place or output.name)] = row
+        rows = drives_moved(model, planned.position, planned.velocity, told)
         seen = derived(rows['position'], rows['velocity'], model.cycle)
         tool = tool_of(self.machine, self._back, planned, rows['position'])
         return replace(seen, jerk=None, effort=rows['effort'], tool=tool)

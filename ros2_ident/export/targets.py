@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.export import mjcf, tables, urdf
+from ros2_ident.export import tables
 from ros2_ident.export.content import Content
+from ros2_ident.export.description import mjcf, urdf
 from ros2_ident.files import make_directory, require_ours, write_text
 
 
@@ -36,8 +37,8 @@ class Target:
 
 
 TARGETS = {
-    'urdf': Target('URDF', 'robot.urdf', urdf.with_values, True, False, frozenset()),
-    'mjcf': Target('MJCF', 'robot.xml', mjcf.with_values, True, True, frozenset('pd')),
+    'urdf': Target('URDF', 'robot.urdf', urdf, True, False, frozenset()),
+    'mjcf': Target('MJCF', 'robot.xml', mjcf, True, True, frozenset('pd')),
     'isaac': Target(
         'Isaac Lab', 'isaac.yaml', lambda _, c: tables.isaac(c), False, True, frozenset('pd')
     ),

@@ -14,7 +14,7 @@ from ros2_ident.gap.case import Case, Joint
 from ros2_ident.gap.screen import screen, Start
 from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt
-from ros2_ident.models.orders import orders_shown
+from ros2_ident.models.trials import orders_shown
 from ros2_ident.search.journal import digest_of
 from ros2_ident.search.levenberg import difference_jacobian, fit_at, local_fit, LocalFit
 

@@ -12,8 +12,7 @@ from scipy.signal import detrend
 
 from ros2_ident.arrays import Array
 from ros2_ident.models import EffectAt, FullModel
-from ros2_ident.models.orders import orders_shown
-from ros2_ident.models.trials import LARGE, TRIAL, trials
+from ros2_ident.models.trials import LARGE, orders_shown, TRIAL, trials
 from ros2_ident.recording.motion import fill_gaps
 from ros2_ident.search.evidence import Evidence, weigh
 from ros2_ident.search.levenberg import difference_jacobian

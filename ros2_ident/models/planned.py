@@ -51,3 +51,24 @@ def planned_model(
         with suppress(IdentError):
             return make_model(machine, data, quantities=wanted, **more)
     return make_model(machine, data, quantities=quantities or compared_of(machine), **more)
+
+
+def drives_moved(
+    model: FullModel, position: Array, velocity: Array, told: Array
+) -> dict[str, Array]:
+    """Return (D, K) positions, velocities and efforts: what a model does not tell is as planned.
+
+    Args:
+        model: A planned model.
+        position: (D, K) its set-points, rad or m.
+        velocity: (D, K) their derivatives.
+        told: (O, K) its outputs.
+    """
+    rows = {
+        'position': position.copy(),
+        'velocity': velocity.copy(),
+        'effort': np.zeros_like(position),
+    }
+    for output, row in zip(model.outputs, told, strict=True):
+        rows[output.quantity][model.data.names.index(output.place or output.name)] = row
+    return rows

@@ -18,9 +18,9 @@ import numpy.typing as npt
 from ros2_ident.arrays import Array
 from ros2_ident.effects import EffectParameter, get_effect
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.lever import per_metre
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.units import per_metre
 from ros2_ident.models.recorded import RecordedMotion
 from ros2_ident.recording import Dataset
 

@@ -11,7 +11,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.drives.effort_range import effort_range
-from ros2_ident.models.planned import planned_model
+from ros2_ident.models.planned import drives_moved, planned_model
 from ros2_ident.models.protocol import FullModel
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.effects import Added
@@ -102,13 +102,7 @@ def _log(
         raise IdentError(
             ErrorCode.DIVERGED, 'the simulation diverged; set milder parameters or effects'
         )
-    rows = {
-        'position': motion.position.copy(),
-        'velocity': motion.velocity.copy(),
-        'effort': np.zeros_like(motion.position),
-    }
-    for output, row in zip(model.outputs, told, strict=True):
-        rows[output.quantity][machine.drives.index(output.place or output.name)] = row
+    rows = drives_moved(model, motion.position, motion.velocity, told)
     quantities = {output.quantity for output in model.outputs}
     if 'position' in quantities and 'velocity' not in quantities:
         rows['velocity'] = np.gradient(rows['position'], model.cycle, axis=1)

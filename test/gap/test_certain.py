@@ -27,7 +27,7 @@ from ros2_ident.gates import examine
 from ros2_ident.gates.law import fit_law
 from ros2_ident.identify.data import gather
 from ros2_ident.models import EffectAt, make_model
-from ros2_ident.models.orders import orders_shown
+from ros2_ident.models.trials import orders_shown
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.bag import nuisance_of
 from ros2_ident.simulate.motions import draw_motion

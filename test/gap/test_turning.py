@@ -14,7 +14,7 @@ from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.gap.reading import LARGEST
 from ros2_ident.gap.wording import in_travel, length
-from ros2_ident.machine.lever import angular_factor
+from ros2_ident.machine.units import angular_factor
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.recording import Dataset
 

@@ -13,10 +13,10 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import CATALOGUE, Context, EffectParameter, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
-from ros2_ident.machine.lever import per_metre
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.machine.space import Space
+from ros2_ident.machine.units import per_metre
 from ros2_ident.models.drives.candidates import Candidates, MAY_BE_ZERO
 from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel

@@ -5,7 +5,7 @@ Nothing else in this process imports MuJoCo. Every thread has models and data of
 """
 # mypy: disable-error-code="no-any-return"
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 import copy
 import functools
 import math
@@ -23,7 +23,6 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.description import judged_tree
 from ros2_ident.machine.machine import Machine
-from ros2_ident.models.mujoco.loops import close_loops
 
 # Candidates rolled out at a time: enough that the call costs nothing, few enough for the memory.
 _TOGETHER, _NUMBERS = 64, 4_000_000
@@ -32,6 +31,8 @@ _SUBSTEPS = 10_000
 _QUANTITIES = ('jointpos', 'jointvel', 'jointactuatorfrc')
 # Of an actuator, what a machine file states in the description's place; a URDF has none.
 OWN = 'kp', 'kv', 'force_limit'
+# Steps to close a loop, and how far apart its ends may be, m or rad.
+_STEPS, _CLOSED = 30, 1e-10
 
 
 @functools.cache
@@ -459,3 +460,36 @@ def _unreadable(text: str, joints: list[str], error: ValueError) -> IdentError:
         f'geometry.description cannot be read ({reason}); give a URDF, or an MJCF '
         'without files of its own',
     )
+
+
+def close_loops(mj: Any, model: Any, data: Any, driven: Sequence[int]) -> None:
+    """Move all joints but the driven ones until loops are closed, and give them their speeds.
+
+    By Newton's method from the pose in `data` on, so a loop's branch is that pose's.
+
+    Args:
+        mj: MuJoCo.
+        model: The model.
+        data: Its pose and speeds, which are changed.
+        driven: Degrees of freedom that stay as they are.
+    """
+    free = np.setdiff1d(np.arange(model.nv), driven)
+    step = np.zeros(model.nv)
+    for _ in range(_STEPS):
+        slopes, apart = _constraints(mj, model, data)
+        if np.abs(apart).max(initial=0.0) < _CLOSED:
+            break
+        step[free] = -np.linalg.lstsq(slopes[:, free], apart, rcond=None)[0]
+        mj.mj_integratePos(model, data.qpos, step, 1.0)
+    if len(apart):
+        drawn = slopes[:, driven] @ data.qvel[driven]
+        data.qvel[free] = -np.linalg.lstsq(slopes[:, free], drawn, rcond=None)[0]
+
+
+def _constraints(mj: Any, model: Any, data: Any) -> tuple[Array, Array]:
+    """Return the slopes (E, nv) of equality constraints, and how far apart their ends are (E,)."""
+    own, model.opt.jacobian = model.opt.jacobian, mj.mjtJacobian.mjJAC_DENSE
+    mj.mj_fwdPosition(model, data)
+    model.opt.jacobian = own
+    rows = data.efc_type == mj.mjtConstraint.mjCNSTR_EQUALITY
+    return data.efc_J.reshape(-1, model.nv)[rows], data.efc_pos[rows]

@@ -67,8 +67,7 @@ class Serial(DriveModel):
     @property
     def _followed(self) -> Array:
         """(3, D, K) the joints' motion that drives the model, by `_lead` ahead of the log."""
-        out: Array = self._motion.reshape(3, len(self.machine.drives), -1)
-        return out
+        return super().motion
 
     @functools.cached_property
     def _driven(self) -> Array:

@@ -11,7 +11,6 @@ from ros2_ident.arrays import Array
 from ros2_ident.machine.machine import Box, Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.serial.arm import Arm, INERTIALS
-from ros2_ident.models.serial.base import base_columns
 
 # Names of a link's inertial parameters in pinocchio's order, and the machine file's for their box.
 NAMES = (
@@ -25,6 +24,9 @@ _PAYLOAD_SOURCE = 'Newton; a point mass in the frame of the last joint'
 
 # Instants, speeds (rad/s or m/s) and accelerations of the motion that shows all that can be shown.
 _INSTANTS, _SPEED, _ACCELERATION = 60, 2.0, 5.0
+# A column counts as new where this much of it lies outside the others, as nothing where it is
+# this much of the longest: frames that are turned by half pi leave a rounding error behind.
+_NEW, _NOTHING = 1e-7, 1e-10
 
 
 class Inertials:
@@ -193,3 +195,43 @@ def point_mass(mass: Array, place: Array) -> list[Array]:
     x, y, z = place
     products = (y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y)
     return [mass, *(mass * place), *(mass * product for product in products)]
+
+
+def base_columns(terms: Array, given: Array) -> tuple[npt.NDArray[np.int64], Array, Array]:
+    """Return the columns that are independent of those before, and how the others add to them.
+
+    Orthogonalised in the order of the columns, as the QR decomposition without exchange that
+    Gautier (IEEE ICRA 1990) reads base parameters from; what depends on columns before is left out
+    at once, so that its rounding is no direction.
+
+    Args:
+        terms: (M, C) terms of a motion that shows whatever can be shown.
+        given: (M, E) terms of other parameters that come before all of these.
+
+    Returns:
+        (B,) the columns kept, rising, (B, C) the grouping: base parameters are its product with
+        the C parameters, and (E, C) what the other parameters stand for beside themselves.
+    """
+    basis = np.empty((len(terms), 0))
+    kept: list[int] = []
+    every = np.concatenate([given, terms], axis=1).T
+    lengths = np.linalg.norm(every, axis=1)
+    for number, (column, length) in enumerate(zip(every, lengths, strict=True)):
+        if length <= _NOTHING * lengths.max():
+            continue
+        rest = column / length
+        for _ in range(2):
+            rest = rest - basis @ (basis.T @ rest)
+        left = float(np.linalg.norm(rest))
+        if left > _NEW:
+            basis = np.concatenate([basis, (rest / left)[:, None]], axis=1)
+            kept.append(number - given.shape[1])
+    columns = np.array([n for n in kept if n >= 0], dtype=np.int64)
+    whole = np.concatenate([given, terms[:, columns]], axis=1)
+    scale = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
+    found = np.linalg.lstsq(whole / scale, terms, rcond=1e-12)[0] / scale[:, None]
+    found[np.abs(found) < 1e-9] = 0.0
+    beside, grouping = np.split(found, [given.shape[1]])
+    grouping[:, columns] = np.eye(len(columns))
+    beside[:, columns] = 0.0
+    return columns, grouping, beside
