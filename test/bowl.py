@@ -2,6 +2,7 @@
 """An objective that other processes unpack quickly."""
 
 import math
+import time
 
 import numpy as np
 
@@ -26,3 +27,11 @@ class Broken(Bowl):
 
     def costs(self, theta: np.ndarray, limit: float = math.inf, stop=None) -> np.ndarray:
         raise IdentError(ErrorCode.BAD_VALUES, 'the bowl has a hole; mend it')
+
+
+class Slow(Bowl):
+    """Takes longer than anybody waits."""
+
+    def costs(self, theta: np.ndarray, limit: float = math.inf, stop=None) -> np.ndarray:
+        time.sleep(3.0)
+        return super().costs(theta)

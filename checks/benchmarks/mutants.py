@@ -44,8 +44,6 @@ OWN: dict[str, str] = {
     'search.jacobian': 'search_refine',
     'search.noise': 'search_uncertainty search_evidence',
     'search.operators': 'search_genetic search_starts',
-    'search.packing': 'search_starts search_driver',
-    'search.settings': 'search_fit',
     'recording.cdr': 'recording_bag',
     'recording.align': 'recording_span',
     'recording.bag': 'recording_damage recording_ros2_control recording_places',

@@ -20,12 +20,11 @@ from ros2_ident.gap.screen import below_simulated, seen_in_log, Start
 from ros2_ident.identify.hidden import MATERIAL, residual_of, rows_of, slopes_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt
-from ros2_ident.search import Threads, Workers
+from ros2_ident.search import Progress, Threads, Workers
 from ros2_ident.search.evaluators import RunTasks
-from ros2_ident.search.fit import fit
+from ros2_ident.search.fit import fit, FitSettings
 from ros2_ident.search.journal import Journal, Within
 from ros2_ident.search.noise import fit_noise, Whitening
-from ros2_ident.search.settings import FitProgress, FitSettings
 
 # Joint fits of one round: at most, and at least whatever the screen says of them.
 _FITS = 12
@@ -186,7 +185,7 @@ class Attribution:
         joint = part.with_effects(())
         compared = [m.restricted(there) for m, there in zip(joint.models, part.masks, strict=True)]
 
-        def report(progress: FitProgress) -> None:
+        def report(progress: Progress) -> None:
             share = progress.evaluations / max(progress.budget, 1)
             self.on_step(0.9 * share, 'identifying the nominal parameters')
 

@@ -54,9 +54,9 @@ from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt, Model
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings, Workers
+from ros2_ident.search.fit import FitSettings
 from ros2_ident.search.journal import Journal
 from ros2_ident.search.levenberg import DIVERGED, local_fit
-from ros2_ident.search.settings import FitSettings
 
 # The nominal search need not be sharp: joint fits follow.
 SEARCH = FitSettings(

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.settings import FitProgress as IdentifyProgress
-from ros2_ident.search.settings import FitSettings
-from ros2_ident.search.settings import OnProgress as OnProgress
+from ros2_ident.search.driver import OnProgress as OnProgress
+from ros2_ident.search.driver import Progress as IdentifyProgress
+from ros2_ident.search.fit import FitSettings
 
 __all__ = ['IdentifyProgress', 'IdentifySettings', 'OnProgress']
 

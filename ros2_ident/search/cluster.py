@@ -22,9 +22,9 @@ from ros2_ident.lanes import WIDTH
 from ros2_ident.search.evaluators import (
     Cancel,
     dealt,
+    Evaluate,
     Evaluators,
     Objective,
-    Queue,
     RunTasks,
     Stop,
     Subject,
@@ -271,47 +271,30 @@ class _Away:
             self._future.cancel()
 
 
-class _Batch:
-    """A batch, cut into equal pieces, one for each worker."""
+class _Costs:
+    """The costs, each batch cut into equal pieces, one for each worker."""
 
-    def __init__(self, link: _Link, theta: Array, limit: float, here: Any) -> None:
-        self._count = len(theta)
-        self._pieces = [
-            (rows, _Away(link, here, 'costs', (theta[rows], limit)))
-            for rows in dealt(len(theta), link.slots)
-        ]
-
-    def wait(self, seconds: float) -> bool:
-        """Return whether all pieces are there, after waiting for one at most so long."""
-        return all(piece.wait(seconds) for _, piece in self._pieces)
-
-    def result(self) -> Array:
-        """Return the result in the order of the candidates."""
-        out = np.empty(self._count)
-        for rows, piece in self._pieces:
-            out[rows] = piece.result()
-        return out
-
-    def drop(self) -> None:
-        """Take back what no worker has begun."""
-        for _, piece in self._pieces:
-            piece.drop()
-
-
-class _Costs(Queue):
-    """The costs as a queue to the workers."""
-
-    # A worker that has done its piece shall find the next one with it, not on the way.
-    ahead = 3
-    # `stop` stays here: who waits looks at the same himself.
     limited = True
 
-    def __init__(self, link: _Link, here: Any) -> None:
+    def __init__(self, link: _Link, here: Evaluate) -> None:
         self._link = link
         self._here = here
 
-    def submit(self, theta: Array, limit: float = math.inf, stop: Stop | None = None) -> _Batch:
-        return _Batch(self._link, theta, limit, self._here)
+    def __call__(self, theta: Array, limit: float = math.inf, stop: Stop = bool) -> Array:
+        """Evaluate (S, N) candidates; `stop` is asked here, the workers do not know it."""
+        pieces = [
+            (rows, _Away(self._link, self._here, 'costs', (theta[rows], limit)))
+            for rows in dealt(len(theta), self._link.slots)
+        ]
+        out = np.full(len(theta), np.inf)
+        for rows, piece in pieces:
+            while not piece.wait(_LOOK):
+                if stop():
+                    for _, left in pieces:
+                        left.drop()
+                    return out
+            out[rows] = piece.result()
+        return out
 
 
 def _lost(error: BaseException) -> bool:

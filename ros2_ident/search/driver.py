@@ -12,13 +12,16 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.evaluators import AtOnce, Batch, Cancel, Evaluate, Queue
+from ros2_ident.search.evaluators import Cancel, Evaluate, Stop
 from ros2_ident.search.genetic import GeneticSearch, StopReason
-from ros2_ident.search.operators import Flags
-from ros2_ident.search.packing import Packing, Work
+from ros2_ident.search.operators import Flags, Index
 
-# How long to wait for a slice before looking at cancel event and budget again, s.
-_LOOK = 0.05
+# (S, N) candidates in the unit cube -> (S,) how much work each of them is.
+Work = Callable[[Array], Any]
+# Sorted by work in parts, so that a budget that ends within a generation leaves no corner of the
+# box out; so many are looked at in one go: what a model makes of a candidate takes some kB.
+PART = 128
+_BLOCK = 64 * PART
 # Candidates of a first generation before some are given up. The limit is taken anew after twice as
 # many, and so on, and after so many at the latest: the more are on their way together, the fewer
 # vectors hold those that are left.
@@ -53,31 +56,41 @@ class Budget:
 
 @dataclass(frozen=True)
 class Progress:
-    """A search seen from outside at one instant.
+    """A search, or the fit that it is part of, seen from outside at one instant.
 
     Attributes:
-        generation: Generation being evaluated, from 1.
-        generations: The last one by settings and budget.
-        evaluations: Candidates evaluated so far.
-        budget: Candidates the search will evaluate at most.
+        phase: `search` for the genetic algorithm, `refinement` after it, and where the fit is an
+            identification's, `intervals` while what the model may lack is weighed.
+        generation: Generation being evaluated, or start being refined; from 1.
+        generations: The last one by settings and budget, or the number of starts.
+        evaluations: Candidates evaluated so far, all phases.
+        budget: Candidates that will be evaluated at most, a refinement's as usual.
         best_cost: Lowest cost so far, inf before a candidate converged.
-        best_theta: (N,) its parameters, physical units; NaN before a candidate converged.
+        unit: Its unit; empty where unknown.
+        names: (N,) parameters; empty where unknown.
+        best_theta: (N,) best parameters so far, physical units; NaN before one converged.
         spread: Largest standard deviation of the survivors over the parameters, in box widths.
-        elapsed: Wall time of this call so far, s.
-        each: Wall time a candidate takes at present, s; NaN before the second slice.
-        eta: Wall time still to go, s; NaN before the second slice.
+        elapsed: Wall time so far, s.
+        eta: Wall time still to go, s; NaN where unknown.
+        each: Wall time a candidate takes at present, s; NaN where unknown.
     """
 
+    phase: str
     generation: int
     generations: int
     evaluations: int
     budget: int
     best_cost: float
+    unit: str
+    names: tuple[str, ...]
     best_theta: Array
     spread: float
     elapsed: float
-    each: float
     eta: float
+    each: float = math.nan
+
+
+OnProgress = Callable[[Progress], None]
 
 
 @dataclass(frozen=True)
@@ -128,31 +141,58 @@ class Slicer:
         self.size = self._lot * max(1, lots)
 
 
+class _Generation:
+    """A generation while it is evaluated.
+
+    Attributes:
+        points: (S, N) as they were drawn, in the unit cube.
+        theta: (S, N) in physical units.
+        order: (S,) in which they are evaluated.
+        costs: (S,) of the `done` first ones in that order, or lower bounds.
+        exact: (S,) where it is the cost.
+        done: How many are evaluated.
+    """
+
+    def __init__(self, points: Array, theta: Array, order: Index) -> None:
+        self.points, self.theta, self.order = points, theta, order
+        self.costs: Array = np.empty(len(points))
+        self.exact: Flags = np.ones(len(points), dtype=bool)
+        self.done = 0
+
+    @property
+    def rows(self) -> Index:
+        """Those that are evaluated."""
+        return self.order[: self.done]
+
+
 class _Run:
     """One call of `minimise`: the clock, the counts and the best so far."""
 
     def __init__(
         self,
+        evaluate: Evaluate,
         search: GeneticSearch,
         low: Array,
         high: Array,
         budget: Budget,
-        on_progress: Callable[[Progress], None] | None,
-        clock: Callable[[], float],
+        on_progress: OnProgress | None,
+        cancel: Cancel | None,
+        slicer: 'Slicer',
         interval: float,
+        give_up: bool,
+        clock: Callable[[], float],
     ) -> None:
-        self.search = search
-        self.low = low[None]
-        self.width = (high - low)[None]
-        self.budget = budget
-        self.on_progress = on_progress
-        self.clock = clock
-        self.interval = interval
+        self.evaluate, self.search = evaluate, search
+        self.low, self.width = low, high - low
+        self.budget, self.cancel, self.slicer = budget, cancel, slicer
+        self.on_progress, self.interval, self.clock = on_progress, interval, clock
+        self.stoppable = bool(getattr(evaluate, 'limited', False))
+        self.limited = give_up and self.stoppable
         self.start = clock()
         self.reported = -math.inf
-        self.told = -math.inf  # when the last slice came back
         self.recent: deque[tuple[int, float]] = deque(maxlen=_RECENT)  # candidates, s
         self.first = True
+        self.said: StopReason | None = None
         self.done = search.evaluations  # told, plus those of the running generation
         self.best_cost = search.best_cost
         self.best_point = search.best_point
@@ -162,33 +202,27 @@ class _Run:
         self.limit = min(planned, budget.evaluations or planned)
 
     def physical(self, points: Array) -> Array:
-        """Return points of the cube, (S, N), in physical units, eq. 4."""
-        count = len(points)
-        if count > len(self.low):
-            # Laid out in full: where numpy has to repeat a short row, it takes rows one by one.
-            self.low = np.repeat(self.low[:1], count, axis=0)
-            self.width = np.repeat(self.width[:1], count, axis=0)
-        return self.low[:count] + points * self.width[:count]
+        """Return points of the cube, (..., N), in physical units, eq. 4."""
+        return self.low + points * self.width
 
     @property
     def elapsed(self) -> float:
         return self.clock() - self.start
 
-    def spent(self) -> StopReason | None:
-        """Return which budget allows no further candidate."""
-        b = self.budget
-        if b.evaluations is not None and self.done >= b.evaluations:
-            return StopReason.EVALUATIONS
-        return StopReason.SECONDS if self.late else None
-
-    def allows(self, count: int) -> bool:
-        """Return whether the budget of evaluations has room for so many candidates."""
-        return self.budget.evaluations is None or self.done + count <= self.budget.evaluations
+    def stopped(self) -> bool:
+        """Return whether to leave off what is being evaluated; several threads may ask."""
+        seconds = self.budget.seconds
+        if self.cancel is not None and self.cancel.is_set():
+            self.said = self.said or StopReason.CANCELLED
+        elif seconds is not None and self.elapsed >= seconds:
+            self.said = self.said or StopReason.SECONDS
+        return self.said is not None
 
     @property
-    def late(self) -> bool:
-        """Whether the budget of seconds is spent."""
-        return self.budget.seconds is not None and self.elapsed >= self.budget.seconds
+    def left(self) -> int | None:
+        """Candidates that the budget still allows; None for any number."""
+        whole = self.budget.evaluations
+        return None if whole is None else max(0, whole - self.done)
 
     @property
     def each(self) -> float:
@@ -196,8 +230,21 @@ class _Run:
         count = sum(n for n, _ in self.recent)
         return sum(seconds for _, seconds in self.recent) / count if count else math.nan
 
+    def costs(self, theta: Array, limit: float = math.inf) -> Array | None:
+        """Evaluate candidates (S, N), or lower bounds above a limit; None where cut off."""
+        more = (limit, self.stopped) if self.stoppable else ()
+        told = np.asarray(self.evaluate(theta, *more), dtype=np.float64)
+        if told.shape != (len(theta),):
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'evaluate returned the shape {told.shape} for {len(theta)} candidates; '
+                'it has to return one cost for each',
+            )
+        return None if self.said else told
+
     def note(self, points: Array, costs: Array, seconds: float) -> None:
         self.done += len(points)
+        self.slicer.note(len(points), seconds)
         if not self.first:
             self.recent.append((len(points), seconds))
         self.first = False
@@ -225,29 +272,97 @@ class _Run:
             eta = min(eta, max(self.budget.seconds - elapsed, 0.0))
         self.on_progress(
             Progress(
+                phase='search',
                 generation=self.search.generation,
                 generations=self.generations,
                 evaluations=self.done,
                 budget=self.limit,
                 best_cost=self.best_cost,
-                best_theta=self.physical(self.best_point[None])[0],
+                unit='',
+                names=(),
+                best_theta=self.physical(self.best_point),
                 spread=self.search.spread,
                 elapsed=elapsed,
-                each=self.each,
                 eta=0.0 if last else eta,
+                each=self.each,
             )
         )
 
+    def all(self, found: _Generation) -> StopReason | None:
+        """Evaluate a generation; return why it was cut off, None where it was not."""
+        count = len(found.points)
+        limit, until = math.inf, count
+        while found.done < count:
+            if self.limited and found.done in (0, until):
+                # At numbers that do not depend on the slices, nor does then what is given up.
+                limit = self.search.limit(found.points[found.rows], found.costs[found.rows])
+                few = max(found.done, _FIRST_LIMIT) if found.done or limit == math.inf else count
+                until = min(count, found.done + min(few, _NEXT_LIMIT))
+            if self.stopped():
+                return self.said
+            if self.left == 0:
+                return StopReason.EVALUATIONS
+            size = until - found.done
+            size = size if self.limited else min(self.slicer.size, size)
+            size = size if self.left is None else min(size, self.left)
+            rows = found.order[found.done : found.done + size]
+            before = self.clock()
+            told = self.costs(found.theta[rows], limit)
+            if told is None:
+                return self.said
+            found.costs[rows] = told
+            if self.limited:
+                found.exact[rows] = (told <= limit) | (told == math.inf)
+            found.done += size
+            self.note(found.points[rows], told, self.clock() - before)
+            self.report()
+        return self.settle(found) if self.limited else None
 
-def _checked(costs: Any, count: int) -> Array:
-    told = np.asarray(costs, dtype=np.float64)
-    if told.shape != (count,):
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'evaluate returned the shape {told.shape} for {count} candidates; '
-            'it has to return one cost for each',
-        )
-    return told
+    def take_up(self, found: _Generation, costs: Array, exact: Flags) -> StopReason | None:
+        """Take up what an earlier run found of a generation; return as `all`."""
+        found.costs[found.order] = costs
+        found.exact[:] = False  # believed of those only that do not survive
+        stop = self.settle(found)
+        if stop is None:
+            found.exact[found.order] |= exact
+            found.done = len(costs)
+            self.done += found.done
+        return stop
+
+    def settle(self, found: _Generation) -> StopReason | None:
+        """Evaluate to the end who would survive by a lower bound of its cost; return as `all`."""
+        while True:
+            doubtful = self.search.in_doubt(found.costs, found.exact)
+            if not doubtful.size:
+                return None
+            told = self.costs(found.theta[doubtful])
+            if told is None:
+                return self.said
+            found.costs[doubtful] = told
+            found.exact[doubtful] = True
+
+
+def packed(points: Array, work: Work | None, stop: Stop = bool) -> Index:
+    """Return the (S,) order of candidates that fills the vector lanes.
+
+    Candidates that take the same number of integration steps share a vector of lanes. The order
+    matters to the time only: a search draws and selects as without.
+
+    Args:
+        points: (S, N) candidates as they were drawn, in the unit cube.
+        work: How much work each is; None leaves the order as it is.
+        stop: Whether nothing will be simulated any more; the order then stays as it is.
+    """
+    part = np.arange(len(points))
+    if work is None:
+        return part
+    found = []
+    for begin in range(0, len(points), _BLOCK):
+        if stop():
+            return part
+        found.append(np.asarray(work(points[begin : begin + _BLOCK])))
+    order: Index = np.lexsort((np.concatenate(found), part // PART))
+    return order
 
 
 def _bounds(low: Any, high: Any, dimension: int) -> tuple[Array, Array]:
@@ -269,13 +384,13 @@ def _bounds(low: Any, high: Any, dimension: int) -> tuple[Array, Array]:
 
 
 def minimise(
-    evaluate: Evaluate | Queue,
+    evaluate: Evaluate,
     search: GeneticSearch,
     *,
     low: Any,
     high: Any,
     budget: Budget | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
+    on_progress: OnProgress | None = None,
     on_generation: Callable[[Array, Array, Flags], None] | None = None,
     cancel: Cancel | None = None,
     known: Callable[[Array], tuple[Array, Flags] | None] | None = None,
@@ -292,10 +407,10 @@ def minimise(
     candidates count for the best so far, and a later call on the same search repeats them.
 
     Args:
-        evaluate: (S, N) in physical units -> (S,) costs, inf for a diverged candidate; or a queue
-            to elsewhere that does the same. The costs must not depend on how the candidates are
-            cut into slices. Where it is `limited`, candidates that cannot survive are not
-            evaluated to the end: see `evaluators.Objective.costs`. The survivors are the same.
+        evaluate: (S, N) in physical units -> (S,) costs, inf for a diverged candidate. The costs
+            must not depend on how the candidates are cut into slices. Where it has an attribute
+            `limited`, it gets all arguments of `evaluators.Objective.costs`, and candidates that
+            cannot survive are not evaluated to the end. The survivors are the same.
         search: What proposes candidates; is advanced.
         low: (N,) lower bounds, physical units.
         high: (N,) upper bounds, physical units.
@@ -304,7 +419,7 @@ def minimise(
         on_generation: Called after each generation, and after one that was cut off, with its
             candidates (S, N), physical units, their costs (S,) as far as they were evaluated, and
             where (S,) that is the cost and not a lower bound of it.
-        cancel: Looked at between slices, and while a queue is waited for.
+        cancel: Looked at between slices, and meanwhile where `evaluate` is `limited`.
         known: Gets the candidates of a generation (S, N), physical units, and returns costs (S,)
             of an earlier run, and where (S,) that is the cost; None where there are none. Those
             of survivors are computed again.
@@ -324,10 +439,11 @@ def minimise(
         IdentError: BAD_VALUES where the bounds or costs are unusable.
     """
     bottom, top = _bounds(low, high, search.dimension)
-    run = _Run(search, bottom, top, budget or Budget(), on_progress, clock, interval)
     slicer = Slicer(slice_seconds, lot=lot)
-    queue = evaluate if isinstance(evaluate, Queue) else AtOnce(evaluate)
-    limited = give_up and queue.limited
+    run = _Run(
+        evaluate, search, bottom, top, budget or Budget(), on_progress, cancel, slicer, interval,
+        give_up, clock,
+    )  # fmt: skip
     best_costs: list[float] = []
     completed = search.generation - (0 if search.stop_reason else 1)
     stop = search.stop_reason
@@ -336,22 +452,19 @@ def minimise(
             stop = StopReason.GENERATIONS
             break
         points = search.ask()
-        packing = Packing(points, work, _Stop(run, cancel))
-        points = packing.packed(points)
-        found = _Generation(points, run.physical(points), limited, packing)
-        before = known(found.theta) if known and run.allows(len(points)) else None
-        if before is not None and not _Stop(run, cancel)():
-            stop = _take_up(queue, found, run, cancel, *before)
+        found = _Generation(points, run.physical(points), packed(points, work, run.stopped))
+        room = run.left is None or len(points) <= run.left
+        before = known(found.theta[found.order]) if known and room else None
+        if before is not None and not run.stopped():
+            stop = run.take_up(found, *before)
         else:
-            stop = _evaluate_generation(queue, found, run, slicer, cancel)
-            if stop is None and limited:
-                stop = _settle_doubts(queue, found, run, cancel)
+            stop = run.all(found)
         if on_generation is not None and found.done:
-            here = slice(found.done)
-            on_generation(found.theta[here], found.costs[here], found.exact[here])
+            rows = found.rows
+            on_generation(found.theta[rows], found.costs[rows], found.exact[rows])
         if stop is not None:
             break
-        search.tell(packing.drawn(found.costs))
+        search.tell(found.costs)
         if search.best_cost < run.best_cost:
             run.best_cost, run.best_point = search.best_cost, search.best_point
         completed += 1
@@ -359,7 +472,7 @@ def minimise(
         stop = search.stop_reason
     run.report(last=True)
     return SearchResult(
-        theta=run.physical(run.best_point[None])[0],
+        theta=run.physical(run.best_point),
         cost=run.best_cost,
         survivors=run.physical(search.survivors),
         survivor_costs=search.survivor_costs.copy(),
@@ -369,135 +482,3 @@ def minimise(
         stop=stop,
         seconds=run.elapsed,
     )
-
-
-class _Stop:
-    """Whether to leave off a batch that is being evaluated; may be asked by several threads.
-
-    Attributes:
-        said: Why, from the first time on that it was.
-    """
-
-    def __init__(self, run: _Run, cancel: Cancel | None) -> None:
-        self._run = run
-        self._cancel = cancel
-        self.said: StopReason | None = None
-
-    def __call__(self) -> bool:
-        if self._cancel is not None and self._cancel.is_set():
-            self.said = self.said or StopReason.CANCELLED
-        elif self._run.late:
-            self.said = self.said or StopReason.SECONDS
-        return self.said is not None
-
-
-class _Generation:
-    """A generation while it is evaluated.
-
-    Attributes:
-        points: (S, N) in the unit cube.
-        theta: (S, N) in physical units.
-        costs: (S,) of the first `done` of them, or lower bounds.
-        exact: (S,) where it is the cost.
-        done: How many are evaluated.
-        limited: Whether candidates above a limit are given up.
-        packing: The order they stand in.
-    """
-
-    def __init__(self, points: Array, theta: Array, limited: bool, packing: Packing) -> None:
-        self.packing = packing
-        self.points = points
-        self.theta = theta
-        self.costs: Array = np.empty(len(points))
-        self.exact: Flags = np.ones(len(points), dtype=bool)
-        self.done = 0
-        self.limited = limited
-
-
-def _evaluate_generation(
-    queue: Queue, found: _Generation, run: _Run, slicer: Slicer, cancel: Cancel | None
-) -> StopReason | None:
-    """Evaluate a generation; return why it was cut off, None where it was not."""
-    points = found.points
-    waiting: deque[tuple[Array, float, Batch]] = deque()
-    sent = 0
-    limit, until = math.inf, len(points)
-    stop = _Stop(run, cancel)
-    while found.done < len(points):
-        if found.limited and found.done in (0, until):
-            # At numbers that do not depend on the slices, nor does then what is given up.
-            here = slice(found.done)
-            limit = run.search.limit(points[here], found.costs[here])
-            few = max(found.done, _FIRST_LIMIT) if found.done or limit == math.inf else len(points)
-            until = min(len(points), found.done + min(few, _NEXT_LIMIT))
-        ended = StopReason.CANCELLED if cancel is not None and cancel.is_set() else run.spent()
-        if ended is not None:
-            for *_, batch in waiting:
-                batch.drop()
-            return ended
-        while sent < until and len(waiting) <= queue.ahead:
-            size = until - sent if found.limited else min(slicer.size, until - sent)
-            if run.budget.evaluations is not None:
-                size = min(size, run.budget.evaluations - run.done - (sent - found.done))
-            if size < 1:
-                break
-            part = found.theta[sent : sent + size]
-            before = run.clock()
-            waiting.append((part, before, queue.submit(part, limit, stop)))
-            sent += len(part)
-        part, before, batch = waiting[0]
-        if not batch.wait(_LOOK):
-            continue
-        waiting.popleft()
-        told = _checked(batch.result(), len(part))
-        if stop.said:
-            return stop.said
-        now = run.clock()
-        took = now - max(before, run.told)
-        slicer.note(len(part), took)
-        run.told = now
-        here = slice(found.done, found.done + len(part))
-        found.costs[here] = told
-        if found.limited:
-            found.exact[here] = (told <= limit) | (told == math.inf)
-        found.done += len(part)
-        run.note(points[here], told, took)
-        run.report()
-    return None
-
-
-def _take_up(
-    queue: Queue, found: _Generation, run: _Run, cancel: Cancel | None, costs: Array, exact: Flags
-) -> StopReason | None:
-    """Take up what an earlier run found of a generation; return as `_evaluate_generation`."""
-    found.costs[:], found.exact[:] = costs, False  # believed of those only that do not survive
-    stop = _settle_doubts(queue, found, run, cancel)
-    if stop is None:
-        found.exact |= exact
-        found.done = len(found.costs)
-        run.done += found.done
-    return stop
-
-
-def _settle_doubts(
-    queue: Queue, found: _Generation, run: _Run, cancel: Cancel | None
-) -> StopReason | None:
-    """Evaluate to the end who would survive by a lower bound of its cost; return as above."""
-    stop = _Stop(run, cancel)
-    while True:
-        drawn = found.packing.drawn
-        doubtful = found.packing.places(
-            run.search.in_doubt(drawn(found.costs), drawn(found.exact))
-        )
-        if not doubtful.size:
-            return None
-        batch = queue.submit(found.theta[doubtful], stop=stop)
-        while not batch.wait(_LOOK):
-            if stop():
-                batch.drop()
-                return stop.said
-        told = _checked(batch.result(), len(doubtful))
-        if stop.said:
-            return stop.said
-        found.costs[doubtful] = told
-        found.exact[doubtful] = True

@@ -5,7 +5,6 @@
 `cluster`.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
@@ -21,7 +20,8 @@ from ros2_ident.lanes import WIDTH
 from ros2_ident.search.operators import Index
 from ros2_ident.threads import processors
 
-Evaluate = Callable[[Array], Array]
+# (S, N) -> (S, ...); where it has an attribute `limited`, with all arguments of `Objective.costs`.
+Evaluate = Callable[..., Array]
 Stop = Callable[[], bool]
 
 
@@ -57,49 +57,17 @@ class Objective(Subject, Protocol):
         ...
 
 
-class Batch(Protocol):
-    """Candidates on their way."""
-
-    def wait(self, seconds: float) -> bool:
-        """Return whether the result is there, after waiting at most so long."""
-        ...
-
-    def result(self) -> Array:
-        """Return the result, once `wait` has said that it is there."""
-        ...
-
-    def drop(self) -> None:
-        """Say that nobody waits for it any more."""
-        ...
-
-
-class Queue(ABC):
-    """Evaluates elsewhere, while the caller does something else.
-
-    Attributes:
-        ahead: Batches worth sending before the first one is back.
-        limited: Whether `submit` heeds a limit, and asks whether to stop.
-    """
-
-    ahead = 1
-    limited = False
-
-    @abstractmethod
-    def submit(self, theta: Array, limit: float = math.inf, stop: Stop | None = None) -> Batch:
-        """Send (S, N) candidates on their way; arguments as for `Objective.costs`."""
-
-
 @dataclass(frozen=True)
 class Evaluators:
     """What a run evaluates its candidates with.
 
     Attributes:
-        costs: (S, N) -> (S,), here or elsewhere.
+        costs: (S, N) -> (S,), here or elsewhere; `limited`.
         residuals: (S, N) -> (S, R).
         lot: Candidates that are evaluated in the time of one.
     """
 
-    costs: Evaluate | Queue
+    costs: Evaluate
     residuals: Evaluate
     lot: int
 
@@ -143,41 +111,6 @@ def dealt(count: int, parts: int) -> list[Index]:
     parts = max(1, min(parts, vectors))
     owner = np.arange(count) // WIDTH % parts
     return [np.flatnonzero(owner == part) for part in range(parts)]
-
-
-class AtOnce(Queue):
-    """A function as a queue: the result is there when `submit` returns.
-
-    A function that has `limited` is called with all arguments of `Objective.costs`.
-    """
-
-    ahead = 0
-
-    def __init__(self, evaluate: Evaluate) -> None:
-        self._evaluate: Callable[..., Array] = evaluate
-        self.limited = bool(getattr(evaluate, 'limited', False))
-
-    def submit(self, theta: Array, limit: float = math.inf, stop: Stop | None = None) -> 'Done':
-        """Evaluate (S, N) candidates."""
-        return Done(self._evaluate(theta, limit, stop) if self.limited else self._evaluate(theta))
-
-
-@dataclass(frozen=True)
-class Done:
-    """A batch that is there."""
-
-    value: Array
-
-    def wait(self, seconds: float) -> bool:
-        """Return True."""
-        return True
-
-    def result(self) -> Array:
-        """Return the result."""
-        return self.value
-
-    def drop(self) -> None:
-        """Do nothing."""
 
 
 class ThreadedEvaluator(AbstractContextManager['ThreadedEvaluator']):

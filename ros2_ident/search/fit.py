@@ -4,7 +4,7 @@
 Identification, diagnosis, the paper's experiments and the fleet all fit by this.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 import time
 from typing import Protocol
 
@@ -13,14 +13,13 @@ import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.driver import Budget, minimise, Progress, SearchResult
+from ros2_ident.search.driver import Budget, minimise, OnProgress, Progress, SearchResult
 from ros2_ident.search.evaluators import Cancel, Evaluators, Objective, Threads, Workers
-from ros2_ident.search.genetic import GeneticSearch, StopReason
+from ros2_ident.search.genetic import GeneticSearch, GeneticSettings, StopReason
 from ros2_ident.search.jacobian import Box, finite_differences
 from ros2_ident.search.journal import Journal, Within
 from ros2_ident.search.operators import Flags
 from ros2_ident.search.refine import refine, Refinement
-from ros2_ident.search.settings import FitProgress, FitSettings, OnProgress
 from ros2_ident.search.starts import distinct_starts
 from ros2_ident.search.uncertainty import Intervals, intervals
 from ros2_ident.threads import free_memory
@@ -77,6 +76,45 @@ class Solvable(Objective, Protocol):
     def cost_of(self, residual: Array) -> float:
         """Return the cost that belongs to one residual vector (R,)."""
         ...
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How to fit.
+
+    Attributes:
+        genetic: The genetic algorithm; Table 4 of Ludwig and Gerstmayr (2011) by default.
+        budget: What the whole run may cost, refinement included.
+        refine: Whether to refine the genetic algorithm's result locally.
+        starts: Most candidates to refine, the best and good ones far from it; the rest is left out
+            once one has reached the noise of the outputs.
+        refine_evaluations: Most candidates for each start; 60 Jacobians by default.
+        level: Probability that an interval covers the truth.
+        give_up: Whether to leave off simulating candidates of the genetic algorithm as soon as
+            they cost too much to survive. The result is the same; their costs are not known then.
+    """
+
+    genetic: GeneticSettings = field(default_factory=GeneticSettings)
+    budget: Budget = field(default_factory=Budget)
+    refine: bool = True
+    starts: int = 4
+    refine_evaluations: int | None = None
+    level: float = 0.95
+    give_up: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ('starts', 'refine_evaluations'):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, int) and value >= 1):
+                raise IdentError(
+                    ErrorCode.INVALID_GOAL,
+                    f'{name} is {value!r}; give a whole number of at least 1',
+                )
+        if not 0.0 < self.level < 1.0:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'level is {self.level}; give a probability between 0 and 1',
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,25 +351,17 @@ class _Fit:
         return None if kept is None else (kept['costs'], kept['exact'])
 
     def _report_search(self, progress: Progress) -> None:
-        assert self.on_progress is not None
-        left = self.settings.budget.seconds
         eta = progress.eta + WHOLE * self.usual * progress.each
-        self.on_progress(
-            FitProgress(
-                phase='search',
-                generation=progress.generation,
-                generations=progress.generations,
-                evaluations=progress.evaluations,
-                budget=progress.budget + self.usual,
-                best_cost=progress.best_cost,
-                unit=self.problem.unit,
-                names=self.names,
-                best_theta=progress.best_theta,
-                spread=progress.spread,
-                elapsed=self.elapsed,
-                eta=eta if left is None else min(eta, max(0.0, left - self.elapsed)),
-            )
-        )
+        self.tell(replace(progress, budget=progress.budget + self.usual, eta=eta))
+
+    def tell(self, progress: Progress) -> None:
+        """Say how far the fit is, no longer to go than the budget allows."""
+        assert self.on_progress is not None
+        eta, seconds, elapsed = progress.eta, self.settings.budget.seconds, self.elapsed
+        if seconds is not None:
+            eta = min(eta, max(0.0, seconds - elapsed))
+        unit, names = self.problem.unit, self.names
+        self.on_progress(replace(progress, unit=unit, names=names, elapsed=elapsed, eta=eta))
 
     # ------------------------------------------------------------------ refinement
 
@@ -420,26 +450,21 @@ class _Watched:
         return out
 
     def _report(self, now: float) -> None:
-        assert self.run.on_progress is not None
         usual = self.run.usual * self.starts // self.run.settings.starts
         share = usual / self.starts
-        eta = (now - self.began) / self.evaluations * max(0, usual - self.evaluations)
-        seconds = self.run.settings.budget.seconds
-        if seconds is not None:
-            eta = min(eta, max(0.0, seconds - self.run.elapsed))
-        self.run.on_progress(
-            FitProgress(
+        self.run.tell(
+            Progress(
                 phase='refinement',
                 generation=min(self.starts, 1 + int(self.evaluations / share)),
                 generations=self.starts,
                 evaluations=self.ga.evaluations + self.evaluations,
                 budget=self.ga.evaluations + max(usual, self.evaluations),
                 best_cost=self.best_cost,
-                unit=self.run.problem.unit,
-                names=self.run.names,
+                unit='',
+                names=(),
                 best_theta=self.best_theta,
                 spread=self.run.search.spread,
-                elapsed=self.run.elapsed,
-                eta=eta,
+                elapsed=0.0,
+                eta=(now - self.began) / self.evaluations * max(0, usual - self.evaluations),
             )
         )

@@ -6,9 +6,11 @@ import os
 from pathlib import Path
 import pickle
 import signal
+import threading
+import time
 from typing import Any
 
-from bowl import Bowl, Broken
+from bowl import Bowl, Broken, Slow
 import numpy as np
 import pytest
 
@@ -21,6 +23,7 @@ from ros2_ident.search import (
     GeneticSearch,
     GeneticSettings,
     minimise,
+    StopReason,
     Threads,
 )
 from ros2_ident.search.cluster import Cluster
@@ -82,10 +85,19 @@ def test_cut_batches_are_put_together_again(near: Any) -> None:
     theta = np.random.default_rng(1).random((37, 3))
     with near.open(Bowl()) as evaluators:
         for count in (37, 3):
-            batch = evaluators.costs.submit(theta[:count])
-            while not batch.wait(1.0):
-                pass
-            np.testing.assert_array_equal(batch.result(), Bowl().costs(theta[:count]))
+            np.testing.assert_array_equal(
+                evaluators.costs(theta[:count]), Bowl().costs(theta[:count])
+            )
+
+
+def test_a_cancel_does_not_wait_for_the_workers(near: Any) -> None:
+    event = threading.Event()
+    with near.open(Slow()) as evaluators:
+        threading.Timer(0.2, event.set).start()
+        begin = time.monotonic()
+        found = minimise(evaluators.costs, search(), low=LOW, high=HIGH, cancel=event)
+        assert time.monotonic() - begin < 2.0
+    assert found.stop is StopReason.CANCELLED and not found.evaluations
 
 
 def test_dask_worker_killed_in_mid_run_leaves_the_result_unchanged(cluster: Any) -> None:

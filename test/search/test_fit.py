@@ -12,11 +12,10 @@ from ros2_ident.errors import IdentError
 from ros2_ident.search import fit as module
 from ros2_ident.search.driver import Budget
 from ros2_ident.search.evaluators import Threads
-from ros2_ident.search.fit import fit
+from ros2_ident.search.fit import fit, FitSettings
 from ros2_ident.search.genetic import GeneticSettings, StopReason
 from ros2_ident.search.journal import Journal
 from ros2_ident.search.refine import RefineStatus
-from ros2_ident.search.settings import FitSettings
 from ros2_ident.search.uncertainty import intervals
 
 TIME = np.linspace(0.0, 1.0, 80)
