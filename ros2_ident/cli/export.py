@@ -126,7 +126,8 @@ def _tables(args: argparse.Namespace) -> tuple[Path, ...]:
     from ros2_ident.recording import read_bag
     from ros2_ident.recording.columns import MAP_SUFFIX
     from ros2_ident.recording.table import write_table
-    from ros2_ident.report.tables import holds_results, write_tables
+    from ros2_ident.report.files import holds_results
+    from ros2_ident.report.tables import write_tables
 
     log = Path(args.results)
     if holds_results(log):

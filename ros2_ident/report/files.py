@@ -83,6 +83,28 @@ def write_diagnosis(
     )
 
 
+def holds_results(path: str | Path) -> bool:
+    """Return whether a directory holds what an identification or a diagnosis wrote."""
+    return any((Path(path) / name).exists() for name in (JSON, YAML, DIAGNOSIS))
+
+
+def load(directory: str | Path) -> tuple[Identification | None, dict[str, Any] | None]:
+    """Read the identification and the diagnosis of a directory; None for one that it lacks.
+
+    Raises:
+        IdentError: NO_DATA where it holds neither, BAD_VALUES where a file cannot be read.
+    """
+    folder = Path(directory)
+    if not holds_results(folder):
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{folder}: holds neither {JSON} nor {DIAGNOSIS}; give a directory that '
+            '`ident identify` or `ident diagnose` wrote',
+        )
+    result = load_result(folder) if any((folder / n).exists() for n in (JSON, YAML)) else None
+    return result, load_diagnosis(folder) if (folder / DIAGNOSIS).exists() else None
+
+
 def load_diagnosis(directory: str | Path) -> dict[str, Any]:
     """Read what `write_diagnosis` wrote into `diagnosis.json`.
 

@@ -3,26 +3,18 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, fields, is_dataclass
+from enum import Enum
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from ros2_ident.arrays import Array, plain
+from ros2_ident.arrays import plain
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import Gate
-from ros2_ident.identify.result import (
-    Cost,
-    DriveResidual,
-    History,
-    Identification,
-    Outcome,
-    ParameterEstimate,
-    Provenance,
-    Quality,
-)
+from ros2_ident.identify.result import Identification
 from ros2_ident.prediction import prediction_from
 
 SCHEMA = 'ros2_ident.identification'
@@ -31,12 +23,6 @@ VERSION = 1
 
 def to_mapping(result: Identification) -> dict[str, Any]:
     """Return a result as nested dictionaries of plain values, in the order a reader wants them."""
-    parameters = {}
-    for estimate in result.parameters:
-        entry = asdict(estimate)
-        del entry['name']
-        entry['identifiable'] = estimate.identifiable
-        parameters[estimate.name] = entry
     data = {
         'schema': SCHEMA,
         'version': VERSION,
@@ -44,11 +30,14 @@ def to_mapping(result: Identification) -> dict[str, Any]:
         'message': result.message,
         'model': result.model,
         'drives': result.drives,
-        'parameters': parameters,
+        'parameters': {
+            p.name: _but(asdict(p), 'name') | {'identifiable': p.identifiable}
+            for p in result.parameters
+        },
         'fixed': result.fixed,
         'cost': asdict(result.cost),
-        'residual': _residuals(result.residuals),
-        'validation': _residuals(result.validation),
+        'residual': {x.drive: _but(asdict(x), 'drive') for x in result.residuals},
+        'validation': {x.drive: _but(asdict(x), 'drive') for x in result.validation},
         'validated_on': result.validated_on,
         'gates': [asdict(gate) for gate in result.gates],
         'prediction': None if result.prediction is None else asdict(result.prediction),
@@ -71,38 +60,37 @@ def to_mapping(result: Identification) -> dict[str, Any]:
     return mapping
 
 
-def _residuals(residuals: tuple[DriveResidual, ...]) -> dict[str, Any]:
-    return {
-        left.drive: {'rms': left.rms, 'share': left.share, 'samples': left.samples}
-        | ({'unit': left.unit} if left.unit else {})
-        for left in residuals
-    }
+def _but(entry: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return an entry without the name that it is stored under, and without an empty unit."""
+    return {k: v for k, v in entry.items() if k != name and (k, v) != ('unit', '')}
 
 
-def _read_residuals(data: Mapping[str, Any]) -> tuple[DriveResidual, ...]:
-    return tuple(
-        DriveResidual(
-            drive,
-            _number(x['rms']),
-            _number(x['share']),
-            int(x['samples']),
-            str(x.get('unit', '')),
-        )
-        for drive, x in data.items()
-    )
+def read(kind: Any, value: Any) -> Any:
+    """Return a value of a type from plain data; NaN where a number is not known.
 
-
-def _number(value: Any) -> float:
-    return math.nan if value is None else float(value)
+    Args:
+        kind: A dataclass, or a type as those of its fields; others stay as they are.
+        value: What `plain` made of it; what a file lacks has its default.
+    """
+    parts = get_args(kind)
+    if is_dataclass(kind):
+        kinds = get_type_hints(kind)
+        there = {f.name for f in fields(kind)} & {*value}
+        return kind(**{name: read(kinds[name], value[name]) for name in there})  # type: ignore[operator]
+    if get_origin(kind) is tuple:
+        return tuple(read(parts[0], x) for x in value)
+    if get_origin(kind) is Mapping:
+        return {name: read(parts[1], x) for name, x in value.items()}
+    if isinstance(kind, type) and issubclass(kind, float):
+        return math.nan if value is None else float(value)
+    if isinstance(kind, type) and issubclass(kind, int | str | Enum):
+        return kind(value)
+    return value
 
 
 def gates_from(data: Iterable[Mapping[str, Any]]) -> tuple[Gate, ...]:
     """Return the findings that a file holds."""
-    return tuple(Gate(**{**gate, 'number': _number(gate['number'])}) for gate in data)
-
-
-def _numbers(values: Any) -> Array:
-    return np.array([_number(v) for v in values], dtype=np.float64)
+    return tuple(read(Gate, gate) for gate in data)
 
 
 def from_mapping(data: Any, path: Path) -> Identification:
@@ -146,63 +134,33 @@ def intact(path: Path) -> Iterator[None]:
         ) from None
 
 
-def _estimate(name: str, entry: Mapping[str, Any]) -> ParameterEstimate:
-    numbers = (
-        'value', 'low', 'high', 'noise_low', 'noise_high', 'lower_bound', 'upper_bound', 'ga_value'
-    )  # fmt: skip
-    return ParameterEstimate(
-        name=name,
-        unit=str(entry['unit']),
-        at_bound=bool(entry['at_bound']),
-        state=entry.get('state', 'identified' if entry['identifiable'] else 'not determined'),
-        kind=entry['kind'],
-        note=str(entry['note']),
-        hidden=bool(entry.get('hidden')),
-        **{key: _number(entry.get(key)) for key in numbers},
-    )
-
-
 def _result(data: Mapping[str, Any]) -> Identification:
-    search, quality = data['search'], data['quality']
-    estimates = tuple(_estimate(name, entry) for name, entry in data['parameters'].items())
-    size = len(estimates)
-    cost = data['cost']
-    outcome = Outcome(data['outcome'])
-    ga = math.inf if cost['ga'] is None else float(cost['ga'])
-    return Identification(
-        outcome=outcome,
-        message=str(data['message']),
-        model=str(data['model']),
-        drives=tuple(data['drives']),
-        parameters=estimates,
-        fixed={name: float(value) for name, value in data['fixed'].items()},
-        correlation=np.array([_numbers(row) for row in data['correlation']]).reshape(size, size),
-        cost=Cost(ga, _number(cost['refined']), str(cost['unit'])),
-        residuals=_read_residuals(data['residual']),
-        evaluations=int(data['evaluations']),
-        generations=int(search['generations']),
-        seconds=float(data['seconds']),
-        seed=int(data['seed']),
-        search_stop=str(search['stop']),
-        refinement=str(search['refinement']),
-        history=History(
-            _numbers(search['best_costs']),
-            np.empty((0, size)),
-            np.empty(0),
-            np.empty(0, dtype=np.int64),
-        ),
-        quality=Quality(
-            int(quality['segments']),
-            float(quality['duration']),
-            int(quality['samples']),
-            {role: float(share) for role, share in quality['missing'].items()},
-            tuple(quality['warnings']),
-        ),
-        provenance=Provenance(**data['provenance']),
-        settings=dict(data['settings']),
-        validation=_read_residuals(data.get('validation', {})),
-        validated_on=str(data.get('validated_on', '')),
-        gates=gates_from(data.get('gates', ())),
-        prediction=prediction_from(data.get('prediction')),
-        rival=tuple(data.get('rival', ())),
-    )
+    search, size = data['search'], len(data['parameters'])
+    residuals = {
+        name: [{'drive': drive, **x} for drive, x in data.get(there, {}).items()]
+        for name, there in (('residuals', 'residual'), ('validation', 'validation'))
+    }
+    known = {
+        'parameters': [
+            {
+                'name': name,
+                'state': 'identified' if entry['identifiable'] else 'not determined',
+                **entry,
+            }
+            for name, entry in data['parameters'].items()
+        ],
+        'cost': data['cost'] | ({'ga': math.inf} if data['cost']['ga'] is None else {}),
+        'correlation': np.array(data['correlation'], dtype=np.float64).reshape(size, size),
+        'generations': search['generations'],
+        'search_stop': search['stop'],
+        'refinement': search['refinement'],
+        'history': {
+            'best_costs': np.array(search['best_costs'], dtype=np.float64),
+            'candidates': np.empty((0, size)),
+            'costs': np.empty(0),
+            'generations': np.empty(0, dtype=np.int64),
+        },
+        'prediction': prediction_from(data.get('prediction')),
+    }
+    found: Identification = read(Identification, {**data, **residuals, **known})
+    return found

@@ -17,6 +17,9 @@ from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.identify.problem import Problem
 
 SCHEMA, VERSION = 'ros2_ident.signals', 2
+# Fields that the file holds of a run, and of each recording.
+_OF_RUN = 'unit', 'travel', 'judged', 'drives', 'models'
+_OF_RECORDING = 'time', 'measured', 'simulated', 'tracking'
 
 Short = npt.NDArray[np.float32]
 
@@ -135,21 +138,11 @@ def write_signals(path: Path, signals: Signals) -> Path:
     Returns:
         The path.
     """
-    arrays: dict[str, Any] = {
-        'schema': np.array(SCHEMA),
-        'version': np.array(VERSION),
-        'unit': np.array(signals.unit),
-        'drives': np.array(signals.drives),
-        'models': np.array(signals.models),
-        'travel': np.array(signals.travel),
-        'judged': np.array(signals.judged),
-        'titles': np.array([r.title for r in signals.recordings]),
-    }
+    arrays: dict[str, Any] = {name: np.array(getattr(signals, name)) for name in _OF_RUN}
+    arrays |= {'schema': np.array(SCHEMA), 'version': np.array(VERSION)}
+    arrays['titles'] = np.array([r.title for r in signals.recordings])
     for number, recording in enumerate(signals.recordings):
-        arrays[f'time_{number}'] = recording.time
-        arrays[f'measured_{number}'] = recording.measured
-        arrays[f'simulated_{number}'] = recording.simulated
-        arrays[f'tracking_{number}'] = recording.tracking
+        arrays |= {f'{name}_{number}': getattr(recording, name) for name in _OF_RECORDING}
     return write_arrays(path, arrays)
 
 
@@ -162,17 +155,12 @@ def load_signals(path: Path) -> Signals:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = dict(file)
-        known = str(arrays['schema']) == SCHEMA and int(arrays['version']) == VERSION
-        return _signals(arrays) if known else _refuse(path, arrays)
-    except IdentError:
-        raise
+        if (str(arrays['schema']), int(arrays['version'])) == (SCHEMA, VERSION):
+            return _signals(arrays)
     except Exception as exc:  # zipfile, zlib and numpy each have their own
         raise IdentError(
             ErrorCode.BAD_VALUES, f'{path}: is damaged ({exc}); delete it, or run again'
         ) from None
-
-
-def _refuse(path: Path, arrays: Mapping[str, Any]) -> Signals:
     raise IdentError(
         ErrorCode.BAD_VALUES,
         f'{path}: holds {arrays["schema"]} of version {arrays["version"]} and this package reads '
@@ -181,20 +169,9 @@ def _refuse(path: Path, arrays: Mapping[str, Any]) -> Signals:
 
 
 def _signals(arrays: Mapping[str, Any]) -> Signals:
-    return Signals(
-        str(arrays['unit']),
-        tuple(str(x) for x in arrays['drives']),
-        tuple(str(x) for x in arrays['models']),
-        tuple(
-            Curves(
-                str(title),
-                arrays[f'time_{number}'],
-                arrays[f'measured_{number}'],
-                arrays[f'simulated_{number}'],
-                arrays[f'tracking_{number}'],
-            )
-            for number, title in enumerate(arrays['titles'])
-        ),
-        str(arrays['travel']),
-        int(arrays['judged']),
+    recordings = (
+        Curves(str(title), *(arrays[f'{name}_{number}'] for name in _OF_RECORDING))
+        for number, title in enumerate(arrays['titles'])
     )
+    unit, travel, judged, drives, models = (arrays[name].tolist() for name in _OF_RUN)
+    return Signals(unit, tuple(drives), tuple(models), tuple(recordings), travel, judged)

@@ -7,28 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, require_ours, write_table
-from ros2_ident.report.files import (
-    DIAGNOSIS,
-    DIAGNOSIS_SIGNALS,
-    intact,
-    JSON,
-    load_diagnosis,
-    load_result,
-    SIGNALS,
-    YAML,
-)
+from ros2_ident.report.files import DIAGNOSIS, DIAGNOSIS_SIGNALS, intact, load, SIGNALS
 from ros2_ident.report.schema import to_mapping
 from ros2_ident.report.signals import load_signals, Signals
 
 # Of a parameter, in this order, where it is known.
 _FIELDS = ('value', 'low', 'high', 'unit', 'at_bound', 'state', 'note')
-
-
-def holds_results(path: str | Path) -> bool:
-    """Return whether a directory holds what an identification or a diagnosis wrote."""
-    return any((Path(path) / name).exists() for name in (JSON, YAML, DIAGNOSIS))
 
 
 def write_tables(results: str | Path, directory: str | Path) -> tuple[Path, ...]:
@@ -48,20 +33,15 @@ def write_tables(results: str | Path, directory: str | Path) -> tuple[Path, ...]
     source, folder = Path(results), make_directory(directory)
     names = 'parameters.csv', 'signals.csv'
     require_ours(folder / f'{before}{name}' for before in ('', 'diagnosis_') for name in names)
+    result, diagnosis = load(source)
     files: list[Path] = []
-    if any((source / name).exists() for name in (JSON, YAML)):
-        found = to_mapping(load_result(source))['parameters']
+    if result is not None:
+        found = to_mapping(result)['parameters']
         files += _write(folder, '', found, source / SIGNALS)
-    if (source / DIAGNOSIS).exists():
+    if diagnosis is not None:
         with intact(source / DIAGNOSIS):
-            found = load_diagnosis(source)['parameters']
+            found = diagnosis['parameters']
             files += _write(folder, 'diagnosis_', found, source / DIAGNOSIS_SIGNALS)
-    if not files:
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{source}: holds neither {JSON} nor {DIAGNOSIS}; give a directory that '
-            '`ident identify` or `ident diagnose` wrote',
-        )
     return tuple(files)
 
 

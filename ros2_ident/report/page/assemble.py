@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from ros2_ident.effects import CATALOGUE
-from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
 from ros2_ident.identify.result import Identification
 from ros2_ident.prediction import Prediction, prediction_from
@@ -15,13 +14,11 @@ from ros2_ident.report.files import (
     DIAGNOSIS,
     DIAGNOSIS_SIGNALS,
     FLEET,
+    holds_results,
     intact,
-    JSON,
-    load_diagnosis,
-    load_result,
+    load,
     PAGE,
     SIGNALS,
-    YAML,
 )
 from ros2_ident.report.page import bars, charts, numbers, plots, sentences
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
@@ -29,8 +26,6 @@ from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.look import Picture
 from ros2_ident.report.page.render import render
 from ros2_ident.report.page.several import write_fleet
-from ros2_ident.report.page.steps import effects_found
-from ros2_ident.report.page.symbols import legend
 from ros2_ident.report.signals import load_signals
 
 Facts = list[tuple[str, str]]
@@ -57,16 +52,9 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
             be read, INVALID_GOAL where the page cannot be written.
     """
     folder = Path(directory)
-    result = load_result(folder) if any((folder / n).exists() for n in (JSON, YAML)) else None
-    diagnosis = load_diagnosis(folder) if (folder / DIAGNOSIS).exists() else None
-    if result is None and diagnosis is None and (folder / FLEET).exists():
+    if not holds_results(folder) and (folder / FLEET).exists():
         return write_fleet(folder, page)
-    if result is None and diagnosis is None:
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{folder}: holds neither {JSON} nor {DIAGNOSIS}; give a directory that '
-            '`ident identify` or `ident diagnose` wrote',
-        )
+    result, diagnosis = load(folder)
     target = folder / PAGE if page is None else Path(page)
     make_directory(target.parent)
     with intact(folder / DIAGNOSIS) if diagnosis else nullcontext():
@@ -129,7 +117,7 @@ CONTENTS = (
 def _pictures(
     folder: Path, result: Identification | None, diagnosis: Mapping[str, Any] | None
 ) -> dict[str, Picture]:
-    """Draw what needs a script: efforts over time, the search, the correlations."""
+    """Draw what needs a script: efforts over time, the search."""
     drawn: dict[str, Picture | None] = {}
     efforts = [folder / name for name in (SIGNALS, DIAGNOSIS_SIGNALS)]
     most = MOST // max(1, sum(path.exists() for path in efforts))
@@ -141,7 +129,6 @@ def _pictures(
             drawn['effort-plot'] = effort_plot(load_signals(efforts[0]), most=most)
         drawn['generations-plot'] = plots.cost_over_generations(result)
         drawn['costs-plot'] = plots.cost_over_parameters(result)
-        drawn['correlations-plot'] = plots.correlations(result)
     return {name: made for name, made in drawn.items() if made is not None}
 
 
@@ -150,6 +137,7 @@ def _of_identification(result: Identification, out: str) -> dict[str, Any]:
     answer = of_identification(result, out)
     return {
         'answer': answer,
+        'correlations': plots.correlations(result),
         'identified': [answer.headline, *answer.sure, *answer.careful],
         'held': [
             (name, numbers.quantity(value, units.get(name, '')))
@@ -160,7 +148,7 @@ def _of_identification(result: Identification, out: str) -> dict[str, Any]:
 
 
 def _of_diagnosis(diagnosis: Mapping[str, Any], out: str) -> dict[str, Any]:
-    gap, found = diagnosis['gap'], effects_found(diagnosis)
+    gap, found = diagnosis['gap'], sentences.effects_found(diagnosis)
     effects = sentences.effects_named(found) if len(found) == 1 else 'the effects' * bool(found)
     hero, maps = charts.all_of(diagnosis, effects)
     return {
@@ -177,7 +165,7 @@ def _of_diagnosis(diagnosis: Mapping[str, Any], out: str) -> dict[str, Any]:
         'moved': sentences.moved(diagnosis),
         'hidden': sentences.hidden(diagnosis),
         'about': [about(e) for e in dict.fromkeys(_named(diagnosis))],
-        'signs': legend(_laws(diagnosis)),
+        'signs': numbers.legend(_laws(diagnosis)),
         'gates': [(g['gate'], g['sentence']) for g in diagnosis['gates']],
         'bad_gates': any(g['level'] != 'ok' for g in diagnosis['gates']),
         'diagnosis_facts': _diagnosis_facts(diagnosis),
@@ -186,7 +174,7 @@ def _of_diagnosis(diagnosis: Mapping[str, Any], out: str) -> dict[str, Any]:
 
 def _named(diagnosis: Mapping[str, Any]) -> Iterator[str]:
     """Yield the effects of a verdict and their rivals."""
-    for at in (*effects_found(diagnosis), *diagnosis['confusable']):
+    for at in (*sentences.effects_found(diagnosis), *diagnosis['confusable']):
         if at['effect'] in CATALOGUE:
             yield at['effect']
 

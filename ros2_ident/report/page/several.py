@@ -14,16 +14,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
 from ros2_ident.gap.wording import compared
 from ros2_ident.identify.result import half_of_difference, smallest_shown
-from ros2_ident.report.files import (
-    DIAGNOSIS,
-    FLEET,
-    intact,
-    JSON,
-    load_diagnosis,
-    load_result,
-    PAGE,
-    YAML,
-)
+from ros2_ident.report.files import DIAGNOSIS, FLEET, intact, load, PAGE
 from ros2_ident.report.page import answer, sentences, steps
 from ros2_ident.report.page.numbers import (
     change,
@@ -194,8 +185,8 @@ def _run(folder: Path) -> _Run:
     Raises:
         IdentError: NO_DATA where there is neither a result nor a diagnosis.
     """
-    if (folder / DIAGNOSIS).exists():
-        data = load_diagnosis(folder)
+    result, data = load(folder)
+    if data is not None:
         with intact(folder / DIAGNOSIS):
             said = answer.of_diagnosis(data, str(folder))
             named = [data['verdict'], *data['also']]
@@ -204,13 +195,7 @@ def _run(folder: Path) -> _Run:
                 frozenset((x['effect'], w) for x in named if x['effect'] in CATALOGUE
                           for w in x['where']),
             )  # fmt: skip
-    if not any((folder / name).exists() for name in (JSON, YAML)):
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{folder}: holds neither {JSON} nor {DIAGNOSIS}; give directories that '
-            '`ident identify` or `ident diagnose` wrote',
-        )
-    result = load_result(folder)
+    assert result is not None
     said = answer.of_identification(result, str(folder))
     values = {
         p.name: plain({'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit})
