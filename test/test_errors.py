@@ -63,7 +63,7 @@ class CtrlC:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def search(self, progress: object) -> None:
+    def show(self, progress: object) -> None:
         if not self.pressed:
             self.pressed = True
             signal.raise_signal(signal.SIGINT)

@@ -2,8 +2,6 @@
 """`ident diagnose`: where the gap to the log lies, what causes it, how far it closes."""
 
 import argparse
-from contextlib import nullcontext
-from dataclasses import replace
 import time
 from typing import TYPE_CHECKING
 
@@ -19,11 +17,10 @@ from ros2_ident.cli.arguments import (
     once,
     whole,
 )
-from ros2_ident.cli.report import answered, live_page, page_line
+from ros2_ident.cli.report import carry_out
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
-    from ros2_ident.gap.diagnose import DiagnoseProgress
     from ros2_ident.gap.diagnosis import Diagnosis
     from ros2_ident.jobs import Request
 
@@ -120,57 +117,18 @@ def run(args: argparse.Namespace) -> int:
     # Before the simulations are composed of the effects there are.
     add_effect_files(args.effect)
     from ros2_ident import jobs
-    from ros2_ident.cli.interrupt import interrupts
-    from ros2_ident.cli.progress import Meter, WRITING
-    from ros2_ident.files import sole_writer
     from ros2_ident.gap.verdict import REFUSED
     from ros2_ident.report.files import DIAGNOSIS_CHECKPOINT, OF_DIAGNOSIS
-    from ros2_ident.search.journal import forget
 
     if args.resume and not args.out:
         raise IdentError(
             ErrorCode.INVALID_GOAL,
             '--resume goes on by a file in the directory for the results; give --out, too',
         )
-    request = request_of(args)
-    logs = jobs.read(request)
-    place = sole_writer(args.out, OF_DIAGNOSIS) if args.out else nullcontext()
-    # last: whoever reads the output may leave early, as `head` does
-    with answered(print_diagnosis) as answer, place as out:
-        if out is not None and not args.no_overlay:
-            jobs.require_room(request, logs, out)
-        checkpoint = None if out is None else out / DIAGNOSIS_CHECKPOINT
-        if checkpoint is not None and not args.resume:
-            forget(checkpoint)
-        said = ''
-
-        def show(progress: 'DiagnoseProgress') -> None:
-            nonlocal said
-            if progress.best_so_far != said:
-                said = progress.best_so_far
-                meter.note(f'so far: {said}')
-            progress = replace(progress, eta=progress.eta + writing)
-            meter(progress.fraction, progress.stage, progress.eta)
-            if live is not None:
-                live.diagnosing(progress)
-
-        writing = WRITING * (time.monotonic() - begun) if out is not None else 0.0
-        with (
-            live_page(args, out, logs.fit) as live,
-            Meter(quiet=args.quiet) as meter,
-            interrupts() as cancel,
-        ):
-            done = jobs.diagnose(
-                request, logs, cancel=cancel, on_progress=show, checkpoint=checkpoint
-            )
-            answer(done.result)
-            files, page = [], ''
-            if out is not None:
-                files = jobs.save(done, out, overlay=not args.no_overlay)
-                page = page_line(out, wanted=not args.no_report)
-    if files:
-        print('written: ' + ', '.join(str(path) for path in files))
-    print(page, end='', flush=True)
+    done = carry_out(
+        args, request_of(args), jobs.diagnose, print_diagnosis, OF_DIAGNOSIS,
+        DIAGNOSIS_CHECKPOINT, begun,
+    )  # fmt: skip
     return 0 if done.complete and done.result.effect not in REFUSED else 1
 
 

@@ -2,7 +2,6 @@
 """`ident identify`: a machine's parameters from a bag."""
 
 import argparse
-from dataclasses import replace
 import time
 from typing import TYPE_CHECKING
 
@@ -20,10 +19,10 @@ from ros2_ident.cli.arguments import (
     positive,
     whole,
 )
-from ros2_ident.cli.report import answered, live_page, page_line
+from ros2_ident.cli.report import carry_out
 
 if TYPE_CHECKING:
-    from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
+    from ros2_ident.identify.settings import IdentifySettings
     from ros2_ident.jobs import Request
 
 DESCRIPTION = (
@@ -173,43 +172,11 @@ def run(args: argparse.Namespace) -> int:
     """Identify, write the results, print them."""
     begun = time.monotonic()
     from ros2_ident import jobs
-    from ros2_ident.cli.interrupt import interrupts
-    from ros2_ident.cli.progress import Meter, WRITING
     from ros2_ident.cli.table import print_result
-    from ros2_ident.files import sole_writer
     from ros2_ident.identify.result import Outcome
     from ros2_ident.report.files import CHECKPOINT, OF_RESULT
-    from ros2_ident.search.journal import forget
 
-    request = request_of(args)
-    logs = jobs.read(request)
-    # last: whoever reads the output may leave early, as `head` does
-    with answered(print_result) as answer, sole_writer(args.out, OF_RESULT) as out:
-        if not args.no_overlay:
-            jobs.require_room(request, logs, out)
-        if not args.resume:
-            forget(out / CHECKPOINT)
-        shown = request.problem(logs.fit) if args.live else None
-        with (
-            live_page(args, out, logs.fit, shown) as live,
-            interrupts() as cancel,
-            Meter(quiet=args.quiet) as meter,
-        ):
-
-            writing = WRITING * (time.monotonic() - begun)
-
-            def tell(progress: 'IdentifyProgress') -> None:
-                progress = replace(progress, eta=progress.eta + writing)
-                meter.search(progress)
-                if live is not None:
-                    live.identifying(progress)
-
-            done = jobs.identify(
-                request, logs, cancel=cancel, on_progress=tell, checkpoint=out / CHECKPOINT
-            )
-            answer(done.result)
-            files = jobs.save(done, out, overlay=not args.no_overlay)
-            page = page_line(out, wanted=not args.no_report)
-    print('written: ' + ', '.join(str(path) for path in files))
-    print(page, end='', flush=True)
+    done = carry_out(
+        args, request_of(args), jobs.identify, print_result, OF_RESULT, CHECKPOINT, begun
+    )
     return 0 if done.result.outcome is Outcome.IDENTIFIED else 1

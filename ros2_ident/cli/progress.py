@@ -8,9 +8,12 @@ import os
 import sys
 import threading
 import time
-from typing import Any, Self, TextIO
+from typing import Any, Self, TextIO, TYPE_CHECKING
 
 from ros2_ident.identify.settings import IdentifyProgress
+
+if TYPE_CHECKING:
+    from ros2_ident.gap.diagnose import DiagnoseProgress
 
 # Without a terminal a line comes at most so often, s.
 LINE_EVERY = 5.0
@@ -89,6 +92,7 @@ class Meter:
     def __init__(self, *, quiet: bool = False, stream: TextIO | None = None) -> None:
         self._stream = io.StringIO() if quiet else stream or sys.stderr
         self._start, self._last = time.monotonic(), -math.inf
+        self._best = ''
         self._costs: list[float] = []
         self._spreads: list[float] = []
         self._thetas: list[list[float]] = []
@@ -146,8 +150,14 @@ class Meter:
         else:
             self._live.update(_grid([[text, _bar(fraction), share, times]]), refresh=True)
 
-    def search(self, progress: IdentifyProgress) -> None:
-        """Show how far a search is, how its best changed, and the parameters."""
+    def show(self, progress: 'IdentifyProgress | DiagnoseProgress') -> None:
+        """Show how far a run is; of a search also how its best changed, and the parameters."""
+        if not isinstance(progress, IdentifyProgress):
+            if progress.best_so_far != self._best:
+                self._best = progress.best_so_far
+                self.note(f'so far: {self._best}')
+            self(progress.fraction, progress.stage, progress.eta)
+            return
         if not self._due():
             return
         if self._live is not None:

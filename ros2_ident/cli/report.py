@@ -2,10 +2,12 @@
 """`ident report`: one page on a result directory."""
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 import sys
+import time
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.errors import ErrorCode, IdentError
@@ -13,6 +15,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 if TYPE_CHECKING:
     from ros2_ident.identify.data import Data
     from ros2_ident.identify.problem import Problem
+    from ros2_ident.jobs import Request
     from ros2_ident.report.page import LivePage
 
 DESCRIPTION = (
@@ -60,6 +63,71 @@ def run(args: argparse.Namespace) -> int:
         page = write_comparison(args.directory, args.page)
     print(f'written: {page}')
     return 0
+
+
+def carry_out(
+    args: argparse.Namespace,
+    request: 'Request',
+    find: Callable[..., Any],
+    show: Callable[[Any], None],
+    files: Sequence[str],
+    checkpoint: str,
+    begun: float,
+) -> Any:
+    """Find what was asked for, write it, and print it.
+
+    Args:
+        args: `out`, `resume`, `live`, `quiet`, `no_overlay` and `no_report`.
+        request: What was asked for.
+        find: `jobs.identify` or `jobs.diagnose`.
+        show: Prints a result.
+        files: Names of all that may be written.
+        checkpoint: Name of the file to go on from.
+        begun: When the command began, by `time.monotonic`, s.
+
+    Returns:
+        What `find` returned.
+    """
+    from ros2_ident import jobs
+    from ros2_ident.cli.interrupt import interrupts
+    from ros2_ident.cli.progress import Meter, WRITING
+    from ros2_ident.files import sole_writer
+    from ros2_ident.search.journal import forget
+
+    logs = jobs.read(request)
+    written: list[Path] = []
+    page = ''
+    place = sole_writer(args.out, files) if args.out else nullcontext()
+    # last: whoever reads the output may leave early, as `head` does
+    with answered(show) as answer, place as out:
+        if out is not None and not args.no_overlay:
+            jobs.require_room(request, logs, out)
+        kept = None if out is None else out / checkpoint
+        if kept is not None and not args.resume:
+            forget(kept)
+        problem = request.problem(logs.fit) if args.live and find is jobs.identify else None
+        with (
+            live_page(args, out, logs.fit, problem) as live,
+            interrupts() as cancel,
+            Meter(quiet=args.quiet) as meter,
+        ):
+            writing = 0.0 if out is None else WRITING * (time.monotonic() - begun)
+
+            def tell(progress: Any) -> None:
+                progress = replace(progress, eta=progress.eta + writing)
+                meter.show(progress)
+                if live is not None:
+                    live.show(progress)
+
+            done = find(request, logs, cancel=cancel, on_progress=tell, checkpoint=kept)
+            answer(done.result)
+            if out is not None:
+                written = jobs.save(done, out, overlay=not args.no_overlay)
+                page = page_line(out, wanted=not args.no_report)
+    if written:
+        print('written: ' + ', '.join(str(path) for path in written))
+    print(page, end='', flush=True)
+    return done
 
 
 def live_page(

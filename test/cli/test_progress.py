@@ -113,7 +113,7 @@ def drawn(monkeypatch):
             for step in steps:
                 stream.seek(0)
                 stream.truncate()
-                meter.search(step)
+                meter.show(step)
             said = stream.getvalue()
         return [line.rstrip() for line in ESCAPE.sub('', said).replace('\r', '').splitlines()]
 
@@ -154,10 +154,10 @@ def test_a_line_says_what_takes_long_before_the_first_progress(monkeypatch):
         while not stream.getvalue() and time.monotonic() < deadline:
             time.sleep(0.01)
         assert stream.getvalue() == f'{module.WAIT}\n'
-        meter.search(progress(0.5))
+        meter.show(progress(0.5))
     monkeypatch.setattr(module, 'PATIENCE', 0.05)
     quick = io.StringIO()
     with Meter(stream=quick) as meter:
-        meter.search(progress(0.5))
+        meter.show(progress(0.5))
         time.sleep(0.1)
     assert module.WAIT not in quick.getvalue()

@@ -54,7 +54,7 @@ def test_a_page_comes_at_most_every_few_seconds(
 ) -> None:
     monkeypatch.setattr(live, 'EVERY', 3600.0)
     with LivePage(tmp_path, 'Identifying', 'axis', problem) as page:
-        page.identifying(step(problem, 3.0))
+        page.show(step(problem, 3.0))
         assert 'Preparing' in text(tmp_path) and RELOADS in text(tmp_path)
         write_report_of(tmp_path)
     assert RELOADS not in text(tmp_path)
@@ -75,7 +75,7 @@ def test_the_reason_of_an_end_without_report_is_on_the_page(tmp_path: Path) -> N
 def test_each_better_explanation_of_a_diagnosis_is_a_line(tmp_path: Path) -> None:
     with LivePage(tmp_path, 'Diagnosing', 'axis') as page:
         for best in ('', 'backlash', 'backlash', 'Stribeck friction'):
-            page.diagnosing(DiagnoseProgress('looking', 0.4, best, 7.0, 10.5))
+            page.show(DiagnoseProgress('looking', 0.4, best, 7.0, 10.5))
         assert '<li>7 s: backlash</li><li>7 s: Stribeck friction</li>' in text(tmp_path)
         assert '7 s gone, about 10 s to go' in text(tmp_path)
         write_report_of(tmp_path)
@@ -87,14 +87,13 @@ def test_the_command_leaves_the_report(
 ) -> None:
     out = tmp_path / 'out'
     seen = []
-    name = {'identify': 'identifying', 'diagnose': 'diagnosing'}[command]
-    show = getattr(LivePage, name)
+    show = LivePage.show
 
     def watched(page: LivePage, progress: Any) -> None:
         show(page, progress)
         seen.append(RELOADS in text(out))
 
-    monkeypatch.setattr(LivePage, name, watched)
+    monkeypatch.setattr(LivePage, 'show', watched)
     words = [command, str(BAG), '--machine', str(AXIS_FILE), '--out', str(out), '--live']
     if command == 'identify':
         words += ['--population', '64', '--generations', '2']
@@ -124,8 +123,8 @@ def test_the_browser_follows_a_run_and_then_shows_the_report(
 ) -> None:
     with LivePage(tmp_path, 'Identifying', 'axis', problem) as page:
         browser.get(page.place)
-        page.identifying(step(problem, 3.0))
-        page.identifying(step(problem, 2.0, 0.4, 4.0))
+        page.show(step(problem, 3.0))
+        page.show(step(problem, 2.0, 0.4, 4.0))
         # in one script, for the page reloads between two
         until(
             browser,

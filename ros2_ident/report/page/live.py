@@ -89,8 +89,14 @@ class LivePage:
         """Address for the browser."""
         return self._page.resolve().as_uri()
 
-    def identifying(self, progress: IdentifyProgress) -> None:
-        """Show the progress of an identification."""
+    def show(self, progress: IdentifyProgress | DiagnoseProgress) -> None:
+        """Show how far a run is; a better explanation of a diagnosis at once."""
+        if isinstance(progress, DiagnoseProgress):
+            self._diagnosing(progress)
+        else:
+            self._identifying(progress)
+
+    def _identifying(self, progress: IdentifyProgress) -> None:
         known = math.isfinite(progress.best_cost)
         if self._preview is not None and known:
             self._preview(progress)
@@ -117,8 +123,7 @@ class LivePage:
             contents=_CONTENTS if known else _CONTENTS[:1],
         )
 
-    def diagnosing(self, progress: DiagnoseProgress) -> None:
-        """Show the progress of a diagnosis; each better explanation at once."""
+    def _diagnosing(self, progress: DiagnoseProgress) -> None:
         best = progress.best_so_far
         news = bool(best) and best not in self._notes
         if news:
