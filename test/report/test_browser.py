@@ -14,7 +14,7 @@ from ros2_ident.fleet.summary import write_summary
 from ros2_ident.report.page import write_comparison, write_report
 from ros2_ident.report.signals import write_signals
 
-PICTURES = 5
+PICTURES = 4
 # A picture's figures lie in shadow roots, one within another.
 FIND = '''
 function everything(root, wanted) {

@@ -96,7 +96,6 @@ def test_every_section_is_there_and_every_picture(both):
         'effort-plot',
         'generations-plot',
         'costs-plot',
-        'correlations-plot',
     ]
     assert both.stat().st_size < LIMIT
 
@@ -133,13 +132,13 @@ def test_what_a_file_holds_cannot_be_read_as_html(both):
     [
         (
             write_identified, (), IDENTIFIED,
-            ['effort-plot', 'generations-plot', 'costs-plot', 'correlations-plot'],
+            ['effort-plot', 'generations-plot', 'costs-plot'],
             'ident diagnose test --machine MACHINE.yaml --out ',
         ),
         # a result of an older version
         (
             write_identified, ('history.npz', 'signals.npz', 'result.json'), IDENTIFIED,
-            ['generations-plot', 'correlations-plot'], 'No simulated effort was kept',
+            ['generations-plot'], 'No simulated effort was kept',
         ),
         (write_diagnosed, (), [*DIAGNOSED, 'about'], ['gap-effort-plot'], 'of the effort'),
         (

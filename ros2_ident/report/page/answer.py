@@ -12,7 +12,6 @@ from ros2_ident.gap.wording import compared
 from ros2_ident.gates import sentences as sentences_of
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.report.page import sentences, steps
-from ros2_ident.report.page.headline import headline
 from ros2_ident.report.page.numbers import (
     from_to,
     number,
@@ -22,8 +21,15 @@ from ros2_ident.report.page.numbers import (
     shares,
     unit_of,
 )
-from ros2_ident.report.page.sentences import capital, effect_name, some
-from ros2_ident.report.page.steps import effects_found, Step
+from ros2_ident.report.page.sentences import (
+    capital,
+    effect_name,
+    effects_found,
+    places,
+    REFUSALS,
+    some,
+)
+from ros2_ident.report.page.steps import Step
 from ros2_ident.report.schema import gates_from
 
 # Drives that the first screen lists; the table further down has all.
@@ -111,14 +117,14 @@ def of_diagnosis(data: Mapping[str, Any], out: str) -> Answer:
     verdict = data['verdict']
     level: sentences.Level = 'bad'
     grave = sentences_of(g for g in gates_from(data['gates']) if g.level == 'fail')
-    first = () if verdict['effect'] in steps.REFUSALS else tuple(grave)
+    first = () if verdict['effect'] in REFUSALS else tuple(grave)
     if data['complete'] and verdict['effect'] not in sentences.NAMELESS - {'none'} and not first:
         unsure = len(data['confusable']) > 1 or _unexplained(data) or _seldom(data)
         level = 'doubtful' if careful or unsure else 'good'
-    said, more = headline(data)
+    said, more = sentences.diagnosed(data)
     evidence = data['evidence']
     material = (evidence['size'] or 0.0) >= (evidence['material'] or 0.0)
-    if material and verdict['effect'] not in steps.REFUSALS:
+    if material and verdict['effect'] not in REFUSALS:
         shares = (d['share_of_output'] for d in data['gap']['per_drive'].values())
         said = f'{words.small(shares, data["gap"]["unit"])} {said}'.lstrip()
     return Answer(
@@ -177,7 +183,7 @@ def _sure(data: Mapping[str, Any]) -> Iterator[str]:
         'check bag': 'Judged on data not used for fitting: another recording.',
         'blocks': 'Judged on data not used for fitting: every second block of 1 s.',
     }
-    if verdict['effect'] in steps.REFUSALS:
+    if verdict['effect'] in REFUSALS:
         yield verdict['sentence']
     elif data['complete'] or verdict['probability']:
         that = {
@@ -229,7 +235,7 @@ def _seldom(data: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], float]]:
 def _cause(data: Mapping[str, Any]) -> str:
     if data['also']:
         return f'that {effect_name(data["verdict"])}, found first, is a cause'
-    return f'that this is the cause, and {steps.places(data["verdict"]["where"])} the place'
+    return f'that this is the cause, and {places(data["verdict"]["where"])} the place'
 
 
 def _gaps(data: Mapping[str, Any]) -> tuple[Gap, ...]:
@@ -336,7 +342,7 @@ def of_identification(result: Identification, out: str) -> Answer:
     closes = [f'Held out: {result.validated_on}.'] if result.validation else []
     if more > 0:
         closes.append(f'{more} more in the file `result.json`.')
-    said, told = sentences.headline(result)
+    said, told = sentences.identified(result)
     return Answer(
         level,
         said,

@@ -23,18 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.gap.wording import compared
-from ros2_ident.report.page.look import (
-    Button,
-    Choice,
-    GREY,
-    INK,
-    Key,
-    ORANGE,
-    Picture,
-    plot,
-    RED,
-    SKY,
-)
+from ros2_ident.report.page.look import Button, Choice, INK, Key, Picture, plot
 from ros2_ident.report.page.numbers import number
 from ros2_ident.report.page.thin import (
     breaks,
@@ -48,6 +37,7 @@ from ros2_ident.report.page.thin import (
     worst_moments,
 )
 from ros2_ident.report.signals import Curves, Signals
+from ros2_ident.report.style import GREY, ORANGE, RED, SKY
 
 # Stretches that a curve in view is cut into, the same as in `page.js`.
 COLUMNS = 1000

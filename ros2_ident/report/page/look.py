@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the plots of the page look: the colours of `gap.style`, one type, little ink."""
+"""How the plots of the page look: the colours of `report.style`, one type, little ink."""
 
 from dataclasses import dataclass
 import math
@@ -8,13 +8,6 @@ from typing import Any
 from bokeh.models import CustomJSTickFormatter, FixedTicker, GridPlot
 from bokeh.models.layouts import LayoutDOM
 from bokeh.plotting import figure
-
-from ros2_ident.report.style import BLUE as BLUE
-from ros2_ident.report.style import GREEN as GREEN
-from ros2_ident.report.style import GREY as GREY
-from ros2_ident.report.style import ORANGE as ORANGE
-from ros2_ident.report.style import RED as RED
-from ros2_ident.report.style import SKY as SKY
 
 # Width of the page's content, pixels; the style sheet has the same.
 WIDTH = 1000

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers, units and equations as people read them."""
 
+from collections.abc import Iterable
 import math
 import re
 
@@ -24,6 +25,25 @@ _GREEK = {
     'pi': 'π',
     'dm': 'Δm',
 }
+
+# What the signs of equations mean, in the order in which they are explained.
+MEANINGS = {
+    'v': 'motor speed',
+    'z': 'motor position',
+    'z_cmd': 'set-point',
+    's': 'position of the load side',
+    'M': 'torque',
+    'M_log': 'logged effort',
+    'F': 'force on the gear',
+    'gear': 'force on the gear over motor torque',
+    't': 'time since the log began',
+    'm_t': 'mass of the tool',
+    'c_G': 'stiffness of the gear',
+    'k_p': 'position gain',
+    'k_v': 'velocity gain',
+    'k_I': 'integral gain',
+}
+_SIGN = re.compile(r'[A-Za-z]+(?:_\w+)?')
 
 
 def number(value: float | None, digits: int = 5) -> str:
@@ -127,6 +147,18 @@ def equation(text: str) -> Markup:
     html = re.sub(r'(\w)_(\w+)', r'\1<sub>\2</sub>', html)
     html = re.sub(r'\^(\d)', r'<sup>\1</sup>', html)
     return Markup(html)
+
+
+def legend(laws: Iterable[tuple[str, Iterable[str]]]) -> list[tuple[str, str]]:
+    """Return the signs that equations use and do not explain, each with its meaning.
+
+    Args:
+        laws: Equation and the signs of its own parameters, which stand beside it.
+    """
+    used: set[str] = set()
+    for equation, own in laws:
+        used |= {*_SIGN.findall(equation)} - {*own}
+    return [(sign, meaning) for sign, meaning in MEANINGS.items() if sign in used]
 
 
 def prose(text: str) -> Markup:

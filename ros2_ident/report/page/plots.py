@@ -1,50 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plots of the page besides the efforts: the search, the correlations, the gap."""
+"""The search and the correlations of the estimates."""
 
 from collections.abc import Sequence
 import math
 from typing import Any
 
 from bokeh.layouts import gridplot
-from bokeh.models import BasicTicker, ColumnDataSource, FixedTicker, LinearColorMapper
-from bokeh.models.annotations import BoxAnnotation, ColorBar
+from bokeh.models import BasicTicker, ColumnDataSource, LinearColorMapper
+from bokeh.models.annotations import BoxAnnotation
 from bokeh.palettes import Viridis256
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.identify.result import Identification, ParameterEstimate
-from ros2_ident.report.page.look import (
-    INK,
-    Key,
-    logarithmic,
-    ORANGE,
-    Picture,
-    plot,
-    RED,
-    SKY,
-    WIDTH,
-)
+from ros2_ident.report.page.look import INK, Key, logarithmic, Picture, plot, WIDTH
 from ros2_ident.report.page.numbers import number, raised, unit_of
+from ros2_ident.report.style import ORANGE, RED, SKY
 
 # Costs that span more than this are drawn on a logarithmic axis.
 WIDE = 20.0
 # Cells of a plot of all candidates; one dot is drawn in each.
 CELLS = 160, 110
-# Blue for -1, white for 0, vermilion for 1.
-DIVERGING = [
-    f'#{round(a[0]):02x}{round(a[1]):02x}{round(a[2]):02x}'
-    for end in ((0, 114, 178), (213, 94, 0))
-    for a in [
-        [255 + (e - 255) * s for e in end]
-        for s in (np.linspace(1, 0, 32) if end[0] == 0 else np.linspace(0, 1, 32))
-    ]
-]
+# A correlation below this is on so dark a blue that white is read best.
+DARK = -0.93
+# A plot over the width of the page.
+ACROSS: dict[str, Any] = {'sizing_mode': 'stretch_width', 'min_border_left': 76}
 
 
 def _axis_type(values: Array) -> str:
     low, high = float(values.min()), float(values.max())
     return 'log' if low > 0.0 and high > WIDE * low else 'linear'
+
+
+def _cost_plot(costs: Array, **options: Any) -> Any:
+    """Return an empty plot for costs (E,), logarithmic where they span much."""
+    made = plot(y_axis_type=_axis_type(costs), **options)
+    if _axis_type(costs) == 'log':
+        logarithmic(made.yaxis, float(costs.min()), float(costs.max()))
+    return made
 
 
 def cost_over_generations(result: Identification) -> Picture | None:
@@ -57,13 +51,8 @@ def cost_over_generations(result: Identification) -> Picture | None:
     unit = result.cost.unit
     finite = np.isfinite(history.costs)
     values = np.concatenate([history.costs[finite], best[there]])
-    made = plot(
-        height=300,
-        sizing_mode='stretch_width',
-        y_axis_type=_axis_type(values),
-        x_axis_label='generation',
-        y_axis_label=f'cost [{unit}]',
-        min_border_left=76,
+    made = _cost_plot(
+        values, x_axis_label='generation', y_axis_label=f'cost [{unit}]', height=300, **ACROSS
     )
     generations, costs = history.generations[finite], history.costs[finite]
     if costs.size:
@@ -96,25 +85,16 @@ def cost_over_generations(result: Identification) -> Picture | None:
         )
         keys.append(Key(f'refined, {number(result.cost.refined)} {unit}', RED, 'dashed'))
     made.xaxis.ticker = BasicTicker(min_interval=1, num_minor_ticks=0)
-    if _axis_type(values) == 'log':
-        logarithmic(made.yaxis, float(values.min()), float(values.max()))
     return Picture(made, 'Cost of the candidates over the generations', tuple(keys))
 
 
 def cost_over_time(points: Sequence[tuple[float, float]], unit: str) -> Picture:
     """Draw the best cost over the time of a run, s."""
     times, costs = np.array(points).T
-    made = plot(
-        height=200,
-        sizing_mode='stretch_width',
-        y_axis_type=_axis_type(costs),
-        x_axis_label='time [s]',
-        y_axis_label=f'best cost [{unit}]',
-        min_border_left=76,
+    made = _cost_plot(
+        costs, x_axis_label='time [s]', y_axis_label=f'best cost [{unit}]', height=200, **ACROSS
     )
     made.line(times, costs, color=INK, line_width=1.8)
-    if _axis_type(costs) == 'log':
-        logarithmic(made.yaxis, float(costs.min()), float(costs.max()))
     return Picture(made, f'Best cost over time, now {number(float(costs[-1]))} {unit}')
 
 
@@ -185,11 +165,11 @@ def _cost_over(
     power = _power(max(abs(low), abs(high)))
     scale = 10.0**power
     unit_of_axis = ' '.join(x for x in (raised(power), unit_of(parameter.unit)) if x)
-    made = plot(
+    made = _cost_plot(
+        costs,
         title=parameter.name,
         width=WIDTH // 4 + (22 if first else -8),
         height=205,
-        y_axis_type=_axis_type(costs),
         x_axis_label=f'[{unit_of_axis or "1"}]',
         x_range=(low / scale, high / scale),
         min_border_left=60 if first else 30,
@@ -206,8 +186,6 @@ def _cost_over(
     else:
         made.yaxis.visible = False
     made.xaxis.ticker = BasicTicker(desired_num_ticks=4, num_minor_ticks=0)
-    if _axis_type(costs) == 'log':
-        logarithmic(made.yaxis, float(costs.min()), float(costs.max()))
     made.axis.major_label_text_font_size = made.axis.axis_label_text_font_size = '12px'
     if math.isfinite(parameter.low) and math.isfinite(parameter.high):
         made.add_layout(
@@ -243,59 +221,35 @@ def _power(largest: float) -> int:
     return 3 * math.floor(math.log10(largest) / 3.0)
 
 
-def correlations(result: Identification) -> Picture | None:
-    """Draw the correlation of each two estimates."""
-    matrix = result.correlation
+def correlations(result: Identification) -> list[tuple[str, list[tuple[str, str, str]]]]:
+    """Return the correlation of each two estimates, row by row; nothing where none is known.
+
+    Returns:
+        Name, and of each cell the percentage, both names with the number, and its colours (CSS).
+    """
+    matrix, names = result.correlation, [p.name for p in result.parameters]
     if len(matrix) < 2 or not np.isfinite(matrix[~np.eye(len(matrix), dtype=bool)]).any():
-        return None
-    names = [p.name for p in result.parameters]
-    size = len(names)
-    cell = min(48, 640 // size)
-    rows, columns = (x.ravel() for x in np.indices(matrix.shape))
-    value = matrix.ravel()
-    there = np.isfinite(value)
-    data = {
-        'x': [names[c] for c in columns[there]],
-        'y': [names[r] for r in rows[there]],
-        'value': value[there],
-        'text': [
-            '' if r == c else f'{100 * v:.0f}'.replace('-', '−')
-            for r, c, v in zip(rows[there], columns[there], value[there], strict=True)
-        ],
-        'ink': ['white' if abs(v) > 0.7 else INK for v in value[there]],
-    }
-    mapper = LinearColorMapper(palette=DIVERGING, low=-1.0, high=1.0, nan_color='#eeeeee')
-    longest = 7 * max(len(n) for n in names)
-    made = plot(
-        x_range=names,
-        y_range=names[::-1],
-        width=cell * size + longest + 120,
-        height=cell * size + longest + 40,
-        tools='hover',
-        active_drag=None,
-        tooltips=[('', '@y'), ('', '@x'), ('correlation', '@value{0.000}')],
-    )
-    source = ColumnDataSource(data)
-    made.rect(
-        'x', 'y', 1, 1, source=source, line_color='white',
-        fill_color={'field': 'value', 'transform': mapper},
-    )
-    if cell >= 24:
-        made.text(
-            'x', 'y', text='text', source=source, text_align='center', text_baseline='middle',
-            text_font_size='11px' if cell > 30 else '10px', text_color='ink',
+        return []
+    return [
+        (
+            name,
+            [
+                (_percent(v) if r != c else '', f'{name}, {names[c]}: {number(v, 3)}', _shade(v))
+                for c, v in enumerate(row)
+            ],
         )
-    made.grid.grid_line_color = None
-    made.xaxis.major_label_orientation = math.pi / 2.0
-    made.axis.major_tick_line_color = made.axis.axis_line_color = None
-    made.add_layout(
-        ColorBar(
-            color_mapper=mapper, width=10, ticker=FixedTicker(ticks=[-1, -0.5, 0, 0.5, 1]),
-            # In percent, as the cells.
-            major_label_overrides={-1: '−100', -0.5: '−50', 0: '0', 0.5: '50', 1: '100'},
-            major_label_text_font_size='11px', bar_line_color=None, major_tick_line_color=None,
-        ),
-        'right',
-    )
-    width = int(made.width)
-    return Picture(made, 'Correlations of the estimates', least=width)
+        for r, (name, row) in enumerate(zip(names, matrix.tolist(), strict=True))
+    ]  # fmt: skip
+
+
+def _percent(value: float) -> str:
+    return f'{100.0 * value:.0f}'.replace('-', '−') if math.isfinite(value) else ''
+
+
+def _shade(value: float) -> str:
+    """Return the colours of a correlation: blue for -1, white for 0, vermilion for 1."""
+    if not math.isfinite(value):
+        return 'background:#eee;color:black'
+    end = (0, 114, 178) if value < 0.0 else (213, 94, 0)
+    shade = ','.join(f'{255 + (e - 255) * abs(value):.0f}' for e in end)
+    return f'background:rgb({shade});color:{"white" if value < DARK else "black"}'

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ros2_ident.effects import CATALOGUE
+from ros2_ident.gap.facts import Cause
 from ros2_ident.gap.verdict import NAMELESS as NAMELESS
 from ros2_ident.identify.outcome import determined, undetermined
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
@@ -27,6 +28,20 @@ LISTED = 6
 # Places of the gap that are told at once, and the share of a drive's gap that a further one has to
 # explain beyond the drive's leading one.
 LEADING, FURTHER = 3, 0.1
+# A headline of more letters than this ends after the first effect: three lines of a page.
+_LONG = 110
+# Answers that say nothing of physics: what is wrong, and what to do.
+REFUSALS = {
+    'bookkeeping': (
+        'Log and machine file contradict each other: nothing physical can be said.',
+        'Correct what is named above, in the machine file or in the recording. What fits and what '
+        'does not says:',
+    ),
+    'model': (
+        'The model is not the one of this machine: nothing physical can be said.',
+        'Choose another kind of machine, or check that the recording is of this one:',
+    ),
+}
 
 
 def width(estimate: ParameterEstimate) -> float:
@@ -75,7 +90,7 @@ def warned(text: str) -> str:
 # ---------------------------------------------------------------------- identifications
 
 
-def headline(result: Identification) -> tuple[str, str]:
+def identified(result: Identification) -> tuple[str, str]:
     """Return how an identification ended, and which parameters it does not determine."""
     plain = result.outcome in (Outcome.IDENTIFIED, Outcome.NOT_IDENTIFIABLE)
     if not plain or result.rival or any(gate.contradicts for gate in result.gates):
@@ -147,6 +162,101 @@ def correlated(result: Identification) -> list[tuple[str, str, float]]:
 
 
 # ---------------------------------------------------------------------- diagnoses
+
+
+def effects_found(data: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the effects of a verdict at their places, the first first; none where unnamed."""
+    verdict = data['verdict']
+    if verdict['effect'] in NAMELESS:
+        return []
+    return [verdict, *data['also']]
+
+
+def places(where: Sequence[str]) -> str:
+    """Return the place of an effect in words."""
+    return 'the machine' if not where or 'all' in where else ' and '.join(where)
+
+
+def diagnosed(data: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
+    """Return what is missing and where, and the rest of it where one sentence would be long.
+
+    Args:
+        data: The content of `diagnosis.json`.
+    """
+    verdict = data['verdict']
+    if verdict['effect'] == 'none':
+        return _nothing(data), ()
+    if verdict['effect'] in REFUSALS:
+        return REFUSALS[verdict['effect']][0], ()
+    if verdict['effect'] == 'unknown':
+        return _unknown(data), ()
+    found = effects_found(data)
+    logged = [at for at in found if of_log(at['effect'])]
+    missing = [at for at in found if at not in logged]
+    text = _one_sentence(missing, logged)
+    if len(text) <= _LONG:
+        return text, ()
+    return _short(missing), tuple(_rest(missing, logged))
+
+
+def _unknown(data: Mapping[str, Any]) -> str:
+    where = places(data['verdict']['where'])
+    cause = data['verdict']['cause']
+    if cause == Cause.CUT_SHORT:
+        return f'Cut short: the simulation of {where} is off, and no cause was found yet.'
+    if cause == Cause.EVENTS:
+        return f'{capital(where)} produced effort that was not commanded.'
+    if cause == Cause.SLOW:
+        return f'The residual of {where} is too large and too slow for noise.'
+    return f'Something is missing in the simulation of {where}, and no known effect explains it.'
+
+
+def _one_sentence(
+    missing: Sequence[Mapping[str, Any]], of_log: Sequence[Mapping[str, Any]]
+) -> str:
+    distorted = effects_named(of_log) if of_log else ''
+    if not missing:
+        return f'The logged effort is off, not the simulation: {distorted}.'
+    verb = 'is' if len(missing) == 1 else 'are'
+    too = f'; the logged effort is off, too: {distorted}' if of_log else ''
+    return f'{capital(effects_named(missing))} {verb} missing in the simulation{too}.'
+
+
+def _short(missing: Sequence[Mapping[str, Any]]) -> str:
+    """Return the first of several effects, the one that closes most, and how many there are."""
+    if not missing:
+        return 'The logged effort is off, not the simulation.'
+    first, more = capital(effect_name(missing[0])), len(missing) - 1
+    if not more:
+        return f'{first} is missing in the simulation.'
+    others = 'another effect' if more == 1 else f'{more} more effects'
+    return f'{first} and {others} are missing in the simulation.'
+
+
+def _rest(
+    missing: Sequence[Mapping[str, Any]], of_log: Sequence[Mapping[str, Any]]
+) -> Iterator[str]:
+    if missing[1:]:
+        yield f'Also missing: {effects_named(missing[1:])}.'
+    if of_log:
+        too = ', too' if missing else ''
+        yield f'The logged effort is off{too}: {effects_named(of_log)}.'
+
+
+def _nothing(data: Mapping[str, Any]) -> str:
+    """Return the headline where no effect is named: how large one could be and not be found."""
+    if (data['evidence']['size'] or 0.0) >= (data['evidence']['material'] or 0.0):
+        return 'Nothing can be named: what is left is too small to tell its cause.'
+    limit = quantity(_limit(data), data['gap']['unit'], 2)
+    if data['facts']['hidden']:
+        return f'Nothing found missing above {limit}, but slow noise may hide more.'
+    return f'Nothing found missing: what is left is noise, in which a gap of {limit} would show.'
+
+
+def _limit(data: Mapping[str, Any]) -> float:
+    """Return the gap, RMS, that counts on every drive."""
+    floors = [d['noise_floor'] or 0.0 for d in data['gap']['per_drive'].values()]
+    return float(data['evidence']['material'] or 0.0) * max(floors, default=0.0)
 
 
 def moved_names(data: Mapping[str, Any], *, together: bool = False) -> list[str]:

@@ -12,26 +12,19 @@ from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.machine.keys import digits
 from ros2_ident.recording import LIVE
 from ros2_ident.report.page import sentences
-from ros2_ident.report.page.numbers import plus_minus, quantity
-from ros2_ident.report.page.sentences import effect_name, some
-from ros2_ident.report.page.symbols import legend
+from ros2_ident.report.page.numbers import legend, plus_minus, quantity
+from ros2_ident.report.page.sentences import (
+    effect_name,
+    effects_found,
+    places,
+    REFUSALS,
+    some,
+)
 
 # Machines of a fleet, and effects, that its page has steps for.
 FLEET = 3
 # Of a number whose interval is wider than itself.
 LOOSE = 'not determined'
-# Answers that say nothing of physics: what is wrong, and what to do.
-REFUSALS = {
-    'bookkeeping': (
-        'Log and machine file contradict each other: nothing physical can be said.',
-        'Correct what is named above, in the machine file or in the recording. What fits and what '
-        'does not says:',
-    ),
-    'model': (
-        'The model is not the one of this machine: nothing physical can be said.',
-        'Choose another kind of machine, or check that the recording is of this one:',
-    ),
-}
 
 
 @dataclass(frozen=True)
@@ -74,19 +67,6 @@ class Step:
     def signs(self) -> list[tuple[str, str]]:
         """The signs that its equations use and do not explain, each with its meaning."""
         return legend((law.equation, [n[0] for n in law.numbers]) for law in self.laws)
-
-
-def effects_found(data: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the effects of a verdict at their places, the first first; none where unnamed."""
-    verdict = data['verdict']
-    if verdict['effect'] in sentences.NAMELESS:
-        return []
-    return [verdict, *data['also']]
-
-
-def places(where: Sequence[str]) -> str:
-    """Return the place of an effect in words."""
-    return 'the machine' if not where or 'all' in where else ' and '.join(where)
 
 
 def law_of(at: Mapping[str, Any], parameters: Mapping[str, Any]) -> Law | None:
