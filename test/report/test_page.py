@@ -98,6 +98,7 @@ def test_every_section_is_there_and_every_picture(both):
         'costs-plot',
     ]
     assert both.stat().st_size < LIMIT
+    assert '<p class="state"><i></i>Clear answer</p>' in both.read_text()
 
 
 def test_the_page_needs_nothing_else(both):
@@ -262,76 +263,186 @@ def test_advice_tells_effects_apart_and_lists_those_not_visible():
     assert 'counts in only 60 %' in words.advice(hint)[0]
 
 
-def test_parameters_at_a_bound_or_not_told_apart_are_said():
+def screen(said):
+    """What a reader finds on the first screen, line by line."""
+    steps = [f'{s.text} {[law.anchor for law in s.laws]} {s.code}' for s in said.steps]
+    gaps = [f'{gap.drive} {gap.note}' for gap in said.gaps]
+    values = [' '.join(row) for row in said.values]
+    parts = (said.first, [said.headline], said.more, said.sure, gaps, said.closes, values, steps)
+    return '\n'.join([said.state, *(line for part in parts for line in part), *said.careful])
+
+
+def gate(text, level='warn', drive='drive_1', cause=''):
+    return asdict(Gate('sign', drive, level, math.nan, '1', f'{drive}: {text}', cause=cause))
+
+
+def at(effect, where='drive_1'):
+    return {'effect': effect, 'where': [where]}
+
+
+REFUSED = {**at('bookkeeping'), 'sentence': 'drive_1: odd. No effect is named.', 'cause': 'log'}
+UNSURE = 'Answer with reservations: '
+OF_DIAGNOSIS = {
+    'clear': ({}, 'good', ['Clear answer'], ['ident export']),
+    'warning': ({'gates': [gate('odd.')]}, 'doubtful', [f'{UNSURE}see “Be careful” below'], []),
+    'rest': (
+        {'evidence': {'remaining': 1.2}}, 'doubtful',
+        [f'{UNSURE}part of the gap stays unexplained'], [],
+    ),
+    'rival': (
+        {'confusable': [at('stribeck'), at('backlash')]}, 'doubtful',
+        [f'{UNSURE}another effect explains it as well'], [],
+    ),
+    'hint': (
+        {'also': [at('current_loop_lag', 'drive_2')], 'again': [1.0, 0.6]}, 'doubtful',
+        [f'{UNSURE}not every effect is certain'], [],
+    ),
+    'cut short': ({'complete': False}, 'bad', ['No clear answer yet'], []),
+    'contradiction': (
+        {'gates': [gate('the gain is twice that.', 'fail')]}, 'bad',
+        ['Correct this first:\ndrive_1: the gain is twice that.\n'], [],
+    ),
+    'refused': (
+        {'gates': [gate('odd.', 'fail')], 'verdict': REFUSED, 'confusable': []}, 'bad',
+        ['\nLog and machine file contradict each other', 'ident check bags/fit --machine MACHINE'],
+        ['ident diagnose'],
+    ),
+    # of another cause they stay apart, however alike their words are
+    'like warnings': (
+        {'gates': [gate('0 ms off.', cause='late'), gate('1 ms off.', 'warn', 'drive_2', 'late'),
+                   gate('2 ms off.', 'warn', 'drive_3', 'early')]}, 'doubtful',
+        ['\ndrive_1: 0 ms off. (likewise drive_2)\ndrive_3: 2 ms off.'], ['1 ms off'],
+    ),
+    'log alone': (
+        {'verdict': at('effort_smoothing', 'all')}, 'good',
+        ['\nThe logged effort is off, not the simulation: smoothed effort.\n'], [],
+    ),
+    'log, too': (
+        {'verdict': at('effort_smoothing', 'all'), 'also': [at('stribeck')]}, 'good',
+        ['\nStribeck friction on drive_1 is missing in the simulation; the logged effort is off, '
+         'too: smoothed effort.\n'], [],
+    ),
+    'what only the log shows is not to be simulated': (
+        {'also': [at('effort_delay', 'all')]}, 'good',
+        ["Add to your simulation, together with the parameters below: ['stribeck']",
+         "Correct how the log is made; a simulation of the machine does not need this: "
+         "['effort_delay']"], [],
+    ),
+    'two effects of one drive fit into the headline': (
+        {'also': [at('current_loop_lag')]}, 'good',
+        ['and current-loop lag on drive_1 are missing'], ['Also missing'],
+    ),
+    'of many effects the rest stands below': (
+        {'verdict': at('effort_smoothing', 'all'),
+         'also': [at('constant_force', 'wrist_2_joint'),
+                  at('asymmetric_friction', 'wrist_1_joint'),
+                  at('load_dependent_friction', 'shoulder_lift_joint')]}, 'good',
+        ['\nConstant force on wrist_2_joint and 2 more effects are missing in the simulation.\n'
+         'Also missing: asymmetric friction on wrist_1_joint and load-dependent friction on '
+         'shoulder_lift_joint.\nThe logged effort is off, too: smoothed effort.\n'], [],
+    ),
+    'live': (
+        {'provenance': {'source': LIVE}}, 'good',
+        ['ident diagnose BAG --check NEW_BAG --machine MACHINE.yaml --out out_next'], [],
+    ),
+    'one command for a simulator': (
+        {'settings': {'machine_file': 'my.yaml'}}, 'good',
+        ['ident export out --out out_simulator'], [],
+    ),
+}  # fmt: skip
+
+
+def found_in(said, level, there, absent):
+    """Judge a first screen by what has to be on it and what may not."""
+    text = screen(said)
+    assert said.level == level, text
+    assert [line for line in there if line not in text] == [], text
+    assert [line for line in absent if line in text] == [], text
+
+
+@pytest.mark.parametrize('case', OF_DIAGNOSIS)
+def test_the_first_screen_of_a_diagnosis(both, case):
+    changes, *wanted = OF_DIAGNOSIS[case]
+    data = content(both)
+    for key, value in changes.items():
+        data[key] = {**data[key], **value} if isinstance(value, dict) else value
+    found_in(of_diagnosis(data, 'out'), *wanted)
+
+
+def many(count):
+    """So many parameters, the first known best, the last worst, in the opposite order."""
+    one = replace(identified().parameters[0], value=1.0, at_bound=False, state='identified')
+    return tuple(
+        replace(one, name=f'link_{k}', low=0.95 - 0.05 * k, high=1.05 + 0.05 * k)
+        for k in reversed(range(count))
+    )
+
+
+def of_identifications():
+    """Yield changes of a good result, its level, what is to be found, and what is not."""
     good = identified()
     first, *rest = good.parameters
-    close = np.eye(len(good.parameters))
+    apart, close = np.eye(4), np.eye(4)
     close[0, 1] = close[1, 0] = -0.99
-    doubtful = replace(
-        good,
-        parameters=(replace(first, value=first.upper_bound, at_bound=True), *rest),
-        correlation=close,
-    )
-    said = of_identification(doubtful, 'out')
-    assert said.level == 'doubtful'
-    assert any(f'{first.name} is at its upper bound' in text for text in said.careful)
-    assert any(f'{first.name} and {rest[0].name} (−0.99)' in text for text in said.careful)
-    clear = of_identification(replace(good, correlation=np.eye(4)), 'out')
-    assert not any('hardly separates' in text for text in clear.careful)
-    assert any('is known best, to ±' in text for text in clear.sure)
-    assert clear.values[0][0] == first.name and clear.values[0][2].startswith('± ')
+    end = replace(first, value=first.upper_bound, at_bound=True)
+    yield {'parameters': (end, *rest), 'correlation': close}, 'doubtful', [
+        f'{first.name} is at its upper bound', f'{first.name} and {rest[0].name} (−0.99)',
+    ], []  # fmt: skip
+    yield {'correlation': apart}, 'good', ['is known best, to ± ', f'{first.name} 95'], [
+        'hardly separates', 'ident export',
+    ]  # fmt: skip
+    loose = replace(first, state='not determined', hidden=True)
+    lost = {'outcome': Outcome.NOT_IDENTIFIABLE, 'parameters': (loose, *rest)}
+    yield lost, 'bad', [
+        '\nThis data does not determine 1 of 4 parameters.\n'
+        f'Not determined: {loose.name}; the model lacks something',
+    ], []  # fmt: skip
+    several = {'rival': (1.0, 2.0, 3.0, 4.0), 'message': 'The cost has several minima.'}
+    yield {**lost, **several}, 'bad', ['\nThe cost has several minima.\n'], []
+    # of many parameters those known best
+    names = '\n'.join(f'link_{k} 1 kg ± {5 * (k + 1)} %' for k in range(9, -1, -1))
+    yield {'parameters': many(24), 'correlation': np.eye(24)}, 'doubtful', [
+        f'\n{names}\n', '\nlink_0 is known best, to ± 5 % (95 % intervals).\n',
+    ], ['link_11 1 kg']  # fmt: skip
+    unseen = tuple(replace(x, rms=2.0 * x.rms, share=0.07) for x in good.residuals)
+    yield {'validation': unseen, 'validated_on': 'bags/other'}, 'good', [
+        'emps_axis held out 7 %', '\nHeld out: bags/other.\n',
+    ], []  # fmt: skip
+    yield {'validation': ()}, 'good', [], ['eld out']
+    known = {'settings': {**good.settings, 'machine_file': 'my.yaml'}}
+    yield known, 'good', ['ident export out --out out_simulator'], []
 
 
-def test_like_warnings_of_several_drives_are_one(both):
-    """Of another cause they stay apart, however alike their words are."""
-    drives = ('drive_1', 'drive_2', 'drive_3')
-    cause = dict.fromkeys(drives, 'effort late') | {'drive_3': 'effort early'}
-    odd = [
-        asdict(Gate('offset', d, 'warn', 0.1 * k, 's', f'{d}: {k} ms off.', cause=cause[d]))
-        for k, d in enumerate(drives)
-    ]
-    said = of_diagnosis({**content(both), 'gates': odd}, '').careful
-    assert said == ('drive_1: 0 ms off. (likewise drive_2)', 'drive_3: 2 ms off.')
+def test_the_first_screen_of_an_identification():
+    for changes, *wanted in of_identifications():
+        found_in(of_identification(replace(identified(), **changes), 'out'), *wanted)
 
 
-def test_parameters_that_are_not_determined_are_named_below_the_headline():
-    good = identified()
-    loose = replace(good.parameters[0], state='not determined', hidden=True)
-    result = replace(
-        good, outcome=Outcome.NOT_IDENTIFIABLE, parameters=(loose, *good.parameters[1:])
-    )
-    said = of_identification(result, 'out')
-    assert said.headline == 'This data does not determine 1 of 4 parameters.'
-    assert said.sure[0].startswith(f'Not determined: {loose.name}; the model lacks something')
-    several = replace(result, rival=(1.0, 2.0, 3.0, 4.0), message='The cost has several minima.')
-    assert of_identification(several, 'out').headline == several.message
-
-
-def test_what_only_the_log_shows_is_not_to_be_simulated(both):
-    data = content(both)
-    late = {'effect': 'effort_delay', 'where': ['all'], 'probability': 0.9}
-    steps = of_diagnosis({**data, 'also': [late]}, 'out').steps
-    assert [law.anchor for law in steps[0].laws] == ['stribeck']
-    assert steps[1].text.startswith('Correct how the log is made')
-    assert [law.anchor for law in steps[1].laws] == ['effort_delay']
-
-
-def many(count, **changes):
-    """A result of so many parameters, the first known best, the last worst."""
-    good = identified()
-    one = replace(good.parameters[0], value=1.0, at_bound=False, state='identified')
-    parameters = tuple(
-        replace(one, name=f'link_{k}', low=1.0 - 0.05 * (k + 1), high=1.0 + 0.05 * (k + 1))
-        for k in range(count)
-    )
-    return replace(good, parameters=parameters, correlation=np.eye(count), **changes)
-
-
-def test_of_many_parameters_those_known_best_are_on_the_first_screen():
-    result = many(24)
-    said = of_identification(replace(result, parameters=result.parameters[::-1]), 'out')
-    assert [name for name, *_ in said.values] == [f'link_{k}' for k in range(9, -1, -1)]
-    assert said.sure == ('link_0 is known best, to ± 5 % (95 % intervals).',)
+@pytest.mark.parametrize(
+    ('made', 'text'),
+    [
+        (number(231680.4), '231680'),
+        (number(8.89412e-5), '8.8941·10⁻⁵'),
+        (number(-3.1625), '−3.1625'),
+        (number(0.0), '0'),
+        (number(99999.99), '100000'),
+        (number(1.5e9), '1.5·10⁹'),
+        (number(math.nan), '–'),
+        (number(None), '–'),
+        (plus_minus(0.99962, 0.00044, '1'), '0.99962 ± 0.00044'),
+        (plus_minus(-0.93, 0.2, 'N m'), '−0.93 ± 0.20 N m'),
+        (plus_minus(12345.0, 1234.0, '1'), '12300 ± 1200'),
+        (plus_minus(2.4e-6, 3.1e-7, 'N m'), '(2.40 ± 0.31)·10⁻⁶ N m'),
+        (plus_minus(2.0, 0.0, '1'), '2 ± 0'),
+        (from_to(2.481, 1.192), '2.48 → 1.19'),
+        (from_to(0.0339, 0.00997), '0.0339 → 0.0100'),
+        (from_to(231.6, 9.8), '232 → 10'),
+        (shares(0.0451, 0.0213), '4.5 → 2.1 %'),
+        (shares(0.14, 0.0012), '14.00 → 0.12 %'),
+    ],
+)
+def test_numbers_for_people(made, text):
+    assert made == text
 
 
 def test_a_solution_by_least_squares_has_no_search(tmp_path):
@@ -393,53 +504,6 @@ def test_a_page_on_positions_speaks_of_positions(both):
     ]
 
 
-def test_what_was_heard_on_topics_is_no_bag(both):
-    data = content(both)
-    heard = {**data, 'settings': {}, 'provenance': {**data['provenance'], 'source': LIVE}}
-    codes = [step.code for step in of_diagnosis(heard, 'out').steps if 'ident' in step.code]
-    assert codes == [
-        'ident diagnose BAG --check NEW_BAG --machine MACHINE.yaml --out out_next'
-    ]
-
-
-def test_a_fault_of_the_log_is_no_fault_of_the_simulation(both):
-    data = content(both)
-    smoothed = {'effect': 'effort_smoothing', 'where': ['all']}
-    verdict = {**data['verdict'], **smoothed}
-    said = of_diagnosis({**data, 'verdict': verdict}, 'out')
-    assert said.headline == 'The logged effort is off, not the simulation: smoothed effort.'
-    also = [{'effect': 'stribeck', 'where': ['drive_1']}]
-    said = of_diagnosis({**data, 'verdict': verdict, 'also': also}, 'out')
-    assert said.headline == (
-        'Stribeck friction on drive_1 is missing in the simulation; '
-        'the logged effort is off, too: smoothed effort.'
-    )
-
-
-def test_of_many_effects_the_headline_names_the_first_and_the_rest_stand_below(both):
-    data = content(both)
-    named = [
-        {'effect': 'effort_smoothing', 'where': ['all']},
-        {'effect': 'constant_force', 'where': ['wrist_2_joint']},
-        {'effect': 'asymmetric_friction', 'where': ['wrist_1_joint']},
-        {'effect': 'load_dependent_friction', 'where': ['shoulder_lift_joint']},
-    ]
-    verdict = {**data['verdict'], **named[0]}
-    said = of_diagnosis({**data, 'verdict': verdict, 'also': named[1:]}, 'out')
-    assert said.headline == (
-        'Constant force on wrist_2_joint and 2 more effects are missing in the simulation.'
-    )
-    assert said.more == (
-        'Also missing: asymmetric friction on wrist_1_joint and load-dependent friction on '
-        'shoulder_lift_joint.',
-        'The logged effort is off, too: smoothed effort.',
-    )
-    # Two of one drive fit into one sentence.
-    late = {'effect': 'current_loop_lag', 'where': ['drive_1']}
-    said = of_diagnosis({**data, 'also': [late]}, 'out')
-    assert 'and current-loop lag on drive_1 are missing' in said.headline and said.more == ()
-
-
 def test_numbers_that_are_known_together_only_are_given_together(both):
     data = content(both)
     wide = {n: dict(v) for n, v in data['parameters'].items()}
@@ -466,13 +530,6 @@ def test_a_diagnosis_says_what_moves_and_what_cannot_be_seen(both):
     assert hidden({**data, 'not_testable': everywhere}) == [('backlash', 'any drive')]
 
 
-def finding(drive, coordinate, size, beyond):
-    return {
-        'drive': drive, 'coordinate': coordinate, 'size_over_floor': size, 'beyond': beyond,
-        'sentence': f'{drive} {coordinate}',
-    }
-
-
 def test_the_worst_drive_and_the_named_one_have_a_map_whatever_was_found_there():
     found = diagnosed()
     assert {m['drive'] for m in to_mapping(found)['maps']} == {'drive_1'}
@@ -486,83 +543,11 @@ def test_the_worst_drive_and_the_named_one_have_a_map_whatever_was_found_there()
     assert to_mapping(quiet)['maps'] == []
 
 
-def test_the_edge_of_the_answer_is_green_only_where_nothing_is_to_be_careful_about(both):
-    """And words beside it say what its colour means."""
-    data = content(both)
-
-    def shown(**changes):
-        said = of_diagnosis({**data, **changes}, '')
-        return said.level, said.state
-
-    assert shown() == ('good', 'Clear answer')
-    odd = [asdict(Gate('sign', 'drive_1', 'warn', math.nan, '1', 'drive_1: the sign is odd.'))]
-    with_reservations = 'Answer with reservations: '
-    assert shown(gates=odd) == ('doubtful', f'{with_reservations}see “Be careful” below')
-    assert shown(evidence={**data['evidence'], 'remaining': 1.2}) == (
-        'doubtful', f'{with_reservations}part of the gap stays unexplained',
-    )
-    rival = {'effect': 'backlash', 'where': ['drive_1'], 'probability': 0.4}
-    assert shown(confusable=[data['ranking'][0], rival]) == (
-        'doubtful', f'{with_reservations}another effect explains it as well',
-    )
-    late = {'effect': 'current_loop_lag', 'where': ['drive_2']}
-    assert shown(also=[late], again=[1.0, 0.6]) == (
-        'doubtful', f'{with_reservations}not every effect is certain',
-    )
-    assert shown(complete=False) == ('bad', 'No clear answer yet')
-    assert '<p class="state"><i></i>Clear answer</p>' in both.read_text()
-
-
 def test_no_equation_of_a_drive_speaks_of_a_carriage():
     """A joint has none."""
     for effect in CATALOGUE.values():
         assert effect.place != 'drive' or 'carriage' not in effect.equation, effect.id
         assert '|sgn' not in effect.equation, effect.id
-
-
-def test_the_numbers_are_written_into_the_files_of_a_simulator_by_one_command(both):
-    data = content(both)
-    codes = [step.code for step in of_diagnosis(data, 'runs/one').steps]
-    assert not any('ident export' in code for code in codes)
-    known = {**data, 'settings': {**data['settings'], 'machine_file': 'my.yaml'}}
-    codes = [step.code for step in of_diagnosis(known, 'runs/one').steps]
-    assert 'ident export runs/one --out runs/one_simulator' in codes
-    result = replace(identified(), settings={**identified().settings, 'machine_file': 'my.yaml'})
-    codes = [step.code for step in of_identification(result, 'runs/one').steps]
-    assert 'ident export runs/one --out runs/one_simulator' in codes
-
-
-def test_a_contradiction_comes_before_the_answer(both):
-    data = content(both)
-    text = 'drive_1: the gain is twice that.'
-    grave = [asdict(Gate('law', 'drive_1', 'fail', 2.0, '1', text))]
-    said = of_diagnosis({**data, 'gates': grave}, '')
-    assert said.first == ('drive_1: the gain is twice that.',) and said.level == 'bad'
-    assert said.state == 'Correct this first:'
-    verdict = {'effect': 'bookkeeping', 'where': ['drive_1'], 'probability': 0.95,
-               'sentence': 'drive_1: the gain is twice that. No effect is named.', 'cause': 'log'}
-    refused = of_diagnosis({**data, 'gates': grave, 'verdict': verdict, 'confusable': []}, '')
-    assert refused.headline.startswith('Log and machine file contradict each other')
-    assert [step.code for step in refused.steps] == [
-        'ident check bags/fit --machine MACHINE.yaml'
-    ]
-
-
-@pytest.mark.parametrize(
-    ('value', 'text'),
-    [
-        (231680.4, '231680'),
-        (8.89412e-5, '8.8941·10⁻⁵'),
-        (-3.1625, '−3.1625'),
-        (0.0, '0'),
-        (99999.99, '100000'),
-        (1.5e9, '1.5·10⁹'),
-        (math.nan, '–'),
-        (None, '–'),
-    ],
-)
-def test_numbers_for_people(value, text):
-    assert number(value) == text
 
 
 def test_long_logs_of_many_drives_stay_below_the_limit(tmp_path):
@@ -655,41 +640,6 @@ def test_the_command(tmp_path, capsys):
     assert not (tmp_path / 'run' / 'report.html').exists()
     assert main(['report', str(tmp_path / 'nowhere')]) == 2
     assert 'give a directory that `ident identify`' in capsys.readouterr().err
-
-
-def test_the_first_screen_of_an_identification_tells_the_held_out_error():
-    result = identified()
-    unseen = tuple(replace(x, rms=2.0 * x.rms, share=0.07) for x in result.residuals)
-    told = of_identification(
-        replace(result, validation=unseen, validated_on='bags/other'), 'runs/one'
-    )
-    assert {gap.note for gap in told.gaps} == {'held out 7 %'}
-    assert told.closes[0] == 'Held out: bags/other.'
-    none = of_identification(replace(result, validation=()), 'runs/one')
-    assert {gap.note for gap in none.gaps} == {''} and none.closes == ()
-
-
-@pytest.mark.parametrize(
-    ('value', 'half', 'text'),
-    [
-        (0.99962, 0.00044, '0.99962 ± 0.00044'),
-        (-0.93, 0.2, '−0.93 ± 0.20'),
-        (12345.0, 1234.0, '12300 ± 1200'),
-        (2.4e-6, 3.1e-7, '(2.40 ± 0.31)·10⁻⁶'),
-        (2.0, 0.0, '2 ± 0'),
-    ],
-)
-def test_a_value_ends_where_its_interval_does(value, half, text):
-    assert plus_minus(value, half, '1') == text
-    assert plus_minus(value, half, 'N m') == f'{text} N m'
-
-
-def test_pairs_of_numbers_have_the_same_decimals():
-    assert from_to(2.481, 1.192) == '2.48 → 1.19'
-    assert from_to(0.0339, 0.00997) == '0.0339 → 0.0100'
-    assert from_to(231.6, 9.8) == '232 → 10'
-    assert shares(0.0451, 0.0213) == '4.5 → 2.1 %'
-    assert shares(0.14, 0.0012) == '14.00 → 0.12 %'
 
 
 @pytest.mark.parametrize(
