@@ -246,13 +246,6 @@ def add_conditions(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def outputs_of(args: argparse.Namespace) -> Any:
-    """Return what is compared, of parsed arguments; None for the effort alone."""
-    from ros2_ident.identify.outputs import read_outputs
-
-    return read_outputs(args.outputs)
-
-
 def conditions_of(args: argparse.Namespace) -> Any:
     """Return what differs between the bags of parsed arguments."""
     from ros2_ident.identify.layout import read_conditions
@@ -325,17 +318,6 @@ def add_effort(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def machine_of(args: argparse.Namespace) -> Any:
-    """Return the machine of parsed arguments, its effort unit as `add_effort` has it.
-
-    Raises:
-        IdentError: As `load_machine`; WRONG_UNITS for a unit that lacks its constant.
-    """
-    from ros2_ident.models import load_machine
-
-    return with_effort(load_machine(args.machine), args)
-
-
 def with_effort(machine: Any, args: argparse.Namespace) -> Any:
     """Return a machine with the effort unit of parsed arguments.
 
@@ -353,21 +335,18 @@ def with_effort(machine: Any, args: argparse.Namespace) -> Any:
     return machine.with_effort_unit(args.effort_unit, args.torque_constant, args.rated_torque)
 
 
-def workers_of(args: argparse.Namespace) -> Any:
-    """Return who simulates: a cluster, or threads of this process."""
-    if args.scheduler is not None:
-        from ros2_ident.search.cluster import Cluster
-
-        return Cluster(args.scheduler)
-    from ros2_ident.search import Threads
-
-    return Threads(args.threads)
-
-
 def asked(args: argparse.Namespace) -> dict[str, Any]:
-    """Return what identification and diagnosis ask alike, as fields of a `jobs.Request`."""
+    """Return what identification and diagnosis ask alike, as fields of a `jobs.Request`.
+
+    Raises:
+        IdentError: As `load_machine`; WRONG_UNITS for a unit that lacks its constant.
+    """
+    from ros2_ident.models import load_machine
+    from ros2_ident.search import Threads
+    from ros2_ident.search.cluster import Cluster
+
     return {
-        'machine': machine_of(args),
+        'machine': with_effort(load_machine(args.machine), args),
         'machine_file': str(args.machine),
         'bags': tuple(str(bag) for bag in args.bag),
         'check': tuple(str(bag) for bag in args.check),
@@ -375,5 +354,5 @@ def asked(args: argparse.Namespace) -> dict[str, Any]:
         'topics': topics_of(args),
         'conditions': conditions_of(args),
         'seed': args.seed,
-        'workers': workers_of(args),
+        'workers': Threads(args.threads) if args.scheduler is None else Cluster(args.scheduler),
     }

@@ -14,7 +14,6 @@ from ros2_ident.cli.arguments import (
     count,
     interval,
     once,
-    outputs_of,
     parameters,
     positive,
     whole,
@@ -156,13 +155,14 @@ def settings_of(args: argparse.Namespace) -> 'IdentifySettings':
 
 def request_of(args: argparse.Namespace) -> 'Request':
     """Return what parsed arguments ask for."""
+    from ros2_ident.identify.outputs import read_outputs
     from ros2_ident.jobs import Request
 
     return Request(
         **asked(args),
         fixed=once(args.fix, '--fix'),
         bounds=once(args.bounds, '--bounds'),
-        outputs=outputs_of(args),
+        outputs=read_outputs(args.outputs),
         settings=settings_of(args),
         **({} if args.samples is None else {'samples': args.samples}),
     )

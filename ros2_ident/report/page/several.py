@@ -8,7 +8,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-from ros2_ident.arrays import plain
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
@@ -26,6 +25,7 @@ from ros2_ident.report.page.numbers import (
 )
 from ros2_ident.report.page.render import render
 from ros2_ident.report.page.sentences import effect_name
+from ros2_ident.report.schema import to_mapping
 
 COMPARISON = 'comparison.html'
 # Parameters of a fleet that are shown at once; the others are folded away.
@@ -173,8 +173,7 @@ def _would_show(smallest: Mapping[str, Mapping[str, Any]]) -> str:
 @dataclass(frozen=True)
 class _Run:
     label: str
-    headline: tuple[str, ...]
-    gaps: tuple[answer.Gap, ...]
+    answer: answer.Answer
     parameters: Mapping[str, Any]
     effects: frozenset[tuple[str, str]] = frozenset()
 
@@ -185,23 +184,19 @@ def _run(folder: Path) -> _Run:
     Raises:
         IdentError: NO_DATA where there is neither a result nor a diagnosis.
     """
-    result, data = load(folder)
-    if data is not None:
-        with intact(folder / DIAGNOSIS):
-            said = answer.of_diagnosis(data, str(folder))
-            named = [data['verdict'], *data['also']]
-            return _Run(
-                str(folder), (said.headline, *said.more), said.gaps, data['parameters'],
-                frozenset((x['effect'], w) for x in named if x['effect'] in CATALOGUE
-                          for w in x['where']),
-            )  # fmt: skip
-    assert result is not None
-    said = answer.of_identification(result, str(folder))
-    values = {
-        p.name: plain({'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit})
-        for p in result.parameters
-    }
-    return _Run(str(folder), (said.headline,), said.gaps, values)
+    label, (result, data) = str(folder), load(folder)
+    if data is None:
+        assert result is not None
+        found = to_mapping(result)['parameters']
+        return _Run(label, answer.of_identification(result, label), found)
+    with intact(folder / DIAGNOSIS):
+        effects = frozenset(
+            (x['effect'], where)
+            for x in (data['verdict'], *data['also'])
+            if x['effect'] in CATALOGUE
+            for where in x['where']
+        )
+        return _Run(label, answer.of_diagnosis(data, label), data['parameters'], effects)
 
 
 def write_comparison(directories: Sequence[str | Path], page: str | Path | None = None) -> Path:
