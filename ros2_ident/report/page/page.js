@@ -155,5 +155,9 @@ document.addEventListener('click', (event) => {
 })
 document.addEventListener('DOMContentLoaded', () => {
   identPage.watch()
-  identPage.draw()
+  // A live page is reloaded once it is drawn, however long a busy computer takes for that.
+  identPage.draw().finally(() => {
+    const seconds = Number(document.body.dataset.reload ?? 0)
+    if (seconds) setTimeout(() => location.reload(), 1000 * seconds)
+  })
 })
