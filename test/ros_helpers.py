@@ -110,7 +110,7 @@ class Station:
 
 
 class Listener(Station):
-    """Collects what an identifier publishes, and calls its action.
+    """Collects what an identifier publishes, and calls its actions.
 
     Args:
         domain: The DDS domain.
@@ -121,14 +121,15 @@ class Listener(Station):
         from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.action import ActionClient
         from rclpy.node import Node
-        from ros2_ident_msgs.action import Identify
-        from ros2_ident_msgs.msg import IdentificationResult, Progress, Status
+        from ros2_ident_msgs.action import Diagnose, Identify
+        from ros2_ident_msgs.msg import Gap, IdentificationResult, Progress, Status
         from sensor_msgs.msg import JointState
 
         from ros2_ident.ros.outlet import LATCHED
 
         self.progress: list[Any] = []
         self.results: list[Any] = []
+        self.gaps: list[Any] = []
         self.statuses: list[Any] = []
         self.simulated: list[Any] = []
         self.residual: list[Any] = []
@@ -139,25 +140,55 @@ class Listener(Station):
             for kind, topic, kept, qos in (
                 (Progress, f'{name}/progress', self.progress, 100),
                 (IdentificationResult, f'{name}/result', self.results, LATCHED),
+                (Gap, f'{name}/gap', self.gaps, LATCHED),
                 (Status, f'{name}/status', self.statuses, LATCHED),
                 (JointState, f'{name}/simulated', self.simulated, 10000),
                 (JointState, f'{name}/residual', self.residual, 10000),
                 (DiagnosticArray, '/diagnostics', self.diagnostics, 10),
             ):
                 node.create_subscription(kind, topic, kept.append, qos)
-            self.action = ActionClient(node, Identify, f'{name}/identify')
+            self.actions = {
+                kind.Goal: ActionClient(node, kind, f'{name}/{kind.__name__.lower()}')
+                for kind in (Identify, Diagnose)
+            }
             return node
 
         super().__init__(make, domain)
 
     def send(self, goal: Any, on_feedback: Callable[[Any], None] | None = None) -> Any:
         """Send a goal; return its handle."""
-        self.until(self.action.server_is_ready, 'the action server')
+        action = self.actions[type(goal)]
+        self.until(action.server_is_ready, 'the action server')
         # it answers only those it knows of; what is latched comes when it does
         self.until(lambda: self.statuses, 'the status')
         return self.request(
-            lambda: self.action.send_goal_async(goal, feedback_callback=on_feedback), 'an answer'
+            lambda: action.send_goal_async(goal, feedback_callback=on_feedback), 'an answer'
         )
+
+    def ask(
+        self,
+        goal: Any,
+        on_feedback: Callable[[Any], None] | None = None,
+        seconds: float = PATIENCE,
+    ) -> tuple[int, Any]:
+        """Send a goal; return its status at the end, and the result's message."""
+        handle = self.send(goal, on_feedback)
+        assert handle.accepted
+        return self.answer(handle, seconds)
+
+    def answer(self, handle: Any, seconds: float = PATIENCE) -> tuple[int, Any]:
+        """Return a goal's status at its end, and the result's message."""
+        answer = self.request(handle.get_result_async, 'the result', seconds)
+        result = answer.result
+        return answer.status, result.gap if hasattr(result, 'gap') else result.identification
+
+    def cancel(self, handle: Any) -> tuple[int, Any]:
+        """Cancel a goal, which is answered at once; return its status and the result's message."""
+        cancelled = time.monotonic()
+        answer = self.request(handle.cancel_goal_async, 'an answer to the cancel')
+        assert time.monotonic() - cancelled < 0.5
+        assert len(answer.goals_canceling) == 1
+        return self.answer(handle)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Call a service."""
@@ -168,6 +199,15 @@ class Listener(Station):
     def state(self) -> int:
         """Return the last state, -1 before the first."""
         return self.statuses[-1].state if self.statuses else -1
+
+
+def bag_goal(kind: str = 'Identify', **changes: Any) -> Any:
+    """Return a goal of an action on a bag read directly, some of its fields changed."""
+    from ros2_ident_msgs import action
+
+    goal_type = getattr(action, kind).Goal
+    source = {'data_source': goal_type.DATA_SOURCE_BAG, 'bag_path': str(BAG)}
+    return goal_type(**source | changes)
 
 
 def environment(domain: int, **more: str) -> dict[str, str]:

@@ -8,10 +8,10 @@ changed. A bad bag fails alone.
 
 from ros2_ident.fleet.entries import Entry as Entry
 from ros2_ident.fleet.entries import read_fleet as read_fleet
+from ros2_ident.fleet.entries import Row as Row
 from ros2_ident.fleet.entries import Wish as Wish
-from ros2_ident.fleet.row import key_of as key_of
-from ros2_ident.fleet.row import Row as Row
-from ros2_ident.fleet.row import run_entry as run_entry
+from ros2_ident.fleet.run import key_of as key_of
+from ros2_ident.fleet.run import run_entry as run_entry
 from ros2_ident.fleet.run import run_fleet as run_fleet
 from ros2_ident.fleet.summary import sound as sound
 from ros2_ident.fleet.summary import summarise as summarise

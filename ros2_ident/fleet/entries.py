@@ -15,6 +15,8 @@ from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.recording import Topics
 
 _LARGEST = 1 << 24  # of a list, bytes
+# What was found in a bag, as its file holds it.
+Row = dict[str, Any]
 _KEYS = {'bag', 'check', 'machine_file', 'model', 'machine', 'date', 'labels'}
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import write_table, write_text
-from ros2_ident.fleet.row import Row
+from ros2_ident.fleet.entries import Row
 from ros2_ident.gap.verdict import REFUSED
 from ros2_ident.identify.result import half_of_difference, smallest_shown
 

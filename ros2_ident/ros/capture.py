@@ -78,6 +78,9 @@ class Capture:
         names: What the numbers of a Float64MultiArray are: joints, or `joint/velocity`.
         spool: Where what arrives is written as well.
         clock: Seconds that never step back.
+
+    Attributes:
+        ended: Whether the stream has ended and the next message begins a new one.
     """
 
     def __init__(
@@ -101,7 +104,7 @@ class Capture:
         self._builder = RecordingBuilder(LIVE)
         self._inbox = {role: _Inbox() for role in TOPICS}
         self._arrived: float | None = None
-        self._ended = False
+        self.ended = False
         self._subscriptions = {role: self._subscribe(role, JointState) for role in TOPICS}
 
     def adapt(self) -> None:
@@ -111,9 +114,9 @@ class Capture:
                 continue
             topic = self._subscriptions[role].topic_name
             kinds = {x.topic_type for x in self._node.get_publishers_info_by_topic(topic)}
-            fit = [x for x in ROLES_OF if x in kinds and role in ROLES_OF[x]]
-            if fit and fit[0] != inbox.kind:
-                self._adapt(role, topic, fit[0])
+            kind = next((x for x in ROLES_OF if x in kinds and role in ROLES_OF[x]), inbox.kind)
+            if kind != inbox.kind:
+                self._adapt(role, topic, kind)
 
     def _adapt(self, role: str, topic: str, kind: str) -> None:
         inbox = self._inbox[role]
@@ -141,7 +144,7 @@ class Capture:
         clock = self._node.get_clock()
 
         def take(data: bytes, info: dict[str, int]) -> None:
-            if self._ended:
+            if self.ended:
                 self._begin_again(role, data)
             elif self._arrived is None and self.spool is not None:
                 self.spool.clear()  # it holds what a node before this one has heard
@@ -194,11 +197,6 @@ class Capture:
         return self._arrived is None
 
     @property
-    def ended(self) -> bool:
-        """Whether the stream has ended and the next message begins a new one."""
-        return self._ended
-
-    @property
     def idle(self) -> float:
         """Seconds since the last message; infinite before the first."""
         return float('inf') if self._arrived is None else self._clock() - self._arrived
@@ -213,7 +211,7 @@ class Capture:
     def end(self) -> None:
         """Take the stream as ended."""
         self.flush()
-        self._ended = True
+        self.ended = True
 
     def clear(self) -> None:
         """Forget everything received."""
@@ -223,7 +221,7 @@ class Capture:
         if self.spool is not None:
             self.spool.clear()
         self._arrived = None
-        self._ended = False
+        self.ended = False
 
     def restore(self, recordings: Sequence[Recording]) -> None:
         """Hold what was heard before a restart, as a stream that has ended."""
@@ -239,7 +237,7 @@ class Capture:
                 )
                 self._inbox[role].meter.add(stream.stamp)
         self._arrived = self._clock()
-        self._ended = True
+        self.ended = True
 
     def _goes_on(self, role: str, data: bytes) -> bool:
         """Say whether a message after a silence goes on where the stream was: it had paused.
@@ -257,9 +255,9 @@ class Capture:
 
     def _begin_again(self, role: str, data: bytes) -> None:
         if self.keep_streams:
-            self._ended = False
+            self.ended = False
         elif self._goes_on(role, data):
-            self._ended = False
+            self.ended = False
             self._node.get_logger().info('the stream goes on where it paused; it is one')
         else:
             self.clear()
@@ -292,7 +290,12 @@ class Capture:
         inbox.data, inbox.sent, inbox.latency = [], [], []
         room = self.limit - self._builder.counts[role] - len(inbox.trajectories)
         if len(data) > room:
-            self._say_full(role, inbox.meter)
+            if not inbox.meter.dropped:
+                self._warn(
+                    role,
+                    f'the buffer holds {self.limit} messages and takes no more; '
+                    'call ~/clear_data or raise buffer_messages',
+                )
             inbox.meter.dropped += len(data) - room
             data, sent = data[:room], sent[:room]
         self._write(role, data, sent)
@@ -304,7 +307,13 @@ class Capture:
                 try:
                     self._feed(role, [one], [at])
                 except (ValueError, IndexError, IdentError) as error:
-                    self._say_malformed(role, inbox.meter, error)
+                    if not inbox.meter.malformed:
+                        self._warn(
+                            role,
+                            f'messages are left out because they are no proper {inbox.kind} '
+                            f'({error}); repair the publisher',
+                        )
+                    inbox.meter.malformed += 1
 
     def _write(self, role: str, data: list[bytes], sent: list[int]) -> None:
         """Write messages to the spool, unless another role's subscription of the topic does."""
@@ -343,26 +352,9 @@ class Capture:
                     f'{self.topics[role]}: stamps stepped back, a new segment begins'
                 )
 
-    def _say_full(self, role: str, meter: StreamMeter) -> None:
-        if meter.dropped:
-            return
-        text = (
-            f'{self.topics[role]}: the buffer holds {self.limit} messages and takes no more; '
-            'call ~/clear_data or raise buffer_messages'
-        )
-        self._builder.warn(text)
-        self._node.get_logger().warning(text)
-
-    def _say_malformed(self, role: str, meter: StreamMeter, error: Exception) -> None:
-        meter.malformed += 1
-        if meter.malformed == 1:
-            text = (
-                f'{self.topics[role]}: messages are left out because they are no proper '
-                f'{self._inbox[role].kind} '
-                f'({error}); repair the publisher'
-            )
-            self._builder.warn(text)
-            self._node.get_logger().warning(text)
+    def _warn(self, role: str, text: str) -> None:
+        self._builder.warn(f'{self.topics[role]}: {text}')
+        self._node.get_logger().warning(f'{self.topics[role]}: {text}')
 
     # ------------------------------------------------------------------ silence
 

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from ros2_ident.fleet.entries import read_fleet, Wish
-from ros2_ident.fleet.row import key_of, run_entry
+from ros2_ident.fleet.run import key_of, run_entry
 from ros2_ident.recording import Stream, write_bag
 
 ROOT = Path(__file__).parents[2]

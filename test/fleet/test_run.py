@@ -104,7 +104,7 @@ def package(tmp_path: Path) -> Path:
         ('search/refine.py', True),
         ('recording/align.py', True),
         ('models/tripod/kernel.py', True),
-        ('fleet/row.py', True),
+        ('fleet/run.py', True),
         ('report/page/plots.py', False),
         ('cli/progress.py', False),
         ('ros/node.py', False),
@@ -156,29 +156,28 @@ def test_drift_is_told_and_chance_is_not() -> None:
     assert summary['effects'] == {'backlash': ['a3: d']}
 
 
-def test_one_machine_that_is_off_does_not_make_the_others_differ() -> None:
-    rows = [row(f'{name}1', name, '2026-01-01', 100.0 + 0.01 * k) for k, name in enumerate('abc')]
-    summary = fleet.summarise([*rows, row('d1', 'd', '2026-01-01', 120.0)])
-    (told,) = summary['machines']
-    assert (told['machine'], told['against']) == ('d', 'median of the machines')
-    assert told['reference'] == pytest.approx(100.015)
-
-
-def test_a_value_that_is_hardly_known_does_not_hide_how_the_others_differ() -> None:
-    rows = [row(name, name, '', mass) for name, mass in zip('abc', (100, 100.1, 104), strict=True)]
-    vague = row('d', 'd', '', 60.0)
-    vague['parameters']['mass'].update(low=0.0, high=120.0)
-    assert {x['machine'] for x in fleet.summarise([*rows, vague])['machines']} == {'c'}
-    unknown = row('d', 'd', '', 60.0)
-    unknown['parameters']['mass'].update(low=None, high=None)
-    assert fleet.summarise([*rows, unknown])['machines'] == []
-
-
-@pytest.mark.parametrize(('mass', 'told'), [(101.9, set()), (102.1, {'d'})])
-def test_a_difference_smaller_than_a_warm_day_makes_is_not_told(mass, told) -> None:
-    values = {'a': 100.0, 'b': 100.0, 'c': 100.0, 'd': mass}
-    rows = [row(name, name, '', value) for name, value in values.items()]
-    assert {x['machine'] for x in fleet.summarise(rows)['machines']} == told
+@pytest.mark.parametrize(
+    ('values', 'told'),
+    [
+        # one machine that is off does not make the others differ
+        ([(100.0, 1), (100.01, 1), (100.02, 1), (120.0, 1)], 'd'),
+        # one that is hardly known does not hide how the others differ, one that is not known does
+        ([(100.0, 1), (100.1, 1), (104.0, 1), (60.0, 60)], 'c'),
+        ([(100.0, 1), (100.1, 1), (104.0, 1), (60.0, None)], ''),
+        # less than a warm day makes
+        ([(100.0, 1), (100.0, 1), (100.0, 1), (101.9, 1)], ''),
+        ([(100.0, 1), (100.0, 1), (100.0, 1), (102.1, 1)], 'd'),
+    ],
+)
+def test_machines_are_compared_with_the_median_of_all(values, told: str) -> None:
+    rows = [row(name, name, '', mass) for name, (mass, _) in zip('abcd', values, strict=True)]
+    for found, (mass, half) in zip(rows, values, strict=True):
+        low, high = (None, None) if half is None else (mass - half, mass + half)
+        found['parameters']['mass'].update(low=low, high=high)
+    machines = fleet.summarise(rows)['machines']
+    assert {(x['machine'], x['against']) for x in machines} == {
+        (name, 'median of the machines') for name in told
+    }
 
 
 @pytest.mark.parametrize(('mass', 'told'), [(110.0, {'a'}), (90.0, set())])

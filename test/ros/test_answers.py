@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from ros_helpers import (
     BAG,
+    bag_goal,
     ended,
     environment,
     identifier,
@@ -75,19 +76,8 @@ def start(tmp_path):
         one.close()
 
 
-def goal_of(**changes):
-    from ros2_ident_msgs.action import Identify
-
-    goal = Identify.Goal(data_source=Identify.Goal.DATA_SOURCE_BAG, bag_path=str(BAG))
-    for name, value in changes.items():
-        setattr(goal, name, value)
-    return goal
-
-
 def answer(listener, **changes):
-    handle = listener.send(goal_of(**changes))
-    assert handle.accepted
-    return listener.request(handle.get_result_async, 'the result')
+    return listener.ask(bag_goal(**changes))[1]
 
 
 def test_the_end_of_the_node_waits_for_the_overlay_of_a_run_that_is_done(tmp_path) -> None:
@@ -95,7 +85,7 @@ def test_the_end_of_the_node_waits_for_the_overlay_of_a_run_that_is_done(tmp_pat
     with identifier(domain, tmp_path) as process:
         listener = Listener(domain)
         try:
-            listener.send(goal_of(refine=False))
+            listener.send(bag_goal(refine=False))
             listener.until(lambda: listener.results, 'the result')
             process.send_signal(signal.SIGTERM)
             found = Path(listener.results[0].result_file).parent
@@ -137,7 +127,7 @@ def test_a_run_that_does_not_end_is_answered_all_the_same(start) -> None:
 
     node, listener = start(initial_population=1000000)
     feedback = []
-    handle = listener.send(goal_of(), feedback.append)
+    handle = listener.send(bag_goal(), feedback.append)
     done = listener.asked(handle.get_result_async)
     listener.until(lambda: feedback, 'feedback')
     node.executor.create_task(node.node.give_up)
@@ -159,7 +149,7 @@ def test_whatever_is_raised_becomes_an_answer_with_a_code(start, monkeypatch, wh
 
     monkeypatch.setattr(f'ros2_ident.{where}', fail)
     _, listener = start()
-    found = answer(listener).result.identification
+    found = answer(listener)
     assert found.error_code == ErrorCode.INTERNAL
     assert 'ZeroDivisionError: of a test' in found.error_message
 
@@ -171,14 +161,14 @@ def test_a_cancel_that_is_taken_together_with_its_goal_is_heeded(start) -> None:
     node, listener = start(initial_population=1000000)
     all_goals = listener.node.create_client(CancelGoal, '/identifier/identify/_action/cancel_goal')
     listener.until(all_goals.service_is_ready, 'the service')
-    listener.until(lambda: listener.action.server_is_ready() and listener.statuses, 'the node')
+    action = listener.actions[type(bag_goal())]
+    listener.until(lambda: action.server_is_ready() and listener.statuses, 'the node')
     node.executor.create_task(lambda: time.sleep(0.5))  # both wait meanwhile
-    sent = listener.asked(lambda: listener.action.send_goal_async(goal_of()))
+    sent = listener.asked(lambda: action.send_goal_async(bag_goal()))
     asked = listener.asked(lambda: all_goals.call_async(CancelGoal.Request()))
     assert listener.wait_future(asked, 'an answer').goals_canceling
     handle = listener.wait_future(sent, 'an answer')
-    result = listener.request(handle.get_result_async, 'the result', 20.0)
-    assert result.status == GoalStatus.STATUS_CANCELED
+    assert listener.answer(handle, 20.0)[0] == GoalStatus.STATUS_CANCELED
 
 
 def test_what_a_callback_raises_does_not_end_the_node(start) -> None:
@@ -210,7 +200,7 @@ def test_the_end_of_a_stream_does_not_end_the_node(start, monkeypatch, raised) -
         lambda: [x for x in listener.statuses if 'of a test' in x.error_message], 'the failure'
     )
     assert told[0].error_code == ErrorCode.INTERNAL
-    found = answer(listener, bag_path='').result.identification
+    found = answer(listener, bag_path='')
     assert found.error_code == ErrorCode.INVALID_GOAL
 
 
@@ -225,7 +215,7 @@ def test_a_full_disk_leaves_the_result_on_the_topic_and_to_be_saved(start, monke
     written = files.write_result
     monkeypatch.setattr(files, 'write_result', full)
     node, listener = start()
-    found = answer(listener).result.identification
+    found = answer(listener)
     assert found.error_code == 0 and found.parameters and not found.result_file
     listener.until(lambda: listener.results, 'the result on its topic')
     said = listener.call(Trigger, '/identifier/save_result', Trigger.Request())
@@ -244,7 +234,7 @@ def test_a_machine_file_without_end_does_not_block_the_node(start, tmp_path) -> 
         (tmp_path / 'fifo.yaml', 'it is no regular file'),
         (Path('/dev/zero'), 'it is no regular file'),
     ):
-        found = answer(listener, machine_file=str(path)).result.identification
+        found = answer(listener, machine_file=str(path))
         assert found.error_code == ErrorCode.BAD_MACHINE_FILE and said in found.error_message
 
 
@@ -261,7 +251,7 @@ def test_goals_stay_inside_the_allowed_directory(start, tmp_path) -> None:
         {'machine_file': str(MACHINE)},
         {'differences_file': '/etc/passwd'},
     ):
-        found = answer(listener, **changes).result.identification
+        found = answer(listener, **changes)
         assert found.error_code == ErrorCode.INVALID_GOAL
         assert 'lies outside of allowed_directory' in found.error_message
 
@@ -379,9 +369,7 @@ def test_what_was_heard_is_found_again_after_a_restart(tmp_path) -> None:
             for field in FIELDS:
                 if (values := stream.values(field)) is not None:
                     np.testing.assert_array_equal(other.values(field), values[:count])
-        handle = listener.send(Identify.Goal(refine=False))
-        result = listener.request(handle.get_result_async, 'the result')
-        assert result.result.identification.error_message == ''
+        assert listener.ask(Identify.Goal(refine=False))[1].error_message == ''
     finally:
         listener.close()
         node.close()

@@ -6,11 +6,10 @@ import json
 import math
 from pathlib import Path
 import signal
-import time
 from typing import Any
 
 import pytest
-from ros_helpers import ended, identifier, Listener, new_domain, program, ROOT
+from ros_helpers import bag_goal, ended, identifier, Listener, new_domain, program, ROOT
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 
@@ -20,42 +19,11 @@ TRIPOD_BAG, TRIPOD = ROOT / 'bags/tripod_pick_and_place', ROOT / 'config/tripod.
 KEPT = ('coulomb_friction', 'cable_spring', 'torque_ripple')
 
 
-class Diagnostician(Listener):
-    """Also hears ~/gap, and sends its goals to ~/diagnose."""
-
-    def __init__(self, domain: int) -> None:
-        from rclpy.action import ActionClient
-        from ros2_ident_msgs.action import Diagnose
-        from ros2_ident_msgs.msg import Gap
-
-        from ros2_ident.ros.outlet import LATCHED
-
-        super().__init__(domain)
-        self.gaps: list[Any] = []
-        self.node.create_subscription(Gap, '/identifier/gap', self.gaps.append, LATCHED)
-        self.identify = self.action
-        self.action = ActionClient(self.node, Diagnose, '/identifier/diagnose')
-
-    def diagnose(self, goal: Any, seconds: float = 120.0) -> tuple[int, Any]:
-        """Send a goal; return the status at its end and the gap."""
-        handle = self.send(goal)
-        answer = self.request(handle.get_result_async, 'the result', seconds)
-        return answer.status, answer.result.gap
-
-
 def goal_of(**changes: Any) -> Any:
-    from ros2_ident_msgs.action import Diagnose
-
     from ros2_ident.effects import CATALOGUE
 
-    goal = Diagnose.Goal(
-        data_source=Diagnose.Goal.DATA_SOURCE_BAG,
-        bag_path=str(BAG),
-        without_effects=[name for name in CATALOGUE if name not in KEPT],
-    )
-    for name, value in changes.items():
-        setattr(goal, name, value)
-    return goal
+    rest = [name for name in CATALOGUE if name not in KEPT]
+    return bag_goal('Diagnose', **{'bag_path': str(BAG), 'without_effects': rest} | changes)
 
 
 @pytest.fixture(scope='module')
@@ -76,7 +44,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory, frictionless: Path) -> Iter
         domain, output, f'machine_file:={frictionless}', 'drives:=[emps_axis]',
         'progress_rate:=50.0', 'auto_start:=false',
     ) as process:
-        made = Diagnostician(domain)
+        made = Listener(domain)
         made.domain, made.output = domain, output
         yield made
         made.close()
@@ -91,11 +59,8 @@ def test_a_goal_gives_feedback_a_result_and_a_latched_gap(shared: Any) -> None:
     from ros2_ident_msgs.msg import Status
 
     feedback: list[Any] = []
-    handle = shared.send(goal_of(seed=3), lambda x: feedback.append(x.feedback))
-    assert handle.accepted
-    answer = shared.request(handle.get_result_async, 'the result', 120.0)
-    assert answer.status == GoalStatus.STATUS_SUCCEEDED
-    gap = answer.result.gap
+    status, gap = shared.ask(goal_of(seed=3), lambda x: feedback.append(x.feedback), 120.0)
+    assert status == GoalStatus.STATUS_SUCCEEDED
     assert (gap.error_code, gap.error_message) == (0, '')
     assert (gap.effect, list(gap.where)) == ('coulomb_friction', ['emps_axis'])
     assert gap.probability > 0.9 and gap.unit == 'N' and gap.held_out == 'blocks'
@@ -137,7 +102,7 @@ def test_a_goal_gives_feedback_a_result_and_a_latched_gap(shared: Any) -> None:
     assert written['gap']['before'] == gap.before
     assert 'without_effects' in (folder / 'configuration.yaml').read_text(encoding='utf-8')
 
-    late = Diagnostician(shared.domain)
+    late = Listener(shared.domain)
     try:
         late.until(lambda: late.gaps, 'the latched gap')
         # NaN is not equal to itself, its text is
@@ -159,7 +124,7 @@ def test_nothing_missing_is_an_answer(shared: Any) -> None:
     from diagnostic_msgs.msg import DiagnosticStatus
 
     count = len(shared.diagnostics)
-    status, gap = shared.diagnose(goal_of(machine_file=str(AXIS), check_bag_path=str(BAG)))
+    status, gap = shared.ask(goal_of(machine_file=str(AXIS), check_bag_path=str(BAG)))
     assert status == GoalStatus.STATUS_SUCCEEDED and gap.error_message == ''
     assert (gap.effect, list(gap.where), list(gap.ranking)) == (gap.EFFECT_NONE, [], [])
     assert gap.held_out == 'check bag'
@@ -175,7 +140,6 @@ def test_nothing_missing_is_an_answer(shared: Any) -> None:
 
 def test_cancel_is_answered_at_once_and_keeps_the_best(shared: Any) -> None:
     from action_msgs.msg import GoalStatus
-    from ros2_ident_msgs.action import Identify
     from ros2_ident_msgs.msg import Status
 
     from ros2_ident.errors import ErrorCode
@@ -191,10 +155,7 @@ def test_cancel_is_answered_at_once_and_keeps_the_best(shared: Any) -> None:
     shared.until(lambda: len(feedback) > 1, 'feedback')
     # whatever runs, a goal of either action is refused with the reason
     assert not shared.send(goal_of()).accepted
-    other = Identify.Goal(data_source=Identify.Goal.DATA_SOURCE_BAG, bag_path=str(BAG))
-    shared.until(shared.identify.server_is_ready, 'the other action')
-    refused = shared.request(lambda: shared.identify.send_goal_async(other), 'an answer')
-    assert not refused.accepted
+    assert not shared.send(bag_goal()).accepted
     shared.until(
         lambda: any(
             x.error_code == ErrorCode.BUSY and 'a goal was refused: diagnosing' in x.error_message
@@ -202,55 +163,18 @@ def test_cancel_is_answered_at_once_and_keeps_the_best(shared: Any) -> None:
         ),
         'the reason',
     )
-    cancelled = time.monotonic()
-    answer = shared.request(handle.cancel_goal_async, 'an answer to the cancel')
-    assert time.monotonic() - cancelled < 0.5
-    assert len(answer.goals_canceling) == 1
-    result = shared.request(handle.get_result_async, 'the result')
-    assert result.status == GoalStatus.STATUS_CANCELED
-    gap = result.result.gap
+    status, gap = shared.cancel(handle)
+    assert status == GoalStatus.STATUS_CANCELED
     assert gap.error_code == ErrorCode.CANCELLED and 'best so far' in gap.error_message
     assert gap.effect and gap.before > 0.0 and list(gap.drives) == ['drive_1']
     assert Path(gap.result_file).exists()
     shared.until(lambda: shared.state() == Status.STATE_CANCELLED, 'the status')
 
 
-@pytest.mark.parametrize(
-    ('changes', 'code', 'said'),
-    [
-        ({'data_source': 0, 'bag_path': ''}, 'NO_DATA', '/joint_states has 0 publishers'),
-        ({'data_source': 0}, 'INVALID_GOAL', 'bag_path is given and data_source is 0'),
-        ({'bag_path': ''}, 'INVALID_GOAL', 'bag_path is empty'),
-        ({'bag_path': '/nowhere'}, 'NO_DATA', '/nowhere: does not exist'),
-        ({'check_bag_path': '/nowhere'}, 'NO_DATA', '/nowhere: does not exist'),
-        ({'check_bag_path': str(TRIPOD_BAG)}, 'MISSING_STREAM', 'emps_axis'),
-        ({'machine_file': '/nowhere.yaml'}, 'BAD_MACHINE_FILE', 'cannot be read'),
-        ({'machine_file': str(ROOT / 'Makefile')}, 'BAD_MACHINE_FILE', 'Makefile'),
-        ({'drives': ['drive_9']}, 'INVALID_GOAL', 'drive_9'),
-        ({'without_effects': ['gremlins']}, 'UNKNOWN_PARAMETER', "no effect is called 'gremlins'"),
-        ({'output': 'torque'}, 'INVALID_GOAL', "output is 'torque'; choose from effort, position"),
-        ({'time_budget': -1.0}, 'INVALID_GOAL', 'time_budget is -1'),
-    ],
-)
-def test_an_unusable_goal_is_answered_with_code_and_sentence(
-    shared: Any, changes: dict[str, Any], code: str, said: str
-) -> None:
-    from action_msgs.msg import GoalStatus
-
-    from ros2_ident.errors import ErrorCode
-
-    status, gap = shared.diagnose(goal_of(**changes))
-    assert status == GoalStatus.STATUS_ABORTED
-    assert (gap.error_code, gap.effect) == (ErrorCode[code], '')
-    assert said in gap.error_message, gap.error_message
-    assert math.isnan(gap.before) and math.isnan(gap.share_closed)
-    assert not gap.result_file
-
-
 def test_a_spent_budget_is_no_error_and_is_said(shared: Any) -> None:
     from action_msgs.msg import GoalStatus
 
-    status, gap = shared.diagnose(goal_of(time_budget=0.01))
+    status, gap = shared.ask(goal_of(time_budget=0.01))
     assert status == GoalStatus.STATUS_SUCCEEDED and gap.error_code == 0
     assert gap.advice[0].startswith('The time budget of 0.01 s ended the run')
 
@@ -264,28 +188,5 @@ def test_live_data_is_diagnosed(shared: Any) -> None:
         code, text = ended(replay)
         assert code == 0, text
     shared.until(lambda: shared.state() == Status.STATE_READY, 'the end of the stream')
-    _, gap = shared.diagnose(goal_of(data_source=0, bag_path=''))
+    _, gap = shared.ask(goal_of(data_source=0, bag_path=''))
     assert gap.error_message == '' and gap.effect == 'coulomb_friction'
-
-
-def test_a_signal_ends_a_diagnosis_and_keeps_its_result(
-    tmp_path: Path, frictionless: Path
-) -> None:
-    from ros2_ident.errors import ErrorCode
-
-    domain = new_domain()
-    machine = f'machine_file:={frictionless}'
-    with identifier(domain, tmp_path, machine, 'drives:=[emps_axis]') as process:
-        listener = Diagnostician(domain)
-        try:
-            feedback: list[Any] = []
-            listener.send(goal_of(without_effects=[]), feedback.append)
-            listener.until(lambda: len(feedback) > 1, 'feedback')
-            process.send_signal(signal.SIGINT)
-            code, text = ended(process)
-            assert code == 0 and 'Traceback' not in text, text
-            listener.until(lambda: listener.gaps, 'the last gap')
-            assert listener.gaps[0].error_code == ErrorCode.CANCELLED
-        finally:
-            listener.close()
-    assert len(list(tmp_path.glob('*/diagnosis.json'))) == 1

@@ -2,24 +2,18 @@
 """The identifier in a process of its own, over DDS."""
 
 import json
+import math
 from pathlib import Path
 import signal
 import subprocess
 import time
 
 import pytest
-from ros_helpers import BAG, ended, identifier, Listener, new_domain, program
+from ros_helpers import BAG, bag_goal, ended, identifier, Listener, new_domain, program, ROOT
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 
-
-def bag_goal(**changes):
-    from ros2_ident_msgs.action import Identify
-
-    goal = Identify.Goal(data_source=Identify.Goal.DATA_SOURCE_BAG, bag_path=str(BAG))
-    for name, value in changes.items():
-        setattr(goal, name, value)
-    return goal
+AXIS_BAG = ROOT / 'bags/axis_reversals'
 
 
 @pytest.fixture
@@ -117,11 +111,8 @@ def test_a_goal_gives_feedback_and_a_result(shared) -> None:
     from action_msgs.msg import GoalStatus
 
     feedback = []
-    handle = shared.send(bag_goal(seed=3, refine=False), feedback.append)
-    assert handle.accepted
-    answer = shared.request(handle.get_result_async, 'the result')
-    result = answer.result.identification
-    assert answer.status == GoalStatus.STATUS_SUCCEEDED
+    status, result = shared.ask(bag_goal(seed=3, refine=False), feedback.append)
+    assert status == GoalStatus.STATUS_SUCCEEDED
     assert result.error_code == 0 and result.seed == 3
     assert result.bag_path == str(BAG) and len(result.bag_sha256) == 64
     assert feedback and feedback[-1].feedback.progress.evaluations > 0
@@ -139,14 +130,8 @@ def test_cancel_is_answered_at_once_and_keeps_the_best(shared) -> None:
         feedback.append,
     )
     shared.until(lambda: len(feedback) > 2, 'feedback')
-    cancelled = time.monotonic()
-    answer = shared.request(handle.cancel_goal_async, 'an answer to the cancel')
-    assert time.monotonic() - cancelled < 0.5
-    assert len(answer.goals_canceling) == 1
-    result = shared.request(handle.get_result_async, 'the result', 10.0)
-    assert time.monotonic() - cancelled < 2.0
-    assert result.status == GoalStatus.STATUS_CANCELED
-    found = result.result.identification
+    status, found = shared.cancel(handle)
+    assert status == GoalStatus.STATUS_CANCELED
     assert found.outcome == IdentificationResult.OUTCOME_CANCELLED
     assert found.cost_genetic < 1.0 and len(found.parameters) == 17
     shared.until(lambda: shared.state() == Status.STATE_CANCELLED, 'the status')
@@ -182,15 +167,16 @@ def test_a_second_goal_is_refused_with_a_reason(shared) -> None:
     assert refused and 'a goal was refused' in refused[0].error_message
 
 
-@pytest.mark.parametrize(
-    ('changes', 'code', 'said'),
-    [
+WRONG = {
+    ('Identify', 'Diagnose'): [
         ({'data_source': 0, 'bag_path': ''}, 'NO_DATA', '/joint_states has 0 publishers'),
         ({'bag_path': ''}, 'INVALID_GOAL', 'bag_path is empty'),
-        ({'bag_path': '/nowhere'}, 'NO_DATA', 'does not exist'),
-        ({'data_source': 0}, 'INVALID_GOAL', 'data_source is 0'),
-        ({'model': 'belt_drive'}, 'INVALID_GOAL', 'describes a tripod'),
+        ({'bag_path': '/nowhere'}, 'NO_DATA', '/nowhere: does not exist'),
+        ({'check_bag_path': '/nowhere'}, 'NO_DATA', '/nowhere: does not exist'),
+        ({'data_source': 0}, 'INVALID_GOAL', 'bag_path is given and data_source is 0'),
         ({'machine_file': '/nowhere.yaml'}, 'BAD_MACHINE_FILE', 'cannot be read'),
+        ({'machine_file': str(ROOT / 'Makefile')}, 'BAD_MACHINE_FILE', 'Makefile'),
+        ({'drives': ['drive_9']}, 'INVALID_GOAL', 'drive_9'),
         ({'override_names': ['tool_mass']}, 'INVALID_GOAL', 'no value is given'),
         (
             {'override_names': ['tool_mass'], 'override_fixed': [1.0, 2.0]},
@@ -200,42 +186,54 @@ def test_a_second_goal_is_refused_with_a_reason(shared) -> None:
             {'override_names': ['mass'], 'override_fixed': [1.0]},
             'UNKNOWN_PARAMETER', 'choose from measurement_delay',
         ),
-        ({'range_reduction': 3.0}, 'INVALID_GOAL', 'range_reduction is 3.0'),
         ({'bag_path': '~nobody_at_all/log'}, 'INVALID_GOAL', 'is no path'),
         ({'bag_path': '/' + 'a' * 5000}, 'INVALID_GOAL', 'is no path (File name too long)'),
-        ({'initial_population': 10**8}, 'INVALID_GOAL', 'its range is 1 to 1e+07'),
         ({'time_budget': float('nan')}, 'INVALID_GOAL', 'time_budget is nan'),
     ],
+    ('Identify',): [
+        ({'model': 'belt_drive'}, 'INVALID_GOAL', 'describes a tripod'),
+        ({'range_reduction': 3.0}, 'INVALID_GOAL', 'range_reduction is 3.0'),
+        ({'initial_population': 10**8}, 'INVALID_GOAL', 'its range is 1 to 1e+07'),
+    ],
+    ('Diagnose',): [
+        ({'check_bag_path': str(AXIS_BAG)}, 'MISSING_STREAM', 'drive_1'),
+        ({'without_effects': ['gremlins']}, 'UNKNOWN_PARAMETER', "no effect is called 'gremlins'"),
+        ({'output': 'torque'}, 'INVALID_GOAL', "output is 'torque'; choose from effort, position"),
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ('kind', 'changes', 'code', 'said'),
+    [(kind, *case) for kinds, cases in WRONG.items() for kind in kinds for case in cases],
 )
 def test_an_unusable_goal_is_answered_with_code_and_sentence(
-    shared, changes: dict, code: str, said: str
+    shared, kind: str, changes: dict, code: str, said: str
 ) -> None:
     from action_msgs.msg import GoalStatus
 
     from ros2_ident.errors import ErrorCode
 
     before = len(shared.results)
-    handle = shared.send(bag_goal(**changes))
-    answer = shared.request(handle.get_result_async, 'the result')
-    assert answer.status == GoalStatus.STATUS_ABORTED
-    found = answer.result.identification
+    status, found = shared.ask(bag_goal(kind, **changes))
+    assert status == GoalStatus.STATUS_ABORTED
     assert found.error_code == ErrorCode[code]
-    assert said in found.error_message
+    assert said in found.error_message and not found.result_file
+    assert math.isnan(found.before if kind == 'Diagnose' else found.cost_genetic)
     assert len(shared.results) == before, 'a goal that never ran leaves the last result alone'
 
 
 def test_overrides_reach_the_search(shared) -> None:
-    handle = shared.send(
+    _, result = shared.ask(
         bag_goal(
             refine=False,
             override_names=['tool_mass', 'gear_damping_ratio'],
-            override_lower=[1.7, float('nan')],
-            override_upper=[float('nan'), float('nan')],
-            override_fixed=[float('nan'), 0.4],
+            override_lower=[1.7, math.nan],
+            override_upper=[math.nan, math.nan],
+            override_fixed=[math.nan, 0.4],
         )
     )
-    answer = shared.request(handle.get_result_async, 'the result')
-    found = {p.name: p for p in answer.result.identification.parameters}
+    found = {p.name: p for p in result.parameters}
     assert found['tool_mass'].lower_bound == 1.7 and found['tool_mass'].upper_bound == 2.0
     assert 'drive_1.gear_damping_ratio' not in found
 
@@ -252,33 +250,35 @@ def test_services(shared) -> None:
     assert answer.success and answer.message == '0 messages are forgotten'
 
 
+@pytest.mark.parametrize(('kind', 'file'), [('Identify', 'result'), ('Diagnose', 'diagnosis')])
 def test_a_signal_ends_a_run_answers_its_goal_and_keeps_its_result(
-    domain: int, listener: Listener, tmp_path: Path
+    domain: int, listener: Listener, tmp_path: Path, kind: str, file: str
 ) -> None:
     from action_msgs.msg import GoalStatus
-    from ros2_ident_msgs.msg import IdentificationResult
+
+    from ros2_ident.errors import ErrorCode
 
     # Long enough on any machine to be in the middle of it.
     with identifier(domain, tmp_path, 'initial_population:=1000000') as node:
         feedback = []
-        handle = listener.send(bag_goal(), feedback.append)
-        done = listener.asked(handle.get_result_async)
+        handle = listener.send(bag_goal(kind), feedback.append)
         listener.until(lambda: len(feedback) > 1, 'feedback')
+        done = listener.asked(handle.get_result_async)
         sent = time.monotonic()
         node.send_signal(signal.SIGINT)
         answered = listener.wait_future(done, 'the result', 20.0)
         code, text = ended(node, 10.0)
         took = time.monotonic() - sent
     assert code == 0 and 'Traceback' not in text, text
-    assert took < 3.0
     assert answered.status == GoalStatus.STATUS_ABORTED
-    result = answered.result.identification
-    assert result.outcome == IdentificationResult.OUTCOME_CANCELLED
-    assert result.error_message and len(result.parameters) == 7
-    listener.until(lambda: listener.results, 'the last result')
-    assert listener.results[0].outcome == IdentificationResult.OUTCOME_CANCELLED
-    files = list(tmp_path.glob('*/result.json'))
-    assert len(files) == 1 and 'cancelled' in files[0].read_text(encoding='utf-8')
+    latched = listener.results if kind == 'Identify' else listener.gaps
+    listener.until(lambda: latched, 'the last result')
+    assert latched[0].error_code == ErrorCode.CANCELLED and latched[0].error_message
+    assert len(list(tmp_path.glob(f'*/{file}.json'))) == 1
+    if kind == 'Identify':
+        assert took < 3.0
+        assert latched[0].outcome == latched[0].OUTCOME_CANCELLED
+        assert len(latched[0].parameters) == 7
 
 
 def test_two_nodes_on_one_domain_do_not_interfere(shared, tmp_path: Path) -> None:
@@ -293,10 +293,7 @@ def test_two_nodes_on_one_domain_do_not_interfere(shared, tmp_path: Path) -> Non
                 (one, one.send(bag_goal(seed=seed, refine=False)))
                 for one, seed in ((shared, 11), (two, 12))
             ]
-            found = [
-                one.request(run.get_result_async, 'a result').result.identification
-                for one, run in runs
-            ]
+            found = [one.answer(run)[1] for one, run in runs]
             assert [x.error_message for x in found] == ['', '']
             assert [x.seed for x in found] == [11, 12]
             assert two.statuses[-1].streams == ['/a/x', '/a/effort', '/a/command']

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters: one table, and sentences for what does not fit it."""
 
-from pathlib import Path
 import runpy
 import subprocess
 import sys
@@ -117,44 +116,33 @@ def test_changes_are_checked_like_the_first_values(node) -> None:
     assert parameters.snapshot(made)['seed'] == 5
 
 
-def test_the_program_says_the_sentence_and_ends_with_2() -> None:
-    ran = subprocess.run(
-        [sys.executable, '-m', 'ros2_ident.ros.identifier', '--ros-args', '-p', 'time_budget:=1'],
-        env=environment(new_domain()),
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert ran.returncode == 2
-    assert ran.stderr.strip() == (
-        'identifier: parameter time_budget is 1, an integer, and has to be a double; write 1.0'
-    )
-
-
 @pytest.mark.parametrize(
-    ('module', 'said'),
+    ('missing', 'arguments', 'code', 'said'),
     [
-        ('ros2_ident_msgs', 'package ros2_ident_msgs not found; build it with'),
-        ('rclpy', 'rclpy not found; source ROS 2 Jazzy'),
+        (
+            None, ['--ros-args', '-p', 'time_budget:=1'], 2,
+            'parameter time_budget is 1, an integer, and has to be a double; write 1.0',
+        ),
+        ('ros2_ident_msgs', [], 1, 'package ros2_ident_msgs not found; build it with'),
+        ('rclpy', [], 1, 'rclpy not found; source ROS 2 Jazzy'),
     ],
 )
-def test_missing_packages_are_said_in_a_sentence(
-    tmp_path: Path, module: str, said: str
+def test_what_keeps_the_program_from_running_is_said_in_a_sentence(
+    missing: str | None, arguments: list[str], code: int, said: str
 ) -> None:
     script = (
         'import sys\n'
-        f'sys.modules[{module!r}] = None\n'
+        f'sys.modules[{missing!r}] = None\n'
         'from ros2_ident.ros.identifier import main\n'
-        'sys.exit(main([]))'
+        'sys.exit(main())'
     )
     ran = subprocess.run(
-        [sys.executable, '-c', script],
+        [sys.executable, '-c', script, *arguments],
         env=environment(new_domain()),
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
     )
-    assert ran.returncode == 1
+    assert ran.returncode == code
     assert ran.stderr.startswith(f'identifier: {said}') and ran.stderr.count('\n') == 1

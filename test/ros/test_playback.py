@@ -4,7 +4,9 @@
 import gc
 import os
 from pathlib import Path
+import threading
 import time
+import weakref
 
 import pytest
 from ros_helpers import BAG, ended, new_domain, program, Station
@@ -103,73 +105,63 @@ def test_clock_remaps_and_a_paused_start() -> None:
     assert abs(seconds[0] - first.sec - 1e-9 * first.nanosec) < 0.1
 
 
-@pytest.mark.ros
-def test_the_worker_tells_everything_in_the_executors_thread() -> None:
-    import threading
-
+@pytest.fixture
+def station():
+    """A node with a worker, in a thread that spins."""
     from rclpy.node import Node
 
     from ros2_ident.ros.worker import Worker
 
+    def make(context):
+        node = Node('worker', context=context)
+        node.worker = Worker(node)
+        return node
+
+    made = Station(make, new_domain())
+    yield made
+    made.close()
+
+
+@pytest.mark.ros
+def test_the_worker_tells_everything_in_the_executors_thread(station) -> None:
     said, done, threads = [], [], set()
-    workers = []
+    worker = station.node.worker
 
-    def make(context):
-        node = Node('worker', context=context)
-        workers.append(Worker(node))
-        return node
+    def job(cancel, say):
+        for k in range(50):
+            say(k)
+        cancel.wait(10.0)
+        return 'result'
 
-    station = Station(make, new_domain())
-    try:
-        worker = workers[0]
+    def on_said(what) -> None:
+        threads.add(threading.current_thread().name)
+        said.append(what)
 
-        def job(cancel, say):
-            for k in range(50):
-                say(k)
-            cancel.wait(10.0)
-            return 'result'
+    worker.start(job, on_said, lambda *x: done.append(x), rate=1.0)
+    assert worker.busy
+    with pytest.raises(RuntimeError):
+        worker.start(job, on_said, lambda *x: None)
+    station.until(lambda: said, 'the first')
+    worker.chore(lambda: 1 / 0, lambda *x: done.append(x))
+    worker.cancel()
+    station.until(lambda: len(done) == 2, 'the end')
+    assert said == [0, 49], 'the first, and the last that was held back'
+    assert done[0] == ('result', None)
+    assert isinstance(done[1][1], ZeroDivisionError)
+    assert threads == {station._thread.name}
+    assert not worker.busy and worker.join(5.0)
 
-        def on_said(what) -> None:
-            threads.add(threading.current_thread().name)
-            said.append(what)
 
-        worker.start(job, on_said, lambda *x: done.append(x), rate=1.0)
-        assert worker.busy
-        with pytest.raises(RuntimeError):
-            worker.start(job, on_said, lambda *x: None)
-        station.until(lambda: said, 'the first')
-        worker.chore(lambda: 1 / 0, lambda *x: done.append(x))
-        worker.cancel()
-        station.until(lambda: len(done) == 2, 'the end')
-        assert said == [0, 49], 'the first, and the last that was held back'
-        assert done[0] == ('result', None)
-        assert isinstance(done[1][1], ZeroDivisionError)
-        assert threads == {station._thread.name}
-        assert not worker.busy and worker.join(5.0)
-    finally:
-        station.close()
+class Circle:
+    """What only the garbage collector finds."""
+
+    def __init__(self) -> None:
+        self.itself = self
 
 
 @pytest.mark.ros
-def test_the_worker_gives_memory_back_after_a_run() -> None:
-    import weakref
-
-    from rclpy.node import Node
-
-    from ros2_ident.ros.worker import Worker
-
-    class Circle:
-        """What only the garbage collector finds."""
-
-        def __init__(self) -> None:
-            self.itself = self
-
-    circles, kept, done, workers = [], [], [], []
-
-    def make(context):
-        node = Node('worker', context=context)
-        workers.append(Worker(node))
-        return node
+def test_the_worker_gives_memory_back_after_a_run(station) -> None:
+    circles, kept, done = [], [], []
 
     def job(cancel, say) -> None:
         circles.append(weakref.ref(Circle()))
@@ -180,15 +172,13 @@ def test_the_worker_gives_memory_back_after_a_run() -> None:
     def resident() -> int:
         return int(Path('/proc/self/statm').read_text().split()[1]) * os.sysconf('SC_PAGE_SIZE')
 
-    station = Station(make, new_domain())
     try:
         gc.disable()
         before = resident()
-        workers[0].start(job, lambda what: None, lambda *x: done.append(x))
+        station.node.worker.start(job, lambda what: None, lambda *x: done.append(x))
         station.until(lambda: done, 'the end')
         station.until(lambda: circles[0]() is None, 'the collector', 5.0)
         station.until(lambda: resident() - before < 3e7, 'the memory', 5.0)
-        assert workers[0].join(5.0)
+        assert station.node.worker.join(5.0)
     finally:
         gc.enable()
-        station.close()

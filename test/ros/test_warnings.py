@@ -8,9 +8,9 @@ from typing import Any
 
 from identify_cases import axis_bag, AXIS_FILE
 import pytest
-from ros_helpers import ended, identifier, new_domain
+from ros_helpers import bag_goal, ended, identifier, Listener, new_domain
 
-from ros.test_diagnose import Diagnostician, goal_of
+from ros.test_diagnose import goal_of
 from ros2_ident.recording import write_bag
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
@@ -35,15 +35,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope='module')
 def heard(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
     """Return what a node answers three goals with, and what it says meanwhile."""
-    from ros2_ident_msgs.action import Identify
-
     found: dict[str, Any] = {}
     domain = new_domain()
     with identifier(
         domain, tmp_path_factory.mktemp('results'), f'machine_file:={AXIS_FILE}',
         'drives:=[emps_axis]', 'auto_start:=false',
     ) as process:
-        made = Diagnostician(domain)
+        made = Listener(domain)
 
         def status_of(entry: str, text: str) -> Any:
             def there() -> Any:
@@ -52,22 +50,13 @@ def heard(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[di
 
             return made.until(there, text)[-1]
 
-        def identified(**changes: str) -> Any:
-            goal = Identify.Goal(data_source=Identify.Goal.DATA_SOURCE_BAG, **changes)
-            mine, made.action = made.action, made.identify
-            answer = made.request(made.send(goal).get_result_async, 'the result')
-            made.action = mine
-            return answer.result.identification
-
         try:
-            found['silent'] = identified(bag_path=str(folder / 'silent'))
+            found['silent'] = made.ask(bag_goal(bag_path=str(folder / 'silent')))[1]
             found['fit'] = status_of('fit', SILENT)
-            found['wrong'] = identified(
-                bag_path=goal_of().bag_path,
-                machine_file=str(folder / 'wrong.yaml'),
-            )
+            wrong = {'bag_path': goal_of().bag_path, 'machine_file': str(folder / 'wrong.yaml')}
+            found['wrong'] = made.ask(bag_goal(**wrong))[1]
             found['wrong fit'] = status_of('fit', GAIN)
-            found['gap'] = made.diagnose(goal_of(machine_file=str(folder / 'wrong.yaml')))[1]
+            found['gap'] = made.ask(goal_of(**wrong))[1]
             found['gap status'] = status_of('gap', GAIN)
         finally:
             made.close()
@@ -91,31 +80,19 @@ def test_a_missing_command_is_warned_of_everywhere(heard: dict[str, Any]) -> Non
     assert [v for v in heard['fit'].values if v.key == 'warning 1' and v.value]
 
 
-def test_a_wrong_gain_is_the_answer_of_an_identification(heard: dict[str, Any]) -> None:
+def test_a_wrong_gain_is_the_answer_of_both_actions(heard: dict[str, Any]) -> None:
     from diagnostic_msgs.msg import DiagnosticStatus
     from ros2_ident_msgs.msg import ErrorCode
 
-    result = heard['wrong']
+    result, gap = heard['wrong'], heard['gap']
     assert result.outcome == result.OUTCOME_CONTRADICTED
     assert result.error_code == ErrorCode.CONTRADICTED
     assert GAIN in result.outcome_sentence and GAIN in result.error_message
     assert not any(p.identifiable for p in result.parameters)
-    assert lines(heard, 'ERROR', GAIN)
-    assert heard['wrong fit'].level == DiagnosticStatus.ERROR
-
-
-def test_a_wrong_gain_is_the_answer_of_a_diagnosis(heard: dict[str, Any]) -> None:
-    from diagnostic_msgs.msg import DiagnosticStatus
-
-    gap = heard['gap']
-    assert gap.effect == gap.EFFECT_BOOKKEEPING
+    assert (gap.effect, list(gap.ranking)) == (gap.EFFECT_BOOKKEEPING, [])
     assert GAIN in gap.sentence and gap.sentence.endswith('No effect is named.')
     assert [w for w in gap.warnings if GAIN in w]
-    assert list(gap.ranking) == []
-    assert lines(heard, 'WARN', GAIN)
-    assert heard['gap status'].level == DiagnosticStatus.ERROR
-
-
-def test_nothing_broke_meanwhile(heard: dict[str, Any]) -> None:
-    assert heard['code'] == 0
-    assert 'Traceback' not in heard['log']
+    assert lines(heard, 'ERROR', GAIN) and lines(heard, 'WARN', GAIN)
+    for entry in ('wrong fit', 'gap status'):
+        assert heard[entry].level == DiagnosticStatus.ERROR
+    assert heard['code'] == 0 and 'Traceback' not in heard['log'], 'nothing broke meanwhile'
