@@ -160,12 +160,9 @@ def _identified(finished: Finished[Identified]) -> dict[str, Any]:
 
 def _outcome(found: Identification) -> int:
     """Return the outcome; an estimate at its bound is told apart from one that is determined."""
-    outcome = _OUTCOMES[found.outcome]
-    if outcome == IdentificationResult.OUTCOME_CONVERGED and any(
-        p.at_bound for p in found.parameters
-    ):
+    if found.outcome == Outcome.IDENTIFIED and any(p.at_bound for p in found.parameters):
         return int(IdentificationResult.OUTCOME_AT_BOUND)
-    return int(outcome)
+    return int(_OUTCOMES[found.outcome])
 
 
 def _of_result(found: Any) -> ParameterEstimate:

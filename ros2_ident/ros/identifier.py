@@ -11,6 +11,7 @@ import signal
 import sys
 import time
 from types import FrameType
+from typing import Any
 
 from ros2_ident.threads import one_heap, one_thread_for_linear_algebra
 
@@ -208,26 +209,22 @@ def _run(args: Sequence[str] | None, stop: Stop) -> int:
         rclpy.try_shutdown()
 
 
-def _finish(node: 'Identifier', executor: 'SingleThreadedExecutor') -> None:  # noqa: F821
+def _finish(node: Any, executor: Any) -> None:
     """End a run with the best so far and let its result out, to its client too."""
+
+    def answered_within(seconds: float) -> bool:
+        deadline = time.monotonic() + seconds
+        while not node.answered and time.monotonic() < deadline:
+            node.spin(executor)
+        for _ in range(20):  # rclpy sends a result in a task of its own, when its client has asked
+            node.spin(executor, 0.01)
+        return bool(node.answered)
+
     node.stop()
-    _spin_until_answered(node, executor, PATIENCE)
-    if not node.answered:
+    if not answered_within(PATIENCE):
         print('identifier: the run did not end in time and is given up', file=sys.stderr)
         node.give_up()
-        _spin_until_answered(node, executor, 1.0)
-
-
-def _spin_until_answered(
-    node: 'Identifier',  # noqa: F821
-    executor: 'SingleThreadedExecutor',  # noqa: F821
-    seconds: float,
-) -> None:
-    deadline = time.monotonic() + seconds
-    while not node.answered and time.monotonic() < deadline:
-        node.spin(executor)
-    for _ in range(20):  # rclpy sends a result in a task of its own, when the client has asked
-        node.spin(executor, 0.01)
+        answered_within(1.0)
 
 
 if __name__ == '__main__':

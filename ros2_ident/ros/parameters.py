@@ -68,7 +68,7 @@ def declare(node: Node) -> None:
     for entry in BY_NAME.values():
         value = given[entry.name].value if entry.name in given else None
         try:
-            if entry.kind == 'string_array' and (reason := wrong_list(entry, value)):
+            if value is not None and (reason := _wrong(entry, value)):
                 raise IdentError(ErrorCode.BAD_VALUES, reason)
             # rclpy takes an empty list for bytes: the type comes from a list that is not empty
             default = [''] if entry.default == () else entry.default
@@ -77,19 +77,16 @@ def declare(node: Node) -> None:
                 empty = Parameter(entry.name, Parameter.Type.STRING_ARRAY, [])
                 node.set_parameters([empty])
         except InvalidParameterTypeException:
-            raise IdentError(ErrorCode.BAD_VALUES, wrong_type(entry, value)) from None
+            raise IdentError(ErrorCode.BAD_VALUES, _wrong_type(entry, value)) from None
         except InvalidParameterValueException as exc:
             raise IdentError(
                 ErrorCode.BAD_VALUES,
                 f'parameter {entry.name} is {value!r}, its range is {entry.range or str(exc)}; '
                 'give a value inside it',
             ) from None
-        found = node.get_parameter(entry.name).value
-        if entry.choices and found not in entry.choices:
-            raise IdentError(ErrorCode.BAD_VALUES, wrong_choice(entry, found))
 
 
-def wrong_type(entry: Entry, value: Any) -> str:
+def _wrong_type(entry: Entry, value: Any) -> str:
     """Return the sentence for a value of the wrong type; `1` for a double is the common one."""
     if entry.kind == 'double' and isinstance(value, int) and not isinstance(value, bool):
         return (
@@ -105,17 +102,15 @@ def wrong_type(entry: Entry, value: Any) -> str:
     )
 
 
-def wrong_list(entry: Entry, value: Any) -> str:
-    """Return the sentence for a value that is no list of strings; empty where it is one."""
-    several = isinstance(value, Sequence) and not isinstance(value, str)
-    if value is None or (several and all(isinstance(x, str) for x in value)):
-        return ''
-    return wrong_type(entry, value)
-
-
-def wrong_choice(entry: Entry, value: Any) -> str:
-    """Return the sentence for a string that is none of the choices."""
-    return f'parameter {entry.name} is {value!r}; write one of {", ".join(entry.choices)}'
+def _wrong(entry: Entry, value: Any) -> str:
+    """Return what is wrong with a value that rclpy would take, empty for nothing."""
+    if entry.choices and isinstance(value, str) and value not in entry.choices:
+        return f'parameter {entry.name} is {value!r}; write one of {", ".join(entry.choices)}'
+    if entry.kind == 'string_array':
+        several = isinstance(value, Sequence) and not isinstance(value, str)
+        if not (several and all(isinstance(x, str) for x in value)):
+            return _wrong_type(entry, value)
+    return ''
 
 
 def unknown(node: Node) -> list[str]:
@@ -147,23 +142,16 @@ def check_change(changes: Iterable[Parameter]) -> SetParametersResult:
     """Answer a change at run time; rclpy has checked types and ranges before."""
     for change in changes:
         entry = BY_NAME.get(change.name)
-        reason = '' if entry is None else _wrong(entry, change)
+        reason = ''
+        if entry is not None and change.type_ != Parameter.Type.NOT_SET:
+            reason = _wrong(entry, change.value)
+        elif entry is not None and entry.kind == 'string_array':
+            reason = f'parameter {entry.name} cannot be taken away; set it to an empty list'
+        if change.name == 'machine_file' and change.value:
+            try:
+                load_machine(expanded(change.value))
+            except IdentError as error:
+                reason = error.message
         if reason:
             return SetParametersResult(successful=False, reason=reason)
     return SetParametersResult(successful=True)
-
-
-def _wrong(entry: Entry, change: Parameter) -> str:
-    """Return what is wrong with a change, empty for nothing."""
-    if entry.choices and change.value not in entry.choices:
-        return wrong_choice(entry, change.value)
-    if entry.kind == 'string_array':
-        if change.type_ == Parameter.Type.NOT_SET:
-            return f'parameter {entry.name} cannot be taken away; set it to an empty list'
-        return wrong_list(entry, change.value)
-    if entry.name == 'machine_file' and change.value:
-        try:
-            load_machine(expanded(change.value))
-        except IdentError as error:
-            return error.message
-    return ''
