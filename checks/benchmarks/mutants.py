@@ -61,7 +61,6 @@ OWN: dict[str, str] = {
     'recording.motion': 'recording_quality',
     'recording.plausibility': 'recording_quality',
     'recording.rosbag1_scan': 'recording_damage recording_bag',
-    'recording.segments': 'recording_builder',
     'recording.setpoint': 'recording_align',
     'recording.shown': 'recording_builder recording_damage',
     'recording.smooth': 'recording_smooth',

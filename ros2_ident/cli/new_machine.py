@@ -117,8 +117,7 @@ def _log(args: argparse.Namespace) -> 'Recording':
     from ros2_ident.errors import ErrorCode, IdentError
     from ros2_ident.files import write_text
     from ros2_ident.recording import read_bag
-    from ros2_ident.recording.columns import MAP_SUFFIX, SUFFIXES
-    from ros2_ident.recording.header import drafted_columns
+    from ros2_ident.recording.columns import drafted_columns, MAP_SUFFIX, SUFFIXES
 
     path = Path(args.bag)
     where = path.with_name(path.stem + MAP_SUFFIX)

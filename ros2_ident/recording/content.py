@@ -4,7 +4,6 @@
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
@@ -27,12 +26,8 @@ Decoded = tuple[IntArray, cdr.Block]
 Convert = Callable[[bytes], bytes]
 
 
-class Sink(Protocol):
-    """Where the messages of a topic go."""
-
-    def append(self, log_time: int, data: bytes) -> None:
-        """Take a message: log time [ns] and serialised bytes."""
-        ...
+# Takes a message of a topic: log time, ns, and serialised bytes.
+Sink = Callable[[int, bytes], None]
 
 
 class Messages:
@@ -161,31 +156,6 @@ class Trajectories(Messages):
         self._sent = []
 
 
-class _First:
-    """Keeps the first messages of a topic, as many as show what it holds."""
-
-    def __init__(self, convert: Convert | None) -> None:
-        self.data: list[bytes] = []
-        self._convert = convert
-
-    def append(self, log_time: int, data: bytes) -> None:
-        """Take a message."""
-        if len(self.data) < _SHOWN and not data.startswith(ZSTD):
-            self.data.append(_converted(data, self._convert) if self._convert else data)
-
-
-class _Fan:
-    """Passes messages on to several."""
-
-    def __init__(self, sinks: list[Sink]) -> None:
-        self._sinks = sinks
-
-    def append(self, log_time: int, data: bytes) -> None:
-        """Take a message."""
-        for sink in self._sinks:
-            sink.append(log_time, data)
-
-
 def _unpacked(packed: bytes, budget: Budget) -> bytes:
     raw, sound = inflate('zstd', packed, budget.limits.chunk)
     try:
@@ -264,7 +234,7 @@ class Content:
     types: dict[str, str] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
-    _first: dict[str, _First] = field(default_factory=dict)
+    _first: dict[str, list[bytes]] = field(default_factory=dict)
 
     def open(self, topic: str, kind: str, convert: Convert | None = None) -> Sink | None:
         """Note a topic and its type; return where its messages go, None where they are unwanted.
@@ -286,16 +256,31 @@ class Content:
             return None
         roles = [role for role in self.wanted.get(topic, ()) if role in ROLES_OF[kind]]
         if not roles:
-            return self._first.setdefault(topic, _First(convert))
+            return self._show(self._first.setdefault(topic, []), convert)
         self.types[topic] = kind
-        found = [self._messages(topic, role, kind, convert) for role in roles]
-        return found[0] if len(found) == 1 else _Fan([*found])
+        sinks = [self._messages(topic, role, kind, convert).append for role in roles]
+
+        def fan(log_time: int, data: bytes) -> None:
+            for sink in sinks:
+                sink(log_time, data)
+
+        return sinks[0] if len(sinks) == 1 else fan
+
+    @staticmethod
+    def _show(first: list[bytes], convert: Convert | None) -> Sink:
+        """Return what keeps the first messages of a topic, as many as show what it holds."""
+
+        def take(log_time: int, data: bytes) -> None:
+            if len(first) < _SHOWN and not data.startswith(ZSTD):
+                first.append(_converted(data, convert) if convert else data)
+
+        return take
 
     def offered(self) -> Iterator[tuple[str, str, tuple[str, ...]]]:
         """Yield topic, type and possible roles of what could be read and is not wanted."""
         for topic, first in sorted(self._first.items()):
             kind = self.types[topic]
-            found = {x for data in first.data for x in offers(kind, data, self.limits)}
+            found = {x for data in first for x in offers(kind, data, self.limits)}
             yield topic, kind, tuple(x for x in ROLES_OF[kind] if x in found)
 
     def sort(self) -> None:

@@ -103,7 +103,7 @@ def _read(
             found[number] -= 1
             losses.unknown += 1
             continue
-        ways[number][1].append(when, data)  # type: ignore[union-attr]
+        ways[number][1](when, data)  # type: ignore[misc]
         if checksums:
             sums[number] = _added(sums[number], when, data)
     for number, (topic, target) in ways.items():

@@ -220,7 +220,7 @@ class _Walk:
                 else:
                     way.count += 1
                     if way.target is not None:
-                        way.target.append(log_time, raw[begin + _MESSAGE.size : end])
+                        way.target(log_time, raw[begin + _MESSAGE.size : end])
             elif opcode not in (Opcode.SCHEMA, Opcode.CHANNEL) or not _note(
                 self.defined, opcode, raw[begin:end]
             ):

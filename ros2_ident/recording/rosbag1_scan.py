@@ -99,7 +99,7 @@ class _Chunks(Reader):
                         number = header.get_uint32('conn')
                         found[topics[number]] += 1
                         if (target := targets[number]) is not None:
-                            target.append(header.get_time('time'), data)
+                            target(header.get_time('time'), data)
             except Damage as exc:
                 losses.blocks += 1
                 losses.say(str(exc))

@@ -83,13 +83,6 @@ def smooth_motion(
         else:
             spline = make_interp_spline(time[there], samples[there], k=3)
             filled[row] = spline(np.clip(time, there[0], there[-1]))
-    return _filtered(filled, cycle, cutoff, ahead)
-
-
-def _filtered(
-    filled: FloatArray, cycle: float, cutoff: float, ahead: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Low-pass and differentiate positions (D, K) without NaN."""
     smooth = low_pass(filled, cycle, cutoff)
     # time in cycles keeps the spline's knots well scaled
     time = np.arange(smooth.shape[1], dtype=np.float64)

@@ -16,7 +16,7 @@ from scipy.interpolate import BPoly
 from ros2_ident.recording.cdr import Block, Cursor
 from ros2_ident.recording.limits import Limits, too_large
 from ros2_ident.recording.ros2_control import read_point
-from ros2_ident.recording.streams import FloatArray, IntArray
+from ros2_ident.recording.streams import FloatArray
 
 # The set-point is sampled so often, ns.
 PERIOD = 1_000_000
@@ -60,46 +60,26 @@ def parse_trajectory(data: bytes, arrival: int, limits: Limits | None = None) ->
     if 24 * number > len(data):
         raise ValueError('more points than bytes')
     order = '>' if cursor.big else '<'
-    values = [_Point(read_point(cursor), cursor.at - 8) for _ in range(number)]
+    points = [(read_point(cursor)[:3], cursor.at - 8) for _ in range(number)]
     cursor.end()
-    if not values or not names or len(set(names)) != len(names):
+    if not points or not names or len(set(names)) != len(names):
         raise ValueError('no points or joints')
     seconds, nanoseconds = _time(data, stamp, order)
     start = seconds * 1_000_000_000 + nanoseconds or arrival
-    time = np.array([s + 1e-9 * ns for s, ns in (_time(data, x.time, order) for x in values)])
-    depth = min(x.depth for x in values)
-    knots = np.array([x.read(data, depth, order) for x in values])
-    if depth == 0 or knots.shape[2] != len(names):
-        raise ValueError(f'{len(names)} names but positions of {knots.shape[2]} joints')
+    time = np.array([s + 1e-9 * ns for s, ns in (_time(data, at, order) for _, at in points)])
+    # as many derivatives as every point states, from the position on
+    depth = min(next((k for k in range(3) if x[k] is None), 3) for x, _ in points)
+    stated = [[x for x in places[:depth] if x is not None] for places, _ in points]
+    sizes = {x.size for places in stated for x in places}
+    if sizes != {len(names)}:
+        said = ' and '.join(map(str, sorted(sizes))) or 'no'
+        raise ValueError(f'{len(names)} names but positions of {said} joints')
+    knots = np.array(
+        [[np.frombuffer(data, f'{order}f8', x.size, int(x[0])) for x in row] for row in stated]
+    )
     if not np.isfinite(knots).all() or (np.diff(time) < _CLOSE).any() or time[0] < 0.0:
         raise ValueError('times of points that do not increase, or values that are no numbers')
     return Trajectory(start, names, time, knots)
-
-
-@dataclass(frozen=True)
-class _Point:
-    """Where one point lies in a message."""
-
-    places: tuple[IntArray | None, ...]
-    time: int
-
-    @property
-    def depth(self) -> int:
-        """How many derivatives it states, from the position on."""
-        return next((k for k in range(3) if self.places[k] is None), 3)
-
-    def read(self, data: bytes, depth: int, order: str) -> FloatArray:
-        """Return what it states (depth, D)."""
-        rows = [self.places[k] for k in range(depth)]
-        if len({x.size for x in rows if x is not None}) > 1:
-            raise ValueError('a point of positions and velocities of unequal number')
-        return np.array(
-            [
-                np.frombuffer(data, f'{order}f8', x.size, int(x[0]))
-                for x in rows
-                if x is not None
-            ]
-        ).reshape(depth, -1)
 
 
 def _time(data: bytes, at: int, order: str) -> tuple[int, int]:

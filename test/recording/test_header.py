@@ -9,7 +9,7 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag
-from ros2_ident.recording.header import drafted_columns
+from ros2_ident.recording.columns import drafted_columns
 
 DEGREE = pytest.approx(np.pi / 180.0)
 
