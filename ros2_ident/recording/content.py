@@ -89,9 +89,10 @@ class Messages:
         except cdr.TooManyNamesError as exc:
             raise IdentError(ErrorCode.BAD_VALUES, str(exc)) from None
         except (ValueError, IndexError):
-            data, times = whole_messages(data, times, self._limits, self._parse)
-            self.lost += len(fresh) - len(data)
-            found = cdr.decode(data, self._limits, self._parse)
+            whole = [pair for pair in zip(times, data, strict=True) if self._is_whole(*pair)]
+            self.lost += len(fresh) - len(whole)
+            times = [x[0] for x in whole]
+            found = cdr.decode([x[1] for x in whole], self._limits, self._parse)
         clock = np.array(times, dtype=np.int64)
         for block in found:
             self._bytes += sum(x.nbytes for x in block.fields if x is not None)
@@ -101,6 +102,15 @@ class Messages:
             raise too_large(
                 'the values of one topic take', 3 * self._bytes, self._limits.memory, 'memory'
             )
+
+    def _is_whole(self, log_time: int, message: bytes) -> bool:
+        """Say whether a message decodes by itself."""
+        try:
+            (block,) = cdr.decode([message], self._limits, self._parse)
+        except (ValueError, IndexError):
+            return False
+        names = block.names
+        return bool(names) and len(set(names)) == len(names) and abs(log_time) < LATEST_STAMP
 
     def sort(self) -> None:
         """Bring what came since the last call into the order of log time, as it was recorded."""
@@ -183,34 +193,6 @@ def _sorted(blocks: list[Decoded], order: IntArray) -> list[Decoded]:
         clock, block = blocks[int(owner[begin])]
         out.append((clock[row[begin:end]], block.taken(row[begin:end])))
     return out
-
-
-def whole_messages(
-    data: list[bytes],
-    log_times: list[int],
-    limits: Limits,
-    parse: cdr.Parse = cdr.parse_layout,
-) -> tuple[list[bytes], list[int]]:
-    """Return the messages that decode, one by one, and their log times.
-
-    Args:
-        data: CDR bytes.
-        log_times: ns.
-        limits: How many names each may have, and of what length.
-        parse: Finds the values in a message.
-    """
-    kept: list[bytes] = []
-    times: list[int] = []
-    for message, log_time in zip(data, log_times, strict=True):
-        try:
-            (block,) = cdr.decode([message], limits, parse)
-        except (ValueError, IndexError):
-            continue
-        names = block.names
-        if names and len(set(names)) == len(names) and abs(log_time) < LATEST_STAMP:
-            kept.append(message)
-            times.append(log_time)
-    return kept, times
 
 
 @dataclass

@@ -135,6 +135,19 @@ def test_building_does_not_end_the_collecting():
     assert builder.counts == {'state': 0, 'effort': 0, 'command': 0}
 
 
+def test_single_messages_of_several_drives_and_a_copy_that_is_built_meanwhile():
+    builder = RecordingBuilder()
+    for k in range(1500):
+        add(builder, 'state', k // 2 * MS, 'ab'[k % 2], [k], (), [1.0] if k > 1400 else ())
+        if k == 1201:
+            early = builder.copied()
+    (whole,), (part,) = builder.build(), early.build()
+    np.testing.assert_array_equal(whole.state.position, np.arange(1500.0).reshape(750, 2))
+    assert np.isfinite(whole.state.effort).sum() == 99
+    np.testing.assert_array_equal(part.state.position, whole.state.position[:601])
+    assert part.state.effort is None
+
+
 # ---------------------------------------------------------------------- each rule at its edge
 def steps(*stamps):
     """Return what is built of a state at so many milliseconds: stamps by recording, and said."""

@@ -13,6 +13,7 @@ import pytest
 from reader_cases import (
     chunk_record,
     definitions,
+    JOINT_STATE,
     kinds,
     MAGIC,
     make_recording,
@@ -279,13 +280,17 @@ def test_many_small_blocks_may_not_grow_without_end(tmp_path):
     small_memory(path, 'holds none of /joint_states', ErrorCode.MISSING_STREAM)
 
 
+def loose_log(tmp_path, body, kind=JOINT_STATE):
+    """Write a log of records without a block."""
+    head = MAGIC + record(1, bytes(8)) + definitions(kind)
+    return file_of(tmp_path, head + body + record(15, bytes(4)))
+
+
 def joint_log(tmp_path, names, count=3):
     stamp = START + np.arange(count) * MS
     data = encode(stamp, names, [np.zeros((count, len(names))), None, None])
     body = b''.join(message_record(0, int(t), x) for t, x in zip(stamp, data, strict=True))
-    return file_of(
-        tmp_path, MAGIC + record(1, bytes(8)) + definitions() + body + record(15, bytes(4))
-    )
+    return loose_log(tmp_path, body)
 
 
 def test_names_are_bounded_in_number_and_length(tmp_path):
@@ -303,7 +308,7 @@ def test_names_of_all_messages_together_are_bounded(tmp_path):
     for k in range(1001):
         (data,) = encode(stamp + k, [f'joint_{k:05d}'], [np.zeros((1, 1)), None, None])
         body += message_record(0, START + k, data)
-    path = file_of(tmp_path, MAGIC + record(1, bytes(8)) + definitions() + body)
+    path = loose_log(tmp_path, body)
     refused(path, 'state names more than 1000 joints', ErrorCode.BAD_VALUES)
 
 
@@ -312,14 +317,7 @@ def test_control_sequences_in_names_never_reach_the_terminal(tmp_path):
     assert read.state.names[0] == r'\x1b[2J\x1b]0;owned\x07'
     assert all(x.sentence.isprintable() for x in check([read]).findings)
     kind = '\x1b[31mstd_msgs/msg/String'
-    path = file_of(
-        tmp_path,
-        MAGIC
-        + record(1, bytes(8))
-        + definitions(kind)
-        + message_record(0, START, b'x')
-        + record(15, bytes(4)),
-    )
+    path = loose_log(tmp_path, message_record(0, START, b'x'), kind)
     assert refused(path, 'is of type', ErrorCode.MISSING_STREAM).isprintable()
     assert printable('a\u202eb' + 'c' * 300, 10) == r'a\u202ebc…'
 
@@ -338,13 +336,10 @@ def test_limits_are_overridden_by_the_environment(tmp_path, monkeypatch):
 
 def moved(recording, begin, end, by):
     """Return a recording in which some samples' stamps are off by some ns."""
-    streams = {}
+    builder = RecordingBuilder('log')
     for role, x in recording.streams.items():
         stamp = x.stamp.copy()
         stamp[begin:end] += by
-        streams[role] = stamp, x
-    builder = RecordingBuilder('log')
-    for role, (stamp, x) in streams.items():
         builder.add_block(role, stamp, x.names, x.position, x.velocity, x.effort)
     return builder.build()
 
@@ -374,9 +369,7 @@ def test_log_times_and_nanoseconds_beyond_their_range_are_left_out(tmp_path):
     bad = good[0][:8] + struct.pack('<I', 4_000_000_000) + good[0][12:]
     body = message_record(0, (1 << 64) - 1, good[0]) + message_record(0, START, bad)
     body += b''.join(message_record(0, START + k, x) for k, x in enumerate(good))
-    path = file_of(
-        tmp_path, MAGIC + record(1, bytes(8)) + definitions() + body + record(15, bytes(4))
-    )
+    path = loose_log(tmp_path, body)
     (read,) = read_bag(path)
     assert read.state.stamp.size == 9
     assert '2 of 11 messages are no valid JointState' in read.warnings[0]

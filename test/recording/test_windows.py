@@ -46,11 +46,16 @@ def test_motion_is_taken_and_rest_is_not() -> None:
     assert moving / len(chosen.fit) > 0.8
 
 
-def test_parts_do_not_overlap_and_begin_at_rest() -> None:
-    recording = log(200.0, [(k + 3.0, k + 9.0) for k in range(0, 200, 10)])
-    chosen = choose_windows([recording], ('a',), samples=12_000)
-    assert chosen is not None and len(chosen.check) == len(chosen.fit)
+def test_parts_do_not_overlap_begin_at_rest_and_as_many_again_are_spread_over_the_rest() -> None:
+    recording = log(300.0, [(k + 1.0, k + 9.0) for k in range(0, 300, 10)])
+    chosen = choose_windows([recording, log(5.0, [])], ('a',), samples=10_000)
+    assert chosen is not None and chosen.samples == 61_000
+    assert len(chosen.fit) == 5 == len(chosen.check)
+    assert chosen.fit == tuple(sorted(chosen.fit))
+    begins = [begin for _, begin, _ in chosen.check]
+    assert begins[0] < 30e9 and begins[-1] > 250e9 and min(np.diff(begins)) > 30e9
     parts = sorted(chosen.fit + chosen.check)
+    assert {number for number, *_ in parts} == {0}
     assert all(one[2] <= two[1] for one, two in zip(parts, parts[1:], strict=False))
     for _, begin, _ in parts:
         near = recording.between(begin, begin + 20_000_000).state
@@ -85,18 +90,3 @@ def test_messages_are_decoded_in_pieces(tmp_path: Path, monkeypatch: pytest.Monk
     pieces = read_bag(bag)[0]
     assert pieces.streams == whole.streams
     np.testing.assert_array_equal(whole.streams['state'].stamp, recording.streams['state'].stamp)
-
-
-# ---------------------------------------------------------------------- rule by rule
-
-
-def test_as_many_windows_again_are_spread_over_the_rest() -> None:
-    recording = log(300.0, [(k + 1.0, k + 9.0) for k in range(0, 300, 10)])
-    chosen = choose_windows([recording, log(5.0, [])], ('a',), samples=10_000)
-    assert chosen is not None and chosen.samples == 61_000
-    assert len(chosen.fit) == 5 == len(chosen.check)
-    assert chosen.fit == tuple(sorted(chosen.fit))
-    assert not set(chosen.fit) & set(chosen.check)
-    begins = [begin for _, begin, _ in chosen.check]
-    assert begins[0] < 30e9 and begins[-1] > 250e9 and min(np.diff(begins)) > 30e9
-    assert {number for number, *_ in chosen.fit + chosen.check} == {0}
