@@ -43,14 +43,24 @@ class Posterior:
         aside = (unit - 0.5) / BOX_DEVIATION
         return self.certainty * float(residual @ residual) + float(aside @ aside)
 
-    def least(self, unit: Array, residual: Array, jacobian: Array) -> tuple[Array, float]:
-        """Return the (N,) parameters of the least loss by a (R, N) Jacobian, and that loss."""
+    def least(
+        self, unit: Array, residual: Array, jacobian: Array, damping: float = 0.0
+    ) -> tuple[Array, float]:
+        """Return the (N,) parameters of the least loss by a (R, N) Jacobian, and that loss.
+
+        Damping holds them where they are, by a share of the columns' squares.
+        """
         both = math.sqrt(self.certainty) * np.column_stack([jacobian, -residual])
         # The triangular factor has the minimum of the whole.
         triangle = np.asarray(np.linalg.qr(both, mode='r'))
+        rows = [triangle[:, :-1], np.eye(unit.size) / BOX_DEVIATION]
+        wanted = [triangle[:, -1], (0.5 - unit) / BOX_DEVIATION]
+        if damping:
+            rows.append(np.diag(math.sqrt(damping) * np.linalg.norm(rows[0], axis=0)))
+            wanted.append(np.zeros(unit.size))
         found = lsq_linear(
-            np.concatenate([triangle[:, :-1], np.eye(unit.size) / BOX_DEVIATION]),
-            np.concatenate([triangle[:, -1], (0.5 - unit) / BOX_DEVIATION]),
+            np.concatenate(rows),
+            np.concatenate(wanted),
             (-unit - 1e-15, 1.0 - unit + 1e-15),
             method='bvls',
         )

@@ -2,6 +2,9 @@
 """Local refinement: bounded least squares on the residual vector from several starts.
 
 Of fits that the data cannot tell apart it ends at the most probable one, see `prior`.
+
+Reference:
+    Levenberg 1944; Marquardt 1963.
 """
 
 from collections.abc import Callable
@@ -11,7 +14,6 @@ import math
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
@@ -20,12 +22,14 @@ from ros2_ident.search.jacobian import Box, finite_differences, Residuals
 from ros2_ident.search.journal import digest_of, Journal, Within
 from ros2_ident.search.prior import Posterior
 
-# What SciPy keeps a start away from its bounds, as a share of the cube.
-_INSIDE = 1e-10
 # A step of Gauss and Newton is taken where it gains this share of what a linear model would.
 _AS_FORESEEN = 0.5
 # Gains of twice the logarithm of the posterior below this are lost in finite differences.
 _RESOLVED = 1e-3
+# Damping factors tried together where it is not, relative to the last one that helped; the first
+# and the least of these, and the one beyond which nothing helps.
+_LADDER = np.array([1e-3, 1e-2, 0.1, 0.3, 1.0, 3.0, 30.0, 1e3])
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-9, 1e6
 
 
 class RefineStatus(enum.Enum):
@@ -81,8 +85,12 @@ class Refinement:
     starts: tuple[StartOutcome, ...]
 
 
+def _rms(residual: Array) -> float:
+    return float(np.sqrt(np.mean(residual**2)))
+
+
 class _Stop(Exception):
-    """Leaves scipy's loop, which has no other way out in every version."""
+    """Leaves the iterations where no further candidate may be evaluated."""
 
     def __init__(self, status: RefineStatus) -> None:
         super().__init__()
@@ -116,7 +124,6 @@ class _Start:
         self.point = box.inside(start)
         self.cost = math.inf
         self.residual: Array = np.empty(0)
-        self._here: tuple[Array, Array] | None = None
 
     def evaluate(self, theta: Array) -> Array:
         """Return (S, R) residuals of (S, N) physical candidates."""
@@ -144,21 +151,12 @@ class _Start:
             )
         return told
 
-    def fun(self, unit: Array) -> Array:
-        """Return (R,) the residual vector at one point of the cube."""
-        if self._here is not None and np.array_equal(self._here[0], unit):
-            return self._here[1]
-        residual: Array = self.evaluate(self.box.physical(unit)[None, :])[0]
-        self._here = (unit.copy(), residual)
-        if float(np.sqrt(np.mean(residual**2))) < self.cost:
-            self._keep(unit, residual)
-        return residual
-
-    def jac(self, unit: Array) -> Array:
-        """Return (R, N) its derivative by the cube's coordinates."""
+    def jac(self) -> Array:
+        """Return (R, N) the derivative at the best point by the cube's coordinates."""
         return finite_differences(
-            self.evaluate, unit, self.fun(unit), self.box, central=self.central, step=self.step
-        )
+            self.evaluate, self.point, self.residual, self.box, central=self.central,
+            step=self.step,
+        )  # fmt: skip
 
     def solve(self, tolerance: float) -> RefineStatus:
         """Go from the start to the end, or to where an earlier run of the same start ended."""
@@ -183,75 +181,60 @@ class _Start:
     def _stands(self, point: Array, cost: float) -> bool:
         """Take a point up where its cost comes out again; return whether it does."""
         residual = self._told(self.box.physical(point)[None, :])[0]
-        if float(np.sqrt(np.mean(residual**2))) != cost:
+        if _rms(residual) != cost:
             return False
         self.point, self.cost, self.residual = point, cost, residual
         return True
 
     def _solve(self, tolerance: float) -> RefineStatus:
-        """Run Gauss-Newton; where that fails, scipy's trust region, and try the bounds."""
+        """Go to the most probable point: by Gauss and Newton, damped where that fails."""
         try:
-            # The trust region begins strictly inside the cube.
-            inside = np.clip(self.point, _INSIDE, 1.0 - _INSIDE)
-            if not (np.isfinite(self.fun(self.point)) & np.isfinite(self.fun(inside))).all():
+            self._keep(self.point, self.evaluate(self.box.physical(self.point)[None])[0])
+            if not np.isfinite(self.residual).all():
                 return RefineStatus.DIVERGED
-            if self._climb(tolerance):
-                return RefineStatus.CONVERGED
-            solution = least_squares(
-                self.fun,
-                np.clip(self.point, _INSIDE, 1.0 - _INSIDE),
-                self.jac,
-                bounds=(0.0, 1.0),
-                method='trf',
-                x_scale='jac',
-                ftol=tolerance,
-                xtol=tolerance,
-                gtol=None,
-                max_nfev=self.limit,
-            )
-            self._try_bounds(solution.grad)
-            if solution.status > 0:
-                self._climb(tolerance)
+            damping: float = _FIRST_DAMPING
+            jacobian: Array | None = None
+            while self.cost > 0.0 and damping <= _MOST_DAMPING:
+                jacobian = self.jac() if jacobian is None else jacobian
+                posterior = Posterior.of(self.residual)
+                loss = posterior.loss(self.point, self.residual)
+                there, least = posterior.least(self.point, self.residual, jacobian)
+                if loss - least <= tolerance * loss:
+                    break
+                now = self.evaluate(self.box.physical(there)[None])[0]
+                if loss - posterior.loss(there, now) > _AS_FORESEEN * (loss - least):
+                    # The most probable point may leave a little more than the best fit.
+                    self._keep(there, now)
+                    jacobian = None
+                    continue
+                if loss - least <= _RESOLVED:
+                    if _rms(now) < self.cost:
+                        self._keep(there, now)
+                    break
+                # So many candidates at once take the time of one.
+                tried = [
+                    posterior.least(self.point, self.residual, jacobian, factor)[0]
+                    for factor in _LADDER * damping
+                ]
+                values = self.evaluate(self.box.physical(np.array(tried)))
+                losses = [posterior.loss(*one) for one in zip(tried, values, strict=True)]
+                best = int(np.argmin(losses))
+                if not losses[best] < loss:
+                    damping *= 1e4
+                    continue
+                damping = max(_LEAST_DAMPING, float(damping * _LADDER[best]))
+                self._keep(tried[best], values[best])
+                jacobian = None
+                if loss - losses[best] <= tolerance * loss:
+                    break
         except _Stop as stop:
             return stop.status
-        return RefineStatus.CONVERGED if solution.status > 0 else RefineStatus.EVALUATIONS
-
-    def _climb(self, tolerance: float) -> bool:
-        """Go by Gauss and Newton to the most probable point, while the residual is as foreseen.
-
-        The trust region creeps where parameters do not act, or together only: it takes bounds
-        for close. The prior holds them.
-
-        Returns:
-            Whether it converged.
-        """
-        while self.cost > 0.0:
-            unit, residual = self.point, self.residual
-            posterior = Posterior.of(residual)
-            loss = posterior.loss(unit, residual)
-            there, least = posterior.least(unit, residual, self.jac(unit))
-            if loss - least <= tolerance * loss:
-                return True
-            now = self.fun(there)
-            if not loss - posterior.loss(there, now) > _AS_FORESEEN * (loss - least):
-                return loss - least <= _RESOLVED
-            # The most probable point may leave a little more than the best fit.
-            self._keep(there, now)
-        return True
+        return RefineStatus.CONVERGED
 
     def _keep(self, unit: Array, residual: Array) -> None:
         """Take a point for the best."""
-        self.cost = float(np.sqrt(np.mean(residual**2)))
+        self.cost = _rms(residual)
         self.point, self.residual = unit.copy(), residual
-
-    def _try_bounds(self, gradient: Array) -> None:
-        # The trust region stays strictly inside; where the cost falls towards a near bound, the
-        # bound itself is the answer if it is no worse.
-        leaning = self.point.copy()
-        leaning[(leaning < 1e-3) & (gradient > 0.0)] = 0.0
-        leaning[(leaning > 1.0 - 1e-3) & (gradient < 0.0)] = 1.0
-        if not np.array_equal(leaning, self.point):
-            self.fun(leaning)
 
 
 def refine(
