@@ -209,8 +209,8 @@ def compared_of(machine: Machine) -> tuple[str, ...]:
 
 
 def efforts_of(machine: Machine, data: 'Sequence[Dataset]') -> 'Array':
-    """Return (D,) the size of the drives' efforts, see `drives.effort_range`."""
-    from ros2_ident.models.drives.effort_range import effort_range
+    """Return (D,) the size of the drives' efforts, see `recorded.effort_range`."""
+    from ros2_ident.models.recorded import effort_range
 
     stated = kind_of(machine).efforts
     return effort_range(machine, data) if stated is None else stated(machine)

@@ -10,9 +10,9 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
-from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.models.planned import drives_moved, planned_model
 from ros2_ident.models.protocol import FullModel
+from ros2_ident.models.recorded import effort_range
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.effects import Added
 from ros2_ident.simulate.motions import Motion

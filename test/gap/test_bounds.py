@@ -15,7 +15,7 @@ from ros2_ident.gap.criteria import at_bound
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.identify.run import read_data
 from ros2_ident.models import EffectAt, load_machine, Machine, make_model
-from ros2_ident.models.drives.effort_range import effort_range
+from ros2_ident.models.recorded import effort_range
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.motions import draw_motion
 

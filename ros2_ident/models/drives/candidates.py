@@ -154,36 +154,29 @@ class Candidates:
             if effect.hook is not Hook.PARAMETER:
                 for d in self._places(at):
                     self.on[d] |= rows.bit(effect.id)
-        targets = {p.target for at in self._effects for p in get_effect(at.effect).parameters}
-        self.flexible = self._flexible(rigid)
-        self.delayed = 'set_point_delay' in targets
-        self.frame = 'frame_frequency' in targets
-        self.smoothed = self._targeted('log_smoothing')
-
-    def _targeted(self, row: str) -> npt.NDArray[np.bool_]:
-        """Return (D,) where an effect acts on a row."""
-        out = np.zeros(len(self._machine.drives), dtype=bool)
-        for at in self._effects:
-            if row in {p.target for p in get_effect(at.effect).parameters}:
-                out[self._places(at)] = True
-        return out
-
-    def _flexible(self, rigid: bool) -> npt.NDArray[np.bool_]:
-        out = self._targeted('load_share')
-        if out.any() and not rigid:
+        self.delayed = bool(self._acting('set_point_delay'))
+        self.frame = bool(self._acting('frame_frequency'))
+        self.smoothed = self._where(self._acting('log_smoothing'))
+        sprung = self._acting('load_share')
+        self.flexible = self._where(sprung)
+        if sprung and not rigid:
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
-                f'{self._naming("load_share")} has no place in a machine whose gear is elastic '
-                'already; its parameter is gear_stiffness',
+                f'{sprung[0].effect} has no place in a machine whose gear is elastic already; its '
+                'parameter is gear_stiffness',
             )
-        return out
 
-    def _naming(self, row: str) -> str:
-        """Return the effect that acts on a row."""
-        named = {
-            p.target: at.effect for at in self._effects for p in get_effect(at.effect).parameters
-        }
-        return named[row]
+    def _acting(self, row: str) -> list[EffectAt]:
+        """Return the effects that act on a row."""
+        each = [(at, get_effect(at.effect).parameters) for at in self._effects]
+        return [at for at, parameters in each if any(p.target == row for p in parameters)]
+
+    def _where(self, effects: Sequence[EffectAt]) -> npt.NDArray[np.bool_]:
+        """Return (D,) the drives of some effects."""
+        out = np.zeros(len(self._machine.drives), dtype=bool)
+        for at in effects:
+            out[self._places(at)] = True
+        return out
 
     # ------------------------------------------------------------------ declaration
 

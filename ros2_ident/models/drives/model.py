@@ -24,10 +24,9 @@ from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.drives.band import Band
 from ros2_ident.models.drives.candidates import Candidates, SLOTS
-from ros2_ident.models.drives.effort_range import effort_range
 from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel
 from ros2_ident.models.protocol import EffectAt, Output
-from ros2_ident.models.recorded import recorded_motion, RecordedMotion
+from ros2_ident.models.recorded import effort_range, recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.band import speed_error, standing, told_band
 from ros2_ident.recording.smooth import low_pass, settling, smooth_motion

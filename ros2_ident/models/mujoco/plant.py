@@ -166,42 +166,35 @@ def _mass(model: Any, at: Place, value: float) -> None:
     model.body_mass[at.body] = value
 
 
-def _inertia(model: Any, at: Place, value: float) -> None:
-    model.body_inertia[at.body] *= value
-
-
-def _centre(model: Any, at: Place, value: float) -> None:
-    model.body_ipos[at.body] *= value
-
-
-def _place(model: Any, at: Place, value: float) -> None:
-    model.body_pos[at.body] *= value
-
-
-def _field(name: str, index: str) -> Callable[[Any, Place, float], None]:
-    """Return what writes a number where a drive is in one of the model's arrays."""
-
-    def change(model: Any, at: Place, value: float) -> None:
-        getattr(model, name)[getattr(at, index)] = value
-
-    return change
-
-
-# What a parameter changes in a model, where a drive is.
-_SET: Mapping[str, Callable[[Any, Place, float], None]] = {
-    'armature': _field('dof_armature', 'dof'),
-    'damping': _field('dof_damping', 'dof'),
-    'frictionloss': _field('dof_frictionloss', 'dof'),
-    'stiffness': _field('jnt_stiffness', 'joint'),
+# Numbers of a model where a drive is, and factors on what its body has.
+_NUMBERS_OF = {
+    'armature': ('dof_armature', 'dof'),
+    'damping': ('dof_damping', 'dof'),
+    'frictionloss': ('dof_frictionloss', 'dof'),
+    'stiffness': ('jnt_stiffness', 'joint'),
+}
+_FACTORS = {'body_place': 'body_pos', 'body_centre': 'body_ipos', 'body_inertia': 'body_inertia'}
+# What takes more than that.
+_OTHERS: Mapping[str, Callable[[Any, Place, float], None]] = {
     'kp': _kp,
     'kv': _kv,
     'force_limit': _force_limit,
     'actuator_gear': _gear,
     'body_mass': _mass,
-    'body_place': _place,
-    'body_centre': _centre,
-    'body_inertia': _inertia,
 }
+
+
+def _put(name: str, model: Any, at: Place, value: float) -> None:
+    """Write a parameter into a model where a drive is."""
+    if name in _NUMBERS_OF:
+        field, index = _NUMBERS_OF[name]
+        getattr(model, field)[getattr(at, index)] = value
+    elif name in _FACTORS:
+        getattr(model, _FACTORS[name])[at.body] *= value
+    else:
+        _OTHERS[name](model, at, value)
+
+
 _FIELDS = (
     'dof_armature', 'dof_damping', 'dof_frictionloss', 'jnt_stiffness', 'actuator_gainprm',
     'actuator_biasprm', 'actuator_forcelimited', 'actuator_forcerange', 'actuator_gear',
@@ -254,7 +247,7 @@ class Plant:
         for d, name in enumerate(machine.drives):
             for word in OWN:
                 if machine.stated(word) or self._bare and machine.known(word):
-                    _SET[word](self.model, self.places[d], machine.number(word, name))
+                    _put(word, self.model, self.places[d], machine.number(word, name))
             if self._bare and not self.stated('kp', d) > 0.0:
                 raise IdentError(
                     ErrorCode.BAD_MACHINE_FILE,
@@ -308,7 +301,7 @@ class Plant:
                 model.opt.gravity[:] = each[0] * down
                 continue
             for drive, value in each.items():
-                _SET[name](model, self.places[drive], value)
+                _put(name, model, self.places[drive], value)
         if self._bare:
             # Velocities are those half a step later, so that damping d adds the inertia d h / 2.
             for at in self.places:
@@ -320,18 +313,16 @@ class Plant:
     def stated(self, name: str, drive: int) -> float:
         """Return what the description has in place of a parameter."""
         at, model = self.places[drive], self.model
+        if name in _NUMBERS_OF:
+            field, index = _NUMBERS_OF[name]
+            return float(getattr(model, field)[getattr(at, index)])
+        if name in _FACTORS:
+            return 1.0
         found = {
-            'armature': model.dof_armature[at.dof],
-            'stiffness': model.jnt_stiffness[at.joint],
             'actuator_gear': model.actuator_gear[at.actuator, 0],
             'body_mass': model.body_mass[at.body],
-            'body_place': 1.0,
-            'body_centre': 1.0,
-            'body_inertia': 1.0,
             'joint_zero': 0.0,
             'free_fall': float(np.linalg.norm(model.opt.gravity)),
-            'damping': model.dof_damping[at.dof],
-            'frictionloss': model.dof_frictionloss[at.dof],
             'kp': model.actuator_gainprm[at.actuator, 0],
             'kv': -model.actuator_biasprm[at.actuator, 2],
             'force_limit': _limit(model, at),
