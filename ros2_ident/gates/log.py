@@ -12,6 +12,7 @@ from ros2_ident.gates.scale import MORE
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset
+from ros2_ident.recording.dataset import StreamQuality
 from ros2_ident.recording.motion import motion_in
 from ros2_ident.recording.sign import SAID, sign_of, WRONG
 from ros2_ident.recording.smooth import ROOM
@@ -27,10 +28,16 @@ _OFF = 0.1
 def check_streams(data: Dataset) -> list[Gate]:
     """Judge missing samples and the jitter of the stamps of every stream."""
     found = []
+    # What is in one message comes with its losses and its stamp.
+    alike: dict[tuple[float, ...], list[StreamQuality]] = {}
     for stream in data.quality.streams:
-        share = stream.missing_share
+        kept = stream.samples, stream.missing, stream.rate, stream.jitter, stream.stride
+        alike.setdefault(kept, []).append(stream)
+    for stream, *others in alike.values():
+        roles = [stream.role, *(other.role for other in others)]
+        name, share = ' and '.join(roles), stream.missing_share
         level: Level = 'fail' if share > TOO_MANY_MISSING else 'warn' if share > MISSING else 'ok'
-        text = f'{stream.role}: {stream.samples} samples at {stream.rate:.6g} Hz'
+        text = f'{name}: {stream.samples} samples at {stream.rate:.6g} Hz'
         if level == 'ok':
             text += f', {stream.missing} missing' if stream.missing else ', none missing'
         else:
@@ -41,15 +48,15 @@ def check_streams(data: Dataset) -> list[Gate]:
         found.append(Gate('missing', '', level, share, '1', text))
         period = 1.0 / stream.rate if stream.rate else math.inf
         loose = stream.jitter > 0.15 * period
-        text = f'{stream.role}: stamps scatter by {1e3 * stream.jitter:.2g} ms about the grid'
+        text = f'{name}: stamps scatter by {1e3 * stream.jitter:.2g} ms about the grid'
         if loose and not stream.stride:
             text = (
-                f'{stream.role}: the samples keep to no multiple of the controller cycle and '
+                f'{name}: the samples keep to no multiple of the controller cycle and '
                 'lie up to half a cycle off; state a cycle that divides their period'
             )
         elif loose:
             text += '; a shorter delay cannot be seen: stamp samples where they are taken'
-        if stream.role == 'state':
+        if 'state' in roles:
             found += _slow(stream.rate)
         found.append(
             Gate('jitter', '', 'warn' if loose else 'ok', stream.jitter, 's', text)

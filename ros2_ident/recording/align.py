@@ -198,6 +198,8 @@ def _place(
     placed: dict[str, _Placed] = {}
     where = recording.source or 'recording'
     reference, shift = 0, 0
+    # What is in one message has one stamp, and is told of once.
+    remarks = dict[str, list[str]]()
     for role, whole in recording.streams.items():
         stream = _reduced(where, role, whole, names, warnings)
         if stream is None:
@@ -214,12 +216,14 @@ def _place(
                 f'{next(iter(placed))}, near half a cycle: it may be one cycle off'
             )
         period = sample_period(stream.stamp)
-        warnings += _remarks(role, period, ticks, cycle)
+        for remark in _remarks(period, ticks, cycle):
+            remarks.setdefault(remark, []).append(role)
         kept, tick, raw = stream, ticks.tick, ticks.raw
         if not ticks.keep.all():
             kept, tick, raw = stream.taken(ticks.keep), tick[ticks.keep], raw[ticks.keep]
         instants = tick.astype(np.float64) if ticks.stride else raw
         placed[role] = _Placed(role, kept, tick, instants, ticks, period, counted_from)
+    warnings += [f'{" and ".join(roles)}: {remark}' for remark, roles in remarks.items()]
     if 'state' not in placed and 'effort' not in placed:
         raise IdentError(
             ErrorCode.MISSING_STREAM,
@@ -265,30 +269,30 @@ def _numbered(stream: Stream, reference: int, cycle: float) -> tuple[Stream, Tic
     return Stream(stream.names, stamp, **merged), ticks
 
 
-def _remarks(role: str, period: float, ticks: Ticks, cycle: float) -> list[str]:
+def _remarks(period: float, ticks: Ticks, cycle: float) -> list[str]:
     """Say how a stream's samples fell on the grid, where that is worth a warning."""
     remarks = []
     milliseconds = f'{cycle * 1e3:.4g} ms'
     doubled = int((~ticks.keep).sum())
     if doubled:
         remarks.append(
-            f'{role}: {doubled} samples share a controller cycle of {milliseconds} with another '
+            f'{doubled} samples share a controller cycle of {milliseconds} with another '
             'and are left out; state a shorter cycle if the controller has one'
         )
     if not ticks.stride and ticks.tick.size > 2:
         remarks.append(
-            f'{role}: the samples, {period * 1e3:.4g} ms apart, do not keep to the controller '
+            f'the samples, {period * 1e3:.4g} ms apart, do not keep to the controller '
             f'cycle of {milliseconds}; each counts at the nearest cycle'
         )
     if ticks.jitter > 0.2 * ticks.stride * cycle > 0.0:
         remarks.append(
-            f'{role}: the stamps scatter by {ticks.jitter * 1e3:.3g} ms about the controller '
+            f'the stamps scatter by {ticks.jitter * 1e3:.3g} ms about the controller '
             'cycles, some samples may be placed wrongly; stamp the messages where the values are '
             'taken'
         )
     if abs(ticks.drift) > 2e-5:
         remarks.append(
-            f'{role}: the controller cycle is {cycle * (1.0 + ticks.drift) * 1e3:.6g} ms on the '
+            f'the controller cycle is {cycle * (1.0 + ticks.drift) * 1e3:.6g} ms on the '
             f'clock of the stamps, not {cycle * 1e3:.6g} ms'
         )
     return remarks
