@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bring a recording's streams onto one grid of controller cycles, on which each is numbered."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -116,6 +116,7 @@ def align(
     off = None
     if released:
         off, cycles = _released(placed, start, cycles, cycle, warnings)
+    warnings += _outside(placed, start, cycles)
     needed, limits = _GRIDS * cycles * len(names) * 8, limits or Limits()
     if needed > limits.memory:
         what = f'{where}: a grid of {cycles} controller cycles takes'
@@ -332,7 +333,7 @@ def _span(
     where: str, placed: dict[str, _Placed], cycle: float, warnings: list[str]
 ) -> tuple[int, int]:
     """Return first cycle and number of cycles of the grid."""
-    leader = placed.get('command') or placed.get('state') or placed['effort']
+    leader = _leader(placed)
     first, last = int(leader.tick[0]), int(leader.tick[-1])
     others = [x for x in placed.values() if x is not leader]
     if leader.role == 'command':
@@ -353,12 +354,6 @@ def _span(
                 f'{where}: {leader.role} and {other.role} do not overlap in time, they are '
                 f'{gap:.3g} s apart; record them together, with one clock for all stamps',
             )
-        outside = int(((other.tick < first) | (other.tick > last)).sum())
-        if outside > 0.02 * other.tick.size and outside > 5:
-            warnings.append(
-                f'{other.role}: {outside} of {other.tick.size} samples lie outside the '
-                f'{leader.role} and are not used'
-            )
     if last <= first:
         raise IdentError(
             ErrorCode.NO_DATA,
@@ -366,6 +361,23 @@ def _span(
             'several seconds',
         )
     return first, last - first + 1
+
+
+def _leader(placed: dict[str, _Placed]) -> _Placed:
+    """Return the stream that the grid spans."""
+    return placed.get('command') or placed.get('state') or placed['effort']
+
+
+def _outside(placed: dict[str, _Placed], start: int, cycles: int) -> Iterator[str]:
+    """Yield which streams have samples outside the grid."""
+    leader = _leader(placed)
+    for other in placed.values():
+        outside = int(((other.tick < start) | (other.tick >= start + cycles)).sum())
+        if other is not leader and outside > 0.02 * other.tick.size and outside > 5:
+            yield (
+                f'{other.role}: {outside} of {other.tick.size} samples lie outside the '
+                f'{leader.role} and are not used'
+            )
 
 
 def _released(
@@ -385,9 +397,6 @@ def _released(
     typical = float(np.median(np.diff(command)))
     if end - last <= max(_BRIDGED_SAMPLES * typical, _BRIDGED_SECONDS / cycle):
         return None, cycles
-    outside = [w for w in warnings if w.startswith('state: ') and 'outside the command' in w]
-    for warning in outside:
-        warnings.remove(warning)
     warnings.append(
         f'command: stops {(end - last) * cycle:.3g} s before the state; the motors are taken as '
         'switched off from there on'
