@@ -24,7 +24,8 @@ from scipy.linalg import cho_solve, cholesky, LinAlgError, solve_triangular
 from ros2_ident.search.noise import levinson, NoiseModel, products, Run, Whitening
 from ros2_ident.search.operators import Array
 
-# What is added to a scaled precision that rounding has made indefinite.
+# What is added to a scaled precision that rounding has made indefinite; what the rows add to that
+# of a prior is rounding below this share of it.
 _ROUNDED = 1e-10
 # Half a 95 % interval in standard deviations.
 _NORMAL = 1.96
@@ -338,10 +339,11 @@ class _Sums:
         for _ in range(sizes.size):
             spread = np.diag(covariance)[own]
             # What the rows and the other coefficients say of one: precision, and its mean by that.
-            precision = np.maximum(1.0 / spread - 1.0 / square, 1e-300)
+            precision = np.maximum(1.0 / spread - 1.0 / square, _ROUNDED / square)
             told = mean[own] / spread
             best = np.clip((told**2 / precision - 1.0) / precision, common**2, self.limit**2)
             gain = _of_one(best, told, precision) - _of_one(square, told, precision)
+            gain[precision <= _ROUNDED / square] = 0.0
             i = int(np.argmax(gain))
             if not gain[i] > least:
                 break
