@@ -7,21 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from checks.reference.tripod import simulate_tripod
+from checks.reference.tripod import simulate_tripod, TABLE_5
 from ros2_ident.models import load_machine
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.motions import draw_motion
 
-TABLE_5 = {
-    'measurement_delay': 0.024903,
-    'gear_stiffness': 232139.0,
-    'gear_damping_ratio': 0.396306,
-    'tool_mass': 1.76244,
-    'drive_inertia': 89.0817e-6,
-    'coulomb_torque': 0.05,
-    'viscous_torque': 0.05,
-}
 STEPS = (1, 2, 4, 8, 16)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from checks.blind.store import stamp
-from checks.reference.tripod import simulate_tripod
+from checks.reference.tripod import simulate_tripod, TABLE_5
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
@@ -34,15 +34,7 @@ Array = npt.NDArray[np.float64]
 # Table 5 of the paper, first column; the paper prints no friction. And a machine whose gear is
 # ten times softer and whose effort is logged almost at once.
 VALUES = {
-    'table_5': {
-        'measurement_delay': 0.024903,
-        'gear_stiffness': 232139.0,
-        'gear_damping_ratio': 0.396306,
-        'tool_mass': 1.76244,
-        'drive_inertia': 89.0817e-6,
-        'coulomb_torque': 0.05,
-        'viscous_torque': 0.05,
-    },
+    'table_5': TABLE_5,
     'soft': {
         'measurement_delay': 0.0021,
         'gear_stiffness': 2.0e4,

@@ -23,6 +23,7 @@ import time
 
 import numpy as np
 
+from checks.reference.tripod import TABLE_5
 from ros2_ident.kernel import rows
 from ros2_ident.lanes import WIDTH
 from ros2_ident.models import load_machine
@@ -32,15 +33,6 @@ from ros2_ident.search import GeneticSearch, GeneticSettings, minimise, Threaded
 from ros2_ident.simulate.motions import draw_motion
 
 ROOT = Path(__file__).resolve().parents[2]
-TABLE_5 = {
-    'measurement_delay': 0.024903,
-    'gear_stiffness': 232139.0,
-    'gear_damping_ratio': 0.396306,
-    'tool_mass': 1.76244,
-    'drive_inertia': 89.0817e-6,
-    'coulomb_torque': 0.05,
-    'viscous_torque': 0.05,
-}
 DELTA = {
     'measurement_delay': 0.0021,
     'gear_stiffness': 6000.0,

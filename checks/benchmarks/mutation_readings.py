@@ -14,6 +14,7 @@ import numpy as np
 
 from checks.belt_matrix import step_reference
 from checks.paper.belt import belt_machine, PAPER_SETTINGS, shipped_machine, trials
+from checks.reference.tripod import TABLE_5
 from ros2_ident.models.belt_drive.model import BeltDrive
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
@@ -21,15 +22,6 @@ from ros2_ident.search import GeneticSearch, GeneticSettings, minimise, Threaded
 from ros2_ident.search.operators import MUTATIONS
 from ros2_ident.simulate.motions import draw_motion
 
-TABLE_5 = {
-    'measurement_delay': 0.024903,
-    'gear_stiffness': 232139.0,
-    'gear_damping_ratio': 0.396306,
-    'tool_mass': 1.76244,
-    'drive_inertia': 89.0817e-6,
-    'coulomb_torque': 0.05,
-    'viscous_torque': 0.05,
-}
 # What the paper found on the belt, errors of EA and P in %; nothing where the run failed.
 PAPER = {(8, 0.0): '', (8, 0.5): '22, 18', (20, 0.0): '', (20, 0.5): '0.028, 0.032'}
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from checks.paper.belt import shipped_machine
 from checks.reference.plant import Log
-from checks.reference.tripod import simulate_tripod
+from checks.reference.tripod import PUBLISHED, simulate_tripod
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.run import identify, read_data
 from ros2_ident.identify.settings import IdentifySettings
@@ -24,14 +24,8 @@ from ros2_ident.simulate.motions import draw_motion, Motion
 
 Array = NDArray[np.float64]
 
-# What the reference machine is made of: Table 5, d_min,0 = 0.
-TRUTH: Mapping[str, float] = {
-    'measurement_delay': 0.024903,
-    'gear_stiffness': 232139.0,
-    'gear_damping_ratio': 0.396306,
-    'tool_mass': 1.762440,
-    'drive_inertia': 89.0817e-6,
-}
+# What the reference machine is made of.
+TRUTH: Mapping[str, float] = PUBLISHED
 # Known beforehand, as in the paper, which gives no values: N m and N m s/m.
 FRICTION: Mapping[str, float] = {'coulomb_torque': 0.06, 'viscous_torque': 0.08}
 ONE = 'drive_1'

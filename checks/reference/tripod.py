@@ -46,4 +46,14 @@ def tripod_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
 simulate_tripod = partial(simulate_machine, tripod_plant)
 
 
+# Parameters as published, first column of table 5, d_min,0 = 0; and with friction, of which the
+# paper prints no values: N m and N m s/m.
+PUBLISHED = {
+    'measurement_delay': 0.024903,
+    'gear_stiffness': 232139.0,
+    'gear_damping_ratio': 0.396306,
+    'tool_mass': 1.762440,
+    'drive_inertia': 89.0817e-6,
+}
+TABLE_5 = {**PUBLISHED, 'coulomb_torque': 0.05, 'viscous_torque': 0.05}
 TWIN = Twin('tripod', tripod_plant, simulate_tripod)

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
-from values import TABLE_5 as TRUTH
 
 from checks.reference.axis import simulate_axis
 from checks.reference.tripod import simulate_tripod
+from checks.reference.tripod import TABLE_5 as TRUTH
 from ros2_ident.kernel import rows
 from ros2_ident.models import load_machine, Machine, machine_from_mapping
 from ros2_ident.models.linear_axis.model import LinearAxis

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from values import TABLE_5 as TRUTH
 
 from checks.reference.effects import Effect
 from checks.reference.tripod import simulate_tripod
+from checks.reference.tripod import TABLE_5 as TRUTH
 from ros2_ident.gap.reading import coarse_reading
 from ros2_ident.models import EffectAt, load_machine, make_model
 from ros2_ident.models.recorded import recorded_motion

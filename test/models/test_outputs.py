@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from values import TABLE_5 as TRUTH
 import yaml
 
 from checks.reference.axis import simulate_axis
 from checks.reference.effects import Effect
 from checks.reference.plant import Log
 from checks.reference.tripod import simulate_tripod
+from checks.reference.tripod import TABLE_5 as TRUTH
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model, Output
 from ros2_ident.models.recorded import recorded_motion

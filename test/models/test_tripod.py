@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from values import TABLE_5
 
 from checks.reference.axis import simulate_axis
-from checks.reference.tripod import simulate_tripod
+from checks.reference.tripod import simulate_tripod, TABLE_5
 from ros2_ident.effects import CATALOGUE, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
