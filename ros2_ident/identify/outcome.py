@@ -27,7 +27,7 @@ from ros2_ident.identify.result import (
     Provenance,
 )
 from ros2_ident.models import Machine
-from ros2_ident.recording.shown import listed
+from ros2_ident.recording.shown import enumerated
 from ros2_ident.search import RefineStatus, StopReason
 from ros2_ident.search.evidence import Evidence
 from ros2_ident.search.fit import Fitted
@@ -189,8 +189,8 @@ def _judge(
         return Outcome.NOT_IDENTIFIABLE, ambiguous
     bounded = [e.name for e in estimates if e.at_bound]
     leaning = (
-        f' {listed(bounded, NAMED)} {"lies" if len(bounded) == 1 else "lie"} at a bound: check '
-        'whether the true value can lie beyond.'
+        f' {enumerated(bounded, NAMED)} {"lies" if len(bounded) == 1 else "lie"} at a bound: '
+        'check whether the true value can lie beyond.'
         if bounded
         else ''
     )
@@ -213,13 +213,13 @@ def undetermined(estimates: Sequence[ParameterEstimate]) -> str:
     loose = [e for e in estimates if not e.identifiable]
     if not loose:
         return ''
-    named = (f'{e.name} ({e.bound})' if e.state == 'bounded' else e.name for e in loose)
+    named = [f'{e.name} ({e.bound})' if e.state == 'bounded' else e.name for e in loose]
     remedy = (
         'the model lacks something that trades with them: find it with `ident diagnose`'
         if all(e.hidden for e in loose)
         else 'record a motion that excites them, or fix them at known values'
     )
-    return f'{listed(named, NAMED)}; {remedy}'
+    return f'{enumerated(named, NAMED)}; {remedy}'
 
 
 def cut_short(found: Fitted) -> bool:

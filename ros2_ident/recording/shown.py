@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Texts out of files made fit to be shown: one line, bounded, without control sequences."""
+"""Texts made fit to be shown: one line, bounded, without control sequences."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 def printable(text: str, limit: int = 200) -> str:
@@ -23,6 +23,10 @@ def listed(texts: Iterable[str], most: int = 12) -> str:
         texts: What to list.
         most: Entries shown.
     """
-    every = list(texts)
-    shown = ', '.join(printable(x, 80) for x in every[:most])
-    return shown if len(every) <= most else f'{shown} and {len(every) - most} more'
+    return enumerated([printable(x, 80) for x in texts], most)
+
+
+def enumerated(names: Sequence[str], most: int) -> str:
+    """Return names of our own as such a list, whole."""
+    shown = ', '.join(names[:most])
+    return shown if len(names) <= most else f'{shown} and {len(names) - most} more'

@@ -12,6 +12,7 @@ from ros2_ident.gap.facts import Cause
 from ros2_ident.gap.verdict import NAMELESS as NAMELESS
 from ros2_ident.identify.outcome import determined, undetermined
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
+from ros2_ident.recording.shown import enumerated
 from ros2_ident.report.page.numbers import change, number, precision, quantity, UNKNOWN
 
 Level = Literal['good', 'doubtful', 'bad']
@@ -78,8 +79,7 @@ def capital(text: str) -> str:
 
 def some(names: Sequence[str]) -> str:
     """Return a list in words, the end of a long one as its length."""
-    more = len(names) - LISTED
-    return ', '.join(names[:LISTED]) + (f' and {more} more' if more > 0 else '')
+    return enumerated(names, LISTED)
 
 
 def warned(text: str) -> str:
