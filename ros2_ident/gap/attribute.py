@@ -190,7 +190,7 @@ class Attribution:
             self.on_step(0.9 * share, 'identifying the nominal parameters')
 
         found = fit(
-            Problem(compared, joint.layout),
+            Problem(compared, part.labels, part.conditions),
             settings,
             seed,
             cancel=_Stop(self.stopped),

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """From recordings to segments on the controller's grid, checked before anything is searched."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +22,6 @@ from ros2_ident.recording import (
     SAMPLES,
     Topics,
 )
-from ros2_ident.recording.windows import Window
 
 # A shorter stretch holds hardly a motion.
 SHORTEST = 0.5
@@ -32,39 +33,8 @@ POINTS = 16
 STANDSTILL = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class HeldOut:
-    """Parts of a log that are not fitted on, brought onto the grid one at a time.
-
-    Attributes:
-        recordings: The whole log.
-        windows: The parts.
-        machine: The machine it was recorded on.
-        drives: Drives that are identified.
-        labels: The bag each recording came from.
-        quantities: What is compared.
-        commands: Whether set-points count.
-    """
-
-    recordings: tuple[Recording, ...]
-    windows: tuple[Window, ...]
-    machine: Machine
-    drives: tuple[str, ...]
-    labels: tuple[str, ...]
-    quantities: tuple[str, ...] = ('effort',)
-    commands: bool = True
-
-    def __iter__(self) -> Iterator[tuple[Dataset, str]]:
-        """Align one part after the other, each with its label; unusable ones are left out."""
-        cycle = self.machine.number('cycle')
-        for number, begin, end in self.windows:
-            try:
-                part = self.recordings[number].between(begin, end)
-                dataset = _aligned(part, self.machine, self.drives, cycle, self.quantities)
-            except IdentError:
-                continue
-            dataset = dataset if self.commands else _without_command(dataset)
-            yield _forgotten(dataset), self.labels[number]
+# Parts of a log, brought onto the grid one at a time, each with its label.
+Parts = Callable[[], Iterator[tuple[Dataset, str]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +48,7 @@ class Data:
         source: Path of the bag, or the name of the live buffer; of several with ` + ` between.
         sha256: Hash of the bag's files likewise, empty for live data.
         warnings: What was left out, one sentence each.
-        held_out: Parts of a long log to validate on, or None.
+        held_out: Parts of a long log to validate on, unusable ones left out; or None.
     """
 
     datasets: tuple[Dataset, ...]
@@ -86,13 +56,16 @@ class Data:
     source: str = ''
     sha256: str = ''
     warnings: tuple[str, ...] = ()
-    held_out: HeldOut | None = None
+    held_out: Parts | None = None
     labels: tuple[str, ...] = ()
 
     def without_command(self) -> 'Data':
         """Return the same data as if no set-point had been logged."""
-        held_out = self.held_out and replace(self.held_out, commands=False)
-        datasets = tuple(_without_command(dataset) for dataset in self.datasets)
+        def bare(dataset: Dataset) -> Dataset:
+            return replace(dataset, command_position=None, command_velocity=None)
+
+        parts, datasets = self.held_out, tuple(map(bare, self.datasets))
+        held_out = parts and (lambda: ((bare(dataset), label) for dataset, label in parts()))
         return replace(self, datasets=datasets, held_out=held_out)
 
     def quality(self, samples: int) -> Quality:
@@ -170,8 +143,9 @@ def gather(
     """
     kind_from_bag(machine)
     chosen = chosen_drives(machine, drives)
-    quantities = quantities or compared_of(machine)
-    cycle = machine.number('cycle')
+    aligned = partial(
+        _aligned, machine=machine, chosen=chosen, quantities=quantities or compared_of(machine)
+    )
     if not recordings:
         raise IdentError(
             ErrorCode.NO_DATA, 'there is no recording to identify from; record a motion first'
@@ -180,12 +154,16 @@ def gather(
     labels = _labels(recordings)
     kept: list[tuple[Dataset, Recording, str]] = []
     warnings: list[str] = []
-    held_out: HeldOut | None = None
+    held_out: Parts | None = None
     windows = choose_windows(recordings, chosen, samples)
     if windows is not None:
-        held_out = HeldOut(
-            tuple(recordings), windows.check, machine, chosen, labels, tuple(quantities)
-        )
+        log, bags, rest = recordings, labels, windows.check
+
+        def held_out() -> Iterator[tuple[Dataset, str]]:
+            for n, begin, end in rest:
+                with suppress(IdentError):
+                    yield _forgotten(aligned(log[n].between(begin, end))), bags[n]
+
         seconds = sum(end - begin for _, begin, end in windows.fit) * 1e-9
         warnings.append(
             f'the log has {windows.samples} effort samples: fitted to the {len(windows.fit)} most '
@@ -200,7 +178,7 @@ def gather(
         if label:
             place = f'{label}, {place}'
         try:
-            dataset = _aligned(recording, machine, chosen, cycle, quantities)
+            dataset = aligned(recording)
             if dataset.duration < SHORTEST:
                 raise IdentError(
                     ErrorCode.NO_DATA,
@@ -212,10 +190,15 @@ def gather(
             warnings.append(f'{place} is left out: {error.message}')
             continue
         # What went on before a window is unknown, and no mistake of the recording's.
-        settled = (
-            _settled(dataset, machine, place, warnings) if windows is None else _forgotten(dataset)
-        )
-        kept.append((settled, recording, label))
+        if windows is not None:
+            dataset = _forgotten(dataset)
+        elif _starts_in_motion(dataset, machine):
+            dataset = _forgotten(dataset)
+            warnings.append(
+                f'{place} starts in motion: its first {SETTLING:g} s are simulated and not '
+                'compared; let recordings start at rest'
+            )
+        kept.append((dataset, recording, label))
     if not kept:
         assert first is not None
         raise first
@@ -229,10 +212,6 @@ def gather(
         held_out,
         origin,
     )
-
-
-def _without_command(dataset: Dataset) -> Dataset:
-    return replace(dataset, command_position=None, command_velocity=None)
 
 
 def _labels(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -276,85 +255,63 @@ def chosen_drives(machine: Machine, drives: Sequence[str] | None) -> tuple[str, 
 
 
 def _aligned(
-    recording: Recording,
-    machine: Machine,
-    chosen: tuple[str, ...],
-    cycle: float,
-    quantities: Sequence[str] = ('effort',),
+    recording: Recording, machine: Machine, chosen: tuple[str, ...], quantities: Sequence[str]
 ) -> Dataset:
-    """Align all drives of the machine; only the chosen ones need what is compared."""
-    everyone = chosen == machine.drives
-    need = tuple(quantities) if everyone else ()
+    """Align all drives of the machine; only the chosen ones need what is compared.
+
+    Raises:
+        IdentError: As `align`; MISSING_STREAM, BAD_VALUES or NO_DATA for what would cost minutes
+            and tell nothing.
+    """
     dataset = align(
         recording,
         machine.drives,
-        cycle,
-        need=need,
+        machine.number('cycle'),
+        need=quantities if chosen == machine.drives else (),
         effort_scale=machine.effort_scales,
         released=kind_of(machine).released,
         follows=follows(machine),
     )
-    if not everyone and 'effort' in quantities:
-        _check_efforts(recording, dataset, chosen)
-    _check_motion(recording, dataset, chosen if 'effort' in quantities else ())
-    return dataset.coarse(POINTS)
-
-
-def _check_efforts(recording: Recording, dataset: Dataset, chosen: tuple[str, ...]) -> None:
     where = recording.source or 'recording'
-    if dataset.effort is None:
-        raise IdentError(
-            ErrorCode.MISSING_STREAM,
-            f"{where}: no stream holds an effort; record the drives' effort, "
-            'or name the topic that carries it',
-        )
-    for name in chosen:
-        if np.isnan(dataset.effort[dataset.names.index(name)]).all():
+    for name in chosen if 'effort' in quantities else ():
+        if dataset.effort is None:
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                f"{where}: no stream holds an effort; record the drives' effort, "
+                'or name the topic that carries it',
+            )
+        row = dataset.effort[dataset.names.index(name)]
+        there = row[~np.isnan(row)]
+        if not there.size:
             raise IdentError(
                 ErrorCode.MISSING_STREAM,
                 f'{where}: no effort of {name}; leave this drive out, or record its effort',
             )
-
-
-def _check_motion(recording: Recording, dataset: Dataset, chosen: tuple[str, ...]) -> None:
-    """Refuse what would cost minutes and tell nothing; the effort of `chosen` drives counts."""
-    where = recording.source or 'recording'
-    for name in chosen if dataset.effort is not None else ():
-        assert dataset.effort is not None
-        row = dataset.effort[dataset.names.index(name)]
-        there = row[~np.isnan(row)]
-        if there.size and float(there.max()) == float(there.min()):
+        if there.max() == there.min():
             raise IdentError(
                 ErrorCode.BAD_VALUES,
                 f'{where}: the effort of {name} is {there[0]:g} in every sample; '
                 'switch its measurement on in the drive, or leave this drive out',
             )
     driving = dataset.position if dataset.command_position is None else dataset.command_position
-    if driving is None:
-        return
-    stroke = np.nanmax(driving, axis=1) - np.nanmin(driving, axis=1)
-    if float(np.nanmax(stroke)) < STANDSTILL:
+    strokes = [] if driving is None else np.nanmax(driving, axis=1) - np.nanmin(driving, axis=1)
+    if len(strokes) and float(np.nanmax(strokes)) < STANDSTILL:
         raise IdentError(
             ErrorCode.NO_DATA,
             f'{where}: no drive moves; record a motion that accelerates every drive',
         )
+    return dataset.coarse(POINTS)
 
 
-def _settled(dataset: Dataset, machine: Machine, place: str, warnings: list[str]) -> Dataset:
-    """Leave out the efforts at the start of a stretch that begins in motion."""
+def _starts_in_motion(dataset: Dataset, machine: Machine) -> bool:
+    """Return whether a model that starts at rest does not start as a log did."""
     speed = dataset.command_velocity
     if speed is None or dataset.effort is None:
-        return dataset
+        return False
     if dataset.position is not None and kind_of(machine).starts_in_motion:
-        return dataset
+        return False
     fast = np.abs(speed).max()
-    if fast == 0.0 or np.abs(speed[:, 0]).max() < 0.02 * fast:
-        return dataset
-    warnings.append(
-        f'{place} starts in motion: its first {SETTLING:g} s are simulated and not compared; '
-        'let recordings start at rest'
-    )
-    return _forgotten(dataset)
+    return bool(np.abs(speed[:, 0]).max() >= 0.02 * fast > 0.0)
 
 
 def _forgotten(dataset: Dataset) -> Dataset:

@@ -41,8 +41,8 @@ def with_held_out(
         theta = check.taken_from(problem, result.theta)
         left = check.left(check.residuals(theta[None, :])[0])
         return replace(result, validation=left, validated_on=check.data.source)
-    rest = problem.validate(result.theta)
-    if rest:
+    rest = problem.left_of(_rest(problem, result.theta))
+    if any(left.samples for left in rest):
         return replace(result, validation=rest, validated_on=REST)
     if weighed is None:
         return result
@@ -59,6 +59,12 @@ def with_held_out(
         for factor in [out.rms / fitted.rms if fitted.rms > 0.0 else 1.0]
     )
     return replace(result, validation=validation, validated_on=QUARTERS)
+
+
+def _rest(problem: Problem, theta: Array) -> Iterator[tuple[int, Array, Array]]:
+    """Yield `Problem.parts` of what is held out, simulated one after the other."""
+    for part in problem.setup.held_out() if problem.setup else ():
+        yield from part.parts(part.residuals(part.taken_from(problem, theta)[None, :])[0])
 
 
 def check_problem(problem: Problem, check: Data) -> Problem:

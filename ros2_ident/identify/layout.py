@@ -19,9 +19,6 @@ from ros2_ident.models.protocol import FullModel, Model
 
 T = TypeVar('T')
 
-_FORMAT = 'write what differs in each bag, as `with_load: {tool_mass: 0.5}`'
-
-
 @dataclass(frozen=True)
 class Conditions:
     """How recordings of one machine differ.
@@ -84,25 +81,25 @@ def read_conditions(each: Sequence[str], path: str | Path | None) -> Conditions:
     try:
         content = read_yaml(path)
     except ValueError as error:
-        raise IdentError(ErrorCode.INVALID_GOAL, f'{path}: {error}; {_FORMAT}') from None
+        raise _unread(f'{path}: {error}') from None
     if not isinstance(content, Mapping):
-        raise IdentError(ErrorCode.INVALID_GOAL, f'{path}: holds no bag; {_FORMAT}')
+        raise _unread(f'{path}: holds no bag')
     known: dict[str, dict[str, float]] = {}
     for label, values in content.items():
         if not isinstance(values, Mapping):
-            raise IdentError(
-                ErrorCode.INVALID_GOAL, f'{path}: {label} holds no parameter; {_FORMAT}'
-            )
-        known[str(label)] = {}
+            raise _unread(f'{path}: {label} holds no parameter')
+        of_bag = known[str(label)] = {}
         for name, value in values.items():
             try:
-                known[str(label)][str(name)] = float(value)
+                of_bag[str(name)] = float(value)
             except (TypeError, ValueError, OverflowError):
-                raise IdentError(
-                    ErrorCode.INVALID_GOAL,
-                    f'{path}: {label}: {name} is {str(value)[:40]!r}; {_FORMAT}',
-                ) from None
+                raise _unread(f'{path}: {label}: {name} is {str(value)[:40]!r}') from None
     return Conditions(tuple(each), known)
+
+
+def _unread(why: str) -> IdentError:
+    what = 'write what differs in each bag, as `with_load: {tool_mass: 0.5}`'
+    return IdentError(ErrorCode.INVALID_GOAL, f'{why}; {what}')
 
 
 class Layout:
@@ -112,11 +109,12 @@ class Layout:
         models: The models; a parameter of one name is one parameter.
         labels: (M,) the recording each model belongs to.
         conditions: How the recordings differ.
-        held: Parameters that are not to be identified, and their values.
+        held: Parameters that are not to be identified, and their values, by full name.
 
     Attributes:
         parameters: (N,) all parameters in the models' order; where each recording has its own,
             `tool_mass@run_1` and `tool_mass@run_2`.
+        names: Their names.
 
     Raises:
         IdentError: UNKNOWN_PARAMETER or INVALID_GOAL where `conditions` names what is not there.
@@ -146,19 +144,13 @@ class Layout:
             for name in names:
                 found.setdefault(name, replace(parameter, name=name))
         values = dict(held or {})
-        for name in values:
-            if name not in found:
-                raise IdentError(
-                    ErrorCode.UNKNOWN_PARAMETER,
-                    f'{name!r} cannot be fixed: no such parameter; '
-                    f'choose from {", ".join(found)}',
-                )
         self.parameters: tuple[Parameter, ...] = tuple(
             p for name, p in found.items() if name not in values
         )
+        self.names = tuple(p.name for p in self.parameters)
         self._held = np.array(list(values.values()))
         # Held values stand behind the free ones.
-        at = {n: i for i, n in enumerate([*(p.name for p in self.parameters), *values])}
+        at = {n: i for i, n in enumerate([*self.names, *values])}
         self._columns: list[npt.NDArray[np.intp] | None] = []
         self._more: list[Array | None] = []
         for model, label in zip(models, labels, strict=True):
@@ -235,11 +227,12 @@ def held_of(
         for name in machine.bounds
         if drive not in drives and name in SLOTS and not SLOTS[name].shared
     ]
-    return expanded([*(p.name for p in free.parameters), *followers], machine, given, 'fixed')
+    known = [*(p.name for p in free.parameters), *followers]
+    return expanded(known, machine.drives, given, 'fixed')
 
 
 def expanded(
-    known: Sequence[str], machine: Machine, given: Mapping[str, T], what: str
+    known: Sequence[str], drives: Sequence[str], given: Mapping[str, T], what: str
 ) -> dict[str, T]:
     """Return the entries by full name; the more a name says, the later it counts.
 
@@ -248,7 +241,7 @@ def expanded(
     """
     out: dict[str, T] = {}
     for name, value in sorted(given.items(), key=lambda item: ('.' in item[0], '@' in item[0])):
-        names = {name, *(f'{drive}.{name}' for drive in machine.drives)}
+        names = {name, *(f'{drive}.{name}' for drive in drives)}
         meant = [full for full in known if full in names or full.partition('@')[0] in names]
         if not meant:
             raise IdentError(

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is to be solved: models of one machine on all recordings, as one problem."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 import hashlib
@@ -34,16 +34,22 @@ class Problem:
 
     Args:
         models: One for each recording or segment.
-        bounds: (low, high) instead of the parameters' own, by full name.
-        layout: Where each model finds its parameters; all share them where None.
+        labels: The recording each model belongs to.
+        conditions: How the recordings differ.
+        fixed: Parameters held at a value, by name: `coulomb_torque` means that of every drive,
+            `tool_mass` that of every recording where each has its own.
+        bounds: (low, high) instead of the parameters' own, by name.
+        held: What the models hold already, by full name.
         setup: What the models were made from; None where they are a user's own.
-        fixed: Values of the parameters that are held, for the result.
 
     Attributes:
+        name: Kind of model.
         parameters: The N parameters, in the order of theta's columns.
+        names: Their names.
         low: (N,) lower ends of the box.
         high: (N,) upper ends.
         unit: Unit of the cost.
+        noise: Standard deviation of the outputs' noise as stated, `unit`; 0 where it is not.
         drives: What the outputs belong to.
         fixed: Values of the parameters that are held.
         samples: Samples compared.
@@ -56,31 +62,44 @@ class Problem:
     def __init__(
         self,
         models: Sequence[Model],
-        layout: Layout | None = None,
+        labels: Sequence[str] = (),
+        conditions: Conditions | None = None,
         *,
-        bounds: Mapping[str, tuple[float, float]] | None = None,
         fixed: Mapping[str, float] | None = None,
+        bounds: Mapping[str, tuple[float, float]] | None = None,
+        held: Mapping[str, float] | None = None,
         setup: 'Setup | None' = None,
     ) -> None:
         self.models: tuple[FullModel, ...] = tuple(complete(m) for m in models)
         if not self.models:
             raise IdentError(ErrorCode.NO_DATA, 'there is no recording; record a motion first')
         self.setup = setup
-        self.fixed = dict(fixed or {})
-        self._layout = layout or Layout(self.models)
-        changed = dict(bounds or {})
+        self.drives = self.models[0].places
+        self._own = labels, conditions, fixed, bounds
+        self._layout = layout = Layout(self.models, labels, conditions)
+        found = expanded(layout.names, self.drives, fixed or {}, 'fixed')
+        if found:
+            self._layout = Layout(self.models, labels, conditions, found)
+        self.fixed = {**(held or {}), **found}
+        known = [*layout.names, *(held or {})]
+        box = expanded(known, self.drives, bounds or {}, 'bounded')
+        check_overrides(self.fixed, box)
         self.parameters: tuple[Parameter, ...] = tuple(
-            _bounded(p, changed) for p in self._layout.parameters
+            replace(p, low=float(box[p.name][0]), high=float(box[p.name][1]))
+            if p.name in box
+            else p
+            for p in self._layout.parameters
         )
         if not self.parameters:
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
                 'every parameter is fixed; leave at least one to be identified',
             )
+        self.names = tuple(p.name for p in self.parameters)
         self.low: Array = np.array([p.low for p in self.parameters])
         self.high: Array = np.array([p.high for p in self.parameters])
-        self.unit = self.models[0].unit
-        self.drives = self.models[0].places
+        self.name, self.unit = self.models[0].name, self.models[0].unit
+        self.noise = self.models[0].noise
         counts = [(~np.isnan(m.measured)).sum(axis=1) for m in self.models]
         self.series: tuple[int, ...] = tuple(int(n) for c in counts for n in c)
         self.samples = sum(self.series)
@@ -104,11 +123,6 @@ class Problem:
         assert self.setup is not None
         return self.setup.data
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the parameters."""
-        return tuple(p.name for p in self.parameters)
-
     @cached_property
     def key(self) -> str:
         """A digest of what the fit depends on: another one, another fit."""
@@ -122,11 +136,6 @@ class Problem:
             total.update(np.ascontiguousarray(model.measured).tobytes())
         return total.hexdigest()
 
-    @property
-    def name(self) -> str:
-        """Kind of model."""
-        return self.models[0].name
-
     def quality(self) -> Quality:
         """Return what the data are like."""
         if self.setup is not None:
@@ -134,16 +143,12 @@ class Problem:
         seconds = sum(m.measured.shape[1] * m.cycle for m in self.models)
         return Quality(len(self.models), seconds, self.samples, {})
 
-    @property
-    def noise(self) -> float:
-        """Standard deviation of the outputs' noise as stated, `unit`; 0 where it is not."""
-        return self.models[0].noise
-
     def __reduce__(self) -> tuple[Callable[..., 'Problem'], tuple[object, ...]]:
         """Pickle what the problem is made from; the models are made anew where it arrives."""
         if self.setup is None:
-            boxes = {p.name: (p.low, p.high) for p in self.parameters}
-            return _of_models, (self.models, self._layout, boxes)
+            labels, conditions, fixed, bounds = self._own
+            again = partial(Problem, fixed=fixed, bounds=bounds)
+            return again, (self.models, labels, conditions)
         return _made_anew, (sources(), self.setup.lean())
 
     def prepare(self) -> None:
@@ -153,7 +158,7 @@ class Problem:
     def work(self, points: Array) -> npt.NDArray[np.int64]:
         """Return (S,) how much work candidates (S, N) in the unit cube are."""
         theta = self.low + points * (self.high - self.low)
-        return self.models[0].work(self._layout.of(0, theta))
+        return self.models[0].work(self.own(0, theta))
 
     def costs(
         self, theta: Array, limit: float = math.inf, stop: Callable[[], bool] | None = None
@@ -174,7 +179,7 @@ class Problem:
         for number, (weight, model) in enumerate(zip(self._weights, self.models, strict=True)):
             # A bit more than is left, so that the sum is above the limit in spite of rounding.
             left = (limit * (1.0 + 1e-12) - total[below]) / weight
-            own = self._layout.of(number, theta[below])
+            own = self.own(number, theta[below])
             total[below] += weight * model.costs(own, left, stop)
             below = below[(total[below] <= limit) & (total[below] < math.inf)]
             if not below.size:
@@ -186,25 +191,11 @@ class Problem:
 
         Rows of diverged candidates are inf.
         """
-        parts = [m.residuals(self._layout.of(i, theta)) for i, m in enumerate(self.models)]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+        return np.hstack([m.residuals(self.own(i, theta)) for i, m in enumerate(self.models)])
 
     def own(self, number: int, theta: Array) -> Array:
         """Return (S, N') the parameters of one model among candidates (S, N)."""
         return self._layout.of(number, np.atleast_2d(theta))
-
-    def validate(self, theta: Array) -> tuple[DriveResidual, ...]:
-        """Return what candidate (N,) leaves of each drive's effort in the parts held out.
-
-        Empty where none are; they are simulated one at a time.
-        """
-        if self.setup is None:
-            return ()
-        parts = [
-            part.left(part.residuals(part.taken_from(self, theta)[None, :])[0])
-            for part in self.setup.held_out()
-        ]
-        return tuple(_together(of_drive) for of_drive in zip(*parts, strict=True))
 
     def taken_from(self, other: 'Problem', theta: Array) -> Array:
         """Return (N,) another problem's candidate (N',) as this one's, by the names."""
@@ -247,10 +238,14 @@ class Problem:
             residual: (R,) weighted.
             masks: For each model (O, K) which samples it is of; all there are where None.
         """
+        return self.left_of(self.parts(residual, masks))
+
+    def left_of(self, parts: Iterable[tuple[int, Array, Array]]) -> tuple[DriveResidual, ...]:
+        """Return what is left of each output in `parts` of this problem, or of others like it."""
         outputs = self.models[0].outputs
         square, whole = np.zeros(len(outputs)), np.zeros(len(outputs))
         count = np.zeros(len(outputs), dtype=int)
-        for o, left, there in self.parts(residual, masks):
+        for o, left, there in parts:
             square[o] += float(np.sum(left**2))
             whole[o] += float(np.sum(there**2))
             count[o] += there.size
@@ -307,21 +302,17 @@ class Setup:
             make_model, machine, drives=drives, effects=self.effects, cutoff=self.cutoff,
             efforts=efforts, quantities=tuple(self.outputs), weights=weights,
         )  # fmt: skip
-        free = make(datasets[0])
-        known = [p.name for p in free.parameters]
         everywhere, somewhere = self._held()
-        fixed = held_of(machine, free, drives, everywhere)
-        models = [make(d, fixed=fixed) for d in datasets]
-        layout = Layout(models, self.data.labels, self.conditions)
-        if somewhere:
-            own = [p.name for p in layout.parameters]
-            held = expanded(own, machine, somewhere, 'fixed')
-            layout = Layout(models, self.data.labels, self.conditions, held)
-            fixed |= held
-        names = dict.fromkeys([*(p.name for p in layout.parameters), *known])
-        changed = expanded(list(names), machine, dict(self.bounds or {}), 'bounded')
-        check_overrides(fixed, changed)
-        return Problem(models, layout, bounds=changed, fixed=fixed, setup=self)
+        held = held_of(machine, make(datasets[0]), drives, everywhere)
+        return Problem(
+            [make(d, fixed=held) for d in datasets],
+            self.data.labels,
+            self.conditions,
+            fixed=somewhere,
+            bounds=self.bounds,
+            held=held,
+            setup=self,
+        )
 
     def _held(self) -> tuple[dict[str, float], dict[str, float]]:
         """Return what is held in every recording, and what in one of these."""
@@ -344,7 +335,7 @@ class Setup:
 
     def held_out(self) -> Iterator[Problem]:
         """Make the problem of each part of a long log that is held out, one at a time."""
-        for dataset, label in self.data.held_out or ():
+        for dataset, label in self.data.held_out() if self.data.held_out else ():
             yield self._on(Data((dataset,), labels=(label,))).problem()
 
     def judged_on(self, data: Data) -> Problem:
@@ -382,28 +373,6 @@ def _check_names(machine: Machine, data: Data, effort: bool) -> None:
             )
 
 
-def _together(parts: Sequence[DriveResidual]) -> DriveResidual:
-    """Return what is left of one drive's effort over several parts."""
-    samples = sum(p.samples for p in parts)
-    square = sum(p.samples * p.rms**2 for p in parts)
-    # A share is the residual's RMS over the effort's, whose square it gives back.
-    whole = sum(p.samples * (p.rms / p.share) ** 2 for p in parts if p.share > 0.0)
-    return DriveResidual(
-        parts[0].drive,
-        float(np.sqrt(square / max(1, samples))),
-        float(np.sqrt(square / whole)) if whole > 0.0 else float('nan'),
-        samples,
-        parts[0].unit,
-    )
-
-
-def _bounded(parameter: Parameter, bounds: Mapping[str, tuple[float, float]]) -> Parameter:
-    if parameter.name not in bounds:
-        return parameter
-    low, high = bounds[parameter.name]
-    return replace(parameter, low=float(low), high=float(high))
-
-
 def sources() -> str:
     """Return a digest of all that a result depends on beside the machine and its data.
 
@@ -433,10 +402,3 @@ def _made_anew(digest: str, setup: Setup) -> Problem:
     """Return a pickled problem, or refuse to where it would give other numbers."""
     require_sources(digest)
     return setup.problem()
-
-
-def _of_models(
-    models: Sequence[FullModel], layout: Layout, bounds: Mapping[str, tuple[float, float]]
-) -> Problem:
-    """Return a pickled problem of a user's own models."""
-    return Problem(models, layout, bounds=bounds)

@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import chosen_drives, Data
-from ros2_ident.identify.layout import check_overrides, Conditions, Layout
+from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outputs import checked, Outputs
 from ros2_ident.identify.problem import Problem, Setup
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.machine.machine import Machine
-from ros2_ident.models import complete, EffectAt, Model
+from ros2_ident.models import EffectAt, Model
 from ros2_ident.models.registry import compared_of
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.plausibility import standing
@@ -91,18 +90,8 @@ def problem_of_models(
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER or NO_DATA with the remedy.
     """
-    several = [complete(m) for m in (models if isinstance(models, Sequence) else [models])]
+    several = models if isinstance(models, Sequence) else [models]
     labels = [str(number) for number in range(1, len(several) + 1)]
     differ = conditions or Conditions()
     differ.check(labels)
-    held, box = dict(fixed or {}), dict(bounds or {})
-    layout = Layout(several, labels, differ, held)
-    known = [*(p.name for p in layout.parameters), *held]
-    for name in box:
-        if name not in known:
-            raise IdentError(
-                ErrorCode.UNKNOWN_PARAMETER,
-                f'{name!r} cannot be bounded: no such parameter; choose from {", ".join(known)}',
-            )
-    check_overrides(held, box)
-    return Problem(several, layout, bounds=box, fixed=held)
+    return Problem(several, labels, differ, fixed=fixed, bounds=bounds)
