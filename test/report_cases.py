@@ -48,7 +48,6 @@ def diagnosed() -> Diagnosis:
         effect='stribeck',
         where=('drive_1',),
         probability=0.93,
-        sentence='Stribeck friction on drive_1: closes 97 % of a gap of 2.9 times the floor.',
         also=(),
         confusable=(),
         ranking=(
@@ -63,7 +62,9 @@ def diagnosed() -> Diagnosis:
         floor=floor_of(),
         share_closed=Interval(0.97, 0.95, 0.98),
         held_out='blocks',
-        evidence={'size': 2.9, 'remaining': 0.1, 'closed': 0.97, 'material': 0.2},
+        evidence={
+            'size': 2.9, 'remaining': 0.1, 'closed': 0.97, 'material': 0.2, 'unexplained': 0.5,
+        },
         per_drive={
             'drive_1': DriveGap(0.031, 0.0101, 0.01, 0.97, 0.3, 0.097),
             'drive_2': DriveGap(0.0101, 0.01, 0.01, 0.1, 0.3, 0.0047),
@@ -75,9 +76,8 @@ def diagnosed() -> Diagnosis:
         },
         nominal={'drive_1.coulomb_torque': 0.08},
         moved={'drive_1.coulomb_torque': -0.375},
-        gates=(Gate('missing', '', 'ok', 0.0, '1', 'effort: 4000 samples, none missing'),),
+        gates=(Gate('missing', '', 'ok', 0.0, '1', 'effort: 4000 <samples>'),),
         not_testable=(EffectAt('rod_length_error', 'all'),),
-        advice=('Record a motion with <slow> reversals.',),
         complete=True,
         seconds=12.0,
         seed=5,

@@ -14,9 +14,9 @@ import pytest
 
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.diagnose import diagnose
-from ros2_ident.gap.diagnosis import to_mapping
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.run import identify
+from ros2_ident.report.diagnosis import to_mapping
 from ros2_ident.search import journal as journal_module
 from ros2_ident.search.journal import Journal
 

@@ -138,8 +138,9 @@ def print_diagnosis(d: 'Diagnosis') -> None:
     from ros2_ident.cli.table import free_run
     from ros2_ident.gap.verdict import REFUSED
     from ros2_ident.gap.wording import compared, figure
+    from ros2_ident.words.verdict import advice, sentence
 
-    said = f'verdict: {d.sentence} (probability {d.probability:.2f})'
+    said = f'verdict: {sentence(d)} (probability {d.probability:.2f})'
     print(alarming(said) if d.effect in REFUSED else said)
     for ranked in d.confusable[1:]:
         print(
@@ -170,6 +171,6 @@ def print_diagnosis(d: 'Diagnosis') -> None:
         before = f'  {d.nominal[name]:.5g} before' if moves else ''
         end = '  at its bound' if v.at_bound else ''
         print(f'  {name:45s} {v.value:12.5g} [{v.low:.5g}, {v.high:.5g}] {v.unit}{before}{end}')
-    for text in d.advice:
+    for text in advice(d):
         print(f'advice: {text}')
     print(f'{d.seconds:.0f} s, seed {d.seed}')

@@ -226,6 +226,8 @@ def _found(entry: Entry, wish: Wish) -> Row:
     }
     if not wish.diagnosed:
         return found
+    from ros2_ident.words.verdict import sentence
+
     verdict = diagnosis()
     return {
         **found,
@@ -233,7 +235,7 @@ def _found(entry: Entry, wish: Wish) -> Row:
         'where': list(verdict.where),
         'also': [{'effect': x.effect, 'where': x.where} for x in verdict.also],
         'probability': verdict.probability,
-        'verdict': verdict.sentence,
+        'verdict': sentence(verdict),
         'gap': {
             name: {
                 'before': g.before,

@@ -2,7 +2,6 @@
 """From what the rounds found to the diagnosis as a value."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 import math
 
 import numpy as np
@@ -29,7 +28,6 @@ from ros2_ident.gap.verdict import (
     Weighed,
     WRONG_MODEL,
 )
-from ros2_ident.gap.words import advice, sentence, titled
 from ros2_ident.gates import Gate
 from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt
@@ -73,7 +71,7 @@ def compose(
     model = case.fit.with_effects(final.effects).models[0]
     rows = [case.check.rows(e.check_residual / fits.check_weight) for e in found.chain]
     blocks = Blocks(rows, model.cycle, seed=seed, starts=case.check.starts)
-    labels = ['nominal', *(titled(at) for at in found.chain[-1].effects)]
+    labels = ['nominal', *(at.title for at in found.chain[-1].effects)]
     steps = tuple(Step(label, blocks.rms(i)) for i, label in enumerate(labels))
     last = len(found.chain) - 1
     share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
@@ -95,11 +93,10 @@ def compose(
         for name, v in nominal.items()
         if name in values and v != 0.0
     }
-    made = Diagnosis(
+    return Diagnosis(
         effect=verdict.effect,
         where=verdict.where,
         probability=verdict.probability,
-        sentence='',
         also=verdict.also,
         confusable=tuple(_ranked(explainer, found.chain[0], w) for w in verdict.confusable),
         ranking=tuple(_ranked(explainer, found.chain[0], w) for w in verdict.ranking),
@@ -123,7 +120,6 @@ def compose(
         nominal=nominal,
         gates=tuple(gates),
         not_testable=hidden,
-        advice=(),
         again=again,
         complete=found.complete,
         seconds=seconds,
@@ -132,7 +128,6 @@ def compose(
         facts=_facts(explainer, found, verdict, gates),
         prediction=_predicted(explainer, chain, verdict),
     )
-    return replace(made, sentence=sentence(made), advice=advice(made))
 
 
 def _facts(
@@ -237,7 +232,7 @@ def _predicted(
     Where a number of the machine file is wrong, with what fits in its place.
     """
     case = explainer.case
-    models = [(titled(e.effects[-1]) if e.effects else IDENTIFIED, case, e) for e in chain]
+    models = [(e.effects[-1].title if e.effects else IDENTIFIED, case, e) for e in chain]
     machine, wrong = case.fit.models[0].machine, next(iter(verdict.constants), None)
     one = wrong is not None and len(chain) == 1 and math.isfinite(wrong.stated)
     if wrong and one and machine and machine.stated(wrong.key):

@@ -44,7 +44,6 @@ from ros2_ident.gap.verdict import (
     Verdict,
     WRONG_MODEL,
 )
-from ros2_ident.gap.words import titled
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.examine import examine_models
 from ros2_ident.identify.layout import Conditions
@@ -335,7 +334,7 @@ class _Passes:
         clock.rounds(explainer.size(begun.base) if begun.material else 0.0)
 
         def note(e: Explanation) -> None:
-            names = ', '.join(map(titled, e.effects))
+            names = ', '.join(at.title for at in e.effects)
             share = 100 * explainer.share(begun.base, e)
             clock.best = f'{names}: closes {share:.0f} % of the explainable gap'
             clock.rounds(explainer.size(e) if explainer.open(e) else 0.0)

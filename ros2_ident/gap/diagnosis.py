@@ -1,26 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The diagnosis as a value, and as the mapping that goes into `diagnosis.json`."""
+"""The diagnosis as a value."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 import math
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.arrays import Array, plain
+from ros2_ident.arrays import Array
 from ros2_ident.gap.blocks import Interval
 from ros2_ident.gap.coordinates import Motion
 from ros2_ident.gap.facts import Facts
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
-from ros2_ident.gap.maps import chosen, map_of
 from ros2_ident.gates import Gate
 from ros2_ident.models import EffectAt
 from ros2_ident.prediction import Prediction
-
-SCHEMA = 4
 
 
 @dataclass(frozen=True)
@@ -145,7 +141,6 @@ class Diagnosis:
         effect: Id of the effect, `none` or `unknown`.
         where: Its place.
         probability: Of the verdict.
-        sentence: The verdict with its evidence, by `words`.
         also: Further effects, in order.
         confusable: What the data cannot tell from the verdict.
         ranking: Every candidate that was fitted, most probable first.
@@ -165,7 +160,6 @@ class Diagnosis:
             value.
         gates: What was checked before any physics, the worst first.
         not_testable: Effects this motion cannot show.
-        advice: What to do next.
         complete: False where the run was cut short.
         seconds: Time taken [s].
         seed: Of the search.
@@ -179,7 +173,6 @@ class Diagnosis:
     effect: str
     where: tuple[str, ...]
     probability: float
-    sentence: str
     also: tuple[EffectAt, ...]
     confusable: tuple[Ranked, ...]
     ranking: tuple[Ranked, ...]
@@ -196,7 +189,6 @@ class Diagnosis:
     moved: Mapping[str, float]
     gates: tuple[Gate, ...]
     not_testable: tuple[EffectAt, ...]
-    advice: tuple[str, ...]
     complete: bool
     seconds: float
     seed: int
@@ -204,123 +196,3 @@ class Diagnosis:
     again: tuple[float, ...] = ()
     facts: Facts = Facts()
     prediction: Prediction | None = None
-
-
-def _shown(d: Diagnosis) -> tuple[str, ...]:
-    """Return the drives that a map is drawn of whatever was found there: the worst, and the named.
-
-    None where the gap is no more than noise.
-    """
-    if not d.evidence['size'] >= d.evidence['material']:
-        return ()
-    worst = max(d.per_drive, key=lambda name: d.per_drive[name].over_floor)
-    return tuple(dict.fromkeys((worst, *(w for w in d.where if w in d.per_drive))))
-
-
-def _maps(d: Diagnosis) -> list[dict[str, Any]]:
-    """Return maps of the residual along the coordinates that matter, as `localise` saw it."""
-    trace, out = d.traces[0], []
-    for drive, name in chosen(d.localisation, _shown(d)):
-        at = trace.motion.drives.index(drive)
-        before = map_of(trace.motion, trace.before[at], at, name)
-        after = map_of(trace.motion, trace.after[at], at, name)
-        out.append(
-            {
-                'drive': drive,
-                'coordinate': name,
-                'label': before.label,
-                'unit': before.unit,
-                'linear': before.linear,
-                'noise_floor': float(d.floor.per_drive[at]),
-                'before': [asdict(line) for line in before.lines],
-                'after': [asdict(line) for line in after.lines] if len(d.steps) > 1 else [],
-            }
-        )
-    return out
-
-
-def _at(at: EffectAt) -> dict[str, Any]:
-    return {'effect': at.effect, 'where': [at.where]}
-
-
-def to_mapping(d: Diagnosis) -> dict[str, Any]:
-    """Return what `diagnosis.json` holds; numbers that do not exist are null."""
-    before = d.steps[0].gap if d.steps else Interval(math.nan, math.nan, math.nan)
-    after = d.steps[-1].gap if d.steps else before
-    mapping: dict[str, Any] = plain({
-        'schema': SCHEMA,
-        'verdict': {
-            'effect': d.effect,
-            'where': list(d.where),
-            'probability': d.probability,
-            'sentence': d.sentence,
-            'cause': d.facts.cause,
-        },
-        'facts': {**asdict(d.facts), 'leads': d.facts.leads},
-        'also': [_at(a) for a in d.also],
-        'again': list(d.again),
-        'confusable': [{**_at(r.at), 'probability': r.probability} for r in d.confusable],
-        'ranking': [
-            {
-                **_at(r.at),
-                'probability': r.probability,
-                'gap_after': r.gap_after,
-                'share': r.share,
-                'parameters': {n: asdict(v) for n, v in r.parameters.items()},
-            }
-            for r in d.ranking
-        ],
-        'gap': {
-            'unit': d.unit,
-            'before': before.value,
-            'after': after.value,
-            'noise_floor': d.floor.together,
-            'noise_floor_method': d.floor.method,
-            'share_closed': d.share_closed.value,
-            'share_closed_low': d.share_closed.low,
-            'share_closed_high': d.share_closed.high,
-            'held_out': d.held_out,
-            'steps': [{'label': s.label, **asdict(s.gap)} for s in d.steps],
-            'per_drive': {
-                name: {
-                    'before': g.before,
-                    'after': g.after,
-                    'noise_floor': g.noise_floor,
-                    'share_closed': g.share_closed,
-                    'counted': g.counted,
-                    'share_of_output': g.share_of_output,
-                    'share_of_torque_before': g.before / g.torque_rms,
-                    'share_of_torque_after': g.after / g.torque_rms,
-                }
-                for name, g in d.per_drive.items()
-            },
-        },
-        'evidence': d.evidence,
-        'localisation': [
-            {
-                'drive': f.drive,
-                'coordinate': f.coordinate,
-                'region': f.region,
-                'statistic': f.statistic,
-                'p_value': f.p_value,
-                'size': f.size,
-                'size_over_floor': f.over_floor,
-                'beyond': f.beyond,
-                'sentence': f.sentence,
-                'by_size': f.by_size,
-            }
-            for f in d.localisation
-        ],
-        'maps': _maps(d),
-        'parameters': {n: asdict(v) for n, v in d.parameters.items()},
-        'nominal': d.nominal,
-        'moved': d.moved,
-        'prediction': None if d.prediction is None else asdict(d.prediction),
-        'gates': [asdict(gate) for gate in d.gates],
-        'not_testable': [_at(a) for a in d.not_testable],
-        'advice': list(d.advice),
-        'complete': d.complete,
-        'seconds': d.seconds,
-        'seed': d.seed,
-    })
-    return mapping

@@ -35,6 +35,11 @@ class EffectAt:
     effect: str
     where: str
 
+    @property
+    def title(self) -> str:
+        """The effect's title and its place."""
+        return f'{get_effect(self.effect).title} on {self.where}'
+
 
 @dataclass(frozen=True)
 class Output:

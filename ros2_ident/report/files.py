@@ -17,13 +17,14 @@ import yaml
 from ros2_ident.arrays import plain
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, remove_file, write_arrays, write_text
-from ros2_ident.gap.diagnosis import Diagnosis, SCHEMA
-from ros2_ident.gap.diagnosis import to_mapping as diagnosis_mapping
+from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.outcome import provenance_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import History, Identification
 from ros2_ident.models import Machine
+from ros2_ident.report.diagnosis import SCHEMA
+from ros2_ident.report.diagnosis import to_mapping as diagnosis_mapping
 from ros2_ident.report.remedy import machine_lines
 from ros2_ident.report.schema import from_mapping, to_mapping
 from ros2_ident.report.schema import intact as intact

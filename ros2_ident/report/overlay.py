@@ -13,7 +13,7 @@ from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.arrays import Array, plain
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.diagnosis import Diagnosis, to_mapping
+from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification, Outcome
@@ -23,8 +23,10 @@ from ros2_ident.recording import Dataset, Recording, Stream, Topics, write_bag
 from ros2_ident.recording.grid import find_ticks
 from ros2_ident.recording.streams import FloatArray, IntArray
 from ros2_ident.recording.write import remove_bag, require_room, Topic
+from ros2_ident.report.diagnosis import to_mapping
 from ros2_ident.report.scene import MARKERS, scene_messages, scene_of
 from ros2_ident.report.schema import to_mapping as result_mapping
+from ros2_ident.words.verdict import advice, sentence
 
 # Where the node `identifier` publishes the same, so that one layout shows both.
 SIMULATED, RESIDUAL = '/identifier/simulated', '/identifier/residual'
@@ -67,8 +69,8 @@ def verdict_of(found: Identification | Diagnosis) -> Verdict:
         for name, v in found.parameters.items()
     }
     values |= {f'where {k}': x.sentence for k, x in enumerate(found.localisation, 1)}
-    values |= {f'advice {k}': text for k, text in enumerate(found.advice, 1)}
-    return Verdict('gap', found.effect == 'none', found.sentence, values, to_mapping(found))
+    values |= {f'advice {k}': text for k, text in enumerate(advice(found), 1)}
+    return Verdict('gap', found.effect == 'none', sentence(found), values, to_mapping(found))
 
 
 def diagnosed_problem(problem: Problem, found: Diagnosis) -> tuple[Problem, Array]:

@@ -30,6 +30,7 @@ from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.jobs import Diagnosed, Identified
 from ros2_ident.models import EffectAt, Machine, Parameter
 from ros2_ident.ros.run import Finished
+from ros2_ident.words.verdict import advice, sentence
 
 _OUTCOMES = {
     Outcome.IDENTIFIED: IdentificationResult.OUTCOME_CONVERGED,
@@ -220,16 +221,16 @@ def gap_sentence(message: Gap) -> str:
 def _diagnosed(finished: Finished[Diagnosed]) -> dict[str, Any]:
     done, declared = finished.done, finished.declared
     found = done.result
-    advice = list(found.advice)
+    steps = list(advice(found))
     if not found.complete and not finished.cancelled:
-        advice.insert(
+        steps.insert(
             0,
             f'The time budget of {done.request.seconds:g} s ended the run before every effect '
             'had been tried; give it more.',
         )
     return {
         **_copied(
-            found, 'effect', 'where', 'probability', 'sentence', 'unit', 'held_out', 'seed',
+            found, 'effect', 'where', 'probability', 'unit', 'held_out', 'seed',
             noise_floor='floor.together', share_closed='share_closed.value',
         ),
         **_interval('before', found.steps[:1]),
@@ -238,13 +239,14 @@ def _diagnosed(finished: Finished[Diagnosed]) -> dict[str, Any]:
             f'drive_{name}': _doubles([getattr(x, name) for x in found.per_drive.values()])
             for name in ('before', 'after', 'noise_floor', 'share_closed')
         },
+        'sentence': sentence(found),
         'warnings': _warnings_of(done),
         'also': [_also(found, declared, at) for at in found.also],
         'confusable': [_candidate(found, declared, r) for r in found.confusable],
         'ranking': [_candidate(found, declared, r) for r in found.ranking],
         'drives': list(found.per_drive),
         'localisation': [finding.sentence for finding in found.localisation],
-        'advice': advice,
+        'advice': steps,
         'seconds': done.seconds,
     }  # fmt: skip
 

@@ -19,13 +19,13 @@ from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.export.content import Content, content_of  # noqa: E402
 from ros2_ident.export.estimate import Estimate, read_estimate  # noqa: E402
 from ros2_ident.export.targets import fitting, TARGETS, write  # noqa: E402
-from ros2_ident.gap.diagnosis import SCHEMA  # noqa: E402
 from ros2_ident.identify.data import Data  # noqa: E402
 from ros2_ident.identify.run import identify  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.identify.setup import problem_of  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, make_model  # noqa: E402
+from ros2_ident.report.diagnosis import SCHEMA  # noqa: E402
 from ros2_ident.report.files import DIAGNOSIS, write_result  # noqa: E402
 
 ROOT = Path(__file__).parents[2]

@@ -18,6 +18,7 @@ from ros2_ident.models import EffectAt, load_machine, Machine, make_model
 from ros2_ident.models.recorded import effort_range
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.motions import draw_motion
+from ros2_ident.words.verdict import sentence
 
 ROOT = Path(__file__).parents[2]
 AXIS = load_machine(ROOT / 'config/emps.yaml')
@@ -43,7 +44,7 @@ def test_the_bundled_axis_needs_no_limit() -> None:
     fit = read_data(str(ROOT / 'bags/axis_reversals'), AXIS).datasets
     stated, unstated = (diagnose(m, fit, seed=1) for m in (AXIS, without_limit(AXIS)))
     assert (unstated.effect, unstated.where) == (stated.effect, stated.where)
-    assert unstated.sentence == stated.sentence
+    assert sentence(unstated) == sentence(stated)
     assert unstated.not_testable == stated.not_testable
     for name, value in stated.parameters.items():
         assert unstated.parameters[name].value == pytest.approx(value.value, rel=1e-9)

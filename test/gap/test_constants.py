@@ -11,6 +11,7 @@ from ros2_ident.gap.case import Case, recordings_of
 from ros2_ident.gap.constants import fitted_constants
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.identify.data import gather
+from ros2_ident.words.verdict import sentence
 
 
 @pytest.mark.parametrize(('name', 'factor'), [('rail_mass', 1.4), ('velocity_feedforward', 0.95)])
@@ -31,7 +32,7 @@ def test_a_servo_with_another_load_than_stated_is_told_which() -> None:
     true = MACHINE.number('load_mass')
     wrong = MACHINE.with_constants(load_mass=0.5 * true)
     found = diagnose(wrong, [dataset(7)], [dataset(8)], seed=1)
-    assert found.effect == 'bookkeeping' and 'load_mass is ' in found.sentence
+    assert found.effect == 'bookkeeping' and 'load_mass is ' in sentence(found)
     mass = found.parameters['load_mass']
     assert mass.low < true < mass.high
     *_, before, after = found.prediction.stages

@@ -16,11 +16,12 @@ from checks.reference.effects import Effect
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.case import recordings_of
 from ros2_ident.gap.diagnose import diagnose
-from ros2_ident.gap.diagnosis import to_mapping
 from ros2_ident.gap.floor import Floor
 from ros2_ident.models import load_machine, machine_from_mapping
 from ros2_ident.recording import Dataset
+from ros2_ident.report.diagnosis import to_mapping
 from ros2_ident.search.noise import NoiseModel
+from ros2_ident.words.verdict import sentence
 
 CYCLE = 1e-3
 NOISE = 0.01
@@ -178,14 +179,14 @@ def test_nothing_is_missing_where_nothing_is() -> None:
     found = diagnose(MACHINE, [recording(4)], [recording(5)], seed=3)
     assert found.effect == 'none'
     assert found.where == ()
-    assert 'Nothing is missing' in found.sentence
-    assert found.not_testable and '; this motion cannot show: ' in found.sentence
+    assert 'Nothing is missing' in sentence(found)
+    assert found.not_testable and '; this motion cannot show: ' in sentence(found)
 
 
 def test_nothing_is_missing_where_the_recording_fitted_on_shows_little() -> None:
     # Hardly any motion: friction and inertia are what the search happened upon, and wrong.
     found = diagnose(MACHINE, [recording(1, scale=2e-3)], [recording(2)], seed=3)
-    assert found.effect == 'none', found.sentence
+    assert found.effect == 'none', sentence(found)
     assert found.held_out == 'blocks'
 
 
@@ -242,7 +243,7 @@ def test_what_swings_by_itself_is_no_noise_that_somebody_stated() -> None:
     given = replace(MACHINE, given=MACHINE.given | {'effort_noise'})
     found = diagnose(given, logs[:1], logs[1:], seed=3)
     assert (found.effect, found.where) == ('unknown', ('lift',))
-    assert 'a load that swings' in found.sentence
+    assert 'a load that swings' in sentence(found)
 
 
 def test_noise_is_too_large_and_too_slow_only_beyond_what_people_are_wrong_by() -> None:

@@ -16,6 +16,7 @@ from ros2_ident.machine.file import MachineFile
 from ros2_ident.models import machine_from_mapping
 from ros2_ident.recording import Recording, Stream
 from ros2_ident.recording.align import align
+from ros2_ident.words.verdict import sentence
 
 CYCLE = 2e-3
 # An encoder of 4096 counts a turn, read every 5 to 6 ms, as by a bus that is asked in a loop.
@@ -97,7 +98,7 @@ def test_without_effort_the_friction_of_a_loaded_gear_is_found_and_its_gap_close
     fit, check = (dataset(seed, planted) for seed in (3, 4))
     near = {'directional_load_friction', 'coulomb_friction', 'stribeck', 'gear_flexibility'}
     found = diagnose(MACHINE, [fit], [check], without=sorted(set(CATALOGUE) - near), seed=1)
-    assert found.effect == 'directional_load_friction', found.sentence
+    assert found.effect == 'directional_load_friction', sentence(found)
     assert found.unit == 'rad'
     assert found.share_closed.value > 0.85
     motor = found.parameters['joint.directional_load_friction.motor']
@@ -107,7 +108,7 @@ def test_without_effort_the_friction_of_a_loaded_gear_is_found_and_its_gap_close
 
 def test_where_nothing_is_missing_a_servo_is_left_alone() -> None:
     found = diagnose(MACHINE, [dataset(5)], [dataset(6)], seed=1)
-    assert found.effect == 'none', found.sentence
+    assert found.effect == 'none', sentence(found)
 
 
 def test_a_command_that_stops_for_good_switches_the_motor_off() -> None:

@@ -17,6 +17,7 @@ from ros2_ident.gap.wording import in_travel, length
 from ros2_ident.machine.units import angular_factor
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.recording import Dataset
+from ros2_ident.words.verdict import advice, sentence
 
 CYCLE = 1e-3
 NOISE = 0.01
@@ -72,7 +73,7 @@ def test_stribeck_friction_of_half_a_radian_a_second_is_found() -> None:
     speed, torque = (found.parameters[f'joint.stribeck.{n}'] for n in ('velocity', 'torque'))
     assert speed.unit == 'rad/s' and speed.value == pytest.approx(0.5, rel=0.1)
     assert torque.unit == 'N m' and torque.value == pytest.approx(0.4, rel=0.1)
-    told = ' '.join([found.sentence, *found.advice, *(f.sentence for f in found.localisation)])
+    told = ' '.join([sentence(found), *advice(found), *(f.sentence for f in found.localisation)])
     assert ' m/s' not in told and 'mm' not in told and ' um' not in told
 
 
@@ -82,8 +83,8 @@ def test_steps_of_an_encoder_of_twelve_bits_are_found() -> None:
     assert (found.effect, found.where) == ('encoder_quantisation', JOINT.drives)
     step = found.parameters['joint.encoder_quantisation.step']
     assert step.unit == 'rad' and step.value == pytest.approx(1.5e-3, rel=0.01)
-    assert 'reads its position in steps of 0.0015 rad' in found.sentence
-    assert ' um' not in found.sentence
+    assert 'reads its position in steps of 0.0015 rad' in sentence(found)
+    assert ' um' not in sentence(found)
 
 
 def test_numbers_of_a_joint_are_those_of_a_carriage_on_its_lever() -> None:

@@ -15,6 +15,7 @@ from ros2_ident.identify.data import gather
 from ros2_ident.models import Machine
 from ros2_ident.models.linear_axis import KIND
 from ros2_ident.recording import Recording, Stream
+from ros2_ident.words.verdict import sentence
 
 RATE, SECONDS = 250.0, 20.0
 
@@ -86,8 +87,8 @@ def test_a_diagnosis_of_it_says_so_and_names_no_effect():
     data = gather([recording(60.0)], joint())
     found = diagnose(joint(), data.datasets)
     assert (found.effect, found.where) == ('model', ('elbow',))
-    assert found.sentence.startswith('elbow: the model is the wrong one, its own motion leaves')
-    assert found.sentence.endswith('No effect is named.')
+    assert sentence(found).startswith('elbow: the model is the wrong one, its own motion leaves')
+    assert sentence(found).endswith('No effect is named.')
     assert (found.also, found.confusable, found.ranking) == ((), (), ())
     assert found.complete
 
@@ -102,7 +103,7 @@ def test_what_no_effect_makes_a_model_carry_is_another_machine():
     data = gather([replace(whole, state=alone)], joint())
     found = diagnose(joint(), data.datasets)
     assert found.effect == 'model'
-    assert found.sentence.startswith('The model is not the one of this machine: ')
+    assert sentence(found).startswith('The model is not the one of this machine: ')
     assert (found.also, found.ranking) == ((), ())
 
 
@@ -118,5 +119,5 @@ def test_a_gain_comes_before_any_effect(factor, effect, first):
 
     found = diagnose(machine, data.datasets, without=[e for e in CATALOGUE if e not in kept])
     assert found.effect == effect
-    assert found.sentence.startswith('emps_axis: your velocity_gain is ')
-    assert found.sentence.endswith('No effect is named.') == first
+    assert sentence(found).startswith('emps_axis: your velocity_gain is ')
+    assert sentence(found).endswith('No effect is named.') == first

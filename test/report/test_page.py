@@ -22,14 +22,14 @@ from ros2_ident.cli.report import page_line
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export.estimate import read_estimate
-from ros2_ident.gap import words
-from ros2_ident.gap.diagnosis import DriveGap, Ranked, to_mapping
+from ros2_ident.gap.diagnosis import DriveGap, Ranked
 from ros2_ident.gap.facts import Cause, Event, Facts
 from ros2_ident.gap.wording import compared
 from ros2_ident.gates import Gate
 from ros2_ident.identify.result import Outcome
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import LIVE
+from ros2_ident.report.diagnosis import to_mapping
 from ros2_ident.report.page import charts, write_report
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot
@@ -44,6 +44,7 @@ from ros2_ident.report.page.several import write_comparison
 from ros2_ident.report.page.thin import extremes
 from ros2_ident.report.signals import load_signals, write_signals
 from ros2_ident.report.tables import write_tables
+from ros2_ident.words import verdict as words
 
 DIAGNOSED = ['where', 'gap', 'time', 'values']
 IDENTIFIED = ['effort', 'parameters', 'search', 'correlations']
@@ -125,7 +126,7 @@ def test_the_numbers_of_the_table_are_those_of_the_files(both):
 
 
 def test_what_a_file_holds_cannot_be_read_as_html(both):
-    assert 'Record a motion with <slow> reversals.' in Page(both).text
+    assert 'effort: 4000 <samples>' in Page(both).text
 
 
 @pytest.mark.parametrize(
@@ -206,7 +207,7 @@ def test_a_cancelled_run_and_a_diagnosis_cut_short(tmp_path):
         tmp_path,
         replace(
             found, effect='unknown', where=(), probability=0.0, ranking=(), localisation=(),
-            steps=found.steps[:1], complete=False,
+            steps=found.steps[:1], complete=False, facts=Facts(Cause.CUT_SHORT, 'drive_1', 'N m'),
         ),
     )
     page = Page(write_report(tmp_path))
@@ -220,7 +221,7 @@ def test_a_slow_residual_and_uncommanded_effort_are_worded_alike_everywhere(tmp_
     """The page's words are those of the verdict's sentence."""
     found = diagnosed()
     unknown = replace(
-        found, effect='unknown', where=('drive_2',), ranking=(), advice=(), steps=found.steps[:1],
+        found, effect='unknown', where=('drive_2',), ranking=(), steps=found.steps[:1],
         per_drive={n: replace(g, before=0.0101) for n, g in found.per_drive.items()},
     )
     slow = Facts(Cause.SLOW, 'drive_2', 'N m', slow={'drive_2': 0.0101})
@@ -235,7 +236,7 @@ def test_a_slow_residual_and_uncommanded_effort_are_worded_alike_everywhere(tmp_
          'Drive_2 at 1.41 s (+0.73 N m) in recording 1, 0.50 s (-1 N m) in recording 2.'),
     ):
         made = replace(unknown, facts=facts, gates=(gate,))
-        write_diagnosed(tmp_path, replace(made, sentence=words.sentence(made)))
+        write_diagnosed(tmp_path, made)
         said = of_diagnosis(content(write_report(tmp_path)), 'out')
         assert said.headline.startswith(headline)
         (sure,) = [text for text in said.sure if text.startswith(told)]

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from ros2_ident.gap import words
 from ros2_ident.gap.facts import Cause, Event
 from ros2_ident.gap.wording import compared
 from ros2_ident.gates import sentences as sentences_of
@@ -31,6 +30,7 @@ from ros2_ident.report.page.sentences import (
 )
 from ros2_ident.report.page.steps import Step
 from ros2_ident.report.schema import gates_from
+from ros2_ident.words import verdict as words
 
 # Drives that the first screen lists; the table further down has all.
 LISTED = 6

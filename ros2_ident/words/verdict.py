@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sentences about a diagnosis, for terminal, page, message and log."""
+"""The verdict of a diagnosis with its evidence, and the next steps."""
 
 from collections.abc import Iterable, Iterator, Sequence
 import math
@@ -14,11 +14,6 @@ from ros2_ident.models import EffectAt
 OFTEN = 0.9
 # A gap below this share of the measured output is called small.
 _SMALL = 0.01
-
-
-def titled(at: EffectAt) -> str:
-    """Return an effect at its place."""
-    return f'{get_effect(at.effect).title} on {at.where}'
 
 
 def of_output(share: float, unit: str) -> str:
@@ -244,7 +239,7 @@ def _advice(d: Diagnosis) -> Iterator[str]:
     for at, share in zip(named, d.again, strict=False):
         if share < OFTEN:
             yield (
-                f'{titled(at)} counts in only {100.0 * share:.0f} % of the resampled blocks held '
+                f'{at.title} counts in only {100.0 * share:.0f} % of the resampled blocks held '
                 'out: treat it as a hint and record another log before acting on it.'
             )
     yield from hidden(facts.hidden.items(), d.unit)
