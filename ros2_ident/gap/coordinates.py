@@ -24,8 +24,8 @@ PHASES = ('rest', 'creep', 'acceleration', 'cruise', 'deceleration', 'reversal')
 _REST, _SLOW = 0.01, 0.1
 # Orders of the motor's turn that are looked at.
 ORDERS = 24
-# A friction that lags behind does so by these times, s, or by these shares of the stroke.
-_LAGS, _WAYS = (0.01, 0.03, 0.1, 0.3), (0.0005, 0.002, 0.01, 0.05)
+# A friction that lags behind does so by these times, s; by a way, it is one since a reversal.
+_LAGS = (0.01, 0.03, 0.1, 0.3)
 # Knots of the splines that an answer to a switch of the motion may follow, until it is over, s.
 _AFTER = np.pad(np.expm1(np.linspace(0.0, math.log(8.0), 16)) / 7.0, 3, mode='edge')
 # An order has to go round so often within the stroke to be told from a plain position.
@@ -269,11 +269,8 @@ def _answers(
 def _memories(
     motion: Motion, drive: int, at: NDArray[np.int64]
 ) -> tuple[tuple[str, ...], list[Array]]:
-    """Return direction, slow motion and rest as a friction that lags behind follows them.
-
-    It may lag by a time, or by the way gone since a reversal (Dahl 1968).
-    """
-    velocity, position = motion.velocity[drive], motion.position[drive]
+    """Return direction, slow motion and rest as a friction that lags behind follows them."""
+    velocity = motion.velocity[drive]
     heading = direction(velocity)
     speed = np.abs(velocity) / max(_top(velocity), 1e-300)
     kinds = (
@@ -281,33 +278,19 @@ def _memories(
         ('slow motion', np.exp(-speed / _SLOW) * heading),
         ('rest', (speed < _REST) * heading),
     )
-    stroke = max(float(np.ptp(position)), 1e-300)
-    rows = [
-        _follow(row, motion.cycle / lag)[at] for lag in _LAGS for _, row in kinds
-    ] + [_turned(heading, position, share * stroke)[at] for share in _WAYS]
-    labels = [f'{name} {1e3 * lag:g} ms late' for lag in _LAGS for name, _ in kinds] + [
-        f'direction {100.0 * share:g} % of the stroke late' for share in _WAYS
-    ]
-    there = [i for i, row in enumerate(rows) if np.ptp(row) > 0.0]
-    return tuple(labels[i] for i in there), [rows[i] for i in there]
+    late = {
+        f'{name} {1e3 * lag:g} ms late': _follow(row, motion.cycle / lag)[at]
+        for lag in _LAGS
+        for name, row in kinds
+    }
+    there = [label for label, row in late.items() if np.ptp(row) > 0.0]
+    return tuple(there), [late[label] for label in there]
 
 
 def _follow(row: Array, step: float) -> Array:
     """Return (K,) a first-order lag behind a row, with steps in units of its lag."""
     keep = math.exp(-step)
     out: Array = lfilter([1.0 - keep], [1.0, -keep], row, zi=[keep * row[0]])[0]
-    return out
-
-
-def _turned(heading: Array, position: Array, length: float) -> Array:
-    """Return (K,) the direction of motion, taken up over a way of some length."""
-    turns = np.flatnonzero(np.diff(heading)) + 1
-    out = np.empty_like(heading)
-    value = float(heading[0])
-    for first, last in zip([0, *turns], [*turns, heading.size], strict=True):
-        gone = np.abs(position[first:last] - position[first])
-        out[first:last] = heading[first] + (value - heading[first]) * np.exp(-gone / length)
-        value = float(out[last - 1])
     return out
 
 

@@ -29,10 +29,9 @@ from ros2_ident.search.noise import correlation_time
 _FLIPS = 3999
 # False findings among the findings, in the mean.
 LEVEL = 0.05
-# What explains less than this, as RMS over the floor, is of no matter, however certain.
+# What explains less than this, as RMS over the floor, is of no matter, however certain; nor is a
+# place whose share of a gap is above its share of the time by less.
 MATERIAL = 0.2
-# Where the gap is large its share has to be so much above the share of the time.
-CONTRAST = 0.2
 # A coordinate with this share leads: what it leaves is taken for the noise.
 _LEADING = 0.4
 # Where none is certain, one with this share of a gap as large as this over the floor is told.
@@ -51,7 +50,7 @@ class Coarse:
         value: (T,) mean residual times the root of `weight`.
         weight: (T,) samples averaged.
         block: (T,) number of the block.
-        explainable: Sum of squares above the noise.
+        explainable: Sum of squares above the noise, at least what matters.
         widen: Factor on what chance gives, for the memory that reaches across blocks.
     """
 
@@ -85,10 +84,8 @@ def coarse_of(row: Array, cycle: float, noise: float) -> Coarse | None:
     value = total / np.sqrt(weight)
     block, widen = blocks_of(total / weight, at, cycle, row.size)
     explainable = float(value @ value) - noise**2 * value.size
-    if explainable < (MATERIAL * noise) ** 2 * float(weight.sum()):
-        # Nothing to share out; what is found is stated as a share of this little then.
-        explainable = (MATERIAL * noise) ** 2 * float(weight.sum())
-    return Coarse(at, value, weight, block, explainable, widen)
+    least = (MATERIAL * noise) ** 2 * float(weight.sum())
+    return Coarse(at, value, weight, block, max(explainable, least), widen)
 
 
 def blocks_of(
@@ -245,7 +242,7 @@ def localise(
             significant=bool(p <= LEVEL * (1.0 + 1e-9))
             and f.over_floor >= MATERIAL
             # A place where the gap is large has to stand out from the rest of the time.
-            and not (f.by_size and f.statistic < CONTRAST),
+            and not (f.by_size and f.statistic < MATERIAL),
         )
         for f, p in zip(found, chance, strict=True)
     ]

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from scipy.ndimage import label
+from scipy.signal import welch
 from scipy.stats import chi2
 
 from ros2_ident.arrays import Array
@@ -62,11 +64,9 @@ def spectrum(row: Array, cycle: float) -> tuple[Array, Array, int]:
     even = np.where(np.isfinite(even), even, 0.0)
     rate = 1.0 / (stride * cycle)
     length = int(min(rate, even.size // _SEGMENTS))
-    window = np.hanning(length)
-    starts = np.arange(0, even.size - length + 1, max(1, length // 2))
-    pieces = np.stack([even[s : s + length] for s in starts]) * window
-    power = (np.abs(np.fft.rfft(pieces, axis=1)) ** 2).mean(axis=0) / float((window**2).sum())
-    return np.fft.rfftfreq(length, 1.0 / rate).astype(np.float64), power, int(starts.size)
+    frequency, power = welch(even, rate, nperseg=length, detrend=False, return_onesided=False)
+    half, step = slice(length // 2 + 1), length - length // 2
+    return np.abs(frequency[half]), rate * power[half], (even.size - length) // step + 1
 
 
 def find_peak(row: Array, cycle: float, noise: float, low: float) -> Peak | None:
@@ -95,13 +95,11 @@ def find_peak(row: Array, cycle: float, noise: float, low: float) -> Peak | None
     top = int(np.argmax(ratio))
     p_value = float(min(1.0, inside.size * chi2.sf(ratio[top] * freedom, freedom)))
     high = ratio > max(1.0, 0.25 * ratio[top])
-    first = last = top
-    while first > 0 and high[first - 1]:
-        first -= 1
-    while last < high.size - 1 and high[last + 1]:
-        last += 1
-    band = inside[first : last + 1]
-    excess = float((power[band] - around[first : last + 1]).sum())
+    high[top] = True
+    bands = label(high)[0]
+    here = bands == bands[top]
+    band = inside[here]
+    excess = float((power[band] - around[here]).sum())
     size = noise * math.sqrt(max(0.0, excess / (frequency.size - 1)))
     peak = float(frequency[band[int(np.argmax(power[band]))]])
     return Peak(peak, float(frequency[band[0]]), float(frequency[band[-1]]), size, p_value)

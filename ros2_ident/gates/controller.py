@@ -9,7 +9,18 @@ import numpy as np
 from ros2_ident.effects import shown_by
 from ros2_ident.gates.finding import Gate, Level
 from ros2_ident.gates.law import fit_law, Gain, Law
-from ros2_ident.gates.scale import FOLLOWS, LATE, LATEST_EFFORT, MORE, STRAYS, SWAPPED, UNITS
+from ros2_ident.gates.scale import (
+    ANOTHER,
+    FOLLOWS,
+    LATE,
+    LATEST_EFFORT,
+    MORE,
+    near,
+    OWN,
+    STRAYS,
+    SWAPPED,
+    UNITS,
+)
 from ros2_ident.gates.signals import LATEST_COMMAND
 from ros2_ident.models import Machine
 from ros2_ident.models.drives.candidates import SLOTS
@@ -17,22 +28,10 @@ from ros2_ident.recording import Dataset
 
 # A gain has to be off by this share to be spoken of; nearer to a factor, it is that factor.
 GAIN_OFF = 0.02
-# A gain off by more than this factor is no other tuning but another unit or another drive's.
-_ANOTHER = 3.0
 # What is stated as noise may be off by so much.
 _STATED = 2.5
-# The stated gains are the ones that ran where they leave so little more than free ones.
-_AS_GOOD = 1.05
-# A law that explains so much of the effort of another drive is that drive's.
-_ITS_OWN = 0.98
 # An effort that is logged before it acts by more than a cycle and this, s, has other stamps.
 _EARLY = 1e-3
-# A reversed sign leaves the size within this factor.
-_REVERSED = 1.4
-# A factor on the whole effort fits as well as a gain where it leaves so little more.
-_AS_WELL = 1.3
-# Factors of all drives are one where they differ by less than this, logarithm.
-_ALIKE = 0.1
 
 
 def check_law(
@@ -57,9 +56,9 @@ def check_law(
     clean = law.misfit <= MORE * math.hypot(level, law.steps)
     # Where no other gains explain more than the stated ones the law ran, and something else is
     # between it and the log: an effort that does not belong to it would ask for other gains.
-    ran = law.misfit_file <= _AS_GOOD * law.misfit and law.explained > STRAYS
+    ran = not law.stray and law.explained > STRAYS
     # Other gains would explain the effort if the law ran; a drive that is limited follows none.
-    if math.isfinite(law.limit) and law.explained < _ITS_OWN:
+    if math.isfinite(law.limit) and law.explained < OWN:
         text = (
             f'{drive}: the effort stays at about {law.limit:.3g} {unit} wherever the control law '
             'asks for more; something limits it there'
@@ -104,7 +103,7 @@ def _gains(machine: Machine, law: Law, noise: float | None, clean: bool) -> Gate
         if noise is not None and law.misfit > MORE * noise and law.steps > noise:
             text += f', no more than the steps of the logged position make ({law.steps:.3g})'
         return Gate('law', drive, 'ok', best.ratio, '1', text)
-    if not law.by_one:
+    if not law.fits(best.misfit):
         text = (
             f'{drive}: with the gains of the machine file the control law misses the logged '
             f'effort by {law.misfit_file:.3g} {unit}, with its gains free by {law.misfit:.3g}; no '
@@ -112,10 +111,10 @@ def _gains(machine: Machine, law: Law, noise: float | None, clean: bool) -> Gate
             'other gains'
         )
         return Gate('law', drive, 'warn', math.nan, '1', text, cause='several gains')
-    another = not 1.0 / _ANOTHER < abs(best.ratio) < _ANOTHER
+    another = not near(best.ratio, ANOTHER)
     if best.ratio < 0.0:
         # A sign that is reversed leaves the size; another size is another cause.
-        another = _of_all(law, best) and 1.0 / _REVERSED < -best.ratio < _REVERSED
+        another = _of_all(law, best) and near(-best.ratio)
     return Gate(
         'law', drive, 'fail' if another else 'warn', best.ratio, '1',
         f'{drive}: {_correction(law, best, unit, machine.travel_unit)}',
@@ -152,7 +151,7 @@ def _correction(law: Law, best: Gain, unit: str, travel: str) -> str:
         )
     other = ''
     scales = [gain for gain in law.gains if gain.name == 'scale']
-    if best.name == 'velocity_gain' and all(g.misfit < _AS_WELL * best.misfit for g in scales):
+    if best.name == 'velocity_gain' and all(law.fits(g.misfit) for g in scales):
         factor = scales[0].ratio if scales else best.ratio
         other = f', or the effort is logged {factor:.3g} times as large as it is: check its unit'
     return f'your {best.name} is {best.expected:.4g}; {best.value:.4g} {fits}{other}'
@@ -229,7 +228,7 @@ def of_one_drive(gates: list[Gate], drives: int) -> list[Gate]:
         if len(numbers) < drives:
             return replace(gate, level='warn', contradicts=False)
         # By one factor on every drive of several, it is the file that has it wrong.
-        by_one = gate.gate == 'law' and drives > 1 and np.ptp(np.log(numbers)) < _ALIKE
+        by_one = gate.gate == 'law' and drives > 1 and near(max(numbers) / min(numbers))
         return replace(gate, level='fail') if by_one else gate
 
     return [judged(gate) for gate in gates]
@@ -243,7 +242,7 @@ def check_swapped(machine: Machine, data: Dataset, laws: list[Law]) -> list[Gate
         data: The recording.
         laws: What `fit_law` returned for each drive.
     """
-    lost = [law.drive for law in laws if law.explained < _ITS_OWN]
+    lost = [law.drive for law in laws if law.explained < OWN]
     if len(lost) < 2 or data.effort is None:
         return []
     rows = {name: data.effort[data.names.index(name)] for name in lost}
@@ -262,7 +261,7 @@ def check_swapped(machine: Machine, data: Dataset, laws: list[Law]) -> list[Gate
             better = law.misfit_file < SWAPPED * own[drive].misfit_file
             stated = better and law.followed > STRAYS
             rest = 1.0 - own[drive].explained
-            if stated or 1.0 - law.explained < min(1.0 - _ITS_OWN, 0.5 * rest):
+            if stated or 1.0 - law.explained < min(1.0 - OWN, 0.5 * rest):
                 owner[drive] = other
     if len(owner) < 2 or len(set(owner.values())) != len(owner):
         return []

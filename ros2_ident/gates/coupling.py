@@ -19,8 +19,6 @@ from ros2_ident.recording.smooth import allowed_cutoff, low_pass
 # A drive that its own motion leaves so much of, in standard deviations, may be a joint of an arm,
 # where other joints' positions take this share of what is left (mean square) away.
 _LEFT, _TAKEN = 0.2, 0.5
-# Columns of a drive's own motion that do not grow beyond what was seen.
-_PLAIN = 7
 # Blocks that are held out in turn, s, and how many of them there are at least.
 _BLOCK, _FOLDS = 1.0, 8
 # Ridge, as a share of the columns' own squares.
@@ -66,9 +64,7 @@ def check_coupling(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
     turning = machine.travel_unit == 'rad'
     own = _own(place[0], speed[0], change[0], turning)
     both = np.concatenate([own, _beside(place, change, turning)], axis=1)
-    # Powers of a position that is new in a block left out may be worse than none.
-    plain, alone, together = (_missed(x, effort, block) for x in (own[:, :_PLAIN], own, both))
-    alone = min(plain, alone)
+    alone, together = (_missed(x, effort, block) for x in (own, both))
     varies = float(effort.std())
     if alone < _LEFT * varies or alone < FLOORS * machine.effort_noise:
         return []
@@ -104,11 +100,9 @@ def _moves(row: Array) -> bool:
 def _own(place: Array, speed: Array, change: Array, turning: bool) -> Array:
     """Return columns (T, P) of what a drive's own motion may take of its effort."""
     fast = float(np.abs(speed).max()) or 1.0
-    middle = place - place.mean()
-    size = float(np.abs(middle).max()) or 1.0
-    columns = [np.ones_like(place), speed, change, speed * np.abs(speed)]
+    # Powers of a position that is new in a block left out would be worse than none.
+    columns = [np.ones_like(place), place, speed, change, speed * np.abs(speed)]
     columns += [np.tanh(speed / (share * fast)) for share in (0.01, 0.05, 0.2)]
-    columns += [(middle / size) ** power for power in (1, 2, 3)]
     if turning:
         columns += [np.sin(place), np.cos(place)]
     return np.stack(columns, axis=1)

@@ -9,25 +9,27 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ros2_ident.arrays import Array
-from ros2_ident.gates.scale import FEWEST, MORE, MOSTLY, STRAYS
-from ros2_ident.gates.signals import (
-    COUNTS,
-    delay_as_stated,
-    delays_apart,
-    Fit,
-    sane,
-    Signals,
-    signals_of,
-    usual_delays,
+from ros2_ident.gates.scale import (
+    ANOTHER,
+    APART,
+    FEWEST,
+    LATEST_EFFORT,
+    MORE,
+    MOSTLY,
+    near,
+    STRAYS,
 )
+from ros2_ident.gates.signals import best_delays, Fit, LATEST_COMMAND, sane, Signals, signals_of
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 
-# Stamps that lie far apart are looked for where a law misses the effort by so many times its
-# noise, and believed where it then leaves so much less (mean square).
-_MISSED, _TOGETHER = 1.5, 0.6
+# A delay counts where without it a law leaves so much more (mean square). Stamps that lie far
+# apart are looked for where a law misses the effort by so many times its noise, and believed where
+# it then leaves so much less (mean square).
+_COUNTS, _MISSED, _TOGETHER = 1.02, 1.5, 0.6
 # An effort is limited where the law asks for more than what is logged, on so many samples, and on
 # this share of all; where most of what the law misses lies there; and where it hardly follows what
 # is asked, over demands that spread so far (logarithm).
@@ -92,24 +94,18 @@ class Law:
     limit: float = math.inf
 
     @property
-    def excess(self) -> float:
-        """RMS that the machine file's gains leave beyond the free law, in the effort's unit."""
-        return math.sqrt(max(0.0, self.misfit_file**2 - self.misfit**2))
-
-    @property
     def followed(self) -> float:
         """Share of the effort's variance that the machine file's gains explain, at most 1."""
         return 1.0 - (1.0 - self.explained) * (self.misfit_file / max(self.misfit, 1e-300)) ** 2
 
+    def fits(self, misfit: float) -> bool:
+        """Whether gains that leave so much, RMS, explain the log as well as free ones do."""
+        return misfit**2 - self.misfit**2 <= (_EXCESS * self.misfit) ** 2
+
     @property
     def stray(self) -> bool:
         """Whether the log asks for other gains than the stated ones."""
-        return self.excess > _EXCESS * self.misfit
-
-    @property
-    def by_one(self) -> bool:
-        """Whether one gain alone explains it as well as all of them."""
-        return self.gains[0].misfit ** 2 - self.misfit**2 < (_EXCESS * self.misfit) ** 2
+        return not self.fits(self.misfit_file)
 
     @property
     def left(self) -> float:
@@ -141,38 +137,48 @@ def fit_law(machine: Machine, data: Dataset, drive: str, tracked: float = 0.0) -
     signals = signals_of(machine, data, drive)
     if signals is None:
         return None
-    fit = Fit(signals)
-    first, *others = [_law_at(machine, drive, signals, fit, d) for d in usual_delays(signals)]
-    law = first
-    for other in others:
-        law = other if COUNTS * other.left**2 < law.left**2 else law
-    law = _unless_late(machine, drive, signals, fit, law)
-    if law.left <= _MISSED * math.hypot(machine.effort_noise, law.steps):
+    cycle = signals.cycle
+    usual, last = (0.0, LATEST_EFFORT / cycle), LATEST_COMMAND / cycle
+    # A set-point may be rough from cycle to cycle: every cycle of its delay is looked at.
+    late = [best_delays(signals, usual, lates) for lates in (np.zeros(1), np.arange(last + 1.0))]
+    # The free law leaves least there. But where positions are coarse it leaves less with smaller
+    # gains, at any delay that makes up for them: the stated ones choose, the plainest first.
+    law = _law_at(machine, drive, signals, np.zeros(2))
+    for delays in late:
+        other = _law_at(machine, drive, signals, delays)
+        law = other if _COUNTS * other.left**2 < law.left**2 else law
+    if law.stray and not any(name in machine.bounds for name in GAINS):
+        weights = _weights({name: sane(machine.number(name, drive)) for name in GAINS})
+        held = np.array([law.command_delay / cycle])
+        stated = _law_at(
+            machine, drive, signals, best_delays(signals, usual, held, weights=weights)
+        )
+        law = stated if stated.misfit_file**2 <= _COUNTS * law.left**2 else law
+    inside = signals.inside
+    noise = math.hypot(machine.effort_noise, law.steps)
+    if law.left <= _MISSED * noise or inside.sum() < FEWEST:
         return law
-    few = max(1, signals.effort.size // 800)
-    rough = Fit(signals, every=few, where=signals.inside)
-    if rough.size < FEWEST:
-        return law
+    # A loop follows late by at most about the time of its gain.
     gain = sane(machine.number('position_gain', drive))
-    found = delays_apart(signals, rough, tracked, gain)
-    apart = _law_at(machine, drive, signals, Fit(signals, where=signals.inside), found)
+    reach = min(1.5 / gain, 0.1) if gain > 0.0 else 0.1
+    coarse = np.arange(tracked - reach - LATEST_COMMAND, tracked + 7e-3, 2e-3)
+    # A loop with feed-forward follows at once, and its law is lost within a fraction of a ms.
+    sharp = tracked + np.arange(-3e-3, 3e-3, 2.5e-4)
+    lates = np.unique(np.concatenate([coarse, sharp])) / cycle
+    found = best_delays(signals, (-APART / cycle, APART / cycle), lates, inside)
+    apart = _law_at(machine, drive, signals, found, inside)
     return apart if apart.left**2 < _TOGETHER * law.left**2 else law
 
 
-def _unless_late(machine: Machine, drive: str, signals: Signals, fit: Fit, law: Law) -> Law:
-    """Return the law with the stated gains at their own delay, if that leaves as little."""
-    sought = any(name in machine.bounds for name in GAINS)
-    if sought or not law.stray:
-        return law
-    weights = _weights({name: sane(machine.number(name, drive)) for name in GAINS})
-    delays = delay_as_stated(signals, weights, law.command_delay / signals.cycle)
-    stated = _law_at(machine, drive, signals, fit, delays)
-    return stated if stated.misfit_file**2 <= COUNTS * law.left**2 else law
-
-
-def _law_at(machine: Machine, drive: str, signals: Signals, fit: Fit, delays: Array) -> Law:
+def _law_at(
+    machine: Machine,
+    drive: str,
+    signals: Signals,
+    delays: Array,
+    where: NDArray[np.bool_] | slice = slice(None),
+) -> Law:
     """Compare the law with a log at given delays (effort, set-point) in cycles."""
-    columns, effort = fit.system(delays)
+    columns, effort = Fit(signals, where=where).system(delays)
     solution, free = _solve(columns, effort)
     sought = [name for name in GAINS if name in machine.bounds]
     gains = {name: sane(machine.number(name, drive)) for name in GAINS}
@@ -205,7 +211,7 @@ def _law_at(machine: Machine, drive: str, signals: Signals, fit: Fit, delays: Ar
     # Steps are multiplied by the gain that ran; quite another one shows.
     slope = next((abs(g.value) for g in alone[:1] if g.name == 'velocity_gain'), 0.0)
     stated = gains['velocity_gain']
-    gain = stated if 0.5 * slope < stated < 2.0 * slope or not slope else slope
+    gain = stated if not slope or near(stated / slope, ANOTHER) else slope
     file = _solve(np.ones((effort.size, 1)), effort - known)[1]
     return Law(
         drive,

@@ -11,8 +11,9 @@ SLOW = 10.0
 FOLLOWS, STRAYS = 0.9, 0.3
 # Most of something, as a share.
 MOSTLY = 0.8
-# A factor on a noise or a limit that is more than inexact.
-MORE = 1.2
+# A factor on a noise, a limit or a unit that is more than inexact, and one that no force or tuning
+# makes: another unit, or another drive's.
+MORE, ANOTHER = 1.2, 3.0
 # So many times the noise is no noise.
 FLOORS = 20.0
 # A value stands out of others by so many of their standard deviations.
@@ -20,10 +21,16 @@ STANDS_OUT = 5.0
 # Stamps of topics may lie so far apart, s; efforts and positions that are later than this, s, are
 # late, and efforts later than the last are no matter of a log.
 APART, LATE, LATEST_EFFORT = 0.5, 3e-3, 0.12
-# Names are swapped where that leaves this share of what is left without.
-SWAPPED = 0.2
+# What explains so much of a drive's signal is the drive's own; names are swapped where that leaves
+# this share of what is left without.
+OWN, SWAPPED = 0.98, 0.2
 # How many of these are one rad or one m.
 UNITS = {'rad': ((57.29578, 'degrees'), (0.1591549, 'turns')), 'm': ((1000.0, 'mm'),)}
+
+
+def near(ratio: float, factor: float = MORE) -> bool:
+    """Return whether a ratio is 1 but for less than a factor."""
+    return 1.0 / factor < ratio < factor
 
 
 def figure(value: float, sign: str = '') -> str:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize
 
 from ros2_ident.arrays import Array
 from ros2_ident.gates.scale import APART, FEWEST, LATEST_EFFORT, MORE
@@ -20,11 +20,8 @@ _SATURATED = 0.98
 _ABSURD = 1e50
 # Set-points later than this are no matter of a log, s.
 LATEST_COMMAND = 0.012
-# A late set-point counts where without it the fit leaves so much more (mean square).
-COUNTS = 1.02
-# Valleys that are followed down, and how far, in cycles.
-_VALLEYS = 5
-_POLISH = {'xatol': 1e-2, 'fatol': 1e-9, 'maxfev': 120}
+# Delays of the effort between which no valley is missed, s, and valleys that are followed down.
+_WIDE, _VALLEYS = 6e-3, 3
 
 
 @dataclass(frozen=True)
@@ -114,17 +111,28 @@ def _filled(row: Array) -> Array | None:
 
 
 class Fit:
-    """The free law's equations at given delays in cycles, on every so many samples."""
+    """A law's equations at given delays in cycles, on at most about so many samples.
+
+    Args:
+        signals: The drive.
+        most: How many samples; all where None.
+        where: Those to choose from.
+        weights: What a law of known gains multiplies the columns by; further ones of a law with an
+            integral part are left out where this one has none. The constant is free all the same.
+    """
 
     def __init__(
-        self, signals: Signals, every: int = 1, where: NDArray[np.bool_] | None = None
+        self,
+        signals: Signals,
+        most: int | None = None,
+        where: NDArray[np.bool_] | slice = slice(None),
+        weights: Array | None = None,
     ) -> None:
-        chosen = slice(None) if where is None else where
+        every = max(1, signals.effort[where].size // most) if most else 1
         self._signals = signals
-        self._index = signals.index[chosen][::every]
-        self._effort = signals.effort[chosen][::every]
-        self.size = self._effort.size
-        self.variance = float(self._effort.var()) if self.size else 0.0
+        self._index = signals.index[where][::every]
+        self._effort = signals.effort[where][::every]
+        self._weights = weights
         self._late = math.nan
         self._columns = np.empty(0)
 
@@ -148,13 +156,18 @@ class Fit:
         out: Array = below + part * (self._columns.take(whole + 1, axis=0) - below)
         return out
 
-    def left(self, delays: Array) -> float:
-        """Return the mean square that is left, as a share of the effort's variance."""
-        return float(self.left_at(delays[:1], float(delays[1]))[0])
+    def left(self, lags: Array, late: float) -> Array:
+        """Return (L,) the mean square that is left, as a share of the effort's variance.
 
-    def left_at(self, lags: Array, late: float) -> Array:
-        """Return (L,) the same for L delays of the effort, in cycles, at one of the set-point."""
+        Args:
+            lags: (L,) delays of the effort, cycles.
+            late: Delay of the set-point, cycles.
+        """
         columns = self._columns_at(lags, late)
+        whole = max(float(self._effort.var()), 1e-300)
+        if self._weights is not None:
+            rest = self._effort - columns @ self._weights[: columns.shape[-1]]
+            return np.asarray(rest.var(axis=1) / whole)
         turned = columns.transpose(0, 2, 1)
         normal, right = turned @ columns, turned @ self._effort
         # a drive that stands still has a column of zeros; the square has to be a number, too
@@ -163,8 +176,7 @@ class Fit:
         inverse = np.linalg.pinv(scaled, rcond=1e-12, hermitian=True)
         solution = (inverse @ (right / size)[:, :, None])[..., 0] / size
         rest = self._effort - (columns @ solution[:, :, None])[..., 0]
-        whole = max(self.variance * self.size, 1e-300)
-        return np.asarray(np.einsum('lr,lr->l', rest, rest) / whole)
+        return np.asarray((rest**2).mean(axis=1) / whole)
 
     def _law(self, late: float) -> Array:
         x = self._signals
@@ -177,107 +189,52 @@ class Fit:
         return np.stack(columns, axis=1)
 
 
-def usual_delays(signals: Signals) -> list[Array]:
-    """Return the delays (effort, set-point) in cycles that a log may have, the plainest first.
+def best_delays(
+    signals: Signals,
+    lags: tuple[float, float],
+    lates: Array,
+    where: NDArray[np.bool_] | slice = slice(None),
+    weights: Array | None = None,
+) -> Array:
+    """Return the delays (effort, set-point) in cycles at which a law leaves least.
 
-    The free law leaves least there. But where positions are coarse it leaves less with smaller
-    gains, at any delay that makes up for them: whoever knows the gains has to choose.
-    """
-    high, late = LATEST_EFFORT / signals.cycle, LATEST_COMMAND / signals.cycle
-    rough = Fit(signals, every=max(1, signals.effort.size // 1500))
-    # A set-point may be rough from cycle to cycle: every cycle of its delay is looked at.
-    lates = np.arange(0.0, late + 1.0)
-    wide, narrow = (max(1.0, round(t / signals.cycle)) for t in (0.008, 0.002))
-    grid = _scan(rough, np.arange(0.0, high + 1.0, wide), lates)
-    for _, lag, first in (min(grid), min(entry for entry in grid if entry[2] == 0.0)):
-        near = np.arange(max(0.0, lag - wide), min(high, lag + wide) + 1.0, narrow)
-        grid += _scan(rough, near, np.array([first]))
-    fine = Fit(signals, every=max(1, signals.effort.size // 4000))
-
-    def polish(start: tuple[float, float], free: bool) -> tuple[float, Array]:
-        corner = np.array(start)
-        simplex = corner + np.array([[0.0, 0.0], [narrow, 0.0], [0.0, 0.5 if free else 0.0]])
-        found = minimize(
-            (lambda x: fine.left(x)) if free else (lambda x: fine.left(np.array([x[0], 0.0]))),
-            corner if free else corner[:1],
-            method='Nelder-Mead',
-            bounds=((0.0, high), (0.0, late))[: 2 if free else 1],
-            options=_POLISH | {'initial_simplex': simplex if free else simplex[:2, :1]},
-        )
-        return float(found.fun), np.array([found.x[0], found.x[1] if free else 0.0])
-
-    _, lag, first = min(grid)
-    best, delays = polish((lag, first), True)
-    _, lag, _ = min(entry for entry in grid if entry[2] == 0.0)
-    plain, in_time = polish((lag, 0.0), False)
-    none = np.zeros(2)
-    return [none, in_time] if plain < COUNTS * best or delays[1] < 0.5 else [none, in_time, delays]
-
-
-def delay_as_stated(signals: Signals, weights: Array, late: float) -> Array:
-    """Return the delays (effort, set-point) in cycles at which known gains leave least.
+    Several valleys of a grid are followed down: from afar they may look alike.
 
     Args:
         signals: The drive.
-        weights: (C,) what the law multiplies the columns of `Fit.system` by; further ones of a
-            law with an integral part are left out where this one has none.
-        late: Delay of the set-point in cycles, held.
+        lags: Least and largest delay of the effort, cycles.
+        lates: Delays of the set-point that are looked at, cycles; none between where there is one.
+        where: Samples to look at.
+        weights: Those of known gains, as of `Fit`; free gains where None.
     """
-    rough, fine = (
-        Fit(signals, every=max(1, signals.effort.size // some)) for some in (1500, 4000)
+    rough, fine = (Fit(signals, most, where, weights) for most in (800, 4000))
+    wide = max(1.0, round(_WIDE / signals.cycle))
+    grid = np.arange(lags[0], lags[1] + 1.0, wide)
+    found = sorted(
+        (float(left), float(lag), float(late))
+        for late in lates
+        for lag, left in zip(grid, rough.left(grid, float(late)), strict=True)
     )
-
-    def left(fit: Fit, lag: float) -> float:
-        columns, effort = fit.system(np.array([lag, late]))
-        return float((effort - columns @ weights[: columns.shape[1]]).var())
-
-    high, wide = LATEST_EFFORT / signals.cycle, max(1.0, round(0.002 / signals.cycle))
-    lag = min(np.arange(0.0, high + 1.0, wide), key=lambda lag: left(rough, lag))
-    found = minimize_scalar(
-        lambda lag: left(fine, lag),
-        bounds=(max(0.0, lag - wide), min(high, lag + wide)),
-        method='bounded',
-        options={'xatol': 1e-2},
-    )
-    return np.array([float(found.x), late])
-
-
-def delays_apart(signals: Signals, fit: Fit, tracked: float, gain: float) -> Array:
-    """Return the delays (effort, set-point) in cycles, of either sign, that leave least.
-
-    Args:
-        signals: The drive.
-        fit: Its equations at samples that are `inside`.
-        tracked: How late the position follows its set-point, s.
-        gain: Position gain [1/s]; 0 where it is not known.
-    """
-    # A loop follows late by at most about the time of its gain.
-    reach = min(1.5 / gain, 0.1) if gain > 0.0 else 0.1
-    coarse = np.arange(tracked - reach - LATEST_COMMAND, tracked + 5e-3, 2e-3)
-    # A loop with feed-forward follows at once, and its law is lost within a fraction of a ms.
-    sharp = tracked + np.arange(-3e-3, 3e-3, 2.5e-4)
-    lates = np.unique(np.concatenate([coarse, sharp])) / signals.cycle
-    edge, wide = APART / signals.cycle, max(1.0, round(0.006 / signals.cycle))
-    grid = sorted(_scan(fit, np.arange(-edge, edge + 1.0, wide), lates))
-    # Several valleys may look alike from afar.
     starts: list[Array] = []
-    for _, lag, late in grid:
+    for _, lag, late in found:
         if len(starts) < _VALLEYS and all(abs(lag - s[0]) > 2.0 * wide for s in starts):
             starts.append(np.array([lag, late]))
+    def left(free: Array, start: Array) -> float:
+        lag, late = np.append(free, start[free.size :])
+        return float(fine.left(np.array([lag]), float(late))[0])
+
+    count = 2 if len(lates) > 1 else 1
     step = np.array([[0.0, 0.0], [0.5 * wide, 0.0], [0.0, 5e-4 / signals.cycle]])
     polished = [
         minimize(
-            fit.left, s, method='Nelder-Mead', options=_POLISH | {'initial_simplex': s + step}
+            left,
+            start[:count],
+            (start,),
+            'Nelder-Mead',
+            bounds=(lags, (float(min(lates)), float(max(lates))))[:count],
+            options={'xatol': 1e-2, 'initial_simplex': (start + step)[: count + 1, :count]},
         )
-        for s in starts
+        for start in starts
     ]
-    return np.asarray(min(polished, key=lambda found: float(found.fun)).x)
-
-
-def _scan(fit: 'Fit', lags: Array, lates: Array) -> list[tuple[float, float, float]]:
-    """Return (what is left, effort delay, set-point delay) for all pairs of delays in cycles."""
-    return [
-        (float(left), float(lag), float(late))
-        for late in lates
-        for lag, left in zip(lags, fit.left_at(lags, float(late)), strict=True)
-    ]
+    best = min(range(len(starts)), key=lambda k: float(polished[k].fun))
+    return np.append(polished[best].x, starts[best][count:])

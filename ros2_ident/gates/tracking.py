@@ -11,18 +11,24 @@ from scipy.signal import correlate
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.finding import Gate, Level
-from ros2_ident.gates.scale import APART, FEWEST, FOLLOWS, LATE, STRAYS, SWAPPED, UNITS
+from ros2_ident.gates.instants import highest
+from ros2_ident.gates.scale import (
+    ANOTHER,
+    APART,
+    FEWEST,
+    FOLLOWS,
+    LATE,
+    near,
+    OWN,
+    STRAYS,
+    SWAPPED,
+    UNITS,
+)
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.smooth import allowed_cutoff
 
 # Motion faster than this is left out, Hz, and speeds are compared at about this rate, Hz.
 _SLOW, _RATE = 15.0, 250.0
-# A way longer or shorter than the set-point's by this share is another unit, not a poor loop.
-_OTHER_UNIT = 0.2
-# A factor from which on no force explains it.
-_STRANGE = 2.0
-# A drive of whose speed its own set-point leaves so little is its own.
-_SAME = 0.01
 
 
 @dataclass(frozen=True)
@@ -87,10 +93,7 @@ def _follows(moved: Array, wanted: Array, period: float) -> tuple[float, float, 
     of_wanted = squares[1][size - late] - squares[1][early]
     share = product**2 / np.maximum(of_moved * of_wanted, 1e-300)
     best = int(np.argmax(share))
-    fine = 0.0
-    if 0 < best < share.size - 1:
-        a, b, c = share[best - 1 : best + 2]
-        fine = 0.5 * (a - c) / (a - 2.0 * b + c) if a - 2.0 * b + c < 0.0 else 0.0
+    fine = highest(share, best) if 0 < best < share.size - 1 else 0.0
     slope = float(product[best]) / max(float(of_wanted[best]), 1e-300)
     return float(share[best]), float(lags[best] + fine) * period, slope
 
@@ -118,7 +121,7 @@ def check_tracking(tracking: Tracking, cycle: float, unit: str) -> list[Gate]:
             )
             # A drive at its limit does not follow either.
             found.append(Gate('set_point', drive, 'warn', share, '1', text, cause='strays'))
-        elif share >= FOLLOWS and abs(slope - 1.0) > _OTHER_UNIT:
+        elif share >= FOLLOWS and not near(slope):
             found.append(_of_another_unit(drive, slope, unit))
         elif share >= FOLLOWS and lag < -(LATE + 2.0 * cycle):
             text = (
@@ -135,7 +138,7 @@ def check_tracking(tracking: Tracking, cycle: float, unit: str) -> list[Gate]:
 
 def _of_another_unit(drive: str, slope: float, unit: str) -> Gate:
     """Return what to say of a position that moves farther, less or the other way."""
-    if abs(slope + 1.0) <= _OTHER_UNIT:
+    if near(-slope):
         text = (
             f'{drive}: the position moves against its set-point; its sign is reversed in one of '
             'the two topics, negate it there'
@@ -144,12 +147,12 @@ def _of_another_unit(drive: str, slope: float, unit: str) -> Gate:
     text = f'{drive}: the position moves {slope:.4g} times as far as its set-point'
     for factor, name in UNITS.get(unit, ()):
         for ratio, topic in ((factor, 'position'), (1.0 / factor, 'set-point')):
-            if abs(slope / ratio - 1.0) <= _OTHER_UNIT:
+            if near(slope / ratio):
                 text += f', so the {topic} is logged in {name}; log {unit}'
                 return Gate('set_point', drive, 'fail', slope, '1', text, True, cause=topic + name)
     text += f'; log both in {unit}, of the same side of the gear'
     # A force that the controller does not hold moves a drive, too.
-    strange = not 1.0 / _STRANGE < slope < _STRANGE
+    strange = not near(slope, ANOTHER)
     level: Level = 'fail' if strange else 'warn'
     return Gate('set_point', drive, level, slope, '1', text, strange, cause='factor')
 
@@ -161,7 +164,7 @@ def _mixed(tracking: Tracking) -> list[Gate]:
     # path all move alike, but for a factor.
     slope = np.where(tracking.slope == 0.0, np.inf, tracking.slope)
     left = 1.0 - tracking.share * (2.0 / slope - 1.0 / slope**2)
-    if count < 2 or (np.diag(left) <= _SAME).all():
+    if count < 2 or (np.diag(left) <= 1.0 - OWN).all():
         return []
     best = linear_sum_assignment(left)[1].tolist()
     moved = [d for d in range(count) if best[d] != d]
