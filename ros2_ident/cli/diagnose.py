@@ -137,7 +137,8 @@ def print_diagnosis(d: 'Diagnosis') -> None:
     from ros2_ident.cli.colour import alarming
     from ros2_ident.cli.table import free_run
     from ros2_ident.gap.verdict import REFUSED
-    from ros2_ident.gap.wording import compared, figure
+    from ros2_ident.words.figures import compared, figure
+    from ros2_ident.words.finding import where
     from ros2_ident.words.verdict import advice, sentence
 
     said = f'verdict: {sentence(d)} (probability {d.probability:.2f})'
@@ -151,7 +152,7 @@ def print_diagnosis(d: 'Diagnosis') -> None:
         if gate.level != 'ok' and k != d.facts.leads:
             print(f'{gate.level}: {gate.sentence}')
     for finding in d.localisation[:5]:
-        print(f'where: {finding.sentence}')
+        print(f'where: {where(finding)}')
     print(f'gap on held-out data ({d.held_out}), RMS in {d.unit}:')
     for step in d.steps:
         print(f'  {step.gap.value:9.4g}  [{step.gap.low:.4g}, {step.gap.high:.4g}]  {step.label}')

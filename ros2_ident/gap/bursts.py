@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from ros2_ident.arrays import Array
+from ros2_ident.gap.facts import Event
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
-from ros2_ident.gap.wording import figure, percent
+from ros2_ident.gap.region import Region
 from ros2_ident.gates.asked import Asked
 from ros2_ident.gates.instants import highest, peaks_of, robust_fit, robust_size
 from ros2_ident.gates.scale import STANDS_OUT
@@ -54,7 +55,7 @@ def bursts(model: FullModel, low: Array, high: Array, theta: Array, floor: Floor
 def not_asked(
     asked: Sequence[Sequence[Asked]], floor: Floor, model: FullModel
 ) -> tuple[Finding, ...]:
-    """Return the instants at which drives made what nobody asked for, the first recording's first.
+    """Return effort that was not commanded, the first recording's first.
 
     Args:
         asked: How drives make the efforts that they are asked for, by recording.
@@ -69,18 +70,15 @@ def not_asked(
             d = model.places.index(found.drive)
             of_effort = model.outputs[d].quantity == 'effort'
             noise = float(floor.per_drive[d]) if of_effort else 0.0
-            said = ', '.join(p.said(model.effort_unit) for p in found.pushes)
-            said += f' of recording {number}' if len(asked) > 1 else ''
-            text = (
-                f'{found.drive}: made what the command did not ask for at {said}; up to '
-                f'{found.certain:.2g} times what is left elsewhere, {percent(found.share)} of '
-                'it all'
-            )
             out.append(
                 Finding(
-                    found.drive, 'instants', said, found.share,
+                    found.drive, 'instants', Region(), found.share,
                     min(1.0, 2.0 * found.count * float(ndtr(-found.certain))),
-                    text, found.size, found.size / noise if noise else math.inf, found.share, True,
+                    found.size, found.size / noise if noise else math.inf, found.share, True,
+                    unit=model.effort_unit, value=found.certain, commanded=False,
+                    events=tuple(
+                        Event(found.drive, number, p.time, p.effort) for p in found.pushes
+                    ),
                 )
             )  # fmt: skip
     return tuple(out)
@@ -104,19 +102,14 @@ def _of_drive(
     top = float(height[peaks.at].max())
     drive, unit = model.places[d], model.outputs[d].unit
     # What pushes a drive its motor need not make: the log holds less than the motion asks for.
-    said = [
-        f'{_instant(height, p, at, model.cycle):.2f} s ({figure(float(-apart[p]), "+")} {unit})'
-        for p in peaks.at
-    ]
-    text = (
-        f'{drive}: as if pushed at {", ".join(said)}; up to {top / usual:.2g} times what is '
-        f'left elsewhere, {percent(share)} of it all'
+    pushes = tuple(
+        Event(drive, 1, _instant(height, p, at, model.cycle), float(-apart[p])) for p in peaks.at
     )
     return Finding(
-        drive, 'instants', ', '.join(said), share,
-        min(1.0, 2.0 * count * float(ndtr(-top / usual))),
-        text, size, size / noise if noise else math.inf, share, True,
-    )  # fmt: skip
+        drive, 'instants', Region(), share, min(1.0, 2.0 * count * float(ndtr(-top / usual))),
+        size, size / noise if noise else math.inf, share, True, unit=unit, value=top / usual,
+        events=pushes,
+    )
 
 
 def _instant(height: Array, peak: int, at: NDArray[np.intp], cycle: float) -> float:

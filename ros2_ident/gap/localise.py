@@ -17,10 +17,19 @@ from scipy.stats import false_discovery_control
 
 from ros2_ident.arrays import Array
 from ros2_ident.gap.blocks import FEWEST
-from ros2_ident.gap.coordinates import Coordinate, coordinates, Motion, PHASES, phases, places
+from ros2_ident.gap.coordinates import (
+    Coordinate,
+    coordinates,
+    Motion,
+    Parity,
+    PHASES,
+    phases,
+    places,
+)
+from ros2_ident.gap.facts import Event
 from ros2_ident.gap.floor import Floor
+from ros2_ident.gap.region import concentration, phase_of, Region, region_of, Trend
 from ros2_ident.gap.spectrum import find_peak, motion_band
-from ros2_ident.gap.wording import concentration, figure, percent, region_of, sentence_of
 from ros2_ident.gates.scale import STEP
 from ros2_ident.identify.hidden import SETTLE
 from ros2_ident.search.noise import correlation_time
@@ -36,7 +45,6 @@ MATERIAL = 0.2
 _LEADING = 0.4
 # Where none is certain, one with this share of a gap as large as this over the floor is told.
 _LIKELY, _LARGE = 0.3, 0.5
-_DOUBT = '; not certain, the motion passes there too few times'
 # A block is so many times as long as the residual's memory.
 _TIMES = 12.0
 
@@ -171,32 +179,53 @@ class Finding:
 
     Attributes:
         drive: Name.
-        coordinate: Name, with its parity: `velocity, odd`; `size by ...` where the residual has
-            no one sign but is large in a region.
-        region: Where along it, in words.
+        along: Name of the coordinate; `frequency`, or `instants` for bursts.
+        region: Where along it.
         statistic: Share of the drive's explainable gap that it explains, corrected for chance.
         p_value: Probability of as much by chance, before the correction for many coordinates.
-        sentence: In words.
-        size: RMS that it explains, in the effort's unit.
+        size: RMS that it explains [`unit`].
         over_floor: The same over the drive's noise floor.
         beyond: Share that it still explains once the drive's leading coordinate is taken out.
         significant: Whether it holds after the correction for many coordinates, and matters.
         likely: Whether it explains most on a drive with a large gap, and is not certain.
         by_size: Whether it is where the residual is large, whatever its sign.
+        parity: Whether the residual changes sign with the direction of motion.
+        unit: Unit of the gap.
+        trend: Whether the residual grows along the coordinate.
+        phase: Phase of the motion in which most of it lies; empty for none.
+        time: Share of the time that the region takes; NaN where that is not compared.
+        value: Mean of an offset [`unit`], frequency of a swing [Hz], or the highest burst over
+            the residual elsewhere.
+        events: Bursts: what pushed the drive, or effort that was not commanded.
+        commanded: False where `events` are effort that was not commanded.
     """
 
     drive: str
-    coordinate: str
-    region: str
+    along: str
+    region: Region
     statistic: float
     p_value: float
-    sentence: str
     size: float
     over_floor: float
     beyond: float
     significant: bool
     likely: bool = False
     by_size: bool = False
+    parity: Parity = ''
+    unit: str = ''
+    trend: Trend = ''
+    phase: str = ''
+    time: float = math.nan
+    value: float = math.nan
+    events: tuple[Event, ...] = ()
+    commanded: bool = True
+
+    @property
+    def coordinate(self) -> str:
+        """Name of the coordinate with its parity, or as one by which the size differs."""
+        if self.by_size and not self.events:
+            return f'size by {self.along}'
+        return f'{self.along}, {self.parity}' if self.parity else self.along
 
 
 def localise(
@@ -263,7 +292,7 @@ def _likely(found: list[Finding], drives: Sequence[str]) -> list[Finding]:
             continue
         if best.statistic >= _LIKELY and best.over_floor >= _LARGE:
             found.remove(best)
-            out.append(replace(best, sentence=best.sentence + _DOUBT, likely=True))
+            out.append(replace(best, likely=True))
     return out
 
 
@@ -306,20 +335,18 @@ def _drive(
         left = value - leading[2] @ (leading[2].T @ value)
         beyond = float(((basis.T @ left) ** 2).sum()) - noise**2 * basis.shape[1]
         size = math.sqrt(share * coarse.explainable / float(coarse.weight.sum()))
-        region, shape = region_of(coordinate, fitted / root, coarse.weight, noise)
+        region, trend = region_of(coordinate, fitted / root, coarse.weight, noise)
         power = np.bincount(moving, fitted**2, len(PHASES)).astype(float)
         time = np.bincount(moving, coarse.weight, len(PHASES)).astype(float)
-        name = f'{coordinate.name}, {coordinate.parity}' if coordinate.parity else coordinate.name
+        mean = np.average(fitted / root, weights=coarse.weight)
         out.append(
             Finding(
-                motion.drives[d], name, region, share, p_value,
-                sentence_of(
-                    motion.drives[d], coordinate, region, shape, share, size, motion.unit, power,
-                    time,
-                ),
-                size, size / noise, max(0.0, beyond / coarse.explainable), False,
+                motion.drives[d], coordinate.name, region, share, p_value, size, size / noise,
+                max(0.0, beyond / coarse.explainable), False, parity=coordinate.parity,
+                unit=motion.unit, trend=trend, phase=phase_of(power, time),
+                value=float(mean) if coordinate is offset else math.nan,
             )
-        )
+        )  # fmt: skip
     return out
 
 
@@ -343,16 +370,15 @@ def _sizes(
         observed = float((parts.sum(axis=0) ** 2 / time).sum())
         chance = (thrown(signs, parts) ** 2 / time).sum(axis=1)
         p_value = (1.0 + float((chance >= observed).sum())) / (1.0 + chance.size)
-        region, share, text = concentration(
-            motion.drives[d], coordinate, inside.T @ power, time, motion.unit, size
-        )
+        region, held, lasts = concentration(coordinate, inside.T @ power, time)
+        share = min(1.0, max(0.0, held - lasts))
         out.append(
             Finding(
-                motion.drives[d], f'size by {coordinate.name}', region, share, p_value, text,
+                motion.drives[d], coordinate.name, region, share, p_value,
                 size * math.sqrt(share), size * math.sqrt(share) / noise, share, False,
-                by_size=True,
+                by_size=True, unit=motion.unit, time=lasts,
             )
-        )
+        )  # fmt: skip
     return out
 
 
@@ -361,14 +387,9 @@ def _swing(motion: Motion, d: int, row: Array, noise: float, coarse: Coarse) -> 
     if peak is None:
         return []
     share = min(1.0, peak.size**2 * float(coarse.weight.sum()) / coarse.explainable)
-    region = f'{peak.low:.3g} to {peak.high:.3g} Hz'
-    text = (
-        f'{motion.drives[d]}: a swing at {peak.frequency:.3g} Hz (band {region}); '
-        f'{percent(share)} of the gap above the noise, {figure(peak.size)} {motion.unit} RMS'
-    )
     return [
         Finding(
-            motion.drives[d], 'frequency', region, share, peak.p_value, text,
-            peak.size, peak.size / noise, share, False,
+            motion.drives[d], 'frequency', Region(peak.low, peak.high, 'Hz'), share, peak.p_value,
+            peak.size, peak.size / noise, share, False, unit=motion.unit, value=peak.frequency,
         )
     ]  # fmt: skip

@@ -10,6 +10,7 @@ from ros2_ident.gap.blocks import Interval
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.models import EffectAt
 from ros2_ident.report.maps import chosen, map_of
+from ros2_ident.words.finding import region, where
 from ros2_ident.words.verdict import advice, sentence
 
 SCHEMA = 4
@@ -109,13 +110,13 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
             {
                 'drive': f.drive,
                 'coordinate': f.coordinate,
-                'region': f.region,
+                'region': region(f),
                 'statistic': f.statistic,
                 'p_value': f.p_value,
                 'size': f.size,
                 'size_over_floor': f.over_floor,
                 'beyond': f.beyond,
-                'sentence': f.sentence,
+                'sentence': where(f),
                 'by_size': f.by_size,
             }
             for f in d.localisation

@@ -58,10 +58,9 @@ class ResidualMap:
     lines: tuple[Line, ...]
 
 
-def coordinate_of(finding: str) -> str:
-    """Return the coordinate to draw for a finding's: without size, parity, or what has no axis."""
-    name = finding.removeprefix('size by ').removeprefix('recent ').split(',')[0]
-    return 'time' if name in _OVER_TIME else name
+def coordinate_of(finding: Finding) -> str:
+    """Return the coordinate to draw a finding along: time for one without an axis."""
+    return 'time' if finding.along in _OVER_TIME else finding.along.removeprefix('recent ')
 
 
 def chosen(
@@ -77,7 +76,7 @@ def chosen(
         Each pair once, drive by drive in the order of the findings.
     """
     pairs = dict.fromkeys(
-        (f.drive, coordinate_of(f.coordinate)) for f in findings if f.significant
+        (f.drive, coordinate_of(f)) for f in findings if f.significant
     )
     by_drive: dict[str, list[str]] = {}
     for drive, name in pairs:

@@ -26,6 +26,7 @@ from ros2_ident.recording.write import remove_bag, require_room, Topic
 from ros2_ident.report.diagnosis import to_mapping
 from ros2_ident.report.scene import MARKERS, scene_messages, scene_of
 from ros2_ident.report.schema import to_mapping as result_mapping
+from ros2_ident.words.finding import where
 from ros2_ident.words.verdict import advice, sentence
 
 # Where the node `identifier` publishes the same, so that one layout shows both.
@@ -68,7 +69,7 @@ def verdict_of(found: Identification | Diagnosis) -> Verdict:
         name: f'{v.value:.6g} [{v.low:.6g}, {v.high:.6g}] {v.unit}'
         for name, v in found.parameters.items()
     }
-    values |= {f'where {k}': x.sentence for k, x in enumerate(found.localisation, 1)}
+    values |= {f'where {k}': where(x) for k, x in enumerate(found.localisation, 1)}
     values |= {f'advice {k}': text for k, text in enumerate(advice(found), 1)}
     return Verdict('gap', found.effect == 'none', sentence(found), values, to_mapping(found))
 

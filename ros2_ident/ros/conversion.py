@@ -30,6 +30,7 @@ from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.jobs import Diagnosed, Identified
 from ros2_ident.models import EffectAt, Machine, Parameter
 from ros2_ident.ros.run import Finished
+from ros2_ident.words.finding import where
 from ros2_ident.words.verdict import advice, sentence
 
 _OUTCOMES = {
@@ -245,7 +246,7 @@ def _diagnosed(finished: Finished[Diagnosed]) -> dict[str, Any]:
         'confusable': [_candidate(found, declared, r) for r in found.confusable],
         'ranking': [_candidate(found, declared, r) for r in found.ranking],
         'drives': list(found.per_drive),
-        'localisation': [finding.sentence for finding in found.localisation],
+        'localisation': [where(x) for x in found.localisation],
         'advice': steps,
         'seconds': done.seconds,
     }  # fmt: skip

@@ -7,8 +7,8 @@ import math
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.gap.facts import Cause, Event, Facts, WrongConstant
-from ros2_ident.gap.wording import compared, figure, in_travel, length
 from ros2_ident.models import EffectAt
+from ros2_ident.words.figures import compared, figure, in_travel, length
 
 # Share of the resampled blocks in which an effect has to count to be more than a hint.
 OFTEN = 0.9

@@ -10,6 +10,7 @@ from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.protocol import FullModel, Output
+from ros2_ident.words.finding import where
 
 CYCLE, COUNT = 0.01, 1200
 TIME = CYCLE * np.arange(COUNT)
@@ -60,12 +61,12 @@ def test_pushes_are_told_with_drive_instant_and_size() -> None:
     assert (knee.drive, hip.drive) == ('knee', 'hip')
     assert knee.coordinate == 'instants'
     assert knee.significant
-    told = [float(part.split(' s ')[0]) for part in knee.region.split(', ')]
+    told = [event.time for event in knee.events]
     assert told == pytest.approx([4.0, 9.126], abs=0.05)
-    assert float(hip.region.split(' s ')[0]) == pytest.approx(2.347, abs=0.05)
-    sizes = [float(part.split('(')[1].split(' ')[0]) for part in knee.region.split(', ')]
+    assert hip.events[0].time == pytest.approx(2.347, abs=0.05)
+    sizes = [event.effort for event in knee.events]
     assert sizes == pytest.approx([-0.9, 0.7], abs=0.12)
-    assert knee.sentence.startswith('knee: as if pushed at ')
+    assert where(knee).startswith('knee: as if pushed at ')
     assert max(knee.p_value, hip.p_value) < 1e-6
 
 

@@ -18,6 +18,7 @@ from ros2_ident.gap.localise import localise
 from ros2_ident.gap.spectrum import find_peak
 from ros2_ident.search.evidence import weigh
 from ros2_ident.search.noise import Run
+from ros2_ident.words.finding import where
 
 OF = motion()
 TIME = np.arange(OF.position.shape[1]) * CYCLE
@@ -58,21 +59,21 @@ def test_what_is_planted_is_found(name):
 
 def test_sentences_say_where():
     found = localise(OF, residual(OF, PLANTED['velocity, odd'], 0), floor_of())
-    text = next(f.sentence for f in found if f.coordinate == 'velocity, odd')
+    text = next(where(f) for f in found if f.coordinate == 'velocity, odd')
     assert text.startswith('drive_1: ')
     assert 'changing sign with the direction of motion' in text
     assert '% of the gap above the noise' in text
     found = localise(OF, residual(OF, PLANTED['motor angle'], 1), floor_of())
     ripple = residual(OF, 0.03 * np.sin(3.0 * 78.54 * OF.position[1]), 1)
     found = localise(OF, ripple, floor_of())
-    assert 'drive_2: periodic in the motor angle, order 3 per turn' in found[0].sentence
+    assert 'drive_2: periodic in the motor angle, order 3 per turn' in where(found[0])
 
 
 def test_a_loud_place_without_a_sign_is_found():
     noise = np.random.default_rng(3).standard_normal(TIME.size)
     found = localise(OF, residual(OF, 0.04 * noise * (np.abs(V) > 0.15), 0), floor_of())
     assert found[0].coordinate.startswith('size by')
-    assert 'of the gap' in found[0].sentence
+    assert 'of the gap' in where(found[0])
 
 
 @pytest.mark.parametrize('phi', [0.9, 0.98])

@@ -13,10 +13,11 @@ from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.gap.reading import LARGEST
-from ros2_ident.gap.wording import in_travel, length
 from ros2_ident.machine.units import angular_factor
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.recording import Dataset
+from ros2_ident.words.figures import in_travel, length
+from ros2_ident.words.finding import where
 from ros2_ident.words.verdict import advice, sentence
 
 CYCLE = 1e-3
@@ -73,7 +74,7 @@ def test_stribeck_friction_of_half_a_radian_a_second_is_found() -> None:
     speed, torque = (found.parameters[f'joint.stribeck.{n}'] for n in ('velocity', 'torque'))
     assert speed.unit == 'rad/s' and speed.value == pytest.approx(0.5, rel=0.1)
     assert torque.unit == 'N m' and torque.value == pytest.approx(0.4, rel=0.1)
-    told = ' '.join([sentence(found), *advice(found), *(f.sentence for f in found.localisation)])
+    told = ' '.join([sentence(found), *advice(found), *map(where, found.localisation)])
     assert ' m/s' not in told and 'mm' not in told and ' um' not in told
 
 

@@ -61,7 +61,7 @@ def test_pushes_at_a_double_pendulum_are_told_at_their_instants() -> None:
         floor = Floor(np.full(2, 0.02), none, none, 'prediction', (white(0.02),) * 2)
         found = bursts(problem.models[0], problem.low, problem.high, theta, floor)
         told[name] = {
-            f.drive: [float(part.split(' s ')[0]) for part in f.region.split(', ')] for f in found
+            f.drive: [event.time for event in f.events] for f in found
         }
     assert told['free'] == {}
     assert told['perturbed']['shoulder'] == pytest.approx([1.40, 5.40], abs=0.05)

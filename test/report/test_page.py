@@ -24,7 +24,6 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export.estimate import read_estimate
 from ros2_ident.gap.diagnosis import DriveGap, Ranked
 from ros2_ident.gap.facts import Cause, Event, Facts
-from ros2_ident.gap.wording import compared
 from ros2_ident.gates import Gate
 from ros2_ident.identify.result import Outcome
 from ros2_ident.models import EffectAt
@@ -45,6 +44,7 @@ from ros2_ident.report.page.thin import extremes
 from ros2_ident.report.signals import load_signals, write_signals
 from ros2_ident.report.tables import write_tables
 from ros2_ident.words import verdict as words
+from ros2_ident.words.figures import compared
 
 DIAGNOSED = ['where', 'gap', 'time', 'values']
 IDENTIFIED = ['effort', 'parameters', 'search', 'correlations']

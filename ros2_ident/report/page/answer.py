@@ -7,7 +7,6 @@ import math
 from typing import Any
 
 from ros2_ident.gap.facts import Cause, Event
-from ros2_ident.gap.wording import compared
 from ros2_ident.gates import sentences as sentences_of
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.report.page import sentences, steps
@@ -31,6 +30,7 @@ from ros2_ident.report.page.sentences import (
 from ros2_ident.report.page.steps import Step
 from ros2_ident.report.schema import gates_from
 from ros2_ident.words import verdict as words
+from ros2_ident.words.figures import compared
 
 # Drives that the first screen lists; the table further down has all.
 LISTED = 6

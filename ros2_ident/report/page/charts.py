@@ -12,9 +12,9 @@ from markupsafe import escape, Markup
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.gap.wording import compared
 from ros2_ident.report.page.numbers import number, unit_of
 from ros2_ident.report.style import BLUE, GREY, numbers, ORANGE, RED, tidy
+from ros2_ident.words.figures import compared
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -22,7 +22,6 @@ from bokeh.models.annotations import Span
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.gap.wording import compared
 from ros2_ident.report.page.look import Button, Choice, INK, Key, Picture, plot
 from ros2_ident.report.page.numbers import number
 from ros2_ident.report.page.thin import (
@@ -38,6 +37,7 @@ from ros2_ident.report.page.thin import (
 )
 from ros2_ident.report.signals import Curves, Signals
 from ros2_ident.report.style import GREY, ORANGE, RED, SKY
+from ros2_ident.words.figures import compared
 
 # Stretches that a curve in view is cut into, the same as in `page.js`.
 COLUMNS = 1000

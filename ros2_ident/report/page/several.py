@@ -11,7 +11,6 @@ from typing import Any
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
-from ros2_ident.gap.wording import compared
 from ros2_ident.identify.result import half_of_difference, smallest_shown
 from ros2_ident.report.files import DIAGNOSIS, FLEET, intact, load, PAGE
 from ros2_ident.report.page import answer, sentences, steps
@@ -26,6 +25,7 @@ from ros2_ident.report.page.numbers import (
 from ros2_ident.report.page.render import render
 from ros2_ident.report.page.sentences import effect_name
 from ros2_ident.report.schema import to_mapping
+from ros2_ident.words.figures import compared
 
 COMPARISON = 'comparison.html'
 # Parameters of a fleet that are shown at once; the others are folded away.

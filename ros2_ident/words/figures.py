@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers, shares and lengths in sentences."""
+
+import re
+
+from ros2_ident.gates.scale import figure as figure
+
+_METRES = {'um': 1e-6, 'mm': 1e-3, 'm': 1.0}
+_LENGTH = re.compile(r'(\d+(?:\.\d+)?)(?: to (\d+(?:\.\d+)?))? (um|mm|m)(?=/s|\b)')
+
+
+def length(value: float, unit: str) -> str:
+    """Return a small length: micrometres of one in m, else its own unit."""
+    return f'{1e6 * value:.3g} um' if unit == 'm' else f'{value:.3g} {unit}'
+
+
+def in_travel(text: str, unit: str, per_metre: float) -> str:
+    """Return a sentence with its lengths and speeds in a drive's unit of travel.
+
+    Args:
+        text: A sentence with lengths in um, mm or m.
+        unit: Unit of the drive's position.
+        per_metre: How many of these a metre stands for.
+    """
+    if unit == 'm':
+        return text
+
+    def told(found: re.Match[str]) -> str:
+        factor = _METRES[found[3]] * per_metre
+        numbers = [f'{float(n) * factor:.3g}' for n in (found[1], found[2]) if n]
+        return f'{" to ".join(numbers)} {unit}'
+
+    return _LENGTH.sub(told, text)
+
+
+def compared(unit: str) -> str:
+    """Return what was compared, by its unit: effort, position or velocity."""
+    return {'m': 'position', 'rad': 'position', 'm/s': 'velocity', 'rad/s': 'velocity'}.get(
+        unit, 'effort'
+    )
+
+
+def percent(share: float) -> str:
+    """Return a share in percent; one that would round to nothing as less than one."""
+    return f'{100.0 * share:.0f} %' if share >= 0.005 else 'less than 1 %'

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a gap lies."""
+
+from collections.abc import Iterable
+import math
+
+from ros2_ident.gap.facts import Event
+from ros2_ident.gap.localise import Finding
+from ros2_ident.words.figures import figure, percent
+
+# Coordinates that a sentence calls otherwise, and phases of the motion.
+_NAMES = {'velocity': 'speed', 'load': 'transmitted load'}
+_WHILE = {
+    'rest': 'at rest',
+    'creep': 'while creeping',
+    'acceleration': 'while accelerating',
+    'cruise': 'while cruising',
+    'deceleration': 'while braking',
+    'reversal': 'at reversals',
+}
+
+
+def instants(events: Iterable[Event], unit: str) -> str:
+    """Return bursts of effort, each with its size."""
+    return ', '.join(
+        f'{e.time:.2f} s ({figure(e.effort, "+")} {unit})'
+        + (f' of recording {e.recording}' if e.recording > 1 else '')
+        for e in events
+    )
+
+
+def region(f: Finding) -> str:
+    """Return the part of the coordinate in which a finding lies."""
+    r = f.region
+    if f.events:
+        return instants(f.events, f.unit)
+    if f.along == 'recent acceleration':
+        return 'within 40 ms'
+    if r.labels:
+        return ', '.join(r.labels)
+    if r.low == r.high:
+        return f'order {r.low:.0f}'
+    low, high = (f'{x:.3g}' if f.along == 'frequency' else figure(x) for x in (r.low, r.high))
+    if math.isinf(r.low):
+        return 'everywhere' if math.isinf(r.high) else f'below {high} {r.unit}'
+    return f'above {low} {r.unit}' if math.isinf(r.high) else f'{low} to {high} {r.unit}'
+
+
+def where(f: Finding) -> str:
+    """Return a finding as a clause: the drive, where its gap lies, and how large that part is."""
+    if f.events:
+        of = 'as if pushed' if f.commanded else 'effort that was not commanded'
+        return (
+            f'{f.drive}: {of} at {region(f)}; up to {f.value:.2g} times the residual elsewhere, '
+            f'{percent(f.statistic)} of its power'
+        )
+    if f.by_size:
+        gap = figure(f.size / math.sqrt(f.statistic))
+        name = _NAMES.get(f.along, f.along)
+        there = _while(f.region.labels) or f'where the {name} is {region(f)}'
+        return (
+            f'{f.drive}: {percent(f.statistic + f.time)} of the gap of {gap} {f.unit} lies '
+            f'{there}, {percent(f.time)} of the time'
+        )
+    doubt = '; not certain, the motion passes there too few times' if f.likely else ''
+    return (
+        f'{f.drive}: {_along(f)}; {percent(f.statistic)} of the gap above the noise, '
+        f'{figure(f.size)} {f.unit} RMS{doubt}'
+    )
+
+
+def _along(f: Finding) -> str:
+    """Return the coordinate that a residual follows, and how."""
+    name, at = _NAMES.get(f.along, f.along), region(f)
+    along = f'along the {name}' if at == 'everywhere' else f'{name} {at}'
+    text = {
+        'offset': f'a constant {figure(f.value, "+")} {f.unit}',
+        'frequency': f'a swing at {f.value:.3g} Hz (band {at})',
+        'motor angle': f'periodic in the motor angle, {at} per turn',
+        'phase': _while(f.region.labels),
+        'other drives': f'follows the {at}',
+        'torque rate': 'follows the rate of the effort, as with a wrong delay',
+        'recent acceleration': 'follows the acceleration of the last 40 ms',
+        'lagging friction': f'like a friction that lags behind the motion: {at}',
+    }.get(f.along, f'{along}, {f.trend} with it' if f.trend else along)
+    parts = [text]
+    if f.phase and f.along not in ('phase', 'offset'):
+        parts.insert(0, _WHILE[f.phase])
+    if f.parity == 'odd':
+        parts.append('changing sign with the direction of motion')
+    elif f.parity == 'even' and f.along != 'offset':
+        parts.append('the same in both directions')
+    return ', '.join(parts)
+
+
+def _while(phases: Iterable[str]) -> str:
+    return ', '.join(_WHILE[phase] for phase in phases)
