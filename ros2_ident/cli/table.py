@@ -8,6 +8,7 @@ from ros2_ident.cli.colour import alarming
 from ros2_ident.cli.progress import duration
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.prediction import Prediction
+from ros2_ident.words.identification import message
 
 # A half width beyond this share of the value, in percent, is told by itself.
 TELLING = 1000.0
@@ -108,5 +109,5 @@ def print_result(result: Identification) -> None:
     for warning in result.quality.warnings:
         print(f'warning: {warning}')
     code = result.outcome.error_code
-    said = f'{result.outcome.value}: {result.message}' + (f' [{code.name}]' if code else '')
+    said = f'{result.outcome.value}: {message(result)}' + (f' [{code.name}]' if code else '')
     print(alarming(said) if result.outcome is Outcome.CONTRADICTED else said)

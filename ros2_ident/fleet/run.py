@@ -212,12 +212,14 @@ def _again(entry: Entry, wish: Wish, common: Effects) -> Row:
 
 
 def _found(entry: Entry, wish: Wish) -> Row:
+    from ros2_ident.words.identification import message
+
     fit, diagnosis = _job(entry, wish)
     result, _ = fit(())
     found: Row = {
         'state': 'done',
         'code': result.outcome.error_code.name,
-        'message': result.message,
+        'message': message(result),
         'warnings': list(result.quality.warnings),
         'model': result.model,
         'residual': {x.drive: x.rms for x in result.residuals},

@@ -2,17 +2,17 @@
 """Whether a result can be believed: what the gates found, and what the model leaves of the log."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 
 import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.gates import GateReport, sentences
-from ros2_ident.gates.scale import figure, FLOORS
+from ros2_ident.gates.scale import FLOORS
 from ros2_ident.identify.certainty import doubted
 from ros2_ident.identify.problem import Problem
-from ros2_ident.identify.result import Identification, Outcome
+from ros2_ident.identify.result import Identification, Outcome, PoorFit
 from ros2_ident.search.noise import fast_noise
 
 # A model that leaves this share of how an output varies, and far more than its noise, is not the
@@ -20,32 +20,6 @@ from ros2_ident.search.noise import fast_noise
 LARGE = 0.3
 # What is said of every parameter then.
 NOTE = 'means nothing: the model does not fit the log'
-
-
-@dataclass(frozen=True)
-class PoorFit:
-    """An output that the model does not fit.
-
-    Attributes:
-        name: The output: a drive, or `drive.position`.
-        left: RMS of what is left [`unit`].
-        unit: Its unit.
-        share: The same over the standard deviation of what was measured.
-        floors: The same over the noise.
-    """
-
-    name: str
-    left: float
-    unit: str
-    share: float
-    floors: float
-
-    def __str__(self) -> str:
-        """Return it as a part of a sentence."""
-        return (
-            f'{100.0 * self.share:.0f} % of what varies in {self.name} ({self.left:.3g} '
-            f'{self.unit}, {figure(self.floors)} times the noise)'
-        )
 
 
 def poorly_fitted(problem: Problem, residual: Array) -> tuple[PoorFit, ...]:
@@ -78,7 +52,7 @@ def poorly_fitted(problem: Problem, residual: Array) -> tuple[PoorFit, ...]:
 def judged(
     result: Identification, report: GateReport, poor: Sequence[PoorFit]
 ) -> Identification:
-    """Return a result that says first what the gates found, and claims no more than can be.
+    """Return a result with the findings of the gates, that claims no more than can be.
 
     Args:
         result: What the fit came to.
@@ -88,33 +62,19 @@ def judged(
     quality = replace(
         result.quality, warnings=tuple(dict.fromkeys((*_said(report), *result.quality.warnings)))
     )
-    result = replace(result, gates=report.gates, quality=quality)
-    left = ''
-    if poor:
-        left = f'The model leaves {", ".join(map(str, poor))}'
-        left += '.' if report.headline else (
-            ', so it is not the one of this machine, or not with these constants; check units, '
-            'gains and the kind of machine.'
-        )
+    result = replace(result, gates=report.gates, quality=quality, poor=tuple(poor))
     ended = result.outcome in (Outcome.IDENTIFIED, Outcome.NOT_IDENTIFIABLE)
     spent = result.outcome is Outcome.BUDGET_SPENT
-    if (left and ended) or (report.blocked and (ended or spent)):
-        message = _joined(report.headline, left, 'No parameter is identified.')
+    if (poor and ended) or (report.blocked and (ended or spent)):
         return replace(
             result,
             outcome=Outcome.CONTRADICTED,
-            message=message,
             parameters=tuple(doubted(p, NOTE) for p in result.parameters),
         )
-    return replace(result, message=_joined(report.headline, left, result.message))
+    return result
 
 
 def _said(report: GateReport) -> tuple[str, ...]:
     """Return what the gates warn of, but for what is the headline."""
     first = report.contradictions[:1]
     return tuple(sentences(g for g in report.gates if g.level != 'ok' and g not in first))
-
-
-def _joined(*parts: str) -> str:
-    """Return sentences as one text; empty ones are passed over."""
-    return ' '.join(part for part in parts if part)

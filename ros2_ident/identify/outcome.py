@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From what a run found to the result: the outcome, its words, and where it came from."""
+"""From what a run found to the result: the outcome, and where it came from."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -27,7 +27,6 @@ from ros2_ident.identify.result import (
     Provenance,
 )
 from ros2_ident.models import Machine
-from ros2_ident.recording.shown import enumerated
 from ros2_ident.search import RefineStatus, StopReason
 from ros2_ident.search.evidence import Evidence
 from ros2_ident.search.fit import Fitted
@@ -42,8 +41,6 @@ ONE_OF_SEVERAL = 'of one of several minima that fit almost alike'
 APART, BEYOND = 0.01, 3.0
 # One that leaves less than so many times the best one's mean square above the noise fits alike.
 ALIKE = 2.0
-# Parameters that a sentence names; every one has its line in the result.
-NAMED = 4
 
 
 def assemble(
@@ -66,14 +63,12 @@ def assemble(
     rivals = rival_minima(problem, found)
     if rivals:
         estimates = tuple(doubted(e, ONE_OF_SEVERAL) for e in estimates)
-    outcome, message = _judge(found, estimates, _ambiguous(problem, rivals))
     size = len(estimates)
     left = problem.left(found.residual) if found.residual.size else ()
     quality = problem.quality()
     refined = found.refined is not None and np.isfinite(found.refined.cost)
     return Identification(
-        outcome=outcome,
-        message=message,
+        outcome=_outcome(found, estimates, rivals=bool(rivals)),
         rival=tuple(float(x) for x in rivals[0].theta) if rivals else (),
         model=problem.name,
         drives=problem.drives,
@@ -148,95 +143,31 @@ def _of_outputs(said: Mapping[str, str]) -> tuple[str, ...]:
     return tuple(f'{name}: {said[name]}{likewise(names[1:])}' for name in names[:1])
 
 
-def _ambiguous(problem: Problem, rivals: tuple[StartOutcome, ...]) -> str:
-    """Return what other minima of the cost mean; empty where there are none."""
-    if not rivals:
-        return ''
-    there = ', '.join(
-        f'{parameter.name} {value:.5g}'
-        for parameter, value in zip(problem.parameters, rivals[0].theta, strict=True)
-    )
-    return (
-        f'The cost has several minima that fit almost alike, another at {there}; the best may not '
-        'have been found. Search again with a larger first population and another seed: the '
-        'lower cost is the better answer.'
-    )
-
-
-def _judge(
-    found: Fitted, estimates: tuple[ParameterEstimate, ...], ambiguous: str
-) -> tuple[Outcome, str]:
-    """Return how it ended and the sentence for it."""
-    if not np.isfinite(found.ga.cost):
-        if found.cancelled:
-            return (
-                Outcome.CANCELLED,
-                'The run was cancelled before a candidate was simulated to its end.',
-            )
-        return Outcome.DIVERGED, (
-            'Every candidate diverged; narrow the bounds in the machine file to values the '
-            'machine can have, and check the controller gains there.'
-        )
+def _outcome(found: Fitted, estimates: tuple[ParameterEstimate, ...], *, rivals: bool) -> Outcome:
+    """Return how a run ended."""
     if found.cancelled:
-        return Outcome.CANCELLED, (
-            'The run was cancelled; the values are the best found until then and may be far from '
-            'the optimum.'
-        )
-    spent = _spent(found)
-    if spent:
-        return Outcome.BUDGET_SPENT, spent
-    if ambiguous:
-        return Outcome.NOT_IDENTIFIABLE, ambiguous
-    bounded = [e.name for e in estimates if e.at_bound]
-    leaning = (
-        f' {enumerated(bounded, NAMED)} {"lies" if len(bounded) == 1 else "lie"} at a bound: '
-        'check whether the true value can lie beyond.'
-        if bounded
-        else ''
-    )
-    loose = undetermined(estimates)
-    outcome = Outcome.NOT_IDENTIFIABLE if loose else Outcome.IDENTIFIED
-    first = determined(estimates)
-    return outcome, f'{f"{first}: {loose}" if loose else first}.{leaning}'
-
-
-def determined(estimates: Sequence[ParameterEstimate]) -> str:
-    """Return how many parameters are identified, or are not, as the begin of a sentence."""
-    count, loose = len(estimates), sum(not e.identifiable for e in estimates)
-    if not loose:
-        return f'All {count} parameters are identified'
-    return f'This data does not determine {loose} of {count} parameters'
-
-
-def undetermined(estimates: Sequence[ParameterEstimate]) -> str:
-    """Return which parameters are not identified, and the remedy; empty for none."""
-    loose = [e for e in estimates if not e.identifiable]
-    if not loose:
-        return ''
-    named = [f'{e.name} ({e.bound})' if e.state == 'bounded' else e.name for e in loose]
-    remedy = (
-        'the model lacks something that trades with them: find it with `ident diagnose`'
-        if all(e.hidden for e in loose)
-        else 'record a motion that excites them, or fix them at known values'
-    )
-    return f'{enumerated(named, NAMED)}; {remedy}'
+        return Outcome.CANCELLED
+    if not np.isfinite(found.ga.cost):
+        return Outcome.DIVERGED
+    if _spent(found):
+        return Outcome.BUDGET_SPENT
+    sure = not rivals and all(e.identifiable for e in estimates)
+    return Outcome.IDENTIFIED if sure else Outcome.NOT_IDENTIFIABLE
 
 
 def cut_short(found: Fitted) -> bool:
     """Return whether a cancel or a budget ended the run."""
-    return found.cancelled or bool(_spent(found))
+    return found.cancelled or _spent(found)
 
 
-def _spent(found: Fitted) -> str:
-    """Return which budget ended the run early, as a sentence; empty where none did."""
-    if found.ga.stop in (StopReason.EVALUATIONS, StopReason.SECONDS):
-        return str(found.ga.stop.value)
+def _spent(found: Fitted) -> bool:
+    """Return whether a budget ended the run early."""
     status = found.refined.status if found.refined else None
-    if status is RefineStatus.CANCELLED or found.left_out:
-        return StopReason.SECONDS.value
-    if status is RefineStatus.EVALUATIONS:
-        return RefineStatus.EVALUATIONS.value
-    return ''
+    return (
+        found.ga.stop in (StopReason.EVALUATIONS, StopReason.SECONDS)
+        or status in (RefineStatus.CANCELLED, RefineStatus.EVALUATIONS)
+        or bool(found.left_out)
+    )
 
 
 def provenance_of(machine: Machine, data: Data) -> Provenance:

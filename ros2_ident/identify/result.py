@@ -246,13 +246,31 @@ class Provenance:
     created: str
 
 
+@dataclass(frozen=True)
+class PoorFit:
+    """An output that the model does not fit.
+
+    Attributes:
+        name: The output: a drive, or `drive.position`.
+        left: RMS of the residual [`unit`].
+        unit: Its unit.
+        share: The same over the standard deviation of the measured output.
+        floors: The same over the noise.
+    """
+
+    name: str
+    left: float
+    unit: str
+    share: float
+    floors: float
+
+
 @dataclass(frozen=True, eq=False)
 class Identification:
     """The result of one identification.
 
     Attributes:
         outcome: How it ended.
-        message: The outcome as a sentence, with the remedy where there is one.
         model: Kind of machine.
         drives: Drives whose effort was compared.
         parameters: The estimates, in the order of `theta`.
@@ -275,10 +293,10 @@ class Identification:
         gates: What log and machine file say of each other before any fit, the worst first.
         prediction: How far free runs come from the data judged on; None where none was made.
         rival: (N,) another minimum of the cost that fits almost as well; empty for none.
+        poor: Outputs that the model does not fit.
     """
 
     outcome: Outcome
-    message: str
     model: str
     drives: tuple[str, ...]
     parameters: tuple[ParameterEstimate, ...]
@@ -301,6 +319,7 @@ class Identification:
     gates: tuple[Gate, ...] = ()
     prediction: Prediction | None = None
     rival: tuple[float, ...] = ()
+    poor: tuple[PoorFit, ...] = ()
 
     @property
     def theta(self) -> Array:

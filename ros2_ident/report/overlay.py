@@ -27,6 +27,7 @@ from ros2_ident.report.diagnosis import to_mapping
 from ros2_ident.report.scene import MARKERS, scene_messages, scene_of
 from ros2_ident.report.schema import to_mapping as result_mapping
 from ros2_ident.words.finding import where
+from ros2_ident.words.identification import message
 from ros2_ident.words.verdict import advice, sentence
 
 # Where the node `identifier` publishes the same, so that one layout shows both.
@@ -64,7 +65,7 @@ def verdict_of(found: Identification | Diagnosis) -> Verdict:
             for p in found.parameters
         }
         good = found.outcome is Outcome.IDENTIFIED
-        return Verdict('fit', good, found.message, values, result_mapping(found))
+        return Verdict('fit', good, message(found), values, result_mapping(found))
     values = {
         name: f'{v.value:.6g} [{v.low:.6g}, {v.high:.6g}] {v.unit}'
         for name, v in found.parameters.items()

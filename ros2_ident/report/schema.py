@@ -16,6 +16,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import Gate
 from ros2_ident.identify.result import Identification
 from ros2_ident.prediction import prediction_from
+from ros2_ident.words.identification import message
 
 SCHEMA = 'ros2_ident.identification'
 VERSION = 1
@@ -27,7 +28,7 @@ def to_mapping(result: Identification) -> dict[str, Any]:
         'schema': SCHEMA,
         'version': VERSION,
         'outcome': result.outcome.value,
-        'message': result.message,
+        'message': message(result),
         'model': result.model,
         'drives': result.drives,
         'parameters': {
@@ -42,6 +43,7 @@ def to_mapping(result: Identification) -> dict[str, Any]:
         'gates': [asdict(gate) for gate in result.gates],
         'prediction': None if result.prediction is None else asdict(result.prediction),
         'rival': result.rival,
+        'poor': [asdict(x) for x in result.poor],
         'evaluations': result.evaluations,
         'seconds': result.seconds,
         'seed': result.seed,

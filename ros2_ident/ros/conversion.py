@@ -31,6 +31,7 @@ from ros2_ident.jobs import Diagnosed, Identified
 from ros2_ident.models import EffectAt, Machine, Parameter
 from ros2_ident.ros.run import Finished
 from ros2_ident.words.finding import where
+from ros2_ident.words.identification import message as outcome_sentence
 from ros2_ident.words.verdict import advice, sentence
 
 _OUTCOMES = {
@@ -136,10 +137,11 @@ def _identified(finished: Finished[Identified]) -> dict[str, Any]:
         p.identifiable for p in found.parameters
     )
     code = 0 if known else int(found.outcome.error_code)
+    said = outcome_sentence(found)
     return {
         **_copied(
             found, 'model', 'drives', 'evaluations', 'seed',
-            outcome_sentence='message', warnings='quality.warnings', cost_genetic='cost.ga',
+            warnings='quality.warnings', cost_genetic='cost.ga',
             cost_refined='cost.refined', cost_unit='cost.unit',
             package_version='provenance.package_version',
         ),
@@ -149,7 +151,8 @@ def _identified(finished: Finished[Identified]) -> dict[str, Any]:
         ),
         'configuration_sha256': finished.configuration_sha256,
         'error_code': code,
-        'error_message': found.message if code else '',
+        'outcome_sentence': said,
+        'error_message': said if code else '',
         'outcome': _outcome(found),
         'parameters': [_of_result(p) for p in found.parameters],
         'correlation': _doubles(found.correlation),

@@ -94,4 +94,4 @@ def _along(f: Finding) -> str:
 
 
 def _while(phases: Iterable[str]) -> str:
-    return ', '.join(_WHILE[phase] for phase in phases)
+    return ', '.join(_WHILE.get(phase, phase) for phase in phases)

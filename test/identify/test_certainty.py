@@ -12,6 +12,7 @@ from ros2_ident.identify.run import identify
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.protocol import Output
+from ros2_ident.words.identification import message
 
 TIME = 1e-2 * np.arange(400)
 SPEED = np.cos(3.0 * TIME)
@@ -76,7 +77,7 @@ def test_no_friction_is_an_answer_and_no_mass_is_none():
     assert friction.note.startswith(f'at most {friction.high:.3g} N: below 1 % of the output')
     assert load.note == 'base parameter, of either sign'
     assert result.outcome is Outcome.NOT_IDENTIFIABLE
-    assert f'1 of 3 parameters: mass ({mass.bound}); record' in result.message
+    assert f'1 of 3 parameters: mass ({mass.bound}); record' in message(result)
 
 
 def test_friction_that_may_matter_is_not_called_nothing():
@@ -88,5 +89,5 @@ def test_friction_that_may_matter_is_not_called_nothing():
 
 def test_all_of_it_is_identified():
     result = found(Drive(5.0, 3.0))
-    assert result.message == 'All 3 parameters are identified.'
+    assert message(result) == 'All 3 parameters are identified.'
     assert [p.note for p in result.parameters[:2]] == ['', '']

@@ -24,6 +24,7 @@ from ros2_ident.report.overlay import (
     write_overlay,
 )
 from ros2_ident.report.schema import to_mapping
+from ros2_ident.words.identification import message
 
 
 @pytest.fixture(scope='module')
@@ -43,7 +44,7 @@ def test_the_json_file_has_what_it_promises(tmp_path, result):
     data = strictly((tmp_path / 'out' / 'result.json').read_text())
     assert data['version'] == 1
     assert data['outcome'] == 'identified'
-    assert data['message'] == result.message
+    assert data['message'] == message(result)
     assert set(data['cost']) == {'ga', 'refined', 'unit'}
     assert data['cost']['unit'] == 'N'
     assert data['seed'] == 1

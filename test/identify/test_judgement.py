@@ -18,6 +18,7 @@ from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.protocol import Output
 from ros2_ident.report.page.answer import of_identification
 from ros2_ident.report.schema import from_mapping, to_mapping
+from ros2_ident.words.identification import message
 
 
 def wrong(**factors: float) -> Any:
@@ -35,8 +36,8 @@ def test_a_wrong_gain_is_the_headline_and_nothing_is_identified(without_force_co
     result = without_force_constant
     assert result.outcome is Outcome.CONTRADICTED
     assert result.outcome.error_code is ErrorCode.CONTRADICTED
-    assert result.message.startswith('emps_axis: your velocity_gain is 243.5; 85')
-    assert result.message.endswith('No parameter is identified.')
+    assert message(result).startswith('emps_axis: your velocity_gain is 243.5; 85')
+    assert message(result).endswith('No parameter is identified.')
     assert not any(p.identifiable for p in result.parameters)
     assert {p.note for p in result.parameters} == {NOTE}
     assert result.gates[0].key == 'velocity_gain'
@@ -57,14 +58,14 @@ def test_the_page_begins_with_it_and_doubts_no_single_parameter(without_force_co
 
 def test_a_gain_that_is_a_little_off_comes_first_and_leaves_the_result():
     result = identify(wrong(velocity_gain=1.05), axis_data(), settings=QUICK)
-    assert result.message.startswith('emps_axis: your velocity_gain is 8985; 85')
+    assert message(result).startswith('emps_axis: your velocity_gain is 8985; 85')
     assert result.outcome is Outcome.IDENTIFIED
-    assert result.message.endswith('All 4 parameters are identified.')
+    assert message(result).endswith('All 4 parameters are identified.')
 
 
 def test_a_sound_log_is_identified_without_a_word_more():
     result = identify(axis(), axis_data(), settings=QUICK)
-    assert result.message == 'All 4 parameters are identified.'
+    assert message(result) == 'All 4 parameters are identified.'
     assert result.quality.warnings == ()
     assert {g.level for g in result.gates} == {'ok'}
 
@@ -109,7 +110,7 @@ def test_a_large_residual_is_one_of_the_effort_and_of_the_noise(bent, noise, ref
     assert (share > LARGE and left.rms > FLOORS * noise) == refused
     assert (result.outcome is Outcome.CONTRADICTED) == refused
     if refused:
-        assert f'The model leaves {100.0 * share:.0f} % of what varies in line' in result.message
+        assert f'The model leaves {100.0 * share:.0f} % of what varies in line' in message(result)
 
 
 def machine_file(folder, gain):

@@ -27,12 +27,13 @@ from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify, IdentifyProgress, read_data
 from ros2_ident.models import load_machine
 from ros2_ident.search import Budget, GeneticSettings
+from ros2_ident.words.identification import message
 
 
 def test_axis_is_identified_within_its_intervals():
     result = identify(axis(), axis_data(), settings=QUICK, seed=1)
     assert result.outcome is Outcome.IDENTIFIED
-    assert result.message == 'All 4 parameters are identified.'
+    assert message(result) == 'All 4 parameters are identified.'
     for estimate in result.parameters:
         truth = AXIS_TRUTH[estimate.name.rpartition('.')[2]]
         half = 0.5 * (estimate.high - estimate.low)
@@ -114,7 +115,7 @@ def test_an_estimate_at_its_bound_is_said():
     assert estimate.value == 100.0
     assert estimate.at_bound
     assert 'at its upper bound' in estimate.note
-    assert 'emps_axis.viscous_friction lies at a bound: check' in result.message
+    assert 'emps_axis.viscous_friction lies at a bound: check' in message(result)
 
 
 def test_a_parameter_that_the_data_do_not_determine_is_said():
@@ -125,7 +126,7 @@ def test_a_parameter_that_the_data_do_not_determine_is_said():
     estimate = parameter(result, 'emps_axis.moving_mass')
     assert not estimate.identifiable
     assert 'not identifiable from this data' in estimate.note
-    assert 'does not determine 1 of 4 parameters: emps_axis.moving_mass;' in result.message
+    assert 'does not determine 1 of 4 parameters: emps_axis.moving_mass;' in message(result)
     assert result.outcome.error_code is ErrorCode.NOT_IDENTIFIABLE
 
 
@@ -135,7 +136,7 @@ def test_where_everything_diverges_there_is_no_estimate():
     assert result.outcome is Outcome.DIVERGED
     assert np.isnan(result.theta).all()
     assert result.residuals == ()
-    assert 'narrow the bounds' in result.message
+    assert 'narrow the bounds' in message(result)
 
 
 def test_cancel_keeps_the_best_so_far_and_is_quick():

@@ -17,6 +17,7 @@ from checks.reference.belt_drive import simulate_belt
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
 from ros2_ident.models.belt_drive.model import BeltDrive, StepReference
+from ros2_ident.words.identification import message
 
 MACHINE = load_machine(Path(__file__).parents[2] / 'config' / 'belt_drive.yaml')
 LOW, HIGH = np.array([1.5e5, 30.0]), np.array([2.5e5, 60.0])
@@ -209,7 +210,7 @@ def test_a_fit_that_may_have_ended_in_a_wrong_minimum_is_not_identified(tmp_path
     for seed in (3, 4):
         found = identify(MACHINE, data, settings=settings, seed=seed)
         right = found.parameters[0].value == pytest.approx(2.1e5, rel=1e-3)
-        assert (found.outcome is Outcome.IDENTIFIED) == right, (seed, found.message)
+        assert (found.outcome is Outcome.IDENTIFIED) == right, (seed, message(found))
         assert right == all(p.identifiable for p in found.parameters)
-        said.append('several minima' in found.message)
+        said.append('several minima' in message(found))
     assert set(said) == {True, False}

@@ -165,7 +165,6 @@ def test_a_run_in_which_every_candidate_diverged(tmp_path):
     lost = replace(
         good,
         outcome=Outcome.DIVERGED,
-        message='Every candidate diverged; narrow the bounds in the machine file.',
         parameters=tuple(
             replace(p, value=math.nan, low=math.nan, high=math.nan, state='not determined')
             for p in good.parameters
@@ -189,11 +188,9 @@ def test_a_run_in_which_every_candidate_diverged(tmp_path):
 
 def test_a_cancelled_run_and_a_diagnosis_cut_short(tmp_path):
     good = identified()
-    message = 'The run was cancelled; the values are the best found until then.'
     cut = replace(
         good,
         outcome=Outcome.CANCELLED,
-        message=message,
         parameters=tuple(
             replace(p, low=math.nan, high=math.nan, state='not determined')
             for p in good.parameters
@@ -211,7 +208,7 @@ def test_a_cancelled_run_and_a_diagnosis_cut_short(tmp_path):
         ),
     )
     page = Page(write_report(tmp_path))
-    assert message in page.text
+    assert 'The run was cancelled; the values are the best found until then' in page.text
     assert 'The run was cut short' in page.text
     assert 'The correlations are not known' in page.text
     assert page.pictures == ['gap-effort-plot', 'effort-plot', 'generations-plot', 'costs-plot']
@@ -398,8 +395,7 @@ def of_identifications():
         '\nThis data does not determine 1 of 4 parameters.\n'
         f'Not determined: {loose.name}; the model lacks something',
     ], []  # fmt: skip
-    several = {'rival': (1.0, 2.0, 3.0, 4.0), 'message': 'The cost has several minima.'}
-    yield {**lost, **several}, 'bad', ['\nThe cost has several minima.\n'], []
+    yield {**lost, 'rival': (1.0, 2.0, 3.0, 4.0)}, 'bad', ['\nThe cost has several minima '], []
     # of many parameters those known best
     names = '\n'.join(f'link_{k} 1 kg ± {5 * (k + 1)} %' for k in range(9, -1, -1))
     yield {'parameters': many(24), 'correlation': np.eye(24)}, 'doubtful', [

@@ -10,10 +10,10 @@ import numpy as np
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.facts import Cause
 from ros2_ident.gap.verdict import NAMELESS as NAMELESS
-from ros2_ident.identify.outcome import determined, undetermined
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.recording.shown import enumerated
 from ros2_ident.report.page.numbers import change, number, precision, quantity, UNKNOWN
+from ros2_ident.words.identification import determined, message, undetermined
 
 Level = Literal['good', 'doubtful', 'bad']
 
@@ -94,7 +94,7 @@ def identified(result: Identification) -> tuple[str, str]:
     """Return how an identification ended, and which parameters it does not determine."""
     plain = result.outcome in (Outcome.IDENTIFIED, Outcome.NOT_IDENTIFIABLE)
     if not plain or result.rival or any(gate.contradicts for gate in result.gates):
-        return result.message, ''
+        return message(result), ''
     # Bounds are said one by one.
     loose = undetermined(result.parameters)
     return f'{determined(result.parameters)}.', f'Not determined: {loose}.' if loose else ''
