@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small logs of every kind, ways to damage them, and what may come of reading a damaged one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import random
@@ -17,7 +17,14 @@ from rosbags.typesys import get_typestore, Stores
 import zstandard
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording import check, read_bag, Recording, Stream, write_bag
+from ros2_ident.recording import (
+    check,
+    read_bag,
+    Recording,
+    RecordingBuilder,
+    Stream,
+    write_bag,
+)
 from ros2_ident.recording.cdr import encode
 from ros2_ident.recording.streams import FIELDS
 
@@ -47,6 +54,20 @@ def make_recording(size=120, seed=0):
         effort=Stream(names, stamp, effort=effort),
         command=Stream(names, stamp, position),
     )
+
+
+def add(
+    builder: RecordingBuilder,
+    role: str,
+    stamp: int,
+    names: Sequence[str],
+    position: Sequence[float] | np.ndarray = (),
+    velocity: Sequence[float] | np.ndarray = (),
+    effort: Sequence[float] | np.ndarray = (),
+) -> None:
+    """Append one message; what is empty was not measured."""
+    values = (np.array(x)[None] if len(x) else None for x in (position, velocity, effort))
+    builder.add_block(role, np.array([stamp]), names, *values)
 
 
 def raw_messages(recording):

@@ -109,6 +109,36 @@ class Station:
         rclpy.try_shutdown(context=self.context)
 
 
+class Here(Station):
+    """An identifier in this process.
+
+    Args:
+        domain: The DDS domain.
+        output: Its output directory.
+        parameters: Others of its parameters.
+    """
+
+    def __init__(self, domain: int, output: Path, **parameters: Any) -> None:
+        from rclpy.parameter import Parameter
+
+        from ros2_ident.ros.node import Identifier
+
+        values = {'output_directory': str(output)} | parameters
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+
+        def make(context: Any) -> Any:
+            return Identifier(context=context, parameter_overrides=overrides)
+
+        super().__init__(make, domain)
+
+    def close(self) -> None:
+        """End its run, and take it off the air."""
+        self.node.stop()
+        self.until(lambda: self.node.answered, 'the end of its run')
+        self.node.worker.join(60.0)
+        super().close()
+
+
 class Listener(Station):
     """Collects what an identifier publishes, and calls its actions.
 

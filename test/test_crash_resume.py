@@ -8,7 +8,7 @@ from dataclasses import replace
 import subprocess
 import sys
 
-from identify_cases import axis, axis_bag, axis_data, QUICK, recording_of, ROOT
+from identify_cases import axis, axis_bag, QUICK, recording_of, ROOT
 import numpy as np
 import pytest
 
@@ -92,8 +92,10 @@ def bits(result):
 
 
 def test_an_identification_goes_on_from_every_record(tmp_path, kill, monkeypatch):
+    short = gather([recording_of(axis_bag(2.0))], axis())
+
     def run(path):
-        return identify(axis(), axis_data(), settings=QUICK, seed=3, checkpoint=path)
+        return identify(axis(), short, settings=QUICK, seed=3, checkpoint=path)
 
     whole, records = count_puts(monkeypatch, lambda: run(tmp_path / 'whole'))
     assert records > QUICK.genetic.generations

@@ -13,7 +13,7 @@ import markupsafe
 import numpy as np
 import pytest
 from report_cases import write_diagnosed, write_identified
-from ros_helpers import MACHINE, new_domain, Station
+from ros_helpers import Here, MACHINE, new_domain
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.description import judged_tree
@@ -45,15 +45,7 @@ def without_actions(names: set[str]) -> set[str]:
 @pytest.mark.ros
 @pytest.mark.timeout(120)
 def test_the_policy_allows_what_the_node_does_and_nothing_else(tmp_path):
-    from rclpy.parameter import Parameter
-
-    from ros2_ident.ros.node import Identifier
-
-    values = {'machine_file': str(MACHINE), 'output_directory': str(tmp_path)}
-    given = [Parameter(name, value=value) for name, value in values.items()]
-    station = Station(
-        lambda context: Identifier(context=context, parameter_overrides=given), new_domain()
-    )
+    station = Here(new_domain(), tmp_path, machine_file=str(MACHINE))
     try:
         ask = {x: getattr(station.node, f'get_{x}_names_and_types_by_node') for x in QUERIES}
         expected = {'/identifier/status', '/identifier/diagnose/_action/status'}
@@ -62,7 +54,6 @@ def test_the_policy_allows_what_the_node_does_and_nothing_else(tmp_path):
         )
         used = {kind: {x for x, _ in ask[kind]('identifier', '/')} for kind in QUERIES}
     finally:
-        station.node.stop()
         station.close()
     assert allowed('identifier') == {
         ('topics', 'publish'): without_actions(used['publisher']),

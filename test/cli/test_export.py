@@ -8,18 +8,11 @@ import pytest
 
 pinocchio = pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
-from models.test_serial import described, moving  # noqa: E402
+from models.test_serial import BOXES, described, moving  # noqa: E402
 
 from ros2_ident.cli.main import main  # noqa: E402
 from ros2_ident.models import load_machine, make_model  # noqa: E402
 from ros2_ident.recording import Stream, write_bag  # noqa: E402
-
-BOXES = {
-    'link_moment': [-5.0, 5.0, 'kg m'],
-    'link_inertia': [-5.0, 5.0, 'kg m^2'],
-    'coulomb_torque': [0.0, 20.0, 'N m'],
-    'viscous_torque': [0.0, 20.0, 'N m s/rad'],
-}
 
 
 @pytest.fixture(scope='module')

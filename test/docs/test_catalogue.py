@@ -40,11 +40,6 @@ def test_an_entry_holds_what_a_reader_needs(effect) -> None:
     assert '{drive}' not in text
 
 
-@pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda effect: effect.id)
-def test_what_an_effect_is_taken_for_is_in_the_catalogue_too(effect) -> None:
-    assert set(effect.confusable) <= set(CATALOGUE) - {effect.id}
-
-
 @pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda e: e.id)
 def test_the_symbols_of_an_effect_stand_in_its_equation(effect) -> None:
     for parameter in effect.parameters:

@@ -18,7 +18,6 @@ from ros2_ident.excite.information import Sensitivity
 from ros2_ident.excite.limits import Limits, limits_of, Moved
 from ros2_ident.excite.plan import Excitation, excite, largest, SEARCH, Wish
 from ros2_ident.models import load_machine, machine_from_mapping, make_model
-from ros2_ident.models.registry import set_points_of
 from ros2_ident.recording import Dataset, read_bag, Topics
 
 CONFIG = Path(__file__).parents[2] / 'config'
@@ -143,21 +142,6 @@ def expected(machine) -> dict[str, float]:
 # ------------------------------------------------------------------ what a log will show
 
 
-def test_the_tools_slopes_are_worked_out_once(tripod, monkeypatch) -> None:
-    from ros2_ident.excite import information
-
-    asked = []
-    slopes = information.transmission
-    monkeypatch.setattr(information, 'transmission', lambda m: asked.append(m) or slopes(m))
-    sensitivity = Sensitivity(tripod)
-    planned = drawn(courses_for(tripod, limits_of(tripod), 1.5), 0)
-    for _ in range(2):
-        moved = sensitivity.of(planned).moved
-        there = set_points_of(tripod, moved.tool, 0.0 * moved.tool)[0]
-        assert there == pytest.approx(moved.position, abs=1e-7)
-    assert len(asked) == 1
-
-
 def test_the_intervals_come_true(axis) -> None:
     sensitivity = Sensitivity(axis, rate=250.0)
     courses = courses_for(axis, limits_of(axis), 6.0)
@@ -226,7 +210,7 @@ def test_the_worst_interval_is_the_smallest(axis, found) -> None:
 def test_what_is_wanted_is_determined_best(axis, found) -> None:
     n = [p.name for p in found.parameters].index('emps_axis.viscous_friction')
     ratios = []
-    for seed in range(5):  # so short a search ends anywhere near the best
+    for seed in range(3):  # so short a search ends anywhere near the best
         one = planned(axis, names=('viscous_friction',), seed=seed)
         every = planned(axis, seed=seed) if seed else found
         ratios.append(one.half_widths[n] / every.half_widths[n])

@@ -13,28 +13,20 @@ import yaml
 
 pinocchio = pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
-from models.test_serial import described, JOINTS, moving  # noqa: E402
+from models.test_serial import BOXES, described, JOINTS, moving  # noqa: E402
 
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.export.content import Content, content_of  # noqa: E402
 from ros2_ident.export.estimate import Estimate, read_estimate  # noqa: E402
 from ros2_ident.export.targets import fitting, TARGETS, write  # noqa: E402
 from ros2_ident.identify.data import Data  # noqa: E402
-from ros2_ident.identify.run import identify  # noqa: E402
-from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.identify.setup import problem_of  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, make_model  # noqa: E402
 from ros2_ident.report.diagnosis import SCHEMA  # noqa: E402
-from ros2_ident.report.files import DIAGNOSIS, write_result  # noqa: E402
+from ros2_ident.report.files import DIAGNOSIS  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
-BOXES = {
-    'link_moment': [-5.0, 5.0, 'kg m'],
-    'link_inertia': [-5.0, 5.0, 'kg m^2'],
-    'coulomb_torque': [0.0, 20.0, 'N m'],
-    'viscous_torque': [0.0, 20.0, 'N m s/rad'],
-}
 SMOOTH = {name: box for name, box in BOXES.items() if name != 'coulomb_torque'}
 # How far the compiled tanh stays below one.
 TANH = 3e-8
@@ -349,22 +341,6 @@ def test_a_target_without_its_description_is_refused(tmp_path: Path) -> None:
     with pytest.raises(IdentError, match='no joint elbow'):
         write(tmp_path / 'out', ('urdf',), found, other)
     assert not (tmp_path / 'out').exists()
-
-
-def test_an_estimate_comes_back_from_its_files(tmp_path: Path) -> None:
-    machine = described(tmp_path, **BOXES)
-    model = make_model(machine, moving(machine))
-    theta = np.array([p.low + 0.55 * (p.high - p.low) for p in model.parameters])
-    noise = np.random.default_rng(0).normal(0.0, 0.05, (4, 1000))
-    data = replace(model.data, effort=model.simulate(theta)[0] + noise)
-    result = identify(machine, data, settings=IdentifySettings(method='algebraic'))
-    write_result(tmp_path / 'out', result)
-    estimate = read_estimate(tmp_path / 'out')
-    assert list(estimate.values) == [p.name for p in result.parameters]
-    half = {p.name: 0.5 * (p.high - p.low) for p in result.parameters}
-    for name, deviation in estimate.deviations.items():
-        assert deviation == pytest.approx(half[name] / 1.96)
-    assert estimate.effects(list(half)) == ()
 
 
 def test_a_diagnosis_brings_its_effects(tmp_path: Path) -> None:

@@ -14,9 +14,6 @@ from values import parameter
 import yaml
 
 from checks.reference import twin_of
-from checks.reference.axis import simulate_axis
-from checks.reference.bag_making import simulate_bag
-from checks.reference.effects import draw_effect
 from checks.reference.tripod import simulate_tripod
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
@@ -27,7 +24,6 @@ from ros2_ident.identify.run import identify
 from ros2_ident.models import load_machine, machine_from_mapping, make_model
 from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import Dataset, read_bag
-from ros2_ident.simulate.bag import CLEAN
 from ros2_ident.simulate.motions import draw_motion
 
 EMPS = yaml.safe_load((ROOT / 'config' / 'emps.yaml').read_text())
@@ -75,7 +71,9 @@ def same_as_reference(machine, values, share=1e-3, seconds=1.5):
         machine.drives, motion.cycle, 0, motion.position, motion.velocity, None, None, log.effort
     )
     model = make_model(machine, data)
-    error = model.simulate(theta_of(model, values))[0] - log.effort
+    theta = theta_of(model, values)
+    # Each candidate has its own constants.
+    error = model.simulate(np.concatenate([1.01 * theta, theta]))[1] - log.effort
     assert np.sqrt(np.mean(error**2)) < share * np.abs(log.effort).max()
     return log.effort
 
@@ -156,12 +154,6 @@ def test_no_torque_limit_is_a_limit_that_is_never_reached(data):
     np.testing.assert_array_equal(*efforts)
 
 
-def test_an_effect_drawn_by_size_needs_a_limit_to_go_by():
-    machine = machine_from_mapping(file_of(TRIPOD, controller__torque_limit=None))
-    with pytest.raises(IdentError, match='drawn as a share of controller.torque_limit'):
-        draw_effect('stribeck', np.random.default_rng(0), 0.5, ('drive_1',), machine)
-
-
 @pytest.mark.parametrize('law', ['pi', None])
 def test_law_pi_is_cascade_pi(law):
     stated = file_of(TRIPOD, controller__law='cascade_pi')
@@ -214,13 +206,6 @@ def test_two_axes_go_from_file_to_result(tmp_path: Path, capsys):
     found = yaml.safe_load((out / 'result.yaml').read_text())['parameters']
     for name, value in truth.items():
         assert found[name]['value'] == pytest.approx(value, rel=0.02), name
-    alone = simulate_axis(
-        machine_from_mapping(EMPS), AXIS_TRUTH, *(np.zeros((1, 8)) + 0.1 for _ in range(2))
-    )
-    both = simulate_axis(
-        load_machine(file), AXIS_TRUTH, *(np.zeros((2, 8)) + 0.1 for _ in range(2))
-    )
-    np.testing.assert_array_equal(both.effort, np.repeat(alone.effort, 2, axis=0))
 
 
 # ------------------------------------------------------------------ free constants
@@ -305,19 +290,6 @@ def test_free_gains_and_masses_are_found_from_a_bag(tmp_path: Path):
     for drive in machine.drives:
         mass = parameter(result, f'{drive}.rail_mass')
         assert mass.value == pytest.approx(1.3, rel=0.05) or not mass.identifiable
-
-
-def test_a_clean_bag_of_a_free_machine_is_made_from_its_truth():
-    machine, truth = freed('rod_length')
-    motion = draw_motion('multi_point', machine, 1.0, 1)
-    bag = simulate_bag(machine, truth, motion, nuisance=CLEAN)
-    log = simulate_tripod(
-        machine_from_mapping(file_of(TRIPOD, geometry__rod_length=0.62)),
-        TRUTH,
-        motion.position,
-        motion.velocity,
-    )
-    np.testing.assert_array_equal(bag.log.effort, log.effort)
 
 
 def test_a_gain_that_is_to_be_found_contradicts_no_log():

@@ -5,12 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import pytest
 
 from checks.reference.axis import simulate_axis
-from checks.reference.tripod import simulate_tripod
 from checks.reference.tripod import TABLE_5 as TRUTH
-from ros2_ident.kernel import rows
 from ros2_ident.models import load_machine, Machine, machine_from_mapping
 from ros2_ident.models.linear_axis.model import LinearAxis
 from ros2_ident.models.recorded import recorded_motion
@@ -110,25 +107,3 @@ def tripod(machine: Machine) -> Tripod:
     still = np.zeros_like(motion.position)
     data = Dataset(machine.drives, CYCLE, 0, motion.position, motion.velocity, None, None, still)
     return Tripod(machine, data)
-
-
-def test_rails_stand_where_each_candidate_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    uneven = [0.1, 2.3, 4.0]
-    machine = TRIPOD.with_constants(rail_azimuth=uneven)
-    model, other = tripod(TRIPOD), tripod(machine)
-    theta = np.array([[TRUTH[p.name.split('.')[-1]] for p in model.parameters]] * 2)
-    expected = np.concatenate([model.simulate(theta[:1]), other.simulate(theta[:1])])
-    plain = model.candidates.rows
-
-    def turned(values: Array, *more: object) -> Array:
-        block = plain(values, *more)
-        for d, angle in enumerate(uneven):
-            block[1::2, rows.row_of('rail_azimuth', d)] = angle
-        return block
-
-    monkeypatch.setattr(model.candidates, 'rows', turned)
-    np.testing.assert_array_equal(model.simulate(theta), expected)
-    assert np.abs(expected[1] - expected[0]).max() > 0.05
-    assert other.data.command_position is not None and other.data.command_velocity is not None
-    log = simulate_tripod(machine, TRUTH, other.data.command_position, other.data.command_velocity)
-    assert np.sqrt(np.mean((expected[1] - log.effort) ** 2, axis=1)).max() < 1e-5

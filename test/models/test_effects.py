@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from checks.reference.axis import simulate_axis
-from checks.reference.effects import draw_effect, kinds, TWINS
+from checks.reference.effects import draw_effect, TWINS
 from checks.reference.tripod import simulate_tripod
 from ros2_ident.effects import CATALOGUE, get_effect
 from ros2_ident.models import EffectAt, load_machine, make_model
@@ -80,14 +80,6 @@ def closed(name: str, form: str) -> float:
     best = starts[np.argsort(np.where(np.isfinite(losses), losses, np.inf))[:3]]
     left = min(local_fit(residuals, phi, low, high, iterations=20).loss for phi in best)
     return 1.0 - left / float(np.mean(residuals(np.array(off)) ** 2))
-
-
-@pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda effect: effect.id)
-def test_an_effect_has_a_twin_in_the_reference(effect) -> None:
-    twin = kinds()[TWINS.get(effect.id, effect.id)]
-    assert twin.place == effect.place
-    assert twin.group not in ('nuisance', 'outside')
-    assert twin.same and twin.other
 
 
 @pytest.mark.parametrize('name', SAME)

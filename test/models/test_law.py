@@ -66,22 +66,6 @@ def test_the_replay_is_the_same_for_any_batch() -> None:
     assert np.array_equal(model.replay_law(seen, theta, there), alone)
 
 
-@pytest.mark.parametrize('step', [1.7e-5, 6e-5, 1.8e-4])
-def test_steps_of_an_encoder_are_read_from_what_the_controller_misses(step: float) -> None:
-    effect = Effect('encoder_quantisation', ('drive_3',), {'step': step})
-    data = recording(effect, kind='mixed', seconds=5.0)
-    generator = np.random.default_rng(4)
-    noise = 0.01 * generator.standard_normal(data.effort.shape)
-    data = replace(data, effort=data.effort + noise)
-    model = make_model(MACHINE, data)
-    theta = np.array([TRUTH[p.name.split('.')[-1]] for p in model.parameters])
-    seen = recorded_motion(data, MACHINE.drives)
-    found = coarse_reading(model, seen, theta, 'drive_3')
-    assert found is not None
-    assert found.step == pytest.approx(step, abs=2.0 * found.error)
-    assert coarse_reading(model, seen, theta, 'drive_1') is None
-
-
 def test_steps_of_an_encoder_show_in_a_log_too_slow_to_replay_the_controllers() -> None:
     effect = Effect('encoder_quantisation', ('drive_3',), {'step': 6e-5})
     data = recording(effect, kind='mixed', seconds=6.0)

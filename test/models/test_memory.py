@@ -1,27 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects with a memory: several on one hook, each with its own.
 
-The catalogue is what lies in the package, so each runs in a copy of it, in a process of its own.
+A user's file brings the second one, so that runs in a process of its own.
 """
 
 from dataclasses import replace
 import inspect
 import os
 from pathlib import Path
-import shutil
 import subprocess
 import sys
 
 import pytest
 
 from ros2_ident.effects import get_effect, Hook
+from ros2_ident.effects.loading import VARIABLE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel.hooks import check_memories
 
 ROOT = Path(__file__).parents[2]
 
+
 def twice_on_one_hook():
-    """Run in the copy, where the lag of a current loop is there twice."""
+    """Run where the lag of a current loop is there twice."""
     from numba import njit
     import numpy as np
 
@@ -64,26 +65,14 @@ def twice_on_one_hook():
         np.testing.assert_allclose(out[k], through, rtol=1e-13, atol=1e-15)
 
 
-@pytest.fixture
-def effects(tmp_path: Path) -> Path:
-    """Return the folder of effects of a copy of the package."""
-    without = shutil.ignore_patterns('__pycache__')
-    shutil.copytree(ROOT / 'ros2_ident', tmp_path / 'ros2_ident', ignore=without)
-    return tmp_path / 'ros2_ident' / 'effects'
-
-
-def test_effects_of_one_hook_have_a_memory_each(effects: Path, tmp_path: Path) -> None:
-    text = (effects / 'current_loop_lag.py').read_text(encoding='utf-8')
-    more = text.replace("id='current_loop_lag'", "id='more_current_loop_lag'")
-    (effects / 'more_current_loop_lag.py').write_text(more, encoding='utf-8')
+def test_effects_of_one_hook_have_a_memory_each(tmp_path: Path) -> None:
+    text = (ROOT / 'ros2_ident/effects/current_loop_lag.py').read_text(encoding='utf-8')
+    more = tmp_path / 'more_current_loop_lag.py'
+    more.write_text(text.replace("id='current", "id='more_current"), encoding='utf-8')
     ran = subprocess.run(
         [sys.executable, '-c', f'{inspect.getsource(twice_on_one_hook)}\ntwice_on_one_hook()'],
-        cwd=tmp_path,
-        env={
-            **os.environ,
-            'PYTHONPATH': str(tmp_path),
-            'NUMBA_CACHE_DIR': str(tmp_path / 'numba'),
-        },
+        cwd=ROOT,
+        env={**os.environ, VARIABLE: str(more), 'NUMBA_CACHE_DIR': str(tmp_path / 'numba')},
         capture_output=True,
         text=True,
         check=False,

@@ -5,7 +5,6 @@ from pathlib import Path
 import pickle
 import sys
 
-from identify_cases import QUICK
 import numpy as np
 import pytest
 import yaml
@@ -16,8 +15,6 @@ from ros2_ident.cli.main import main
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnose import diagnose
-from ros2_ident.identify.data import Data
-from ros2_ident.identify.run import identify
 from ros2_ident.models import EffectAt, load_machine
 from ros2_ident.models.mujoco.model import Mujoco
 from ros2_ident.recording import Dataset
@@ -178,24 +175,6 @@ def test_a_candidate_does_not_depend_on_its_neighbours(folder) -> None:
     together = model.simulate(theta)
     alone = np.concatenate([model.simulate(row[None]) for row in theta[::-1]])[::-1]
     assert np.array_equal(together, alone)
-
-
-def test_what_a_log_of_positions_shows_is_found(folder) -> None:
-    def true(model):
-        model.actuator_gainprm[0, 0], model.actuator_biasprm[0, 1] = 15.0, -15.0
-        model.dof_damping[:] = 0.25, 0.15
-        model.dof_frictionloss[:] = 0.12, 0.02
-
-    machine = machine_of(folder)
-    position, _ = plain(COMMAND, true)
-    noise = np.random.default_rng(3).standard_normal(position.shape) * 5e-4
-    data = Data((data_with(machine, position + noise),))
-    found = identify(machine, data, settings=QUICK)
-    values = {p.name: p.value for p in found.parameters}
-    assert values['one.kp'] == pytest.approx(15.0, rel=0.02)
-    assert values['two.kp'] == pytest.approx(10.0, rel=0.02)
-    assert values['one.damping'] == pytest.approx(0.25, rel=0.1)
-    assert values['one.frictionloss'] == pytest.approx(0.12, rel=0.1)
 
 
 def test_a_log_of_a_description_is_simulated_with_an_effect(folder) -> None:

@@ -84,17 +84,6 @@ def test_a_constant_on_a_tripods_drives_moves_it_as_in_the_reference(law: dict) 
     assert np.mean(more, axis=1) == pytest.approx(0.2, abs=0.01)
 
 
-def test_a_tripod_whose_controllers_have_no_integral_part_sags_as_the_reference_does() -> None:
-    plain = yaml.safe_load(FILE.read_text())
-    machine = machine_from_mapping({**plain, 'controller': {**plain['controller'], **P_LAW}})
-    motion = draw_motion('multi_point', machine, 2.0, 5)
-    command = motion.position, motion.velocity
-    log = simulate_tripod(machine, TRUTH, *command)
-    assert np.all(command[0][:, 0] - log.position[:, 0] > 1e-5), 'weight shows in the position'
-    missed = misses(Tripod(machine, dataset(log, command), quantities=ALL), log)
-    assert all(missed[q] < TOLERANCE[q] for q in ALL), missed
-
-
 @pytest.mark.parametrize('elastic', [True, False])
 @pytest.mark.parametrize('law', [{}, P_LAW], ids=['pi', 'p'])
 def test_an_axis_motion_is_the_references(elastic: bool, law: dict) -> None:

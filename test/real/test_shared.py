@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from ros2_ident.recording import align, check, read_bag, smooth_motion, Topics
+from ros2_ident.recording import align, check, read_bag, Topics
 
 SHARED = Path(__file__).parents[3] / 'shared'
 DATA, PRACTICE = SHARED / 'data', SHARED / 'blind' / 'practice'
@@ -112,26 +112,6 @@ def test_the_check_says_what_is_known_of_the_machines():
 
 
 @practice
-@pytest.mark.parametrize('case', cases(), ids=lambda x: x.name)
-def test_streams_of_a_case_agree_on_the_grid(case):
-    (recording,) = read_bag(case / 'check')
-    data = align(recording, DRIVES, 5e-4, need=('position', 'velocity', 'effort', 'command'))
-    assert {x.stride for x in data.quality.streams} == {2}
-    assert max(x.missing_share for x in data.quality.streams) < 0.01
-    assert data.quality.warnings == ()
-    ticks = [np.flatnonzero(np.isfinite(x[0])) for x in (data.position, data.effort)]
-    assert {int(t % 2) for tick in ticks for t in tick} == {0}
-    tick = ticks[0]
-    for position, velocity in zip(data.position, data.velocity, strict=True):
-        slope = make_interp_spline(tick * 5e-4, position[tick], k=5)
-        errors = [
-            np.std((velocity[tick] - slope((tick - shift) * 5e-4, 1))[9:-9])
-            for shift in (-2, 0, 2)
-        ]
-        assert errors[1] < 0.5 * min(errors[0], errors[2])
-
-
-@practice
 @pytest.mark.parametrize('case', cases('none'), ids=lambda x: x.name)
 def test_the_set_point_reproduces_the_controller_to_the_noise(case):
     """The controller ran at 2 kHz, the bag holds its set-point at 1 kHz with drops."""
@@ -156,12 +136,3 @@ def test_the_set_point_reproduces_the_controller_to_the_noise(case):
 
         assert left(0) < 1.05 * noise
         assert left(0) < 0.1 * min(left(-1), left(1))
-
-
-@practice
-def test_smoothed_motion_of_a_case_has_the_measured_velocity():
-    data = align(read_bag(cases()[0] / 'fit')[0], DRIVES, 5e-4)
-    _, velocity, _ = smooth_motion(data.position, data.cycle, 80.0)
-    there = np.isfinite(data.velocity)
-    rest = (velocity - data.velocity)[there]
-    assert np.std(rest) < 0.02 * np.nanstd(data.velocity)

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings on the controller's grid: samples where they belong, set-points in between."""
 
-from builder_cases import add
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from reader_cases import add
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import IdentError
 from ros2_ident.recording import align, Dataset, Recording, RecordingBuilder, Stream
 from ros2_ident.recording.setpoint import find_steps, interpolate_setpoint
 
@@ -113,59 +113,37 @@ def test_a_command_that_is_sent_when_it_changes_has_no_holes():
     np.testing.assert_allclose(data.command_position[0, 600:1000], 0.1, atol=2e-6)
 
 
-def fails(recording, code, text, drives=NAMES, **kwargs):
-    with pytest.raises(IdentError, match=text) as caught:
-        align(recording, drives, CYCLE, **kwargs)
-    assert caught.value.code == code
-    assert '\n' not in caught.value.message
-
-
 def test_errors_name_the_remedy():
     ticks = np.arange(100) * 2
     good = Recording(stream(ticks), source='log')
-    fails(good, ErrorCode.INVALID_GOAL, 'drives are .*; name at least one', ())
-    fails(
-        good,
-        ErrorCode.MISSING_STREAM,
-        'log: state has no joint x, it holds drive_1, drive_2; write these names as drives',
-        ('drive_1', 'x'),
+    still = stream(ticks, fields='pv')
+    silent, half = (
+        Stream(NAMES, still.stamp, still.position, None, np.full((100, 2), effort))
+        for effort in (np.nan, [1.0, np.nan])
     )
-    fails(
-        Recording(stream(ticks, fields='pv')),
-        ErrorCode.MISSING_STREAM,
-        'no stream holds an effort; record it, or name the topic that carries it',
-    )
-    silent = stream(ticks, fields='pv')
-    silent = Stream(NAMES, silent.stamp, silent.position, None, np.full((100, 2), np.nan))
-    fails(Recording(silent), ErrorCode.BAD_VALUES, 'every effort of the drives is NaN; switch')
-    half = Stream(NAMES, silent.stamp, silent.position, None, np.full((100, 2), [1.0, np.nan]))
-    fails(
-        Recording(half), ErrorCode.MISSING_STREAM, 'no effort of drive_2; leave these drives out'
-    )
-    fails(
-        Recording(stream(ticks, fields='e')),
-        ErrorCode.MISSING_STREAM,
-        'no stream holds a position; record it',
-        need=('position',),
-    )
-    fails(good, ErrorCode.MISSING_STREAM, 'holds no command stream', need=('command',))
-    fails(
-        Recording(command=stream(ticks, fields='p')),
-        ErrorCode.MISSING_STREAM,
-        'neither a state nor an effort stream holds the drives',
-    )
-    fails(
-        Recording(stream(ticks), command=stream(ticks + 10_000, fields='p')),
-        ErrorCode.NO_DATA,
-        'command and state do not overlap in time, they are 4.9 s apart; record them together',
-    )
-    fails(
-        Recording(stream(ticks), command=stream(ticks, fields='v')),
-        ErrorCode.MISSING_STREAM,
-        'command: holds no position of the drives',
-    )
-    fails(Recording(stream(ticks[:1])), ErrorCode.NO_DATA, 'has a single sample of the drives')
-    assert align(Recording(stream(ticks, fields='pv')), NAMES, CYCLE, need=()).effort is None
+    for recording, code, text, more in (
+        (good, 'INVALID_GOAL', 'drives are .*; name at least one', {'drives': ()}),
+        (good, 'MISSING_STREAM', 'log: state has no joint x, it holds drive_1, drive_2; write',
+         {'drives': ('drive_1', 'x')}),
+        (still, 'MISSING_STREAM', 'no stream holds an effort; record it, or name the topic', {}),
+        (silent, 'BAD_VALUES', 'every effort of the drives is NaN; switch', {}),
+        (half, 'MISSING_STREAM', 'no effort of drive_2; leave these drives out', {}),
+        (stream(ticks, fields='e'), 'MISSING_STREAM', 'no stream holds a position; record it',
+         {'need': ('position',)}),
+        (good, 'MISSING_STREAM', 'holds no command stream', {'need': ('command',)}),
+        (Recording(command=still), 'MISSING_STREAM',
+         'neither a state nor an effort stream holds the drives', {}),
+        (Recording(good.state, command=stream(ticks + 10_000, fields='p')), 'NO_DATA',
+         'command and state do not overlap in time, they are 4.9 s apart; record them', {}),
+        (Recording(good.state, command=stream(ticks, fields='v')), 'MISSING_STREAM',
+         'command: holds no position of the drives', {}),
+        (stream(ticks[:1]), 'NO_DATA', 'has a single sample of the drives', {}),
+    ):  # fmt: skip
+        recording = recording if isinstance(recording, Recording) else Recording(recording)
+        with pytest.raises(IdentError, match=text) as caught:
+            align(recording, cycle=CYCLE, **{'drives': NAMES, **more})
+        assert caught.value.code.name == code and '\n' not in caught.value.message
+    assert align(Recording(still), NAMES, CYCLE, need=()).effort is None
 
 
 def test_a_data_set_refuses_wrong_shapes():

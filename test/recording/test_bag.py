@@ -185,67 +185,46 @@ def test_invalid_messages_are_left_out_and_counted(tmp_path):
 def fails(path, code, text, topics=None):
     with pytest.raises(IdentError, match=text) as caught:
         read_bag(path, topics)
-    assert caught.value.code == code
+    assert caught.value.code.name == code
     assert '\n' not in caught.value.message
 
 
 def test_errors_name_the_remedy(bag, tmp_path):
-    fails(tmp_path / 'none', ErrorCode.NO_DATA, 'does not exist; give the path of a bag')
-    fails(tmp_path, ErrorCode.NO_DATA, 'holds no .mcap, .db3 or .bag file')
-    fails(
-        bag,
-        ErrorCode.MISSING_STREAM,
-        r'holds no message of /js, named as its state topic, only /effort \(sensor_msgs/msg/Joi.*'
-        'name one of these, or `none` where no state was recorded',
-        Topics('/js', '', ''),
-    )
-    for role in ('effort', 'command'):
-        fails(
-            bag,
-            ErrorCode.MISSING_STREAM,
-            f'holds no message of /js, named as its {role} topic',
-            Topics(**{role: 'js'}),
-        )
+    (tmp_path / 'zero.mcap').write_bytes(b'')
+    (tmp_path / 'text.npz').write_text('a,b')
+    (tmp_path / 'nothing').mkdir()
+    lost = 'holds no message of /js, named as its {} topic'
+    for path, code, text, *topics in (
+        (tmp_path / 'none', 'NO_DATA', 'does not exist; give the path of a bag'),
+        (tmp_path / 'nothing', 'NO_DATA', 'holds no .mcap, .db3 or .bag file'),
+        (bag, 'MISSING_STREAM', lost.format('state') + r', only /effort \(sensor_msgs/msg/Joi.*'
+         'name one of these, or `none` where no state was recorded', Topics('/js', '', '')),
+        (bag, 'MISSING_STREAM', lost.format('effort'), Topics(effort='js')),
+        (bag, 'MISSING_STREAM', lost.format('command'), Topics(command='js')),
+        (bag, 'INVALID_GOAL', 'no topic is given', Topics('', '', '')),
+        (bag, 'INVALID_GOAL', '/a is given as state and as effort', Topics('/a', 'a', '')),
+        (tmp_path / 'zero.mcap', 'DAMAGED_BAG', r'is empty \(0 bytes\)'),
+        (tmp_path / 'text.npz', 'INVALID_GOAL', 'is not a format read here; write a CSV'),
+    ):  # fmt: skip
+        fails(path, code, text, *topics)
     (read,) = read_bag(bag, Topics(command='none', effort='/js', so_far=True))
     assert (read.command, read.effort) == (None, None)
-    fails(bag, ErrorCode.INVALID_GOAL, 'no topic is given', Topics('', '', ''))
-    fails(
-        bag,
-        ErrorCode.INVALID_GOAL,
-        '/a is given as state and as effort',
-        Topics('/a', 'a', ''),
-    )
-    (tmp_path / 'zero.mcap').write_bytes(b'')
-    fails(tmp_path / 'zero.mcap', ErrorCode.DAMAGED_BAG, r'is empty \(0 bytes\)')
-    (tmp_path / 'text.mcap').write_text('hello')
-    fails(tmp_path / 'text.mcap', ErrorCode.DAMAGED_BAG, 'no MCAP file: its first bytes are')
-    (tmp_path / 'text.npz').write_text('a,b')
-    fails(tmp_path / 'text.npz', ErrorCode.INVALID_GOAL, 'is not a format read here; write a CSV')
-    (tmp_path / 'text.db3').write_text('not a database' * 100)
-    fails(tmp_path / 'text.db3', ErrorCode.DAMAGED_BAG, r'sqlite3 text.db3 .recover')
 
 
 def test_bags_without_what_is_needed(tmp_path):
     empty = write_messages(tmp_path / 'empty', [])
-    fails(empty, ErrorCode.NO_DATA, 'the bag holds no message; record again')
+    fails(empty, 'NO_DATA', 'the bag holds no message; record again')
     with Writer(tmp_path / 'other', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         kind = 'std_msgs/msg/String'
         connection = writer.add_connection('/joint_states', kind, typestore=STORE)
         data = STORE.serialize_cdr(STORE.types[kind]('x'), kind)
         writer.write(connection, START, bytes(data))
-    fails(
-        tmp_path / 'other',
-        ErrorCode.MISSING_STREAM,
-        '/joint_states is of type std_msgs/msg/String, expected sensor_msgs/msg/JointState',
-    )
-    fails(
-        tmp_path / 'other',
-        ErrorCode.MISSING_STREAM,
-        r'holds none of /effort, only /joint_states \(std_msgs/msg/String\); record the topic on',
-        Topics('', '/effort', 'none'),
-    )
+    said = '/joint_states is of type std_msgs/msg/String, expected sensor_msgs/msg/JointState'
+    fails(tmp_path / 'other', 'MISSING_STREAM', said)
+    said = r'holds none of /effort, only /joint_states \(std_msgs/msg/String\); record the'
+    fails(tmp_path / 'other', 'MISSING_STREAM', said, Topics('', '/effort', 'none'))
     unmeasured = write_messages(tmp_path / 'unmeasured', [message()] * 3)
-    fails(unmeasured, ErrorCode.NO_DATA, 'no measured value arrived')
+    fails(unmeasured, 'NO_DATA', 'no measured value arrived')
 
 
 @settings(max_examples=60, deadline=None)

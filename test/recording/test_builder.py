@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The builder: whatever order messages and joints come in, the same recordings come out."""
 
-from builder_cases import add
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from reader_cases import add
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import RecordingBuilder

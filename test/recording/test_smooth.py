@@ -6,7 +6,6 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import smooth_motion
-from ros2_ident.recording.motion import best_lag
 from ros2_ident.recording.smooth import allowed_cutoff
 
 CYCLE = 5e-4
@@ -88,15 +87,3 @@ def test_a_cutoff_leaves_room_below_half_the_rate_of_the_slowest():
     assert allowed_cutoff(rare, 0.01, 10.0) == pytest.approx(5.0)
     rare[1, 1:] = np.nan  # a single sample has no rate
     assert allowed_cutoff(rare, 0.01, 50.0) == pytest.approx(20.0)
-
-
-@pytest.mark.parametrize('lag', [0.004, 0.03, 0.0333, 0.113])
-@pytest.mark.parametrize('gain', [2.0, -3.0])
-def test_a_lag_is_found_to_a_fraction_of_a_sample(lag, gain):
-    time = 0.01 * np.arange(3000)
-    columns = np.stack([np.sin(2.0 * time), np.cos(5.0 * time)], axis=1)
-    target = gain * np.sin(2.0 * (time - lag)) + 0.5 * np.cos(5.0 * (time - lag))
-    found, solution, share = best_lag(columns, target, 0.01, -0.02)
-    assert found == pytest.approx(lag, abs=3e-4)
-    np.testing.assert_allclose(solution, [gain, 0.5], rtol=0.02)
-    assert share > 0.999

@@ -63,17 +63,6 @@ def test_memory_of_the_grid_is_bounded():
     assert caught.value.code is ErrorCode.BAD_VALUES
 
 
-def test_other_joints_are_kept_beside_as_many_as_are_worth_it():
-    names = tuple('abcdefghijklmnop')
-    ticks = np.arange(300, 400, 2)
-    state = sampled(ticks, names=names)
-    silent = np.array(state.position)
-    silent[:, 1] = np.nan
-    found = align(Recording(Stream(names, state.stamp, silent, None, state.effort)), NAMES, CYCLE)
-    assert list(found.beside) == list(names[2:13])
-    np.testing.assert_allclose(found.beside['c'][::2], np.sin(0.01 * ticks))
-
-
 def test_the_account_of_a_stream_is_that_of_its_cycles():
     stream = sampled(np.delete(np.arange(0, 400, 2), [10, 11, 70]))
     effort = np.array(stream.effort)

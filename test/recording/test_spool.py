@@ -39,19 +39,6 @@ def path(tmp_path):
     return tmp_path / 'spool/live.mcap'
 
 
-def test_what_is_spooled_is_read_before_and_after_its_end(path):
-    recording = make_recording()
-    spool = Spool(path, 1 << 20)
-    assert spool.empty
-    spooled(spool, recording)
-    (read,) = read_bag(path)
-    same(recording, read)
-    spool.close()
-    (read,) = read_bag(path)
-    same(recording, read)
-    assert read.warnings == ()
-
-
 def test_it_is_continued_after_an_end_and_forgotten_when_cleared(path):
     recording = make_recording()
     spool = Spool(path, 1 << 20)

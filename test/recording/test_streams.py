@@ -80,18 +80,3 @@ def test_a_part_of_a_recording():
 )
 def test_effort_units(arguments, factor):
     assert effort_factors(*arguments) == pytest.approx((factor,))
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'text'),
-    [
-        (('mA',), "effort unit is 'mA'; write one of N m, N, A, percent"),
-        (('A',), 'effort unit A needs torque_constant'),
-        (('percent', 0.1), 'effort unit percent needs rated_torque'),
-        (('A', float('nan')), 'effort unit A needs torque_constant'),
-    ],
-)
-def test_effort_units_that_cannot_be_converted(arguments, text):
-    with pytest.raises(IdentError, match=text) as caught:
-        effort_factors(*arguments)
-    assert caught.value.code == ErrorCode.WRONG_UNITS

@@ -118,23 +118,6 @@ def test_a_replayed_bag_gives_the_same_data_set_as_the_bag_read_directly() -> No
     assert one.quality == two.quality
 
 
-def test_joints_go_by_name_in_any_order_and_number(ear) -> None:
-    mouth = Mouth(listening := ear())
-    mouth.say(1.0, ['a', 'b'], position=[1.0, 2.0], effort=[0.1, math.nan])
-    mouth.say(1.1, ['b', 'a'], position=[4.0, 3.0], effort=[0.4, 0.3])
-    mouth.say(1.2, ['b'], position=[6.0])
-    (recording,) = listening.capture.snapshot().build()
-    assert recording.state.names == ('a', 'b')
-    assert np.array_equal(
-        recording.state.position, [[1.0, 2.0], [3.0, 4.0], [math.nan, 6.0]], equal_nan=True
-    )
-    assert np.array_equal(
-        recording.state.effort, [[0.1, math.nan], [0.3, 0.4], [math.nan] * 2], equal_nan=True
-    )
-    assert recording.state.velocity is None
-    assert recording.state.stamp.tolist() == [1_000_000_000, 1_100_000_000, 1_200_000_000]
-
-
 def test_a_backward_stamp_closes_the_segment(ear) -> None:
     mouth = Mouth(listening := ear())
     for k in (*range(50), *range(50)):

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
 from models.test_serial import described, URDF  # noqa: E402
-from ros_helpers import new_domain, Station  # noqa: E402
+from ros_helpers import Here, new_domain, Station  # noqa: E402
 
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
@@ -48,14 +48,13 @@ def test_the_node_hears_it_and_goals_use_it(asking: Path) -> None:
 
     from ros2_ident.ros import parameters
     from ros2_ident.ros.goals import wanted_of
-    from ros2_ident.ros.node import Identifier
     from ros2_ident.ros.outlet import LATCHED
 
     log = str(asking)  # whatever is there: it is not read
     domain = new_domain()
     early = Station(lambda context: Node('state_publisher', context=context), domain)
     early.node.create_publisher(String, 'robot_description', LATCHED).publish(String(data=URDF))
-    late = Station(lambda context: Identifier(context=context), domain)
+    late = Here(domain, asking.parent)
     try:
         late.until(lambda: late.node.description, 'the description')
         now = parameters.snapshot(late.node)
@@ -102,12 +101,10 @@ def swings() -> Iterator[Any]:
 @pytest.mark.ros
 def test_a_robot_that_is_only_heard_is_identified_without_a_machine_file(tmp_path: Path) -> None:
     from rclpy.node import Node
-    from rclpy.parameter import Parameter
     from ros2_ident_msgs.action import Identify
     from sensor_msgs.msg import JointState
     from std_msgs.msg import String
 
-    from ros2_ident.ros.node import Identifier
     from ros2_ident.ros.outlet import LATCHED
 
     domain = new_domain()
@@ -116,16 +113,7 @@ def test_a_robot_that_is_only_heard_is_identified_without_a_machine_file(tmp_pat
         String(data=PENDULUM)
     )
     states = robot.node.create_publisher(JointState, 'joint_states', 1000)
-    given = {
-        'output_directory': str(tmp_path),
-        'end_of_stream': 0.5,
-        'initial_population': 64,
-        'generations': 2,
-    }
-    overrides = [Parameter(name, value=value) for name, value in given.items()]
-    node = Station(
-        lambda context: Identifier(context=context, parameter_overrides=overrides), domain
-    )
+    node = Here(domain, tmp_path, end_of_stream=0.5, initial_population=64, generations=2)
     try:
         node.until(lambda: node.node.description, 'the description')
         robot.until(lambda: states.get_subscription_count(), 'the subscription')

@@ -181,6 +181,7 @@ def test_a_spent_budget_is_no_error_and_is_said(shared: Any) -> None:
 
 def test_live_data_is_diagnosed(shared: Any) -> None:
     from ros2_ident_msgs.msg import Status
+    from std_srvs.srv import Trigger
 
     with program(
         'replay', str(BAG), '--rate', '4', '--wait-for-subscribers', '60', domain=shared.domain
@@ -190,3 +191,5 @@ def test_live_data_is_diagnosed(shared: Any) -> None:
     shared.until(lambda: shared.state() == Status.STATE_READY, 'the end of the stream')
     _, gap = shared.ask(goal_of(data_source=0, bag_path=''))
     assert gap.error_message == '' and gap.effect == 'coulomb_friction'
+    cleared = shared.call(Trigger, '/identifier/clear_data', Trigger.Request())
+    assert int(cleared.message.removesuffix(' messages are forgotten')) > 10_000

@@ -107,41 +107,39 @@ def test_a_replayed_bag_is_identified_and_a_late_subscriber_gets_the_result(
     assert (folder / 'overlay/metadata.yaml').exists()
 
 
-def test_a_goal_gives_feedback_and_a_result(shared) -> None:
+def test_a_goal_gives_feedback_and_a_result_and_its_overrides_reach_the_search(shared) -> None:
     from action_msgs.msg import GoalStatus
 
     feedback = []
-    status, result = shared.ask(bag_goal(seed=3, refine=False), feedback.append)
+    goal = bag_goal(
+        seed=3,
+        refine=False,
+        override_names=['tool_mass', 'gear_damping_ratio'],
+        override_lower=[1.7, math.nan],
+        override_upper=[math.nan, math.nan],
+        override_fixed=[math.nan, 0.4],
+    )
+    status, result = shared.ask(goal, feedback.append)
     assert status == GoalStatus.STATUS_SUCCEEDED
     assert result.error_code == 0 and result.seed == 3
     assert result.bag_path == str(BAG) and len(result.bag_sha256) == 64
     assert feedback and feedback[-1].feedback.progress.evaluations > 0
     assert len(result.parameters) ** 2 == len(result.correlation)
-
-
-def test_cancel_is_answered_at_once_and_keeps_the_best(shared) -> None:
-    from action_msgs.msg import GoalStatus
-    from ros2_ident_msgs.msg import IdentificationResult, Status
-
-    feedback = []
-    # A seed of its own: with the test's above it would go on where that was cancelled.
-    handle = shared.send(
-        bag_goal(initial_population=4000, seed=11, drives=['drive_1', 'drive_2', 'drive_3']),
-        feedback.append,
-    )
-    shared.until(lambda: len(feedback) > 2, 'feedback')
-    status, found = shared.cancel(handle)
-    assert status == GoalStatus.STATUS_CANCELED
-    assert found.outcome == IdentificationResult.OUTCOME_CANCELLED
-    assert found.cost_genetic < 1.0 and len(found.parameters) == 17
-    shared.until(lambda: shared.state() == Status.STATE_CANCELLED, 'the status')
+    found = {p.name: p for p in result.parameters}
+    assert found['tool_mass'].lower_bound == 1.7 and found['tool_mass'].upper_bound == 2.0
+    assert 'drive_1.gear_damping_ratio' not in found
 
 
 def test_a_second_goal_is_refused_with_a_reason(shared) -> None:
-    """So are twenty at once; each is answered, as is each cancel, and the run goes on."""
+    """So are twenty at once; each is answered, as is each cancel, and the run goes on.
+
+    Its own cancel is answered at once and keeps the best.
+    """
+    from action_msgs.msg import GoalStatus
     from rclpy.action import ActionClient
     from rclpy.qos import qos_profile_parameters as deep
     from ros2_ident_msgs.action import Identify
+    from ros2_ident_msgs.msg import Status
 
     from ros2_ident.errors import ErrorCode
 
@@ -150,10 +148,13 @@ def test_a_second_goal_is_refused_with_a_reason(shared) -> None:
     client = ActionClient(shared.node, Identify, '/identifier/identify', **qos)
     shared.until(client.server_is_ready, 'the server')
     feedback = []
-    goal = bag_goal(initial_population=4000)
+    # A seed of its own: with another test's it would go on where that was cancelled.
+    goal = bag_goal(
+        initial_population=4000, seed=11, drives=['drive_1', 'drive_2', 'drive_3']
+    )
     first = shared.send(goal, feedback.append)
     result = shared.asked(first.get_result_async)
-    shared.until(lambda: feedback, 'feedback', 120.0)
+    shared.until(lambda: len(feedback) > 2, 'feedback', 120.0)
     asked = shared.asked(lambda: [client.send_goal_async(goal) for _ in range(20)])
     others = [shared.wait_future(x, 'an answer to a goal', 10.0) for x in asked]
     assert not any(x.accepted for x in others)
@@ -161,8 +162,11 @@ def test_a_second_goal_is_refused_with_a_reason(shared) -> None:
     for one in asked:
         assert not shared.wait_future(one, 'an answer to a cancel', 10.0).goals_canceling
     assert not result.done()
-    shared.request(first.cancel_goal_async, 'an answer')
-    shared.wait_future(result, 'the result', 10.0)
+    status, found = shared.cancel(first)
+    assert status == GoalStatus.STATUS_CANCELED
+    assert found.outcome == found.OUTCOME_CANCELLED
+    assert found.cost_genetic < 1.0 and len(found.parameters) == 17
+    shared.until(lambda: shared.state() == Status.STATE_CANCELLED, 'the status')
     refused = [x for x in shared.statuses if x.error_code == ErrorCode.BUSY]
     assert refused and 'a goal was refused' in refused[0].error_message
 
@@ -221,21 +225,6 @@ def test_an_unusable_goal_is_answered_with_code_and_sentence(
     assert said in found.error_message and not found.result_file
     assert math.isnan(found.before if kind == 'Diagnose' else found.cost_genetic)
     assert len(shared.results) == before, 'a goal that never ran leaves the last result alone'
-
-
-def test_overrides_reach_the_search(shared) -> None:
-    _, result = shared.ask(
-        bag_goal(
-            refine=False,
-            override_names=['tool_mass', 'gear_damping_ratio'],
-            override_lower=[1.7, math.nan],
-            override_upper=[math.nan, math.nan],
-            override_fixed=[math.nan, 0.4],
-        )
-    )
-    found = {p.name: p for p in result.parameters}
-    assert found['tool_mass'].lower_bound == 1.7 and found['tool_mass'].upper_bound == 2.0
-    assert 'drive_1.gear_damping_ratio' not in found
 
 
 def test_services(shared) -> None:

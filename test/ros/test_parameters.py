@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from ros_helpers import environment, new_domain, ROOT
+from ros_helpers import environment, new_domain, ROOT, Station
 
 pytestmark = pytest.mark.ros
 
@@ -14,29 +14,20 @@ pytestmark = pytest.mark.ros
 @pytest.fixture
 def node():
     """A bare node that gets parameters declared."""
-    import rclpy
-    from rclpy.context import Context
     from rclpy.node import Node
-    from rclpy.signals import SignalHandlerOptions
 
-    nodes, contexts = [], []
+    stations = []
 
     def make(*arguments: str):
-        context = Context()
-        rclpy.init(
-            context=context,
-            domain_id=new_domain(),
-            signal_handler_options=SignalHandlerOptions.NO,
+        words = ['--ros-args', *arguments]
+        stations.append(
+            Station(lambda x: Node('identifier', context=x, cli_args=words), new_domain())
         )
-        made = Node('identifier', context=context, cli_args=['--ros-args', *arguments])
-        contexts.append(context)
-        nodes.append(made)
-        return made
+        return stations[-1].node
 
     yield make
-    for made, context in zip(nodes, contexts, strict=True):
-        made.destroy_node()
-        rclpy.try_shutdown(context=context)
+    for station in stations:
+        station.close()
 
 
 def test_template_and_page_are_made_from_the_table() -> None:

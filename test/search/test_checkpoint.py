@@ -3,10 +3,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
-import os
 import struct
-import subprocess
-import sys
 import zlib
 
 from identify_cases import After, axis, axis_data, AXIS_FILE, QUICK, ROOT, tripod
@@ -18,7 +15,6 @@ from ros2_ident.errors import IdentError
 from ros2_ident.identify.data import read_data
 from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
-from ros2_ident.identify.setup import problem_of
 from ros2_ident.report.files import load_result
 from ros2_ident.search import Budget
 from ros2_ident.search.journal import digest_of, Journal
@@ -29,7 +25,7 @@ def whole():
     return identify(axis(), axis_data(), settings=QUICK, seed=3)
 
 
-@pytest.mark.parametrize('questions', [4, 9, 30])
+@pytest.mark.parametrize('questions', [4, 30])
 def test_a_cancelled_run_goes_on_to_the_same_bits(tmp_path, whole, questions):
     path = tmp_path / 'fit.checkpoint'
     cut = identify(
@@ -44,14 +40,6 @@ def test_a_cancelled_run_goes_on_to_the_same_bits(tmp_path, whole, questions):
     assert again.history.best_costs.tobytes() == whole.history.best_costs.tobytes()
     assert again.history.candidates.tobytes() == whole.history.candidates.tobytes()
     assert again.history.costs.tobytes() == whole.history.costs.tobytes()
-
-
-def test_a_run_that_spent_its_budget_goes_on_with_a_larger_one(tmp_path, whole):
-    path = tmp_path / 'fit.checkpoint'
-    few = replace(QUICK, budget=Budget(evaluations=whole.evaluations // 3))
-    identify(axis(), axis_data(), settings=few, seed=3, checkpoint=path)
-    again = identify(axis(), axis_data(), settings=QUICK, seed=3, checkpoint=path)
-    assert again.theta.tobytes() == whole.theta.tobytes()
 
 
 @pytest.mark.parametrize(
@@ -130,13 +118,6 @@ def test_a_record_that_is_no_record_is_none(tmp_path, head):
         assert journal.get({}, 'a') is None
 
 
-def test_a_damaged_checkpoint_is_refused_with_the_remedy(tmp_path):
-    path = tmp_path / 'fit.checkpoint'
-    path.write_bytes(b'PK, which is no journal')
-    with pytest.raises(IdentError, match='delete it'):
-        identify(axis(), axis_data(), settings=QUICK, seed=3, checkpoint=path)
-
-
 def test_candidates_of_unequal_work_go_on_to_the_same_bits(tmp_path):
     machine = tripod()
     data = read_data(ROOT / 'bags/tripod_mixed', machine)
@@ -161,19 +142,3 @@ def test_the_command_goes_on_where_it_was_cut_off(tmp_path):
     assert not (out / 'identify.checkpoint').exists()
     whole, again = (load_result(folder) for folder in (tmp_path / 'whole', out))
     assert again.theta.tobytes() == whole.theta.tobytes()
-
-
-def test_another_process_knows_the_checkpoint_for_its_own(tmp_path):
-    code = (
-        'from identify_cases import axis, axis_data; '
-        'from ros2_ident.identify.setup import problem_of; '
-        'print(problem_of(axis(), axis_data()).key)'
-    )
-    other = subprocess.run(
-        [sys.executable, '-c', code],
-        env=os.environ | {'PYTHONHASHSEED': '1', 'PYTHONPATH': os.pathsep.join(sys.path)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert other.stdout.strip() == problem_of(axis(), axis_data()).key

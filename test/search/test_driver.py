@@ -120,15 +120,6 @@ def test_cancel_keeps_the_best_so_far():
     assert result.cost == cost(np.concatenate(seen)).min()
 
 
-def test_a_cut_off_run_continues_to_the_same_result():
-    whole = minimise(cost, search(), low=LOW, high=HIGH)
-    first = search()
-    minimise(cost, first, low=LOW, high=HIGH, budget=Budget(evaluations=155))
-    continued = minimise(cost, first, low=LOW, high=HIGH)
-    np.testing.assert_array_equal(continued.theta, whole.theta)
-    assert continued.evaluations == whole.evaluations
-
-
 def test_progress_is_throttled_frozen_and_ends_complete():
     seen = []
     clock = Clock(0.01)

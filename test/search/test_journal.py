@@ -87,7 +87,7 @@ def test_no_changed_byte_passes(tmp_path):
 @pytest.mark.parametrize(
     ('content', 'said'),
     [
-        (b'PK a zip file that lies here by chance', 'is no checkpoint'),
+        (b'PK a zip file that lies here by chance', 'is no checkpoint; delete it'),
         (b'ros2_ident journal 9\n' + bytes(16), 'of another version'),
         (module.MAGIC + digest_of('another bag'), 'belongs to a run of other data'),
     ],

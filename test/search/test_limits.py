@@ -17,7 +17,6 @@ from identify_cases import (
 import numpy as np
 import pytest
 
-from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
@@ -172,7 +171,7 @@ def test_above_the_limit_a_cost_is_a_lower_bound(name):
     theta[7] = np.nan  # diverges
     costs = problem.costs(theta)
     assert costs[7] == np.inf
-    for share in (0.0, 0.02, 0.1, 0.3, 0.5, 0.9, 0.98):
+    for share in (0.0, 0.1, 0.5, 0.98):
         for limit in (float(np.quantile(costs, share)), 0.999 * float(np.quantile(costs, share))):
             bounds = problem.costs(theta, limit)
             below = costs <= limit
@@ -203,31 +202,15 @@ def test_stopped_simulations_say_nothing():
 def test_the_parameters_are_the_same_to_the_bit(case):
     machine = axis() if case == 'axis' else tripod()
     data = axis_data() if case == 'axis' else gather([recording_of(tripod_bag())], machine)
-    for seed in (1, 2):
-        whole, given_up = (
-            identify(
-                machine,
-                data,
-                settings=replace(
-                    QUICK,
-                    give_up=give_up,
-                    genetic=replace(QUICK.genetic, initial_population=256),
-                ),
-                seed=seed,
-            )
-            for give_up in (False, True)
-        )
-        assert given_up.theta.tobytes() == whole.theta.tobytes()
-        assert given_up.parameters == whole.parameters
-        assert given_up.cost == whole.cost
-        assert given_up.evaluations == whole.evaluations
-        kept = np.isfinite(given_up.history.costs)
-        assert np.array_equal(given_up.history.costs[kept], whole.history.costs[kept])
-        assert kept.sum() < np.isfinite(whole.history.costs).sum()
-
-
-def test_more_candidates_than_fit_into_the_memory_are_refused_before_any_is_drawn():
-    genetic = GeneticSettings(initial_population=10**10)
-    with pytest.raises(IdentError, match='of memory, and .* GiB are free .* lower') as caught:
-        identify(axis(), axis_data(), settings=replace(QUICK, genetic=genetic))
-    assert caught.value.code == ErrorCode.INVALID_GOAL
+    settings = replace(QUICK, genetic=replace(QUICK.genetic, initial_population=256))
+    whole, given_up = (
+        identify(machine, data, settings=replace(settings, give_up=give_up), seed=1)
+        for give_up in (False, True)
+    )
+    assert given_up.theta.tobytes() == whole.theta.tobytes()
+    assert given_up.parameters == whole.parameters
+    assert given_up.cost == whole.cost
+    assert given_up.evaluations == whole.evaluations
+    kept = np.isfinite(given_up.history.costs)
+    assert np.array_equal(given_up.history.costs[kept], whole.history.costs[kept])
+    assert kept.sum() < np.isfinite(whole.history.costs).sum()

@@ -10,7 +10,6 @@ import pytest
 from ros2_ident.errors import IdentError
 from ros2_ident.search import finite_differences, refine, RefineStatus
 from ros2_ident.search.jacobian import Box
-from ros2_ident.search.journal import Journal
 from ros2_ident.search.levenberg import local_fit
 
 TIME = np.linspace(0.0, 1.0, 200)
@@ -129,55 +128,6 @@ def test_evaluations_are_limited():
     assert result.status is RefineStatus.EVALUATIONS
     assert result.starts[0].evaluations <= 7
     assert math.isfinite(result.cost)
-
-
-def test_all_evaluations_are_limited():
-    starts = [[3.0, 9000.0], [3.0, 40000.0], [5.0, 2200.0]]
-    whole = refine(residuals, starts, LOW, HIGH)
-    limited = refine(residuals, starts, LOW, HIGH, total_evaluations=30)
-    assert limited.evaluations <= 30 < whole.evaluations
-    assert math.isfinite(limited.cost)
-
-
-def test_a_journal_has_the_end_of_every_start(tmp_path):
-    starts = [[2.0, 2100.0], [3.0, 9000.0]]
-    calls = []
-
-    def goes_on(theta):
-        calls.append(len(theta))
-        return residuals(theta)
-
-    first = refine(goes_on, starts[:1], LOW, HIGH).starts[0].evaluations
-    before = len(calls)
-    whole = refine(residuals, starts, LOW, HIGH)
-    calls.clear()
-
-    def cut(theta):
-        calls.append(len(theta))
-        if len(calls) > before + 2:  # in the second start
-            raise RuntimeError
-        return residuals(theta)
-
-    with Journal(tmp_path / 'j') as journal, pytest.raises(RuntimeError):
-        refine(cut, starts, LOW, HIGH, journal=journal, key='a')
-    calls.clear()
-    with Journal(tmp_path / 'j') as journal:
-        again = refine(goes_on, starts, LOW, HIGH, journal=journal, key='a')
-    assert sum(calls) == whole.evaluations - first + 1  # and the kept end's own cost
-    np.testing.assert_array_equal(again.theta, whole.theta)
-    np.testing.assert_array_equal(again.jacobian, whole.jacobian)
-    assert again.evaluations == whole.evaluations
-    assert [s.status for s in again.starts] == [s.status for s in whole.starts]
-    calls.clear()
-    with Journal(tmp_path / 'j') as journal:
-        assert refine(goes_on, starts, LOW, HIGH, journal=journal, key='a').cost == whole.cost
-        # the end of each start, and the last Jacobian, are not believed
-        assert calls == [1, 1, 4]
-        # Other residuals, another box, another tolerance are other runs.
-        refine(goes_on, starts, LOW, HIGH, journal=journal, key='b')
-        first = len(calls)
-        refine(goes_on, starts, LOW, 2.0 * HIGH, journal=journal, key='a')
-        assert 0 < first < len(calls)
 
 
 @pytest.mark.parametrize(

@@ -1,21 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The example of docs/extend.md works as it stands on the page, and in a fleet."""
+"""The examples of docs/extend.md work as they stand: a model, in a fleet too, and an effect."""
 
+import importlib.util
 from pathlib import Path
 import re
 import sys
+from types import ModuleType
 
 import numpy as np
 import pytest
 import yaml
 
+from ros2_ident.effects import Hook
 from ros2_ident.fleet.entries import read_fleet, Wish
 from ros2_ident.fleet.run import key_of, run_entry
 from ros2_ident.recording import Stream, write_bag
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / 'docs/extend.md').read_text(encoding='utf-8')
-MODEL, USE = re.findall(r'^```python\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)[:2]
+BLOCKS = re.findall(r'^```python\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)
+MODEL, USE, EFFECT, CHECK = BLOCKS[:4]
 TRUTH = {'inertia': 0.2, 'weight': 3.0, 'damping': 0.1}
 
 
@@ -42,11 +46,6 @@ def swings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, 'my_pendulum', raising=False)
     return tmp_path
-
-
-def test_it_is_thirty_lines() -> None:
-    body = MODEL[MODEL.index('class Pendulum') :].splitlines()
-    assert sum(bool(line.strip()) for line in body) <= 30
 
 
 def test_the_example_finds_the_parameters(
@@ -76,3 +75,26 @@ def test_it_stands_in_the_list_of_a_fleet(swings: Path) -> None:
     failed = run_entry(read_fleet(swings / 'fleet.yaml')[0], Wish(diagnosed=False))
     assert failed['code'] == 'INVALID_GOAL'
     assert 'write module:function' in failed['message']
+
+
+def test_the_page_names_every_hook() -> None:
+    assert re.findall(r'^\| `([A-Z_]+)` \|', PAGE, re.MULTILINE) == [hook.name for hook in Hook]
+
+
+def _imported(name: str, source: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    path = folder / f'{name.rpartition(".")[2]}.py'
+    path.write_text(source, encoding='utf-8')
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, name, module)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_effect_passes_its_own_test(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _imported('ros2_ident.effects.rubber_buffer', EFFECT, tmp_path, monkeypatch)
+    module = _imported('test_effect_rubber_buffer', CHECK, tmp_path, monkeypatch)
+    module.test_the_buffer_pushes_back_behind_its_place_only()
