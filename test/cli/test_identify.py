@@ -171,10 +171,6 @@ def test_a_signal_keeps_the_best_so_far(command, tmp_path):
         (['--fix', 'mass=1'], "'mass' cannot be fixed: no such parameter; choose from"),
         (['--fix', 'moving_mass=1', '--fix', 'moving_mass=2'], '--fix names moving_mass twice'),
         (['--bounds', 'moving_mass=3:2'], 'moving_mass has the bounds 3 to 2;'),
-        (
-            ['--range-reduction', '2'],
-            'range_reduction is 2.0; give a number above 0 and at most 1',
-        ),
         (['--state-topic', '/x', '--effort-topic', '/x'], '/x is given as state and as effort'),
         (
             ['--state-topic', '/joint_state'],

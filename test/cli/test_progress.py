@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.cli import progress as module
-from ros2_ident.cli.progress import Meter, sparkline
+from ros2_ident.cli.progress import Meter
 from ros2_ident.identify.settings import IdentifyProgress
 
 ESCAPE = re.compile(r'\x1b\[[0-9;?]*[A-Za-z]')
@@ -82,14 +82,6 @@ class Terminal(io.StringIO):
 
     def isatty(self):
         return True
-
-
-def test_sparklines():
-    assert sparkline([0.0, 1.0, 2.0, 3.5, 7.0]) == '▁▂▃▅█'
-    assert sparkline([3.0, 3.0]) == '▁▁'
-    assert sparkline([math.nan, 1.0, math.inf, 2.0]) == ' ▁ █'
-    assert sparkline([]) == ''
-    assert sparkline(range(100), 5) == '▁▃▅▆█'
 
 
 def progress(cost, count=30, theta=0.0):

@@ -8,7 +8,7 @@ import pytest
 
 from checks.reference.tripod import simulate_tripod, TABLE_5
 from ros2_ident.effects import CATALOGUE, get_effect, Hook
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import IdentError
 from ros2_ident.models import EffectAt, load_machine, make_model
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
@@ -183,20 +183,6 @@ def test_a_flexible_gear_belongs_to_a_rigid_axis(model: Tripod) -> None:
     change = np.sqrt(np.mean((soft - rigid) ** 2, axis=1))
     # The stiffer the gear, the more it is one mass again.
     assert change[0] > 3.0 * change[1] > 0.0
-
-
-def test_unknown_names_are_refused_with_the_known_ones(run) -> None:
-    motion, log = run
-    data = dataset(motion, log.effort)
-    with pytest.raises(IdentError, match='choose from drive_1, drive_2, drive_3') as info:
-        Tripod(MACHINE, data, drives=['elbow'])
-    assert info.value.code is ErrorCode.INVALID_GOAL
-    with pytest.raises(IdentError, match='cannot be fixed: no such parameter'):
-        Tripod(MACHINE, data, fixed={'colour': 1.0})
-    with pytest.raises(IdentError, match="no effect is called 'gremlins'; choose from"):
-        Tripod(MACHINE, data, effects=[EffectAt('gremlins', 'drive_1')])
-    with pytest.raises(IdentError, match='cannot sit on'):
-        Tripod(MACHINE, data, effects=[EffectAt('stribeck', 'elbow')])
 
 
 def test_every_effect_is_complete() -> None:

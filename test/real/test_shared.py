@@ -61,22 +61,6 @@ def test_every_measured_bag_comes_onto_a_grid(name):
 
 
 @real
-def test_emps_samples_are_at_every_cycle():
-    (recording,) = read_bag(DATA / 'emps_train')
-    data = align(recording, ['emps_axis'], 1e-3)
-    assert data.cycles == 24841
-    assert np.isfinite(data.effort).all()
-    assert data.velocity is None
-    assert [x.missing for x in data.quality.streams] == [0, 0]
-    # its recorded stamps are float32 seconds: they scatter by nanoseconds only
-    assert max(x.jitter for x in data.quality.streams) < 1e-7
-    np.testing.assert_array_equal(data.position[0], recording.state.position[:, 0])
-    np.testing.assert_allclose(
-        data.command_position[0], recording.command.position[:, 0], atol=1e-12
-    )
-
-
-@real
 def test_emps_obeys_its_control_law_without_an_offset_of_a_cycle():
     """Force = 35.15 N/V kv (kp (q_ref - q) - dq) with the filter that its authors give."""
     data = align(read_bag(DATA / 'emps_train')[0], ['emps_axis'], 1e-3)

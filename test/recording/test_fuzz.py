@@ -24,26 +24,6 @@ QUIET = settings(
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-KINDS = [
-    'mcap',
-    'mcap_bare',
-    'metadata',
-    'db3',
-    'db3_bare',
-    'mcap_plain',
-    'mcap_lz4',
-    'mcap_late',
-    'mcap_no_crc',
-    'mcap_zstd_no_crc',
-    'mcap_loose',
-    'bag_none',
-    'bag_bz2',
-    'bag_lz4',
-    'mcap_file_zstd',
-    'db3_message_zstd',
-    'table',
-    'columns',
-]
 
 
 @pytest.fixture(scope='module')
@@ -74,17 +54,17 @@ def test_the_corpus_is_answered_at_once(path, tmp_path):
     assert time.process_time() - begin < 10.0
 
 
-@pytest.mark.parametrize('kind', KINDS)
-def test_damaged_logs_are_answered(logs, tmp_path, kind):
-    log = logs[kind]
-    truth = read_bag(log.write(tmp_path, log.data))
+def test_damaged_logs_are_answered(logs, tmp_path):
+    for name, log in logs.items():
+        (room := tmp_path / name).mkdir()
+        truth = read_bag(log.write(room, log.data))
 
-    @settings(QUIET, max_examples=15)
-    @given(st.integers(0, 1 << 32), st.integers(1, 5))
-    def run(seed, times):
-        outcome(log.write(tmp_path, damage(log.data, random.Random(seed), times)), truth)
+        @settings(QUIET, max_examples=15)
+        @given(st.integers(0, 1 << 32), st.integers(1, 5))
+        def run(seed, times, log=log, room=room, truth=truth):
+            outcome(log.write(room, damage(log.data, random.Random(seed), times)), truth)
 
-    run()
+        run()
 
 
 @QUIET

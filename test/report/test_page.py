@@ -159,23 +159,26 @@ def test_a_page_shows_what_the_directory_holds(tmp_path, write, lost, sections, 
     assert text in page.text
 
 
+def unknown(**more):
+    """Return the parameters of a run that determined none."""
+    none = {'low': math.nan, 'high': math.nan, 'state': 'not determined', **more}
+    return tuple(replace(p, **none) for p in identified().parameters)
+
+
 def test_a_run_in_which_every_candidate_diverged(tmp_path):
     good = identified()
     write_identified(tmp_path)
     lost = replace(
         good,
         outcome=Outcome.DIVERGED,
-        parameters=tuple(
-            replace(p, value=math.nan, low=math.nan, high=math.nan, state='not determined')
-            for p in good.parameters
-        ),
-        correlation=np.full_like(good.correlation, math.nan),
+        parameters=unknown(value=math.nan),
+        correlation=math.nan * good.correlation,
         cost=replace(good.cost, ga=math.inf, refined=math.nan),
         residuals=(),
         history=replace(
             good.history,
-            best_costs=np.full(good.history.best_costs.shape, math.inf),
-            costs=np.full(good.history.costs.shape, math.inf),
+            best_costs=np.full_like(good.history.best_costs, math.inf),
+            costs=np.full_like(good.history.costs, math.inf),
         ),
     )
     write_identified(tmp_path, lost)
@@ -191,11 +194,8 @@ def test_a_cancelled_run_and_a_diagnosis_cut_short(tmp_path):
     cut = replace(
         good,
         outcome=Outcome.CANCELLED,
-        parameters=tuple(
-            replace(p, low=math.nan, high=math.nan, state='not determined')
-            for p in good.parameters
-        ),
-        correlation=np.full_like(good.correlation, math.nan),
+        parameters=unknown(),
+        correlation=math.nan * good.correlation,
         cost=replace(good.cost, refined=math.nan),
     )
     write_identified(tmp_path, cut)

@@ -21,6 +21,24 @@ from ros_helpers import (
     new_domain,
 )
 
+pytest.importorskip('ros2_ident_msgs', reason='run `make test`, or source env.sh first')
+
+from action_msgs.msg import GoalStatus  # noqa: E402
+from action_msgs.srv import CancelGoal  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from ros2_ident_msgs.action import Identify  # noqa: E402
+from ros2_ident_msgs.msg import Status  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+from ros2_ident.errors import ErrorCode  # noqa: E402
+from ros2_ident.recording import read_bag  # noqa: E402
+from ros2_ident.recording.cdr import encode  # noqa: E402
+from ros2_ident.recording.streams import FIELDS  # noqa: E402
+from ros2_ident.report import files  # noqa: E402
+from ros2_ident.ros import node as module  # noqa: E402
+from ros2_ident.ros.parameters import snapshot  # noqa: E402
+
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(120)]
 
 
@@ -91,10 +109,6 @@ def test_a_second_signal_ends_at_once() -> None:
 
 
 def test_a_run_that_does_not_end_is_answered_all_the_same(start) -> None:
-    from action_msgs.msg import GoalStatus
-
-    from ros2_ident.errors import ErrorCode
-
     node, listener = start(initial_population=1000000)
     feedback = []
     handle = listener.send(bag_goal(), feedback.append)
@@ -112,8 +126,6 @@ def test_a_run_that_does_not_end_is_answered_all_the_same(start) -> None:
     'where', ['ros.actions.wanted_of', 'jobs.identify', 'ros.conversion._outcome']
 )
 def test_whatever_is_raised_becomes_an_answer_with_a_code(start, monkeypatch, where) -> None:
-    from ros2_ident.errors import ErrorCode
-
     def fail(*arguments, **options):
         raise ZeroDivisionError('of a test')
 
@@ -125,9 +137,6 @@ def test_whatever_is_raised_becomes_an_answer_with_a_code(start, monkeypatch, wh
 
 
 def test_a_cancel_that_is_taken_together_with_its_goal_is_heeded(start) -> None:
-    from action_msgs.msg import GoalStatus
-    from action_msgs.srv import CancelGoal
-
     node, listener = start(initial_population=1000000)
     all_goals = listener.node.create_client(CancelGoal, '/identifier/identify/_action/cancel_goal')
     listener.until(all_goals.service_is_ready, 'the service')
@@ -156,9 +165,6 @@ def test_what_a_callback_raises_does_not_end_the_node(start) -> None:
 
 
 def test_the_end_of_a_stream_does_not_end_the_node(start, monkeypatch) -> None:
-    from ros2_ident.errors import ErrorCode
-    from ros2_ident.ros import node as module
-
     def fail(*arguments, **options):
         raise RecursionError('of a test')
 
@@ -174,10 +180,6 @@ def test_the_end_of_a_stream_does_not_end_the_node(start, monkeypatch) -> None:
 
 
 def test_a_full_disk_leaves_the_result_on_the_topic_and_to_be_saved(start, monkeypatch) -> None:
-    from std_srvs.srv import Trigger
-
-    from ros2_ident.report import files
-
     def full(*arguments, **options):
         raise OSError(28, 'No space left on device')
 
@@ -195,8 +197,6 @@ def test_a_full_disk_leaves_the_result_on_the_topic_and_to_be_saved(start, monke
 
 
 def test_goals_stay_inside_the_allowed_directory(start, tmp_path) -> None:
-    from ros2_ident.errors import ErrorCode
-
     (tmp_path / 'in').mkdir()
     (tmp_path / 'in/link').symlink_to(BAG)
     _, listener = start(allowed_directory=str(tmp_path / 'in'))
@@ -213,10 +213,6 @@ def test_goals_stay_inside_the_allowed_directory(start, tmp_path) -> None:
 
 
 def test_a_wrong_machine_file_is_told_at_the_start_and_when_it_is_set(start) -> None:
-    from rclpy.parameter import Parameter
-
-    from ros2_ident.errors import ErrorCode
-
     node, listener = start(machine_file='/nowhere.yaml')
     listener.until(lambda: listener.statuses, 'the status')
     assert listener.statuses[0].error_code == ErrorCode.BAD_MACHINE_FILE
@@ -225,8 +221,6 @@ def test_a_wrong_machine_file_is_told_at_the_start_and_when_it_is_set(start) -> 
 
 
 def test_parameters_that_are_no_part_of_a_run_are_read_again(start) -> None:
-    from rclpy.parameter import Parameter
-
     node, _ = start()
     changes = {
         'keep_streams': True,
@@ -242,10 +236,6 @@ def test_parameters_that_are_no_part_of_a_run_are_read_again(start) -> None:
 
 
 def test_drives_can_be_emptied(start) -> None:
-    from rclpy.parameter import Parameter
-
-    from ros2_ident.ros.parameters import snapshot
-
     node, _ = start()
     assert snapshot(node.node)['drives'] == ('drive_1',)
     # `ros2 param set` cannot tell of which type an empty list is
@@ -268,14 +258,6 @@ def test_two_nodes_of_one_name_are_told(start, tmp_path) -> None:
 
 
 def test_what_was_heard_is_found_again_after_a_restart(tmp_path) -> None:
-    from ros2_ident_msgs.action import Identify
-    from ros2_ident_msgs.msg import Status
-    from sensor_msgs.msg import JointState
-
-    from ros2_ident.recording import read_bag
-    from ros2_ident.recording.cdr import encode
-    from ros2_ident.recording.streams import FIELDS
-
     (recording,) = read_bag(BAG)
     domain = new_domain()
     node = small(domain, tmp_path, auto_start=False, end_of_stream=0.5)

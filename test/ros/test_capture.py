@@ -7,6 +7,21 @@ import numpy as np
 import pytest
 from ros_helpers import BAG, ended, MACHINE, new_domain, program, Station
 
+pytest.importorskip('ros2_ident_msgs', reason='run `make test`, or source env.sh first')
+
+from builtin_interfaces.msg import Duration  # noqa: E402
+from rclpy.duration import Duration as Period  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import Float64MultiArray  # noqa: E402
+
+from ros2_ident.errors import IdentError  # noqa: E402
+from ros2_ident.identify.data import gather  # noqa: E402
+from ros2_ident.models import load_machine  # noqa: E402
+from ros2_ident.recording import read_bag  # noqa: E402
+from ros2_ident.ros.capture import Capture  # noqa: E402
+
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 
 
@@ -14,10 +29,6 @@ class Ear(Station):
     """A bare node with a Capture."""
 
     def __init__(self, domain: int, **options) -> None:
-        from rclpy.node import Node
-
-        from ros2_ident.ros.capture import Capture
-
         self.now = 0.0
 
         def make(context):
@@ -51,8 +62,6 @@ class Mouth:
     """Publishes into an Ear, from the same process."""
 
     def __init__(self, ear: Ear) -> None:
-        from sensor_msgs.msg import JointState
-
         self.ear = ear
         self.sent = 0
         self.publishers = {
@@ -64,8 +73,6 @@ class Mouth:
         )
 
     def say(self, stamp: float, names, topic: str = 'joint_states', **fields) -> None:
-        from sensor_msgs.msg import JointState
-
         message = JointState(name=list(names), **fields)
         ns = round(stamp * 1e9)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(ns, 1_000_000_000)
@@ -91,10 +98,6 @@ def ear():
 
 
 def test_a_replayed_bag_gives_the_same_data_set_as_the_bag_read_directly() -> None:
-    from ros2_ident.identify.data import gather
-    from ros2_ident.models import load_machine
-    from ros2_ident.recording import read_bag
-
     domain = new_domain()
     ear = Ear(domain)
     try:
@@ -173,8 +176,6 @@ def test_a_full_buffer_counts_and_says_so(ear) -> None:
 
 @pytest.mark.parametrize('keep', [False, True])
 def test_a_new_stream_replaces_the_ended_one_unless_it_is_kept(ear, keep: bool) -> None:
-    from ros2_ident.errors import IdentError
-
     mouth = Mouth(listening := ear(keep_streams=keep))
     capture = listening.capture
     assert capture.empty and capture.idle == math.inf
@@ -200,9 +201,6 @@ def test_a_new_stream_replaces_the_ended_one_unless_it_is_kept(ear, keep: bool) 
 
 
 def test_what_waits_is_taken_at_once_and_in_order(ear) -> None:
-    from rclpy.duration import Duration
-    from sensor_msgs.msg import JointState
-
     mouth = Mouth(listening := ear())
     (state, *_) = listening.capture._subscriptions.values()
     callback, rounds = state.callback, []
@@ -218,7 +216,7 @@ def test_what_waits_is_taken_at_once_and_in_order(ear) -> None:
             message = JointState(name=['a'], position=[float(k)])
             message.header.stamp.sec = k
             mouth.publishers['joint_states'].publish(message)
-        assert mouth.publishers['joint_states'].wait_for_all_acked(Duration(seconds=10.0))
+        assert mouth.publishers['joint_states'].wait_for_all_acked(Period(seconds=10.0))
 
     listening.asked(send)
     listening.until(lambda: listening.received() == 300, 'all of them')
@@ -229,9 +227,6 @@ def test_what_waits_is_taken_at_once_and_in_order(ear) -> None:
 
 
 def test_incompatible_qos_is_named(ear) -> None:
-    from rclpy.qos import QoSProfile, ReliabilityPolicy
-    from sensor_msgs.msg import JointState
-
     listening = ear()
     listening.node.create_publisher(
         JointState, '/effort', QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -251,8 +246,6 @@ def speaker(ear):
     made = []
 
     def make(kind, **options):
-        from rclpy.node import Node
-
         domain = new_domain()
         made.append(Ear(domain, **options))
         made.append(Station(lambda context: Node('speaker', context=context), domain))
@@ -268,8 +261,6 @@ def speaker(ear):
 
 
 def test_an_array_is_heard_by_the_names_given(speaker) -> None:
-    from std_msgs.msg import Float64MultiArray
-
     one, publisher = speaker(Float64MultiArray, names=('a', 'b/velocity'))
     one.until(publisher.get_subscription_count, 'a match')
     for k in range(3):
@@ -283,8 +274,6 @@ def test_an_array_is_heard_by_the_names_given(speaker) -> None:
 
 
 def test_what_cannot_be_heard_says_what_to_do(speaker) -> None:
-    from std_msgs.msg import Float64MultiArray
-
     one, _ = speaker(Float64MultiArray)
     assert 'set joint_names to the joints in its order' in one.capture.silence()
     one.capture._adapt('state', '/joint_states', 'no_such_msgs/msg/Thing')
@@ -295,8 +284,6 @@ def test_what_cannot_be_heard_says_what_to_do(speaker) -> None:
 
 def test_trajectories_are_the_set_point_that_follows_them(speaker) -> None:
     message = pytest.importorskip('trajectory_msgs.msg', reason='no trajectory_msgs here')
-    from builtin_interfaces.msg import Duration
-
     one, publisher = speaker(message.JointTrajectory)
     one.until(publisher.get_subscription_count, 'a match')
     points = [

@@ -11,6 +11,16 @@ from typing import Any
 import pytest
 from ros_helpers import bag_goal, ended, identifier, Listener, new_domain, program, ROOT
 
+pytest.importorskip('ros2_ident_msgs', reason='run `make test`, or source env.sh first')
+
+from action_msgs.msg import GoalStatus  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
+from ros2_ident_msgs.msg import Status  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+from ros2_ident.effects import CATALOGUE  # noqa: E402
+from ros2_ident.errors import ErrorCode  # noqa: E402
+
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 
 BAG = ROOT / 'bags/axis_reversals'
@@ -20,8 +30,6 @@ KEPT = ('coulomb_friction', 'cable_spring', 'torque_ripple')
 
 
 def goal_of(**changes: Any) -> Any:
-    from ros2_ident.effects import CATALOGUE
-
     rest = [name for name in CATALOGUE if name not in KEPT]
     return bag_goal('Diagnose', **{'bag_path': str(BAG), 'without_effects': rest} | changes)
 
@@ -54,10 +62,6 @@ def shared(tmp_path_factory: pytest.TempPathFactory, frictionless: Path) -> Iter
 
 
 def test_a_goal_gives_feedback_a_result_and_a_latched_gap(shared: Any) -> None:
-    from action_msgs.msg import GoalStatus
-    from diagnostic_msgs.msg import DiagnosticStatus
-    from ros2_ident_msgs.msg import Status
-
     feedback: list[Any] = []
     status, gap = shared.ask(goal_of(seed=3), lambda x: feedback.append(x.feedback), 120.0)
     assert status == GoalStatus.STATUS_SUCCEEDED
@@ -120,9 +124,6 @@ def test_a_goal_gives_feedback_a_result_and_a_latched_gap(shared: Any) -> None:
 
 
 def test_nothing_missing_is_an_answer(shared: Any) -> None:
-    from action_msgs.msg import GoalStatus
-    from diagnostic_msgs.msg import DiagnosticStatus
-
     count = len(shared.diagnostics)
     status, gap = shared.ask(goal_of(machine_file=str(AXIS), check_bag_path=str(BAG)))
     assert status == GoalStatus.STATUS_SUCCEEDED and gap.error_message == ''
@@ -139,11 +140,6 @@ def test_nothing_missing_is_an_answer(shared: Any) -> None:
 
 
 def test_cancel_is_answered_at_once_and_keeps_the_best(shared: Any) -> None:
-    from action_msgs.msg import GoalStatus
-    from ros2_ident_msgs.msg import Status
-
-    from ros2_ident.errors import ErrorCode
-
     feedback: list[Any] = []
     handle = shared.send(
         goal_of(
@@ -172,17 +168,12 @@ def test_cancel_is_answered_at_once_and_keeps_the_best(shared: Any) -> None:
 
 
 def test_a_spent_budget_is_no_error_and_is_said(shared: Any) -> None:
-    from action_msgs.msg import GoalStatus
-
     status, gap = shared.ask(goal_of(time_budget=0.01))
     assert status == GoalStatus.STATUS_SUCCEEDED and gap.error_code == 0
     assert gap.advice[0].startswith('The time budget of 0.01 s ended the run')
 
 
 def test_live_data_is_diagnosed(shared: Any) -> None:
-    from ros2_ident_msgs.msg import Status
-    from std_srvs.srv import Trigger
-
     with program(
         'replay', str(BAG), '--rate', '4', '--wait-for-subscribers', '60', domain=shared.domain
     ) as replay:

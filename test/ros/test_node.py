@@ -11,6 +11,21 @@ import time
 import pytest
 from ros_helpers import BAG, bag_goal, ended, identifier, Listener, new_domain, program, ROOT
 
+pytest.importorskip('ros2_ident_msgs', reason='run `make test`, or source env.sh first')
+
+from action_msgs.msg import GoalStatus  # noqa: E402
+from rclpy.action import ActionClient  # noqa: E402
+from rclpy.qos import qos_profile_parameters as deep  # noqa: E402
+from ros2_ident_msgs.action import Identify  # noqa: E402
+from ros2_ident_msgs.msg import (  # noqa: E402
+    IdentificationResult,
+    Status,  # noqa: E402
+)
+from std_msgs.msg import String  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+from ros2_ident.errors import ErrorCode  # noqa: E402
+
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 
 AXIS_BAG = ROOT / 'bags/axis_reversals'
@@ -56,8 +71,6 @@ def last_series(messages) -> int:
 def test_a_replayed_bag_is_identified_and_a_late_subscriber_gets_the_result(
     domain: int, tmp_path: Path
 ) -> None:
-    from ros2_ident_msgs.msg import IdentificationResult, Status
-
     with identifier(domain, tmp_path) as node:
         early = Listener(domain)
         try:
@@ -108,8 +121,6 @@ def test_a_replayed_bag_is_identified_and_a_late_subscriber_gets_the_result(
 
 
 def test_a_goal_gives_feedback_and_a_result_and_its_overrides_reach_the_search(shared) -> None:
-    from action_msgs.msg import GoalStatus
-
     feedback = []
     goal = bag_goal(
         seed=3,
@@ -135,14 +146,6 @@ def test_a_second_goal_is_refused_with_a_reason(shared) -> None:
 
     Its own cancel is answered at once and keeps the best.
     """
-    from action_msgs.msg import GoalStatus
-    from rclpy.action import ActionClient
-    from rclpy.qos import qos_profile_parameters as deep
-    from ros2_ident_msgs.action import Identify
-    from ros2_ident_msgs.msg import Status
-
-    from ros2_ident.errors import ErrorCode
-
     # the queue in which answers wait for a client is its own
     qos = dict.fromkeys(('goal_service_qos_profile', 'cancel_service_qos_profile'), deep)
     client = ActionClient(shared.node, Identify, '/identifier/identify', **qos)
@@ -214,10 +217,6 @@ WRONG = {
 def test_an_unusable_goal_is_answered_with_code_and_sentence(
     shared, kind: str, changes: dict, code: str, said: str
 ) -> None:
-    from action_msgs.msg import GoalStatus
-
-    from ros2_ident.errors import ErrorCode
-
     before = len(shared.results)
     status, found = shared.ask(bag_goal(kind, **changes))
     assert status == GoalStatus.STATUS_ABORTED
@@ -228,8 +227,6 @@ def test_an_unusable_goal_is_answered_with_code_and_sentence(
 
 
 def test_services(shared) -> None:
-    from std_srvs.srv import Trigger
-
     answer = shared.call(Trigger, '/identifier/save_result', Trigger.Request())
     assert answer.success and Path(answer.message).exists()
     assert Path(answer.message).parent.parent == shared.output
@@ -243,10 +240,6 @@ def test_services(shared) -> None:
 def test_a_signal_ends_a_run_answers_its_goal_and_keeps_its_result(
     domain: int, listener: Listener, tmp_path: Path, kind: str, file: str
 ) -> None:
-    from action_msgs.msg import GoalStatus
-
-    from ros2_ident.errors import ErrorCode
-
     # Long enough on any machine to be in the middle of it.
     with identifier(domain, tmp_path, 'initial_population:=1000000') as node:
         feedback = []
@@ -298,8 +291,6 @@ def test_two_nodes_on_one_domain_do_not_interfere(shared, tmp_path: Path) -> Non
 
 
 def test_silence_is_explained(domain: int, listener: Listener, tmp_path: Path) -> None:
-    from std_msgs.msg import String
-
     listener.node.create_publisher(String, '/joint_states', 10)
     with identifier(domain, tmp_path) as node:
         listener.until(

@@ -3,7 +3,10 @@
 
 from contextlib import suppress
 from dataclasses import replace
+import os
 import struct
+import subprocess
+import sys
 import zlib
 
 from identify_cases import After, axis, axis_data, AXIS_FILE, QUICK, ROOT, tripod
@@ -15,6 +18,7 @@ from ros2_ident.errors import IdentError
 from ros2_ident.identify.data import read_data
 from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
+from ros2_ident.identify.setup import problem_of
 from ros2_ident.report.files import load_result
 from ros2_ident.search import Budget
 from ros2_ident.search.journal import digest_of, Journal
@@ -142,3 +146,19 @@ def test_the_command_goes_on_where_it_was_cut_off(tmp_path):
     assert not (out / 'identify.checkpoint').exists()
     whole, again = (load_result(folder) for folder in (tmp_path / 'whole', out))
     assert again.theta.tobytes() == whole.theta.tobytes()
+
+
+def test_another_process_knows_the_checkpoint_for_its_own(tmp_path):
+    code = (
+        'from identify_cases import axis, axis_data; '
+        'from ros2_ident.identify.setup import problem_of; '
+        'print(problem_of(axis(), axis_data()).key)'
+    )
+    other = subprocess.run(
+        [sys.executable, '-c', code],
+        env=os.environ | {'PYTHONHASHSEED': '1', 'PYTHONPATH': os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert other.stdout.strip() == problem_of(axis(), axis_data()).key
