@@ -7,7 +7,6 @@ import re
 import sys
 from types import ModuleType
 
-from models.test_protocol import Pendulum
 import numpy as np
 import pytest
 import yaml
@@ -25,9 +24,16 @@ TRUTH = {'inertia': 0.2, 'weight': 3.0, 'damping': 0.1}
 
 
 def write_swing(path: Path, seed: int) -> None:
-    swing = Pendulum(tuple(TRUTH.values()), seed)
-    stamp = np.round(1e18 + 1e9 * swing.cycle * np.arange(swing.angle.size)).astype(np.int64)
-    stream = Stream(('shaft',), stamp, position=swing.angle[:, None], effort=swing.measured.T)
+    time = np.arange(4000) * 0.002
+    draw = np.random.default_rng(seed)
+    waves = [(a, 6.0 * np.pi * f) for a, f in zip(*draw.random((2, 4)), strict=True)]
+    angle = sum(a * np.sin(w * time) for a, w in waves)
+    rate = sum(a * w * np.cos(w * time) for a, w in waves)
+    bend = sum(-a * w * w * np.sin(w * time) for a, w in waves)
+    torque = TRUTH['inertia'] * bend + TRUTH['weight'] * np.sin(angle) + TRUTH['damping'] * rate
+    torque += 0.02 * draw.standard_normal(time.size)
+    stamp = np.round(1e18 + time * 1e9).astype(np.int64)
+    stream = Stream(('shaft',), stamp, position=angle[:, None], effort=torque[:, None])
     write_bag(path, {'/joint_states': stream})
 
 

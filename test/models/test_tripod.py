@@ -170,6 +170,8 @@ def test_an_effect_inside_its_bounds_changes_the_log(model: Tripod, effect_id: s
 def test_a_flexible_gear_belongs_to_a_rigid_axis(model: Tripod) -> None:
     with pytest.raises(IdentError, match='its parameter is gear_stiffness'):
         Tripod(MACHINE, model.data, effects=[EffectAt('gear_flexibility', 'drive_1')])
+    with pytest.raises(IdentError, match='cannot sit on'):
+        Tripod(MACHINE, model.data, effects=[EffectAt('stribeck', 'elbow')])
     machine = load_machine(CONFIG / 'emps.yaml')
     time = np.arange(3000) * 1e-3
     position = (0.1 * np.sin(2.0 * time) ** 2)[None]

@@ -54,17 +54,21 @@ def test_the_corpus_is_answered_at_once(path, tmp_path):
     assert time.process_time() - begin < 10.0
 
 
+def fuzz(log, room):
+    truth = read_bag(log.write(room, log.data))
+
+    @settings(QUIET, max_examples=15)
+    @given(st.integers(0, 1 << 32), st.integers(1, 5))
+    def run(seed, times):
+        outcome(log.write(room, damage(log.data, random.Random(seed), times)), truth)
+
+    run()
+
+
 def test_damaged_logs_are_answered(logs, tmp_path):
     for name, log in logs.items():
-        (room := tmp_path / name).mkdir()
-        truth = read_bag(log.write(room, log.data))
-
-        @settings(QUIET, max_examples=15)
-        @given(st.integers(0, 1 << 32), st.integers(1, 5))
-        def run(seed, times, log=log, room=room, truth=truth):
-            outcome(log.write(room, damage(log.data, random.Random(seed), times)), truth)
-
-        run()
+        (tmp_path / name).mkdir()
+        fuzz(log, tmp_path / name)
 
 
 @QUIET
