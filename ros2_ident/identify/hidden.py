@@ -163,7 +163,7 @@ def residual_of(fitted: Fitted, theta: Array, rows: Rows) -> Array:
 
 def _residuals(fitted: Fitted, rows: Rows) -> Callable[[Array], Array]:
     seen = [m.restricted(mask) for m, mask in zip(fitted.models, rows.masks, strict=True)]
-    return lambda theta: _side_by_side(
+    return lambda theta: np.hstack(
         [m.residuals(fitted.own(i, theta)) for i, m in enumerate(seen)]
     )
 
@@ -201,7 +201,7 @@ def weigh_fit(
             base = np.repeat(theta[None], len(points), axis=0)
             rows = [np.hstack([fitted.own(i, base), points]) for i in range(len(masked))]
             out = [m.residuals(row) for m, row in zip(masked, rows, strict=True)]
-            return _side_by_side(out) - residual
+            return np.hstack(out) - residual
 
         points, most = _tried(model, at, orders_shown(model, at, changed, free, basis, clear=True))
         out = changed(points)
@@ -247,7 +247,3 @@ def _tried(
     points = np.array([point for group in trials(at, model, orders) for point in group])
     itself = any(p.role == 'size' and p.starts for p in model.scaled(at))
     return points, 1.0 if itself else LARGE / TRIAL
-
-
-def _side_by_side(parts: Sequence[Array]) -> Array:
-    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)

@@ -59,9 +59,10 @@ def judged(
         report: What log and machine file say of each other.
         poor: Outputs of which the fit leaves a large part.
     """
-    quality = replace(
-        result.quality, warnings=tuple(dict.fromkeys((*_said(report), *result.quality.warnings)))
-    )
+    first = report.contradictions[:1]  # is the headline
+    warned = sentences(g for g in report.gates if g.level != 'ok' and g not in first)
+    warnings = tuple(dict.fromkeys((*warned, *result.quality.warnings)))
+    quality = replace(result.quality, warnings=warnings)
     result = replace(result, gates=report.gates, quality=quality, poor=tuple(poor))
     ended = result.outcome in (Outcome.IDENTIFIED, Outcome.NOT_IDENTIFIABLE)
     spent = result.outcome is Outcome.BUDGET_SPENT
@@ -72,9 +73,3 @@ def judged(
             parameters=tuple(doubted(p, NOTE) for p in result.parameters),
         )
     return result
-
-
-def _said(report: GateReport) -> tuple[str, ...]:
-    """Return what the gates warn of, but for what is the headline."""
-    first = report.contradictions[:1]
-    return tuple(sentences(g for g in report.gates if g.level != 'ok' and g not in first))

@@ -15,10 +15,9 @@ from ros2_ident.search.noise import fast_noise
 
 # What is compared, and its weight; None for one by its noise.
 Outputs = Mapping[str, float | None]
-EFFORT: Outputs = {'effort': None}
 
 
-def checked(outputs: Outputs | None, otherwise: Sequence[str] = tuple(EFFORT)) -> Outputs:
+def checked(outputs: Outputs | None, otherwise: Sequence[str] = ()) -> Outputs:
     """Return what is compared, in the order of `QUANTITIES`; `otherwise` where None.
 
     Raises:

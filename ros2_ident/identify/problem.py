@@ -14,9 +14,8 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import chosen_drives, Data
 from ros2_ident.identify.layout import check_overrides, Conditions, expanded, held_of, Layout
-from ros2_ident.identify.outputs import EFFORT, Outputs, weights_of
+from ros2_ident.identify.outputs import Outputs, weights_of
 from ros2_ident.identify.result import DriveResidual, Quality
-from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.kernel.hooks import sources_digest
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
@@ -268,7 +267,7 @@ class Setup:
     Attributes:
         machine: The machine.
         data: The segments.
-        drives: Drives whose effort is compared; all where None.
+        drives: Drives whose effort is compared, in the machine's order.
         fixed: Parameters held at a value: by full name, or `gear_stiffness` for every drive's.
         bounds: (low, high) instead of the machine file's, by the same names.
         effects: Effects beside the nominal physics.
@@ -279,13 +278,13 @@ class Setup:
 
     machine: Machine
     data: Data = field(repr=False)
-    drives: Sequence[str] | None = None
-    fixed: Mapping[str, float] | None = None
-    bounds: Mapping[str, tuple[float, float]] | None = None
-    effects: Sequence[EffectAt] = ()
-    cutoff: float = IdentifySettings.cutoff
-    conditions: Conditions = Conditions()
-    outputs: Outputs = field(default_factory=lambda: dict(EFFORT))
+    drives: Sequence[str]
+    fixed: Mapping[str, float] | None
+    bounds: Mapping[str, tuple[float, float]] | None
+    effects: Sequence[EffectAt]
+    cutoff: float
+    conditions: Conditions
+    outputs: Outputs
 
     def problem(self) -> Problem:
         """Return the machine's model on every segment, as one problem.
@@ -349,8 +348,8 @@ class Setup:
         return replace(self, data=data, bounds=None, outputs=outputs)
 
     def _weights(self) -> tuple[float, ...]:
-        drives = chosen_drives(self.machine, self.drives)
-        return weights_of(self.outputs, self.data.datasets, drives, self.machine.effort_noise)
+        noise = self.machine.effort_noise
+        return weights_of(self.outputs, self.data.datasets, self.drives, noise)
 
 
 def _check_names(machine: Machine, data: Data, effort: bool) -> None:

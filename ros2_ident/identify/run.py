@@ -10,7 +10,7 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import examine, GateReport
-from ros2_ident.identify.data import chosen_drives, Data, gather
+from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.data import read_data as read_data
 from ros2_ident.identify.held_out import check_problem, with_held_out
 from ros2_ident.identify.hidden import weigh_fit
@@ -172,13 +172,11 @@ def solve(
         if watch:
             watch.intervals()
         weighed = weigh_fit(problem, found.theta, stopped, settings.threads)
-    result = judged(
-        assemble(
-            problem, found, seed, _plain(settings), None if weighed is None else weighed.evidence
-        ),
-        report,
-        poorly_fitted(problem, found.residual),
-    )
+    evidence = None if weighed is None else weighed.evidence
+    # Threads do not change the result, so files of one and of two of them are the same.
+    plain = {name: value for name, value in asdict(settings).items() if name != 'threads'}
+    result = assemble(problem, found, seed, plain, evidence)
+    result = judged(result, report, poorly_fitted(problem, found.residual))
     if found.cancelled:
         return result
     result = with_held_out(result, problem, weighed, check)
@@ -189,10 +187,9 @@ def _predicted(problem: Problem, theta: Array, check: Problem | None) -> Predict
     """Return how far free runs come from the recordings judged on."""
     if not np.isfinite(theta).all():
         return None
-    judged_on = problem if check is None else check
-    own = theta if check is None else check.taken_from(problem, theta)
+    on, own = (LOG, theta) if check is None else (CHECK, check.taken_from(problem, theta))
+    judged_on = check or problem
     runs = [(m, judged_on.own(k, own)[0]) for k, m in enumerate(judged_on.models)]
-    on = LOG if check is None else CHECK
     return predicted(on, [*of_description(runs), (IDENTIFIED, runs)])
 
 
@@ -228,18 +225,9 @@ def _as_data(
 ) -> Data:
     if isinstance(data, Data):
         return data
-    if isinstance(data, Dataset):
-        return Data((data,))
-    datasets = [x for x in data if isinstance(x, Dataset)]
-    recordings = [x for x in data if isinstance(x, Recording)]
+    several = [data] if isinstance(data, Dataset) else data
+    datasets = tuple(x for x in several if isinstance(x, Dataset))
+    recordings = [x for x in several if isinstance(x, Recording)]
     if datasets and not recordings:
-        return Data(tuple(datasets))
-    chosen_drives(machine, drives)
+        return Data(datasets)
     return gather(recordings, machine, drives, quantities=quantities)
-
-
-def _plain(settings: IdentifySettings) -> dict[str, object]:
-    plain = asdict(settings)
-    # Does not change the result, so files of one and of two threads are the same.
-    plain.pop('threads')
-    return plain

@@ -31,21 +31,12 @@ class IdentifySettings(FitSettings):
     threads: int | None = None
     method: Literal['genetic', 'algebraic'] = 'genetic'
     decimation: int = 10
+    counts = *FitSettings.counts, 'threads', 'decimation'
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.threads is not None and not (isinstance(self.threads, int) and self.threads >= 1):
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'threads is {self.threads!r}; give a whole number of at least 1',
-            )
         if self.method not in METHODS:
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
                 f'method is {self.method!r}; choose from {", ".join(METHODS)}',
-            )
-        if not (isinstance(self.decimation, int) and self.decimation >= 1):
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'decimation is {self.decimation!r}; give a whole number of at least 1',
             )

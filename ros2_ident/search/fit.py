@@ -6,7 +6,7 @@ Identification, diagnosis, the paper's experiments and the fleet all fit by this
 
 from dataclasses import asdict, dataclass, field, replace
 import time
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -101,9 +101,11 @@ class FitSettings:
     refine_evaluations: int | None = None
     level: float = 0.95
     give_up: bool = True
+    # Whole numbers of at least 1, or None where that is a default.
+    counts: ClassVar[tuple[str, ...]] = 'starts', 'refine_evaluations'
 
     def __post_init__(self) -> None:
-        for name in ('starts', 'refine_evaluations'):
+        for name in self.counts:
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int) and value >= 1):
                 raise IdentError(
