@@ -10,14 +10,13 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import examine
 from ros2_ident.gates.scale import FEWEST
-from ros2_ident.gates.signals import step_of
 from ros2_ident.identify.data import Data, gather
+from ros2_ident.identify.outputs import noise_of
 from ros2_ident.machine.file import MachineFile
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.registry import compared_of, kind_of
 from ros2_ident.recording import check, Dataset, Finding, Recording, Report
 from ros2_ident.recording.findings import Level
-from ros2_ident.search.noise import fast_noise
 
 # What a finding on the bag may owe to the machine file.
 _KEY_OF = {
@@ -160,11 +159,9 @@ def _noise(dataset: Dataset, machine: Machine, file: MachineFile) -> Iterator[Fi
     """
     if dataset.effort is None or 'effort' not in compared_of(machine):
         return
-    rows = [row[np.isfinite(row)] for row in dataset.effort]
-    if min(row.size for row in rows) < FEWEST:
+    if np.isfinite(dataset.effort).sum(axis=1).min() < FEWEST:
         return  # too short a log to tell
-    fast = [max(fast_noise(row), step_of(row) / math.sqrt(12.0)) for row in rows]
-    found = float(np.sqrt(np.mean(np.square(fast))))
+    found = float(np.sqrt(np.mean(np.square([noise_of(row) for row in dataset.effort]))))
     ratio = found / machine.effort_noise if machine.effort_noise > 0.0 else math.inf
     if not 1.0 / _NOISE < ratio < _NOISE:
         yield Finding(

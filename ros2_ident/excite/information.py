@@ -19,11 +19,10 @@ from ros2_ident.models.protocol import FullModel
 from ros2_ident.models.registry import compared_of
 from ros2_ident.search import finite_differences
 from ros2_ident.search.jacobian import Box
+from ros2_ident.search.prior import BOX_DEVIATION
 
 # Noise of outputs for which a machine file states none, their unit.
 _NOISE = 1e-3
-# What is known without any log: the box, as an even distribution over it (variance 1/12).
-_BOX = 12.0
 # How far a machine may be off what is expected, and still has to keep to its limits.
 _OFF = 0.25
 
@@ -43,7 +42,8 @@ class Shown:
     @functools.cached_property
     def covariance(self) -> Array:
         """(N, N) covariance that an estimate will have at best, in widths of the boxes."""
-        known = self.matrix + _BOX * np.eye(len(self.matrix))
+        # Without any log an even distribution over the box is known.
+        known = self.matrix + np.eye(len(self.matrix)) / BOX_DEVIATION**2
         scale = 1.0 / np.sqrt(np.diag(known))
         out: Array = np.linalg.inv(known * np.outer(scale, scale)) * np.outer(scale, scale)
         return out

@@ -29,8 +29,6 @@ SHORTEST = 0.5
 SETTLING = 0.3
 # Points of the grid from one sample to the next where no controller is simulated.
 POINTS = 16
-# Less than this is no motion, rad or m.
-STANDSTILL = 1e-9
 
 
 # Parts of a log, brought onto the grid one at a time, each with its label.
@@ -294,8 +292,9 @@ def _aligned(
                 'switch its measurement on in the drive, or leave this drive out',
             )
     driving = dataset.position if dataset.command_position is None else dataset.command_position
-    strokes = [] if driving is None else np.nanmax(driving, axis=1) - np.nanmin(driving, axis=1)
-    if len(strokes) and float(np.nanmax(strokes)) < STANDSTILL:
+    if driving is not None and np.allclose(
+        np.nanmin(driving, axis=1), np.nanmax(driving, axis=1), rtol=0.0, equal_nan=True
+    ):
         raise IdentError(
             ErrorCode.NO_DATA,
             f'{where}: no drive moves; record a motion that accelerates every drive',

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Held-out error: what an estimate leaves of data that it was not fitted on."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
@@ -104,27 +103,17 @@ def quarters(problem: Problem, weighed: Weighed, theta: Array) -> Array:
         weighed: Residual and slopes at its solution.
         theta: (N,) the solution.
     """
-    unit = (theta - problem.low) / (problem.high - problem.low)
-    blocks = weighed.rows.blocks
+    slopes, residual, blocks = weighed.slopes, weighed.residual, weighed.rows.blocks
     part = (blocks - blocks.min()) * PARTS // (int(np.ptp(blocks)) + 1)
-    left = weighed.residual.copy()
-    for rows, step in _steps(weighed, [part == k for k in np.unique(part)]):
-        left[rows] += weighed.slopes[rows] @ (np.clip(unit + step, 0.0, 1.0) - unit)
-    return left
-
-
-def _steps(
-    weighed: Weighed, parts: Sequence[npt.NDArray[np.bool_]]
-) -> Iterator[tuple[npt.NDArray[np.bool_], Array]]:
-    """Yield parts (R,), each with the step (N,) to the estimate from all others."""
-    count = weighed.slopes.shape[1]
+    parts = [part == k for k in np.unique(part)]
     # A triangular factor says all that a part does, in few rows.
-    factors = [
-        np.linalg.qr(np.column_stack([weighed.slopes[x], weighed.residual[x]]), mode='r')
-        for x in parts
-    ]
-    size = float(np.sqrt(np.mean(weighed.residual**2)))
-    box = np.column_stack([np.eye(count) * size / BOX_DEVIATION, np.zeros(count)])
+    factors = [np.linalg.qr(np.column_stack([slopes[x], residual[x]]), mode='r') for x in parts]
+    size = float(np.sqrt(np.mean(residual**2)))
+    box = np.column_stack([np.eye(theta.size) * size / BOX_DEVIATION, np.zeros(theta.size)])
+    unit = (theta - problem.low) / (problem.high - problem.low)
+    left = residual.copy()
     for k, rows in enumerate(parts):
         others = np.vstack([*factors[:k], *factors[k + 1 :], box])
-        yield rows, np.linalg.lstsq(others[:, :count], -others[:, count], rcond=None)[0]
+        step = np.linalg.lstsq(others[:, :-1], -others[:, -1], rcond=None)[0]
+        left[rows] += slopes[rows] @ (np.clip(unit + step, 0.0, 1.0) - unit)
+    return left

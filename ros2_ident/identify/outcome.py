@@ -63,7 +63,7 @@ def assemble(
     rivals = rival_minima(problem, found)
     if rivals:
         estimates = tuple(doubted(e, ONE_OF_SEVERAL) for e in estimates)
-    size = len(estimates)
+    size, setup = len(estimates), problem.setup
     left = problem.left(found.residual) if found.residual.size else ()
     quality = problem.quality()
     refined = found.refined is not None and np.isfinite(found.refined.cost)
@@ -93,9 +93,7 @@ def assemble(
             np.array(found.ga.best_costs), found.candidates, found.costs, found.generations
         ),
         quality=replace(quality, warnings=quality.warnings + _gap(problem, left, evidence)),
-        provenance=made_of('a model of its own', '', '')
-        if problem.setup is None
-        else provenance_of(problem.machine, problem.data),
+        provenance=provenance_of(setup.machine, setup.data) if setup else provenance_of(),
         settings=settings,
     )
 
@@ -170,17 +168,12 @@ def _spent(found: Fitted) -> bool:
     )
 
 
-def provenance_of(machine: Machine, data: Data) -> Provenance:
-    """Return where numbers from a machine file and data come from, as of now."""
-    return made_of(data.source, data.sha256, machine.digest)
-
-
-def made_of(source: str, sha256: str, machine_sha256: str) -> Provenance:
-    """Return where numbers come from, made here and now."""
+def provenance_of(machine: Machine | None = None, data: Data | None = None) -> Provenance:
+    """Return where numbers from a machine file and data come from, as of now and here."""
     return Provenance(
-        source=source,
-        sha256=sha256,
-        machine_sha256=machine_sha256,
+        source=data.source if data else 'a model of its own',
+        sha256=data.sha256 if data else '',
+        machine_sha256=machine.digest if machine else '',
         package_version=package_version(),
         platform=', '.join(
             [

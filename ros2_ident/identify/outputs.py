@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates.scale import FEWEST
 from ros2_ident.gates.signals import step_of
@@ -89,10 +90,12 @@ def _noise(quantity: str, datasets: Sequence[Dataset], drives: Sequence[str]) ->
     for data in datasets:
         values = getattr(data, quantity)
         for name in drives if values is not None else ():
-            row = values[data.names.index(name)]
-            there = row[np.isfinite(row)]
-            if there.size < FEWEST:
-                continue
-            # Where neighbours are equal, the step of the log is the noise.
-            found.append(max(fast_noise(there), step_of(there) / math.sqrt(12.0)))
+            there = values[data.names.index(name)]
+            if np.isfinite(there).sum() >= FEWEST:
+                found.append(noise_of(there))
     return float(np.median(found)) if found else 0.0
+
+
+def noise_of(values: Array) -> float:
+    """Return the standard deviation of a log's noise; where neighbours are equal, its step's."""
+    return max(fast_noise(values[np.isfinite(values)]), step_of(values) / math.sqrt(12.0))

@@ -148,7 +148,9 @@ class Problem:
             labels, conditions, fixed, bounds = self._own
             again = partial(Problem, fixed=fixed, bounds=bounds)
             return again, (self.models, labels, conditions)
-        return _made_anew, (sources(), self.setup.lean())
+        # Without what only the process that reads the bag needs.
+        lean = replace(self.setup.data, recordings=(), held_out=None)
+        return _made_anew, (sources(), replace(self.setup, data=lean))
 
     def prepare(self) -> None:
         """Compile the simulation, or read it from the cache."""
@@ -327,10 +329,6 @@ class Setup:
             if name.partition('@')[2] in self.data.labels
         }
         return everywhere, here if self.data.labels else somewhere
-
-    def lean(self) -> 'Setup':
-        """Return it without what only the process that reads the bag needs."""
-        return replace(self, data=replace(self.data, recordings=(), held_out=None))
 
     def held_out(self) -> Iterator[Problem]:
         """Make the problem of each part of a long log that is held out, one at a time."""

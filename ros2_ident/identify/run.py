@@ -32,9 +32,9 @@ from ros2_ident.search.evaluators import Cancel, Threads, Workers
 from ros2_ident.search.fit import fit
 from ros2_ident.search.journal import Journal
 
-# Time that the intervals take: a share of the refinement's, and so many seconds beside it, as
-# measured on a tripod of 6 s and axes of 6 and 25 s.
-INTERVALS_SHARE, INTERVALS_BESIDE = 1.5, 0.7
+# Time that the intervals take over the refinement's, as measured on a tripod of 6 s and axes of 6
+# and 25 s.
+INTERVALS_SHARE = 2.0
 
 Measured = Data | Dataset | Sequence[Dataset] | Sequence[Recording]
 
@@ -201,23 +201,21 @@ class _Watch:
         self._last: IdentifyProgress | None = None
         self._searched = 0.0
 
-    def _later(self, progress: IdentifyProgress) -> float:
-        """Return how long the intervals will take, s."""
-        refinement = progress.elapsed + progress.eta - self._searched
-        return INTERVALS_BESIDE + INTERVALS_SHARE * refinement
-
     def __call__(self, progress: IdentifyProgress) -> None:
         """Tell how far the fit is."""
         self._last = progress
         if progress.phase == 'search':
             self._searched = progress.elapsed
-        self._tell(replace(progress, eta=progress.eta + self._later(progress)))
+        self._tell(replace(progress, eta=progress.eta + self._later(progress, progress.eta)))
+
+    def _later(self, progress: IdentifyProgress, left: float = 0.0) -> float:
+        """Return how long the intervals will take after a fit with so much left, s."""
+        return INTERVALS_SHARE * (progress.elapsed + left - self._searched)
 
     def intervals(self) -> None:
         """Tell that the fit is done."""
         if self._last is not None:
-            last = replace(self._last, eta=0.0)
-            self._tell(replace(last, phase='intervals', eta=self._later(last)))
+            self._tell(replace(self._last, phase='intervals', eta=self._later(self._last)))
 
 
 def _as_data(
