@@ -75,12 +75,12 @@ def _estimate(machine: 'Machine', args: argparse.Namespace, data: object) -> str
 
     import numpy as np
 
-    from ros2_ident.cli.progress import duration
     from ros2_ident.identify.data import Data
     from ros2_ident.identify.setup import problem_of
     from ros2_ident.lanes import WIDTH
     from ros2_ident.search import GeneticSettings, ThreadedEvaluator
     from ros2_ident.threads import processors
+    from ros2_ident.words.figures import duration
 
     assert isinstance(data, Data)
     problem = problem_of(machine, data, drives=args.drives)

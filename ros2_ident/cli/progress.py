@@ -11,6 +11,7 @@ import time
 from typing import Any, Self, TextIO, TYPE_CHECKING
 
 from ros2_ident.identify.settings import IdentifyProgress
+from ros2_ident.words.figures import duration
 
 if TYPE_CHECKING:
     from ros2_ident.gap.diagnose import DiagnoseProgress
@@ -56,14 +57,6 @@ def sparkline(values: Sequence[float], width: int = WIDTH) -> str:
         else _BLOCKS[round(top * (x - low) / (high - low)) if high > low else 0]
         for x in shown
     )
-
-
-def duration(seconds: float) -> str:
-    """Return a time for people: `8 s`, `1:05`, `?` where unknown."""
-    if not math.isfinite(seconds):
-        return '?'
-    whole = max(0, round(seconds))
-    return f'{whole} s' if whole < 60 else f'{whole // 60}:{whole % 60:02d}'
 
 
 def describe(progress: IdentifyProgress) -> str:

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import math
 
 from ros2_ident.cli.colour import alarming
-from ros2_ident.cli.progress import duration
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.prediction import Prediction
+from ros2_ident.words.figures import duration, figure
 from ros2_ident.words.identification import message
 
 # A half width beyond this share of the value, in percent, is told by itself.
@@ -37,19 +37,14 @@ def _number(value: float) -> str:
     return f'{value:.5g}' if math.isfinite(value) else '-'
 
 
-def _two(value: float) -> str:
-    """Return two digits, without a power of ten where the number is not small."""
-    return f'{float(f"{value:.2g}"):.6g}'
-
-
 def _interval(estimate: ParameterEstimate) -> str:
     """Return an interval about its value."""
     less, more = estimate.reach
     if not math.isfinite(less + more):
         return '-'
     if estimate.lopsided:
-        return f'-{_two(less)} +{_two(more)}'
-    return f'± {_two(0.5 * (less + more))}'
+        return f'-{figure(less)} +{figure(more)}'
+    return f'± {figure(0.5 * (less + more))}'
 
 
 def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
@@ -61,8 +56,8 @@ def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
         estimate.name,
         _number(estimate.value),
         _interval(estimate),
-        f'{_two(share)} %' if small else '',
-        f'± {_two(noise)}' if half > WIDER * noise else '',
+        f'{figure(share)} %' if small else '',
+        f'± {figure(noise)}' if half > WIDER * noise else '',
         estimate.unit if estimate.unit != '1' else '',
         estimate.note,
     )

@@ -4,7 +4,7 @@
 Other packages add theirs by entry points, users by files of their own; see `loading`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -39,6 +39,19 @@ def composed() -> tuple[Effect, ...]:
 def sources() -> Mapping[Path, str]:
     """Return files outside this package that effects were read from, and their modules' names."""
     return MappingProxyType(_KNOWN.sources)
+
+
+def title_at(effect_id: str, where: Iterable[str] = ()) -> str:
+    """Return an effect's title at its places, its id where the catalogue lacks it.
+
+    Args:
+        effect_id: Its id.
+        where: Drives; none or `all` for the machine as a whole.
+    """
+    effect = CATALOGUE.get(effect_id)
+    title = effect.title if effect else effect_id
+    drives = ', '.join(name for name in where if name != 'all')
+    return f'{title} on {drives}' if drives else title
 
 
 def get_effect(name: str) -> Effect:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.effects import EffectParameter, get_effect
+from ros2_ident.effects import EffectParameter, get_effect, title_at
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
@@ -38,7 +38,7 @@ class EffectAt:
     @property
     def title(self) -> str:
         """The effect's title and its place."""
-        return f'{get_effect(self.effect).title} on {self.where}'
+        return title_at(self.effect, [self.where])
 
 
 @dataclass(frozen=True)

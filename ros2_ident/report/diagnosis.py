@@ -11,7 +11,7 @@ from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.models import EffectAt
 from ros2_ident.report.maps import chosen, map_of
 from ros2_ident.words.finding import region, where
-from ros2_ident.words.verdict import advice, sentence
+from ros2_ident.words.verdict import advice, headline, sentence
 
 SCHEMA = 4
 
@@ -64,6 +64,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
             'where': list(d.where),
             'probability': d.probability,
             'sentence': sentence(d),
+            'headline': headline(d),
             'cause': d.facts.cause,
         },
         'facts': {**asdict(d.facts), 'leads': d.facts.leads},
@@ -93,12 +94,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
             'steps': [{'label': s.label, **asdict(s.gap)} for s in d.steps],
             'per_drive': {
                 name: {
-                    'before': g.before,
-                    'after': g.after,
-                    'noise_floor': g.noise_floor,
-                    'share_closed': g.share_closed,
-                    'counted': g.counted,
-                    'share_of_output': g.share_of_output,
+                    **asdict(g),
                     'share_of_torque_before': g.before / g.torque_rms,
                     'share_of_torque_after': g.after / g.torque_rms,
                 }

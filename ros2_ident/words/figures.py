@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers, shares and lengths in sentences."""
 
+from collections.abc import Sequence
+import math
 import re
 
 from ros2_ident.gates.scale import figure as figure
@@ -43,3 +45,21 @@ def compared(unit: str) -> str:
 def percent(share: float) -> str:
     """Return a share in percent; one that would round to nothing as less than one."""
     return f'{100.0 * share:.0f} %' if share >= 0.005 else 'less than 1 %'
+
+
+def capital(text: str) -> str:
+    """Return a text that begins a sentence."""
+    return f'{text[0].upper()}{text[1:]}'
+
+
+def joined(names: Sequence[str]) -> str:
+    """Return names as a list in a sentence."""
+    return ' and '.join(filter(None, (', '.join(names[:-1]), *names[-1:])))
+
+
+def duration(seconds: float) -> str:
+    """Return a time for people: `8 s`, `1:05`, `?` where unknown."""
+    if not math.isfinite(seconds):
+        return '?'
+    whole = max(0, round(seconds))
+    return f'{whole} s' if whole < 60 else f'{whole // 60}:{whole % 60:02d}'

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a gap lies."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 import math
 
 from ros2_ident.gap.facts import Event
@@ -20,11 +20,12 @@ _WHILE = {
 }
 
 
-def instants(events: Iterable[Event], unit: str) -> str:
-    """Return bursts of effort, each with its size."""
+def instants(events: Sequence[Event], unit: str) -> str:
+    """Return bursts of effort, each with its size, and its recording where there are several."""
+    several = any(e.recording > 1 for e in events)
     return ', '.join(
         f'{e.time:.2f} s ({figure(e.effort, "+")} {unit})'
-        + (f' of recording {e.recording}' if e.recording > 1 else '')
+        + (f' in recording {e.recording}' if several else '')
         for e in events
     )
 

@@ -3,17 +3,25 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 import math
+from typing import Any
 
-from ros2_ident.effects import get_effect
+from ros2_ident.effects import get_effect, title_at
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.gap.facts import Cause, Event, Facts, WrongConstant
+from ros2_ident.gates import GateReport
 from ros2_ident.models import EffectAt
-from ros2_ident.words.figures import compared, figure, in_travel, length
+from ros2_ident.recording.shown import enumerated
+from ros2_ident.words.figures import capital, compared, figure, in_travel, joined, length
+from ros2_ident.words.finding import instants
 
 # Share of the resampled blocks in which an effect has to count to be more than a hint.
 OFTEN = 0.9
 # A gap below this share of the measured output is called small.
 _SMALL = 0.01
+# A headline of more letters names the first effect only: three lines of a page.
+_LONG = 110
+# Places that a sentence lists.
+_LISTED = 6
 
 
 def of_output(share: float, unit: str) -> str:
@@ -21,32 +29,12 @@ def of_output(share: float, unit: str) -> str:
     return f'{figure(100.0 * share)} % of the {compared(unit)}'
 
 
-def small(shares: Iterable[float], unit: str) -> str:
-    """Return that the gap is small; empty where a drive's is not.
-
-    Args:
-        shares: Of each drive, the gap over the measured output, RMS.
-        unit: Unit of the output.
-    """
-    worst = max(shares, default=math.inf)
-    return f'The gap is small, {of_output(worst, unit)}.' if worst < _SMALL else ''
-
-
 def events(found: Sequence[Event], unit: str) -> str:
     """Return effort that was not commanded: by drive, instants and sizes."""
-    several = len({e.recording for e in found}) > 1 or any(e.recording > 1 for e in found)
-    by_drive: dict[str, dict[int, list[str]]] = {}
+    drives: dict[str, list[Event]] = {}
     for e in found:
-        at = f'{e.time:.2f} s ({figure(e.effort, "+")} {unit})'
-        by_drive.setdefault(e.drive, {}).setdefault(e.recording, []).append(at)
-    made = '; '.join(
-        f'{drive} at '
-        + ', '.join(
-            ', '.join(at) + (f' in recording {number}' if several else '')
-            for number, at in parts.items()
-        )
-        for drive, parts in by_drive.items()
-    )
+        drives.setdefault(e.drive, []).append(e)
+    made = '; '.join(f'{drive} at {instants(each, unit)}' for drive, each in drives.items())
     return (
         f'{made}. No effect of a machine does that: look for another source of commands, contact '
         'with a person or an object, or a fault of the drive.'
@@ -73,6 +61,14 @@ def hidden(gaps: Iterable[tuple[str, float]], unit: str) -> Iterator[str]:
         )
 
 
+def hint(title: str, share: float) -> str:
+    """Return in which share of the resampled blocks an effect counts, where that is not enough."""
+    return (
+        f'{capital(title)} counts in only {100.0 * share:.0f} % of the resampled blocks held out: '
+        'treat it as a hint and record another log before acting on it.'
+    )
+
+
 def at_bounds(names: Sequence[str]) -> str:
     """Return which sizes of effects ended at a bound of their search."""
     return (
@@ -87,41 +83,129 @@ def _bound(names: Sequence[str]) -> str:
     return f'{", ".join(names)} {ends} of the search'
 
 
-def not_visible(effects: Sequence[EffectAt]) -> str:
-    """Return which effects a motion cannot show, for a sentence about it."""
+def unseen(effects: Iterable[EffectAt], drives: int) -> dict[str, str]:
+    """Return effects that a motion cannot show, by title, with their places.
+
+    Args:
+        effects: Each at one place.
+        drives: Number of drives.
+    """
     places: dict[str, list[str]] = {}
     for at in effects:
-        places.setdefault(get_effect(at.effect).title, []).append(_place(at.where))
-    titles = ', '.join(f'{title} ({", ".join(where)})' for title, where in places.items())
-    return f'cannot show: {titles}.'
+        places.setdefault(title_at(at.effect), []).append(_place(at.where))
+    return {
+        title: 'any drive' if len(where) == drives > 1 else enumerated(where, _LISTED)
+        for title, where in places.items()
+    }
+
+
+def _unseen(d: Diagnosis) -> str:
+    listed = unseen(d.not_testable, len(d.per_drive)).items()
+    return f'cannot show: {", ".join(f"{title} ({where})" for title, where in listed)}.'
+
+
+def separating(rival: str, where: str, travel: Sequence[Any]) -> str:
+    """Return the motion that tells an effect from another one.
+
+    Args:
+        rival: Id of the other one.
+        where: Its place.
+        travel: Unit of the drives' positions, and how many of them are a metre.
+    """
+    return in_travel(get_effect(rival).separated_by.format(drive=_place(where)), *travel)
 
 
 def _place(where: str) -> str:
     return 'the machine' if where == 'all' else where
 
 
+def headline(d: Diagnosis) -> str:
+    """Return the cause and its place; of many effects the first one, and how many more."""
+    if d.facts.cause == Cause.MODEL:
+        return 'The model is not the one of this machine: nothing physical can be said.'
+    if d.facts.cause in (Cause.LOG, Cause.CONSTANT):
+        return 'Log and machine file contradict each other: nothing physical can be said.'
+    text = _what(d)
+    missing = _titles(d, logged=False)
+    if len(text) > _LONG and len(missing) > 1:
+        more = len(missing) - 1
+        text = _missing([missing[0], 'another effect' if more == 1 else f'{more} more effects'])
+    return f'{_small(d)}{text}.'
+
+
 def sentence(d: Diagnosis) -> str:
     """Return the verdict with its evidence."""
-    facts, evidence = d.facts, d.evidence
-    refused = facts.cause in (Cause.LOG, Cause.CONSTANT, Cause.MODEL)
-    text = 'No effect is named.' if refused else _answer(d)
-    if facts.cause == Cause.NONE and d.not_testable:
-        text = f'{text[:-1]}; this motion {not_visible(d.not_testable)}'
-    if not refused:
-        text += ''.join(
-            f' Alternatively, {c.key} of the machine file is wrong: {c.value:.4g} '
-            f'[{c.low:.4g}, {c.high:.4g}] {c.unit} closes as much.'
-            for c in facts.constants
-        )
-    first = ''
-    if evidence['size'] >= evidence['material'] and not refused:
-        first = small((g.share_of_output for g in d.per_drive.values()), d.unit)
+    facts = d.facts
     ends = [name for name, v in d.parameters.items() if v.at_bound]
-    bound = _bound(ends) + '.' if ends else ''
-    return ' '.join(filter(None, (_first(d), first, text, bound)))
+    bound = f' {_bound(ends)}.' if ends else ''
+    if facts.cause in (Cause.LOG, Cause.CONSTANT, Cause.MODEL):
+        return f'{_contradiction(d)} No effect is named.{bound}'
+    text = _answer(d)
+    if facts.cause == Cause.NONE and d.not_testable:
+        text = f'{text[:-1]}; this motion {_unseen(d)}'
+    text += ''.join(
+        f' Alternatively, {c.key} of the machine file is wrong: {c.value:.4g} '
+        f'[{c.low:.4g}, {c.high:.4g}] {c.unit} closes as much.'
+        for c in facts.constants
+    )
+    return f'{_contradiction(d)} {_small(d)}{text}{bound}'.lstrip()
 
 
-def _first(d: Diagnosis) -> str:
+def _small(d: Diagnosis) -> str:
+    """Return that a gap that counts is small; empty where it is not."""
+    if d.evidence['size'] < d.evidence['material']:
+        return ''
+    worst = max((g.share_of_output for g in d.per_drive.values()), default=math.inf)
+    return f'The gap is small, {of_output(worst, d.unit)}. ' if worst < _SMALL else ''
+
+
+def _what(d: Diagnosis) -> str:
+    """Return the cause and its place, as the begin of a sentence."""
+    cause, evidence = d.facts.cause, d.evidence
+    where = 'the machine' if not d.where or 'all' in d.where else joined(d.where)
+    if cause == Cause.NONE and evidence['size'] < evidence['material']:
+        most = evidence['material'] * max(g.noise_floor for g in d.per_drive.values())
+        limit = f'{most:.2g} {d.unit}'
+        if d.facts.hidden:
+            return f'Nothing is missing above {limit}, but slow noise may hide more'
+        return f'Nothing is missing: the residual is noise, in which a gap of {limit} would show'
+    if cause == Cause.NONE:
+        return 'Nothing can be named: the gap is too small to tell its cause'
+    if cause == Cause.EVENTS:
+        return f'{where} produced effort that was not commanded'
+    if cause == Cause.SLOW:
+        return f'The residual of {where} is too large and too slow for noise'
+    if cause == Cause.CUT_SHORT:
+        return f'The run was cut short: the cause of the gap on {where} is not found yet'
+    if cause == Cause.UNKNOWN:
+        return f'Something is missing on {where} that is not in the catalogue'
+    return _missing(_titles(d, logged=False), _titles(d, logged=True))
+
+
+def _missing(names: Sequence[str], logged: Sequence[str] = ()) -> str:
+    """Return which effects the simulation lacks, and which are of the log alone."""
+    if not names:
+        return f'The logged effort is off, not the simulation: {joined(logged)}'
+    too = f'; the logged effort is off, too: {joined(logged)}' if logged else ''
+    verb = 'is' if len(names) == 1 else 'are'
+    return f'{capital(joined(names))} {verb} missing in the simulation{too}'
+
+
+def _titles(d: Diagnosis, *, logged: bool) -> list[str]:
+    """Return the effects named with their places: those of the log, or those of the machine."""
+    if d.facts.cause != Cause.EFFECT:
+        return []
+    places: dict[str, list[str]] = {d.effect: [*d.where]}
+    for at in d.also:
+        places.setdefault(at.effect, []).append(at.where)
+    return [
+        title_at(effect, where)
+        for effect, where in places.items()
+        if (get_effect(effect).group == 'measurement') == logged
+    ]
+
+
+def _contradiction(d: Diagnosis) -> str:
     """Return the contradiction of log and machine file; empty for none."""
     facts = d.facts
     if facts.misfit is not None:
@@ -134,11 +218,7 @@ def _first(d: Diagnosis) -> str:
         )
     if facts.cause == Cause.CONSTANT:
         return _wrong(facts, d.evidence['size'])
-    if facts.leads is None:
-        return ''
-    more = len(facts.contradictions) - 1
-    text = d.gates[facts.leads].sentence.rstrip('.')
-    return f'{text}.' + (f' ({more} more like it below.)' if more else '')
+    return '' if facts.leads is None else GateReport(d.gates).headline
 
 
 def _wrong(facts: Facts, size: float) -> str:
@@ -171,35 +251,30 @@ def _stated(c: WrongConstant) -> str:
 
 
 def _answer(d: Diagnosis) -> str:
-    facts, evidence, unit = d.facts, d.evidence, d.unit
+    """Return the cause with its numbers."""
+    facts, evidence, unit, what = d.facts, d.evidence, d.unit, _what(d)
     size = evidence['size']
     floors = [g.noise_floor for g in d.per_drive.values()]
-    level = f'{sum(floors) / len(floors):.4g} {unit}'
+    level = f'({sum(floors) / len(floors):.4g} {unit})'
     share = of_output(d.per_drive[facts.worst].share_of_output, unit)
     gap = f'{size:.2f} times the noise floor, {share}'
     if facts.cause == Cause.NONE and size < evidence['material']:
-        return (
-            f'Nothing is missing: the largest gap of a drive is {size:.2f} times the noise floor '
-            f'({level}), below the {evidence["material"]:.2g} that counts.'
-        )
+        return f'{what}; the largest of a drive is {size:.2f} times the noise floor {level}.'
     if facts.cause == Cause.NONE:
         return (
-            f'Nothing can be named: the largest gap of a drive is {gap} '
-            f'({level}), and no effect of the catalogue closes enough of it to count.'
+            f'{what}; that of {facts.worst} is {gap} {level}, and no effect of the catalogue '
+            'closes enough of it to count.'
         )
     if facts.cause == Cause.EVENTS:
-        made = events(facts.events, facts.effort_unit)
-        return f'Effort was produced that was not commanded: {made}'
+        return f'{what}: {events(facts.events, facts.effort_unit)}'
     if facts.cause == Cause.SLOW:
-        left = slow(facts.slow.items(), unit)
-        return f'The residual is too large and too slow for noise: {left}'
+        return f'{what}: {slow(facts.slow.items(), unit)}'
     if facts.cause == Cause.CUT_SHORT:
-        return f'The run was cut short: a gap of {gap} ({level}), no cause found yet.'
+        return f'{what}; it is {gap} {level}.'
     if facts.cause == Cause.UNKNOWN:
         return (
-            f'Something is missing that is not in the catalogue: the gap on '
-            f'{", ".join(d.where)} is {gap}, and the best of '
-            f'{facts.tried} candidates closes {100.0 * facts.best:.0f} % of it.'
+            f'{what}: the gap is {gap}, and the best of {facts.tried} candidates closes '
+            f'{100.0 * facts.best:.0f} % of it.'
         )
     rest = ''.join(
         f' {drive} reads its position in steps of {length(step, of)}: commands of its controller '
@@ -214,15 +289,12 @@ def _answer(d: Diagnosis) -> str:
     )
     if not rest and evidence['remaining'] >= evidence['unexplained']:
         rest = f' {evidence["remaining"]:.2f} times the noise floor remains unexplained.'
-    places: dict[str, list[str]] = {d.effect: [*d.where]}
-    for at in d.also:
-        places.setdefault(at.effect, []).append(at.where)
-    named = ', then '.join(f'{get_effect(e).title} on {", ".join(w)}' for e, w in places.items())
     # One share, on data held out; these may show no gap at all, then of all data.
-    share_closed = d.share_closed.value if len(d.steps) > 1 else evidence['closed']
-    if not math.isfinite(share_closed):
-        share_closed = min(max(evidence['closed'], 0.0), 1.0)
-    return f'{named}: closes {100 * share_closed:.0f} % of a gap of {gap}.{rest}'
+    closed = d.share_closed.value if len(d.steps) > 1 else evidence['closed']
+    if not math.isfinite(closed):
+        closed = min(max(evidence['closed'], 0.0), 1.0)
+    closes = 'they close' if d.also else 'it closes'
+    return f'{what}; {closes} {100 * closed:.0f} % of a gap of {gap}.{rest}'
 
 
 def advice(d: Diagnosis) -> tuple[str, ...]:
@@ -238,15 +310,11 @@ def _advice(d: Diagnosis) -> Iterator[str]:
     named = (EffectAt(d.effect, d.where[0]), *d.also) if facts.cause == Cause.EFFECT else ()
     for at, share in zip(named, d.again, strict=False):
         if share < OFTEN:
-            yield (
-                f'{at.title} counts in only {100.0 * share:.0f} % of the resampled blocks held '
-                'out: treat it as a hint and record another log before acting on it.'
-            )
+            yield hint(at.title, share)
     yield from hidden(facts.hidden.items(), d.unit)
     for other in d.confusable[1:]:
-        motion = get_effect(other.at.effect).separated_by.format(drive=_place(other.at.where))
         one, two = (get_effect(x.at.effect).title for x in (d.confusable[0], other))
-        motion = in_travel(motion, *facts.travel)
+        motion = separating(other.at.effect, other.at.where, facts.travel)
         yield f'{one} and {two} cannot be told apart on this data; {motion}.'
     if facts.cause == Cause.EVENTS:
         yield 'Exclude these instants, by windows or in another recording, to see other causes.'
@@ -256,4 +324,4 @@ def _advice(d: Diagnosis) -> Iterator[str]:
             'the drive named there with slow, single-drive motions both ways.'
         )
     if d.not_testable and facts.cause != Cause.NONE:
-        yield f'This motion {not_visible(d.not_testable)}'
+        yield f'This motion {_unseen(d)}'

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from ros2_ident.gap.facts import Cause, Event
+from ros2_ident.gap.facts import Cause
 from ros2_ident.gates import sentences as sentences_of
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.report.page import sentences, steps
@@ -20,11 +20,10 @@ from ros2_ident.report.page.numbers import (
     unit_of,
 )
 from ros2_ident.report.page.sentences import (
-    capital,
-    effect_name,
     effects_found,
+    name_of,
     places,
-    REFUSALS,
+    REFUSED,
     some,
 )
 from ros2_ident.report.page.steps import Step
@@ -117,26 +116,19 @@ def of_diagnosis(data: Mapping[str, Any], out: str) -> Answer:
     verdict = data['verdict']
     level: sentences.Level = 'bad'
     grave = sentences_of(g for g in gates_from(data['gates']) if g.level == 'fail')
-    first = () if verdict['effect'] in REFUSALS else tuple(grave)
+    first = () if verdict['effect'] in REFUSED else tuple(grave)
     if data['complete'] and verdict['effect'] not in sentences.NAMELESS - {'none'} and not first:
         unsure = len(data['confusable']) > 1 or _unexplained(data) or _seldom(data)
         level = 'doubtful' if careful or unsure else 'good'
-    said, more = sentences.diagnosed(data)
-    evidence = data['evidence']
-    material = (evidence['size'] or 0.0) >= (evidence['material'] or 0.0)
-    if material and verdict['effect'] not in REFUSALS:
-        shares = (d['share_of_output'] for d in data['gap']['per_drive'].values())
-        said = f'{words.small(shares, data["gap"]["unit"])} {said}'.lstrip()
     return Answer(
         level,
-        said,
+        verdict.get('headline', verdict['sentence']),
         tuple(_sure(data)),
         _gaps(data),
         tuple(_closes(data)),
         tuple(steps.of_diagnosis(data, out)),
         careful,
         first=first,
-        more=more,
         state=_state_of(data, level, first, careful),
         compared=compared(data['gap']['unit']),
     )
@@ -177,13 +169,13 @@ def _chance(probability: float | None) -> str:
 
 
 def _sure(data: Mapping[str, Any]) -> Iterator[str]:
-    verdict, facts = data['verdict'], data['facts']
+    verdict = data['verdict']
     facts_only = verdict['cause'] in (Cause.SLOW, Cause.EVENTS)
     held = {
         'check bag': 'Judged on data not used for fitting: another recording.',
         'blocks': 'Judged on data not used for fitting: every second block of 1 s.',
     }
-    if verdict['effect'] in REFUSALS:
+    if verdict['effect'] in REFUSED:
         yield verdict['sentence']
     elif data['complete'] or verdict['probability']:
         that = {
@@ -195,12 +187,9 @@ def _sure(data: Mapping[str, Any]) -> Iterator[str]:
             else 'that the cause is none of the effects tried',
         }.get(verdict['effect'], _cause(data))
         yield f'{_chance(verdict["probability"])} {that}.'
-    if verdict['cause'] == Cause.SLOW:
-        yield words.slow(facts['slow'].items(), data['gap']['unit'])
-    if verdict['cause'] == Cause.EVENTS:
-        made = [Event(**e) for e in facts['events']]
-        yield capital(words.events(made, facts['effort_unit']))
-    rivals = [effect_name(x) for x in data['confusable'][1:]]
+    if facts_only:
+        yield verdict['sentence']
+    rivals = [name_of(x) for x in data['confusable'][1:]]
     if rivals:
         yield f'This recording cannot tell it from {some(rivals)}.'
     yield held.get(data['gap']['held_out'], str(data['gap']['held_out']))
@@ -208,15 +197,14 @@ def _sure(data: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _again(data: Mapping[str, Any]) -> Iterator[str]:
-    """Say of several effects how often they count where the data held out are resampled."""
+    """Yield how often several effects count where the data held out are resampled."""
     counted, seldom = _counted(data), _seldom(data)
     if counted and not seldom:
         least = min(share for _, share in counted)
         share = 'all' if least >= NEARLY_ALL else f'{percent(least)} or more of the'
         yield f'Each effect is needed again in {share} resamples of those data.'
     for x, count in seldom:
-        name = capital(effect_name(x))
-        yield f'{name} is needed in only {percent(count)} of the resamples of those data.'
+        yield words.hint(name_of(x), count)
 
 
 def _counted(data: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], float]]:
@@ -234,7 +222,7 @@ def _seldom(data: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], float]]:
 
 def _cause(data: Mapping[str, Any]) -> str:
     if data['also']:
-        return f'that {effect_name(data["verdict"])}, found first, is a cause'
+        return f'that {name_of(data["verdict"])}, found first, is a cause'
     return f'that this is the cause, and {places(data["verdict"]["where"])} the place'
 
 

@@ -149,7 +149,7 @@ def _of_identification(result: Identification, out: str) -> dict[str, Any]:
 
 def _of_diagnosis(diagnosis: Mapping[str, Any], out: str) -> dict[str, Any]:
     gap, found = diagnosis['gap'], sentences.effects_found(diagnosis)
-    effects = sentences.effects_named(found) if len(found) == 1 else 'the effects' * bool(found)
+    effects = sentences.name_of(found[0]) if len(found) == 1 else 'the effects' * bool(found)
     hero, maps = charts.all_of(diagnosis, effects)
     return {
         'answer': of_diagnosis(diagnosis, out),

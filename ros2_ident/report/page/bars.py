@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ros2_ident.report.page.numbers import change, number, unit_of
-from ros2_ident.report.page.sentences import effect_name
+from ros2_ident.report.page.sentences import name_of
 
 # Effects that are listed.
 MOST = 8
@@ -69,5 +69,5 @@ def ranking(ranked: Sequence[Mapping[str, Any]], unit: str) -> list[Bar]:
         if r['gap_after'] is not None:
             text += f', leaves {number(r["gap_after"], 3)} {unit_of(unit)}'
         style = 'other' if k else 'first'
-        out.append(Bar(effect_name(r), min(1.0, r['probability']), text, style))
+        out.append(Bar(name_of(r), min(1.0, r['probability']), text, style))
     return out

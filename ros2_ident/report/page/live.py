@@ -23,9 +23,9 @@ from ros2_ident.report.page.look import Picture
 from ros2_ident.report.page.numbers import quantity
 from ros2_ident.report.page.plots import cost_over_time
 from ros2_ident.report.page.render import render
-from ros2_ident.report.page.sentences import capital
 from ros2_ident.report.preview import Preview
 from ros2_ident.report.signals import Curves, Signals
+from ros2_ident.words.figures import capital, duration
 
 # Seconds from one page to the next, and from one reload by the browser to the next.
 EVERY, RELOAD = 3.0, 3
@@ -134,7 +134,7 @@ class LivePage:
             headline=capital(progress.stage),
             times=_times(progress.elapsed, progress.eta, ()),
             share=_percent(progress.fraction),
-            notes=[f'{_duration(when)}: {text}' for text, when in self._notes.items()],
+            notes=[f'{duration(when)}: {text}' for text, when in self._notes.items()],
         )
 
     def _write(self, **changes: Any) -> None:
@@ -167,13 +167,8 @@ class LivePage:
 
 
 def _times(gone: float, left: float, more: Sequence[str]) -> str:
-    to_go = f'about {_duration(left)} to go' if math.isfinite(left) else 'time to go not known yet'
-    return ', '.join([f'{_duration(gone)} gone', to_go, *more])
-
-
-def _duration(seconds: float) -> str:
-    whole = max(0, round(seconds))
-    return f'{whole} s' if whole < 60 else f'{whole // 60}:{whole % 60:02d}'
+    to_go = f'about {duration(left)} to go' if math.isfinite(left) else 'time to go not known yet'
+    return ', '.join([f'{duration(gone)} gone', to_go, *more])
 
 
 def _percent(share: float) -> int:

@@ -7,13 +7,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ros2_ident.effects import CATALOGUE
-from ros2_ident.gap.facts import Cause
+from ros2_ident.effects import title_at
 from ros2_ident.gap.verdict import NAMELESS as NAMELESS
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
+from ros2_ident.models import EffectAt
 from ros2_ident.recording.shown import enumerated
 from ros2_ident.report.page.numbers import change, number, precision, quantity, UNKNOWN
+from ros2_ident.words.figures import capital
 from ros2_ident.words.identification import determined, message, undetermined
+from ros2_ident.words.verdict import unseen
 
 Level = Literal['good', 'doubtful', 'bad']
 
@@ -29,19 +31,11 @@ LISTED = 6
 # Places of the gap that are told at once, and the share of a drive's gap that a further one has to
 # explain beyond the drive's leading one.
 LEADING, FURTHER = 3, 0.1
-# A headline of more letters than this ends after the first effect: three lines of a page.
-_LONG = 110
-# Answers that say nothing of physics: what is wrong, and what to do.
-REFUSALS = {
-    'bookkeeping': (
-        'Log and machine file contradict each other: nothing physical can be said.',
-        'Correct what is named above, in the machine file or in the recording. What fits and what '
-        'does not says:',
-    ),
-    'model': (
-        'The model is not the one of this machine: nothing physical can be said.',
-        'Choose another kind of machine, or check that the recording is of this one:',
-    ),
+# What to do where the answer says nothing of physics.
+REFUSED = {
+    'bookkeeping': 'Correct what is named above, in the machine file or in the recording, and '
+    'check what else fits:',
+    'model': 'Choose another kind of machine, or check that the recording is of this one:',
 }
 
 
@@ -51,30 +45,9 @@ def width(estimate: ParameterEstimate) -> float:
     return half / abs(estimate.value) if estimate.value else math.inf
 
 
-def effect_name(at: Mapping[str, Any]) -> str:
-    """Return an effect at its place; `all` is the machine as a whole."""
-    effect = CATALOGUE.get(at['effect'])
-    title = effect.title if effect else str(at['effect'])
-    where = [w for w in at['where'] if w != 'all']
-    return f'{title} on {", ".join(where)}' if where else title
-
-
-def of_log(effect: str) -> bool:
-    """Whether an effect sits in the log: the machine does not feel it."""
-    return effect in CATALOGUE and CATALOGUE[effect].group == 'measurement'
-
-
-def effects_named(found: Sequence[Mapping[str, Any]]) -> str:
-    """Return effects in words; a place that all of them share is said once."""
-    names = [effect_name(at) for at in found]
-    if len({tuple(at['where']) for at in found}) == 1:
-        names[:-1] = [effect_name({**at, 'where': ['all']}) for at in found[:-1]]
-    return names[0] if len(names) == 1 else f'{", ".join(names[:-1])} and {names[-1]}'
-
-
-def capital(text: str) -> str:
-    """Return a text that begins a sentence."""
-    return f'{text[0].upper()}{text[1:]}'
+def name_of(at: Mapping[str, Any]) -> str:
+    """Return an effect at its places, as in `diagnosis.json`."""
+    return title_at(at['effect'], at['where'])
 
 
 def some(names: Sequence[str]) -> str:
@@ -177,88 +150,6 @@ def places(where: Sequence[str]) -> str:
     return 'the machine' if not where or 'all' in where else ' and '.join(where)
 
 
-def diagnosed(data: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
-    """Return what is missing and where, and the rest of it where one sentence would be long.
-
-    Args:
-        data: The content of `diagnosis.json`.
-    """
-    verdict = data['verdict']
-    if verdict['effect'] == 'none':
-        return _nothing(data), ()
-    if verdict['effect'] in REFUSALS:
-        return REFUSALS[verdict['effect']][0], ()
-    if verdict['effect'] == 'unknown':
-        return _unknown(data), ()
-    found = effects_found(data)
-    logged = [at for at in found if of_log(at['effect'])]
-    missing = [at for at in found if at not in logged]
-    text = _one_sentence(missing, logged)
-    if len(text) <= _LONG:
-        return text, ()
-    return _short(missing), tuple(_rest(missing, logged))
-
-
-def _unknown(data: Mapping[str, Any]) -> str:
-    where = places(data['verdict']['where'])
-    cause = data['verdict']['cause']
-    if cause == Cause.CUT_SHORT:
-        return f'Cut short: the simulation of {where} is off, and no cause was found yet.'
-    if cause == Cause.EVENTS:
-        return f'{capital(where)} produced effort that was not commanded.'
-    if cause == Cause.SLOW:
-        return f'The residual of {where} is too large and too slow for noise.'
-    return f'Something is missing in the simulation of {where}, and no known effect explains it.'
-
-
-def _one_sentence(
-    missing: Sequence[Mapping[str, Any]], of_log: Sequence[Mapping[str, Any]]
-) -> str:
-    distorted = effects_named(of_log) if of_log else ''
-    if not missing:
-        return f'The logged effort is off, not the simulation: {distorted}.'
-    verb = 'is' if len(missing) == 1 else 'are'
-    too = f'; the logged effort is off, too: {distorted}' if of_log else ''
-    return f'{capital(effects_named(missing))} {verb} missing in the simulation{too}.'
-
-
-def _short(missing: Sequence[Mapping[str, Any]]) -> str:
-    """Return the first of several effects, the one that closes most, and how many there are."""
-    if not missing:
-        return 'The logged effort is off, not the simulation.'
-    first, more = capital(effect_name(missing[0])), len(missing) - 1
-    if not more:
-        return f'{first} is missing in the simulation.'
-    others = 'another effect' if more == 1 else f'{more} more effects'
-    return f'{first} and {others} are missing in the simulation.'
-
-
-def _rest(
-    missing: Sequence[Mapping[str, Any]], of_log: Sequence[Mapping[str, Any]]
-) -> Iterator[str]:
-    if missing[1:]:
-        yield f'Also missing: {effects_named(missing[1:])}.'
-    if of_log:
-        too = ', too' if missing else ''
-        yield f'The logged effort is off{too}: {effects_named(of_log)}.'
-
-
-def _nothing(data: Mapping[str, Any]) -> str:
-    """Return the headline where no effect is named: how large one could be and not be found."""
-    if (data['evidence']['size'] or 0.0) >= (data['evidence']['material'] or 0.0):
-        return 'Nothing can be named: what is left is too small to tell its cause.'
-    limit = quantity(_limit(data), data['gap']['unit'], 2)
-    if data['facts']['hidden']:
-        return f'Nothing found missing above {limit}, but slow noise may hide more.'
-    return f'Nothing found missing: what is left is noise, in which a gap of {limit} would show.'
-
-
-def _limit(data: Mapping[str, Any]) -> float:
-    """Return the gap, RMS, that counts on every drive."""
-    floors = [d['noise_floor'] or 0.0 for d in data['gap']['per_drive'].values()]
-    return float(data['evidence']['material'] or 0.0) * max(floors, default=0.0)
-
-
 def moved_names(data: Mapping[str, Any], *, together: bool = False) -> list[str]:
     """Return the nominal parameters that had made up for the effects.
 
@@ -293,16 +184,8 @@ def _left(name: str, data: Mapping[str, Any]) -> bool:
 
 def hidden(data: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return which effects the motion cannot show, each with its places."""
-    places: dict[str, list[str]] = {}
-    for at in data['not_testable']:
-        effect = CATALOGUE.get(at['effect'])
-        title = effect.title if effect else str(at['effect'])
-        places.setdefault(title, []).extend(w for w in at['where'] if w != 'all')
-    drives = len(data['gap']['per_drive'])
-    return [
-        (title, 'any drive' if len(set(where)) == drives > 1 else some(where) or 'the machine')
-        for title, where in places.items()
-    ]
+    each = [EffectAt(x['effect'], where) for x in data['not_testable'] for where in x['where']]
+    return [*unseen(each, len(data['gap']['per_drive'])).items()]
 
 
 def leading(data: Mapping[str, Any]) -> tuple[list[str], list[str]]:

@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from ros2_ident.effects import CATALOGUE
+from ros2_ident.effects import CATALOGUE, title_at
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
 from ros2_ident.identify.result import half_of_difference, smallest_shown
@@ -23,9 +23,8 @@ from ros2_ident.report.page.numbers import (
     unit_of,
 )
 from ros2_ident.report.page.render import render
-from ros2_ident.report.page.sentences import effect_name
 from ros2_ident.report.schema import to_mapping
-from ros2_ident.words.figures import compared
+from ros2_ident.words.figures import capital, compared, joined
 
 COMPARISON = 'comparison.html'
 # Parameters of a fleet that are shown at once; the others are folded away.
@@ -264,7 +263,7 @@ def differences(summary: Mapping[str, Any]) -> Iterator[str]:
             yield f'{x["machine"]}: {x["parameter"]} is {value}; {against}{rest}'
     for effect, places in summary['effects'].items():
         count = 'once' if len(places) == 1 else f'{len(places)} times'
-        name = effect_name({'effect': effect, 'where': ['all']})
+        name = title_at(effect)
         yield f'{name}: found {count} ({"; ".join(places)})'
 
 
@@ -274,8 +273,8 @@ def verdicts(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     for row in found[:OPEN]:
         chance = row.get('probability')
         sure = '' if chance is None else f', probability {percent(chance)}'
-        also = [{**x, 'where': [x['where']]} for x in row.get('also', ())]
-        named = sentences.effects_named([row, *also])
+        also = [title_at(x['effect'], [x['where']]) for x in row.get('also', ())]
+        named = joined([title_at(row['effect'], row['where']), *also])
         closes = '; '.join(_closes(row))
         first = named if closes else (row.get('verdict') or named).rstrip('.')
         yield f'{row["name"]}: {first}{sure}. {closes}'.rstrip()
@@ -377,7 +376,7 @@ def _fleet_headline(data: Mapping[str, Any]) -> str:
         verb = 'differs from the others' if len(other) == 1 else 'differ'
         parts.append(f'{_named(other, "machines")} {verb}')
     if found:
-        kinds = {effect_name({**row, 'where': ['all']}) for row in found}
+        kinds = {title_at(row['effect']) for row in found}
         # a single name is told at once, several are listed below
         what = f'the simulation lacks {kinds.pop()}' if len(kinds) == 1 else 'effects are missing'
         parts.append(f'{what} in {_named({row["name"] for row in found}, "recordings")}')
@@ -385,7 +384,7 @@ def _fleet_headline(data: Mapping[str, Any]) -> str:
         smallest = _would_show(data.get('smallest', {}))
         parts.append(f'no difference shows; {smallest}' if smallest else 'nothing to compare')
     text = '; '.join(parts)
-    return f'{text if drifted or other else sentences.capital(text)}.'
+    return f'{text if drifted or other else capital(text)}.'
 
 
 def _named(names: set[str], what: str) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import shlex
 from typing import Any
 
-from ros2_ident.effects import CATALOGUE, Effect
+from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.facts import Cause
 from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.machine.keys import digits
@@ -14,12 +14,12 @@ from ros2_ident.recording import LIVE
 from ros2_ident.report.page import sentences
 from ros2_ident.report.page.numbers import legend, plus_minus, quantity
 from ros2_ident.report.page.sentences import (
-    effect_name,
     effects_found,
-    places,
-    REFUSALS,
+    name_of,
+    REFUSED,
     some,
 )
+from ros2_ident.words.verdict import separating
 
 # Machines of a fleet, and effects, that its page has steps for.
 FLEET = 3
@@ -85,7 +85,7 @@ def law_of(at: Mapping[str, Any], parameters: Mapping[str, Any]) -> Law | None:
         v = parameters.get(f'{place}{effect.id}.{p.name}')
         if v is not None:
             rows.append((p.symbol, p.meaning or p.name.replace('_', ' '), _value(v)))
-    return Law(effect.id, effect_name(at), effect.equation, tuple(rows))
+    return Law(effect.id, name_of(at), effect.equation, tuple(rows))
 
 
 def _value(v: Mapping[str, Any]) -> str:
@@ -116,17 +116,13 @@ def of_diagnosis(data: Mapping[str, Any], out: str) -> Iterator[Step]:
     elif data['verdict']['effect'] == 'none':
         yield Step('Leave the simulation as it is: no effect has to be added.')
         yield Step('Identify its parameters from the whole recording:', code=_identify(data, out))
-    elif data['verdict']['effect'] in REFUSALS:
+    elif data['verdict']['effect'] in REFUSED:
         settings = data['settings']
         check = f'{_bags(settings, data["provenance"]["source"])} {_machine(settings)}'
-        yield Step(REFUSALS[data['verdict']['effect']][1], code=f'ident check {check}')
+        yield Step(REFUSED[data['verdict']['effect']], code=f'ident check {check}')
     elif data['verdict']['cause'] == Cause.EVENTS:
         yield Step(
-            'Look for what else commanded the drives at these instants, held the machine, or '
-            'failed.'
-        )
-        yield Step(
-            'Then record without it, to see what is missing besides:',
+            'Find the cause of these instants and record without it, to see what else is missing:',
             code=f'ident diagnose NEW_BAG {_machine(data["settings"])} --out {_next(out)}',
         )
     else:
@@ -146,7 +142,7 @@ def _steps_of_effects(
     data: Mapping[str, Any], found: Sequence[Mapping[str, Any]], out: str
 ) -> Iterator[Step]:
     laws = [law for at in found if (law := law_of(at, data['parameters'])) is not None]
-    of_log = [law for law in laws if sentences.of_log(law.anchor)]
+    of_log = [law for law in laws if CATALOGUE[law.anchor].group == 'measurement']
     missing = [law for law in laws if law not in of_log]
     effects: list[Step] = []
     moved = bool(sentences.moved_names(data, together=False))
@@ -195,9 +191,9 @@ def _plain(value: float) -> str:
 
 def _motions(data: Mapping[str, Any]) -> Iterator[str]:
     for other in data['confusable'][1:]:
-        effect: Effect | None = CATALOGUE.get(other['effect'])
+        effect = CATALOGUE.get(other['effect'])
         if effect is not None:
-            motion = effect.separated_by.format(drive=places(other['where']))
+            motion = separating(effect.id, other['where'][0], data['facts']['travel'])
             yield f'{effect.title}: {motion}'
 
 
@@ -269,7 +265,7 @@ def of_fleet(data: Mapping[str, Any], out: str) -> Iterator[Step]:
     for row in list(first.values())[::-1][:FLEET]:
         if row['name'] not in changed:
             yield Step(
-                f'{row["machine"]}: diagnose {effect_name(row)} in full, with its numbers:',
+                f'{row["machine"]}: diagnose {name_of(row)} in full, with its numbers:',
                 code=_diagnose_row(row, out),
             )
     failed = [row['name'] for row in data['rows'] if row['state'] != 'done']

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verdict in words: what is missing where, how far it closes the gap, and the next steps."""
+
+from dataclasses import replace
+
+import pytest
+from report_cases import diagnosed
+
+from ros2_ident.effects import CATALOGUE
+from ros2_ident.gap.diagnosis import Ranked
+from ros2_ident.gap.facts import Cause
+from ros2_ident.models import EffectAt
+from ros2_ident.words import verdict as words
+
+FILTER = EffectAt('effort_smoothing', 'all')
+ONE = 'Stribeck friction on drive_1 is missing in the simulation'
+MANY = (
+    EffectAt('constant_force', 'wrist_2_joint'),
+    EffectAt('asymmetric_friction', 'wrist_1_joint'),
+    EffectAt('load_dependent_friction', 'shoulder_lift_joint'),
+)
+
+
+@pytest.mark.parametrize(
+    ('effects', 'headline', 'all_of_it'),
+    [
+        ((EffectAt('stribeck', 'drive_1'),), ONE, ONE),
+        (
+            (FILTER,), 'The logged effort is off, not the simulation: smoothed effort',
+            'The logged effort is off, not the simulation: smoothed effort',
+        ),
+        (
+            (FILTER, EffectAt('stribeck', 'drive_1')),
+            f'{ONE}; the logged effort is off, too: smoothed effort',
+            f'{ONE}; the logged effort is off, too: smoothed effort',
+        ),
+        (
+            (FILTER, *MANY),
+            'Constant force on wrist_2_joint and 2 more effects are missing in the simulation',
+            'Constant force on wrist_2_joint, asymmetric friction on wrist_1_joint and '
+            'load-dependent friction on shoulder_lift_joint are missing in the simulation; the '
+            'logged effort is off, too: smoothed effort',
+        ),
+    ],
+)  # fmt: skip
+def test_headline_and_sentence_name_the_effects_and_their_places(effects, headline, all_of_it):
+    first, *also = effects
+    found = replace(diagnosed(), effect=first.effect, where=(first.where,), also=tuple(also))
+    assert words.headline(found) == f'{headline}.'
+    closes = 'they close' if also else 'it closes'
+    said = words.sentence(found)
+    assert said.startswith(f'{all_of_it}; {closes} 97 % of a gap of 2.90 times the noise floor, ')
+
+
+def test_a_small_gap_is_called_small():
+    found = diagnosed()
+    small = {n: replace(g, share_of_output=0.0048) for n, g in found.per_drive.items()}
+    said = words.headline(replace(found, per_drive=small))
+    assert said == f'The gap is small, 0.48 % of the effort. {ONE}.'
+
+
+def test_advice_tells_effects_apart_and_lists_those_not_visible():
+    found = replace(diagnosed(), not_testable=())
+    rival = Ranked(EffectAt('quadratic_drag', 'drive_1'), 0.4, 0.1, 0.9, {})
+    (one,) = words.advice(replace(found, confusable=(found.ranking[0], rival)))
+    assert 'cannot be told apart' in one and CATALOGUE['quadratic_drag'].title in one
+    both = (EffectAt('stribeck', 'drive_1'), EffectAt('stribeck', 'drive_2'))
+    (seen,) = words.advice(replace(found, not_testable=both))
+    assert seen == f'This motion cannot show: {CATALOGUE["stribeck"].title} (any drive).'
+    unknown = replace(found, effect='unknown', facts=replace(found.facts, cause=Cause.UNKNOWN))
+    assert 'isolate the drive' in words.advice(unknown)[0]
+    assert words.advice(replace(unknown, probability=0.0)) == ()
+    hint = replace(found, again=(0.6,))
+    assert 'counts in only 60 %' in words.advice(hint)[0]
