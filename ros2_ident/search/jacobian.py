@@ -82,7 +82,6 @@ def finite_differences(
     box: Box,
     *,
     central: bool = False,
-    step: float | None = None,
 ) -> Array:
     """Return the derivative of a residual vector by the cube's coordinates.
 
@@ -96,13 +95,11 @@ def finite_differences(
         residual: (R,) residuals there, finite.
         box: The box.
         central: Central differences instead of forward ones.
-        step: Step as a fraction of a parameter's scale, None for the usual one.
 
     Returns:
         (R, N) finite.
     """
-    fraction = step if step is not None else (CENTRAL_STEP if central else FORWARD_STEP)
-    width = steps(unit, box, fraction)
+    width = steps(unit, box, CENTRAL_STEP if central else FORWARD_STEP)
     columns = np.arange(len(unit))
     jacobian = np.zeros((residual.size, len(unit)))
     scale = float(np.abs(residual).max(initial=0.0))

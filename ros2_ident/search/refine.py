@@ -107,8 +107,6 @@ class _Start:
         start: Array,
         limit: int,
         cancel: Cancel | None,
-        central: bool,
-        step: float | None,
         journal: Journal | None = None,
         key: bytes = b'',
     ) -> None:
@@ -118,8 +116,6 @@ class _Start:
         self.residuals = residuals
         self.limit = limit
         self.cancel = cancel
-        self.central = central
-        self.step = step
         self.evaluations = 0
         self.point = box.inside(start)
         self.cost = math.inf
@@ -153,14 +149,11 @@ class _Start:
 
     def jac(self) -> Array:
         """Return (R, N) the derivative at the best point by the cube's coordinates."""
-        return finite_differences(
-            self.evaluate, self.point, self.residual, self.box, central=self.central,
-            step=self.step,
-        )  # fmt: skip
+        return finite_differences(self.evaluate, self.point, self.residual, self.box)
 
     def solve(self, tolerance: float) -> RefineStatus:
         """Go from the start to the end, or to where an earlier run of the same start ended."""
-        what = 'start', self.key, self.point, self.limit, self.central, self.step, tolerance
+        what = 'start', self.key, self.point, self.limit, tolerance
         ways: list[RefineStatus] = [x for x in RefineStatus if x is not RefineStatus.CANCELLED]
         wanted = {
             'point': Within(self.point.shape, 0.0, 1.0),
@@ -246,8 +239,6 @@ def refine(
     cancel: Cancel | None = None,
     max_evaluations: int = 400,
     total_evaluations: int | None = None,
-    central: bool = False,
-    step: float | None = None,
     tolerance: float = 1e-10,
     good_enough: float = 0.0,
     journal: Journal | None = None,
@@ -263,10 +254,6 @@ def refine(
         cancel: Looked at before every call of `residuals`.
         max_evaluations: Candidates for each start.
         total_evaluations: Candidates for all starts and the final Jacobian; None for no limit.
-        central: Central differences in the iterations, twice as dear; the final Jacobian always
-            is.
-        step: Finite-difference step as a fraction of a parameter's scale; see
-            `finite_differences`.
         tolerance: Relative change of cost or parameters that counts as converged.
         good_enough: RMS of the residual below which the remaining starts are left out.
         journal: Gets the end of every start; what an earlier run has put there is not worked out
@@ -293,9 +280,7 @@ def refine(
     left = math.inf if total_evaluations is None else total_evaluations - 2 * len(box.low)
     for row in _without_copies(first):
         limit = int(min(max_evaluations, left))
-        start = _Start(
-            residuals, box, row, limit, cancel, central, step, journal, digest_of(key, low, high)
-        )
+        start = _Start(residuals, box, row, limit, cancel, journal, digest_of(key, low, high))
         ended = start.solve(tolerance)
         theta = box.physical(start.point)
         outcomes.append(StartOutcome(row, theta, start.cost, start.evaluations, ended))
@@ -334,17 +319,9 @@ def _result(
             starts=outcomes,
         )
     # The cancel event and the limit no longer apply: one more batch, then it is over.
-    counted = _Start(
-        residuals,
-        best.box,
-        best.box.physical(best.point),
-        10**9,
-        None,
-        True,
-        best.step,
-    )
+    counted = _Start(residuals, best.box, best.box.physical(best.point), 10**9, None)
     jacobian = finite_differences(
-        counted.evaluate, best.point, best.residual, best.box, central=True, step=best.step
+        counted.evaluate, best.point, best.residual, best.box, central=True
     )
     return Refinement(
         theta=best.box.physical(best.point),
