@@ -37,7 +37,6 @@ from ros2_ident.gap.turns import payload_turns
 from ros2_ident.gap.verdict import (
     BOOKKEEPING,
     judge,
-    NAMELESS,
     NONE,
     REFUSED,
     UNKNOWN,
@@ -190,7 +189,7 @@ class _Pass:
 
 @dataclass(frozen=True)
 class _Passes:
-    """A diagnosis is a pass over the recordings, and a second one where the first was misled."""
+    """A pass over the recordings; a second one where the first was fitted to chance."""
 
     conditions: Conditions | None
     without: Sequence[str]
@@ -205,37 +204,15 @@ class _Passes:
         if begun.report.blocked:
             found, verdict = of_gates(begun.explainer, begun.base, begun.report)
             return self._composed(begun, *self._of_the_file(begun, found, verdict))
-        both = fit + check
-        if check.models and begun.material and not self.clock.stopped():
-            # Where the recording fitted on does not show a parameter, its value is chance, and
-            # wrong on the one held out.
-            together = Case(both, conditions=self.conditions)
-            fits = self._attribution(together, begun.explainer.floor.per_drive)
-            both_fitted = fits.refit((), begun.base.theta)
-            left = _left_anywhere(Explainer(fits, begun.explainer.floor), both_fitted)
-            if left < _RULES.material:
-                second = self._ended(together)
-                if second.effect == NONE and second.complete:
-                    return second
-            elif left < _RULES.closed * begun.explainer.size(begun.base):
-                begun = self._begin(together)
-        elif begun.material and not self.clock.stopped():
-            # So it may be in the blocks fitted on; where the others have no gap, there is none.
+        if begun.material and not self.clock.stopped():
+            # What the part fitted on does not show of a parameter is chance, and wrong on the
+            # other: a fit to all tells whether anything is missing.
             whole = self._fitted_to_all(begun)
-            if _left_anywhere(begun.explainer, whole) < _RULES.material:
+            left = _left_anywhere(begun.explainer, whole)
+            if left < _RULES.material:
                 begun = replace(begun, base=whole)
-        found, verdict = self._explained(begun)
-        lost = verdict.effect in (UNKNOWN, WRONG_MODEL) and not begun.report.blocked
-        misled = lost and _shows_later(begun.explainer, found)
-        if misled and not self.clock.stopped():
-            second = self._ended(Case(both, conditions=self.conditions))
-            if second.effect not in NAMELESS and second.complete:
-                return second
-        return self._composed(begun, found, verdict)
-
-    def _ended(self, case: Case) -> Diagnosis:
-        """Return the diagnosis of one pass."""
-        begun = self._begin(case)
+            elif check.models and left < _RULES.closed * begun.explainer.size(begun.base):
+                begun = self._begin(Case(fit + check, conditions=self.conditions))
         return self._composed(begun, *self._explained(begun))
 
     def _begin(self, case: Case) -> _Pass:
@@ -449,18 +426,3 @@ def _left_anywhere(explainer: Explainer, e: Explanation) -> float:
     rest = whole.rows(whole.with_effects(()).residual(e.theta[None])[0])
     square = np.nanmean(rest**2, axis=1) / explainer.floor.per_drive**2
     return max(explainer.size(e), float(np.sqrt(max(0.0, square.max() - 1.0))))
-
-
-def _shows_later(explainer: Explainer, found: Explained) -> bool:
-    """Whether what is missing shows on the recording held out and hardly on the one fitted on.
-
-    Then no fit could find its parameters, and both recordings have to take turns, block by block.
-    """
-    base = found.chain[0]
-    fitted = base.fit / explainer.fit_count - 1.0
-    held = base.check / explainer.check_count - 1.0
-    worst = int(held.argmax())
-    apart = explainer.case.held_out == 'check bag'
-    return apart and bool(
-        held[worst] > explainer.rules.material**2 and held[worst] > 4.0 * max(fitted[worst], 0.0)
-    )

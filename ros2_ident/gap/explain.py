@@ -65,14 +65,8 @@ class Explainer(Criteria):
             round_ = self.attribution.round(chain[-1], candidates)
             rounds.append(round_)
             best = self.best(round_)
-            if best is None:
+            if best is None or not self.counts(chain[-1], best):
                 break
-            if not self.counts(chain[-1], best):
-                again = None if stopped() else self.less_noise(chain, rounds, best)
-                again = again or self.confirmed_one(chain, rounds, best)
-                if again is None:
-                    break
-                chain, rounds, best = again
             if self.beside(chain[-1], best) and self.closes(chain, best) < self.rules.alike:
                 break
             before, chain = chain, self.pruned(chain, best)
@@ -105,37 +99,6 @@ class Explainer(Criteria):
             return True
         errors = self.attribution.standing(before, after)
         return reduced * (1.0 - NORMAL / max(errors, NORMAL)) >= self.least(before)
-
-    def less_noise(
-        self, chain: list[Explanation], rounds: list[Round], best: Explanation
-    ) -> tuple[list[Explanation], list[Round], Explanation] | None:
-        """Return chain, rounds and best fit at the noise that is left with the best effect.
-
-        None where that noise is the same, or the effect does not count even so.
-        """
-        # What an effect does not take away was no noise of its making.
-        if self.reduced(chain[-1], best) ** 2 < 1.0 - _LOWER**2:
-            return None
-        floor, fits = self.floor, self.attribution.fits
-        (*renewed, again), rounds = self.with_new_floor([*chain, best], rounds)
-        if again is not best and self.counts(renewed[-1], again):
-            return renewed, rounds, again
-        self.floor, self.attribution.fits = floor, fits
-        return None
-
-    def confirmed_one(
-        self, chain: list[Explanation], rounds: list[Round], best: Explanation
-    ) -> tuple[list[Explanation], list[Round], Explanation] | None:
-        """Return chain, rounds and the best fit that counts where `best` does not.
-
-        One whose size is at its bound only where no other does; None where none comes near.
-        """
-        base = chain[-1]
-        least = self.rules.instead * self.share(base, best)
-        near = [e for e in rounds[-1].fitted if self.share(base, e) >= least]
-        counts = [e for e in near if self.counts(base, e)]
-        inside = [e for e in counts if self.plausible(base, e)]
-        return (chain, rounds, min(inside or counts, key=self.score)) if counts else None
 
     def with_new_floor(
         self, chain: list[Explanation], rounds: list[Round]
