@@ -209,10 +209,11 @@ class _Passes:
             # other: a fit to all tells whether anything is missing.
             whole = self._fitted_to_all(begun)
             left = _left_anywhere(begun.explainer, whole)
-            if left < _RULES.material:
-                begun = replace(begun, base=whole)
-            elif check.models and left < _RULES.closed * begun.explainer.size(begun.base):
+            much = _RULES.closed * begun.explainer.size(begun.base)
+            if check.models and left < max(much, _RULES.material):
                 begun = self._begin(Case(fit + check, conditions=self.conditions))
+            elif left < _RULES.material:
+                begun = replace(begun, base=whole)
         return self._composed(begun, *self._explained(begun))
 
     def _begin(self, case: Case) -> _Pass:
