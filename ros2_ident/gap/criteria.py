@@ -10,7 +10,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import EffectParameter
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.fits import Explanation, Fits
-from ros2_ident.gap.floor import Floor, OPEN
+from ros2_ident.gap.floor import Floor
 from ros2_ident.gates.scale import FLOORS
 from ros2_ident.identify.hidden import MATERIAL
 from ros2_ident.search import intervals
@@ -280,10 +280,5 @@ class Criteria:
         return min([best, *alike], key=lambda e: (len(e.theta), self.score(e)))
 
     def open(self, e: Explanation) -> bool:
-        """Whether more may be missing: by what is left, or by how slow what is called noise is.
-
-        What a large effect does is no straight line in it, and can look like slow noise.
-        """
-        if self.size(e) >= self.rules.material:
-            return True
-        return not e.effects and any(m.innovation < OPEN**2 * m.variance for m in self.floor.noise)
+        """Whether what is left counts, so that more may be missing."""
+        return self.size(e) >= self.rules.material

@@ -37,7 +37,6 @@ from ros2_ident.gap.turns import payload_turns
 from ros2_ident.gap.verdict import (
     BOOKKEEPING,
     judge,
-    NONE,
     REFUSED,
     UNKNOWN,
     Verdict,
@@ -184,7 +183,7 @@ class _Pass:
     @property
     def material(self) -> bool:
         """Whether the nominal fit leaves something that counts."""
-        return self.explainer.size(self.base) >= self.explainer.rules.material
+        return self.explainer.open(self.base)
 
 
 @dataclass(frozen=True)

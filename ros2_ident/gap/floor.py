@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from ros2_ident.arrays import Array
 from ros2_ident.gap.case import Joint
-from ros2_ident.gap.coordinates import Coordinate, coordinates, Motion, motion_of, places
+from ros2_ident.gap.coordinates import coordinates, Motion, motion_of
 from ros2_ident.gap.spectrum import lines
 from ros2_ident.gates.scale import STEP
 from ros2_ident.gates.signals import step_of
@@ -41,10 +41,6 @@ _SHORTEST = 0.5
 # open. Beyond so many times what is stated it is something that moves; where none is stated, from
 # the last on.
 OPEN, _BEYOND, _SLOWEST = 0.5, 4.0, 0.05
-# Regions are compared where they hold so many samples that tell, and differ by more than chance
-# makes them with this probability; noise is what the quietest of this share of the samples have,
-# where that is less than this share of the rest.
-_FEWEST, _CERTAIN, _PART, _QUIET = 20.0, 1e-6, 0.2, 0.85
 
 
 @dataclass(frozen=True)
@@ -200,14 +196,12 @@ def predictability(
     first = joint.models[0]
     weighed = weigh_fit(joint, theta, stopped)
     evidence = weighed.evidence
-    seen = _by_motion(joint, theta, weighed)
-    found = [e for e, _ in seen]
+    found = _by_motion(joint, theta, weighed)
     noise = tuple(e.noise[0] for e in found)
     # A function of time can follow any noise: it counts only on blocks left out.
     further = np.array([float(e.rms[0] ** 2 - e.unseen[0] ** 2) for e in found])
     least = np.array([float(e.unseen[0]) for e in found])
     value = np.maximum(np.sqrt(np.maximum(evidence.floor**2 - further, 0.0)), least)
-    value = value * np.array([quiet for _, quiet in seen])
     # Rounding is noise, and is gone where nothing moves.
     rows = zip(*(m.measured for m in joint.models), strict=True)
     rounding = np.array([step_of(np.concatenate(row)) for row in rows]) / np.sqrt(12.0)
@@ -232,11 +226,8 @@ def predictability(
     return Predictability(Floor(value, value / spread, value * spread, method, scaled), evidence)
 
 
-def _by_motion(joint: Joint, theta: Array, weighed: Weighed) -> list[tuple[Evidence, float]]:
-    """Return for each drive what functions of motion and time predict of what effects leave.
-
-    And the share of what is left where the motion leaves least, see `_quiet`.
-    """
+def _by_motion(joint: Joint, theta: Array, weighed: Weighed) -> list[Evidence]:
+    """Return for each drive what functions of motion and time predict of what effects leave."""
     evidence, rows = weighed.evidence, weighed.rows
     data = joint.models[0].data
     unknown = data.position is None and data.command_position is None
@@ -266,50 +257,10 @@ def _by_motion(joint: Joint, theta: Array, weighed: Weighed) -> list[tuple[Evide
             size = np.sqrt(np.mean(slopes**2, axis=0))
             x = slopes[:, size > 0.0] / size[size > 0.0]
             columns += [x, x**2, x**3, x * np.abs(x), np.sign(x)]
-        seen = weigh(
-            left,
-            np.empty((here.size, 0)),
-            np.hstack(columns),
-            runs,
-            rows.blocks[here],
-            share=rows.share,
-        )
-        # What a recorded motion has of noise follows the motion, friction's turn above all.
-        even = unknown or joint.models[0].thinned
-        found.append((seen, 1.0 if even else _quiet(seen, places(whole, drive, when))))
+        alone = np.empty((here.size, 0))
+        missing, blocks = np.hstack(columns), rows.blocks[here]
+        found.append(weigh(left, alone, missing, runs, blocks, share=rows.share))
     return found
-
-
-def _quiet(seen: Evidence, regions: Sequence[Coordinate]) -> float:
-    """Return how large what is left is where it is least, over how large it is everywhere.
-
-    Noise of a log knows nothing of the motion. Where the size of what is left follows it (speed,
-    position, load), the rest is no noise, though no function predicts its course.
-    """
-    square = seen.left**2
-    # By neighbours alone: where loud stretches are a gap, their memory is not that of the noise.
-    rho = seen.noise[0].correlation ** 2
-    told = (1.0 - rho) / (1.0 + rho)
-    best = 1.0
-    for region in regions:
-        if region.name == 'time':
-            continue
-        count = region.columns.sum(axis=0)
-        keep = count * told >= _FEWEST
-        if keep.sum() < 2:
-            continue
-        mean = (square @ region.columns)[keep] / count[keep]
-        weight = 0.5 * told * count[keep]
-        level = np.log(np.maximum(mean, 1e-300))
-        spread = float(weight @ (level - np.average(level, weights=weight)) ** 2)
-        if chi2.sf(spread, keep.sum() - 1) > _CERTAIN:
-            continue
-        order = np.argsort(mean)
-        gathered = np.cumsum(count[keep][order])
-        lowest = order[: 1 + int(np.searchsorted(gathered, _PART * gathered[-1]))]
-        quiet = np.average(mean[lowest], weights=count[keep][lowest])
-        best = min(best, float(np.sqrt(quiet / square.mean())))
-    return best if best < _QUIET else 1.0
 
 
 def _side_by_side(motions: Sequence[Motion]) -> Motion:
