@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which tests are marked slow, and what a run makes of those that are not, or are skipped."""
+"""Tests that are marked slow are there, and none is skipped in CI."""
 
 import os
 from pathlib import Path
@@ -24,29 +24,23 @@ def test_what_the_list_names_is_there() -> None:
         assert not test or re.search(rf'^def {test}\(', text, re.MULTILINE), name
 
 
-@pytest.fixture
-def suite(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytest.Pytester:
+def test_in_ci_nothing_is_skipped(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytester.makeconftest((ROOT / 'conftest.py').read_text(encoding='utf-8'))
-    listed = pytester.mkdir('test') / 'slow.txt'
-    listed.write_text('test_it.py::test_listed\n', encoding='utf-8')
+    (pytester.mkdir('test') / 'slow.txt').touch()
     pytester.makeini('[pytest]\nmarkers =\n  slow: slow\n  ros: ros\n')
     monkeypatch.setenv('PYTHONPATH', str(HERE), prepend=os.pathsep)
     monkeypatch.delenv('CI', raising=False)
-    return pytester
-
-
-def test_in_ci_nothing_is_skipped(
-    suite: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    suite.makepyfile(
+    pytester.makepyfile(
         test_it='import pytest\n\ndef test_a(): pytest.skip("no zsh")\n\ndef test_b(): pass\n',
         test_whole='import pytest\npytest.importorskip("no_such_module", reason="no MuJoCo")\n',
     )
-    assert suite.runpytest_inprocess().ret == 0
+    assert pytester.runpytest_inprocess().ret == 0
     monkeypatch.setenv('CI', 'true')
-    ran = suite.runpytest_inprocess()
+    ran = pytester.runpytest_inprocess()
     ran.assert_outcomes(failed=1, passed=1, skipped=1)
     assert 'With CI=true nothing may be skipped. Skipped: no zsh' in ran.stdout.str()
     ran.stdout.fnmatch_lines(['AMISS test_whole.py is skipped with CI=true: *no MuJoCo'])
-    suite.path.joinpath('test_it.py').unlink()
-    assert suite.runpytest_inprocess().ret != 0
+    pytester.path.joinpath('test_it.py').unlink()
+    assert pytester.runpytest_inprocess().ret != 0

@@ -26,7 +26,6 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 import re
-import shlex
 import shutil
 import subprocess
 
@@ -184,23 +183,6 @@ def test_the_shell_and_the_marks_are_seen() -> None:
     assert 'docs/tutorial.md' in run_pages()
     assert {block.reason for block in marked()} == REASONS
     assert shutil.which('bash')
-
-
-@pytest.mark.parametrize(
-    'text',
-    [
-        'ident identify bags/axis_reversals --machine config/emps.yaml --ou build',
-        'ident identfy bags/axis_reversals',
-        'python checks/benchmarks/latency.py --wrong',
-        'make tests',
-        'ros2 run ros2_ident identifyer',
-        'ros2 topic echo /identifier/results',
-    ],
-)
-def test_a_wrong_command_is_found(text: str) -> None:
-    words = shlex.split(text)
-    with pytest.raises((AssertionError, SystemExit)):
-        CHECKS[words[0]](words)
 
 
 # ------------------------------------------------------------------ what is printed

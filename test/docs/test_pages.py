@@ -4,7 +4,12 @@
 from pathlib import Path
 import re
 
+import effects_page
 import pytest
+import reference_pages
+
+from ros2_ident.effects import CATALOGUE
+from ros2_ident.models.drives.candidates import SLOTS
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob('*.md'), *ROOT.glob('docs/*.md'), ROOT / 'bags/README.md'])
@@ -37,8 +42,6 @@ def test_the_index_lists_every_page() -> None:
 
 
 def test_the_page_on_the_models_names_every_parameter() -> None:
-    from ros2_ident.models.drives.candidates import SLOTS
-
     text = (ROOT / 'docs/models.md').read_text(encoding='utf-8')
     for name in SLOTS:
         assert f'`{name}`' in text
@@ -53,3 +56,33 @@ def test_the_architecture_names_every_folder_and_module() -> None:
             )
         elif path.suffix == '.py' and path.name != '__init__.py':
             assert f'| `{path.name}` |' in text, f'docs/architecture.md has no row on {path.name}'
+
+
+@pytest.mark.parametrize('tool', [effects_page, reference_pages], ids=lambda tool: tool.__name__)
+def test_pages_are_made_from_the_code(tool) -> None:
+    for path, text in tool.generated(ROOT).items():
+        assert path.read_text(encoding='utf-8') == text, (
+            f'{path.name} is out of date; run python tools/{tool.__name__}.py'
+        )
+
+
+@pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda effect: effect.id)
+def test_an_entry_holds_what_a_reader_needs(effect) -> None:
+    text = effects_page.row(effect).replace('\\|', '|')
+    assert effects_page.what_it_is(effect).endswith('.')
+    for part in (effect.equation, effect.source, *effect.confusable):
+        assert part in text
+    for parameter in effect.parameters:
+        assert f'`{parameter.name}`' in text
+        assert parameter.meaning in text
+        assert f'[{parameter.low:g}, {parameter.high:g}]' in text
+    assert '{drive}' not in text
+
+
+@pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda e: e.id)
+def test_the_symbols_of_an_effect_stand_in_its_equation(effect) -> None:
+    for parameter in effect.parameters:
+        if parameter.symbol:
+            assert re.search(rf'(?<![A-Za-z]){parameter.symbol}(?![A-Za-z])', effect.equation)
+    symbols = [p.symbol for p in effect.parameters if p.symbol]
+    assert len(set(symbols)) == len(symbols)

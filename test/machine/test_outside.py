@@ -213,11 +213,3 @@ def test_a_kind_that_its_package_does_not_hold_spoils_no_other(installed):
     with pytest.raises(IdentError, match='kind lost of two_mass_axis:NOTHING') as error:
         KINDS['lost']
     assert error.value.code is ErrorCode.UNKNOWN_MODEL
-
-
-def test_without_its_package_there_is_no_such_kind(tmp_path):
-    path = tmp_path / 'slide.yaml'
-    path.write_text(FILE)
-    with pytest.raises(IdentError, match="machine is 'two_mass'; write one of") as error:
-        load_machine(path)
-    assert error.value.code is ErrorCode.UNKNOWN_MODEL

@@ -18,7 +18,6 @@ from checks.reference.tripod import simulate_tripod
 from checks.reference.tripod import TABLE_5 as TRUTH
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model, Output
-from ros2_ident.models.recorded import recorded_motion
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.motions import draw_motion
@@ -217,16 +216,6 @@ def test_positions_alone_are_compared_where_there_is_no_effort(data) -> None:
     with pytest.raises(IdentError, match='the recording holds no effort; record it') as info:
         _ = Tripod(MACHINE, blind).measured
     assert info.value.code is ErrorCode.MISSING_STREAM
-
-
-def test_a_controllers_replay_is_its_effort_whatever_is_compared(data) -> None:
-    there = np.isfinite(data.effort)
-    seen = recorded_motion(data, MACHINE.drives)
-    replays = [
-        model.replay_law(seen, truth(model), there)
-        for model in (Tripod(MACHINE, data), Tripod(MACHINE, data, quantities=['position']))
-    ]
-    np.testing.assert_array_equal(*replays)
 
 
 def test_what_drives_the_model_is_not_compared_with_it(data) -> None:

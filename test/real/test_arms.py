@@ -3,21 +3,17 @@
 
 from pathlib import Path
 
-from gap_signals import white
 import numpy as np
 import pytest
 
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
-from ros2_ident.gap.bursts import bursts  # noqa: E402
-from ros2_ident.gap.floor import Floor  # noqa: E402
 from ros2_ident.gates.asked import fit_asked  # noqa: E402
 from ros2_ident.identify.data import read_data  # noqa: E402
 from ros2_ident.identify.run import solve  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.identify.setup import problem_of  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
-from ros2_ident.recording import Topics  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 RECORDED = ROOT.parent / 'shared/data'
@@ -47,25 +43,6 @@ def test_a_double_pendulum_has_the_published_links() -> None:
     found = {name: parameters[name].value for name in published}
     assert found == pytest.approx(published, rel=0.1)
     assert parameters['elbow.drive_inertia'].value == pytest.approx(36.0 * rotor, rel=0.2)
-
-
-def test_pushes_at_a_double_pendulum_are_told_at_their_instants() -> None:
-    machine = load_machine(ROOT / 'config/double_pendulum.yaml')
-    topics = Topics(effort='/joint_command', command='none')
-    told = {}
-    for name in ('perturbed', 'free'):
-        data = read_data(RECORDED / f'dp_acrobot_tvlqr_{name}_01', machine, topics=topics)
-        problem = problem_of(machine, data, fixed={'measurement_delay': -0.008})
-        theta = solve(problem, ALGEBRAIC, 0).theta
-        none = np.zeros(2)
-        floor = Floor(np.full(2, 0.02), none, none, 'prediction', (white(0.02),) * 2)
-        found = bursts(problem.models[0], problem.low, problem.high, theta, floor)
-        told[name] = {
-            f.drive: [event.time for event in f.events] for f in found
-        }
-    assert told['free'] == {}
-    assert told['perturbed']['shoulder'] == pytest.approx([1.40, 5.40], abs=0.05)
-    assert told['perturbed']['elbow'][0] == pytest.approx(3.74, abs=0.05)
 
 
 def test_every_push_that_no_command_asked_for_is_told() -> None:

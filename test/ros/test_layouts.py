@@ -10,6 +10,13 @@ import pytest
 from ros_helpers import bag_goal, ended, identifier, Listener, new_domain, ROOT
 import yaml
 
+pytest.importorskip('ros2_ident_msgs', reason='run `make test`, or source env.sh first')
+
+from action_msgs.msg import GoalStatus  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
+
+from ros2_ident.ros.outlet import LATCHED  # noqa: E402
+
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 
 CONFIG = ROOT / 'config'
@@ -43,11 +50,6 @@ def message_class(name):
 @pytest.fixture(scope='module')
 def running(tmp_path_factory):
     """Topics of a node that has identified a tripod, with their types and last messages."""
-    from action_msgs.msg import GoalStatus
-    from visualization_msgs.msg import MarkerArray
-
-    from ros2_ident.ros.outlet import LATCHED
-
     domain = new_domain()
     small = 'initial_population:=64', 'generations:=3'
     with identifier(domain, tmp_path_factory.mktemp('results'), *small) as process:

@@ -8,14 +8,21 @@ import sys
 import pytest
 from ros_helpers import environment, new_domain, ROOT, Station
 
+pytest.importorskip('ros2_ident_msgs', reason='run `make test`, or source env.sh first')
+
+from rclpy.node import Node  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+
+from ros2_ident.errors import IdentError  # noqa: E402
+from ros2_ident.ros import parameters  # noqa: E402
+from ros2_ident.ros.parameter_table import BY_NAME  # noqa: E402
+
 pytestmark = pytest.mark.ros
 
 
 @pytest.fixture
 def node():
     """A bare node that gets parameters declared."""
-    from rclpy.node import Node
-
     stations = []
 
     def make(*arguments: str):
@@ -38,9 +45,6 @@ def test_template_and_page_are_made_from_the_table() -> None:
 
 
 def test_defaults_are_declared_with_descriptions_and_ranges(node) -> None:
-    from ros2_ident.ros import parameters
-    from ros2_ident.ros.parameter_table import BY_NAME
-
     made = node()
     parameters.declare(made)
     snapshot = parameters.snapshot(made)
@@ -54,8 +58,6 @@ def test_defaults_are_declared_with_descriptions_and_ranges(node) -> None:
 
 
 def test_the_template_is_a_parameter_file(node) -> None:
-    from ros2_ident.ros import parameters
-
     made = node('--params-file', str(ROOT / 'config/identifier.yaml'))
     parameters.declare(made)
     assert parameters.unknown(made) == []
@@ -73,17 +75,12 @@ def test_the_template_is_a_parameter_file(node) -> None:
     ],
 )
 def test_an_unfitting_value_is_answered_in_a_sentence(node, given: str, said: str) -> None:
-    from ros2_ident.errors import IdentError
-    from ros2_ident.ros import parameters
-
     with pytest.raises(IdentError) as caught:
         parameters.declare(node('-p', given))
     assert said in caught.value.message
 
 
 def test_a_misspelt_parameter_is_noticed(node) -> None:
-    from ros2_ident.ros import parameters
-
     made = node('-p', 'generation:=3')
     parameters.declare(made)
     assert parameters.unknown(made) == [
@@ -92,10 +89,6 @@ def test_a_misspelt_parameter_is_noticed(node) -> None:
 
 
 def test_changes_are_checked_like_the_first_values(node) -> None:
-    from rclpy.parameter import Parameter
-
-    from ros2_ident.ros import parameters
-
     made = node()
     parameters.declare(made)
     made.add_on_set_parameters_callback(parameters.check_change)

@@ -13,6 +13,11 @@ from ros_helpers import bag_goal, ended, identifier, Listener, new_domain
 from ros.test_diagnose import goal_of
 from ros2_ident.recording import write_bag
 
+pytest.importorskip('ros2_ident_msgs', reason='run `make test`, or source env.sh first')
+
+from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
+from ros2_ident_msgs.msg import ErrorCode  # noqa: E402
+
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 
 GAIN = 'your velocity_gain is 243.4; 85'
@@ -70,8 +75,6 @@ def lines(heard: dict[str, Any], level: str, text: str) -> list[str]:
 
 
 def test_a_missing_command_is_warned_of_everywhere(heard: dict[str, Any]) -> None:
-    from diagnostic_msgs.msg import DiagnosticStatus
-
     result = heard['silent']
     assert result.error_code == 0
     assert [w for w in result.warnings if w.startswith(SILENT)]
@@ -81,9 +84,6 @@ def test_a_missing_command_is_warned_of_everywhere(heard: dict[str, Any]) -> Non
 
 
 def test_a_wrong_gain_is_the_answer_of_both_actions(heard: dict[str, Any]) -> None:
-    from diagnostic_msgs.msg import DiagnosticStatus
-    from ros2_ident_msgs.msg import ErrorCode
-
     result, gap = heard['wrong'], heard['gap']
     assert result.outcome == result.OUTCOME_CONTRADICTED
     assert result.error_code == ErrorCode.CONTRADICTED

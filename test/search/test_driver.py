@@ -138,12 +138,6 @@ def test_progress_is_throttled_frozen_and_ends_complete():
         last.eta = 1.0
 
 
-def test_all_diverged_is_no_crash():
-    result = minimise(lambda t: np.full(len(t), math.inf), search(), low=LOW, high=HIGH)
-    assert math.isinf(result.cost)
-    assert np.isnan(result.theta).all()
-
-
 @pytest.mark.parametrize(
     ('arguments', 'text'),
     [

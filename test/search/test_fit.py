@@ -14,7 +14,6 @@ from ros2_ident.search.driver import Budget
 from ros2_ident.search.evaluators import Threads
 from ros2_ident.search.fit import fit, FitSettings
 from ros2_ident.search.genetic import GeneticSettings, StopReason
-from ros2_ident.search.journal import Journal
 from ros2_ident.search.refine import RefineStatus
 from ros2_ident.search.uncertainty import intervals
 
@@ -150,10 +149,6 @@ def test_a_budget_of_candidates_is_shared_and_kept(whole, search):
     assert alone.ga.evaluations == 95 and alone.evaluations == 100
 
 
-class _Enough(Exception):
-    """Ends a fit."""
-
-
 def test_without_time_everything_is_left_out():
     cut = run(budget=Budget(seconds=1e-9))
     assert cut.ga.stop is StopReason.SECONDS
@@ -196,43 +191,7 @@ def test_where_everything_diverges_nothing_is_said():
     assert np.isinf(found.costs).all()
 
 
-# ---------------------------------------------------------------------- going on, limits
-
-
-class _Killed(Oscillation):
-    """Is killed when so many have been simulated."""
-
-    def __init__(self, after):
-        super().__init__()
-        self.after = after
-
-    def residuals(self, theta):
-        if self.simulated >= self.after:
-            raise _Enough
-        return super().residuals(theta)
-
-
-@pytest.mark.parametrize('after', [30, 61, PLANNED, PLANNED + 20, PLANNED + 90])
-def test_a_fit_that_was_killed_goes_on_to_the_same_bits(tmp_path, whole, after):
-    path = tmp_path / 'fit.journal'
-    with Journal(path) as journal, pytest.raises(_Enough):
-        run(_Killed(after), journal=journal)
-    again = Oscillation()
-    with Journal(path) as journal:
-        found = run(again, journal=journal)
-    expected = whole[1]
-    for name in ('theta', 'residual', 'candidates', 'costs', 'generations'):
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
-    assert found.ga.best_costs == expected.ga.best_costs
-    assert found.evaluations == expected.evaluations
-    done = PLANNED if after > PLANNED else 60 + 16 * ((after - 60) // 16) if after >= 60 else 0
-    # survivors and the ends of starts are not believed
-    assert again.simulated <= expected.evaluations - done + 17
-    # Another seed, other settings: another run.
-    other = Oscillation()
-    with Journal(path) as journal:
-        run(other, seed=4, journal=journal)
-    assert other.simulated > PLANNED
+# ---------------------------------------------------------------------- limits
 
 
 def test_a_large_search_says_what_it_would_take(monkeypatch):

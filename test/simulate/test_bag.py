@@ -58,15 +58,6 @@ def test_steps_are_held_and_stay_in_the_space(machine):
     assert np.ptp(motion.position) > 1e-3
 
 
-@pytest.mark.parametrize(
-    ('kind', 'seconds', 'text'),
-    [('waltz', 5.0, 'no motion is called waltz'), ('creep', 0.1, 'too short')],
-)
-def test_motions_that_cannot_be(kind, seconds, text):
-    with pytest.raises(IdentError, match=text):
-        draw_motion(kind, MACHINE, seconds, 0)
-
-
 @pytest.fixture(scope='module')
 def bag():
     return simulate_bag(MACHINE, TRUTH, draw_motion('mixed', MACHINE, 4.0, 1), 1)
