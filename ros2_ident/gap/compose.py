@@ -181,7 +181,7 @@ def _again(
 ) -> tuple[float, ...]:
     """Return how often each effect named counts again where blocks held out are resampled.
 
-    What the controllers' log vouches for need not show in the outputs.
+    Effects that the controller's residual confirms need not show in the outputs.
 
     Reference:
         Meinshausen and Bühlmann (2010), Stability selection, JRSS B 72(4).

@@ -63,3 +63,8 @@ def duration(seconds: float) -> str:
         return '?'
     whole = max(0, round(seconds))
     return f'{whole} s' if whole < 60 else f'{whole // 60}:{whole % 60:02d}'
+
+
+def quantity(value: float, unit: str) -> str:
+    """Return a number of four digits with its unit."""
+    return f'{value:.4g}' if unit == '1' else f'{value:.4g} {unit}'

@@ -8,7 +8,7 @@ from ros2_ident.gates import GateReport
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.recording.shown import enumerated
 from ros2_ident.search import RefineStatus, StopReason
-from ros2_ident.words.figures import figure
+from ros2_ident.words.figures import figure, quantity
 
 # Parameters that a sentence names; every one has its line in the result.
 NAMED = 4
@@ -68,13 +68,18 @@ def _ended(result: Identification) -> str:
         )
     loose = undetermined(result.parameters)
     text = determined(result.parameters) + (f': {loose}.' if loose else '.')
-    bounded = [e.name for e in result.parameters if e.at_bound]
-    if bounded:
-        text += (
-            f' {enumerated(bounded, NAMED)} {"lies" if len(bounded) == 1 else "lie"} at a bound: '
-            'check whether the true value can lie beyond.'
-        )
-    return text
+    return f'{text} {at_bounds(result.parameters)}'.rstrip()
+
+
+def at_bounds(estimates: Sequence[ParameterEstimate]) -> str:
+    """Return which parameters ended at a bound, with their values; empty for none."""
+    ends = [f'{e.name} ({quantity(e.value, e.unit)})' for e in estimates if e.at_bound]
+    if not ends:
+        return ''
+    return (
+        f'{enumerated(ends, NAMED)} {"lies" if len(ends) == 1 else "lie"} at a bound: the true '
+        'value can lie beyond; check the bounds in the machine file.'
+    )
 
 
 def determined(estimates: Sequence[ParameterEstimate]) -> str:

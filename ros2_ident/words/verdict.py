@@ -11,7 +11,7 @@ from ros2_ident.gap.facts import Cause, Event, Facts, WrongConstant
 from ros2_ident.gates import GateReport
 from ros2_ident.models import EffectAt
 from ros2_ident.recording.shown import enumerated
-from ros2_ident.words.figures import capital, compared, figure, in_travel, joined, length
+from ros2_ident.words.figures import capital, compared, figure, in_travel, joined, length, quantity
 from ros2_ident.words.finding import instants
 
 # Share of the resampled blocks in which an effect has to count to be more than a hint.
@@ -27,6 +27,12 @@ _LISTED = 6
 def of_output(share: float, unit: str) -> str:
     """Return a gap as a share of the measured output."""
     return f'{figure(100.0 * share)} % of the {compared(unit)}'
+
+
+def judged_on(held_out: str) -> str:
+    """Return on which data a gap is judged, `check bag` or `blocks`."""
+    data = 'another recording' if held_out == 'check bag' else 'every second block of 1 s'
+    return f'Judged on data not used for fitting: {data}.'
 
 
 def events(found: Sequence[Event], unit: str) -> str:
@@ -244,10 +250,8 @@ def _wrong(facts: Facts, size: float) -> str:
 
 def _stated(c: WrongConstant) -> str:
     unit = '' if c.unit == '1' else f' {c.unit}'
-    return (
-        f'{c.key} is {c.stated:.4g}{unit} in the machine file, and '
-        f'{c.value:.4g} [{c.low:.4g}, {c.high:.4g}]{unit}'
-    )
+    found = f'{c.value:.4g} [{c.low:.4g}, {c.high:.4g}]{unit}'
+    return f'{c.key} is {quantity(c.stated, c.unit)} in the machine file, and {found}'
 
 
 def _answer(d: Diagnosis) -> str:

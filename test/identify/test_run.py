@@ -115,7 +115,7 @@ def test_an_estimate_at_its_bound_is_said():
     assert estimate.value == 100.0
     assert estimate.at_bound
     assert 'at its upper bound' in estimate.note
-    assert 'emps_axis.viscous_friction lies at a bound: check' in message(result)
+    assert 'N s/m) lies at a bound: the true value can lie beyond' in message(result)
 
 
 def test_a_parameter_that_the_data_do_not_determine_is_said():

@@ -348,7 +348,8 @@ def of_identifications():
     close[0, 1] = close[1, 0] = -0.99
     end = replace(first, value=first.upper_bound, at_bound=True)
     yield {'parameters': (end, *rest), 'correlation': close}, 'doubtful', [
-        f'{first.name} is at its upper bound', f'{first.name} and {rest[0].name} (−0.99)',
+        f'{first.name} (', 'lies at a bound: the true value',
+        f'{first.name} and {rest[0].name} (−0.99)',
     ], []  # fmt: skip
     yield {'correlation': apart}, 'good', ['is known best, to ± ', f'{first.name} 95'], [
         'hardly separates', 'ident export',

@@ -171,10 +171,6 @@ def _chance(probability: float | None) -> str:
 def _sure(data: Mapping[str, Any]) -> Iterator[str]:
     verdict = data['verdict']
     facts_only = verdict['cause'] in (Cause.SLOW, Cause.EVENTS)
-    held = {
-        'check bag': 'Judged on data not used for fitting: another recording.',
-        'blocks': 'Judged on data not used for fitting: every second block of 1 s.',
-    }
     if verdict['effect'] in REFUSED:
         yield verdict['sentence']
     elif data['complete'] or verdict['probability']:
@@ -192,7 +188,7 @@ def _sure(data: Mapping[str, Any]) -> Iterator[str]:
     rivals = [name_of(x) for x in data['confusable'][1:]]
     if rivals:
         yield f'This recording cannot tell it from {some(rivals)}.'
-    yield held.get(data['gap']['held_out'], str(data['gap']['held_out']))
+    yield words.judged_on(data['gap']['held_out'])
     yield from _again(data)
 
 

@@ -27,6 +27,7 @@ from ros2_ident.report.page.look import Picture
 from ros2_ident.report.page.render import render
 from ros2_ident.report.page.several import write_fleet
 from ros2_ident.report.signals import load_signals
+from ros2_ident.words.verdict import judged_on
 
 Facts = list[tuple[str, str]]
 
@@ -234,11 +235,7 @@ def _when(created: str) -> str:
 
 
 def _gap_note(gap: Mapping[str, Any]) -> str:
-    where = {
-        'check bag': 'On a recording that was not used for fitting',
-        'blocks': 'On every second block of 1 s, which was not used for fitting',
-    }.get(gap['held_out'], gap['held_out'])
-    text = f'{where}; black: 95 % intervals. '
+    text = f'{judged_on(gap["held_out"])} Black: 95 % intervals. '
     if len(gap['steps']) > 1:
         text += (
             '"Closes" is the share of the squared residual above the noise floor that goes, '

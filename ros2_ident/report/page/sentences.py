@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run found in sentences, and what to be careful about."""
+"""Sentences of the page alone, from the files: precision, doubts, parameters that moved."""
 
 from collections.abc import Iterator, Mapping, Sequence
 import math
@@ -12,9 +12,9 @@ from ros2_ident.gap.verdict import NAMELESS as NAMELESS
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.models import EffectAt
 from ros2_ident.recording.shown import enumerated
-from ros2_ident.report.page.numbers import change, number, precision, quantity, UNKNOWN
+from ros2_ident.report.page.numbers import change, number, precision, UNKNOWN
 from ros2_ident.words.figures import capital
-from ros2_ident.words.identification import determined, message, undetermined
+from ros2_ident.words.identification import at_bounds, determined, message, undetermined
 from ros2_ident.words.verdict import unseen
 
 Level = Literal['good', 'doubtful', 'bad']
@@ -87,7 +87,7 @@ def precision_of(result: Identification) -> Iterator[str]:
 
 def doubts(result: Identification) -> Iterator[str]:
     """Yield what to be careful about in the parameters."""
-    yield from _bounded([p for p in result.parameters if p.at_bound])
+    yield from filter(None, [at_bounds(result.parameters)])
     loose = [p.name for p in result.parameters if not p.identifiable and not p.at_bound]
     # Of such an outcome the headline says it.
     if loose and result.outcome is not Outcome.NOT_IDENTIFIABLE:
@@ -102,26 +102,6 @@ def doubts(result: Identification) -> Iterator[str]:
         yield (
             f'This motion hardly separates {some(told)}; correlations in brackets. Record another '
             'motion, or hold one of the two at a known value.'
-        )
-
-
-def _bounded(ends: Sequence[ParameterEstimate]) -> Iterator[str]:
-    """Yield what to say of parameters at a bound."""
-    if len(ends) == 1:
-        (p,) = ends
-        lower = abs(p.value - p.lower_bound) <= abs(p.value - p.upper_bound)
-        inside = p.lower_bound <= p.value <= p.upper_bound
-        where = 'at' if inside else 'beyond'
-        beyond = 'the true value may lie beyond' if inside else 'least squares keep to zero only'
-        yield (
-            f'{p.name} is {where} its {"lower" if lower else "upper"} bound, '
-            f'{quantity(p.value, p.unit)}: {beyond}. Check the bounds in the machine file.'
-        )
-    elif ends:
-        told = [f'{p.name} ({quantity(p.value, p.unit, 3)})' for p in ends]
-        yield (
-            f'{len(ends)} parameters are at or beyond a bound: {some(told)}. Check the bounds in '
-            'the machine file.'
         )
 
 
