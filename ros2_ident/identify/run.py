@@ -32,9 +32,9 @@ from ros2_ident.search.evaluators import Cancel, Threads, Workers
 from ros2_ident.search.fit import fit
 from ros2_ident.search.journal import Journal
 
-# Time that the intervals take over the refinement's, as measured on a tripod of 6 s and axes of 6
-# and 25 s.
-INTERVALS_SHARE = 2.0
+# Time that the intervals take: a share of the refinement's, and so many seconds beside it, as
+# measured on a tripod of 6 s and axes of 6 and 25 s.
+INTERVALS_SHARE, INTERVALS_BESIDE = 1.5, 0.7
 
 Measured = Data | Dataset | Sequence[Dataset] | Sequence[Recording]
 
@@ -210,7 +210,8 @@ class _Watch:
 
     def _later(self, progress: IdentifyProgress, left: float = 0.0) -> float:
         """Return how long the intervals will take after a fit with so much left, s."""
-        return INTERVALS_SHARE * (progress.elapsed + left - self._searched)
+        refinement = progress.elapsed + left - self._searched
+        return INTERVALS_BESIDE + INTERVALS_SHARE * refinement
 
     def intervals(self) -> None:
         """Tell that the fit is done."""
