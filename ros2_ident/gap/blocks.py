@@ -57,25 +57,22 @@ def block_length(rows: Array, cycle: float) -> int:
     """
     count = rows.shape[1]
     # A coarse grid is enough and holds no NaN where samples come every few cycles.
-    stride = max(1, round(STEP / cycle))
     longest = 1.0
-    for row in rows:
-        for values in (row, row**2):
-            coarse = _averages(values, stride)
-            longest = max(longest, correlation_time(coarse[np.isfinite(coarse)]))
+    for values in (*rows, *rows**2):
+        stride, coarse, weight = averages(values, cycle)
+        longest = max(longest, correlation_time(coarse[weight > 0.0]))
     length = max(SETTLE / cycle, _TIMES * longest * stride)
     return int(max(1, min(length, count // FEWEST)))
 
 
-def _averages(values: Array, stride: int) -> Array:
-    """Return means over `stride` columns, NaN where all of them are."""
+def averages(values: Array, cycle: float) -> tuple[int, Array, Array]:
+    """Return a number of columns, their means and how many of each are no NaN."""
+    stride = max(1, round(STEP / cycle))
     size = values.size // stride * stride
     parts = values[:size].reshape(-1, stride)
     there = np.isfinite(parts)
-    number = there.sum(axis=1)
-    total = np.where(there, parts, 0.0).sum(axis=1)
-    out: Array = np.where(number > 0, total / np.maximum(number, 1), math.nan)
-    return out
+    number = there.sum(axis=1).astype(float)
+    return stride, np.where(there, parts, 0.0).sum(axis=1) / np.maximum(number, 1.0), number
 
 
 class Blocks:

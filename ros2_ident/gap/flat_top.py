@@ -15,8 +15,6 @@ _MEAN = 9
 _BAND, _NEAR = 2.0, 12.0
 # Of so many stretches, the longest, each is looked at; its flat part begins in the first third.
 _STRETCHES, _CORNERS = 5, 7
-# Degree of the smooth course that a flat one is held against; it has as many numbers.
-_DEGREE = 4
 
 
 def flat_top(effort: Array, noise: float = 0.0) -> float | None:
@@ -82,14 +80,11 @@ def _level(row: Array, first: int, last: int, noise: float) -> float | None:
     if (begin, end) == (first, last):
         return None
     part, time = row[begin:end], np.linspace(-1.0, 1.0, end - begin)
-    smooth = _left(np.vander(time, _DEGREE + 1), part)[0]
     inset = np.linspace(0, length // 3, _CORNERS).astype(int)
-    kinked = [
-        _left(_kinked(time, first + a - begin, last - b - begin), part)
-        for a in inset
-        for b in inset
-    ]
-    left, level, rest = min(kinked, key=lambda fit: fit[0])
+    kinked = [_kinked(time, first + a - begin, last - b - begin) for a in inset for b in inset]
+    left, level, rest = min((_left(x, part) for x in kinked), key=lambda fit: fit[0])
+    # The smooth course that a flat one is held against has as many numbers.
+    smooth = _left(np.vander(time, kinked[0].shape[1]), part)[0]
     gain = part.size / correlation_time(rest) * np.log(smooth / max(left, 1e-300))
     # Where it begins and ends are two numbers more.
     return level if smooth > left and gain > 2.0 * np.log(part.size) else None

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import false_discovery_control
 
 from ros2_ident.arrays import Array
-from ros2_ident.gap.blocks import FEWEST
+from ros2_ident.gap.blocks import averages, FEWEST
 from ros2_ident.gap.coordinates import (
     Coordinate,
     coordinates,
@@ -30,7 +30,6 @@ from ros2_ident.gap.facts import Event
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.region import concentration, phase_of, Region, region_of, Trend
 from ros2_ident.gap.spectrum import find_peak, motion_band
-from ros2_ident.gates.scale import STEP
 from ros2_ident.identify.hidden import SETTLE
 from ros2_ident.search.noise import correlation_time
 
@@ -41,10 +40,9 @@ LEVEL = 0.05
 # What explains less than this, as RMS over the floor, is of no matter, however certain; nor is a
 # place whose share of a gap is above its share of the time by less.
 MATERIAL = 0.2
-# A coordinate with this share leads: what it leaves is taken for the noise.
+# A coordinate with this share leads: what it leaves is taken for the noise. Where none is certain
+# among so many, one that leads is told, if it would be certain by itself.
 _LEADING = 0.4
-# Where none is certain, one with this share of a gap as large as this over the floor is told.
-_LIKELY, _LARGE = 0.3, 0.5
 # A block is so many times as long as the residual's memory.
 _TIMES = 12.0
 
@@ -78,19 +76,14 @@ def coarse_of(row: Array, cycle: float, noise: float) -> Coarse | None:
         cycle: Time from column to column, s.
         noise: The drive's noise floor.
     """
-    stride = max(1, round(STEP / cycle))
-    size = row.size // stride * stride
-    parts = row[:size].reshape(-1, stride)
-    there = np.isfinite(parts)
-    weight = there.sum(axis=1).astype(float)
+    stride, mean, weight = averages(row, cycle)
     keep = weight > 0.0
     if keep.sum() < 10 * FEWEST:
         return None
-    total = np.where(there, parts, 0.0).sum(axis=1)[keep]
-    weight = weight[keep]
+    mean, weight = mean[keep], weight[keep]
     at = (np.flatnonzero(keep) * stride + stride // 2).astype(np.int64)
-    value = total / np.sqrt(weight)
-    block, widen = blocks_of(total / weight, at, cycle, row.size)
+    value = mean * np.sqrt(weight)
+    block, widen = blocks_of(mean, at, cycle, row.size)
     explainable = float(value @ value) - noise**2 * value.size
     least = (MATERIAL * noise) ** 2 * float(weight.sum())
     return Coarse(at, value, weight, block, max(explainable, least), widen)
@@ -290,7 +283,7 @@ def _likely(found: list[Finding], drives: Sequence[str]) -> list[Finding]:
         best = max(means, key=lambda f: f.statistic, default=None)
         if best is None or any(f.significant for f in means):
             continue
-        if best.statistic >= _LIKELY and best.over_floor >= _LARGE:
+        if best.statistic >= _LEADING and best.p_value <= LEVEL:
             found.remove(best)
             out.append(replace(best, likely=True))
     return out

@@ -16,7 +16,7 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.instants import highest, peaks_of, robust_fit, robust_size, robust_weights
-from ros2_ident.gates.scale import figure, LATEST_EFFORT, MOSTLY, SLOW, STANDS_OUT
+from ros2_ident.gates.scale import figure, LATEST_EFFORT, MOSTLY, OWN, SLOW, STANDS_OUT
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import fill_gaps
@@ -26,8 +26,6 @@ from ros2_ident.recording.smooth import allowed_cutoff, low_pass
 _VALUES, _ENDS = 8.0, 1.5
 # Periods of the band below which nothing is said.
 _SHORTEST = 10.0
-# Share of the effort's squares that has to follow; else the command asks for a part of it only.
-_FOLLOWS = 0.99
 # An effort that stands out does so by this share of the highest.
 _SMALL = 0.2
 # A drive that makes less than it is asked for at this share of its largest effort is limited,
@@ -175,8 +173,8 @@ def _fitted(log: _Log, drive: str) -> Asked | None:
     size = max(robust_size(left), log.noise)
     weight = robust_weights(left, size) ** 2
     apart = log.effort - float(weight @ log.effort) / float(weight.sum())
-    if float(weight @ left**2) > (1.0 - _FOLLOWS) * float(weight @ apart**2):
-        return None
+    if float(weight @ left**2) > (1.0 - OWN) * float(weight @ apart**2):
+        return None  # the command asks for a part of it only
     asked = Asked(drive, float(late), float(solution[0]), size)
     stamped = log.scatter * np.abs(np.gradient(log.late(late), log.step))
     usual = np.hypot(size, float(solution[0]) * stamped)

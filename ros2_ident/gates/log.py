@@ -8,7 +8,7 @@ import numpy as np
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.asked import Asked
 from ros2_ident.gates.finding import Gate, Level
-from ros2_ident.gates.scale import MORE
+from ros2_ident.gates.scale import MORE, near
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset
@@ -21,8 +21,6 @@ from ros2_ident.recording.smooth import ROOM
 MISSING, TOO_MANY_MISSING = 0.02, 0.2
 # Motion up to this frequency is looked at where the log shows it, Hz.
 SEEN = 50.0
-# A drive makes so much more or less than it is asked for, and it is said.
-_OFF = 0.1
 
 
 def check_streams(data: Dataset) -> list[Gate]:
@@ -109,7 +107,7 @@ def check_asked(found: Asked, unit: str) -> list[Gate]:
         unit: Unit of an effort.
     """
     drive = found.drive
-    off = abs(found.factor - 1.0) > _OFF
+    off = not near(found.factor)
     text = (
         f'{drive}: makes {found.factor:.3g} times the effort that it is asked for, '
         f'{1e3 * found.late:.0f} ms late, to within {found.usual:.2g} {unit}'
