@@ -21,6 +21,7 @@ from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models import Machine
 from ros2_ident.models.protocol import FullModel, Output
 from ros2_ident.recording import align, Dataset, Recording, Stream
+from ros2_ident.words.finding import where
 
 CYCLE, SECONDS, NOISE = 0.002, 12.0, 0.03
 TIME = np.arange(0.0, SECONDS, CYCLE)
@@ -190,4 +191,4 @@ def test_pushes_come_before_what_a_model_misses() -> None:
     (finding,) = not_asked(report.asked, floor, Knee())
     assert finding.significant and finding.p_value < 1e-6
     assert finding.over_floor == pytest.approx(2.0)
-    assert finding.sentence.startswith('knee: made what the command did not ask for at 1.50 s')
+    assert where(finding).startswith('knee: effort that was not commanded at 1.50 s (+0.7 N m)')
