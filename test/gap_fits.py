@@ -22,8 +22,6 @@ RULES = Rules(
     share=0.1,
     closed=0.6,
     rival=0.1,
-    contradicted=0.3,
-    instead=0.7,
     alike=0.02,
     most=3,
 )

@@ -16,7 +16,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.fits import Explanation, Fits, PROMISING, Trials
-from ros2_ident.gap.screen import below_simulated, seen_in_log, Start
+from ros2_ident.gap.screen import limits_shown, Start
 from ros2_ident.identify.hidden import MATERIAL, residual_of, rows_of, slopes_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt
@@ -212,21 +212,17 @@ class Attribution:
         Such an effect bends its own drive's parameters out of all proportion: they start from what
         the other drives have.
         """
-        models = self.case.fit.with_effects(()).models
         count = np.bincount(self.case.fit.drive, minlength=len(self.case.drives))
         missed = base.fit / count - 1.0
         worst = self.case.drives[int(missed.argmax())] if missed.max() >= MATERIAL**2 else ''
         joint = self.case.fit.with_effects(base.effects)
         thetas = [joint.own(k, base.theta)[0] for k in range(len(joint.models))]
-        seen = []
-        for c in candidates:
-            if c in base.effects:
-                continue
-            own = seen_in_log(c, models, self.limits, c.where == worst)
-            if own is not None:
-                seen.append((c, own))
-            elif c.where == worst:
-                seen += [(c, start) for start in below_simulated(c, joint.models, thetas)]
+        seen = [
+            (c, start)
+            for c in candidates
+            if c not in base.effects
+            for start in limits_shown(c, joint.models, thetas, self.limits, c.where == worst)
+        ]
         if not seen:
             return []
         nominal = len(self.case.fit.with_effects(()).parameters)

@@ -48,10 +48,6 @@ class Rules:
             most of the gap is theirs.
         rival: How much less of the gap than the best an effect may close and still be taken for
             confusable.
-        contradicted: RMS by which an explanation has to miss the controllers' log more than
-            another one does to be taken as contradicted by it.
-        instead: Least share of the best's gain that one has to close which the controllers' log
-            prefers to be taken instead.
         alike: Share of the gap by which two laws may differ and be taken for forms of one effect:
             then the one with fewer numbers is named. So much the right effect leaves, its real
             form being another one, and a further one at its place has to close more.
@@ -64,8 +60,6 @@ class Rules:
     share: float = 0.10
     closed: float = 0.5
     rival: float = 0.12
-    contradicted: float = 0.3
-    instead: float = 0.7
     alike: float = 0.02
     most: int = 4
 
@@ -210,21 +204,6 @@ class Criteria:
         samples = self.fit_count.sum() + self.check_count.sum()
         return e.loss + float(np.log(samples)) * len(e.theta)
 
-    def contradicted(self, e: Explanation, other: Explanation) -> bool:
-        """Whether the controllers' log speaks against an explanation and for another one.
-
-        The recorded effort, beside what controllers make of the recorded motion, knows nothing of
-        the machine: an effect in a controller or a sensor that is not there makes them disagree,
-        and one that is there and left out keeps them disagreeing.
-        """
-        more = e.law - other.law
-        # An explanation that agrees better on the whole is not refuted by a trifle on one drive.
-        if more.sum() <= 0.0:
-            return False
-        worst = int(more.argmax())
-        clearly = more[worst] > 0.5 * max(float(e.law[worst]) - 1.0, 0.0)
-        return bool(np.sqrt(more[worst]) > self.rules.contradicted and clearly)
-
     def plausible(self, before: Explanation, after: Explanation) -> bool:
         """Whether the sizes of what is new stay inside their bounds."""
         model, new = self.case.fit.models[0], after.effects[len(before.effects) :]
@@ -257,12 +236,7 @@ class Criteria:
             usable = min(inside, key=self.score)
             close = self.share(round_.base, usable) > 0.5 * self.share(round_.base, best)
             best = self._simpler(round_.base, usable, inside) if close else best
-        # So is the controllers' log.
-        least = self.rules.instead * self.share(round_.base, best)
-        rivals = [
-            e for e in inside if self.contradicted(best, e) and self.share(round_.base, e) >= least
-        ]
-        return min(rivals, key=self.score) if rivals else best
+        return best
 
     def _simpler(
         self, base: Explanation, best: Explanation, others: Sequence[Explanation]

@@ -10,15 +10,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
-from ros2_ident.gap.flat_top import flat_top, highest
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.trials import LARGE, TRIAL, trials
 
-# A flat top below this share of the highest effort of all recordings is no limit.
-_AT_TOP = 0.98
+# Samples of a mean that noise hardly lifts.
+_MEAN = 9
 # Shares of the highest effort that a drive would make without a limit, to start looking below.
 _BELOW = (0.92, 0.8, 0.65, 0.5)
 
@@ -44,52 +44,44 @@ class Start:
     visible: float
 
 
-def seen_in_log(
-    candidate: EffectAt, models: Sequence[FullModel], limits: Mapping[str, float], lost: bool
-) -> Array | None:
-    """Return an effect's (P,) parameters where the log itself shows them, None where it does not.
-
-    So far that is a limit of the effort: by what the control law asks for, by its flat top, or, on
-    the drive of which most is missing, by its highest effort.
-
-    Args:
-        candidate: The effect and its place.
-        models: The models without it, one a recording.
-        limits: Size of the effort at which the law shows a drive to be limited, see `gates.Law`.
-        lost: Whether most is missing there.
-    """
-    share = _share_of_limit(candidate, models[0])
-    if share is None:
-        return None
-    top = limits.get(candidate.where)
-    if top is None:
-        noise = models[0].noise if models[0].outputs[0].quantity == 'effort' else 0.0
-        efforts = [effort_of(model, candidate.where) for model in models]
-        most = max(map(highest, efforts))
-        flat = max((flat_top(e, noise) or 0.0 for e in efforts), default=0.0)
-        top = flat if flat > _AT_TOP * most else most if lost else 0.0
-    return share(top) if top > 0.0 else None
-
-
-def below_simulated(
-    candidate: EffectAt, models: Sequence[FullModel], thetas: Sequence[Array]
+def limits_shown(
+    candidate: EffectAt,
+    models: Sequence[FullModel],
+    thetas: Sequence[Array],
+    known: Mapping[str, float],
+    lost: bool,
 ) -> list[Array]:
-    """Return an effect's (P,) parameters to start from where no effort was logged that shows it.
+    """Return (P,) parameters to start an effort's limit from; none for another effect.
 
-    A limit acts only below what the drive would do without it, as the model tells.
+    It acts only below what a drive would do without it: at what the control law shows or, on the
+    drive of which most is missing, at the highest logged effort; without one below what the model
+    makes.
 
     Args:
         candidate: The effect and its place.
         models: The models without it, one a recording.
         thetas: (N,) parameters of each.
+        known: Size of the effort at which the law shows a drive to be limited, see `gates.Law`.
+        lost: Whether most is missing there.
     """
     share = _share_of_limit(candidate, models[0])
-    if share is None or effort_of(models[0], candidate.where).size:
+    top = known.get(candidate.where, 0.0)
+    if share is None or not (top or lost):
         return []
+    if not top:
+        top = max(_highest(effort_of(model, candidate.where)) for model in models)
+    if top:
+        return [share(top)]
     row = models[0].places.index(candidate.where)
     pairs = zip(models, thetas, strict=True)
     most = max(float(np.abs(model.simulated_effort(x)[row]).max()) for model, x in pairs)
     return list(np.unique([share(x * most) for x in _BELOW], axis=0)) if most > 0.0 else []
+
+
+def _highest(effort: Array) -> float:
+    """Return the highest mean of a few samples of an effort (K,), in size; 0 for none."""
+    logged = effort[np.isfinite(effort)]
+    return float(np.abs(uniform_filter1d(logged, _MEAN)).max()) if logged.size else 0.0
 
 
 def _share_of_limit(candidate: EffectAt, model: FullModel) -> Callable[[float], Array] | None:

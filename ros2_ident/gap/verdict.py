@@ -39,7 +39,6 @@ class Temperatures:
             where the controllers' log vouches for them.
         power: Exponent of the share that a candidate leaves open: half as much weighs 2^power
             times.
-        contradicted: Factor on the weight of a rival that the controllers' log speaks against.
         restless: Probability that something moves where the floor is too large and slow for noise.
     """
 
@@ -48,7 +47,6 @@ class Temperatures:
     escaped: float = 0.12
     believed: float = 0.9
     power: float = 5.0
-    contradicted: float = 0.02
     restless: float = 0.7
 
 
@@ -332,9 +330,6 @@ def _weigh(
             left = leads
         left = max(left, 0.0) + explainer.rules.alike
         weights[at] = 1.0 if violent else left**-t.power
-        # The controllers' log is evidence of its own.
-        if len(found.chain) > 1 and explainer.contradicted(e, final):
-            weights[at] *= t.contradicted
     # Twins are one answer under two names: both stand, with half the weight each.
     for at in list(weights):
         for twin in twins(at):
@@ -358,8 +353,6 @@ def _confusable(
     near = []
     for e in found.rivals:
         at = leader if leader in e.effects else e.effects[-1]
-        if explainer.contradicted(e, final):
-            continue
         if full > 0 and (rest.loss - e.loss) / full >= 1.0 - explainer.rules.rival:
             near.append(at)
     for twin in twins(leader):

@@ -120,20 +120,6 @@ def test_controllers_vouch_for_what_mends_their_law(explainer, before, after, ga
 
 
 @pytest.mark.parametrize(
-    ('mine', 'other', 'said'),
-    [
-        ((1.2, 1.0), (1.0, 1.0), True),
-        ((1.05, 1.0), (1.0, 1.0), False),  # too little to tell
-        ((3.0, 1.0), (2.6, 1.0), False),  # a fifth of what it misses anyway
-        ((2.0, 1.0), (1.0, 2.5), False),  # no better on the whole
-    ],
-)
-def test_controllers_contradict_what_makes_them_disagree(explainer, mine, other, said):
-    one, two = made((0.0, 0.0), law=mine), made((0.0, 0.0), law=other)
-    assert explainer.contradicted(one, two) is said
-
-
-@pytest.mark.parametrize(
     ('value', 'said'), [(0.9, False), (0.999, True), (-0.999, True), (0.0, False)]
 )
 def test_a_size_at_its_bound_is_implausible(explainer, value, said):
