@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from ros2_ident.arrays import Array
 from ros2_ident.gates.scale import (
@@ -189,7 +190,8 @@ def _law_at(
         kv,
         float(solution[4]) if solution.size > 4 else 0.0,
     )
-    gains |= {name: x for name, x in zip(GAINS, free_ones, strict=True) if name in sought}
+    start = {name: x for name, x in zip(GAINS, free_ones, strict=True) if name in sought}
+    gains |= _fitted(columns, effort, gains, start)
     known = _law_of(columns, gains)
     alone = []
     for name in (*gains, 'scale'):
@@ -254,6 +256,25 @@ def _law_of(columns: Array, gains: dict[str, float]) -> Array:
     """Return the law's torque but for a constant; columns as of `Fit.system`."""
     torque: Array = columns @ _weights(gains)[: columns.shape[1]]
     return torque
+
+
+def _fitted(
+    columns: Array, effort: Array, gains: dict[str, float], start: dict[str, float]
+) -> dict[str, float]:
+    """Return some gains of a law by an effort, the others as known.
+
+    Of the free law alone they are uncertain: an integral of the velocity is a position.
+    """
+    if not start:
+        return {}
+
+    def left(x: Array) -> Array:
+        rest = effort - _law_of(columns, gains | dict(zip(start, x, strict=True)))
+        out: Array = rest - rest.mean()
+        return out
+
+    found = least_squares(left, list(start.values()), method='lm', x_scale='jac')
+    return dict(zip(start, map(float, found.x), strict=True))
 
 
 def _weights(gains: dict[str, float]) -> Array:
