@@ -193,10 +193,8 @@ def _again(
     rows = [case.check.rows(e.check_residual / weight) for e in (*found.rests, final)]
     drawn = Blocks(rows, case.fit.models[0].cycle, length=blocks.length, starts=case.check.starts)
     shares = {
-        at: 1.0
-        if explainer.restores_law(without, final)
-        else drawn.falls(i, -1, explainer.floor, rules.material if i else rules.step)
-        for i, (at, without) in enumerate(zip(final.effects, found.rests, strict=True))
+        at: drawn.falls(i, -1, explainer.floor, rules.material if i else rules.step)
+        for i, at in enumerate(final.effects)
     }
     # An encoder's steps are read from a line in the spectrum, not from what a fit closes.
     return tuple(shares.get(at, 1.0) for at in verdict.named)

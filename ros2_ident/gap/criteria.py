@@ -11,15 +11,9 @@ from ros2_ident.effects import EffectParameter
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.fits import Explanation, Fits
 from ros2_ident.gap.floor import Floor
-from ros2_ident.gates.scale import FLOORS
 from ros2_ident.identify.hidden import MATERIAL
 from ros2_ident.search import intervals
 from ros2_ident.search.evidence import Evidence
-
-# Share of what controllers miss of the log that an effect may leave and still restore their law.
-_MISSED = 0.05
-# Outputs that a fit misses by so many floors may be too violent to be repeated by any.
-_VIOLENT = 3.0
 
 
 def at_bound(parameter: EffectParameter, value: float) -> bool:
@@ -114,8 +108,6 @@ class Criteria:
 
     def material(self, before: Explanation, after: Explanation) -> bool:
         """Whether a step closes enough to count, on all data and on the data held out."""
-        if not before.effects and self.restores_law(before, after):
-            return True
         small = self.reduced(before, after) < self.least(before)
         if small or self.share(before, after) < self.rules.share:
             return False
@@ -157,25 +149,6 @@ class Criteria:
         new = {at.where for at in after.effects[len(before.effects) :]}
         return bool(earlier) and (new <= earlier or 'all' in new | earlier)
 
-    def restores_law(self, before: Explanation, after: Explanation) -> bool:
-        """Whether the controllers' log was far from the stated law and now agrees with it.
-
-        It knows nothing of the machine, so this holds also where the outputs are too violent to
-        be repeated: these must only not become much worse. A gain that is a little off shows
-        there, too, and hardly in the outputs.
-        """
-        worst = int(before.law.argmax())
-        excess = float(before.law[worst]) - 1.0
-        if excess <= 1.0:
-            return False
-        left = float(after.law[worst]) - 1.0
-        agrees = left < min(1.0, _MISSED * excess)
-        share = self.share(before, after)
-        noise = self.floor.noise[worst]
-        # So may those of which what is as slow as no noise is taken for noise.
-        lost = self.size(before) > _VIOLENT or noise.variance > FLOORS**2 * noise.innovation
-        return agrees and ((lost and share > -0.5) or share >= self.rules.share)
-
     def ends(self, e: Explanation, evidence: Evidence | None) -> tuple[Array, ...]:
         """Return (N,) both ends of each parameter's 95 % interval, and of that by noise alone.
 
@@ -204,13 +177,6 @@ class Criteria:
         samples = self.fit_count.sum() + self.check_count.sum()
         return e.loss + float(np.log(samples)) * len(e.theta)
 
-    def plausible(self, before: Explanation, after: Explanation) -> bool:
-        """Whether the sizes of what is new stay inside their bounds."""
-        model, new = self.case.fit.models[0], after.effects[len(before.effects) :]
-        parameters = [p for at in new for p in model.scaled(at)]
-        values = after.theta[len(after.theta) - len(parameters) :]
-        return not any(at_bound(p, v) for p, v in zip(parameters, values, strict=True))
-
     def best(self, round_: Round) -> Explanation | None:
         """Return the best fit, a simple effect before one that is hardly better.
 
@@ -226,30 +192,12 @@ class Criteria:
         if not fitted:
             return None
         best = min(fitted, key=self.score)
-        if not round_.base.effects and self.share(round_.base, best) < self.rules.closed:
-            restoring = [e for e in fitted if self.restores_law(round_.base, e)]
-            if restoring:
-                return min(restoring, key=self.score)
-        inside = [e for e in fitted if self.plausible(round_.base, e)]
-        if inside:
-            # A size at its bound is a reason to doubt, unless nothing else comes near.
-            usable = min(inside, key=self.score)
-            close = self.share(round_.base, usable) > 0.5 * self.share(round_.base, best)
-            best = self._simpler(round_.base, usable, inside) if close else best
-        return best
-
-    def _simpler(
-        self, base: Explanation, best: Explanation, others: Sequence[Explanation]
-    ) -> Explanation:
-        """Return what closes as much as the best for all that counts, and has fewer numbers.
-
-        No law of the catalogue is exactly the machine's: one more number closes a little more.
-        """
-        share = self.share(base, best) - self.rules.alike
+        # No law of the catalogue is exactly the machine's: one more number closes a little more.
+        share = self.share(round_.base, best) - self.rules.alike
         alike = [
             e
-            for e in others
-            if self.share(base, e) >= share and self.reduced(e, best) < self.rules.step
+            for e in fitted
+            if self.share(round_.base, e) >= share and self.reduced(e, best) < self.rules.step
         ]
         return min([best, *alike], key=lambda e: (len(e.theta), self.score(e)))
 

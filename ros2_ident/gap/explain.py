@@ -92,8 +92,6 @@ class Explainer(Criteria):
         """
         if not self.material(before, after):
             return False
-        if not before.effects and self.restores_law(before, after):
-            return True
         reduced = self.reduced(before, after)
         if reduced > 1.0:
             return True

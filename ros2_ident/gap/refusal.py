@@ -111,9 +111,8 @@ def of_what_is_left(
     """Return the answer, or that the model is the wrong one where no effect makes it fit."""
     # Where a slow log alone drives the model, it may be the log that is at fault.
     slow = report.of('rate') and report.of('command')
-    # Steps of an encoder, and what only the controllers' log shows, are not closed by any fit.
-    known = verdict.readings or verdict.limits
-    if slow or known or explainer.restores_law(found.chain[0], found.chain[-1]):
+    # Steps of an encoder, and a limit that only the law shows, are not closed by any fit.
+    if slow or verdict.readings or verdict.limits:
         return found, verdict
     case = explainer.case
     gap = np.sqrt(np.maximum(explainer.gap(found.chain[-1]), 0.0))

@@ -35,8 +35,7 @@ class Temperatures:
             `unknown` by e.
         escaped: Probability that an effect of the catalogue is there though none was found that
             explains the gap.
-        believed: Probability of the names where little is left, however small a share closes, or
-            where the controllers' log vouches for them.
+        believed: Probability of the names where little is left, however small a share closes.
         power: Exponent of the share that a candidate leaves open: half as much weighs 2^power
             times.
         restless: Probability that something moves where the floor is too large and slow for noise.
@@ -254,16 +253,11 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     alone = max((explainer.share(base, e) for e in tried), default=0.0)
     nearest = closed if len(found.chain) > 1 else alone
     named = t.escaped + (1.0 - t.escaped) * _sigmoid((nearest - rules.closed) / t.closed)
-    believed = violent = False
-    if len(found.chain) > 1:
-        # What is left may be immaterial however small its share. And where the outputs are too
-        # violent to be repeated, the controllers' log still says it.
-        restored = explainer.restores_law(base, final)
-        believed = restored or found.remaining < rules.unknown
-        violent = restored and closed < rules.closed
-        if believed:
-            named = max(named, t.believed)
-    ranking = _weigh(explainer, found, missing * named, violent, t)
+    # What is left may be immaterial however small the share that closes.
+    believed = len(found.chain) > 1 and found.remaining < rules.unknown
+    if believed:
+        named = max(named, t.believed)
+    ranking = _weigh(explainer, found, missing * named, t)
     if size < rules.material:
         return Verdict(NONE, (), 1.0 - missing, (), (), ranking, closed)
     if len(found.chain) == 1 and not found.complete:
@@ -304,12 +298,9 @@ def _together(chosen: tuple[str, ...], drives: Sequence[str]) -> tuple[str, ...]
 
 
 def _weigh(
-    explainer: Explainer, found: Explained, mass: float, violent: bool, t: Temperatures
+    explainer: Explainer, found: Explained, mass: float, t: Temperatures
 ) -> tuple[Weighed, ...]:
-    """Return the candidates fitted, with probabilities that share `mass`.
-
-    Outputs too `violent` to be repeated tell nothing of any candidate.
-    """
+    """Return the candidates fitted, with probabilities that share `mass`."""
     if not found.rounds:
         return ()
     base, final = found.chain[0], found.chain[-1]
@@ -329,7 +320,7 @@ def _weigh(
             # One more number closes a little more, and is no evidence.
             left = leads
         left = max(left, 0.0) + explainer.rules.alike
-        weights[at] = 1.0 if violent else left**-t.power
+        weights[at] = left**-t.power
     # Twins are one answer under two names: both stand, with half the weight each.
     for at in list(weights):
         for twin in twins(at):
