@@ -396,8 +396,7 @@ def _located(begun: _Pass, base: Explanation, seed: int) -> tuple[Finding, ...]:
     rows = case.fit.rows(base.residual[: len(fits.weight)] / fits.weight)
     rows = rows[:, : model.measured.shape[1]]
     motion = motion_of(model, joint.own(0, base.theta)[0])
-    findings = localise(motion, rows, begun.explainer.floor, seed=seed)
-    return tuple(f for f in findings if f.significant)
+    return localise(motion, rows, begun.explainer.floor, seed=seed)
 
 
 def _readings(

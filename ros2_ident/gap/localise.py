@@ -283,7 +283,8 @@ def _likely(found: list[Finding], drives: Sequence[str]) -> list[Finding]:
         best = max(means, key=lambda f: f.statistic, default=None)
         if best is None or any(f.significant for f in means):
             continue
-        if best.statistic >= _LEADING and best.p_value <= LEVEL:
+        large = best.over_floor >= MATERIAL and best.statistic >= _LEADING
+        if large and best.p_value <= LEVEL:
             found.remove(best)
             out.append(replace(best, likely=True))
     return out
