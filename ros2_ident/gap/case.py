@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gates.scale import LATEST_EFFORT
 from ros2_ident.identify.data import chosen_drives
 from ros2_ident.identify.hidden import settled
 from ros2_ident.identify.layout import Conditions, held_of, Layout
@@ -24,8 +25,6 @@ from ros2_ident.recording import Dataset
 
 Mask = npt.NDArray[np.bool_]
 
-# Seconds at a log's start at which a delayed effort does not yet belong to the motion beside it.
-LAW_SETTLE = 0.15
 # Extended models of a part that are kept: those of the rounds go on being asked for.
 _KEPT = 16
 # Values of a drive that a part has at least, where a band of the recorded motion is compared.
@@ -208,8 +207,9 @@ class Part:
         """For each of `seen`, (D, K) where its effort is compared with the controllers'."""
         out = []
         for model, mask in zip(self.models[: len(self.seen)], self.masks, strict=False):
+            # At its start a delayed effort does not yet belong to the motion beside it.
             later = mask.copy()
-            later[:, : int(round(LAW_SETTLE / model.cycle))] = False
+            later[:, : int(round(LATEST_EFFORT / model.cycle))] = False
             out.append(later)
         return tuple(out)
 

@@ -15,7 +15,8 @@ from scipy.fft import next_fast_len, rfft
 from scipy.ndimage import uniform_filter1d
 
 from ros2_ident.arrays import Array
-from ros2_ident.gap.case import Case, LAW_SETTLE
+from ros2_ident.gap.case import Case
+from ros2_ident.gates.scale import LATEST_EFFORT
 from ros2_ident.models import FullModel
 from ros2_ident.models.recorded import recorded_motion, RecordedMotion
 
@@ -103,7 +104,7 @@ def coarse_reading(
     row = model.places.index(drive)
     wanted = np.isfinite(model.measured)
     wanted[np.arange(len(wanted)) != row] = False
-    wanted[:, : int(LAW_SETTLE / model.cycle)] = False
+    wanted[:, : int(LATEST_EFFORT / model.cycle)] = False
     there = np.flatnonzero(wanted[row])
     if seen is None:
         made = model.simulate_at(theta[None], wanted)[0]
