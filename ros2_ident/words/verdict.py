@@ -129,6 +129,9 @@ def headline(d: Diagnosis) -> str:
     """Return the cause and its place; of many effects the first one, and how many more."""
     if d.facts.cause == Cause.MODEL:
         return 'The model is not the one of this machine: nothing physical can be said.'
+    wrong = next(iter(d.facts.constants), None)
+    if d.facts.cause == Cause.CONSTANT and wrong and math.isfinite(wrong.stated):
+        return f'{_stated(wrong)} fits the log.'
     if d.facts.cause in (Cause.LOG, Cause.CONSTANT):
         return 'Log and machine file contradict each other: nothing physical can be said.'
     text = _what(d)
