@@ -67,13 +67,13 @@ def size_of(effect):
     return len(get_effect(effect.effect).parameters)
 
 
-def made(gap, check=None, effects=(), law=(1.0, 1.0), own=0.5):
+def made(gap, check=None, effects=(), own=0.5):
     """Return a fit that leaves a mean square beyond the noise's on each of two drives."""
     fit = SAMPLES * (1.0 + np.array(gap, dtype=float))
     held = SAMPLES * (1.0 + np.array(gap if check is None else check, dtype=float))
     theta = np.array([1.0, 2.0] + [own] * sum(map(size_of, effects)))
     empty = np.empty(0)
-    return Explanation(tuple(effects), theta, fit, held, np.array(law), *([empty] * 4))
+    return Explanation(tuple(effects), theta, fit, held, *([empty] * 4))
 
 
 def floor_of(variance, restless=()):

@@ -33,8 +33,6 @@ class Explanation:
         theta: (N,) parameters, those of the effects last.
         fit: (D,) sum of squared residuals on the fit part, in units of the floor.
         check: (D,) the same on the part held out.
-        law: (D,) mean square, in units of the floor, by which the recorded effort misses what the
-            controllers make of the recorded motion, on both parts; zeros where it is not known.
         jacobian: (R, N) of the weighted residual by the parameters' shares of their box.
         residual: (R,) weighted residual of the fit part: the outputs', then the controllers'.
         check_residual: (R',) weighted residual of the outputs on the part held out.
@@ -45,7 +43,6 @@ class Explanation:
     theta: Array
     fit: Array
     check: Array
-    law: Array
     jacobian: Array = field(repr=False)
     residual: Array = field(repr=False)
     check_residual: Array = field(repr=False)
@@ -124,23 +121,19 @@ class Fits:
         """
         if not self.case.fit.seen:
             return base
-        joint = self.case.fit.with_effects(base.effects)
-        span = joint.high - joint.low
-        scale = self.floor * np.sqrt(1.0 + base.law)
-        self.law_weight = 1.0 / scale[self.case.fit.law_drive]
-        unit = (base.theta - joint.low) / span
-        residual, jacobian = difference_jacobian(self.evaluate(joint), unit, joint.low, span)
-        return replace(base, residual=residual, jacobian=jacobian)
-
-    def _law(self, joint: Joint, held_out: Joint, theta: Array) -> Array:
-        """Return (D,) mean square of what the controllers miss on both parts, floors squared."""
         case = self.case
-        missed = np.concatenate([joint.law_residual(theta)[0], held_out.law_residual(theta)[0]])
+        joint = case.fit.with_effects(base.effects)
+        held_out = case.check.with_effects(base.effects)
+        missed = np.concatenate([x.law_residual(base.theta)[0] for x in (joint, held_out)])
         drive = np.concatenate([case.fit.law_drive, case.check.law_drive])
         count = len(case.drives)
         samples = np.maximum(np.bincount(drive, minlength=count), 1)
-        out: Array = np.bincount(drive, (missed / self.floor[drive]) ** 2, count) / samples
-        return out
+        law = np.bincount(drive, (missed / self.floor[drive]) ** 2, count) / samples
+        self.law_weight = 1.0 / (self.floor * np.sqrt(1.0 + law))[case.fit.law_drive]
+        span = joint.high - joint.low
+        unit = (base.theta - joint.low) / span
+        residual, jacobian = difference_jacobian(self.evaluate(joint), unit, joint.low, span)
+        return replace(base, residual=residual, jacobian=jacobian)
 
     def renewed(self, floor: Array) -> 'Fits':
         """Return the same fits at another noise floor."""
@@ -160,7 +153,6 @@ class Fits:
             e,
             fit=e.fit * square,
             check=e.check * square,
-            law=e.law * square,
             jacobian=e.jacobian * factor[:, None],
             residual=e.residual * factor,
             check_residual=e.check_residual * (self.check_weight / old.check_weight),
@@ -220,7 +212,6 @@ class Fits:
             found.theta,
             np.bincount(case.fit.drive, outputs**2, count).astype(float),
             np.bincount(case.check.drive, check**2, count).astype(float),
-            self._law(joint, held_out, found.theta),
             found.jacobian,
             found.residual,
             check,

@@ -219,6 +219,7 @@ def best_delays(
     for _, lag, late in found:
         if len(starts) < _VALLEYS and all(abs(lag - s[0]) > 2.0 * wide for s in starts):
             starts.append(np.array([lag, late]))
+
     def left(free: Array, start: Array) -> float:
         lag, late = np.append(free, start[free.size :])
         return float(fine.left(np.array([lag]), float(late))[0])
