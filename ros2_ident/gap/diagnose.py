@@ -27,7 +27,6 @@ from ros2_ident.gap.floor import predictability
 from ros2_ident.gap.localise import Finding, localise
 from ros2_ident.gap.reading import coarse_readings, CoarseReading
 from ros2_ident.gap.refusal import (
-    of_constants,
     of_events,
     of_gates,
     of_the_file,
@@ -35,7 +34,6 @@ from ros2_ident.gap.refusal import (
 )
 from ros2_ident.gap.turns import payload_turns
 from ros2_ident.gap.verdict import (
-    BOOKKEEPING,
     judge,
     REFUSED,
     UNKNOWN,
@@ -200,7 +198,7 @@ class _Passes:
     def run(self, fit: Recordings, check: Recordings) -> Diagnosis:
         """Diagnose; where both recordings have to take turns, block by block, once more so."""
         begun = self._begin(Case(fit, check, self.conditions))
-        if begun.report.blocked:
+        if begun.report.unfit:
             found, verdict = of_gates(begun.explainer, begun.base, begun.report)
             return self._composed(begun, *self._of_the_file(begun, found, verdict))
         if begun.material and not self.clock.stopped():
@@ -327,9 +325,7 @@ class _Passes:
             verdict = replace(verdict, closed=0.0)
         if not clock.stopped():
             found, verdict = of_what_is_left(explainer, found, verdict, begun.report)
-            found, verdict = of_constants(explainer, found, verdict)
-            if verdict.effect != BOOKKEEPING:
-                found, verdict = self._of_the_file(begun, found, verdict)
+            found, verdict = self._of_the_file(begun, found, verdict)
         return found, verdict
 
     def _of_the_file(

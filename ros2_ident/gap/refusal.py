@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from ros2_ident.effects import get_effect
 from ros2_ident.gap.constants import fitted_constants
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.facts import Event, Misfit, WrongConstant
 from ros2_ident.gap.fits import Explanation
-from ros2_ident.gap.verdict import BOOKKEEPING, NAMELESS, UNKNOWN, Verdict, WRONG_MODEL
+from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.scale import FLOORS
 from ros2_ident.models.registry import kind_of
@@ -29,8 +28,6 @@ LARGE = 0.1
 # So much, and slow, is no noise of a log either, even where nothing predicts it; of drives of one
 # make the others tell what noise is.
 SLOW = 0.5
-# Factors of all drives are one where their logarithms differ by less than this share of them.
-ALIKE = 0.3
 # A contradiction is found by a measure that leaves hardly any doubt.
 _SURE = 0.95
 
@@ -47,40 +44,14 @@ def of_gates(
     return found, _without_effects(effect, where)
 
 
-def of_constants(
-    explainer: Explainer, found: Explained, verdict: Verdict
-) -> tuple[Explained, Verdict]:
-    """Return the answer, or that a constant is wrong where every drive has it wrong alike.
-
-    Drives differ one by one; what is off by one factor on all of them is off in the machine file.
-    """
-    case = explainer.case
-    final = found.chain[-1]
-    factors: dict[str, dict[str, float]] = {}
-    column = len(found.chain[0].theta)
-    for at in final.effects:
-        parameters = case.fit.models[0].scaled(at)
-        if parameters[0].how == 'scale' and parameters[0].neutral == 1.0:
-            factors.setdefault(at.effect, {})[at.where] = float(final.theta[column])
-        column += len(parameters)
-    for effect, by_drive in factors.items():
-        values = np.array([*by_drive.values()])
-        alike = np.ptp(np.log(values)) < ALIKE * np.abs(np.log(values)).mean()
-        if len(case.drives) > 1 and set(by_drive) == set(case.drives) and alike:
-            plain = found.nominal()
-            factor = float(np.exp(np.log(values).mean()))
-            wrong = WrongConstant(get_effect(effect).parameters[0].target, math.nan, factor)
-            return plain, _without_effects(BOOKKEEPING, case.drives, constants=(wrong,))
-    return found, verdict
-
-
 def of_the_file(
     explainer: Explainer, found: Explained, verdict: Verdict
 ) -> tuple[Explained, Verdict]:
     """Return the answer, or that a number of the machine file is wrong where it explains as much.
 
     Of what closes as much for all that counts the one with fewer numbers is taken; where as many
-    numbers explain as much by an effect, its name stands, and those of the file are ties.
+    numbers explain as much by an effect, its name stands, and those of the file are ties. It
+    stands too where it is on every drive with a size of its own.
     """
     base, final = found.chain[0], found.chain[-1]
     share, rules = partial(explainer.share, base), explainer.rules
@@ -91,18 +62,49 @@ def of_the_file(
         if share(one.fit) > max(rules.closed, least - rules.alike)
         and explainer.material(base, one.fit)
     ]
-    if not counting:
+    factors = _of_every_drive(explainer, found) if verdict.named else {}
+    own = any(math.isnan(factor) for factor in factors.values())
+    if not counting and (own or not factors):
         return found, verdict
-    best, *others = sorted(counting, key=lambda one: -share(one.fit))
-    ties = [one for one in others if share(one.fit) > share(best.fit) - rules.alike]
-    wrong = tuple(one.wrong(share(one.fit)) for one in (best, *ties))
-    more = len(base.theta) + 1 >= len(final.theta)
-    if more and verdict.effect not in NAMELESS and share(best.fit) < least + rules.alike:
+    counting.sort(key=lambda one: -share(one.fit))
+    wrong = tuple(
+        one.wrong(share(one.fit))
+        for one in counting
+        if share(one.fit) > share(counting[0].fit) - rules.alike
+    )
+    as_many = len(base.theta) + 1 >= len(final.theta) or own
+    if as_many and verdict.named and wrong[0].closed < least + rules.alike:
         return found, replace(verdict, constants=wrong)
-    plain = found.nominal()
-    case = explainer.case
-    where = case.drives if len(case.drives) == 1 else ('all',)
-    return plain, _without_effects(BOOKKEEPING, tuple(where), constants=wrong)
+    wrong = wrong or tuple(WrongConstant(key, math.nan, x) for key, x in factors.items())
+    drives = explainer.case.drives
+    where = drives if len(drives) == 1 else ('all',)
+    return found.nominal(), _without_effects(BOOKKEEPING, tuple(where), constants=wrong)
+
+
+def _of_every_drive(explainer: Explainer, found: Explained) -> dict[str, float]:
+    """Return the factor of each number that an effect scales on every drive of several.
+
+    NaN where no factor lies in the intervals of all drives.
+    """
+    final, drives = found.chain[-1], explainer.case.drives
+    if len(final.effects) < len(drives) or len(drives) == 1:
+        return {}
+    low, high, *_ = explainer.ends(final, explainer.noise_of(final).evidence)
+    sizes: dict[str, list[int]] = {}
+    column = len(found.chain[0].theta)
+    for at in final.effects:
+        parameters = explainer.case.fit.models[0].scaled(at)
+        if parameters[0].how == 'scale' and parameters[0].neutral == 1.0:
+            sizes.setdefault(parameters[0].target, []).append(column)
+        column += len(parameters)
+    out = {}
+    for target, own in sizes.items():
+        if len(own) == len(drives):
+            shared = low[own].max() <= high[own].min()
+            weights = (high[own] - low[own]) ** -2.0
+            out[target] = float(np.average(final.theta[own], weights=weights))
+            out[target] = out[target] if shared else math.nan
+    return out
 
 
 def of_what_is_left(

@@ -7,6 +7,7 @@ from typing import Literal
 
 from ros2_ident.gates.asked import Asked
 from ros2_ident.gates.law import Law
+from ros2_ident.gates.scale import ANOTHER, near
 
 Level = Literal['ok', 'warn', 'fail']
 # The worst first.
@@ -83,6 +84,12 @@ class GateReport:
     def blocked(self) -> bool:
         """Whether a contradiction is such that nothing physical can be said."""
         return any(g.level == 'fail' for g in self.contradictions)
+
+    @property
+    def unfit(self) -> bool:
+        """Whether a contradiction is such that no effect can be fitted: a wrong gain can."""
+        fails = (g for g in self.contradictions if g.level == 'fail')
+        return any(not g.key or not near(g.number, ANOTHER) for g in fails)
 
     @property
     def headline(self) -> str:

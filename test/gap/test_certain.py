@@ -49,6 +49,10 @@ EFFECTS = {
         'torque_ripple', ('drive_3',), {'torque': 0.035, 'phase': 0.6, 'order': 12.47}, 'same'
     ),
     'limit': Effect('torque_saturation', ('drive_2',), {'limit': 1.7}, 'same'),
+    **{
+        f'gain {i}': Effect('position_gain_error', (f'drive_{i}',), {'share': share}, 'same')
+        for i, share in enumerate((0.3, 0.34, 0.4), 1)
+    },
     'low limit': Effect('torque_saturation', ('drive_2',), {'limit': 1.2}, 'same'),
 }
 
@@ -107,6 +111,15 @@ def test_a_gain_that_every_drive_has_wrong_alike_is_one_of_the_file() -> None:
     wrong = tripod().with_constants(**{gain: 0.7 * tripod().number(gain)})
     report = examine(wrong, [recording(1), recording(2)])
     assert any(gain in x.sentence for x in report.contradictions)
+
+
+def test_gains_that_differ_from_drive_to_drive_are_no_number_of_the_file() -> None:
+    logs = [recording(seed, ('gain 1', 'gain 2', 'gain 3')) for seed in (1, 2)]
+    found = diagnose(tripod(), logs[:1], logs[1:], seed=1)
+    named = {(found.effect, *found.where), *((at.effect, at.where) for at in found.also)}
+    assert named == {('position_gain_error', drive) for drive in tripod().drives}
+    # One gain for all closes nearly as much, so that it is given beside them.
+    assert 'position_gain' in {constant.key for constant in found.facts.constants}
 
 
 def test_a_log_in_other_units_that_makes_everything_diverge_is_told_with_the_remedy() -> None:
