@@ -5,11 +5,11 @@ Each of them is a `Request`; `read` its logs, `identify` or `diagnose` them, `sa
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 import hashlib
 from pathlib import Path
 import time
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -21,9 +21,9 @@ from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.held_out import check_problem
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outputs import checked, Outputs
-from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.problem import Problem, Setup
 from ros2_ident.identify.result import Identification, Outcome
-from ros2_ident.identify.run import identify as find_parameters
+from ros2_ident.identify.run import solve
 from ros2_ident.identify.settings import IdentifySettings, OnProgress
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import EffectAt, Machine
@@ -77,17 +77,8 @@ class Request:
 
     def problem(self, data: Data) -> Problem:
         """Return the nominal model on some data."""
-        return problem_of(
-            self.machine,
-            data,
-            drives=self.drives,
-            fixed=self.fixed,
-            bounds=self.bounds,
-            effects=self.effects,
-            cutoff=self.settings.cutoff,
-            conditions=self.conditions,
-            outputs=self.outputs,
-        )
+        own = {x.name: getattr(self, x.name) for x in fields(Setup) if hasattr(self, x.name)}
+        return problem_of(data=data, cutoff=self.settings.cutoff, **own)
 
     @property
     def seconds(self) -> float:
@@ -128,9 +119,12 @@ class Logs:
     since: float
 
 
+Result = TypeVar('Result', Identification, Diagnosis)
+
+
 @dataclass(frozen=True, eq=False)
-class Identified:
-    """An identification that has ended.
+class Ended(Generic[Result]):
+    """A run that has ended.
 
     Attributes:
         request: What was asked for.
@@ -142,9 +136,13 @@ class Identified:
 
     request: Request
     logs: Logs
-    result: Identification
+    result: Result
     seconds: float
     checkpoint: Path | None = None
+
+
+class Identified(Ended[Identification]):
+    """An identification that has ended."""
 
     @property
     def complete(self) -> bool:
@@ -159,15 +157,8 @@ class Identified:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosed:
-    """A diagnosis that has ended; attributes as of `Identified`."""
-
-    request: Request
-    logs: Logs
-    result: Diagnosis
-    seconds: float
-    checkpoint: Path | None = None
+class Diagnosed(Ended[Diagnosis]):
+    """A diagnosis that has ended."""
 
     @property
     def complete(self) -> bool:
@@ -188,14 +179,14 @@ def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
     since = time.monotonic()
     if not request.bags and received is None:
         raise IdentError(ErrorCode.NO_DATA, 'there is no live data; replay a bag or name its path')
+    travel = travel_of(request.machine)
     if received is None or request.bags:
-        recordings = read_bags(request.bags, request.topics, travel_of(request.machine))
+        recordings = read_bags(request.bags, request.topics, travel)
     else:
         recordings = received.build()
     fit = _gathered(request, recordings)
     check = None
     if request.check:
-        travel = travel_of(request.machine)
         check = _gathered(request, read_bags(request.check, request.topics, travel))
     return Logs(fit, check, fit.sha256 or _digest_of(recordings), since)
 
@@ -208,23 +199,17 @@ def identify(
     on_progress: OnProgress | None = None,
     checkpoint: Path | None = None,
 ) -> Identified:
-    """Identify the parameters; arguments and errors as of `identify.run.identify`."""
-    result = find_parameters(
-        request.machine,
-        logs.fit,
-        drives=request.drives,
-        fixed=request.fixed,
-        bounds=request.bounds,
-        effects=request.effects,
-        conditions=request.conditions,
-        outputs=request.outputs,
-        settings=request.settings,
-        seed=request.seed,
+    """Identify the parameters; arguments and errors as of `identify.run.solve`."""
+    problem = request.problem(logs.fit)
+    result = solve(
+        problem,
+        request.settings,
+        request.seed,
         cancel=cancel,
         on_progress=on_progress,
         workers=request.workers,
         checkpoint=checkpoint,
-        check=logs.check,
+        check=None if logs.check is None else check_problem(problem, logs.check),
     )
     return Identified(request, logs, result, time.monotonic() - logs.since, checkpoint)
 
@@ -305,20 +290,20 @@ def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) ->
     withdraw_overlay(folder / OVERLAY)  # what is new does not lie beside what is old
     if isinstance(done, Identified):
         problem, theta = done.problem(), done.result.theta
+        whole = done.result.outcome is not Outcome.CANCELLED
         held_out = None if logs.check is None else check_problem(problem, logs.check)
         asked = {k: v for k, v in request.plain().items() if k in _ASKED}
         result = replace(done.result, settings={**done.result.settings, **asked})
         files = list(write_result(folder, result, problem, held_out))
     else:
+        whole, asked = done.complete, request.plain()
         files = list(
-            write_diagnosis(
-                folder, done.result, request.machine, logs.fit, logs.check, request.plain()
-            )
+            write_diagnosis(folder, done.result, request.machine, logs.fit, logs.check, asked)
         )
-    if overlay:
-        if isinstance(done, Diagnosed):
+        if overlay:
             nominal = replace(request, outputs=None).problem(logs.fit)
             problem, theta = diagnosed_problem(nominal, done.result)
+    if overlay:
         files += write_overlay(
             folder / OVERLAY,
             problem,
@@ -326,7 +311,7 @@ def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) ->
             topics=request.topics,
             verdict=verdict_of(done.result),
             # to simulate the motion takes seconds, and a cancelled run is wanted to end
-            moving=_wanted_whole(done),
+            moving=whole,
         )
     if done.checkpoint is not None and done.complete:
         forget(done.checkpoint)
@@ -335,12 +320,6 @@ def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) ->
 
 # What a result says of its logs beside its own settings: the commands that a page proposes next.
 _ASKED = 'bags', 'check_bags', 'machine_file'
-
-
-def _wanted_whole(done: Identified | Diagnosed) -> bool:
-    if isinstance(done, Identified):
-        return done.result.outcome is not Outcome.CANCELLED
-    return done.complete
 
 
 def _gathered(request: Request, recordings: Sequence[Recording]) -> Data:

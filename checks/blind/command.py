@@ -122,8 +122,8 @@ def _run(args: argparse.Namespace) -> int:
     from checks.blind.page import write_page
     from checks.blind.run import BlindCheck, Stopped
     from checks.blind.score import score, sentences
-    from ros2_ident.cli.interrupt import interrupts
     from ros2_ident.cli.progress import Meter
+    from ros2_ident.cli.runs import interrupts
 
     root = Path(args.rescore or args.out or f'blind_{args.seed}')
     with Meter(quiet=args.quiet) as meter, interrupts() as cancel:

@@ -2,7 +2,6 @@
 """`ident diagnose`: where the gap to the log lies, what causes it, how far it closes."""
 
 import argparse
-import time
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
@@ -17,7 +16,7 @@ from ros2_ident.cli.arguments import (
     once,
     whole,
 )
-from ros2_ident.cli.report import carry_out
+from ros2_ident.cli.runs import carry_out
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
@@ -111,31 +110,25 @@ def request_of(args: argparse.Namespace) -> 'Request':
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose, write the result, print it."""
-    begun = time.monotonic()
     from ros2_ident.effects import add_effect_files
 
     # Before the simulations are composed of the effects there are.
     add_effect_files(args.effect)
     from ros2_ident import jobs
     from ros2_ident.gap.verdict import REFUSED
-    from ros2_ident.report.files import DIAGNOSIS_CHECKPOINT, OF_DIAGNOSIS
 
     if args.resume and not args.out:
         raise IdentError(
             ErrorCode.INVALID_GOAL,
             '--resume goes on by a file in the directory for the results; give --out, too',
         )
-    done = carry_out(
-        args, request_of(args), jobs.diagnose, print_diagnosis, OF_DIAGNOSIS,
-        DIAGNOSIS_CHECKPOINT, begun,
-    )  # fmt: skip
+    done = carry_out(args, request_of(args), jobs.diagnose, print_diagnosis)
     return 0 if done.complete and done.result.effect not in REFUSED else 1
 
 
 def print_diagnosis(d: 'Diagnosis') -> None:
     """Print a diagnosis on standard output, the answer first."""
-    from ros2_ident.cli.colour import alarming
-    from ros2_ident.cli.table import free_run
+    from ros2_ident.cli.table import alarming, free_run
     from ros2_ident.gap.verdict import REFUSED
     from ros2_ident.words.figures import compared, figure
     from ros2_ident.words.finding import where

@@ -106,7 +106,7 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Plan, write, say what it is worth."""
     from ros2_ident.cli.progress import Meter
-    from ros2_ident.cli.report import answered
+    from ros2_ident.cli.runs import answered
     from ros2_ident.excite.course import courses_for
     from ros2_ident.excite.files import PICTURE, require_place, write_excitation
     from ros2_ident.excite.information import Sensitivity
@@ -194,7 +194,6 @@ def _say(found: 'Excitation') -> None:
             rows.append(
                 (p.name, f'{found.values[n]:.5g}', f'± {half:.2g}', f'± {chance:.2g}', p.unit)
             )
-    for line in columns(rows, (False, True, True, True, False)):
-        print(line)
+    columns(rows, '<>>><')
     loads = ', '.join(f'{100.0 * x:.0f} % {name}' for name, x in found.loads.items() if x > 0.0)
     print(f'of the limits it takes at most: {loads}')

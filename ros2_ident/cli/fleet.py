@@ -4,7 +4,6 @@
 import argparse
 from contextlib import suppress
 from pathlib import Path
-import sys
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
@@ -21,6 +20,7 @@ from ros2_ident.cli.arguments import (
 from ros2_ident.errors import IdentError
 
 if TYPE_CHECKING:
+    from ros2_ident.cli.progress import Meter
     from ros2_ident.fleet import Entry, Row, Wish
 
 DESCRIPTION = (
@@ -70,48 +70,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 class _Board:
     """The table of all bags, filled as they come; plain lines where there is no terminal."""
 
-    def __init__(self, entries: 'list[Entry]', quiet: bool) -> None:
-        from rich.console import Console
-        from rich.live import Live
+    def __init__(self, entries: 'list[Entry]', meter: 'Meter') -> None:
+        self._rows = {x.name: ('waiting', '') for x in entries}
+        self._meter = meter
 
-        self._rows: dict[str, tuple[str, str]] = {x.name: ('waiting', '') for x in entries}
-        self._quiet = quiet
-        self._live: Any = None
-        if not quiet and sys.stderr.isatty():
-            self._live = Live(console=Console(stderr=True), transient=True)
+    def show(self, name: str, state: str = 'running', said: str = '') -> None:
+        """Show the state of a bag, and what was found in it."""
+        self._rows[name] = state, said
+        gone = sum(now in ('done', 'failed') for now, _ in self._rows.values())
+        self._meter.draw(self._table, f'{gone} of {len(self._rows)}: {name} {state} {said}')
 
-    def __enter__(self) -> '_Board':
-        if self._live is not None:
-            self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._live is not None:
-            self._live.stop()
-
-    def started(self, entry: 'Entry') -> None:
-        """Show that a bag is being worked on."""
-        self._show(entry.name, 'running', '')
-
-    def done(self, row: 'Row') -> None:
-        """Show a row."""
-        said = row.get('verdict') or row['message']
-        self._show(row['name'], row['state'], said)
-
-    def _show(self, name: str, state: str, said: str) -> None:
+    def _table(self) -> Any:
         from rich.table import Table
 
-        self._rows[name] = (state, said)
-        if self._live is not None:
-            table = Table('bag', 'state', 'verdict')
-            for bag, (now, text) in self._rows.items():
-                table.add_row(bag, now, text)
-            self._live.update(table)
-        elif not self._quiet:
-            gone = sum(now in ('done', 'failed') for now, _ in self._rows.values())
-            print(
-                f'{gone} of {len(self._rows)}: {name} {state} {said}', file=sys.stderr, flush=True
-            )
+        table = Table('bag', 'state', 'verdict')
+        for bag, (now, text) in self._rows.items():
+            table.add_row(bag, now, text)
+        return table
 
 
 def wish_of(args: argparse.Namespace) -> 'Wish':
@@ -133,8 +108,8 @@ def wish_of(args: argparse.Namespace) -> 'Wish':
 
 def run(args: argparse.Namespace) -> int:
     """Run the fleet and print how its machines compare."""
-    from ros2_ident.cli.interrupt import interrupts
-    from ros2_ident.cli.report import answered, page_line
+    from ros2_ident.cli.progress import Meter
+    from ros2_ident.cli.runs import answered, interrupts, page_line
     from ros2_ident.fleet import read_fleet, run_fleet, sound
 
     entries = read_fleet(args.list, args.machine)
@@ -144,13 +119,14 @@ def run(args: argparse.Namespace) -> int:
         # one that is fitted once more for the comparison takes its own place
         kept = {x['name']: x for x in (*rows, row)}
         rows[:] = [kept[entry.name] for entry in entries if entry.name in kept]
-        board.done(row)
+        board.show(row['name'], row['state'], _said(row))
 
     with (
         answered(_print) as answer,
         interrupts() as cancel,
-        _Board(entries, args.quiet) as board,
+        Meter(quiet=args.quiet) as meter,
     ):
+        board = _Board(entries, meter)
         answer(rows)
         run_fleet(
             entries,
@@ -158,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
             wish=wish_of(args),
             scheduler=args.scheduler,
             cancel=cancel,
-            on_start=board.started,
+            on_start=lambda entry: board.show(entry.name),
             on_row=done,
         )
     page = page_line(Path(args.out), wanted=True)
@@ -167,17 +143,19 @@ def run(args: argparse.Namespace) -> int:
     return 0 if len(rows) == len(entries) and all(map(sound, rows)) else 1
 
 
+def _said(row: 'Row') -> str:
+    return str(row.get('verdict') or row['message'])
+
+
 def _print(rows: 'list[Row]') -> None:
     from ros2_ident.cli.table import columns
     from ros2_ident.fleet import summarise
 
     lines = [('bag', 'machine', 'date', 'state', 'verdict')] if rows else []
     for row in rows:
-        said = row.get('verdict') or row['message']
         state = row['state'] if row['code'] == 'OK' else row['code']
-        lines.append((row['name'], row['machine'], row['date'], state, said))
-    for line in columns(lines, (False,) * 5):
-        print(line)
+        lines.append((row['name'], row['machine'], row['date'], state, _said(row)))
+    columns(lines, '<<<<<')
     with suppress(IdentError):  # without the page's packages they stand in fleet.json alone
         from ros2_ident.report.page.several import differences
 

@@ -2,8 +2,7 @@
 """`ident identify`: a machine's parameters from a bag."""
 
 import argparse
-import time
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import (
     add,
@@ -18,10 +17,9 @@ from ros2_ident.cli.arguments import (
     positive,
     whole,
 )
-from ros2_ident.cli.report import carry_out
+from ros2_ident.cli.runs import carry_out
 
 if TYPE_CHECKING:
-    from ros2_ident.identify.settings import IdentifySettings
     from ros2_ident.jobs import Request
 
 DESCRIPTION = (
@@ -49,6 +47,10 @@ EXIT_CODES = {
     1: 'cancelled, budget spent, not identifiable, diverged, or contradicted: log and machine '
     'file disagree, or the model leaves a large part of the log',
 }
+
+
+# Settings whose options have shorter names.
+_SETTINGS = {'stagnation': 'stagnation_generations', 'population': 'initial_population'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -124,59 +126,46 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         ('starts', count, 'refine at most N candidates; 4 by default'),
         ('samples', count, 'fit at most N effort samples of a long log; 180000 by default'),
     ):
-        group.add_argument(f'--{name}', type=kind, metavar='N', help=what)
+        field = _SETTINGS.get(name, name.replace('-', '_'))
+        group.add_argument(f'--{name}', dest=field, type=kind, metavar='N', help=what)
     add(group, '--threads', '--scheduler')
-
-
-def settings_of(args: argparse.Namespace) -> 'IdentifySettings':
-    """Return the settings of parsed arguments."""
-    from ros2_ident.identify.settings import IdentifySettings
-    from ros2_ident.search import Budget, GeneticSettings
-
-    given = {
-        'initial_population': args.population,
-        'survivors': args.survivors,
-        'children': args.children,
-        'generations': args.generations,
-        'range_reduction': args.range_reduction,
-        'min_distance': args.min_distance,
-        'stagnation_generations': args.stagnation,
-    }
-    more = {name: getattr(args, name) for name in ('starts', 'decimation')}
-    return IdentifySettings(
-        genetic=GeneticSettings(**{k: v for k, v in given.items() if v is not None}),
-        budget=Budget(evaluations=args.evaluations, seconds=args.seconds),
-        refine=not args.no_refine,
-        threads=args.threads,
-        method=args.method,
-        **{name: value for name, value in more.items() if value is not None},
-    )
 
 
 def request_of(args: argparse.Namespace) -> 'Request':
     """Return what parsed arguments ask for."""
-    from ros2_ident.identify.outputs import read_outputs
-    from ros2_ident.jobs import Request
+    from dataclasses import fields
 
+    from ros2_ident.identify.outputs import read_outputs
+    from ros2_ident.identify.settings import IdentifySettings
+    from ros2_ident.jobs import Request
+    from ros2_ident.search import Budget, GeneticSettings
+
+    given = {name: value for name, value in vars(args).items() if value is not None}
+
+    def of(kind: Any) -> dict[str, Any]:
+        return {x.name: given[x.name] for x in fields(kind) if x.name in given}
+
+    settings = IdentifySettings(
+        **of(IdentifySettings),
+        genetic=GeneticSettings(**of(GeneticSettings)),
+        budget=Budget(evaluations=args.evaluations, seconds=args.seconds),
+        refine=not args.no_refine,
+    )
     return Request(
         **asked(args),
         fixed=once(args.fix, '--fix'),
         bounds=once(args.bounds, '--bounds'),
         outputs=read_outputs(args.outputs),
-        settings=settings_of(args),
+        settings=settings,
         **({} if args.samples is None else {'samples': args.samples}),
     )
 
 
 def run(args: argparse.Namespace) -> int:
     """Identify, write the results, print them."""
-    begun = time.monotonic()
     from ros2_ident import jobs
     from ros2_ident.cli.table import print_result
     from ros2_ident.identify.result import Outcome
-    from ros2_ident.report.files import CHECKPOINT, OF_RESULT
 
-    done = carry_out(
-        args, request_of(args), jobs.identify, print_result, OF_RESULT, CHECKPOINT, begun
-    )
+    done = carry_out(args, request_of(args), jobs.identify, print_result)
     return 0 if done.result.outcome is Outcome.IDENTIFIED else 1

@@ -11,6 +11,7 @@ import importlib
 import os
 import sys
 import textwrap
+import time
 import traceback
 from typing import cast, Protocol
 
@@ -125,6 +126,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
+    begun = time.monotonic()
     one_thread_for_linear_algebra()
     words = list(sys.argv[1:] if argv is None else argv)
     parser = make_parser([*words, *os.environ.get('COMP_LINE', '').split()])
@@ -133,7 +135,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = parser.parse_args(words)
     except SystemExit as exc:
         return int(exc.code or 0)
-    args.words = words
+    args.words, args.begun = words, begun
     if args.version:
         from ros2_ident.identify.outcome import package_version
 

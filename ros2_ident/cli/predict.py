@@ -86,8 +86,7 @@ def run(args: argparse.Namespace) -> int:
         for name in ('rmse', 'mae'):
             numbers = [f'{getattr(e, name):.4g}' for e in row]
             rows.append((row[0].drive, row[0].quantity, row[0].unit, name.upper(), *numbers))
-    for line in columns(rows, (False,) * 4 + (True,) * len(found.stages)):
-        print(line)
+    columns(rows, '<<<<' + '>' * len(found.stages))
     if folder is not None:
         from ros2_ident.report.free_run import picture
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Progress of a run: a picture on a terminal, now and then a line elsewhere."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 import io
 import math
 import os
@@ -43,35 +43,24 @@ def fancy(stream: TextIO) -> bool:
     )
 
 
-def sparkline(values: Sequence[float], width: int = WIDTH) -> str:
-    """Return numbers as a row of at most `width` blocks; a space where there is none."""
+def sparkline(values: Sequence[float]) -> str:
+    """Return numbers as a row of at most `WIDTH` blocks; a space where there is none."""
     last = len(values) - 1
-    places = range(len(values)) if last < width else (k * last / (width - 1) for k in range(width))
+    places = range(len(values)) if last < WIDTH else (k * last / (WIDTH - 1) for k in range(WIDTH))
     shown = [values[round(k)] for k in places]
     known = [x for x in shown if math.isfinite(x)]
     low, high = min(known, default=0.0), max(known, default=0.0)
-    top = len(_BLOCKS) - 1
+    step = (len(_BLOCKS) - 1) / (high - low) if high > low else 0.0
     return ''.join(
-        ' '
-        if not math.isfinite(x)
-        else _BLOCKS[round(top * (x - low) / (high - low)) if high > low else 0]
-        for x in shown
+        _BLOCKS[round(step * (x - low))] if math.isfinite(x) else ' ' for x in shown
     )
 
 
-def describe(progress: IdentifyProgress) -> str:
-    """Return the phase and how far it is."""
+def _phase(progress: IdentifyProgress) -> str:
     if progress.phase == 'intervals':
         return 'intervals'
     what = 'generation' if progress.phase == 'search' else 'refining start'
     return f'{what} {progress.generation} of {progress.generations}'
-
-
-def best(progress: IdentifyProgress) -> str:
-    """Return the best cost so far with its unit."""
-    if not math.isfinite(progress.best_cost):
-        return 'no candidate converged yet'
-    return f'best {progress.best_cost:.5g} {progress.unit}'
 
 
 class Meter:
@@ -86,9 +75,7 @@ class Meter:
         self._stream = io.StringIO() if quiet else stream or sys.stderr
         self._start, self._last = time.monotonic(), -math.inf
         self._best = ''
-        self._costs: list[float] = []
-        self._spreads: list[float] = []
-        self._thetas: list[list[float]] = []
+        self._history: list[IdentifyProgress] = []
         self._live: Any = None
         self._waiting = threading.Timer(PATIENCE, lambda: self.note(WAIT))
         self._waiting.daemon = True
@@ -119,12 +106,19 @@ class Meter:
 
     def _due(self) -> bool:
         """Whether what is shown is so old that it is shown anew."""
-        self._waiting.cancel()
         now = time.monotonic()
         if now - self._last < (LINE_EVERY if self._live is None else DRAW_EVERY):
             return False
         self._last = now
         return True
+
+    def draw(self, picture: Callable[[], Any], line: str) -> None:
+        """Show where a run is: drawn, or as a line."""
+        self._waiting.cancel()
+        if self._live is None:
+            self.note(line)
+        else:
+            self._live.update(picture(), refresh=True)
 
     def __call__(self, fraction: float, text: str, eta: float | None = None) -> None:
         """Show the part that is done, 0 to 1, what is being done, and the time to go [s].
@@ -138,10 +132,9 @@ class Meter:
             eta = gone * (1.0 - fraction) / fraction if fraction > KNOWN else math.nan
         times = f'{duration(gone)} gone, {duration(eta)} to go'
         share = f'{100.0 * fraction:.0f} %'
-        if self._live is None:
-            self.note(f'{share}, {text}, {times}')
-        else:
-            self._live.update(_grid([[text, _bar(fraction), share, times]]), refresh=True)
+        self.draw(
+            lambda: _grid([text, _bar(fraction), share, times]), f'{share}, {text}, {times}'
+        )
 
     def show(self, progress: 'IdentifyProgress | DiagnoseProgress') -> None:
         """Show how far a run is; of a search also how its best changed, and the parameters."""
@@ -150,54 +143,49 @@ class Meter:
                 self._best = progress.best_so_far
                 self.note(f'so far: {self._best}')
             self(progress.fraction, progress.stage, progress.eta)
-            return
-        if not self._due():
-            return
-        if self._live is not None:
-            self._live.update(self._picture(progress), refresh=True)
-            return
-        self.note(
-            f'{describe(progress)}, {progress.evaluations} candidates, {best(progress)}, '
-            f'{duration(progress.elapsed)} gone, {duration(progress.eta)} to go'
-        )
+        elif self._due():
+            best = f'best {progress.best_cost:.5g} {progress.unit}'
+            if not math.isfinite(progress.best_cost):
+                best = 'no candidate converged yet'
+            said = _phase(progress), f'{progress.evaluations} candidates', best
+            times = f'{duration(progress.elapsed)} gone, {duration(progress.eta)} to go'
+            self.draw(
+                lambda: self._picture(progress, *said, times), ', '.join((*said, times))
+            )
 
-    def _picture(self, progress: IdentifyProgress) -> Any:
+    def _picture(
+        self, progress: IdentifyProgress, phase: str, tried: str, best: str, times: str
+    ) -> Any:
         """Take a progress into the history; return what is drawn."""
         from rich.console import Group
         from rich.table import Table
         from rich.text import Text
 
+        def line(values: Iterable[float]) -> Text:
+            return Text(sparkline([float(x) for x in values]), style='cyan')
+
+        self._history.append(progress)
         # equal to the eye along orders of magnitude
-        self._costs.append(math.log(progress.best_cost) if progress.best_cost > 0.0 else math.nan)
-        self._spreads.append(progress.spread)
-        self._thetas.append([float(x) for x in progress.best_theta])
+        costs = (math.log(p.best_cost) if p.best_cost > 0.0 else math.nan for p in self._history)
         spread = f'{progress.spread:.2g}' if math.isfinite(progress.spread) else '?'
         done = progress.evaluations / max(1, progress.budget)
-        head = _grid([
-            [
-                Text(describe(progress), style='bold'),
-                _bar(done),
-                f'{progress.evaluations} candidates',
-            ],
-            [
-                best(progress),
-                Text(sparkline(self._costs), style='cyan'),
-                f'{duration(progress.elapsed)} gone, {duration(progress.eta)} to go',
-            ],
-            [f'spread {spread} of the bounds', Text(sparkline(self._spreads), style='cyan')],
-        ])
+        head = _grid(
+            [Text(phase, style='bold'), _bar(done), tried],
+            [best, line(costs), times],
+            [f'spread {spread} of the bounds', line(p.spread for p in self._history)],
+        )
         table = Table(box=None, padding=(0, 2, 0, 0), header_style='dim')
         for name in ('parameter', 'best so far', 'how it changed'):
             table.add_column(name, justify='right' if name == 'best so far' else 'left')
         room = max(1, self._live.console.height - AROUND)
         for k, name in enumerate(progress.names[:room]):
-            changes = sparkline([theta[k] for theta in self._thetas])
-            table.add_row(name, f'{progress.best_theta[k]:.5g}', Text(changes, style='cyan'))
+            changes = line(p.best_theta[k] for p in self._history)
+            table.add_row(name, f'{progress.best_theta[k]:.5g}', changes)
         more = len(progress.names) - room
         return Group(head, table, *([f'and {more} more'] if more > 0 else []))
 
 
-def _grid(rows: Sequence[Sequence[Any]]) -> Any:
+def _grid(*rows: Sequence[Any]) -> Any:
     from rich.table import Table
 
     grid = Table.grid(padding=(0, 2))

@@ -7,14 +7,7 @@ import re
 import shlex
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import (
-    add,
-    effects_at,
-    not_negative,
-    once,
-    positive,
-    whole,
-)
+from ros2_ident.cli.arguments import add, effects_at, not_negative, once, positive, whole
 
 if TYPE_CHECKING:
     from ros2_ident.models import Machine
@@ -116,13 +109,10 @@ def run(args: argparse.Namespace) -> int:
     )
     units = {key.name: key.unit for key in kind_of(machine).keys}
     units |= {name: unit for name, (_, _, unit) in machine.bounds.items()}
-    rows = [
-        (name, f'{value:.6g}', _unit(units, name)) for name, value in truth.items()
-    ]
+    rows = [(name, f'{value:.6g}', _unit(units, name)) for name, value in truth.items()]
     # Sizes are shares of this motion's efforts: for another one they are given as values.
     rows += [(name, f'{value:.6g}', '') for name, value in bag.log.effects.items()]
-    for line in columns(rows, (False, True, False)):
-        print(line)
+    columns(rows, '<><')
     print(f'written: {path}, {motion.seconds:.4g} s of the motion {args.motion}')
     return 0
 

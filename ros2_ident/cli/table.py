@@ -3,8 +3,9 @@
 
 from collections.abc import Sequence
 import math
+import os
+import sys
 
-from ros2_ident.cli.colour import alarming
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.prediction import Prediction
 from ros2_ident.words.figures import duration, figure
@@ -16,21 +17,23 @@ TELLING = 1000.0
 WIDER = 1.1
 
 
-def columns(rows: Sequence[Sequence[str]], right: Sequence[bool]) -> list[str]:
-    """Return rows as lines with aligned columns.
+def alarming(text: str) -> str:
+    """Return a text in red where standard output is a terminal that shows it and is to."""
+    plain = os.environ.get('NO_COLOR') or os.environ.get('TERM', '') in ('', 'dumb', 'unknown')
+    return text if plain or not sys.stdout.isatty() else f'\033[1;31m{text}\033[0m'
+
+
+def columns(rows: Sequence[Sequence[str]], sides: str) -> None:
+    """Print rows in aligned columns.
 
     Args:
         rows: Cells, the same number in each row.
-        right: For each column whether it is set to the right.
+        sides: For each column `<` to set it to the left, or `>`.
     """
-    widths = [max((len(row[c]) for row in rows), default=0) for c in range(len(right))]
-    return [
-        '  '.join(
-            cell.rjust(width) if to_right else cell.ljust(width)
-            for cell, width, to_right in zip(row, widths, right, strict=True)
-        ).rstrip()
-        for row in rows
-    ]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (f'{x:{s}{w}}' for x, s, w in zip(row, sides, widths, strict=True))
+        print('  '.join(cells).rstrip())
 
 
 def _number(value: float) -> str:
@@ -83,8 +86,7 @@ def print_result(result: Identification) -> None:
     rows = [head, *map(_row, result.parameters)]
     if not any(row[4] for row in rows[1:]):
         rows = [(*row[:4], '', *row[5:]) for row in rows]
-    for line in columns(rows, (False, True, True, True, True, False, False)):
-        print(line)
+    columns(rows, '<>>>><<')
     cost = result.cost
     refined = '' if math.isnan(cost.refined) else f', refined {cost.refined:.5g} {cost.unit}'
     by = 'genetic algorithm' if result.generations else 'least squares'

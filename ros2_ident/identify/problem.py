@@ -16,6 +16,7 @@ from ros2_ident.identify.data import chosen_drives, Data
 from ros2_ident.identify.layout import check_overrides, Conditions, expanded, held_of, Layout
 from ros2_ident.identify.outputs import Outputs, weights_of
 from ros2_ident.identify.result import DriveResidual, Quality
+from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.kernel.hooks import sources_digest
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
@@ -280,13 +281,13 @@ class Setup:
 
     machine: Machine
     data: Data = field(repr=False)
-    drives: Sequence[str]
-    fixed: Mapping[str, float] | None
-    bounds: Mapping[str, tuple[float, float]] | None
-    effects: Sequence[EffectAt]
-    cutoff: float
-    conditions: Conditions
-    outputs: Outputs
+    drives: Sequence[str] | None = None
+    fixed: Mapping[str, float] | None = None
+    bounds: Mapping[str, tuple[float, float]] | None = None
+    effects: Sequence[EffectAt] = ()
+    cutoff: float = IdentifySettings.cutoff
+    conditions: Conditions = Conditions()
+    outputs: Outputs = field(default_factory=dict)
 
     def problem(self) -> Problem:
         """Return the machine's model on every segment, as one problem.
@@ -346,8 +347,9 @@ class Setup:
         return replace(self, data=data, bounds=None, outputs=outputs)
 
     def _weights(self) -> tuple[float, ...]:
+        drives = chosen_drives(self.machine, self.drives)
         noise = self.machine.effort_noise
-        return weights_of(self.outputs, self.data.datasets, self.drives, noise)
+        return weights_of(self.outputs, self.data.datasets, drives, noise)
 
 
 def _check_names(machine: Machine, data: Data, effort: bool) -> None:

@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -10,9 +11,8 @@ from ros2_ident.identify.data import chosen_drives, Data
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outputs import checked, Outputs
 from ros2_ident.identify.problem import Problem, Setup
-from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.machine.machine import Machine
-from ros2_ident.models import EffectAt, Model
+from ros2_ident.models import Model
 from ros2_ident.models.registry import compared_of
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.plausibility import standing
@@ -22,31 +22,31 @@ def problem_of(
     machine: Machine,
     data: Data,
     *,
-    drives: Sequence[str] | None = None,
-    fixed: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    effects: Sequence[EffectAt] = (),
-    cutoff: float = IdentifySettings.cutoff,
     conditions: Conditions | None = None,
     outputs: Outputs | None = None,
+    **asked: Any,
 ) -> Problem:
-    """Return a machine's model on every segment, as one problem; arguments as for `Setup`.
+    """Return a machine's model on every segment, as one problem.
+
+    Args:
+        machine: The machine.
+        data: The segments.
+        conditions: How the recordings differ.
+        outputs: What is compared; what the kind of machine compares where None.
+        asked: Other attributes of `Setup`.
 
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, NO_DATA, or as `make_model`.
     """
-    differ = conditions or Conditions()
+    differ, compared = conditions or Conditions(), checked(outputs, compared_of(machine))
     differ.check(data.labels)
-    compared = checked(outputs, compared_of(machine))
-    machine, moving = at_rest(machine, data.datasets, drives)
-    if machine.stands and moving != drives:
+    setup = Setup(machine, data, conditions=differ, outputs=compared, **asked)
+    machine, drives = at_rest(machine, data.datasets, setup.drives)
+    if machine.stands and drives != setup.drives:
         names = ', '.join(machine.stands)
         said = f'{names} stood still: nothing is found of their friction and rotors; their links '
         data = replace(data, warnings=(*data.warnings, f'{said}count as they stood'))
-    drives = moving
-    return Setup(
-        machine, data, drives, fixed, bounds, effects, cutoff, differ, compared
-    ).problem()
+    return replace(setup, machine=machine, data=data, drives=drives).problem()
 
 
 def at_rest(

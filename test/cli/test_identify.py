@@ -217,7 +217,7 @@ def test_bad_input_is_one_sentence_and_2(command, place, path, text, capsys):
 def test_a_signal_in_the_middle_of_a_line_of_progress_does_no_harm():
     script = (
         'import io, os, signal, sys\n'
-        'from ros2_ident.cli.interrupt import interrupts\n'
+        'from ros2_ident.cli.runs import interrupts\n'
         'class Raw(io.FileIO):\n'
         '    def write(self, data):\n'
         '        os.kill(os.getpid(), signal.SIGTERM)\n'

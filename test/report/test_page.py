@@ -18,7 +18,7 @@ from report_cases import (
 )
 
 from ros2_ident.cli.main import main
-from ros2_ident.cli.report import page_line
+from ros2_ident.cli.runs import page_line
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export.estimate import read_estimate
