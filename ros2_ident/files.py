@@ -46,10 +46,9 @@ def mark(kind: str) -> str:
 
 def kind_of(path: str | Path) -> bytes:
     """Return the kind that a file's mark names; empty where it has none."""
-    with suppress(OSError), open(path, 'rb', opener=_without_waiting) as file:
-        if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            found = _MARK.search(file.read(_MARKED))
-            return found[found.lastindex or 0] if found else b''
+    with suppress(OSError), _regular(path) as file:
+        found = _MARK.search(file.read(_MARKED))
+        return found[found.lastindex or 0] if found else b''
     return b''
 
 
@@ -69,11 +68,12 @@ def require_ours(
     read = {Path(x).resolve() for x in inputs}
     for path in map(Path, paths):
         what, there = '', kind_of(path)
+        empty = path.is_file() and not path.stat().st_size
         if path.is_dir():
             what = 'is a directory where a file has to go'
         elif path.resolve() in read:
             what = 'is what is read and will not be replaced'
-        elif not there and _holds(path):
+        elif not there and os.path.lexists(path) and not empty:
             what = 'is no file that ident wrote and will not be replaced'
         elif there and kind not in (None, there):
             what = f'is a file of another kind ({there.decode()}) and will not be replaced'
@@ -90,34 +90,28 @@ def make_directory(path: str | Path) -> Path:
     Raises:
         IdentError: INVALID_GOAL where something else is there or it cannot be written to.
     """
-    path = Path(path)
+    path, why = Path(path), ''
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as exc:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{path}: cannot be made ({exc.strerror}); give another directory for the results',
-        ) from None
-    if not os.access(path, os.W_OK):
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{path}: cannot be written to; give another directory for the results',
-        )
+        why = f'cannot be made ({exc.strerror})'
+    if not why and not os.access(path, os.W_OK):
+        why = 'cannot be written to'
+    if why:
+        text = f'{path}: {why}; give another directory for the results'
+        raise IdentError(ErrorCode.INVALID_GOAL, text)
     return path
 
 
 @contextmanager
 def sole_writer(path: str | Path, names: Iterable[str] = ()) -> Iterator[Path]:
-    """Make the directory results go to; no other run writes there meanwhile.
+    """Make the directory results go to, and yield it; no other run writes there meanwhile.
 
     Two runs at once would leave files of both side by side.
 
     Args:
         path: The directory.
         names: Files that the run will write.
-
-    Yields:
-        The directory.
 
     Raises:
         IdentError: INVALID_GOAL where it cannot be made, `require_ours` refuses one of the files,
@@ -193,18 +187,22 @@ def replacing_directory(path: str | Path, *, replace: bool = False) -> Iterator[
     """
     path = Path(path)
     partial = _beside(path)
-    new = partial / 'new' / path.name
+    new, old = partial / 'new' / path.name, partial / 'old'
     with _explained(path):
         try:
             new.parent.mkdir(parents=True)
             yield new
             for made in (new, *new.rglob('*')):
                 _sync(made)
-            _swap(new, path, partial / 'old', replace)
+            if os.path.lexists(path):
+                if path.is_symlink() or not replace:
+                    raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+                os.rename(path, old)
+            os.rename(new, path)
         except BaseException:
-            shutil.rmtree(new.parent, ignore_errors=True)
-            with suppress(OSError):
-                partial.rmdir()
+            if old.exists():
+                os.rename(old, path)
+            shutil.rmtree(partial, ignore_errors=True)
             raise
         _sync(path.parent)
     shutil.rmtree(partial, ignore_errors=True)
@@ -236,26 +234,8 @@ def remove_directory(path: str | Path) -> None:
     shutil.rmtree(partial, ignore_errors=True)
 
 
-def _swap(new: Path, path: Path, old: Path, replace: bool) -> None:
-    """Put a new directory at a path, and what was there at `old`."""
-    if os.path.lexists(path):
-        if path.is_symlink() or not replace:
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
-        os.rename(path, old)
-    try:
-        os.rename(new, path)
-    except BaseException:
-        if old.exists():
-            os.rename(old, path)
-        raise
-
-
 def write_text(path: str | Path, text: str, *, replace: bool = False) -> Path:
-    """Write a text as UTF-8, its line ends as they are; see `replacing`.
-
-    Returns:
-        The path.
-    """
+    """Write a text as UTF-8, its line ends as they are, and return the path; see `replacing`."""
     with replacing(path, replace=replace) as file:
         file.write(text.encode())
     return Path(path)
@@ -273,11 +253,7 @@ def write_table(
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
-    """Write arrays by name as NPZ without pickle; see `replacing`.
-
-    Returns:
-        The path.
-    """
+    """Write arrays by name as NPZ without pickle, and return the path; see `replacing`."""
     with replacing(path) as file:
         np.savez_compressed(file, allow_pickle=False, **{mark('arrays'): np.array(1), **arrays})
     return Path(path)
@@ -293,13 +269,10 @@ def read_small(path: str | Path, most: int = 1 << 18) -> bytes:
     Raises:
         OSError: It cannot be read, is no regular file (which might never end), or is larger.
     """
-    number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    with open(number, 'rb') as file:
-        about = os.fstat(number)
-        if not stat.S_ISREG(about.st_mode):
-            raise OSError(errno.EINVAL, 'it is no regular file')
-        if about.st_size > most:
-            raise OSError(errno.EFBIG, f'it has {about.st_size} bytes and may have {most}')
+    with _regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > most:
+            raise OSError(errno.EFBIG, f'it has {size} bytes and may have {most}')
         return file.read(most)
 
 
@@ -352,10 +325,6 @@ class Growing:
         """Return bytes from a place on, fewer at the end of it."""
         return os.pread(self._number, count, start)
 
-    def tail(self, count: int) -> bytes:
-        """Return the last bytes of it."""
-        return os.pread(self._number, count, max(0, self.size - count))
-
     def write(self, data: bytes) -> None:
         """Append bytes; where that fails, what was there before stays whole."""
         with _explained(self._path):
@@ -379,14 +348,13 @@ class Growing:
         os.close(self._number)
 
 
-def _holds(path: Path) -> bool:
-    """Return whether there is anything at a path that could be lost."""
-    return os.path.lexists(path) and not (path.is_file() and path.stat().st_size == 0)
-
-
-def _without_waiting(path: str, flags: int) -> int:
-    """Open a file; a pipe is not waited for."""
-    return os.open(path, flags | os.O_NONBLOCK)
+@contextmanager
+def _regular(path: str | Path) -> Iterator[IO[bytes]]:
+    """Open a regular file to read; a pipe is not waited for."""
+    with open(path, 'rb', opener=lambda x, flags: os.open(x, flags | os.O_NONBLOCK)) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(errno.EINVAL, 'it is no regular file')
+        yield file
 
 
 def _beside(path: Path) -> Path:

@@ -21,7 +21,7 @@ from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag, Topics
-from ros2_ident.recording.smooth import low_pass, smooth_motion
+from ros2_ident.recording.motion import low_pass, smooth_motion
 
 Array = npt.NDArray[np.float64]
 

@@ -58,12 +58,11 @@ OWN: dict[str, str] = {
     'recording.outliers': 'recording_outliers',
     'recording.limits': 'recording_damage',
     'recording.mcap_scan': 'recording_damage recording_bag',
-    'recording.motion': 'recording_quality',
+    'recording.motion': 'recording_quality recording_smooth',
     'recording.plausibility': 'recording_quality',
     'recording.rosbag1_scan': 'recording_damage recording_bag',
     'recording.setpoint': 'recording_align',
     'recording.shown': 'recording_builder recording_damage',
-    'recording.smooth': 'recording_smooth',
     'recording.storage': 'recording_bag recording_damage',
     'recording.write': 'recording_damage recording_bag',
 }

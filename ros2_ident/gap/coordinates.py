@@ -15,7 +15,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.gates.log import SEEN
 from ros2_ident.models import FullModel
 from ros2_ident.recording import smooth_motion
-from ros2_ident.recording.smooth import allowed_cutoff
+from ros2_ident.recording.motion import allowed_cutoff
 
 Parity = Literal['', 'odd', 'even']
 

@@ -19,8 +19,7 @@ from ros2_ident.gates.instants import highest, peaks_of, robust_fit, robust_size
 from ros2_ident.gates.scale import figure, LATEST_EFFORT, MOSTLY, OWN, SLOW, STANDS_OUT
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset, smooth_motion
-from ros2_ident.recording.motion import fill_gaps
-from ros2_ident.recording.smooth import allowed_cutoff, low_pass
+from ros2_ident.recording.motion import allowed_cutoff, fill_gaps, low_pass
 
 # Values that are compared in each period of the band's end, and periods left out at either end.
 _VALUES, _ENDS = 8.0, 1.5

@@ -13,8 +13,7 @@ from ros2_ident.gates.scale import FEWEST, FLOORS, SLOW
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset, smooth_motion
-from ros2_ident.recording.motion import fill_gaps
-from ros2_ident.recording.smooth import allowed_cutoff, low_pass
+from ros2_ident.recording.motion import allowed_cutoff, fill_gaps, low_pass
 
 # A drive that its own motion leaves so much of, in standard deviations, may be a joint of an arm,
 # where other joints' positions take this share of what is left (mean square) away.

@@ -25,7 +25,7 @@ from ros2_ident.gates.scale import (
     UNITS,
 )
 from ros2_ident.recording import Dataset, smooth_motion
-from ros2_ident.recording.smooth import allowed_cutoff
+from ros2_ident.recording.motion import allowed_cutoff
 
 # Motion faster than this is left out, Hz, and speeds are compared at about this rate, Hz.
 _SLOW, _RATE = 15.0, 250.0

@@ -9,7 +9,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.dataset import AlignQuality, Dataset, StreamQuality
 from ros2_ident.recording.grid import find_ticks, sample_period, Ticks
-from ros2_ident.recording.limits import Limits, too_large
+from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.setpoint import interpolate_setpoint
 from ros2_ident.recording.streams import (
     FIELDS,
@@ -101,7 +101,8 @@ def align(
         )
     recording = scale_effort(recording, effort_scale)
     asking = recording.command
-    if not follows or ('command' not in need and _only_efforts(asking)):
+    only_efforts = asking is not None and asking.position is None and asking.effort is not None
+    if not follows or ('command' not in need and only_efforts):
         recording = replace(recording, command=None)
     warnings = list(recording.warnings)
     recording, found = with_positions(recording, names)
@@ -117,10 +118,8 @@ def align(
     if released:
         off, cycles = _released(placed, start, cycles, cycle, warnings)
     warnings += _outside(placed, start, cycles)
-    needed, limits = _GRIDS * cycles * len(names) * 8, limits or Limits()
-    if needed > limits.memory:
-        what = f'{where}: a grid of {cycles} controller cycles takes'
-        raise too_large(what, needed, limits.memory, 'memory')
+    what = f'{where}: a grid of {cycles} controller cycles takes'
+    (limits or Limits()).require_memory(what, _GRIDS * cycles * len(names) * 8)
     command = placed.get('command')
     position = velocity = None
     if command is not None:
@@ -128,7 +127,7 @@ def align(
     measured = {field: _measured(field, placed, names, start, cycles) for field in FIELDS}
     _check_need(where, recording, names, measured, command is not None, need)
     quality = AlignQuality(
-        tuple(_quality(x, names, start, cycles) for x in placed.values()),
+        tuple(_quality(x, start, cycles) for x in placed.values()),
         tuple(dict.fromkeys(warnings)),
     )
     origin = placed['state'] if 'state' in placed else next(iter(placed.values()))
@@ -148,11 +147,6 @@ def align(
         off,
         _asked(asking, names, begin, grid),
     )
-
-
-def _only_efforts(command: Stream | None) -> bool:
-    """Whether a command asks for efforts and nothing else."""
-    return command is not None and command.position is None and command.effort is not None
 
 
 def _asked(
@@ -522,26 +516,19 @@ def _check_need(
         raise IdentError(code, f'{where}: {text}')
 
 
-def _quality(placed: _Placed, names: tuple[str, ...], start: int, cycles: int) -> StreamQuality:
+def _quality(placed: _Placed, start: int, cycles: int) -> StreamQuality:
     """Count what of a stream lies on the grid."""
     tick = placed.tick
     inside = (tick >= start) & (tick < start + cycles)
-    used = int(inside.sum())
     stride = placed.ticks.stride
     steps = np.diff(tick[inside])
     usual = stride or (float(np.median(steps)) if steps.size else 1.0)
     missing = int(np.maximum(np.round(steps / usual) - 1, 0).sum()) if steps.size else 0
-    nan = {}
-    for field, values in placed.stream.fields.items():
-        for name, count in zip(names, np.isnan(values[inside]).sum(axis=0).tolist(), strict=True):
-            if 0 < count < used:
-                nan[f'{field} {name}'] = count
     return StreamQuality(
         placed.role,
-        used,
+        int(inside.sum()),
         missing,
         1.0 / placed.period if placed.period else 0.0,
         placed.ticks.jitter,
         stride,
-        nan,
     )

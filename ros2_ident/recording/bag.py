@@ -300,7 +300,9 @@ def _account(file: Path, losses: Losses, content: Content, *, alone: bool) -> No
     remedy = 'copy the file again'
     if file.suffix == '.mcap':
         remedy = f'`mcap recover {name}` writes a sound file of the same content'
-    content.warnings.append(losses.sentence(file, remedy))
+    lost = f', {losses.messages} are lost' if losses.messages else ''
+    read = f'{losses.whole} whole messages were read{lost}'
+    content.warnings.append(f'{file}: is damaged: {losses.text}, {read}; {remedy}')
 
 
 def _scan(path: Path, content: Content, metadata: Metadata | None) -> Losses:
@@ -312,7 +314,7 @@ def _scan(path: Path, content: Content, metadata: Metadata | None) -> Losses:
     if path.suffix == '.bag':
         return rosbag1_scan.scan(path, content)
     if path.suffix == '.db3':
-        return db3_scan.scan(path, content, metadata.checksums if metadata else None)
+        return db3_scan.scan(path, content, metadata.custom if metadata else None)
     raise Damage('its kind is not known')
 
 
@@ -374,7 +376,7 @@ def _check_topics(
                 f'{path}: holds no message of {topic}, named as its {given[0]} topic, only '
                 f'{_held(raw)}; name one of these, or `none` where no {given[0]} was recorded',
             )
-    if any(raw.messages.get((topic, role)) for topic in roles for role in roles[topic]):
+    if any(messages.count for messages in raw.messages.values()):
         return
     silent = [topic for topic in roles if topic in raw.types]
     if silent:
@@ -414,7 +416,7 @@ def _feed(
         )
     if messages.lost:
         builder.warn(
-            f'{topic}: {messages.lost} of {len(messages)} messages are no valid '
+            f'{topic}: {messages.lost} of {messages.count} messages are no valid '
             f'{kind.rpartition("/")[2]} and are left out'
         )
     unstamped = all(not block.stamp.any() for _, block in messages.blocks)

@@ -14,8 +14,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from ros2_ident.errors import IdentError
 from ros2_ident.recording.dataset import Dataset
-from ros2_ident.recording.motion import fill_gaps
-from ros2_ident.recording.smooth import low_pass, smooth_motion
+from ros2_ident.recording.motion import fill_gaps, low_pass, smooth_motion
 from ros2_ident.recording.streams import FloatArray
 
 # The highest band, as a share of the rate, and the lowest, Hz.

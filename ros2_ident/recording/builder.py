@@ -10,7 +10,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.grid import sample_period
-from ros2_ident.recording.limits import Limits, too_large, variable_of
+from ros2_ident.recording.limits import Limits, variable_of
 from ros2_ident.recording.outliers import leave_out
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.streams import (
@@ -289,9 +289,7 @@ class RecordingBuilder:
             )
             return []
         needed = 3 * sum(measured) * len(names) * track.count * 8
-        if needed > self.limits.memory:
-            what = f'{self.source}: {role} with {len(names)} joints takes'
-            raise too_large(what, needed, self.limits.memory, 'memory')
+        self.limits.require_memory(f'{self.source}: {role} with {len(names)} joints takes', needed)
         stamp, _, fields = track.joined(track.blocks)
         for target in fields:
             if target is not None and (bad := np.abs(target) > _ABSURD).any():
@@ -299,18 +297,20 @@ class RecordingBuilder:
                 warnings.append(
                     f'{role}: {int(bad.sum())} infinite values are taken as not measured'
                 )
-        split = _split_stamps(stamp, f'{self.source}: {role}')
-        if split.stray.size:
-            warnings.append(_strayed(role, stamp, split.stray))
-        if split.reordered:
+        stray = _find_stray(stamp)
+        if stray.size:
+            warnings.append(_strayed(role, stamp, stray))
+        there = np.delete(np.arange(stamp.size), stray)
+        segments, late = _cut(stamp[there], f'{self.source}: {role}')
+        if late:
             warnings.append(
-                f'{role}: {split.reordered} messages overtook others and were put back into order'
+                f'{role}: {late} messages overtook others and were put back into order'
             )
         streams = []
         repeated = 0
-        for rows in split.segments:
+        for rows in (there[x] for x in segments):
             # Most logs are one segment in order: a copy of all of it would say nothing new.
-            untouched = not split.reordered and rows.size == stamp.size
+            untouched = not late and rows.size == stamp.size
             part, cut, doubled = _merge(
                 stamp if untouched else stamp[rows],
                 [x if untouched or x is None else x[rows] for x in fields],
@@ -403,46 +403,6 @@ def _merge(
 # ---------------------------------------------------------------------- where a recording ends
 
 
-@dataclass(frozen=True)
-class _Split:
-    """The segments of one stream.
-
-    Attributes:
-        segments: For each segment the rows of its messages in the order of their stamps.
-        reordered: How many messages arrived late and were put back.
-        stray: Rows left out because their stamps lie apart from those around them.
-    """
-
-    segments: tuple[IntArray, ...]
-    reordered: int
-    stray: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-
-
-def _split_stamps(stamp: IntArray, where: str) -> _Split:
-    """Cut a stream at the backward steps of its stamps.
-
-    A message that was merely overtaken has a stamp of its own, lies at most a few periods back,
-    and the next stamps go on above the highest one so far; everything else that steps back is a
-    restart.
-
-    Args:
-        stamp: Stamps (T,), ns, in the order of arrival.
-        where: The stream's name, for the error.
-
-    Returns:
-        The segments and the number of overtaken messages.
-
-    Raises:
-        IdentError: BAD_VALUES where the stamps jump back and forth all the time.
-    """
-    stray = _find_stray(stamp)
-    if not stray.size:
-        return _cut(stamp, where)
-    rows = np.delete(np.arange(stamp.size), stray)
-    found = _cut(stamp[rows], where)
-    return replace(found, segments=tuple(rows[x] for x in found.segments), stray=stray)
-
-
 def _find_stray(stamp: IntArray) -> IntArray:
     """Return the messages whose stamps lie apart from those before and after, which fit together.
 
@@ -478,12 +438,27 @@ def _find_stray(stamp: IntArray) -> IntArray:
     return np.array(found, dtype=np.int64)
 
 
-def _cut(stamp: IntArray, where: str) -> _Split:
-    """Cut a stream at the backward steps of its stamps."""
+def _cut(stamp: IntArray, where: str) -> tuple[list[IntArray], int]:
+    """Cut a stream at the backward steps of its stamps.
+
+    A message that was merely overtaken has a stamp of its own, lies at most a few periods back,
+    and the next stamps go on above the highest one so far; everything else that steps back is a
+    restart.
+
+    Args:
+        stamp: Stamps (T,), ns, in the order of arrival.
+        where: The stream's name, for the error.
+
+    Returns:
+        Rows of each segment in the order of their stamps, and how many messages were overtaken.
+
+    Raises:
+        IdentError: BAD_VALUES where the stamps jump back and forth all the time.
+    """
     steps = np.diff(stamp)
     back = np.flatnonzero(steps < 0) + 1
     if not back.size:
-        return _Split((np.arange(stamp.size),), 0)
+        return [np.arange(stamp.size)], 0
     forward = steps[steps > 0]
     period = float(np.median(forward)) if forward.size else 0.0
     cuts = [0]
@@ -509,7 +484,7 @@ def _cut(stamp: IntArray, where: str) -> _Split:
     cuts.append(stamp.size)
     rows = np.arange(stamp.size)
     parts = (rows[a:b] for a, b in zip(cuts, cuts[1:], strict=False))
-    return _Split(tuple(part[np.argsort(stamp[part], kind='stable')] for part in parts), late)
+    return [part[np.argsort(stamp[part], kind='stable')] for part in parts], late
 
 
 def _overtaken(stamp: IntArray, start: int, begin: int, period: float) -> int:

@@ -7,10 +7,13 @@ same bytes: the layout is parsed once, all numbers are picked with two array ope
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 import struct
 
 import numpy as np
 from numpy.typing import NDArray
+from rosbags.typesys import get_typestore, Stores
+from rosbags.typesys.store import Typestore
 
 from ros2_ident.recording.limits import Limits, variable_of
 from ros2_ident.recording.streams import FloatArray, IntArray
@@ -19,6 +22,8 @@ from ros2_ident.recording.streams import FloatArray, IntArray
 _ROUNDS = 32
 # CDR may be filled up to its alignment; more at the end is no JointState.
 _PADDING = 8
+_ANY = Limits(joints=1 << 31, name=1 << 31)
+JOINT_STATE = 'sensor_msgs/msg/JointState'
 _HEADER = 4  # bytes of encapsulation before the first byte that alignment counts from
 
 
@@ -280,6 +285,11 @@ def _picked(table: NDArray[np.uint8], places: IntArray, order: str) -> FloatArra
     return values
 
 
+@cache
+def _store() -> Typestore:
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
 def encode(
     stamp: IntArray,
     names: Sequence[str],
@@ -297,31 +307,19 @@ def encode(
     Returns:
         T messages, little-endian CDR with encapsulation.
     """
-    head = bytearray(b'\x00\x01\x00\x00' + bytes(8))
-
-    def text(value: str) -> None:
-        head.extend(bytes(-(len(head) - _HEADER) % 4))
-        raw = value.encode() + b'\0'
-        head.extend(struct.pack('<I', len(raw)) + raw)
-
-    text(frame_id)
-    head.extend(bytes(-(len(head) - _HEADER) % 4))
-    head.extend(struct.pack('<I', len(names)))
-    for name in names:
-        text(name)
-    head.extend(bytes(-(len(head) - _HEADER) % 4))
-    spans = []
-    for values in fields:
-        head.extend(struct.pack('<I', 0 if values is None else len(names)))
-        if values is not None and len(names):
-            head.extend(bytes(-(len(head) - _HEADER) % 8))
-            spans.append((len(head), values))
-            head.extend(bytes(8 * len(names)))
-    table = np.tile(np.frombuffer(bytes(head), dtype=np.uint8), (stamp.size, 1))
+    store = _store()
+    header, joints, time = (
+        store.types[x] for x in ('std_msgs/msg/Header', JOINT_STATE, 'builtin_interfaces/msg/Time')
+    )
+    rows = [np.zeros(0 if x is None else len(names)) for x in fields]
+    one = joints(header(time(0, 0), frame_id), list(names), *rows)
+    message = bytes(store.serialize_cdr(one, JOINT_STATE))
+    table = np.tile(np.frombuffer(message, dtype=np.uint8), (stamp.size, 1))
     seconds, nanoseconds = np.divmod(np.asarray(stamp, dtype=np.int64), 1_000_000_000)
     table[:, 4:8] = seconds.astype('<i4').view(np.uint8).reshape(-1, 4)
     table[:, 8:12] = nanoseconds.astype('<u4').view(np.uint8).reshape(-1, 4)
-    for begin, values in spans:
-        raw = np.ascontiguousarray(values, dtype='<f8').view(np.uint8).reshape(stamp.size, -1)
-        table[:, begin : begin + raw.shape[1]] = raw
+    for places, values in zip(parse_layout(message, _ANY).places, fields, strict=True):
+        if places is not None:
+            raw = np.ascontiguousarray(values, dtype='<f8').view(np.uint8).reshape(stamp.size, -1)
+            table[:, places[0] : places[0] + raw.shape[1]] = raw
     return [row.tobytes() for row in table]

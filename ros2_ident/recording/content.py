@@ -10,7 +10,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import cdr
 from ros2_ident.recording.damage import Budget, Damage, inflate, ZSTD
-from ros2_ident.recording.limits import Limits, too_large
+from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.ros2_control import offers, parser, ROLES_OF, TRAJECTORY
 from ros2_ident.recording.streams import IntArray, LATEST_STAMP
 from ros2_ident.recording.trajectory import parse_trajectory, set_points, Trajectory
@@ -23,9 +23,6 @@ _HELD = 1 << 24
 _SHOWN = 10
 
 Decoded = tuple[IntArray, cdr.Block]
-Convert = Callable[[bytes], bytes]
-
-
 # Takes a message of a topic: log time, ns, and serialised bytes.
 Sink = Callable[[int, bytes], None]
 
@@ -38,7 +35,6 @@ class Messages:
     Args:
         limits: How much of them.
         parse: Finds the values in a message; those of a JointState by default.
-        convert: Makes CDR bytes of a message; None where it is CDR.
 
     Attributes:
         count: Messages that came.
@@ -46,16 +42,10 @@ class Messages:
         blocks: What is decoded: log times, ns, and values.
     """
 
-    def __init__(
-        self,
-        limits: Limits,
-        parse: cdr.Parse = cdr.parse_layout,
-        convert: Convert | None = None,
-    ) -> None:
+    def __init__(self, limits: Limits, parse: cdr.Parse = cdr.parse_layout) -> None:
         self.count = 0
         self.lost = 0
         self.blocks: deque[Decoded] = deque()
-        self.convert = convert
         self._parse = parse
         self._limits = limits
         self._fresh: list[tuple[int, bytes]] = []
@@ -98,10 +88,7 @@ class Messages:
             self._bytes += sum(x.nbytes for x in block.fields if x is not None)
             self.blocks.append((clock[block.rows], block))
         # the builder needs them twice while it puts them together
-        if 3 * self._bytes > self._limits.memory:
-            raise too_large(
-                'the values of one topic take', 3 * self._bytes, self._limits.memory, 'memory'
-            )
+        self._limits.require_memory('the values of one topic take', 3 * self._bytes)
 
     def _is_whole(self, log_time: int, message: bytes) -> bool:
         """Say whether a message decodes by itself."""
@@ -125,24 +112,19 @@ class Messages:
     def finish(self) -> None:
         """Bring what is only known with the last message into the blocks."""
 
-    def __len__(self) -> int:
-        return self.count
-
     def _plain(self, data: list[bytes]) -> list[bytes]:
         """Unpack messages that were compressed one by one; what cannot be becomes empty."""
         if any(x.startswith(ZSTD) for x in data):
             budget = Budget(sum(map(len, data)), self._limits)
             data = [_unpacked(x, budget) if x.startswith(ZSTD) else x for x in data]
-        if self.convert is not None:
-            data = [_converted(x, self.convert) for x in data]
         return data
 
 
 class Trajectories(Messages):
     """The trajectories sent on a topic; their blocks are the set-point that follows them."""
 
-    def __init__(self, limits: Limits, convert: Convert | None = None) -> None:
-        super().__init__(limits, convert=convert)
+    def __init__(self, limits: Limits) -> None:
+        super().__init__(limits)
         self._sent: list[tuple[int, Trajectory]] = []
 
     def decode(self) -> None:
@@ -173,13 +155,6 @@ def _unpacked(packed: bytes, budget: Budget) -> bytes:
     except Damage:
         return b''
     return raw if sound else b''
-
-
-def _converted(data: bytes, convert: Callable[[bytes], bytes]) -> bytes:
-    try:
-        return convert(data)
-    except Exception:  # generated code lets whatever damaged bytes cause through
-        return b''
 
 
 def _sorted(blocks: list[Decoded], order: IntArray) -> list[Decoded]:
@@ -218,13 +193,12 @@ class Content:
     warnings: list[str] = field(default_factory=list)
     _first: dict[str, list[bytes]] = field(default_factory=dict)
 
-    def open(self, topic: str, kind: str, convert: Convert | None = None) -> Sink | None:
+    def open(self, topic: str, kind: str) -> Sink | None:
         """Note a topic and its type; return where its messages go, None where they are unwanted.
 
         Args:
             topic: The topic.
             kind: Its message type.
-            convert: Makes CDR bytes of a message; None where it is CDR.
 
         Raises:
             Damage: There are more topics than any machine has.
@@ -238,9 +212,16 @@ class Content:
             return None
         roles = [role for role in self.wanted.get(topic, ()) if role in ROLES_OF[kind]]
         if not roles:
-            return self._show(self._first.setdefault(topic, []), convert)
+            return self._show(self._first.setdefault(topic, []))
         self.types[topic] = kind
-        sinks = [self._messages(topic, role, kind, convert).append for role in roles]
+        sinks = []
+        for role in roles:
+            new = (
+                Trajectories(self.limits)
+                if kind == TRAJECTORY
+                else Messages(self.limits, parser(kind, role, self.names))
+            )
+            sinks.append(self.messages.setdefault((topic, role), new).append)
 
         def fan(log_time: int, data: bytes) -> None:
             for sink in sinks:
@@ -249,12 +230,12 @@ class Content:
         return sinks[0] if len(sinks) == 1 else fan
 
     @staticmethod
-    def _show(first: list[bytes], convert: Convert | None) -> Sink:
+    def _show(first: list[bytes]) -> Sink:
         """Return what keeps the first messages of a topic, as many as show what it holds."""
 
         def take(log_time: int, data: bytes) -> None:
             if len(first) < _SHOWN and not data.startswith(ZSTD):
-                first.append(_converted(data, convert) if convert else data)
+                first.append(data)
 
         return take
 
@@ -269,12 +250,3 @@ class Content:
         """Bring all messages since the last call into the order of log time."""
         for messages in self.messages.values():
             messages.sort()
-
-    def _messages(self, topic: str, role: str, kind: str, convert: Convert | None) -> Messages:
-        if (topic, role) not in self.messages:
-            self.messages[topic, role] = (
-                Trajectories(self.limits, convert)
-                if kind == TRAJECTORY
-                else Messages(self.limits, parser(kind, role, self.names), convert)
-            )
-        return self.messages[topic, role]

@@ -77,17 +77,6 @@ class Losses:
             parts.append('messages are missing')
         return ' and '.join(parts)
 
-    def sentence(self, path: object, remedy: str) -> str:
-        """Return the warning about a file of which something was read.
-
-        Args:
-            path: The file.
-            remedy: What to do about it.
-        """
-        lost = f', {self.messages} are lost' if self.messages else ''
-        read = f'{self.whole} whole messages were read{lost}'
-        return f'{path}: is damaged: {self.text}, {read}; {remedy}'
-
 
 def open_zstd(source: Any) -> Any:
     """Return a file of what zstd frames, one after the other, decompress to."""

@@ -26,8 +26,6 @@ class StreamQuality:
         rate: Samples per second, Hz.
         jitter: Standard deviation of the stamps about the grid, s.
         stride: Cycles from sample to sample; 0 where the stream does not keep to the grid.
-        nan: Samples without a value, per field and drive, where there are any: `{'effort drive_1':
-            3}`.
     """
 
     role: str
@@ -36,7 +34,6 @@ class StreamQuality:
     rate: float
     jitter: float
     stride: int
-    nan: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def missing_share(self) -> float:

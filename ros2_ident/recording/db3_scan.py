@@ -20,13 +20,13 @@ CHECKSUM = 'crc32 of '
 _SOUND_STEPS, _STEPS_PER_BYTE, _EVERY = 2_000_000, 20, 10_000
 
 
-def scan(path: Path, content: Content, checksums: Mapping[str, str] | None = None) -> Losses:
+def scan(path: Path, content: Content, custom: Mapping[str, str] | None = None) -> Losses:
     """Read the messages of a db3 file into a bag's content.
 
     Args:
         path: The file.
         content: What to fill.
-        checksums: Of topics, as `topic_checksum` gives; of a bag in one file.
+        custom: Custom data of a bag in one file, with checksums of topics or without.
 
     Returns:
         What is lost of the file; its text is empty where nothing is.
@@ -34,6 +34,8 @@ def scan(path: Path, content: Content, checksums: Mapping[str, str] | None = Non
     Raises:
         Damage: SQLite finds it malformed, or no bag.
     """
+    stated = (custom or {}).items()
+    checksums = {k[len(CHECKSUM) :]: x for k, x in stated if k.startswith(CHECKSUM)}
     losses = Losses(size=path.stat().st_size)
     wal = path.with_name(path.name + '-wal')
     if wal.is_file() and wal.stat().st_size:
@@ -44,7 +46,7 @@ def scan(path: Path, content: Content, checksums: Mapping[str, str] | None = Non
             _guard(base, losses.size, content.limits.chunk)
             if base.execute('PRAGMA quick_check(1)').fetchone() != ('ok',):
                 raise Damage('SQLite finds it malformed')
-            _read(base, content, checksums or {}, losses)
+            _read(base, content, checksums, losses)
     except (sqlite3.Error, UnicodeDecodeError, OverflowError, TypeError) as exc:
         raise Damage(f'SQLite cannot read it: {exc}') from None
     return losses
@@ -107,7 +109,7 @@ def _read(
         if checksums:
             sums[number] = _added(sums[number], when, data)
     for number, (topic, target) in ways.items():
-        content.counts[topic] = content.counts.get(topic, 0) + found[number]
+        content.counts[topic] += found[number]
         losses.whole += found[number]
         if target is not None and checksums.get(topic, '') not in ('', f'{sums[number]:08x}'):
             losses.say(f'the checksum of {topic} does not fit')

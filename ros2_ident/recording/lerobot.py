@@ -13,7 +13,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.limits import Limits, too_large
+from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.storage import damaged, digest
 from ros2_ident.recording.streams import FloatArray, IntArray, Recording, ROLES
@@ -175,8 +175,7 @@ def _values(
     try:
         with parquet.ParquetFile(file) as opened:
             needed = 24 * opened.metadata.num_rows * (len(columns) + 2)
-            if needed > limits.memory:
-                raise too_large(f'{file}: its values take', needed, limits.memory, 'memory')
+            limits.require_memory(f'{file}: its values take', needed)
             table = opened.read([*features, 'episode_index', 'frame_index'])
         read = {}
         for name in features:

@@ -58,6 +58,24 @@ class Limits:
         """Return the bytes to which all blocks of a file of `size` bytes may unpack."""
         return max(256 * _MIB, self.ratio * size)
 
+    def require_memory(self, what: str, size: float) -> None:
+        """Refuse values that would take too much memory.
+
+        Args:
+            what: The subject of the sentence, with what it does, as `x: its grid takes`.
+            size: Bytes.
+
+        Raises:
+            IdentError: BAD_VALUES with the remedy.
+        """
+        if size > self.memory:
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'{what} {size_text(size)} of memory, more than the {size_text(self.memory)} '
+                'allowed; correct the stamps or cut the log, or raise '
+                f'{variable_of("memory")} (MiB)',
+            )
+
 
 def variable_of(name: str) -> str:
     """Return the environment variable of a limit."""
@@ -71,19 +89,3 @@ def size_text(size: float) -> str:
             return f'{size:.3g} {unit}'
         size /= 1024
     return f'{size:.4g} GiB'
-
-
-def too_large(what: str, size: float, limit: int, name: str) -> IdentError:
-    """Return the refusal of something that would take too much memory.
-
-    Args:
-        what: The subject of the sentence, with what it does, as `x: its grid takes`.
-        size: Bytes.
-        limit: Bytes allowed.
-        name: The limit's name.
-    """
-    return IdentError(
-        ErrorCode.BAD_VALUES,
-        f'{what} {size_text(size)} of memory, more than the {size_text(limit)} allowed; correct '
-        f'the stamps or cut the log, or raise {variable_of(name)} (MiB)',
-    )

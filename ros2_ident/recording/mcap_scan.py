@@ -8,7 +8,6 @@ checksum does not fit is left out: which of its bytes are wrong is unknown.
 
 from collections import Counter
 import contextlib
-from dataclasses import dataclass
 from io import BytesIO
 import mmap
 import os
@@ -38,15 +37,6 @@ _END_START = b'\x0f\x04' + bytes(7)
 _DAMAGED = (EndOfFile, OverflowError, struct.error, ValueError)
 # Sizes of messages outside of chunks that are remembered; ends of the data that are tried.
 _SHAPES, _ENDS = 64, 16
-
-
-@dataclass
-class _Way:
-    """Where the messages of a channel go, and how many came."""
-
-    topic: str
-    target: Sink | None
-    count: int = 0
 
 
 def scan(path: Path, content: Content) -> Losses:
@@ -99,7 +89,9 @@ class _Walk:
         self.budget = Budget(size, content.limits)
         self.summary = self._summary()
         self.defined = Summary()
-        self.ways: dict[int, _Way] = {}
+        # Topic of a channel, and where its messages go.
+        self.ways: dict[int, tuple[str, Sink | None]] = {}
+        self.found: Counter[str] = Counter()
         self.shapes: set[bytes] = set()
 
     def _bytes(self, at: int, count: int) -> bytes:
@@ -204,7 +196,7 @@ class _Walk:
 
     def _records(self, raw: bytes) -> int:
         """Read records until one makes no sense; return its place, or the end."""
-        at, size, ways = 0, len(raw), self.ways
+        at, size, ways, found = 0, len(raw), self.ways, self.found
         unpack, unpack_message = HEAD.unpack_from, _MESSAGE.unpack_from
         while at + HEAD.size <= size:
             opcode, length = unpack(raw, at)
@@ -218,9 +210,10 @@ class _Walk:
                 if way is None:
                     self.losses.unknown += 1
                 else:
-                    way.count += 1
-                    if way.target is not None:
-                        way.target(log_time, raw[begin + _MESSAGE.size : end])
+                    topic, target = way
+                    found[topic] += 1
+                    if target is not None:
+                        target(log_time, raw[begin + _MESSAGE.size : end])
             elif opcode not in (Opcode.SCHEMA, Opcode.CHANNEL) or not _note(
                 self.defined, opcode, raw[begin:end]
             ):
@@ -259,7 +252,7 @@ class _Walk:
                 return found
         return None
 
-    def _way(self, number: int) -> _Way | None:
+    def _way(self, number: int) -> tuple[str, Sink | None] | None:
         """Return the way of a channel, as described before it or else in the summary."""
         for about in (self.defined, self.summary or Summary()):
             if (channel := about.channels.get(number)) is not None:
@@ -267,9 +260,8 @@ class _Walk:
                 kind = schemas[channel.schema_id].name if channel.schema_id in schemas else ''
                 if channel.message_encoding not in ('cdr', ''):
                     kind = f'{kind} ({channel.message_encoding})'
-                way = _Way(channel.topic, self.content.open(channel.topic, kind))
-                self.ways[number] = way
-                return way
+                self.ways[number] = channel.topic, self.content.open(channel.topic, kind)
+                return self.ways[number]
         return None
 
     def finish(self) -> Losses:
@@ -278,16 +270,14 @@ class _Walk:
         for number in [*self.defined.channels, *summary.channels]:
             if number not in self.ways:
                 self._way(number)
-        found: Counter[str] = Counter()
-        for way in self.ways.values():
-            found[way.topic] += way.count
-            self.content.counts[way.topic] = self.content.counts.get(way.topic, 0) + way.count
-        self.losses.whole = sum(found.values())
+        for topic, count in self.found.items():
+            self.content.counts[topic] += count
+        self.losses.whole = self.found.total()
         if summary.statistics is not None:
             self.losses.counted = True
             stated: Counter[str] = Counter()
             for number, count in summary.statistics.channel_message_counts.items():
                 if number in self.ways:
-                    stated[self.ways[number].topic] += count
-            self.losses.expect(stated, found)
+                    stated[self.ways[number][0]] += count
+            self.losses.expect(stated, self.found)
         return self.losses

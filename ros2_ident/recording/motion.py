@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One drive's motion, smooth and on an even grid, and the lag between two of its signals."""
+"""Recorded motion smoothed without delay, its derivatives, and the lag between two signals."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, sosfiltfilt
 
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.align import align
 from ros2_ident.recording.dataset import Dataset
 from ros2_ident.recording.grid import sample_period
-from ros2_ident.recording.smooth import allowed_cutoff, low_pass, smooth_motion
 from ros2_ident.recording.streams import FloatArray, Recording
 
 # Motion faster than this is noise or a shock; the judgement needs none of it, Hz.
@@ -18,7 +19,10 @@ CUTOFF = 15.0
 # An effort that is later than this is no measurement of the same motion, s.
 LATEST = 0.12
 # Slower than this share of the top speed is rest.
-_REST = 0.01
+REST = 0.01
+# The highest cutoff, in shares of the rate: the filter needs room below half of it.
+ROOM = 0.2
+_ORDER = 4
 
 
 @dataclass(frozen=True)
@@ -46,8 +50,12 @@ class Motion:
     @property
     def resting(self) -> NDArray[np.bool_]:
         """Where the drive rests (T,)."""
-        slow: NDArray[np.bool_] = np.abs(self.velocity) < _REST * np.abs(self.velocity).max()
+        slow: NDArray[np.bool_] = np.abs(self.velocity) < REST * np.abs(self.velocity).max()
         return slow
+
+    def slowly(self, rows: FloatArray) -> FloatArray:
+        """Return rows (..., T) without what is faster than the motion that is judged."""
+        return low_pass(rows, self.period, min(CUTOFF, ROOM / self.period))
 
 
 def motion_of(recording: Recording, name: str, scale: float = 1.0) -> Motion:
@@ -120,6 +128,107 @@ def fill_smoothly(values: FloatArray) -> FloatArray:
     spline = make_interp_spline(there.astype(float), values[there], k=3)
     inside = np.clip(np.arange(values.size, dtype=float), there[0], there[-1])
     return np.asarray(spline(inside))
+
+
+def allowed_cutoff(position: FloatArray, cycle: float, wanted: float) -> float:
+    """Return the cutoff with which positions can be smoothed, as near to the wanted one as may be.
+
+    Args:
+        position: Measured positions (D, K), NaN at cycles without a sample.
+        cycle: Time from cycle to cycle, s.
+        wanted: Frequency up to which motion is wanted, Hz.
+
+    Returns:
+        The frequency wanted, or a fifth of the rate of the slowest drive's samples, Hz.
+    """
+    there = [np.flatnonzero(np.isfinite(row)) for row in np.atleast_2d(position)]
+    steps = [float(np.median(np.diff(t))) for t in there if t.size > 1]
+    return min(wanted, ROOM / (max(steps, default=1.0) * cycle))
+
+
+def smooth_motion(
+    position: FloatArray, cycle: float, cutoff: float, ahead: float = 0.0
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Smooth recorded positions and differentiate them twice, without delay.
+
+    Cycles without a sample are filled by a cubic spline through the samples. A Butterworth
+    low-pass of order 4 runs forwards and backwards (its gain at `cutoff` is then a half, not
+    0.71); velocity and acceleration are the derivatives of a quintic spline through the result,
+    exact for the frequencies that pass.
+
+    Both ends are continued by point reflection, as if the motion went on with the velocity it has
+    there. Motion that starts and ends at rest is therefore reproduced to its ends; else the
+    acceleration of the first and last `1 / cutoff` seconds is drawn towards zero and better left
+    out.
+
+    Args:
+        position: Measured positions (D, K), rad or m, NaN at cycles without a sample.
+        cycle: Time from cycle to cycle, s.
+        cutoff: Frequency up to which motion is kept, Hz; below half the sampling rate.
+        ahead: Cycles after each cycle's beginning at which the motion is wanted, 0 to 1.
+
+    Returns:
+        Position, velocity and acceleration, each (D, K), without NaN; before a drive's first and
+        after its last sample it stands still.
+
+    Raises:
+        IdentError: BAD_VALUES where a drive has fewer than four samples or the cutoff does not fit
+            the rate.
+    """
+    position = np.atleast_2d(np.asarray(position, dtype=np.float64))
+    for row, samples in enumerate(position):
+        there = np.flatnonzero(np.isfinite(samples))
+        if there.size < 4:
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'drive {row + 1} of {position.shape[0]} has {there.size} position samples, at '
+                'least 4 are needed; record a longer motion',
+            )
+        rate = 1.0 / (float(np.median(np.diff(there))) * cycle)
+        if not 0.0 < cutoff < 0.5 * rate:
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
+                f'the smoothing cutoff is {cutoff:g} Hz but positions come at {rate:g} Hz; choose '
+                f'one between 0 and {0.5 * rate:g} Hz',
+            )
+    smooth = low_pass(np.stack([fill_smoothly(row) for row in position]), cycle, cutoff)
+    # time in cycles keeps the spline's knots well scaled
+    time = np.arange(smooth.shape[1], dtype=np.float64)
+    spline = make_interp_spline(time, smooth, k=5 if time.size > 5 else 3, axis=1)
+    if ahead:
+        time += ahead
+        smooth = np.ascontiguousarray(spline(time))
+    velocity = np.ascontiguousarray(spline(time, 1)) / cycle
+    acceleration = np.ascontiguousarray(spline(time, 2)) / cycle**2
+    return smooth, velocity, acceleration
+
+
+def settling(cycle: float, cutoff: float) -> int:
+    """Return after how many cycles `low_pass` has forgotten an end of a log to a thousandth."""
+    poles = butter(_ORDER, cutoff, fs=1.0 / cycle, output='zpk')[1]
+    return int(np.ceil(np.log(1e-3) / np.log(np.abs(poles).max())))
+
+
+def low_pass(values: FloatArray, cycle: float, cutoff: float, order: int = _ORDER) -> FloatArray:
+    """Low-pass rows forwards and backwards: no delay.
+
+    Args:
+        values: Rows (..., K) without NaN.
+        cycle: Time from column to column, s.
+        cutoff: Frequency of gain one half, Hz; at or above half the rate the values come back as
+            they are.
+        order: Of the Butterworth filter that runs each way.
+
+    Returns:
+        The smooth rows (..., K).
+    """
+    if cutoff >= 0.499 / cycle:
+        return np.array(values, dtype=np.float64)
+    sections = butter(order, cutoff, fs=1.0 / cycle, output='sos')
+    # the filter has forgotten its start after a few periods of the cutoff
+    reach = min(values.shape[-1] - 1, int(np.ceil(3.0 / (cutoff * cycle))))
+    out: FloatArray = sosfiltfilt(sections, values, axis=-1, padtype='odd', padlen=reach)
+    return np.ascontiguousarray(out)
 
 
 def best_lag(

@@ -20,8 +20,8 @@ _SIDE, _JUDGED = 10, 3
 _SHORT = 0.025
 # More of them, and more than this share, are how the signal is.
 _MANY, _MANY_SHARE = 20, 0.002
-# Rows looked at together: they stay in the cache.
-_BLOCK = 1 << 15
+# So many samples tell the range and the resolution of a signal.
+_ENOUGH = 1 << 15
 # A jump that stays: so many times the steps around it and the fastest elsewhere.
 _STAYS_RATIO, _AROUND = 8.0, 25
 
@@ -113,9 +113,9 @@ def find_lone(stamp: IntArray, values: FloatArray, rule: Rule) -> Jumps | None:
 
 def _floor(x: FloatArray, rule: Rule) -> float:
     """Return the least that is a jump: a few steps of the resolution, some of the range."""
-    few = x[:: max(1, x.size // _BLOCK)]
+    few = x[:: max(1, x.size // _ENOUGH)]
     low, high = np.quantile(few, (0.005, 0.995))
-    steps = np.abs(np.diff(x[:_BLOCK]))
+    steps = np.abs(np.diff(x[:_ENOUGH]))
     steps = steps[steps > 0.0]
     if steps.size < _FEW:  # it stands still: a set-point has no resolution then, an encoder may
         step = 0.0 if rule is _EXACT else float(steps.max(initial=0.0))
@@ -129,23 +129,16 @@ def _candidates(x: FloatArray, rule: Rule, least: float) -> IntArray:
     near, far = 6, 8
     # a run of samples shows half its jump at its edges
     part_of = 1.0 if rule.run == 1 else 0.4
-    found = []
-    for begin in range(0, x.size, _BLOCK):
-        low, high = max(0, begin - far - 2), min(x.size, begin + _BLOCK + far + 2)
-        part = x[low:high]
-        size = part.size
-        off = np.zeros(size + 2 * far)
-        with np.errstate(over='ignore', invalid='ignore'):
-            outer, inner = part[:-4] + part[4:], part[1:-3] + part[3:-1]
-            off[far + 2 : far + size - 2] = np.abs(part[2:-2] - (4.0 * inner - outer) / 6.0)
-        rows = np.flatnonzero(off[far : far + size] > part_of * least)
-        beside = np.zeros(rows.size)
-        for shift in range(near, far + 1):
-            np.maximum(beside, off[far - shift + rows], out=beside)
-            np.maximum(beside, off[far + shift + rows], out=beside)
-        rows = rows[off[far + rows] > part_of * 0.8 * rule.ratio * beside] + low
-        found.append(rows[(rows >= begin) & (rows < begin + _BLOCK)])
-    return np.concatenate(found)
+    off = np.zeros(x.size + 2 * far)
+    with np.errstate(over='ignore', invalid='ignore'):
+        outer, inner = x[:-4] + x[4:], x[1:-3] + x[3:-1]
+        off[far + 2 : far + x.size - 2] = np.abs(x[2:-2] - (4.0 * inner - outer) / 6.0)
+    rows = np.flatnonzero(off[far:-far] > part_of * least)
+    beside = np.zeros(rows.size)
+    for shift in range(near, far + 1):
+        np.maximum(beside, off[far - shift + rows], out=beside)
+        np.maximum(beside, off[far + shift + rows], out=beside)
+    return rows[off[far + rows] > part_of * 0.8 * rule.ratio * beside]
 
 
 def _run_at(

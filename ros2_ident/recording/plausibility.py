@@ -11,14 +11,12 @@ from ros2_ident.recording.findings import about, DriveSummary, Finding, Said
 from ros2_ident.recording.motion import (
     best_lag,
     count_reversals,
-    CUTOFF,
     fill_gaps,
     LATEST,
     Motion,
     motion_of,
 )
 from ros2_ident.recording.sign import SAID, sign_of, WRONG
-from ros2_ident.recording.smooth import low_pass
 from ros2_ident.recording.streams import FloatArray, Recording
 
 # A drive whose stroke is less than this part of the longest one stands: gears and their control
@@ -133,7 +131,7 @@ def _of_velocity(motion: Motion) -> Iterator[Said]:
     """Compare the reported velocity with the derivative of the position."""
     if motion.reported is None or np.isfinite(motion.reported).sum() < 20:
         return
-    reported = _slow(fill_gaps(motion.reported), motion)
+    reported = motion.slowly(fill_gaps(motion.reported))
     lag, gain, share = best_lag(motion.velocity[:, None], reported, motion.period, -0.02)
     if share < 0.5:
         text = (
@@ -157,19 +155,14 @@ def _of_velocity(motion: Motion) -> Iterator[Said]:
         yield 'ok', 'velocity', 'the reported velocity is the derivative of the position'
 
 
-def _slow(rows: FloatArray, motion: Motion) -> FloatArray:
-    """Return rows (..., T) without what is faster than the motion that is judged."""
-    return low_pass(rows, motion.period, min(CUTOFF, 0.2 / motion.period))
-
-
 def _explained(motion: Motion) -> tuple[float, float]:
     """Return the lag of the effort, s, and what share of its variance the motion explains."""
     assert motion.effort is not None
     friction = np.tanh(motion.velocity / (0.02 * np.abs(motion.velocity).max()))
     place = motion.position - motion.position.mean()
     rows = np.stack([motion.acceleration, motion.velocity, friction, np.ones(place.size), place])
-    effort = _slow(fill_gaps(motion.effort), motion)
-    lag, _, share = best_lag(_slow(rows, motion).T, effort, motion.period, 0.0)
+    effort = motion.slowly(fill_gaps(motion.effort))
+    lag, _, share = best_lag(motion.slowly(rows).T, effort, motion.period, 0.0)
     # a fit that is best at the very edge, or poor, knows nothing of a delay
     known = lag <= LATEST - 2.0 * motion.period and share >= 0.85
     return lag if known else math.nan, share

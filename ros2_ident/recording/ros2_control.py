@@ -11,10 +11,10 @@ from types import MappingProxyType
 import numpy as np
 
 from ros2_ident.recording.cdr import Cursor, Layout, Parse, parse_layout
+from ros2_ident.recording.cdr import JOINT_STATE as JOINT_STATE
 from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.streams import FIELDS, IntArray
 
-JOINT_STATE = 'sensor_msgs/msg/JointState'
 CONTROLLER_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
 DYNAMIC_STATE = 'control_msgs/msg/DynamicJointState'
 ARRAY = 'std_msgs/msg/Float64MultiArray'

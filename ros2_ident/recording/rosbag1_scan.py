@@ -2,7 +2,7 @@
 """The messages of an indexed ROS 1 bag; its format has no checksums."""
 
 from collections import Counter
-from functools import cache, partial
+from functools import cache
 from io import BytesIO
 import mmap
 from pathlib import Path
@@ -83,10 +83,8 @@ class _Chunks(Reader):
         """Fill a bag's content, and count what is lost."""
         budget = Budget(losses.size, content.limits)
         topics = {x.id: x.topic for x in self.connections}
-        targets = {
-            x.id: content.open(x.topic, x.msgtype, partial(_cdr, x.msgtype))
-            for x in self.connections
-        }
+        kinds = {x.id: x.msgtype for x in self.connections}
+        targets = {x.id: content.open(x.topic, x.msgtype) for x in self.connections}
         found, stated = Counter[str](), Counter[int]()
         for info in self.chunk_infos:
             stated.update(info.connection_counts)
@@ -99,7 +97,7 @@ class _Chunks(Reader):
                         number = header.get_uint32('conn')
                         found[topics[number]] += 1
                         if (target := targets[number]) is not None:
-                            target(header.get_time('time'), data)
+                            target(header.get_time('time'), _cdr(kinds[number], data))
             except Damage as exc:
                 losses.blocks += 1
                 losses.say(str(exc))
@@ -128,8 +126,14 @@ class _Chunks(Reader):
 
 
 def _cdr(kind: str, data: bytes) -> bytes:
-    """Return the CDR of a serialised message of ROS 1, whose header has a number more."""
-    return bytes(_store().ros1_to_cdr(data, kind))
+    """Return the CDR of a serialised message of ROS 1, whose header has a number more.
+
+    Empty where it is no such message.
+    """
+    try:
+        return bytes(_store().ros1_to_cdr(data, kind))
+    except Exception:  # generated code lets whatever damaged bytes cause through
+        return b''
 
 
 @cache

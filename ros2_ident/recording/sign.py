@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.stats import t as student
 
-from ros2_ident.recording.motion import CUTOFF, fill_gaps, Motion
-from ros2_ident.recording.smooth import low_pass
+from ros2_ident.recording.motion import fill_gaps, Motion
 from ros2_ident.recording.streams import FloatArray
 
 Sign = Literal['right', 'reversed', 'unsigned', 'either', 'open']
@@ -104,8 +103,8 @@ def _power(
     at = np.flatnonzero(there & ways[0] & ways[1])
     if at.size < 2 * _BLOCKS:
         return np.nan
-    smooth = low_pass(effort[None], motion.period, min(CUTOFF, 0.2 / motion.period))[0]
-    rows = np.stack([motion.velocity, motion.acceleration, place, np.arange(place.size), smooth])
+    drift, smooth = np.arange(place.size), motion.slowly(effort)
+    rows = np.stack([motion.velocity, motion.acceleration, place, drift, smooth])
     rows, cell = rows[:, at], cell[at]
     sums = np.stack([np.bincount(cell, row) for row in rows])
     rows = rows - (sums / np.maximum(np.bincount(cell), 1))[:, cell]

@@ -52,7 +52,8 @@ class Spool:
         self._limit = limit
         self._file = Growing(path)
         self._channels: dict[str, int] = {}
-        self._closed = self._file.tail(len(_END)) == _END
+        ends = max(0, self._file.size - len(_END))
+        self._closed = self._file.read(ends, len(_END)) == _END
 
     @property
     def empty(self) -> bool:

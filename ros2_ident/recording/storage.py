@@ -15,7 +15,6 @@ import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.damage import FAILURES, open_zstd
-from ros2_ident.recording.db3_scan import CHECKSUM
 from ros2_ident.recording.limits import Limits, size_text, variable_of
 from ros2_ident.recording.shown import printable
 
@@ -154,12 +153,12 @@ class Metadata:
     Attributes:
         files: Names of the storage files, in the order of recording.
         counts: Messages by topic.
-        checksums: By topic, where `write_bag` stated them.
+        custom: Texts by their keys.
     """
 
     files: tuple[str, ...]
     counts: Mapping[str, int] = field(default_factory=dict)
-    checksums: Mapping[str, str] = field(default_factory=dict)
+    custom: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_metadata(folder: Path) -> Metadata | None:
@@ -173,11 +172,10 @@ def read_metadata(folder: Path) -> Metadata | None:
         counts: Counter[str] = Counter()
         for entry in info['topics_with_message_count']:
             counts[str(entry['topic_metadata']['name'])] += int(entry['message_count'])
-        custom = info.get('custom_data') or {}
-        sums = {k[len(CHECKSUM) :]: str(v) for k, v in custom.items() if k.startswith(CHECKSUM)}
+        custom = {str(k): str(v) for k, v in (info.get('custom_data') or {}).items()}
         files = tuple(Path(str(x)).name for x in info['relative_file_paths'])
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
     except yaml.YAMLError:
         return None
-    return Metadata(files, counts, sums)
+    return Metadata(files, counts, custom)

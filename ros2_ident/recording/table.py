@@ -27,10 +27,9 @@ from ros2_ident.recording.columns import (
     refuse,
     short,
 )
-from ros2_ident.recording.limits import Limits, too_large
-from ros2_ident.recording.motion import CUTOFF
+from ros2_ident.recording.limits import Limits
+from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, REST, smooth_motion
 from ros2_ident.recording.shown import listed, printable
-from ros2_ident.recording.smooth import allowed_cutoff, smooth_motion
 from ros2_ident.recording.storage import digest
 from ros2_ident.recording.streams import FloatArray, IntArray, Recording, Stream
 
@@ -40,8 +39,6 @@ _BLOCK = 1 << 14
 _FINEST, _COARSEST = 1_000, 2_000_000_000
 # ns are nine decimals of a second.
 _TO_SECONDS = -9
-# A joint that is slower than this share of its top speed rests.
-_REST = 0.01
 
 
 def read_table(
@@ -91,9 +88,7 @@ def _bad(path: object, text: str) -> IdentError:
 
 def _text(path: Path, limits: Limits) -> str:
     # the bytes, the text, a copy to read from, and the values
-    needed = 8 * path.stat().st_size
-    if needed > limits.memory:
-        raise too_large(f'{path}: the table takes', needed, limits.memory, 'memory')
+    limits.require_memory(f'{path}: the table takes', 8 * path.stat().st_size)
     raw = path.read_bytes()
     try:
         return raw.decode('utf-8-sig')
@@ -228,26 +223,19 @@ def _floats(
     path: Path, cells: tuple[str, ...], numbers: list[int], column: Column, decimal: str
 ) -> FloatArray:
     """Return values (T,), NaN where a cell is empty."""
-    if decimal == ',':
-        cells = tuple(x.replace(',', '.') for x in cells)
-    try:
-        if any('_' in x for x in cells):
-            raise ValueError
-        values = np.array([float(x) for x in cells])
-    except ValueError:
-        values = np.full(len(cells), np.nan)
-        for k, cell in enumerate(cells):
-            if not cell.strip():
-                continue
-            try:
-                values[k] = float(cell.replace('_', 'x'))
-            except ValueError:
-                where = f'line {numbers[k]}, column {printable(str(column.cell))}'
-                raise _bad(
-                    path,
-                    f'{where}: {short(cell)} is no number; leave a '
-                    'cell empty where nothing was measured',
-                ) from None
+    values = np.full(len(cells), np.nan)
+    for k, cell in enumerate(cells):
+        text = (cell if decimal == '.' else cell.replace(',', '.')).strip()
+        try:
+            if text:
+                values[k] = float(text.replace('_', 'x'))
+        except ValueError:
+            where = f'line {numbers[k]}, column {printable(str(column.cell))}'
+            raise _bad(
+                path,
+                f'{where}: {short(cell)} is no number; leave a cell empty where nothing was '
+                'measured',
+            ) from None
     with np.errstate(over='ignore'):
         scaled: FloatArray = values if column.scale == 1.0 else values * column.scale
     return scaled
@@ -288,7 +276,7 @@ def _directions(
             raise refuse(path, f'{text} or position')
         cycle = float(np.median(np.diff(stamp))) * 1e-9
         rate = smooth_motion(place, cycle, allowed_cutoff(place, cycle, CUTOFF))[1][0]
-    moves = np.abs(rate) > _REST * np.fmax.reduce(np.abs(rate))
+    moves = np.abs(rate) > REST * np.fmax.reduce(np.abs(rate))
     last = np.maximum.accumulate(np.where(moves, np.arange(rate.size), -1))
     return np.sign(rate[np.where(last < 0, np.argmax(moves), last)])
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import BPoly
 
 from ros2_ident.recording.cdr import Block, Cursor
-from ros2_ident.recording.limits import Limits, too_large
+from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.ros2_control import read_point
 from ros2_ident.recording.streams import FloatArray
 
@@ -113,10 +113,8 @@ def _followed(trajectories: Sequence[Trajectory], limits: Limits) -> Block:
     names = trajectories[0].names
     last = max(x.start + round(1e9 * x.time[-1]) for x in trajectories)
     first = trajectories[0].start + round(1e9 * trajectories[0].time[0])
-    needed = 16 * len(names) * (last - first) // PERIOD
-    if 3 * needed > limits.memory:
-        raise too_large('the set-point of the trajectories takes', 3 * needed, limits.memory,
-                        'memory')
+    needed = 3 * (16 * len(names) * (last - first) // PERIOD)
+    limits.require_memory('the set-point of the trajectories takes', needed)
     stamp = np.arange(first, last + 1, PERIOD, dtype=np.int64)
     position = np.tile(trajectories[0].knots[0, 0], (stamp.size, 1))
     velocity = np.zeros_like(position)

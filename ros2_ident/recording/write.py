@@ -19,7 +19,6 @@ from rosbags.interfaces import (
 )
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
-import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import remove_directory, replacing_directory
@@ -27,6 +26,7 @@ from ros2_ident.recording import cdr
 from ros2_ident.recording.bag import Topics
 from ros2_ident.recording.db3_scan import CHECKSUM, topic_checksum
 from ros2_ident.recording.ros2_control import JOINT_STATE
+from ros2_ident.recording.storage import NAME, read_metadata
 from ros2_ident.recording.streams import FIELDS, Recording, Stream
 
 # Latched, as the messages that are still of use to those who come later.
@@ -234,11 +234,7 @@ def _is_marked(path: Path, mark: str) -> bool:
     """Return whether a bag has a mark, and its directory holds nothing else."""
     if path.is_symlink() or not path.is_dir():
         return False
-    try:
-        content = yaml.safe_load((path / 'metadata.yaml').read_text(encoding='utf-8'))
-        about: dict[str, Any] = content['rosbag2_bagfile_information']
-        files = {'metadata.yaml', *map(str, about['relative_file_paths'])}
-        noted = (about['custom_data'] or {}).get(MARK)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, yaml.YAMLError):
+    about = read_metadata(path)
+    if about is None or about.custom.get(MARK) != mark:
         return False
-    return noted == mark and {x.name for x in path.iterdir()} <= files
+    return {x.name for x in path.iterdir()} <= {NAME, *about.files}

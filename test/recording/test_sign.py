@@ -8,9 +8,8 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
-from ros2_ident.recording.motion import Motion
+from ros2_ident.recording.motion import Motion, smooth_motion
 from ros2_ident.recording.sign import sign_of
-from ros2_ident.recording.smooth import smooth_motion
 
 
 def constant_speeds(seed, both=True, weight=2.0):

@@ -6,7 +6,7 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import smooth_motion
-from ros2_ident.recording.smooth import allowed_cutoff
+from ros2_ident.recording.motion import allowed_cutoff
 
 CYCLE = 5e-4
 TIME = np.arange(6000) * CYCLE

@@ -17,8 +17,7 @@ import numpy.typing as npt
 from scipy.ndimage import binary_opening, maximum_filter1d
 
 from ros2_ident.arrays import Array
-from ros2_ident.recording.motion import fill_gaps
-from ros2_ident.recording.smooth import low_pass
+from ros2_ident.recording.motion import fill_gaps, low_pass
 
 Mask = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.intp]

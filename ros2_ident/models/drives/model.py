@@ -29,7 +29,7 @@ from ros2_ident.models.protocol import EffectAt, Output
 from ros2_ident.models.recorded import effort_range, recorded_motion, RecordedMotion
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.band import speed_error, standing, told_band
-from ros2_ident.recording.smooth import low_pass, settling, smooth_motion
+from ros2_ident.recording.motion import low_pass, settling, smooth_motion
 
 # Middle of the time a commanded torque holds, in cycles.
 _HOLD = 0.5
