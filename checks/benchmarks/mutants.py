@@ -59,7 +59,6 @@ OWN: dict[str, str] = {
     'recording.limits': 'recording_damage',
     'recording.mcap_scan': 'recording_damage recording_bag',
     'recording.motion': 'recording_quality recording_smooth',
-    'recording.plausibility': 'recording_quality',
     'recording.rosbag1_scan': 'recording_damage recording_bag',
     'recording.setpoint': 'recording_align',
     'recording.shown': 'recording_builder recording_damage',

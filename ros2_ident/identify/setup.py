@@ -15,7 +15,7 @@ from ros2_ident.machine.machine import Machine
 from ros2_ident.models import Model
 from ros2_ident.models.registry import compared_of
 from ros2_ident.recording import Dataset
-from ros2_ident.recording.plausibility import standing
+from ros2_ident.recording.quality import standing
 
 
 def problem_of(

@@ -53,11 +53,6 @@ class _Placed:
     period: float
     reference: int
 
-    def stamp_of(self, tick: int, cycle: float) -> int:
-        """Return the stamp of a cycle on this stream's clock, ns."""
-        offset = self.ticks.phase + tick * cycle * (1.0 + self.ticks.drift)
-        return self.reference + round(offset * 1e9)
-
 
 def align(
     recording: Recording,
@@ -131,7 +126,8 @@ def align(
         tuple(dict.fromkeys(warnings)),
     )
     origin = placed['state'] if 'state' in placed else next(iter(placed.values()))
-    begin = origin.stamp_of(start, cycle)
+    offset = origin.ticks.phase + start * cycle * (1.0 + origin.ticks.drift)
+    begin = origin.reference + round(offset * 1e9)
     grid = np.arange(cycles, dtype=np.float64) * cycle
     return Dataset(
         names,
@@ -229,16 +225,9 @@ def _place(
 
 
 def _numbered(stream: Stream, reference: int, cycle: float) -> tuple[Stream, Ticks]:
-    """Number a stream's samples; drives that publish one by one are numbered one by one.
+    """Number a stream's samples from a stamp on, ns; return it and the numbers.
 
-    Args:
-        stream: The stream, reduced to the drives.
-        reference: The stamp that numbers count from, ns.
-        cycle: Controller cycle, s.
-
-    Returns:
-        The stream, with one sample per cycle where its drives had to be put together, and the
-        numbers.
+    Drives that publish one by one are numbered one by one, and put together again by cycle.
     """
     there = np.any([~np.isnan(values) for values in stream.fields.values()], axis=0)
     if np.mean(there.all(axis=1)) > 0.5 or not there.any(axis=0).all():

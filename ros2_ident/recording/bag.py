@@ -24,7 +24,6 @@ from ros2_ident.recording.storage import (
     Metadata,
     NAME,
     read_metadata,
-    readable,
     storage_files,
     SUFFIXES,
     unpacked,
@@ -112,7 +111,7 @@ def read_bag(
     path = Path(path)
     topics = topics or Topics()
     limits = limits or Limits.from_environment()
-    with readable(path):
+    try:
         if path.suffix.lower() in TABLES:
             return read_table(path, topics.columns, limits)
         if is_lerobot(path):
@@ -120,6 +119,12 @@ def read_bag(
             unit = topics.position_unit
             return read_lerobot(path, roles, unit, topics.columns, travel, limits)
         return _read(path, topics, limits)
+    except OSError as exc:
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{printable(str(path))}: cannot be read ({exc.strerror or exc}); give the path of a '
+            'log that this user may read',
+        ) from exc
 
 
 def read_bags(

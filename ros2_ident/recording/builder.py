@@ -407,9 +407,6 @@ def _find_stray(stamp: IntArray) -> IntArray:
     """Return the messages whose stamps lie apart from those before and after, which fit together.
 
     One wrong bit in a stamp does that. A clock that was set goes on from where it was set to.
-
-    Args:
-        stamp: Stamps (T,), ns, in the order of arrival.
     """
     none = np.empty(0, dtype=np.int64)
     steps = np.diff(stamp)
@@ -506,17 +503,11 @@ def _overtaken(stamp: IntArray, start: int, begin: int, period: float) -> int:
 
 
 def _match_segments(pieces: dict[str, list[Stream]]) -> list[dict[str, Stream]]:
-    """Put the segments of the roles together that belong to one play of a bag.
+    """Return the segments by role, in the order of arrival, that belong to each play of a bag.
 
     Topics jump back at slightly different moments, but each of them once per restart: with equal
     numbers of segments the k-th belong together. Where one role missed a play, its segments go, in
     order, where their stamps overlap most.
-
-    Args:
-        pieces: Segments of each role in the order of arrival.
-
-    Returns:
-        One mapping from role to segment per recording.
     """
     count = max(len(streams) for streams in pieces.values())
     leader = next(streams for streams in pieces.values() if len(streams) == count)
@@ -533,12 +524,6 @@ def _split_pauses(group: dict[str, Stream]) -> list[dict[str, Stream]]:
 
     A grid over a clock that was set forward would hold the years between. A command that is only
     sent when it changes is no pause, since the state goes on.
-
-    Args:
-        group: The streams of one recording, by role.
-
-    Returns:
-        The recordings, one where there is no pause.
     """
     periods = [sample_period(x.stamp) for x in group.values()]
     pause = round(1e9 * max(_PAUSE, _PAUSE_SAMPLES * min((x for x in periods if x), default=0.0)))

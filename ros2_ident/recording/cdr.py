@@ -286,15 +286,13 @@ def _picked(table: NDArray[np.uint8], places: IntArray, order: str) -> FloatArra
 
 
 @cache
-def _store() -> Typestore:
+def typestore() -> Typestore:
+    """Return the messages of ROS 2 Jazzy itself."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
 def encode(
-    stamp: IntArray,
-    names: Sequence[str],
-    fields: Sequence[FloatArray | None],
-    frame_id: str = '',
+    stamp: IntArray, names: Sequence[str], fields: Sequence[FloatArray | None]
 ) -> list[bytes]:
     """Serialise T messages of the same joints.
 
@@ -302,17 +300,16 @@ def encode(
         stamp: Header stamps (T,), ns.
         names: The D joints.
         fields: Position, velocity, effort, each (T, D) or None for an empty array.
-        frame_id: The header's frame.
 
     Returns:
         T messages, little-endian CDR with encapsulation.
     """
-    store = _store()
+    store = typestore()
     header, joints, time = (
         store.types[x] for x in ('std_msgs/msg/Header', JOINT_STATE, 'builtin_interfaces/msg/Time')
     )
     rows = [np.zeros(0 if x is None else len(names)) for x in fields]
-    one = joints(header(time(0, 0), frame_id), list(names), *rows)
+    one = joints(header(time(0, 0), ''), list(names), *rows)
     message = bytes(store.serialize_cdr(one, JOINT_STATE))
     table = np.tile(np.frombuffer(message, dtype=np.uint8), (stamp.size, 1))
     seconds, nanoseconds = np.divmod(np.asarray(stamp, dtype=np.int64), 1_000_000_000)

@@ -132,7 +132,7 @@ class Trajectories(Messages):
         fresh, self._fresh, self._held = self._fresh, [], 0
         for (when, _), data in zip(fresh, self._plain([x[1] for x in fresh]), strict=True):
             try:
-                self._sent.append((when, parse_trajectory(data, when, self._limits)))
+                self._sent.append((when, parse_trajectory(data, when)))
             except ValueError:
                 self.lost += 1
 

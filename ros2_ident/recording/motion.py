@@ -81,11 +81,7 @@ def motion_of(recording: Recording, name: str, scale: float = 1.0) -> Motion:
 
 
 def motion_in(data: Dataset, name: str) -> Motion:
-    """Return one drive's smoothed motion on the grid of a data set that holds positions.
-
-    Raises:
-        IdentError: Where the drive has too few samples.
-    """
+    """Return one drive's smoothed motion on the grid of a data set; else as `motion_of`."""
     assert data.position is not None
     d = data.names.index(name)
     cutoff = allowed_cutoff(data.position[d], data.cycle, CUTOFF)

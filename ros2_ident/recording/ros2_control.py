@@ -76,7 +76,7 @@ def offers(kind: str, data: bytes, limits: Limits) -> tuple[str, ...]:
     return tuple(found)
 
 
-def read_point(cursor: Cursor) -> tuple[IntArray | None, ...]:
+def _read_point(cursor: Cursor) -> tuple[IntArray | None, ...]:
     """Pass over a JointTrajectoryPoint; return places of position, velocity, acceleration, effort.
 
     The cursor stands at its end, 8 bytes after the place of `time_from_start`.
@@ -95,9 +95,9 @@ def _controller_state(data: bytes, limits: Limits, role: str) -> Layout:
     cursor = Cursor(data, limits)
     cursor.header()
     names = cursor.names()
-    points = [read_point(cursor) for _ in range(3)]
+    points = [_read_point(cursor) for _ in range(3)]
     if len(data) - cursor.at > 8:
-        points.append(read_point(cursor))
+        points.append(_read_point(cursor))
     which = {'command': 0, 'state': 1, 'effort': 3}[role]
     position, velocity, _, effort = points[which] if which < len(points) else (None,) * 4
     if role == 'effort':

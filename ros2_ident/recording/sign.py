@@ -88,11 +88,7 @@ def _power(
 ) -> float:
     """Return the mean power at positions passed both ways over its standard error, or NaN.
 
-    Args:
-        motion: The motion of T samples.
-        effort: (T,) without NaN.
-        others: (M, T) positions of what loads the joint.
-        there: (T,) the samples that count.
+    Of efforts (T,) without NaN at samples `there` (T,), with `others` (M, T) that load the joint.
     """
     place = motion.position - motion.position.min()
     axes = np.vstack([place, others - others.min(axis=1, keepdims=True)])

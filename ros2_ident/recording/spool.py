@@ -13,10 +13,11 @@ from typing import Any
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, DataEnd, Footer, Header, Message, Schema
 from mcap.writer import MCAP0_MAGIC as MAGIC
-from rosbags.typesys import get_typestore, Stores, TypesysError
+from rosbags.typesys import TypesysError
 
 from ros2_ident.errors import IdentError
 from ros2_ident.files import Growing
+from ros2_ident.recording.cdr import typestore
 from ros2_ident.recording.limits import size_text
 
 
@@ -117,6 +118,6 @@ def _described(number: int, topic: str, kind: str) -> tuple[Schema, Channel]:
     """Return the records that say what a channel is."""
     definition = ''
     with contextlib.suppress(TypesysError, KeyError):  # a type that only its package knows
-        definition, _ = get_typestore(Stores.ROS2_JAZZY).generate_msgdef(kind)
+        definition, _ = typestore().generate_msgdef(kind)
     schema = Schema(number, definition.encode(), 'ros2msg', kind)
     return schema, Channel(number, topic, 'cdr', {}, number)

@@ -16,30 +16,12 @@ import yaml
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.damage import FAILURES, open_zstd
 from ros2_ident.recording.limits import Limits, size_text, variable_of
-from ros2_ident.recording.shown import printable
 
 SUFFIXES = ('.mcap', '.db3', '.bag')
 NAME = 'metadata.yaml'
 # No recorder writes more.
 _LARGEST = 1 << 22
 _LOADER: type[yaml.SafeLoader] = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-
-
-@contextmanager
-def readable(path: Path) -> Iterator[None]:
-    """Turn the system's refusal to read into a sentence with the remedy.
-
-    Raises:
-        IdentError: NO_DATA where the system may not or cannot read something there.
-    """
-    try:
-        yield
-    except OSError as exc:
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{printable(str(path))}: cannot be read ({exc.strerror or exc}); give the path of a '
-            'log that this user may read',
-        ) from exc
 
 
 def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:

@@ -8,14 +8,14 @@ until the next trajectory begins (ros2_controllers, joint_trajectory_controller,
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-import struct
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import BPoly
 
-from ros2_ident.recording.cdr import Block, Cursor
+from ros2_ident.recording.cdr import Block, typestore
 from ros2_ident.recording.limits import Limits
-from ros2_ident.recording.ros2_control import read_point
+from ros2_ident.recording.ros2_control import TRAJECTORY
 from ros2_ident.recording.streams import FloatArray
 
 # The set-point is sampled so often, ns.
@@ -42,50 +42,36 @@ class Trajectory:
     knots: FloatArray
 
 
-def parse_trajectory(data: bytes, arrival: int, limits: Limits | None = None) -> Trajectory:
+def parse_trajectory(data: bytes, arrival: int) -> Trajectory:
     """Read one serialised JointTrajectory.
 
     Args:
         data: The message with its four bytes of encapsulation.
         arrival: When it came, ns.
-        limits: How many names, and of what length.
 
     Raises:
         ValueError: The bytes are no JointTrajectory, or it can not be followed.
     """
-    cursor = Cursor(data, limits or Limits())
-    stamp = cursor.header()
-    names = cursor.names()
-    number = cursor.count()
-    if 24 * number > len(data):
-        raise ValueError('more points than bytes')
-    order = '>' if cursor.big else '<'
-    points = [(read_point(cursor)[:3], cursor.at - 8) for _ in range(number)]
-    cursor.end()
-    if not points or not names or len(set(names)) != len(names):
+    try:
+        sent: Any = typestore().deserialize_cdr(data, TRAJECTORY)
+    except Exception as exc:  # generated code lets whatever damaged bytes cause through
+        raise ValueError('no JointTrajectory') from exc
+    names, stamp = tuple(sent.joint_names), sent.header.stamp
+    if not sent.points or not names or len(set(names)) != len(names):
         raise ValueError('no points or joints')
-    seconds, nanoseconds = _time(data, stamp, order)
-    start = seconds * 1_000_000_000 + nanoseconds or arrival
-    time = np.array([s + 1e-9 * ns for s, ns in (_time(data, at, order) for _, at in points)])
+    after = [x.time_from_start for x in sent.points]
+    time = np.array([x.sec + 1e-9 * x.nanosec for x in after])
+    stated = [(x.positions, x.velocities, x.accelerations) for x in sent.points]
     # as many derivatives as every point states, from the position on
-    depth = min(next((k for k in range(3) if x[k] is None), 3) for x, _ in points)
-    stated = [[x for x in places[:depth] if x is not None] for places, _ in points]
-    sizes = {x.size for places in stated for x in places}
+    depth = min(next((k for k in range(3) if not x[k].size), 3) for x in stated)
+    sizes = {row.size for x in stated for row in x[:depth]}
     if sizes != {len(names)}:
         said = ' and '.join(map(str, sorted(sizes))) or 'no'
         raise ValueError(f'{len(names)} names but positions of {said} joints')
-    knots = np.array(
-        [[np.frombuffer(data, f'{order}f8', x.size, int(x[0])) for x in row] for row in stated]
-    )
+    knots = np.array([x[:depth] for x in stated])
     if not np.isfinite(knots).all() or (np.diff(time) < _CLOSE).any() or time[0] < 0.0:
         raise ValueError('times of points that do not increase, or values that are no numbers')
-    return Trajectory(start, names, time, knots)
-
-
-def _time(data: bytes, at: int, order: str) -> tuple[int, int]:
-    """Return seconds and nanoseconds at a place."""
-    seconds, nanoseconds = struct.unpack_from(f'{order}iI', data, at)
-    return int(seconds), int(nanoseconds)
+    return Trajectory(stamp.sec * 1_000_000_000 + stamp.nanosec or arrival, names, time, knots)
 
 
 def set_points(trajectories: Sequence[Trajectory], limits: Limits) -> list[Block]:
@@ -131,12 +117,9 @@ def _followed(trajectories: Sequence[Trajectory], limits: Limits) -> Block:
 def _run_through(
     trajectory: Trajectory, origin: FloatArray | None, after: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return position and velocity (T, D) at times (T,) after a trajectory's start.
+    """Return position and velocity (T, D) at times (T,) after a trajectory's start, s.
 
-    Args:
-        trajectory: The trajectory.
-        origin: Set-point before (D,), from which it goes to its first point; None to hold that.
-        after: Times, s.
+    From the set-point before, `origin` (D,), it goes to its first point; None to hold that.
     """
     time, knots = trajectory.time, trajectory.knots
     if origin is not None and time[0] > _CLOSE:

@@ -18,7 +18,6 @@ from rosbags.interfaces import (
     QosTime,
 )
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import remove_directory, replacing_directory
@@ -166,7 +165,7 @@ def write_bag(
 
 def _write(writer: BagWriter, by_topic: Mapping[str, Stream], others: Sequence[Topic]) -> None:
     """Write all messages in the order of their stamps."""
-    store = get_typestore(Stores.ROS2_JAZZY)
+    store = cdr.typestore()
     with writer:
         connections: list[Connection] = []
         messages: list[list[bytes]] = []

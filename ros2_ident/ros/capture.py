@@ -330,9 +330,7 @@ class Capture:
         inbox = self._inbox[role]
         meter = inbox.meter
         if inbox.kind == TRAJECTORY:
-            found = [
-                parse_trajectory(x, at, _LIMITS) for x, at in zip(data, sent, strict=True)
-            ]
+            found = [parse_trajectory(x, at) for x, at in zip(data, sent, strict=True)]
             inbox.trajectories += found
             meter.received += len(found)
             return
