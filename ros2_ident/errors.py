@@ -6,7 +6,7 @@ from typing import Self
 
 
 class ErrorCode(enum.IntEnum):
-    """What went wrong, as a number that stays the same in files, messages and exit texts.
+    """Kind of an error, as a number that stays the same in files, messages and exit texts.
 
     The interface package's ErrorCode.msg holds the same names and numbers, docs/errors.md the same
     words; tests compare them.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One run, whoever asks for it: a command, a goal of the node, a row of a fleet.
+"""One run, as all callers have it: a command, a goal of the node, a row of a fleet.
 
 Each of them is a `Request`; `read` its logs, `identify` or `diagnose` them, `save` what was found.
 """
@@ -36,7 +36,7 @@ from ros2_ident.search.journal import forget
 
 @dataclass(frozen=True)
 class Request:
-    """What a run is to do.
+    """Request of a run.
 
     Attributes:
         machine: The machine.
@@ -104,7 +104,7 @@ class Request:
 
 @dataclass(frozen=True, eq=False)
 class Logs:
-    """What a run works on.
+    """Data of a run.
 
     Attributes:
         fit: The recordings to fit.

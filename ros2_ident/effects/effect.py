@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an effect is: data, and a small kernel that fills one hook of a simulation step."""
+"""An effect: data, and a small kernel that fills one hook of a simulation step."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ Detector = Literal['flat_top', 'reading_steps', 'late_set_point', 'load']
 
 @dataclass(frozen=True)
 class Context:
-    """What a machine and its log offer an effect.
+    """Properties of a machine and its log that an effect may need.
 
     Attributes:
         drives: Number of drives.
@@ -72,7 +72,7 @@ def motor_torque(context: Context) -> bool:
 
 
 class Hook(enum.Enum):
-    """Where in a simulation step an effect acts, and what its kernel changes.
+    """Place of an effect in a simulation step, and the quantity that its kernel changes.
 
     A kernel of a per-drive hook is `kernel(value, drive, p) -> value`: `value` is what the step
     would use without the effect, `drive` a `DriveState`, `p` the tuple of the effect's parameters;
@@ -93,7 +93,7 @@ class Hook(enum.Enum):
 
 
 class DriveState(NamedTuple):
-    """What a per-drive kernel sees; every field is a `Lanes` value.
+    """Arguments of a per-drive kernel; every field is a `Lanes` value.
 
     Attributes:
         position: Motor position referred to the rail [m].

@@ -5,7 +5,7 @@ from ros2_ident.effects.effect import Context, Effect, EffectParameter, Hook
 
 
 def _recorded_motion(context: Context) -> bool:
-    # What a controller asks for shows as it is; a file is smoothed when nobody controls any more.
+    # What a controller asks for shows as it is; a file is smoothed after the run.
     return not context.closed_loop
 
 

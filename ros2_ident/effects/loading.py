@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where effects come from: this folder, other packages, files of the user.
+"""Sources of effects: this folder, other packages, files of the user.
 
 The kernels are composed of all effects once, so these have to be known before; an environment
 variable tells the files to processes that simulate for this one.

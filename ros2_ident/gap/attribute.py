@@ -209,7 +209,7 @@ class Attribution:
     ) -> list[tuple[EffectAt, Array]]:
         """Return effects whose size log or model show, each with where to start its fit.
 
-        Such an effect bends its own drive's parameters out of all proportion: they start from what
+        Such an effect biases its own drive's parameters, so that these start from what
         the other drives have.
         """
         count = np.bincount(self.case.fit.drive, minlength=len(self.case.drives))

@@ -328,7 +328,7 @@ class Case:
                 )
 
     def carrying(self, held: Sequence[Array]) -> 'Case':
-        """Return the case whose models know when a payload is carried; itself where nobody does.
+        """Return the case whose models know when a payload is carried, or itself.
 
         Args:
             held: For each recording of `whole`, (K,) the share of it that is carried.

@@ -34,7 +34,7 @@ _TURNS = 1.5
 
 @dataclass(frozen=True)
 class Motion:
-    """What D drives did at each of K cycles, at the time the logged effort belongs to.
+    """Motion of D drives at each of K cycles, at the time the logged effort belongs to.
 
     Attributes:
         drives: Their names.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When an effect counts, and which of several explanations is the best."""
+"""Criteria by which an effect counts and the best of several explanations is chosen."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ def at_bound(parameter: EffectParameter, value: float) -> bool:
 
 @dataclass(frozen=True)
 class Rules:
-    """When something counts: shares, or RMS in units of the floor; see `docs/diagnosis.md`.
+    """Thresholds: shares, or RMS in units of the floor; see `docs/diagnosis.md`.
 
     Attributes:
         material: Gap of a drive, RMS, below which nothing is missing.

@@ -171,7 +171,7 @@ def _key(asked: object, first: Recordings, second: Recordings) -> str:
 
 @dataclass(frozen=True)
 class _Pass:
-    """What one pass over the recordings has found so far."""
+    """State of one pass over the recordings."""
 
     explainer: Explainer
     base: Explanation

@@ -135,7 +135,7 @@ class Trace:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Where the gap lies, what causes it, how far it closes.
+    """Result: place of the gap, its cause, the share that closes.
 
     Attributes:
         effect: Id of the effect, `none` or `unknown`.

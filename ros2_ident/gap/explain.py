@@ -19,7 +19,7 @@ _LOWER = 0.97
 
 @dataclass(frozen=True)
 class Explained:
-    """What came of the search for effects.
+    """Result of the forward selection.
 
     Attributes:
         chain: The nominal fit, then one more effect each.

@@ -61,7 +61,7 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Left:
-    """What a fit leaves: its residual (R,), a basis of its Jacobian (R, N), and its inverse."""
+    """Rest of a fit: its residual (R,), a basis of its Jacobian (R, N), and its inverse."""
 
     residual: Array
     basis: Array

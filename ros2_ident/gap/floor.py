@@ -71,7 +71,7 @@ class Floor:
 
         Args:
             drives: (D,) their names.
-            stated: Noise that somebody stated, in the unit of the residual; 0 where nobody did.
+            stated: Noise stated, in the unit of the residual; 0 for none.
         """
         least = _BEYOND * stated
         open_part = OPEN if stated else _SLOWEST
@@ -172,7 +172,7 @@ def _refine(velocity: Array, coarse: int, stride: int) -> int | None:
 
 @dataclass(frozen=True)
 class Predictability:
-    """What can be predicted of what a fit leaves, and what cannot.
+    """The predictable part of a residual, and its noise.
 
     Attributes:
         floor: What cannot: the noise.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a gap lies: which coordinate of the motion the residual follows, and in which region.
+"""Localisation of a gap: the coordinate of the motion that the residual follows, and the region.
 
 For each drive and coordinate the residual is averaged over regions of it, or a line is fitted. The
 share of the explainable gap that this explains is compared with what it would be by chance: the

@@ -47,6 +47,7 @@ class CoarseReading:
         step: Period of the reading's error over the position [`unit`].
         error: What one period more or less over the whole way would change of it [`unit`].
         power: Power of the line, in units of the mean of all lines.
+        clear: Whether the line stands clear of all others.
         unit: Unit of the position.
     """
 
@@ -54,22 +55,24 @@ class CoarseReading:
     step: float
     error: float
     power: float
+    clear: bool = True
     unit: str = 'm'
 
 
 def coarse_readings(
     case: Case, theta: Array, drives: Sequence[str]
 ) -> tuple[CoarseReading, ...]:
-    """Return the drives' encoders whose steps show in any recording, the clearest line of each.
+    """Return the drives' encoders whose steps show in both parts, the clearest line of each.
 
     Args:
         case: The recordings.
         theta: (N,) the nominal fit.
         drives: Those to look at.
     """
-    best: dict[str, CoarseReading] = {}
+    parts = []
     for part in (case.fit, case.check):
         joint = part.with_effects(())
+        best: dict[str, CoarseReading] = {}
         for number, model in enumerate(joint.models):
             own = joint.own(number, theta)[0]
             seen = part.seen[number] if part.seen else None
@@ -77,7 +80,13 @@ def coarse_readings(
                 found = coarse_reading(model, seen, own, drive)
                 if found and (drive not in best or found.power > best[drive].power):
                     best[drive] = found
-    return tuple(best.values())
+        parts.append(best)
+    # A line that chance or another cause makes is not there again at the same period.
+    pairs = [(own[d], other[d]) for own, other in (parts, parts[::-1]) for d in own if d in other]
+    shown = [
+        a for a, b in pairs if a.clear and abs(a.step - b.step) <= a.error + b.error
+    ]
+    return tuple({r.drive: r for r in sorted(shown, key=lambda r: r.power)}.values())
 
 
 def coarse_reading(
@@ -95,7 +104,7 @@ def coarse_reading(
         drive: The drive.
 
     Returns:
-        The reading's step where its line stands clear of all others; None else.
+        The step of the clearest line; None where the motion shows none.
     """
     drives = model.data.names if model.machine is None else model.machine.drives
     motion = seen or _logged(model, drives)
@@ -123,10 +132,10 @@ def coarse_reading(
         span = float(np.ptp(position))
         if span >= 3.0 * SMALLEST * per_metre:
             found.append((*_clearest(position, velocity, fast, per_metre), span))
-    step, power, span = max(found, key=lambda x: x[1], default=(0.0, 0.0, 1.0))
-    if power < CLEAR:
+    if not found:
         return None
-    return CoarseReading(drive, step, step**2 / span, power, unit)
+    step, power, stands, span = max(found, key=lambda x: (x[2], x[1]))
+    return CoarseReading(drive, step, step**2 / span, power, stands and power >= CLEAR, unit)
 
 
 def _logged(model: FullModel, drives: Sequence[str]) -> RecordedMotion | None:
@@ -140,8 +149,8 @@ def _logged(model: FullModel, drives: Sequence[str]) -> RecordedMotion | None:
 
 def _clearest(
     position: Array, velocity: Array, fast: Array, per_metre: float
-) -> tuple[float, float]:
-    """Return the step of the clearest line and its power, 0 where others are nearly as clear."""
+) -> tuple[float, float, bool]:
+    """Return the step of the clearest line, its power, and whether no other is nearly as clear."""
     span = float(np.ptp(position))
     # The step itself, and its difference from cycle to cycle, which turns with the direction.
     bins = min(next_fast_len(int(_FINE * span / (SMALLEST * per_metre)), True), _MOST_BINS)
@@ -166,7 +175,7 @@ def _clearest(
     third = int(round(1.5 * best))
     halved = power[third - 3 : third + 4].max(initial=0.0) > _HALVED * power[best]
     step = span / max(float(order[best]), 1e-300) * (2.0 if halved else 1.0)
-    return step, float(power[best]) if stands else 0.0
+    return step, float(power[best]), bool(stands)
 
 
 def _lines(position: Array, values: Array, bins: int) -> Array:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When no effect is named: the log contradicts the machine file, or the model is another one.
+"""Verdicts without an effect: the log contradicts the machine file, or the model is another one.
 
 Each function takes what the rounds came to and what would follow, and returns both, or what holds
 in their place.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where along a coordinate a gap lies: the shortest region that holds most of it."""
+"""Region of a gap along a coordinate: the shortest one that holds most of it."""
 
 from dataclasses import dataclass
 import math

@@ -25,7 +25,7 @@ _BELOW = (0.92, 0.8, 0.65, 0.5)
 
 @dataclass(frozen=True)
 class Start:
-    """Where to start a joint fit from.
+    """Start of a joint fit.
 
     Attributes:
         effects: The effect at its place; one of several drives at each.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When a payload is carried, read from what the nominal fit misses.
+"""Instants at which a payload is taken up and put down, from the nominal residual.
 
 A load adds to every drive's effort what the motion makes of its mass, while it is there. So the
 mass that is missing, bin by bin, jumps between two levels: the nominal fit has part of it in the

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What log and machine file say of each other before any physics is fitted."""
+"""Checks of a log against the machine file before any physics is fitted."""
 
 from ros2_ident.gates.examine import examine
 from ros2_ident.gates.finding import Gate, GateReport, Level, likewise, sentences

@@ -34,7 +34,7 @@ _LIMITED = 0.9
 
 @dataclass(frozen=True)
 class Push:
-    """An effort that nobody asked for.
+    """An effort that was not commanded.
 
     Attributes:
         time: When it is highest, s since the recording's start.
@@ -80,7 +80,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class _Log:
-    """What of a drive's log the law is fitted to, below the band's end: (T,) values.
+    """Signals that the law is fitted to, below the band's end: (T,) values.
 
     Attributes:
         start: Time of the first value, s.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the gates find: values and the words for them."""
+"""Findings of the checks: values and the words for them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _CAUSES = ('names', 'limit', 'set_point', 'reach', 'offset', 'coupling', 'sign',
 
 @dataclass(frozen=True)
 class Gate:
-    """What one check says.
+    """Result of one check.
 
     Attributes:
         gate: `missing`, `jitter`, `sign`, `limit`, `law`, `law_noise`, `set_point`, `offset`,
@@ -30,7 +30,7 @@ class Gate:
         unit: Its unit.
         sentence: In words, with the remedy where there is one.
         contradicts: Whether log and machine file contradict each other, or the model cannot fit
-            the log, so that this is what a user has to hear first.
+            the log; such a finding comes first.
         key: The constant of the machine file that is to be changed, empty for none.
         cause: Which of several causes the check names, empty where it knows one.
     """
@@ -77,7 +77,7 @@ class GateReport:
 
     @property
     def contradictions(self) -> tuple[Gate, ...]:
-        """What log and machine file contradict each other in, the worst first."""
+        """Contradictions between log and machine file, the worst first."""
         return tuple(g for g in self.gates if g.contradicts)
 
     @property
@@ -102,7 +102,7 @@ class GateReport:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user has to know, one sentence each."""
+        """Findings that are not ok, one sentence each."""
         return tuple(g.sentence for g in self.gates if g.level != 'ok')
 
     def of(self, gate: str) -> tuple[Gate, ...]:

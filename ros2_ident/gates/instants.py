@@ -23,7 +23,7 @@ _HALF, _ROUNDS = 2.0, 15
 
 @dataclass(frozen=True)
 class Peaks:
-    """Where a series stands out.
+    """Instants at which a series stands out.
 
     Attributes:
         at: (P,) indices of the highest values.

@@ -123,8 +123,8 @@ def check_asked(found: Asked, unit: str) -> list[Gate]:
     if found.pushes:
         at = ', '.join(p.said(unit) for p in found.pushes)
         text = (
-            f'{drive}: made efforts that the command did not ask for: {at}; look for another '
-            'source of commands, a hand at the machine, or a fault of the drive'
+            f'{drive}: effort that was not commanded: {at}; look for another source of commands, '
+            'contact with a person or an object, or a fault of the drive'
         )
         said.append(Gate('not_asked', drive, 'warn', found.pushes[0].time, 's', text))
     return said

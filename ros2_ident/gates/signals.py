@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a controller saw and commanded, as a log has it, and how late: the columns of its law."""
+"""Inputs and output of a controller as logged, and their delays: the columns of its law."""
 
 from dataclasses import dataclass
 import math

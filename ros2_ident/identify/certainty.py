@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of each parameter: identified, bounded, or not determined.
+"""Certainty of each parameter: identified, bounded, or not determined.
 
 A parameter is identified where its 95 % interval, with what the model may lack, is narrower than
 its value and than half of its box; one that a machine can be without (friction, an offset, a

@@ -37,7 +37,7 @@ Parts = Callable[[], Iterator[tuple[Dataset, str]]]
 
 @dataclass(frozen=True, eq=False)
 class Data:
-    """What a recording gives to identify from.
+    """Data of recordings to identify from.
 
     Attributes:
         datasets: Its segments on the grid of controller cycles.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a fit's residual shows of the noise, and what effects of the catalogue can hide in it."""
+"""Noise of a fit's residual, and the effects of the catalogue that can hide in it."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -126,7 +126,7 @@ def _uninterrupted(there: npt.NDArray[np.intp]) -> list[npt.NDArray[np.intp]]:
 
 @dataclass(frozen=True)
 class Weighed:
-    """What the residual of a fit shows.
+    """Noise of a residual, and what hides in it.
 
     Attributes:
         evidence: Noise, what effects of the catalogue predict, the parameters' certainty; places

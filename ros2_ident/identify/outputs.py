@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a recording is compared with the model, and how much each of it counts (eq. 2)."""
+"""Quantities of a recording that are compared with the model, and their weights (eq. 2)."""
 
 from collections.abc import Mapping, Sequence
 import math

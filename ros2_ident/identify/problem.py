@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is to be solved: models of one machine on all recordings, as one problem."""
+"""Models of one machine on all recordings as one problem."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -170,7 +170,7 @@ class Problem:
         Args:
             theta: (S, N) candidates.
             limit: Cost above which a candidate need not be simulated to the end.
-            stop: Asked now and then; where it says True, nobody needs the result any more.
+            stop: Asked now and then; True where the result is not needed any more.
 
         Returns:
             (S,) costs, `unit`; inf where a candidate diverged. Where one is above `limit` it is a
@@ -265,7 +265,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Setup:
-    """What a problem is made from, where that is a machine and its data.
+    """Machine and data that a problem is made from.
 
     Attributes:
         machine: The machine.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an identification says: values only, immutable, ready for files, messages and pages."""
+"""Result of an identification: values only, immutable, for files, messages and pages."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -171,7 +171,7 @@ class Cost:
 
 @dataclass(frozen=True)
 class DriveResidual:
-    """What is left of one drive's effort at the estimate.
+    """Residual of one drive's effort at the estimate.
 
     Attributes:
         drive: Its name.
@@ -208,7 +208,7 @@ class History:
 
 @dataclass(frozen=True)
 class Quality:
-    """What the data were like.
+    """Quality of the data.
 
     Attributes:
         segments: Uninterrupted stretches used.
@@ -227,7 +227,7 @@ class Quality:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where the numbers came from.
+    """Provenance of the numbers.
 
     Attributes:
         source: Path of the bag, or the name of the live buffer.

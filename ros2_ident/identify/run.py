@@ -60,7 +60,7 @@ def identify(
 ) -> Identification:
     """Identify the parameters of a machine, or of any model.
 
-    Same machine, data, settings and seed give the same parameters to the bit, whoever simulates
+    Same machine, data, settings and seed give the same parameters to the bit, wherever simulated
     and however many there are, unless a budget of seconds or a cancel cuts the run.
 
     Args:
