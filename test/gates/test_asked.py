@@ -151,7 +151,7 @@ def test_pushes_are_said_of_every_recording() -> None:
     logs = [dataset(recording()), dataset(recording((5.0, 0.6)))]
     report = examine(machine(), logs)
     (gate,) = report.of('not_asked')
-    assert gate.sentence.startswith('recording 2: knee: made efforts that the command')
+    assert gate.sentence.startswith('recording 2: knee: effort that was not commanded')
     assert '5.00 s (+0.6 N m)' in gate.sentence
     assert report.warnings == (gate.sentence,) or gate.sentence in report.warnings
 
