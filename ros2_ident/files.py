@@ -139,15 +139,14 @@ def sole_writer(path: str | Path, names: Iterable[str] = ()) -> Iterator[Path]:
 
 @contextmanager
 def replacing(path: str | Path, *, replace: bool = False) -> Iterator[IO[bytes]]:
-    """Give a file to write to, which takes the place of `path` when all of it is written.
+    """Give a binary file to write to, which takes the place of `path` when all of it is written.
+
+    Where an exception ends the writing, `path` stays what it was.
 
     Args:
         path: The file; its directory exists.
         replace: Whether a file that is there may go even without the mark of the new one. It is
             for the caller to know that it is his own.
-
-    Yields:
-        A binary file. Where an exception ends the writing, `path` stays what it was.
 
     Raises:
         IdentError: INVALID_GOAL where it cannot be written, or something else is there.
@@ -174,13 +173,12 @@ def replacing(path: str | Path, *, replace: bool = False) -> Iterator[IO[bytes]]
 def replacing_directory(path: str | Path, *, replace: bool = False) -> Iterator[Path]:
     """Give the path of a directory to make, which takes the place of `path` when it is whole.
 
+    It has the same name and is on the same file system.
+
     Args:
         path: The directory; its parents are made.
         replace: Whether a directory that is there may go. It is for the caller to know that it
             is his own.
-
-    Yields:
-        The path to make and fill, of the same name and on the same file system.
 
     Raises:
         IdentError: INVALID_GOAL where something is in the way or it cannot be written.

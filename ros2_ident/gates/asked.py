@@ -145,7 +145,7 @@ def _log_of(machine: Machine, data: Dataset, d: int) -> _Log | None:
     rows = np.stack([asked, fill_gaps(effort), motion[1][0], motion[2][0]])
     slow = low_pass(rows, data.cycle, band)
     beside = np.stack([np.ones_like(slow[1, kept]), slow[2, kept], slow[3, kept]], axis=1)
-    stream = data.quality.stream('effort') or data.quality.stream('state')
+    stream = data.streams.get('effort') or data.streams.get('state')
     jitter = 0.0 if stream is None else stream.jitter
     return _Log(
         ends * data.cycle, max(1, stride) * data.cycle, data.cycle,

@@ -26,12 +26,10 @@ def check_streams(data: Dataset) -> list[Gate]:
     """Judge missing samples and the jitter of the stamps of every stream."""
     found = []
     # What is in one message comes with its losses and its stamp.
-    alike: dict[tuple[float, ...], list[StreamQuality]] = {}
-    for stream in data.quality.streams:
-        kept = stream.samples, stream.missing, stream.rate, stream.jitter, stream.stride
-        alike.setdefault(kept, []).append(stream)
-    for stream, *others in alike.values():
-        roles = [stream.role, *(other.role for other in others)]
+    alike: dict[StreamQuality, list[str]] = {}
+    for role, stream in data.streams.items():
+        alike.setdefault(stream, []).append(role)
+    for stream, roles in alike.items():
         name, share = ' and '.join(roles), stream.missing_share
         level: Level = 'fail' if share > TOO_MANY_MISSING else 'warn' if share > MISSING else 'ok'
         text = f'{name}: {stream.samples} samples at {stream.rate:.6g} Hz'

@@ -71,10 +71,10 @@ class Data:
         came: dict[str, int] = {}
         lost: dict[str, int] = {}
         for dataset in self.datasets:
-            for stream in dataset.quality.streams:
-                came[stream.role] = came.get(stream.role, 0) + stream.samples
-                lost[stream.role] = lost.get(stream.role, 0) + stream.missing
-        said = [w for d in self.datasets for w in d.quality.warnings]
+            for role, stream in dataset.streams.items():
+                came[role] = came.get(role, 0) + stream.samples
+                lost[role] = lost.get(role, 0) + stream.missing
+        said = [w for d in self.datasets for w in d.warnings]
         return Quality(
             segments=len(self.datasets),
             duration=sum(d.duration for d in self.datasets),

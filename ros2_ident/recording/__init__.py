@@ -7,7 +7,6 @@ from ros2_ident.recording.bag import read_bags as read_bags
 from ros2_ident.recording.bag import Topics as Topics
 from ros2_ident.recording.builder import LIVE as LIVE
 from ros2_ident.recording.builder import RecordingBuilder as RecordingBuilder
-from ros2_ident.recording.dataset import AlignQuality as AlignQuality
 from ros2_ident.recording.dataset import Dataset as Dataset
 from ros2_ident.recording.dataset import StreamQuality as StreamQuality
 from ros2_ident.recording.findings import Finding as Finding

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording.dataset import AlignQuality, Dataset, StreamQuality
+from ros2_ident.recording.dataset import Dataset, StreamQuality
 from ros2_ident.recording.grid import find_ticks, sample_period, Ticks
 from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.setpoint import interpolate_setpoint
@@ -121,10 +121,6 @@ def align(
         position, velocity = _setpoint(command, start, cycles, cycle)
     measured = {field: _measured(field, placed, names, start, cycles) for field in FIELDS}
     _check_need(where, recording, names, measured, command is not None, need)
-    quality = AlignQuality(
-        tuple(_quality(x, start, cycles) for x in placed.values()),
-        tuple(dict.fromkeys(warnings)),
-    )
     origin = placed['state'] if 'state' in placed else next(iter(placed.values()))
     offset = origin.ticks.phase + start * cycle * (1.0 + origin.ticks.drift)
     begin = origin.reference + round(offset * 1e9)
@@ -138,7 +134,8 @@ def align(
         measured['position'],
         measured['velocity'],
         measured['effort'],
-        quality,
+        {role: _quality(x, start, cycles) for role, x in placed.items()},
+        tuple(dict.fromkeys(warnings)),
         _beside(recording.state, names, begin, grid),
         off,
         _asked(asking, names, begin, grid),
@@ -514,7 +511,6 @@ def _quality(placed: _Placed, start: int, cycles: int) -> StreamQuality:
     usual = stride or (float(np.median(steps)) if steps.size else 1.0)
     missing = int(np.maximum(np.round(steps / usual) - 1, 0).sum()) if steps.size else 0
     return StreamQuality(
-        placed.role,
         int(inside.sum()),
         missing,
         1.0 / placed.period if placed.period else 0.0,

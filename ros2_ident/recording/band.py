@@ -14,7 +14,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from ros2_ident.errors import IdentError
 from ros2_ident.recording.dataset import Dataset
-from ros2_ident.recording.motion import fill_gaps, low_pass, smooth_motion
+from ros2_ident.recording.motion import fill_gaps, low_pass, samples_of, smooth_motion
 from ros2_ident.recording.streams import FloatArray
 
 # The highest band, as a share of the rate, and the lowest, Hz.
@@ -75,7 +75,7 @@ def standing(
     out = np.zeros(position.shape, dtype=bool)
     slow = np.zeros(len(position)) if least is None else least
     for row, rate, still, speed in zip(position, velocity, out, slow, strict=True):
-        there, period = _samples(row, cycle)
+        there, period = samples_of(row, cycle)
         if not there.size:
             continue
         seen = row[there]
@@ -104,24 +104,18 @@ def speed_error(position: FloatArray, cycle: float, cutoff: float) -> float:
         cycle: Time from cycle to cycle, s.
         cutoff: The frequency, Hz.
     """
-    there, period = _samples(position, cycle)
+    there, period = samples_of(position, cycle)
     if not there.size:
         return 0.0
     error = max(_noise(position[there]), _step(position[there]) / math.sqrt(12.0))
     return 2.0 * math.pi * error * math.sqrt(2.0 / 3.0 * cutoff**3 * period)
 
 
-def _samples(row: FloatArray, cycle: float) -> tuple[NDArray[np.intp], float]:
-    """Return the cycles of a row with a sample, and the time from one to the next, s."""
-    there = np.flatnonzero(np.isfinite(row))
-    return there, cycle * float(np.median(np.diff(there))) if there.size > 1 else cycle
-
-
 def _of_joint(data: Dataset, d: int) -> float:
     """Return the band of one joint, the highest where nothing is known of it."""
     if data.position is None:
         return _HIGHEST / data.cycle
-    there, period = _samples(data.position[d], data.cycle)
+    there, period = samples_of(data.position[d], data.cycle)
     highest = _HIGHEST / period
     if data.effort is None or min(there.size, np.isfinite(data.effort[d]).sum()) < _FEWEST:
         return highest

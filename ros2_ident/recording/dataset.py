@@ -20,7 +20,6 @@ class StreamQuality:
     """How one stream arrived.
 
     Attributes:
-        role: `state`, `effort` or `command`.
         samples: Samples used.
         missing: Samples that should have come and did not.
         rate: Samples per second, Hz.
@@ -28,7 +27,6 @@ class StreamQuality:
         stride: Cycles from sample to sample; 0 where the stream does not keep to the grid.
     """
 
-    role: str
     samples: int
     missing: int
     rate: float
@@ -39,23 +37,6 @@ class StreamQuality:
     def missing_share(self) -> float:
         """Missing samples as a share of those expected."""
         return self.missing / max(1, self.samples + self.missing)
-
-
-@dataclass(frozen=True)
-class AlignQuality:
-    """How a recording came onto the grid.
-
-    Attributes:
-        streams: One entry per stream.
-        warnings: What a user has to know, one sentence each.
-    """
-
-    streams: tuple[StreamQuality, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-    def stream(self, role: str) -> StreamQuality | None:
-        """Return the entry of a role, or None."""
-        return next((x for x in self.streams if x.role == role), None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +53,8 @@ class Dataset:
         position: Measured (D, K), NaN at cycles without a sample; None where never measured.
         velocity: Likewise.
         effort: Likewise, in the unit of the recording given (N m or N after conversion).
-        quality: How the streams arrived.
+        streams: How the streams arrived, by role.
+        warnings: What a user has to know of that, one sentence each.
         beside: Positions (K,) of the recording's other joints, by name, at every cycle.
         released: Cycle from which on the motors are switched off; None where they never are.
         command_effort: Effort asked for (D, K), in the unit of `effort`, NaN for drives that are
@@ -87,7 +69,8 @@ class Dataset:
     position: FloatArray | None
     velocity: FloatArray | None
     effort: FloatArray | None
-    quality: AlignQuality = field(default_factory=AlignQuality)
+    streams: Mapping[str, StreamQuality] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
     beside: Mapping[str, FloatArray] = field(default_factory=dict)
     released: int | None = None
     command_effort: FloatArray | None = None
@@ -136,11 +119,8 @@ class Dataset:
     @property
     def cycles(self) -> int:
         """K, the number of controller cycles."""
-        for name in ('command_position', 'position', 'effort', 'velocity'):
-            values = getattr(self, name)
-            if values is not None:
-                return int(values.shape[1])
-        return 0
+        rows = (getattr(self, name) for name in (*_SEEN, 'command_effort'))
+        return next(int(x.shape[1]) for x in rows if x is not None)
 
     def coarse(self, least: int) -> 'Dataset':
         """Return it on a grid of at least `least` cycles a sample, for a log without set-point.

@@ -126,6 +126,12 @@ def fill_smoothly(values: FloatArray) -> FloatArray:
     return np.asarray(spline(inside))
 
 
+def samples_of(row: FloatArray, cycle: float) -> tuple[NDArray[np.intp], float]:
+    """Return the cycles of a row with a sample, and the time from one to the next, s."""
+    there = np.flatnonzero(np.isfinite(row))
+    return there, cycle * float(np.median(np.diff(there))) if there.size > 1 else cycle
+
+
 def allowed_cutoff(position: FloatArray, cycle: float, wanted: float) -> float:
     """Return the cutoff with which positions can be smoothed, as near to the wanted one as may be.
 
@@ -137,9 +143,8 @@ def allowed_cutoff(position: FloatArray, cycle: float, wanted: float) -> float:
     Returns:
         The frequency wanted, or a fifth of the rate of the slowest drive's samples, Hz.
     """
-    there = [np.flatnonzero(np.isfinite(row)) for row in np.atleast_2d(position)]
-    steps = [float(np.median(np.diff(t))) for t in there if t.size > 1]
-    return min(wanted, ROOM / (max(steps, default=1.0) * cycle))
+    periods = (samples_of(row, cycle)[1] for row in np.atleast_2d(position))
+    return min(wanted, ROOM / max(periods, default=cycle))
 
 
 def smooth_motion(
@@ -173,14 +178,14 @@ def smooth_motion(
     """
     position = np.atleast_2d(np.asarray(position, dtype=np.float64))
     for row, samples in enumerate(position):
-        there = np.flatnonzero(np.isfinite(samples))
+        there, period = samples_of(samples, cycle)
         if there.size < 4:
             raise IdentError(
                 ErrorCode.BAD_VALUES,
                 f'drive {row + 1} of {position.shape[0]} has {there.size} position samples, at '
                 'least 4 are needed; record a longer motion',
             )
-        rate = 1.0 / (float(np.median(np.diff(there))) * cycle)
+        rate = 1.0 / period
         if not 0.0 < cutoff < 0.5 * rate:
             raise IdentError(
                 ErrorCode.BAD_VALUES,

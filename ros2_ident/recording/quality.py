@@ -213,7 +213,7 @@ def _judge_recording(
     except IdentError as exc:
         yield Finding('error', exc.code.name.lower(), '', exc.message)
         return
-    for text in data.quality.warnings:
+    for text in data.warnings:
         if text not in recording.warnings:
             yield Finding('warn', 'align', '', text)
 

@@ -13,7 +13,7 @@ from ros2_ident.gates.law import fit_law, Gain, Law
 from ros2_ident.gates.log import check_effort, check_streams
 from ros2_ident.identify.run import read_data
 from ros2_ident.models import load_machine
-from ros2_ident.recording import AlignQuality, StreamQuality
+from ros2_ident.recording import StreamQuality
 from ros2_ident.recording.dataset import Dataset
 
 ROOT = Path(__file__).parents[2]
@@ -155,10 +155,10 @@ def test_an_effort_without_its_sign_fails():
 @pytest.mark.parametrize(('missing', 'level'), [(0, 'ok'), (50, 'warn'), (500, 'fail')])
 def test_missing_samples(missing, level):
     case = type('Data', (), {})()
-    stream = StreamQuality('effort', 1000, missing, 1000.0, 1e-5, 2)
-    case.quality = AlignQuality((stream,))
+    stream = StreamQuality(1000, missing, 1000.0, 1e-5, 2)
+    case.streams = {'effort': stream}
     assert check_streams(case)[0].level == level
-    case.quality = AlignQuality((replace(stream, jitter=1e-3, stride=0),))
+    case.streams = {'effort': replace(stream, jitter=1e-3, stride=0)}
     assert 'keep to no multiple of the controller cycle' in check_streams(case)[-1].sentence
 
 

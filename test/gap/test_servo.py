@@ -116,8 +116,8 @@ def test_a_command_that_stops_for_good_switches_the_motor_off() -> None:
     data = align(whole, MACHINE.drives, CYCLE, need=('position',), released=True)
     assert data.duration == pytest.approx(7.99, abs=0.02)
     assert data.released * CYCLE == pytest.approx(off, abs=0.006)
-    assert any('switched off' in text for text in data.quality.warnings)
-    assert not any('lie outside the command' in text for text in data.quality.warnings)
+    assert any('switched off' in text for text in data.warnings)
+    assert not any('lie outside the command' in text for text in data.warnings)
     # A goal that is sent now and then says nothing of the motor.
     assert whole.command is not None
     sent = whole.command

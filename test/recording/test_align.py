@@ -81,7 +81,7 @@ def test_effort_comes_from_the_state_where_the_effort_stream_lacks_a_drive():
     alone = Stream(('x',), START + ticks * 500_000, effort=np.full((100, 1), 7.0))
     data = align(Recording(stream(ticks), alone), NAMES, CYCLE)
     assert data.effort[0, 4] == 4.0
-    assert 'holds none of the drives, only x' in data.quality.warnings[0]
+    assert 'holds none of the drives, only x' in data.warnings[0]
 
 
 @pytest.mark.parametrize('apart', [0, 30_000, 210_000, 730_000])
@@ -97,7 +97,7 @@ def test_drives_that_publish_one_by_one(apart):
     (recording,) = builder.build()
     data = align(recording, NAMES, CYCLE)
     late = round(apart / 500_000)
-    assert {x.stride for x in data.quality.streams} == {2}
+    assert {x.stride for x in data.streams.values()} == {2}
     for i, row in enumerate(data.effort):
         tick = np.flatnonzero(np.isfinite(row))
         assert tick.size == 200
@@ -193,7 +193,7 @@ def test_speeds_without_positions_are_integrated():
     moved = position - position[0]
     np.testing.assert_allclose(data.position[:, ::5], moved.T[:, : data.cycles], atol=1e-4)
     assert any(
-        'drive_1, drive_2 was recorded; it is the integral' in x for x in data.quality.warnings
+        'drive_1, drive_2 was recorded; it is the integral' in x for x in data.warnings
     )
     command = stream(ticks, fields='p')
     assert (

@@ -40,7 +40,7 @@ PARTS = np.r_[np.arange(0, 500), np.arange(700, 1500), np.arange(1700, 2000)]
 def test_the_command_says_which_cycles_are_used(state, command, begin, cycles, said):
     found = align(Recording(sampled(state), command=sampled(command, False)), NAMES, CYCLE)
     assert (found.start // MS, found.cycles) == (begin, cycles)
-    words = ' | '.join(found.quality.warnings)
+    words = ' | '.join(found.warnings)
     assert words == '' if said is None else said.split(', and')[0] in words
 
 
@@ -50,7 +50,7 @@ def test_a_command_that_stops_before_the_state_switches_the_motors_off(last, off
     found = align(Recording(state, command=command), NAMES, CYCLE, released=True)
     assert found.released == (last + 1 if off else None)
     assert found.cycles == (1000 if off else last + 1)
-    assert off == any('stops 0.06 s before the state' in x for x in found.quality.warnings)
+    assert off == any('stops 0.06 s before the state' in x for x in found.warnings)
     assert align(Recording(state, command=command), NAMES, CYCLE).released is None
 
 
@@ -68,11 +68,11 @@ def test_the_account_of_a_stream_is_that_of_its_cycles():
     effort = np.array(stream.effort)
     effort[5:9] = np.nan
     state = Stream(NAMES, stream.stamp, stream.position, None, effort)
-    whole = align(Recording(state), NAMES, CYCLE).quality.stream('state')
+    whole = align(Recording(state), NAMES, CYCLE).streams['state']
     assert (whole.samples, whole.missing) == (197, 3)
     assert whole.rate == pytest.approx(500.0) and whole.stride == 2
     command = sampled(np.arange(100, 300, 2), effort=False)
-    part = align(Recording(state, command=command), NAMES, CYCLE).quality.stream('state')
+    part = align(Recording(state, command=command), NAMES, CYCLE).streams['state']
     assert (part.samples, part.missing) == (99, 1)
 
 
@@ -83,4 +83,4 @@ def test_stamps_come_back_from_cycles():
     found = align(Recording(drifted), NAMES, CYCLE)
     assert abs(found.start - stamp[0]) < 2_000
     np.testing.assert_array_equal(found.effort[0, ::2], state.effort[:, 0])
-    assert any('is 1.0002 ms on the clock of the stamps' in x for x in found.quality.warnings)
+    assert any('is 1.0002 ms on the clock of the stamps' in x for x in found.warnings)

@@ -118,7 +118,7 @@ def test_a_replayed_bag_gives_the_same_data_set_as_the_bag_read_directly() -> No
     for name in ('command_position', 'command_velocity', 'position', 'velocity', 'effort'):
         assert np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True)
     assert (one.start, one.cycle, one.names) == (two.start, two.cycle, two.names)
-    assert one.quality == two.quality
+    assert (one.streams, one.warnings) == (two.streams, two.warnings)
 
 
 def test_a_backward_stamp_closes_the_segment(ear) -> None:
