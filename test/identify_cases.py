@@ -9,7 +9,8 @@ import numpy as np
 
 from checks.reference.bag_making import simulate_bag
 from ros2_ident.identify.data import Data, gather
-from ros2_ident.identify.run import IdentifySettings
+from ros2_ident.identify.result import Identification
+from ros2_ident.identify.run import identify, IdentifySettings
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.recording import Recording
 from ros2_ident.search import GeneticSettings
@@ -85,6 +86,12 @@ def recording_of(bag: SimulatedBag, **changes: object) -> Recording:
 def axis_data() -> Data:
     """Return the axis' log on the grid."""
     return gather([recording_of(axis_bag())], axis())
+
+
+@cache
+def identified(seed: int = 1) -> Identification:
+    """Return what a quick search finds in the axis' log."""
+    return identify(axis(), axis_data(), settings=QUICK, seed=seed)
 
 
 def theta_of(names: tuple[str, ...], truth: dict[str, float]) -> np.ndarray:

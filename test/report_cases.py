@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 from gap_signals import floor_of, motion, residual
-from identify_cases import axis, axis_data, QUICK, tripod
+from identify_cases import axis, axis_data, identified, tripod
 import numpy as np
 
 from ros2_ident.gap.blocks import Interval
@@ -16,19 +16,12 @@ from ros2_ident.gap.localise import localise
 from ros2_ident.gates import Gate
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.result import Identification
-from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import EffectAt
 from ros2_ident.report.files import write_diagnosis, write_result
 from ros2_ident.report.signals import Curves, Signals
 
 EFFECT = EffectAt('stribeck', 'drive_1')
-
-
-@cache
-def identified() -> Identification:
-    """Return the axis' parameters."""
-    return identify(axis(), axis_data(), settings=QUICK, seed=1)
 
 
 @cache

@@ -11,6 +11,7 @@ from identify_cases import (
     axis_data,
     AXIS_FILE,
     AXIS_TRUTH,
+    identified,
     QUICK,
     recording_of,
     theta_of,
@@ -98,7 +99,7 @@ def test_a_candidate_that_diverges_is_infinitely_far_in_the_file_too() -> None:
     found = predicted('log', [('true', [(model, theta)]), ('bad', [(model, np.nan * theta)])])
     assert np.isinf(found.first[0][1].rmse)
     problem = problem_of(axis(), axis_data())
-    result = replace(identify(axis(), axis_data(), settings=QUICK, seed=1), prediction=found)
+    result = replace(identified(), prediction=found)
     assert problem.names == tuple(p.name for p in result.parameters)
     assert prediction_from(json.loads(json.dumps(_plain(result)))) == found
 
@@ -119,7 +120,7 @@ def test_what_a_description_states_is_the_first_stage() -> None:
 
 
 def test_an_identification_predicts_what_it_is_judged_on(tmp_path: Path) -> None:
-    alone = identify(axis(), axis_data(), settings=QUICK, seed=1)
+    alone = identified()
     assert alone.prediction.on == LOG
     other = gather([replace(recording_of(axis_bag(3.0)), source='other')], axis())
     found = identify(axis(), axis_data(), settings=QUICK, seed=1, check=other)

@@ -263,16 +263,6 @@ def test_lengths_of_a_form_are_angles_where_a_drive_turns() -> None:
     assert {'m', 'm/s', 'N m', 'N'} <= seen
 
 
-def test_a_case_of_a_delta_holds_what_was_wanted() -> None:
-    plain = read_plain(TRIPOD.with_name('delta.yaml'))
-    label, effects = Drawer(plain, 1, Wanted(2, 'single', ('stribeck',), (2.0,), False)).draw()
-    (part,) = label.effects
-    assert part.effect == 'stribeck' and part.rho == pytest.approx(2.0, rel=0.5)
-    assert label.machine['machine'] == 'rotary_tripod' and label.machine != plain
-    assert {p.where for p in label.imperfections} >= set(plain['drives'])
-    assert len(effects) == 1 + len(label.imperfections) and 0.9 < label.share <= 1.0
-
-
 def test_what_the_logger_hides_is_not_counted_as_seen() -> None:
     wanted = Wanted(7, 'single', ('encoder_quantisation',), (2.0,), False)
     drawer = Drawer(PLAIN, 77, wanted)

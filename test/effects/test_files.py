@@ -2,7 +2,6 @@
 """Effects of the user: in files of their own and in other packages."""
 
 from dataclasses import replace
-import json
 import os
 from pathlib import Path
 import re
@@ -71,21 +70,6 @@ def bag(folder: Path) -> str:
     pushed = replace(effort, effort=effort.effort + 3e4 * depth[:, None] ** 2)
     write_bag(folder / 'bag', replace(recording, effort=pushed))
     return str(folder / 'bag')
-
-
-def test_one_file_outside_the_package_is_diagnosed_by_name(file: Path, tmp_path: Path) -> None:
-    words = ['diagnose', bag(tmp_path), '--machine', str(MACHINE), '--quiet', '--out', 'out']
-    others = set(CATALOGUE) - {'cable_spring', 'constant_force', 'stribeck'}
-    words += ['--no-overlay', '--no-report', '--without', ','.join(sorted(others))]
-    run(tmp_path, '-m', 'ros2_ident.cli.main', *words, '--effect', file.name)
-    found = json.loads((tmp_path / 'out/diagnosis.json').read_text(encoding='utf-8'))
-    assert (found['verdict']['effect'], found['verdict']['where']) == (
-        'rubber_buffer',
-        ['emps_axis'],
-    )
-    place = found['parameters']['emps_axis.rubber_buffer.place']['value']
-    stiffness = found['parameters']['emps_axis.rubber_buffer.stiffness']['value']
-    assert place == pytest.approx(0.05, abs=2e-3) and stiffness == pytest.approx(3e4, rel=0.1)
 
 
 def test_a_log_is_made_with_it(file: Path, tmp_path: Path) -> None:

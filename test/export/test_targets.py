@@ -215,15 +215,6 @@ def test_an_mjcf_asks_what_was_identified(tmp_path: Path, mujoco) -> None:
     assert [w for w in words if 'no place' in w] == []
 
 
-def test_friction_in_an_mjcf_where_it_slides(tmp_path: Path, mujoco) -> None:
-    found = content(in_mjcf(tmp_path, **BOXES, **ROTOR))
-    path, _ = write(tmp_path, ('mjcf',), found, MJCF)['mjcf']
-    there = sliding(found).all(axis=0)
-    assert there.sum() > 20
-    off = by_mujoco(mujoco, path.read_text(), found) - efforts(found)
-    assert np.abs(off[:, there]).max() < TANH * 10.0
-
-
 def test_a_servo_in_an_mjcf_follows_as_it_was_identified(tmp_path: Path, mujoco) -> None:
     from models.test_servo import machine, set_points, TRUTH
 

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import replace
-import time
 
-from gap_signals import floor_of
+from gap_signals import CYCLE, floor_of, motion, NOISE, residual
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from ros2_ident.gap.blocks import block_length, Blocks, FEWEST
+from ros2_ident.gap.floor import find_repeats, repeated
+from ros2_ident.recording import Dataset
 from ros2_ident.search.noise import correlation_time
 
 
@@ -79,14 +80,6 @@ def test_missing_samples_do_not_count():
     assert Blocks([rows], 5e-4).rms().value == pytest.approx(np.sqrt(np.nanmean(rows**2)))
 
 
-def test_the_same_seed_gives_the_same_interval_and_is_quick():
-    rows = np.random.default_rng(5).standard_normal((2, 3, 12000))
-    begin = time.process_time()
-    one = Blocks(list(rows), 1e-3, seed=7).rms()
-    assert time.process_time() - begin < 0.5
-    assert one == Blocks(list(rows), 1e-3, seed=7).rms()
-
-
 def test_an_effect_in_one_place_of_the_log_does_not_always_come_again() -> None:
     noise = np.random.default_rng(5).standard_normal((2, 1, 6000))
     everywhere, once = noise.copy(), noise.copy()
@@ -99,3 +92,45 @@ def test_an_effect_in_one_place_of_the_log_does_not_always_come_again() -> None:
     assert always == 1.0
     assert 0.6 < seldom < 0.95
     assert Blocks(list(noise), 1e-3, length=200).falls(0, 1, floor, 0.5) < 0.05
+
+
+# ---------------------------------------------------------------------- motions that repeat
+
+OF = motion(3.0)
+RATE = np.tile(OF.velocity, 4)
+
+
+def data(rate):
+    return Dataset(OF.drives, CYCLE, 0, np.cumsum(rate, axis=1) * CYCLE, rate, None, None, None)
+
+
+def noise(seed=1):
+    return NOISE * np.random.default_rng(seed).standard_normal(RATE.shape)
+
+
+def test_repeats_are_found_and_cancel_what_repeats():
+    row = noise() + np.tile(0.1 * np.sign(OF.velocity), 4)
+    assert find_repeats(data(RATE)) == OF.velocity.shape[1]
+    assert repeated([row], [data(RATE)]) == pytest.approx([NOISE, NOISE], rel=0.04)
+
+
+def test_an_impact_that_comes_once_is_no_noise():
+    row = noise()
+    row[:, 4000:4100] += 1.0
+    assert repeated([row], [data(RATE)]) == pytest.approx([NOISE, NOISE], rel=0.05)
+
+
+def test_recordings_that_repeat_tell_the_noise_together():
+    once = motion()
+    found = repeated(
+        [2.0 * residual(once), noise(1), noise(2)], [data(once.velocity), data(RATE), data(RATE)]
+    )
+    alone = [repeated([noise(seed)], [data(RATE)]) for seed in (1, 2)]
+    assert (np.min(alone, axis=0) <= found).all() and (found <= np.max(alone, axis=0)).all()
+
+
+def test_a_motion_without_repeats_has_none():
+    once = motion()
+    assert find_repeats(data(once.velocity)) is None
+    assert repeated([residual(once)], [data(once.velocity)]) is None
+    assert repeated([np.full_like(RATE, np.nan)], [data(RATE)]) is None

@@ -16,7 +16,6 @@ from scipy.signal import lfilter
 
 from checks.reference.bag_making import simulate_bag
 from checks.reference.effects import Effect
-from ros2_ident.effects import get_effect
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.attribute import Attribution
 from ros2_ident.gap.case import Case, recordings_of
@@ -149,11 +148,6 @@ def test_a_friction_that_lags_behind_the_motion_is_predicted() -> None:
         return float(rest.std() / late.std())
 
     assert left(all_of_them) < 0.6 * left(others)
-
-
-def test_the_catalogue_says_which_parameter_is_an_order() -> None:
-    roles = [p.role for p in get_effect('torque_ripple').parameters]
-    assert roles == ['size', 'size', 'order']
 
 
 def slow(data: Dataset, size: float, seed: int, memory: float = 0.99) -> Dataset:

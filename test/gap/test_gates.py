@@ -26,11 +26,6 @@ def _law(**changes):
     return replace(base, **changes)
 
 
-def test_a_law_that_fits_passes():
-    (gate,) = check_law(MACHINE, _law(), 'drive_1', 0.01)
-    assert (gate.gate, gate.level) == ('law', 'ok')
-
-
 def test_a_wrong_gain_is_named_with_its_size():
     gains = (Gain('velocity_gain', 5.4, 4.5, 0.01), Gain('scale', 1.1, 1.0, 0.03))
     (gate,) = check_law(MACHINE, _law(gains=gains, misfit_file=0.04), 'drive_1')
@@ -163,45 +158,9 @@ def test_missing_samples(missing, level):
 
 
 @needs_practice
-@pytest.mark.parametrize(
-    ('number', 'gain', 'ratio'), [(10, 'velocity_gain', 1.2584), (8, 'scale', 1.0672)]
-)
-def test_a_wrong_gain_shows_in_the_log(number, gain, ratio):
-    case = practice_case(number)
-    law = fit_law(case.model.machine, case.data, 'drive_1')
-    assert law.gains[0].name == gain
-    assert law.gains[0].ratio == pytest.approx(ratio, rel=0.005)
-    others = examine_models([case.model]).of('law')
-    assert [g.drive for g in others if g.level != 'ok'] == ['drive_1']
-
-
-@needs_practice
-@pytest.mark.parametrize('number', [5, 9])
-def test_delays_do_not_spoil_the_law(number):
-    case = practice_case(number)
-    law = fit_law(case.model.machine, case.data, 'drive_2')
-    assert law.effort_delay == pytest.approx(case.label['theta'][0]['dT'], abs=2e-4)
-    late = case.label['values'].get('cmd_delay', 0.0)
-    assert law.command_delay == pytest.approx(late, abs=2e-4)
-    assert law.misfit_file == pytest.approx(0.01, rel=0.05)
-
-
-@needs_practice
-@pytest.mark.parametrize('number', [15, 16, 17])
-def test_nulls_pass_all_gates(number):
-    case = practice_case(number)
+def test_a_null_passes_all_gates():
+    case = practice_case(15)
     report = examine_models([case.model], case.theta, np.full(3, NOISE))
     assert report.level == 'ok'
     assert {g.gate for g in report.gates} >= {'missing', 'jitter', 'sign', 'limit', 'law', 'step'}
     assert max(g.number for g in report.of('step')) < 0.1
-
-
-@needs_practice
-def test_a_reversed_effort_fails():
-    case = practice_case(15)
-    reversed_data = replace(case.data, effort=-case.data.effort)
-    found = check_effort(case.model.machine, reversed_data, 'drive_1')
-    assert {g.gate: g.level for g in found}['sign'] == 'fail'
-    scaled = replace(case.data, effort=1000.0 * np.asarray(case.data.effort))
-    found = check_effort(case.model.machine, scaled, 'drive_1')
-    assert {g.gate: g.level for g in found}['limit'] == 'fail'

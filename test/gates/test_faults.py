@@ -135,10 +135,6 @@ def test_a_sound_log_contradicts_nothing(kind):
             'tripod', named('state', 'drive_2', 'drive_1', 'drive_3'), 'names', '',
             "drive_1 follows drive_2's",
         ),
-        (
-            'tripod', later('effort', -0.05), 'offset', 'drive_1',
-            r'effort are 4[78][.\d]* ms early',
-        ),
         ('tripod', later('state', 0.05), 'offset', 'drive_1', r'position are 50[.\d]* ms late'),
         ('tripod', later('command', -0.3), 'offset', 'drive_1', r'command are 300[.\d]* ms early'),
         ('axis', later('command', 0.01), 'offset', 'emps_axis', r'command are 10[.\d]* ms late'),

@@ -18,7 +18,6 @@ import pytest
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.setup import problem_of
-from ros2_ident.search import GeneticSearch, GeneticSettings, minimise
 
 
 def test_short_segments_are_left_out_with_a_warning():
@@ -128,25 +127,6 @@ def test_gears_of_drives_that_only_follow_can_be_known():
     problem = problem_of(tripod(), data, drives=['drive_1'], fixed=known)
     theta = theta_of(tuple(p.name for p in problem.parameters), TRIPOD_TRUTH)[None]
     assert problem.costs(theta)[0] == pytest.approx(0.01, rel=0.1)
-
-
-def test_a_packed_search_finds_what_the_plain_one_finds():
-    settings = GeneticSettings(initial_population=300, generations=5, survivors=4, children=6)
-    low, high = np.zeros(3), np.ones(3)
-    found = []
-    for work in (None, lambda points: np.floor(5 * points[:, 1])):
-        search, seen = GeneticSearch(3, settings, 7), []
-        minimise(
-            lambda x, seen=seen: (seen.append(x), ((x - 0.4) ** 2).sum(axis=1))[1],
-            search,
-            low=low,
-            high=high,
-            work=work,
-        )
-        found.append((search.survivors.tobytes(), search.best_point.tobytes(), seen[0].tobytes()))
-    plain, packed = found
-    assert plain[:2] == packed[:2]
-    assert plain[2] != packed[2]  # they were evaluated in another order
 
 
 def test_data_of_other_drives_do_not_fit_the_machine():

@@ -3,18 +3,23 @@ from dataclasses import replace
 import json
 import math
 
-from identify_cases import axis, axis_bag, axis_data, QUICK, recording_of, tripod, tripod_bag
+from identify_cases import (
+    axis,
+    axis_bag,
+    axis_data,
+    identified,
+    recording_of,
+    tripod,
+    tripod_bag,
+)
 import numpy as np
 import pytest
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import mark
 from ros2_ident.identify.data import gather
-from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.recording import read_bag, Topics, write_bag
-from ros2_ident.report import files
 from ros2_ident.report.files import load_result, write_result
 from ros2_ident.report.overlay import (
     overlay_streams,
@@ -27,9 +32,9 @@ from ros2_ident.report.schema import to_mapping
 from ros2_ident.words.identification import message
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture
 def result():
-    return identify(axis(), axis_data(), settings=QUICK, seed=1)
+    return identified()
 
 
 def strictly(text):
@@ -172,40 +177,6 @@ def test_an_overlay_of_two_segments_is_two_bags(tmp_path, result):
     problem = problem_of(axis(), gather([one, one], axis()))
     paths = write_overlay(tmp_path / 'overlay', problem, result.theta)
     assert [p.name for p in paths] == ['overlay', 'overlay_2']
-
-
-@pytest.mark.parametrize('moment', range(5))
-def test_a_crash_leaves_nothing_old_beside_what_is_new(tmp_path, result, monkeypatch, moment):
-    write_result(tmp_path, result, problem_of(axis(), axis_data()))
-    (tmp_path / 'report.html').write_text(f'<html>{mark("page")} old</html>')
-    before = {x.name: x.read_bytes() for x in tmp_path.iterdir()}
-    left = moment
-
-    def die(real):
-        def write(*arguments, **options):
-            nonlocal left
-            left -= 1
-            if left < 0:
-                raise KeyboardInterrupt
-            return real(*arguments, **options)
-
-        return write
-
-    for name in ('write_text', 'write_arrays', 'write_signals'):
-        monkeypatch.setattr(files, name, die(getattr(files, name)))
-    history = replace(result.history, costs=result.history.costs + 1.0)
-    newer = replace(result, seed=7, history=history)
-    if moment < 4:
-        with pytest.raises(KeyboardInterrupt):
-            write_result(tmp_path, newer, problem_of(axis(), axis_data()))
-    else:
-        write_result(tmp_path, newer, problem_of(axis(), axis_data()))
-    after = {x.name: x.read_bytes() for x in tmp_path.iterdir()}
-    old = {name for name, data in after.items() if data == before[name]}
-    assert 'report.html' not in after
-    assert old == ({'result.json'} if moment == 0 else set(after) & {'signals.npz'})
-    if moment:
-        assert load_result(tmp_path).seed == 7
 
 
 def test_overlays_of_an_earlier_run_go_and_recorded_bags_stay(tmp_path):

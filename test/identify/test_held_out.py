@@ -3,7 +3,7 @@
 
 from dataclasses import replace
 
-from identify_cases import axis, axis_data, AXIS_TRUTH, QUICK, recording_of
+from identify_cases import axis, axis_data, AXIS_TRUTH, identified, QUICK, recording_of
 import numpy as np
 import pytest
 
@@ -24,9 +24,9 @@ from ros2_ident.simulate.bag import nuisance_of
 from ros2_ident.simulate.motions import draw_motion
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture
 def found():
-    return identify(axis(), axis_data(), settings=QUICK, seed=1)
+    return identified()
 
 
 def another(effort: float = 1.0):

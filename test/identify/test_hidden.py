@@ -4,7 +4,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from identify_cases import axis, axis_data, AXIS_TRUTH, QUICK
+from identify_cases import axis, axis_data, AXIS_TRUTH, identified, QUICK
 import numpy as np
 import pytest
 
@@ -51,7 +51,7 @@ def test_small_imperfections_widen_the_intervals_that_hold_the_truth():
 
 
 def test_a_perfect_model_has_the_intervals_of_noise():
-    found = identify(axis(), axis_data(), settings=QUICK, seed=3)
+    found = identified(3)
     for p in found.parameters:
         assert p.low <= p.noise_low < p.noise_high <= p.high
         assert p.high - p.low < 1.6 * (p.noise_high - p.noise_low), p.name

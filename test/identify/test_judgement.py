@@ -4,13 +4,19 @@
 from dataclasses import replace
 from typing import Any
 
-from identify_cases import axis, axis_bag, axis_data, AXIS_FILE, QUICK, recording_of, ROOT
+from identify_cases import (
+    axis,
+    axis_data,
+    AXIS_FILE,
+    identified,
+    QUICK,
+    ROOT,
+)
 import numpy as np
 import pytest
 
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode
-from ros2_ident.identify.data import gather
 from ros2_ident.identify.judgement import FLOORS, LARGE, NOTE
 from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.identify.run import identify
@@ -64,17 +70,10 @@ def test_a_gain_that_is_a_little_off_comes_first_and_leaves_the_result():
 
 
 def test_a_sound_log_is_identified_without_a_word_more():
-    result = identify(axis(), axis_data(), settings=QUICK)
+    result = identified()
     assert message(result) == 'All 4 parameters are identified.'
     assert result.quality.warnings == ()
     assert {g.level for g in result.gates} == {'ok'}
-
-
-def test_a_missing_command_is_among_the_warnings():
-    data = gather([recording_of(axis_bag(), command=None)], axis())
-    result = identify(axis(), data, settings=QUICK)
-    assert [w for w in result.quality.warnings if w.startswith('there is no command')]
-    assert result.outcome is Outcome.IDENTIFIED
 
 
 class Line:

@@ -82,7 +82,7 @@ def without_effort():
 
 def test_a_log_without_effort_is_identified_by_its_position():
     data = gather([without_effort()], axis(), quantities=('position',))
-    found = identify(axis(), data, outputs={'position': None}, seed=1)
+    found = identify(axis(), data, outputs={'position': None}, settings=SMALL, seed=1)
     assert found.outcome is Outcome.IDENTIFIED
     assert found.cost.unit == 'm'
     # Its controller has no integral part: the axis stands off its set-point by what pulls at it.
@@ -97,8 +97,9 @@ def test_a_log_without_effort_is_identified_by_its_position():
 def test_a_weight_is_taken_as_it_is_given():
     recording = recording_of(axis_bag())
     data = gather([recording], axis(), quantities=('effort', 'position'))
-    hardly = identify(axis(), data, outputs={'effort': 1.0, 'position': 1e-9}, seed=1)
-    alone = identify(axis(), gather([recording], axis()), seed=1)
+    weights = {'effort': 1.0, 'position': 1e-9}
+    hardly = identify(axis(), data, outputs=weights, settings=SMALL, seed=1)
+    alone = identify(axis(), gather([recording], axis()), settings=SMALL, seed=1)
     np.testing.assert_allclose(hardly.theta, alone.theta, rtol=1e-4)
 
 
@@ -129,7 +130,8 @@ def test_the_command_takes_several_bags_and_outputs(tmp_path):
     for seed, bag in enumerate(bags, 1):
         words = ['simulate', bag, '--machine', str(AXIS_FILE), '--seconds', '4', '--seed']
         assert main([*words, str(seed), *set_]) == 0
-    common = ['--machine', str(AXIS_FILE), '--quiet', '--no-report', '--out']
+    common = ['--machine', str(AXIS_FILE), '--quiet', '--no-report', '--population', '128']
+    common += ['--generations', '4', '--no-overlay', '--out']
     assert main(['identify', *bags, *common, str(tmp_path / 'all')]) == 0
     widths = []
     for bag in bags:

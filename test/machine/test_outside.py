@@ -149,10 +149,10 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     sys.modules.pop('two_mass_axis', None)
 
 
-def recording(machine, seed=1, ripple=0.0) -> Recording:
+def recording(machine, count=1500, seed=1, ripple=0.0) -> Recording:
     """Return a log of the machine with noise, and a force the model knows nothing of."""
     cycle = machine.number('cycle')
-    time = np.arange(1500) * cycle
+    time = np.arange(count) * cycle
     ramp = np.clip(time / 0.3, 0.0, 1.0) ** 3
     command = (0.1 * ramp * np.sin(7.0 * time) + 0.05 * ramp * np.sin(17.0 * time))[None]
     rate = np.gradient(command, cycle, axis=1)
@@ -201,7 +201,7 @@ def test_it_is_identified_from_a_bag_like_any_other(installed, tmp_path):
 
 def test_it_is_diagnosed_like_any_other(installed):
     machine = load_machine(installed)
-    data = gather([recording(machine, ripple=0.2)], machine)
+    data = gather([recording(machine, 900, ripple=0.2)], machine)
     gap = diagnose(machine, data.datasets, seed=1)
     assert gap.effect == 'unknown' and gap.where == ('slide',)
     assert gap.per_drive['slide'].before > 2.0 * gap.per_drive['slide'].noise_floor

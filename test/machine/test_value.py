@@ -7,10 +7,9 @@ from pathlib import Path
 import pickle
 import re
 
-from identify_cases import QUICK, ROOT
+from identify_cases import ROOT
 import numpy as np
 import pytest
-from values import parameter
 import yaml
 
 from checks.reference import twin_of
@@ -19,11 +18,9 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.controller import check_law
 from ros2_ident.gates.law import fit_law
-from ros2_ident.identify.data import gather
-from ros2_ident.identify.run import identify
-from ros2_ident.models import load_machine, machine_from_mapping, make_model
+from ros2_ident.models import machine_from_mapping, make_model
 from ros2_ident.models.registry import KINDS
-from ros2_ident.recording import Dataset, read_bag
+from ros2_ident.recording import Dataset
 from ros2_ident.simulate.motions import draw_motion
 
 EMPS = yaml.safe_load((ROOT / 'config' / 'emps.yaml').read_text())
@@ -272,24 +269,6 @@ def test_a_drive_that_follows_keeps_what_the_file_says_of_it(name):
     assert machine.numbers(name).tolist() == [65.0, 75.0, 85.0]
     middle = np.array([[0.5 * (p.low + p.high) for p in model.parameters]])
     assert np.isfinite(model.simulate(middle)).all()
-
-
-def test_free_gains_and_masses_are_found_from_a_bag(tmp_path: Path):
-    data = file_of(TRIPOD, drive__rail_mass=None, controller__position_gain=None)
-    data['parameters'] |= {'rail_mass': FREE['rail_mass'][0], 'position_gain': [40, 80, '1/s']}
-    file, bag = tmp_path / 'free.yaml', tmp_path / 'bag'
-    file.write_text(yaml.safe_dump(data))
-    truth = {**TRUTH, 'rail_mass': 1.3, 'drive_2.position_gain': 55.0, 'tool_mass': 1.4}
-    words = [part for name, value in truth.items() for part in ('--set', f'{name}={value}')]
-    about = ['--machine', str(file), '--seconds', '4', '--seed', '5', '--clean']
-    assert main(['simulate', str(bag), *about, *words]) == 0
-    machine = load_machine(file)
-    held = {n: v for n, v in TRUTH.items() if n in ('measurement_delay', 'gear_damping_ratio')}
-    result = identify(machine, gather(read_bag(bag), machine), fixed=held, settings=QUICK)
-    assert parameter(result, 'drive_2.position_gain').value == pytest.approx(55.0, rel=0.01)
-    for drive in machine.drives:
-        mass = parameter(result, f'{drive}.rail_mass')
-        assert mass.value == pytest.approx(1.3, rel=0.05) or not mass.identifiable
 
 
 def test_a_gain_that_is_to_be_found_contradicts_no_log():

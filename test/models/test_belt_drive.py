@@ -41,7 +41,7 @@ def constants_of(theta):
 
 @pytest.fixture(scope='module')
 def belt():
-    return BeltDrive(MACHINE, step_reference())
+    return BeltDrive(MACHINE, step_reference(duration=0.5))
 
 
 @pytest.mark.parametrize('theta', [LOW, HIGH])

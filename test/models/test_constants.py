@@ -1,23 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Constants that differ from drive to drive, and from candidate to candidate."""
 
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from checks.reference.axis import simulate_axis
 from checks.reference.tripod import TABLE_5 as TRUTH
-from ros2_ident.models import load_machine, Machine, machine_from_mapping
+from ros2_ident.models import Machine, machine_from_mapping
 from ros2_ident.models.linear_axis.model import LinearAxis
 from ros2_ident.models.recorded import recorded_motion
-from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
-from ros2_ident.simulate.motions import draw_motion
 
 Array = npt.NDArray[np.float64]
-
-TRIPOD = load_machine(Path(__file__).parents[2] / 'config' / 'tripod.yaml')
 CYCLE = 5e-4
 TIME = np.arange(1600) * CYCLE
 POSITION = np.stack([0.05 * np.sin(9.0 * TIME) ** 2, 0.03 * np.sin(14.0 * TIME) ** 2])
@@ -100,10 +95,3 @@ def test_drives_that_differ_follow_their_reference() -> None:
     error = model.simulate(theta)[0] - log.effort
     assert np.abs(log.effort[1]).max() == 0.3  # its own limit
     assert np.sqrt(np.mean(error**2, axis=1)).max() < 1e-3 * np.abs(log.effort).max()
-
-
-def tripod(machine: Machine) -> Tripod:
-    motion = draw_motion('multi_point', TRIPOD, 1.0, 3)
-    still = np.zeros_like(motion.position)
-    data = Dataset(machine.drives, CYCLE, 0, motion.position, motion.velocity, None, None, still)
-    return Tripod(machine, data)

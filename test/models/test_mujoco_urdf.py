@@ -47,7 +47,7 @@ UNITS = {'kp': 'N m/rad', 'kv': 'N m s/rad', 'armature': 'kg m^2', 'frictionloss
          'damping': 'N m s/rad'}  # fmt: skip
 
 
-def moved(count=1500, step=5e-5, ahead=0.0, delay=0, limit=1e3):
+def moved(count=1500, step=2e-4, ahead=0.0, delay=0, limit=1e3):
     """Return set-points, positions, velocities and torques (D, K) by finer steps, own law."""
     text = URDF.replace(INERTIAL[INERTIAL.index('<visual') :], '')  # the mesh is missing
     spec = mujoco.MjSpec.from_string(text.replace('name="grip" type="revolute"',
@@ -111,7 +111,7 @@ def test_the_law_of_the_machine_file_moves_the_urdf(folder, law, changed) -> Non
     theta = [TRUE[p.name.split('.')[1]][DRIVES.index(p.name.split('.')[0])]
              for p in model.parameters]  # fmt: skip
     left = np.sqrt(np.mean((model.simulate(np.array([theta]))[0] - model.measured) ** 2, axis=1))
-    # 2 ms beside 0.05 ms.
+    # 2 ms beside 0.2 ms.
     assert left[2:].max() < 1e-3 * np.ptp(position)
     assert left[:2].max() < 0.01 * np.ptp(effort)
 
@@ -124,7 +124,7 @@ def test_without_gains_it_says_what_to_state(folder) -> None:
 
 
 def test_from_urdf_and_log_to_parameters(folder, capsys) -> None:
-    points, position, velocity, effort = moved()
+    points, position, velocity, effort = moved(count=900)
     noise = np.random.default_rng(1).standard_normal((2, 2, position.shape[1]))
     stamp = np.arange(position.shape[1]) * round(CYCLE * 1e9)
     state = Stream(DRIVES, stamp, position=(position + 2e-5 * noise[0]).T, velocity=velocity.T,
@@ -141,7 +141,7 @@ def test_from_urdf_and_log_to_parameters(folder, capsys) -> None:
     assert set(machine.bounds) == set(TRUE)
     words = ['identify', str(folder / 'log'), '--machine', str(out), '--quiet', '--no-overlay',
              '--no-report', '--outputs', 'position,effort', '--out', str(folder / 'out'),
-             '--generations', '6', '--population', '256']  # fmt: skip
+             '--generations', '4', '--population', '128']  # fmt: skip
     assert main(words) == 0
     found = yaml.safe_load((folder / 'out/result.yaml').read_text())['parameters']
     assert len(found) == 10

@@ -17,7 +17,7 @@ from checks.reference.plant import Log
 from checks.reference.tripod import simulate_tripod
 from checks.reference.tripod import TABLE_5 as TRUTH
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model, Output
+from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.motions import draw_motion
@@ -127,29 +127,6 @@ def test_the_logged_position_is_the_motors_not_what_an_encoder_makes_of_it(data)
         assert np.std(np.mod(seen, step)) > 0.2 * step
 
 
-def test_outputs_come_quantity_by_quantity_whatever_the_order_asked_for(data) -> None:
-    model = Tripod(
-        MACHINE,
-        data,
-        drives=['drive_1', 'drive_3'],
-        quantities=['velocity', 'effort'],
-        weights=[3.0, 2.0],
-    )
-    assert model.outputs == (
-        Output('drive_1', 'N m', 2.0, 'drive_1', 'effort'),
-        Output('drive_3', 'N m', 2.0, 'drive_3', 'effort'),
-        Output('drive_1.velocity', 'm/s', 3.0, 'drive_1', 'velocity'),
-        Output('drive_3.velocity', 'm/s', 3.0, 'drive_3', 'velocity'),
-    )
-    assert model.places == ('drive_1', 'drive_3')
-    assert model.extended([EffectAt('stribeck', 'drive_1')]).outputs == model.outputs
-    expected = np.concatenate([data.effort[::2], data.velocity[::2]])
-    np.testing.assert_array_equal(model.measured, expected)
-    assert model.simulate(truth(model)).shape == (1, 4, data.cycles)
-    assert Tripod(MACHINE, data, quantities=['position']).unit == 'm'
-    assert [o.name for o in Tripod(MACHINE, data).outputs] == list(MACHINE.drives)
-
-
 def holed(data: Dataset) -> Dataset:
     """Return the recording with 1 kHz of noisy effort, few positions, one drive without any."""
     rng = np.random.default_rng(2)
@@ -216,14 +193,6 @@ def test_positions_alone_are_compared_where_there_is_no_effort(data) -> None:
     with pytest.raises(IdentError, match='the recording holds no effort; record it') as info:
         _ = Tripod(MACHINE, blind).measured
     assert info.value.code is ErrorCode.MISSING_STREAM
-
-
-def test_what_drives_the_model_is_not_compared_with_it(data) -> None:
-    inverse = replace(data, command_position=None, command_velocity=None)
-    assert len(Tripod(MACHINE, inverse).outputs) == 3
-    with pytest.raises(IdentError, match='the recorded motion drives the model') as info:
-        Tripod(MACHINE, inverse, quantities=['effort', 'position'])
-    assert info.value.code is ErrorCode.INVALID_GOAL
 
 
 @pytest.mark.parametrize(

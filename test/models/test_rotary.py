@@ -15,11 +15,12 @@ from checks.reference.rest import platform_at
 from checks.reference.rotary_tripod import delta_plant, simulate_delta
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import read_data
-from ros2_ident.identify.run import identify
+from ros2_ident.identify.run import identify, IdentifySettings
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping
 from ros2_ident.models.tripod.model import Delta
 from ros2_ident.models.tripod.reach import check_reach, figure, set_points_of_delta
 from ros2_ident.recording import Dataset
+from ros2_ident.search import GeneticSettings
 from ros2_ident.simulate.bag import write_simulated
 from ros2_ident.simulate.motions import draw_motion
 
@@ -35,6 +36,9 @@ TRUTH = {
     'coulomb_torque': 0.03,
     'viscous_torque': 0.004,
 }
+SMALL = IdentifySettings(
+    genetic=GeneticSettings(initial_population=256, survivors=4, children=8, generations=6)
+)
 # Everything that may differ from the symmetric machine: signs, zeros, a drive of its own.
 CROOKED = MACHINE.with_constants(
     positive='up', arm_zero=(0.2, -0.1, 0.05), shaft_azimuth=(0.3, 2.2, 4.4),
@@ -175,7 +179,7 @@ def test_a_scene_keeps_every_length() -> None:
 def test_a_bag_gives_the_parameters_back(tmp_path) -> None:
     motion = draw_motion('multi_point', MACHINE, 3.0, 3)
     bag = write_simulated(tmp_path / 'bag', simulate_bag(MACHINE, TRUTH, motion, 3))
-    found = identify(MACHINE, read_data([bag], MACHINE))
+    found = identify(MACHINE, read_data([bag], MACHINE), settings=SMALL)
     assert found.cost.refined < 1.05 * MACHINE.effort_noise
     for p in found.parameters:
         true = TRUTH[p.name.split('.')[-1]]

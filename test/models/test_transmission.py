@@ -296,7 +296,7 @@ def test_a_load_is_found_by_two_bags(tmp_path: Path) -> None:
     for name, seed, mass in (('empty', 1, 0.0), ('loaded', 2, 2.5)):
         told = [f'--set={k}={v}' for k, v in (truth | {'payload_mass': mass}).items()]
         words = ['simulate', str(tmp_path / name), '--machine', file, '--seed', str(seed)]
-        assert main([*words, '--motion', 'multisine', '--seconds', '15', *told]) == 0
+        assert main([*words, '--motion', 'multisine', '--seconds', '8', *told]) == 0
     words = ['identify', str(tmp_path / 'empty'), str(tmp_path / 'loaded'), '--machine', file]
     words += ['--each', 'payload_mass', '--fix', 'payload_mass@empty=0', '--starts', '1']
     out = tmp_path / 'out'

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from ros2_ident.models.drives.band import Band
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.band import LOWEST, standing, told_band
 
@@ -77,3 +78,17 @@ def test_a_joint_stands_where_its_readings_hardly_differ(noise: float) -> None:
     turned = standing(seen, speed, 1.0 / RATE, 20.0)[0] & ~still
     np.testing.assert_allclose(TIME[turned], 5.0, atol=3.5 / RATE)
     assert turned.sum() > 5
+
+
+# ---------------------------------------------------------------------- efforts of slow logs
+
+def test_the_instant_at_which_friction_turns_over_counts_by_itself_not_by_samples() -> None:
+    logged = np.full((1, 4000), np.nan)
+    logged[:, ::20] = 0.0
+    band = Band(2.5, 8.75, 2e-3, logged, np.zeros(logged.shape, dtype=bool))
+    # A change of sign a cycle before a sample, and a cycle after it.
+    early, late = (np.where(np.arange(4000) < at, -1.0, 1.0)[None] for at in (1999, 2001))
+    moved = np.abs(band.passed(early) - band.passed(late))
+    # Two cycles of twice the friction, in a band whose pulse is 5/s high.
+    assert moved.max() < 2.0 * (2.0 * 2.0 * 2e-3 * 5.0)
+    assert moved.sum() * 2e-3 < 2.0 * (2.0 * 2.0 * 2e-3)

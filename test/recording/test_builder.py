@@ -157,24 +157,6 @@ def steps(*stamps):
     return [(x.state.stamp // MS).tolist() for x in found], ' '.join(found[0].warnings)
 
 
-@pytest.mark.parametrize(
-    ('stamps', 'recordings', 'said'),
-    [
-        ([0, 1, 2, 6, 3, 4, 5, 7, 8], 1, '3 messages overtook others'),
-        ([0, 1, 2, 7, 3, 4, 5, 6, 8, 9], 2, ''),  # four are no overtaking
-        ([0, 1, 2, 3, 4, 6, 5], 1, '1 messages overtook'),  # at the very end
-        ([0, 1, 2, 3, 4, 5, 2, 6, 7, 8], 2, ''),  # that stamp was there before
-        ([0, 1, 2, 3, 4, 5, -1, 6, 7, 8], 2, ''),  # before the beginning
-        ([5, 6, 7, 8, 0, 1, 2, 3], 2, ''),
-        (list(range(8)) * 11, 11, ''),
-    ],
-)
-def test_a_step_back_is_an_overtaking_or_a_restart(stamps, recordings, said):
-    found, words = steps(*(x + 5 for x in stamps))
-    assert len(found) == recordings and said in words
-    assert sorted(x for part in found for x in part) == sorted(x + 5 for x in stamps)
-
-
 def test_two_clocks_on_one_topic_are_refused():
     for stamps in ([k + (k % 2) * 500 for k in range(200)], list(range(8)) * 12):
         with pytest.raises(IdentError, match='stamps step back .* two publishers') as caught:

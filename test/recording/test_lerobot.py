@@ -68,8 +68,7 @@ def from_the_bag():
     return identify(machine, read_data(BAG, machine), settings=QUICK)
 
 
-@pytest.mark.parametrize('unit', FACTOR)
-@pytest.mark.parametrize('version', ['v2.1', 'v3.0'])
+@pytest.mark.parametrize(('version', 'unit'), [('v2.1', 'rad'), *(('v3.0', x) for x in FACTOR)])
 def test_a_folder_gives_the_parameters_of_its_bag(tmp_path, version, unit, capsys):
     position, effort, command = samples()
     scaled = {'observation.state': position * FACTOR[unit], 'action': command * FACTOR[unit]}

@@ -9,7 +9,7 @@ from reader_cases import make_recording, START
 from ros2_ident.recording import check, read_bag, RecordingBuilder
 from ros2_ident.recording.outliers import find_lasting, find_lone, rule_of
 
-BAGS = ('axis_reversals', 'tripod_mixed', 'tripod_pick_and_place')
+BAGS = ('axis_reversals', 'tripod_pick_and_place')
 
 
 def size_in(sentence):
@@ -39,7 +39,7 @@ def test_nothing_is_found_in_the_bundled_bags(bundled):
     assert bundled.warnings == ()
 
 
-@pytest.mark.parametrize('run', [1, 2, 3])
+@pytest.mark.parametrize('run', [1, 3])
 @pytest.mark.parametrize('role', ['command', 'state'])
 def test_a_position_one_millimetre_off_is_left_out(bundled, role, run):
     size = bundled.streams[role].stamp.size

@@ -258,7 +258,7 @@ def test_the_commands_take_a_table_like_a_bag(tmp_path, capsys):
     words = ['--machine', 'config/emps.yaml']
     assert main(['check', str(tmp_path / 'log.csv'), *words]) == 0
     assert 'it has the sign of the motion' in capsys.readouterr().out
-    search = ['--generations', '2', '--population', '64', '--no-overlay', '--quiet']
+    search = ['--generations', '2', '--population', '64', '--no-overlay', '--quiet', '--no-report']
     current = ['--effort-unit', 'A', '--torque-constant', '2.0']
     out = ['--out', str(tmp_path / 'out')]
     table = main(['identify', str(tmp_path / 'log.csv'), *words, *search, *current, *out])

@@ -61,7 +61,7 @@ def test_it_finds_what_made_the_log_and_looks_at_no_set_point() -> None:
 
 @pytest.mark.parametrize('rate', [25, 1000])
 def test_what_holds_a_drive_at_rest_is_no_friction(rate: int) -> None:
-    time = 1e-3 * np.arange(12000)
+    time = 1e-3 * np.arange(8000)
     moving, back = np.clip(time % 2.0, 0.0, 1.0), np.where(time % 4.0 < 2.0, 1.0, -1.0)
     place = 0.1 * back * (10.0 * moving**3 - 15.0 * moving**4 + 6.0 * moving**5 - 0.5)
     speed = 3.0 * back * (moving**2 - 2.0 * moving**3 + moving**4)

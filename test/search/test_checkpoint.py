@@ -9,24 +9,22 @@ import subprocess
 import sys
 import zlib
 
-from identify_cases import After, axis, axis_data, AXIS_FILE, QUICK, ROOT, tripod
+from identify_cases import After, axis, axis_data, identified, QUICK, ROOT, tripod
 import numpy as np
 import pytest
 
-from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
 from ros2_ident.identify.data import read_data
 from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
-from ros2_ident.report.files import load_result
 from ros2_ident.search import Budget
 from ros2_ident.search.journal import digest_of, Journal
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture
 def whole():
-    return identify(axis(), axis_data(), settings=QUICK, seed=3)
+    return identified(3)
 
 
 @pytest.mark.parametrize('questions', [4, 30])
@@ -133,19 +131,6 @@ def test_candidates_of_unequal_work_go_on_to_the_same_bits(tmp_path):
     assert path.exists()
     again = identify(machine, data, drives=one, settings=settings, seed=1, checkpoint=path)
     assert np.array_equal(again.theta, whole.theta)
-
-
-def test_the_command_goes_on_where_it_was_cut_off(tmp_path):
-    bag, out = ROOT / 'bags/axis_reversals', tmp_path / 'out'
-    words = ['identify', str(bag), '--machine', str(AXIS_FILE), '--quiet']
-    words += ['--no-report', '--no-overlay', '--seed', '5', '--population', '256']
-    assert main([*words, '--out', str(tmp_path / 'whole')]) == 0
-    assert main([*words, '--out', str(out), '--evaluations', '500']) == 1
-    assert (out / 'identify.checkpoint').exists()
-    assert main([*words, '--out', str(out), '--resume']) == 0
-    assert not (out / 'identify.checkpoint').exists()
-    whole, again = (load_result(folder) for folder in (tmp_path / 'whole', out))
-    assert again.theta.tobytes() == whole.theta.tobytes()
 
 
 def test_another_process_knows_the_checkpoint_for_its_own(tmp_path):

@@ -163,15 +163,6 @@ def test_unusable_costs_are_refused(evaluate, text):
         minimise(evaluate, search(), low=LOW, high=HIGH)
 
 
-@pytest.mark.parametrize('threads', [1, 2, 3])
-def test_threads_do_not_change_the_result(threads):
-    with ThreadedEvaluator(cost, threads) as evaluate:
-        result = minimise(evaluate, search(), low=LOW, high=HIGH)
-        points = np.random.default_rng(0).random((17, 2))
-        np.testing.assert_array_equal(evaluate(points), cost(points))
-    np.testing.assert_array_equal(result.theta, minimise(cost, search(), low=LOW, high=HIGH).theta)
-
-
 def test_an_error_in_a_thread_reaches_the_caller():
     def broken(theta):
         raise ValueError('broken')

@@ -142,18 +142,6 @@ def test_stagnation_stops():
     assert 'stagnation_generations' in StopReason.STAGNATION.value
 
 
-@pytest.mark.parametrize(('better', 'stops'), [(0.005, True), (0.02, False)])
-def test_an_improvement_below_the_tolerance_is_none(better, stops):
-    settings = replace(SMALL, stagnation_generations=3, stagnation_tolerance=0.01)
-    search = GeneticSearch(2, settings, seed=0)
-    while search.stop_reason is None:
-        count = len(search.ask())
-        search.tell(np.full(count, (1.0 - better) ** search.generation))
-    assert (search.stop_reason is StopReason.STAGNATION) is stops
-    assert search.generation == (5 if stops else 12)
-    assert search.best_cost == (1.0 - better) ** (4 if stops else 12)
-
-
 # infinities and refusals
 
 

@@ -2,7 +2,6 @@
 """The refinement: accuracy, bounds, divergence, cancel, and its Jacobian."""
 
 import math
-import threading
 
 import numpy as np
 import pytest
@@ -103,30 +102,6 @@ def test_a_cliff_beside_the_way_is_survived():
     result = refine(cliff, [[1.0, 2030.0]], LOW, HIGH)
     np.testing.assert_allclose(result.theta, TRUTH, rtol=1e-3)
     assert np.isfinite(result.jacobian).all()
-
-
-def test_cancel_keeps_the_best_so_far():
-    event = threading.Event()
-    calls = []
-
-    def counted(theta):
-        calls.append(theta)
-        if len(calls) == 4:
-            event.set()
-        return residuals(theta)
-
-    result = refine(counted, [[2.0, 2100.0], [1.0, 2100.0]], LOW, HIGH, cancel=event)
-    assert result.status is RefineStatus.CANCELLED
-    assert len(calls) == 5  # the Jacobian at the answer is made all the same
-    assert result.cost <= np.sqrt(np.mean(residuals(np.array([[2.0, 2100.0]])) ** 2))
-    assert len(result.starts) == 1
-
-
-def test_evaluations_are_limited():
-    result = refine(residuals, [[1.0, 2200.0]], LOW, HIGH, max_evaluations=7)
-    assert result.status is RefineStatus.EVALUATIONS
-    assert result.starts[0].evaluations <= 7
-    assert math.isfinite(result.cost)
 
 
 @pytest.mark.parametrize(

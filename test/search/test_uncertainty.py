@@ -10,7 +10,6 @@ from scipy.stats import t as student
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search import intervals
-from ros2_ident.search.noise import fit_noise
 
 COUNT = 600
 TIME = np.linspace(0.0, 6.0, COUNT)
@@ -50,15 +49,6 @@ def test_white_noise_gives_the_classical_interval():
     assert found.effective_samples == COUNT
     assert found.rank == 3
     assert found.noise[0] == pytest.approx(1.0, rel=0.1)
-
-
-def test_few_samples_of_slow_noise_widen_the_interval():
-    noise = coloured(np.random.default_rng(4), 0.98)
-    theta, found = fit(noise)
-    told = fit_noise(noise + JACOBIAN @ (TRUTH - theta)).effective_samples
-    assert found.effective_samples == told < 0.1 * COUNT
-    quantile = student.ppf(0.975, told - 3)
-    np.testing.assert_allclose(found.half_width, quantile * found.standard_error, rtol=1e-10)
 
 
 @pytest.mark.parametrize('rho', [0.0, 0.5, 0.9, -0.5])
@@ -140,16 +130,6 @@ def test_bounds_are_named():
     for off, said in ((0.9e-6, ('lower', 'upper')), (1.1e-6, ('', ''))):
         near = np.array([-10.0 + 20.0 * off, 10.0 - 20.0 * off, 0.0])
         assert intervals(JACOBIAN, noise, near, LOW, HIGH).at_bound[:2] == said
-
-
-@pytest.mark.parametrize('rho', [0.0, 0.6, 0.95])
-def test_noise_model_finds_the_autocorrelation(rho):
-    model = fit_noise(coloured(np.random.default_rng(9), rho, 20_000))
-    assert model.variance == pytest.approx(1.0, rel=0.15)
-    expected = 20_000 * (1.0 - rho) / (1.0 + rho)
-    assert model.effective_samples == pytest.approx(expected, rel=0.15)
-    if rho == 0.0:
-        assert not model.coefficients.size
 
 
 @pytest.mark.parametrize(
