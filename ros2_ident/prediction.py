@@ -6,11 +6,9 @@ model starts where the log does, is told the log's set-points (or efforts) and n
 each quantity that was logged is compared.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-import math
-from typing import Any
 
 import numpy as np
 
@@ -82,20 +80,6 @@ class Prediction:
     def quantity(self) -> str:
         """That quantity."""
         return self.first[0][0].quantity if self.first else ''
-
-
-
-def prediction_from(data: Mapping[str, Any] | None) -> Prediction | None:
-    """Return what `Prediction.plain` was written from; None for None."""
-    if data is None:
-        return None
-
-    def error(entry: Mapping[str, Any]) -> Error:
-        sizes = {n: math.inf if entry[n] is None else float(entry[n]) for n in ('rmse', 'mae')}
-        return Error(**{**entry, **sizes})
-
-    stages = [Stage(s['label'], tuple(map(error, s['errors']))) for s in data['stages']]
-    return Prediction(str(data['on']), tuple(stages), str(data['hindered']))
 
 
 def predicted(

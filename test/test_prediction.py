@@ -35,11 +35,11 @@ from ros2_ident.prediction import (
     of_description,
     predicted,
     Prediction,
-    prediction_from,
 )
 from ros2_ident.recording import Dataset
 from ros2_ident.report.files import load_result, write_result
 from ros2_ident.report.page.assemble import write_report
+from ros2_ident.report.schema import read, to_mapping
 
 
 def run_of(machine, bag, truth, **changes):
@@ -101,13 +101,7 @@ def test_a_candidate_that_diverges_is_infinitely_far_in_the_file_too() -> None:
     problem = problem_of(axis(), axis_data())
     result = replace(identified(), prediction=found)
     assert problem.names == tuple(p.name for p in result.parameters)
-    assert prediction_from(json.loads(json.dumps(_plain(result)))) == found
-
-
-def _plain(result):
-    from ros2_ident.report.schema import to_mapping
-
-    return to_mapping(result)['prediction']
+    assert read(Prediction, json.loads(json.dumps(to_mapping(result)['prediction']))) == found
 
 
 def test_what_a_description_states_is_the_first_stage() -> None:
@@ -218,7 +212,7 @@ def test_the_command_says_what_the_result_says(tmp_path: Path, capsys) -> None:
     out = tmp_path / 'out'
     words = ['predict', str(tmp_path / 'a'), 'bags/axis_reversals', '--out', str(out)]
     assert main([*words, '--beside', str(tmp_path / 'a' / 'result.json')]) == 0
-    found = prediction_from(json.loads((out / 'prediction.json').read_text(encoding='utf-8')))
+    found = read(Prediction, json.loads((out / 'prediction.json').read_text(encoding='utf-8')))
     first, second = found.stages
     assert first.errors == second.errors == result.prediction.stages[0].errors
     assert (out / 'prediction.png').read_bytes().startswith(b'\x89PNG')

@@ -9,7 +9,7 @@ from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt
-from ros2_ident.report.files import DIAGNOSIS, intact, JSON, load_diagnosis, load_result, YAML
+from ros2_ident.report.files import DIAGNOSIS, JSON, load_diagnosis, load_result, YAML
 
 # Half a 95 % interval in standard deviations.
 _HALF = 1.96
@@ -55,8 +55,7 @@ def read_estimate(path: str | Path) -> Estimate:
     if diagnosis == folder and (whole or not (folder / DIAGNOSIS).exists()):
         found = _identified(folder)
     else:
-        with intact(diagnosis / DIAGNOSIS):
-            found = _found(diagnosis)
+        found = _found(diagnosis)
     several = [name for name in found.values if '@' in name]
     if several:
         raise IdentError(
@@ -76,7 +75,7 @@ def _identified(folder: Path) -> Estimate:
     result = load_result(folder)
     return Estimate(
         {p.name: p.value for p in result.parameters},
-        {p.name: (p.high - p.low) / (2.0 * _HALF) for p in result.parameters},
+        {p.name: _deviation(p.low, p.high) for p in result.parameters},
         dict(result.fixed),
         result.drives,
         result.settings,
@@ -85,20 +84,18 @@ def _identified(folder: Path) -> Estimate:
 
 
 def _found(folder: Path) -> Estimate:
-    data = load_diagnosis(folder)
-    values = data['parameters']
-    settings = data['settings']
-
-    def half(entry: Mapping[str, Any]) -> float:
-        if entry['low'] is None or entry['high'] is None:
-            return math.inf
-        return float(entry['high'] - entry['low']) / (2.0 * _HALF)
-
+    read = load_diagnosis(folder)
+    values, settings = read.found.parameters, read.settings
     return Estimate(
-        {n: math.nan if v['value'] is None else float(v['value']) for n, v in values.items()},
-        {name: half(entry) for name, entry in values.items()},
+        {name: v.value for name, v in values.items()},
+        {name: _deviation(v.low, v.high) for name, v in values.items()},
         {name: float(value) for name, value in settings.get('fixed', {}).items()},
         tuple(settings.get('drives', ())),
         settings,
-        str(data['provenance']['source']),
+        read.provenance.source,
     )
+
+
+def _deviation(low: float, high: float) -> float:
+    half = 0.5 * (high - low)
+    return math.inf if math.isnan(half) else half / _HALF

@@ -242,8 +242,8 @@ def _found(entry: Entry, wish: Wish) -> Row:
             name: {
                 'before': g.before,
                 'after': g.after,
-                'share_before': g.before / g.torque_rms,
-                'share_after': g.after / g.torque_rms,
+                'share_before': g.shares[0],
+                'share_after': g.shares[1],
             }
             for name, g in verdict.per_drive.items()
             if g.torque_rms > 0.0

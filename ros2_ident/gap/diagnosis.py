@@ -102,6 +102,12 @@ class DriveGap:
         ratio = self.before / self.noise_floor if self.noise_floor else 0.0
         return ratio if math.isfinite(ratio) else 0.0
 
+    @property
+    def shares(self) -> tuple[float, float]:
+        """The gap before and after over the measured output; NaN where that is not known."""
+        output = self.torque_rms or math.nan
+        return self.before / output, self.after / output
+
 
 @dataclass(frozen=True, eq=False)
 class Trace:

@@ -1,56 +1,66 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A diagnosis as the mapping that goes into `diagnosis.json`."""
+"""A diagnosis as the mapping that goes into `diagnosis.json`, and back."""
 
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 import math
 from typing import Any
 
+import numpy as np
+
 from ros2_ident.arrays import plain
 from ros2_ident.gap.blocks import Interval
-from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.gap.diagnosis import Diagnosis, Ranked
+from ros2_ident.gap.floor import Floor
+from ros2_ident.identify.result import Provenance
 from ros2_ident.models import EffectAt
-from ros2_ident.report.maps import chosen, map_of
+from ros2_ident.report.maps import maps_of, ResidualMap
+from ros2_ident.report.schema import but, read
 from ros2_ident.words.finding import region, where
 from ros2_ident.words.verdict import advice, headline, sentence
 
-SCHEMA = 4
+SCHEMA = 5
 
 
-def _shown(d: Diagnosis) -> tuple[str, ...]:
-    """Return the drives that a map is drawn of whatever was found there: the worst, and the named.
+@dataclass(frozen=True)
+class Written:
+    """The content of `diagnosis.json`.
 
-    None where the gap is no more than noise.
+    Attributes:
+        found: The diagnosis without its recordings.
+        maps: Maps of the residual.
+        machine_lines: Lines for the machine file.
+        settings: What was asked for.
+        provenance: Where the numbers came from.
+        check_source: Recording that it was judged on; empty for blocks of the others.
+        check_sha256: Hash of that.
     """
-    if not d.evidence['size'] >= d.evidence['material']:
-        return ()
-    worst = max(d.per_drive, key=lambda name: d.per_drive[name].over_floor)
-    return tuple(dict.fromkeys((worst, *(w for w in d.where if w in d.per_drive))))
 
+    found: Diagnosis
+    maps: tuple[ResidualMap, ...]
+    machine_lines: tuple[str, ...]
+    settings: Mapping[str, Any]
+    provenance: Provenance
+    check_source: str = ''
+    check_sha256: str = ''
 
-def _maps(d: Diagnosis) -> list[dict[str, Any]]:
-    """Return maps of the residual along the coordinates that matter, as `localise` saw it."""
-    trace, out = d.traces[0], []
-    for drive, name in chosen(d.localisation, _shown(d)):
-        at = trace.motion.drives.index(drive)
-        before = map_of(trace.motion, trace.before[at], at, name)
-        after = map_of(trace.motion, trace.after[at], at, name)
-        out.append(
-            {
-                'drive': drive,
-                'coordinate': name,
-                'label': before.label,
-                'unit': before.unit,
-                'linear': before.linear,
-                'noise_floor': float(d.floor.per_drive[at]),
-                'before': [asdict(line) for line in before.lines],
-                'after': [asdict(line) for line in after.lines] if len(d.steps) > 1 else [],
-            }
-        )
-    return out
+    @property
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """The diagnosis' parameters as plain data."""
+        return _parameters(self.found)
 
 
 def _at(at: EffectAt) -> dict[str, Any]:
     return {'effect': at.effect, 'where': [at.where]}
+
+
+def _ranked(r: Ranked) -> dict[str, Any]:
+    return {**_at(r.at), **but(asdict(r), 'at')}
+
+
+def _parameters(d: Diagnosis) -> dict[str, dict[str, Any]]:
+    values: dict[str, dict[str, Any]] = plain({n: asdict(v) for n, v in d.parameters.items()})
+    return values
 
 
 def to_mapping(d: Diagnosis) -> dict[str, Any]:
@@ -61,7 +71,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
         'schema': SCHEMA,
         'verdict': {
             'effect': d.effect,
-            'where': list(d.where),
+            'where': d.where,
             'probability': d.probability,
             'sentence': sentence(d),
             'headline': headline(d),
@@ -69,18 +79,9 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
         },
         'facts': {**asdict(d.facts), 'leads': d.facts.leads},
         'also': [_at(a) for a in d.also],
-        'again': list(d.again),
-        'confusable': [{**_at(r.at), 'probability': r.probability} for r in d.confusable],
-        'ranking': [
-            {
-                **_at(r.at),
-                'probability': r.probability,
-                'gap_after': r.gap_after,
-                'share': r.share,
-                'parameters': {n: asdict(v) for n, v in r.parameters.items()},
-            }
-            for r in d.ranking
-        ],
+        'again': d.again,
+        'confusable': [_ranked(r) for r in d.confusable],
+        'ranking': [_ranked(r) for r in d.ranking],
         'gap': {
             'unit': d.unit,
             'before': before.value,
@@ -95,8 +96,8 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
             'per_drive': {
                 name: {
                     **asdict(g),
-                    'share_of_torque_before': g.before / g.torque_rms,
-                    'share_of_torque_after': g.after / g.torque_rms,
+                    'share_of_torque_before': g.shares[0],
+                    'share_of_torque_after': g.shares[1],
                 }
                 for name, g in d.per_drive.items()
             },
@@ -104,21 +105,17 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
         'evidence': d.evidence,
         'localisation': [
             {
-                'drive': f.drive,
+                **but(asdict(f), 'over_floor'),
                 'coordinate': f.coordinate,
                 'region': region(f),
-                'statistic': f.statistic,
-                'p_value': f.p_value,
-                'size': f.size,
+                'place': asdict(f.region),
                 'size_over_floor': f.over_floor,
-                'beyond': f.beyond,
                 'sentence': where(f),
-                'by_size': f.by_size,
             }
             for f in d.localisation
         ],
-        'maps': _maps(d),
-        'parameters': {n: asdict(v) for n, v in d.parameters.items()},
+        'maps': [asdict(m) for m in maps_of(d)],
+        'parameters': _parameters(d),
         'nominal': d.nominal,
         'moved': d.moved,
         'prediction': None if d.prediction is None else asdict(d.prediction),
@@ -130,3 +127,42 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
         'seed': d.seed,
     })
     return mapping
+
+
+def from_mapping(data: Mapping[str, Any]) -> Written:
+    """Return what a file's content describes; sentences are not read, they are made anew."""
+    gap, provenance = data['gap'], data['provenance']
+    floors = np.array([d['noise_floor'] for d in gap['per_drive'].values()], dtype=np.float64)
+    none = np.full_like(floors, np.nan)
+
+    def at(entry: Mapping[str, Any]) -> dict[str, Any]:
+        return {'effect': entry['effect'], 'where': entry['where'][0]}
+
+    known = {
+        **data,
+        **data['verdict'],
+        **gap,
+        'also': [at(x) for x in data['also']],
+        'not_testable': [at(x) for x in data['not_testable']],
+        'steps': [{'label': s['label'], 'gap': s} for s in gap['steps']],
+        'share_closed': {
+            'value': gap['share_closed'],
+            'low': gap['share_closed_low'],
+            'high': gap['share_closed_high'],
+        },
+        'localisation': [
+            {
+                **f,
+                'over_floor': f['size_over_floor'],
+                # Ends that are not stated are open.
+                'region': {k: x for k, x in f['place'].items() if x is not None},
+            }
+            for f in data['localisation']
+        ],
+    }
+    for name in ('confusable', 'ranking'):
+        known[name] = [{**r, 'at': at(r)} for r in data[name]]
+    known['floor'] = Floor(floors, none, none, gap['noise_floor_method'], ())
+    found = read(Diagnosis, {**known, 'traces': ()})
+    written: Written = read(Written, {**data, **provenance, 'found': found})
+    return written

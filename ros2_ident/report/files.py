@@ -23,11 +23,11 @@ from ros2_ident.identify.outcome import provenance_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import History, Identification
 from ros2_ident.models import Machine
-from ros2_ident.report.diagnosis import SCHEMA
+from ros2_ident.report.diagnosis import from_mapping as diagnosis_from
+from ros2_ident.report.diagnosis import SCHEMA, Written
 from ros2_ident.report.diagnosis import to_mapping as diagnosis_mapping
 from ros2_ident.report.remedy import machine_lines
-from ros2_ident.report.schema import from_mapping, to_mapping
-from ros2_ident.report.schema import intact as intact
+from ros2_ident.report.schema import from_mapping, intact, to_mapping
 from ros2_ident.report.signals import signals_of_diagnosis, signals_of_problem, write_signals
 
 JSON, YAML, HISTORY, SIGNALS = 'result.json', 'result.yaml', 'history.npz', 'signals.npz'
@@ -89,7 +89,7 @@ def holds_results(path: str | Path) -> bool:
     return any((Path(path) / name).exists() for name in (JSON, YAML, DIAGNOSIS))
 
 
-def load(directory: str | Path) -> tuple[Identification | None, dict[str, Any] | None]:
+def load(directory: str | Path) -> tuple[Identification | None, Written | None]:
     """Read the identification and the diagnosis of a directory; None for one that it lacks.
 
     Raises:
@@ -106,7 +106,7 @@ def load(directory: str | Path) -> tuple[Identification | None, dict[str, Any] |
     return result, load_diagnosis(folder) if (folder / DIAGNOSIS).exists() else None
 
 
-def load_diagnosis(directory: str | Path) -> dict[str, Any]:
+def load_diagnosis(directory: str | Path) -> Written:
     """Read what `write_diagnosis` wrote into `diagnosis.json`.
 
     Raises:
@@ -119,7 +119,8 @@ def load_diagnosis(directory: str | Path) -> dict[str, Any]:
             ErrorCode.BAD_VALUES,
             f'{path}: is no diagnosis of version {SCHEMA}; write it anew with `ident diagnose`',
         )
-    return data
+    with intact(path):
+        return diagnosis_from(data)
 
 
 def write_result(

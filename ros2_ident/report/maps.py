@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 from ros2_ident.arrays import Array
 from ros2_ident.gap.blocks import block_length
 from ros2_ident.gap.coordinates import bin_edges, direction, Motion, since_reversal
+from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.gap.floor import NORMAL
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.spectrum import spectrum
 from ros2_ident.gates.scale import FEWEST
+from ros2_ident.words.verdict import worst
 
 Heading = Literal['both', 'forwards', 'backwards']
 
 _BINS = 24
-# Findings without an axis of their own are shown over time.
 _OVER_TIME = ('phase', 'offset', 'other drives', 'instants')
 
 
@@ -45,27 +46,52 @@ class ResidualMap:
     """A drive's residual along one coordinate.
 
     Attributes:
-        label: The coordinate with its unit, for an axis.
+        drive: The drive.
+        coordinate: The coordinate.
+        label: The same with its unit, for an axis.
         unit: Unit of the residual.
         linear: Places nearer to zero than this stand on a linear axis, the others on a
             logarithmic one; 0 where all of the axis is linear.
-        lines: The lines.
+        noise_floor: The drive's.
+        before: Lines of the nominal fit's residual: one along the velocity, which tells the
+            direction itself, and along the frequency; elsewhere one for each direction of motion.
+        after: The same with the effects found; none where there are none.
     """
 
+    drive: str
+    coordinate: str
     label: str
     unit: str
     linear: float
-    lines: tuple[Line, ...]
+    noise_floor: float
+    before: tuple[Line, ...]
+    after: tuple[Line, ...]
 
 
-def coordinate_of(finding: Finding) -> str:
-    """Return the coordinate to draw a finding along: time for one without an axis."""
-    return 'time' if finding.along in _OVER_TIME else finding.along.removeprefix('recent ')
+def maps_of(d: Diagnosis) -> tuple[ResidualMap, ...]:
+    """Return maps along the coordinates that matter, as `localise` saw them."""
+    trace = d.traces[0]
+    rows = [trace.before, trace.after] if len(d.steps) > 1 else [trace.before]
+    out = []
+    # The worst and the named drives have a map whatever was found there.
+    always = (*worst(d), *d.where) if worst(d) else ()
+    for drive, name in _chosen(d.localisation, [w for w in always if w in d.per_drive]):
+        at = trace.motion.drives.index(drive)
+        values, label = _along(trace.motion, at, name)
+        linear = 1.0 if name == 'distance since reversal' else 0.0
+        if name == 'velocity':
+            # Nearly all of a log is slow: the axis is stretched where most of it is.
+            linear = max(0.02 * float(np.percentile(np.abs(values), 99.5)), 1e-9)
+        before, *after = [_lines(trace.motion, row[at], at, name, values) for row in rows]
+        floor = float(d.floor.per_drive[at])
+        unit = trace.motion.unit
+        out.append(
+            ResidualMap(drive, name, label, unit, linear, floor, before, *(after or [()]))
+        )
+    return tuple(out)
 
 
-def chosen(
-    findings: Sequence[Finding], always: Sequence[str] = ()
-) -> tuple[tuple[str, str], ...]:
+def _chosen(findings: Sequence[Finding], always: Sequence[str]) -> tuple[tuple[str, str], ...]:
     """Return drive and coordinate of what to draw: the leading significant findings.
 
     Args:
@@ -75,56 +101,39 @@ def chosen(
     Returns:
         Each pair once, drive by drive in the order of the findings.
     """
-    pairs = dict.fromkeys(
-        (f.drive, coordinate_of(f)) for f in findings if f.significant
-    )
     by_drive: dict[str, list[str]] = {}
-    for drive, name in pairs:
-        by_drive.setdefault(drive, []).append(name)
-    missing = {drive: ['velocity'] for drive in always if drive not in by_drive}
-    told = {**missing, **by_drive}
+    for f in findings:
+        # Findings without an axis of their own are shown over time.
+        name = 'time' if f.along in _OVER_TIME else f.along.removeprefix('recent ')
+        if f.significant and name not in by_drive.setdefault(f.drive, []):
+            by_drive[f.drive].append(name)
+    found = {drive: names for drive, names in by_drive.items() if names}
+    told = {**{drive: ['velocity'] for drive in always if drive not in found}, **found}
     return tuple((d, name) for d, names in told.items() for name in names[:3])[:12]
 
 
-def map_of(motion: Motion, row: Array, drive: int, name: str) -> ResidualMap:
-    """Return the map of one drive along one coordinate.
-
-    Args:
-        motion: What the drives did.
-        row: (K,) measured less simulated effort, NaN where there is no sample.
-        drive: Number of the drive.
-        name: The coordinate, from `coordinate_of`.
-
-    Returns:
-        Means with bands: one line along the velocity, which tells the direction itself, and along
-        the frequency; elsewhere one line for each direction of motion.
-    """
+def _lines(motion: Motion, row: Array, drive: int, name: str, values: Array) -> tuple[Line, ...]:
+    """Return means of a residual (K,) with their bands, NaN where there is no sample."""
     if name == 'frequency':
         frequency, power, _ = spectrum(row, motion.cycle)
         keep = frequency > 0.0
         # An amplitude in place of a mean.
         size = np.sqrt(power[keep])
-        line = Line('both', frequency[keep], size, np.full(size.size, np.nan))
-        return ResidualMap('frequency [Hz]', motion.unit, 0.0, (line,))
-    values, label = _along(motion, drive, name)
+        return (Line('both', frequency[keep], size, np.full(size.size, np.nan)),)
     there = np.isfinite(row)
     heading = direction(motion.velocity[drive])
     block = np.arange(row.size) // block_length(row[None], motion.cycle)
-    linear = 1.0 if name == 'distance since reversal' else 0.0
     parts: list[tuple[Heading, NDArray[np.bool_]]] = [
         ('forwards', there & (heading > 0.0)),
         ('backwards', there & (heading < 0.0)),
     ]
     if name == 'velocity':
-        # Nearly all of a log is slow: the axis is stretched where most of it is.
-        linear = max(0.02 * float(np.percentile(np.abs(values), 99.5)), 1e-9)
         parts = [('both', there)]
-    lines = [
+    return tuple(
         Line(which, *_bins(values[mask], row[mask], block[mask]))
         for which, mask in parts
         if mask.sum() >= FEWEST
-    ]
-    return ResidualMap(label, motion.unit, linear, tuple(lines))
+    )
 
 
 def _along(motion: Motion, drive: int, name: str) -> tuple[Array, str]:
@@ -146,6 +155,7 @@ def _along(motion: Motion, drive: int, name: str) -> tuple[Array, str]:
         ),
         'distance since reversal': (1e3 * way, f'distance since the last reversal [m{travel}]'),
         'motor angle': (turn, 'motor angle [turns]'),
+        'frequency': (time, 'frequency [Hz]'),
     }
     values, label = table.get(name, (time, 'time since start [s]'))
     return np.asarray(values, dtype=np.float64), label

@@ -11,6 +11,7 @@ from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt
 from ros2_ident.models.drives.candidates import SLOTS
 from ros2_ident.models.registry import KINDS
+from ros2_ident.words.verdict import named
 
 
 def machine_lines(found: Diagnosis, machine: Machine) -> tuple[str, ...]:
@@ -26,7 +27,7 @@ def machine_lines(found: Diagnosis, machine: Machine) -> tuple[str, ...]:
         searched up to twice the size found.
     """
     sections: dict[str, list[str]] = {}
-    for at in (*(EffectAt(found.effect, where) for where in found.where), *found.also):
+    for at in named(found):
         for section, line in _lines(found, machine, at):
             sections.setdefault(section, []).append(line)
     return tuple(

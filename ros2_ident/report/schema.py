@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """A result as plain data and back; `null` stands for what is not a number."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, fields, is_dataclass
 from enum import Enum
+from itertools import repeat
 import math
 from pathlib import Path
+from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from ros2_ident.arrays import plain
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gates import Gate
 from ros2_ident.identify.result import Identification
-from ros2_ident.prediction import prediction_from
 from ros2_ident.words.identification import message
 
 SCHEMA = 'ros2_ident.identification'
@@ -32,13 +32,13 @@ def to_mapping(result: Identification) -> dict[str, Any]:
         'model': result.model,
         'drives': result.drives,
         'parameters': {
-            p.name: _but(asdict(p), 'name') | {'identifiable': p.identifiable}
+            p.name: but(asdict(p), 'name') | {'identifiable': p.identifiable}
             for p in result.parameters
         },
         'fixed': result.fixed,
         'cost': asdict(result.cost),
-        'residual': {x.drive: _but(asdict(x), 'drive') for x in result.residuals},
-        'validation': {x.drive: _but(asdict(x), 'drive') for x in result.validation},
+        'residual': {x.drive: but(asdict(x), 'drive') for x in result.residuals},
+        'validation': {x.drive: but(asdict(x), 'drive') for x in result.validation},
         'validated_on': result.validated_on,
         'gates': [asdict(gate) for gate in result.gates],
         'prediction': None if result.prediction is None else asdict(result.prediction),
@@ -62,7 +62,7 @@ def to_mapping(result: Identification) -> dict[str, Any]:
     return mapping
 
 
-def _but(entry: dict[str, Any], name: str) -> dict[str, Any]:
+def but(entry: dict[str, Any], name: str) -> dict[str, Any]:
     """Return an entry without the name that it is stored under, and without an empty unit."""
     return {k: v for k, v in entry.items() if k != name and (k, v) != ('unit', '')}
 
@@ -72,27 +72,29 @@ def read(kind: Any, value: Any) -> Any:
 
     Args:
         kind: A dataclass, or a type as those of its fields; others stay as they are.
-        value: What `plain` made of it; what a file lacks has its default.
+        value: What `plain` made of it, or what was read already; what a file lacks has its
+            default.
     """
-    parts = get_args(kind)
+    parts, origin = get_args(kind), get_origin(kind)
+    if is_dataclass(value):
+        return value
+    if origin is UnionType:
+        return None if value is None else read(parts[0], value)
     if is_dataclass(kind):
         kinds = get_type_hints(kind)
         there = {f.name for f in fields(kind)} & {*value}
         return kind(**{name: read(kinds[name], value[name]) for name in there})  # type: ignore[operator]
-    if get_origin(kind) is tuple:
-        return tuple(read(parts[0], x) for x in value)
-    if get_origin(kind) is Mapping:
+    if origin is np.ndarray:
+        return np.array(value, dtype=get_args(parts[1])[0])
+    if origin is tuple:
+        return tuple(map(read, repeat(parts[0]) if ... in parts else parts, value))
+    if origin is Mapping:
         return {name: read(parts[1], x) for name, x in value.items()}
     if isinstance(kind, type) and issubclass(kind, float):
         return math.nan if value is None else float(value)
     if isinstance(kind, type) and issubclass(kind, int | str | Enum):
         return kind(value)
     return value
-
-
-def gates_from(data: Iterable[Mapping[str, Any]]) -> tuple[Gate, ...]:
-    """Return the findings that a file holds."""
-    return tuple(read(Gate, gate) for gate in data)
 
 
 def from_mapping(data: Any, path: Path) -> Identification:
@@ -152,17 +154,16 @@ def _result(data: Mapping[str, Any]) -> Identification:
             for name, entry in data['parameters'].items()
         ],
         'cost': data['cost'] | ({'ga': math.inf} if data['cost']['ga'] is None else {}),
-        'correlation': np.array(data['correlation'], dtype=np.float64).reshape(size, size),
+        'correlation': np.reshape(data['correlation'], (size, size)),
         'generations': search['generations'],
         'search_stop': search['stop'],
         'refinement': search['refinement'],
         'history': {
-            'best_costs': np.array(search['best_costs'], dtype=np.float64),
+            'best_costs': search['best_costs'],
             'candidates': np.empty((0, size)),
-            'costs': np.empty(0),
-            'generations': np.empty(0, dtype=np.int64),
+            'costs': (),
+            'generations': (),
         },
-        'prediction': prediction_from(data.get('prediction')),
     }
     found: Identification = read(Identification, {**data, **residuals, **known})
     return found

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.files import make_directory, require_ours, write_table
-from ros2_ident.report.files import DIAGNOSIS, DIAGNOSIS_SIGNALS, intact, load, SIGNALS
+from ros2_ident.report.files import DIAGNOSIS_SIGNALS, load, SIGNALS
 from ros2_ident.report.schema import to_mapping
 from ros2_ident.report.signals import load_signals, Signals
 
@@ -39,9 +39,8 @@ def write_tables(results: str | Path, directory: str | Path) -> tuple[Path, ...]
         found = to_mapping(result)['parameters']
         files += _write(folder, '', found, source / SIGNALS)
     if diagnosis is not None:
-        with intact(source / DIAGNOSIS):
-            found = diagnosis['parameters']
-            files += _write(folder, 'diagnosis_', found, source / DIAGNOSIS_SIGNALS)
+        found = diagnosis.parameters
+        files += _write(folder, 'diagnosis_', found, source / DIAGNOSIS_SIGNALS)
     return tuple(files)
 
 

@@ -125,6 +125,25 @@ def _place(where: str) -> str:
     return 'the machine' if where == 'all' else where
 
 
+def place(where: Sequence[str]) -> str:
+    """Return the drives of a verdict, or the machine."""
+    return 'the machine' if not where or 'all' in where else joined(where)
+
+
+def named(d: Diagnosis) -> tuple[EffectAt, ...]:
+    """Return the effects that a verdict names, each at one place, the first first."""
+    if d.facts.cause != Cause.EFFECT:
+        return ()
+    return (*(EffectAt(d.effect, where) for where in d.where), *d.also)
+
+
+def worst(d: Diagnosis) -> tuple[str, ...]:
+    """Return the drive with the largest gap over its noise floor; none where all is noise."""
+    if not d.evidence['size'] >= d.evidence['material']:
+        return ()
+    return (max(d.per_drive, key=lambda name: d.per_drive[name].over_floor),)
+
+
 def headline(d: Diagnosis) -> str:
     """Return the cause and its place; of many effects the first one, and how many more."""
     if d.facts.cause == Cause.MODEL:
@@ -171,7 +190,7 @@ def _small(d: Diagnosis) -> str:
 def _what(d: Diagnosis) -> str:
     """Return the cause and its place, as the begin of a sentence."""
     cause, evidence = d.facts.cause, d.evidence
-    where = 'the machine' if not d.where or 'all' in d.where else joined(d.where)
+    where = place(d.where)
     if cause == Cause.NONE and evidence['size'] < evidence['material']:
         most = evidence['material'] * max(g.noise_floor for g in d.per_drive.values())
         limit = f'{most:.2g} {d.unit}'
@@ -202,10 +221,8 @@ def _missing(names: Sequence[str], logged: Sequence[str] = ()) -> str:
 
 def _titles(d: Diagnosis, *, logged: bool) -> list[str]:
     """Return the effects named with their places: those of the log, or those of the machine."""
-    if d.facts.cause != Cause.EFFECT:
-        return []
-    places: dict[str, list[str]] = {d.effect: [*d.where]}
-    for at in d.also:
+    places: dict[str, list[str]] = {}
+    for at in named(d):
         places.setdefault(at.effect, []).append(at.where)
     return [
         title_at(effect, where)
@@ -314,8 +331,7 @@ def _advice(d: Diagnosis) -> Iterator[str]:
     ends = [name for name, v in d.parameters.items() if v.at_bound]
     if ends:
         yield at_bounds(ends)
-    named = (EffectAt(d.effect, d.where[0]), *d.also) if facts.cause == Cause.EFFECT else ()
-    for at, share in zip(named, d.again, strict=False):
+    for at, share in zip(named(d), d.again, strict=False):
         if share < OFTEN:
             yield hint(at.title, share)
     yield from hidden(facts.hidden.items(), d.unit)

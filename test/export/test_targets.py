@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 import json
+import math
 from pathlib import Path
 import sys
 from types import SimpleNamespace
@@ -13,18 +14,20 @@ import yaml
 
 pinocchio = pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
+from identify_cases import tripod  # noqa: E402
 from models.test_serial import BOXES, described, JOINTS, moving  # noqa: E402
+from report_cases import diagnosed  # noqa: E402
 
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.export.content import Content, content_of  # noqa: E402
 from ros2_ident.export.estimate import Estimate, read_estimate  # noqa: E402
 from ros2_ident.export.targets import fitting, TARGETS, write  # noqa: E402
+from ros2_ident.gap.diagnosis import Value  # noqa: E402
 from ros2_ident.identify.data import Data  # noqa: E402
 from ros2_ident.identify.setup import problem_of  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, make_model  # noqa: E402
-from ros2_ident.report.diagnosis import SCHEMA  # noqa: E402
-from ros2_ident.report.files import DIAGNOSIS  # noqa: E402
+from ros2_ident.report.files import write_diagnosis  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 SMOOTH = {name: box for name, box in BOXES.items() if name != 'coulomb_torque'}
@@ -327,22 +330,19 @@ def test_a_target_without_its_description_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_diagnosis_brings_its_effects(tmp_path: Path) -> None:
-    def value(number: float, high: float | None) -> dict[str, float | str | bool | None]:
-        low = None if high is None else 2.0 * number - high
-        return {'value': number, 'unit': 'N m', 'low': low, 'high': high, 'at_bound': False}
-
-    content = {
-        'schema': SCHEMA,
-        'verdict': {},
-        'parameters': {
-            'elbow.coulomb_torque': value(3.0, 3.5),
-            'elbow.stribeck.size': value(0.4, None),
-            'effort_smoothing.period': value(0.5, 0.6),
-        },
-        'settings': {'drives': ['elbow'], 'fixed': {'payload_mass': 1.0}, 'bags': ['log']},
-        'provenance': {'source': 'log'},
+    nan = math.nan
+    parameters = {
+        'elbow.coulomb_torque': Value(3.0, 'N m', 2.5, 3.5),
+        'elbow.stribeck.size': Value(0.4, 'N m', nan, nan),
+        'effort_smoothing.period': Value(0.5, 's', 0.4, 0.6),
     }
-    (tmp_path / DIAGNOSIS).write_text(json.dumps(content))
+    settings = {'drives': ['elbow'], 'fixed': {'payload_mass': 1.0}, 'bags': ['log']}
+
+    def write_found(**more: Value) -> None:
+        found = replace(diagnosed(), parameters={**parameters, **more})
+        write_diagnosis(tmp_path, found, tripod(), Data((), source='log'), settings=settings)
+
+    write_found()
     estimate = read_estimate(tmp_path)
     assert estimate.effects(['elbow.coulomb_torque']) == (
         EffectAt('stribeck', 'elbow'),
@@ -352,7 +352,6 @@ def test_a_diagnosis_brings_its_effects(tmp_path: Path) -> None:
     assert np.isinf(estimate.deviations['elbow.stribeck.size'])
     assert estimate.fixed == {'payload_mass': 1.0}
     # Values of single recordings are none of the machine's.
-    content['parameters']['payload_mass@log'] = value(1.0, 2.0)
-    (tmp_path / DIAGNOSIS).write_text(json.dumps(content))
+    write_found(**{'payload_mass@log': Value(1.0, 'kg', 0.0, 2.0)})
     with pytest.raises(IdentError, match='is the value of one recording'):
         read_estimate(tmp_path)

@@ -22,12 +22,14 @@ from ros2_ident.cli.runs import page_line
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export.estimate import read_estimate
-from ros2_ident.gap.diagnosis import DriveGap
+from ros2_ident.gap.diagnosis import DriveGap, Value
 from ros2_ident.gap.facts import Cause, Event, Facts
 from ros2_ident.gates import Gate
 from ros2_ident.identify.result import Outcome
+from ros2_ident.models import EffectAt
 from ros2_ident.recording import LIVE
-from ros2_ident.report.diagnosis import to_mapping
+from ros2_ident.report.diagnosis import from_mapping, to_mapping
+from ros2_ident.report.files import load_diagnosis
 from ros2_ident.report.page import charts, write_report
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot
@@ -37,7 +39,7 @@ from ros2_ident.report.page.numbers import (
     plus_minus,
     shares,
 )
-from ros2_ident.report.page.sentences import hidden, moved
+from ros2_ident.report.page.sentences import moved
 from ros2_ident.report.page.several import write_comparison
 from ros2_ident.report.page.thin import extremes
 from ros2_ident.report.signals import load_signals, write_signals
@@ -249,7 +251,7 @@ def screen(said):
     steps = [f'{s.text} {[law.anchor for law in s.laws]} {s.code}' for s in said.steps]
     gaps = [f'{gap.drive} {gap.note}' for gap in said.gaps]
     values = [' '.join(row) for row in said.values]
-    parts = (said.first, [said.headline], said.more, said.sure, gaps, said.closes, values, steps)
+    parts = (said.first, [said.headline], said.sure, gaps, said.closes, values, steps)
     return '\n'.join([said.state, *(line for part in parts for line in part), *said.careful])
 
 
@@ -258,13 +260,10 @@ def gate(text, level='warn', drive='drive_1', cause=''):
 
 
 def at(effect, where='drive_1'):
-    return {'effect': effect, 'where': [where]}
+    alone = {'probability': 0.1, 'gap_after': None, 'share': None, 'parameters': {}}
+    return {'effect': effect, 'where': [where], **alone}
 
 
-REFUSED = {
-    **at('bookkeeping'), 'headline': 'Log and machine file contradict each other.', 'cause': 'log',
-    'sentence': 'drive_1: odd. No effect is named.',
-}  # fmt: skip
 UNSURE = 'Answer with reservations: '
 OF_DIAGNOSIS = {
     'clear': ({}, 'good', ['Clear answer'], ['ident export']),
@@ -287,8 +286,12 @@ OF_DIAGNOSIS = {
         ['Correct this first:\ndrive_1: the gain is twice that.\n'], [],
     ),
     'refused': (
-        {'gates': [gate('odd.', 'fail')], 'verdict': REFUSED, 'confusable': []}, 'bad',
-        ['\nLog and machine file contradict each other', 'ident check bags/fit --machine MACHINE'],
+        {
+            'gates': [{**gate('odd.', 'fail'), 'contradicts': True}], 'confusable': [],
+            'verdict': {'effect': 'bookkeeping'}, 'facts': {'cause': 'log', 'contradictions': [0]},
+        }, 'bad',
+        ['\nLog and machine file contradict each other', '\ndrive_1: odd. No effect is named.\n',
+         'ident check bags/fit --machine MACHINE'],
         ['ident diagnose'],
     ),
     # of another cause they stay apart, however alike their words are
@@ -325,10 +328,10 @@ def found_in(said, level, there, absent):
 @pytest.mark.parametrize('case', OF_DIAGNOSIS)
 def test_the_first_screen_of_a_diagnosis(both, case):
     changes, *wanted = OF_DIAGNOSIS[case]
-    data = content(both)
+    data = json.loads((both.parent / 'diagnosis.json').read_text())
     for key, value in changes.items():
         data[key] = {**data[key], **value} if isinstance(value, dict) else value
-    found_in(of_diagnosis(data, 'out'), *wanted)
+    found_in(of_diagnosis(from_mapping(data), 'out'), *wanted)
 
 
 def many(count):
@@ -413,7 +416,7 @@ def test_a_solution_by_least_squares_has_no_search(tmp_path):
 
 
 def content(page):
-    return json.loads((page.parent / 'diagnosis.json').read_text())
+    return load_diagnosis(page.parent)
 
 
 def test_the_first_screen_answers_four_questions(both):
@@ -421,10 +424,6 @@ def test_the_first_screen_answers_four_questions(both):
     said = of_diagnosis(content(both), 'runs/one')
     assert said.headline == 'Stribeck friction on drive_1 is missing in the simulation.'
     assert said.sure[0] == '93 % that this is the cause, and drive_1 the place.'
-    # a file of an earlier version
-    data = content(both)
-    del data['verdict']['headline']
-    assert of_diagnosis(data, 'runs/one').headline == data['verdict']['sentence']
     first, second = said.gaps
     assert (first.drive, first.size, first.share) == (
         'drive_1', '0.0310 → 0.0101 N m', '10.3 → 3.4 %',
@@ -448,10 +447,10 @@ def test_the_first_screen_answers_four_questions(both):
 
 
 def test_a_page_on_positions_speaks_of_positions(both):
-    data = content(both)
-    maps = [{**m, 'unit': 'm'} for m in data['maps']]
-    settings = {**data['settings'], 'outputs': {'position': None}}
-    of_positions = {**data, 'maps': maps, 'settings': settings}
+    of = content(both)
+    maps = tuple(replace(m, unit='m') for m in of.maps)
+    settings = {**of.settings, 'outputs': {'position': None}}
+    of_positions = replace(of, maps=maps, settings=settings)
     hero, _ = charts.all_of(of_positions, 'Stribeck friction on drive_1')
     assert hero.title == 'drive_1: measured minus simulated position over the velocity'
     code = of_diagnosis(of_positions, 'out').steps[-1].code
@@ -462,17 +461,15 @@ def test_a_page_on_positions_speaks_of_positions(both):
 
 
 def test_numbers_that_are_known_together_only_are_given_together(both):
-    data = content(both)
-    wide = {n: dict(v) for n, v in data['parameters'].items()}
-    (size,) = [n for n in wide if n.endswith('stribeck.torque')]
-    wide[size].update(low=-9.0, high=9.0)
-    name = 'drive_1.viscous_torque'
-    wide[name] = {'value': 1.01, 'low': 0.9, 'high': 1.1, 'unit': 'N m s/m', 'at_bound': False}
-    nominal = {**data['nominal'], name: 1.0}
-    moved = {**data['moved'], name: 0.01}
-    known = {**data, 'parameters': {**data['parameters'], name: wide[name]}, 'moved': moved}
-    assert name not in of_diagnosis({**known, 'nominal': nominal}, 'out').steps[1].code
-    loose = {**known, 'nominal': nominal, 'parameters': wide}
+    of = content(both)
+    d, name = of.found, 'drive_1.viscous_torque'
+    (size,) = [n for n in d.parameters if n.endswith('stribeck.torque')]
+    parameters = {**d.parameters, name: Value(1.01, 'N m s/m', 0.9, 1.1)}
+    nominal, moved = {**d.nominal, name: 1.0}, {**d.moved, name: 0.01}
+    known = replace(d, parameters=parameters, nominal=nominal, moved=moved)
+    assert name not in of_diagnosis(replace(of, found=known), 'out').steps[1].code
+    wide = {**parameters, size: replace(parameters[size], low=-9.0, high=9.0)}
+    loose = replace(of, found=replace(known, parameters=wide))
     law, values, *_ = of_diagnosis(loose, 'out').steps
     assert law.loose and 'not determined' in law.laws[0].numbers[0][2]
     assert values.text.startswith('Set these parameters with them')
@@ -480,11 +477,16 @@ def test_numbers_that_are_known_together_only_are_given_together(both):
 
 
 def test_a_diagnosis_says_what_moves_and_what_cannot_be_seen(both):
-    data = content(both)
-    assert 'drive_1.coulomb_torque (−37.5 %)' in moved(data)
-    assert hidden(data) == [('rod-length error', 'the machine')]
-    everywhere = [{'effect': 'backlash', 'where': [d]} for d in data['gap']['per_drive']]
-    assert hidden({**data, 'not_testable': everywhere}) == [('backlash', 'any drive')]
+    d = content(both).found
+    assert 'drive_1.coulomb_torque (−37.5 %)' in moved(d)
+    assert words.unseen(d.not_testable, 2) == {'rod-length error': 'the machine'}
+    everywhere = [EffectAt('backlash', drive) for drive in d.per_drive]
+    assert words.unseen(everywhere, 2) == {'backlash': 'any drive'}
+
+
+def test_a_diagnosis_is_read_back_as_it_was_written(both):
+    made = diagnosed()
+    assert to_mapping(replace(content(both).found, traces=made.traces)) == to_mapping(made)
 
 
 def test_the_worst_drive_and_the_named_one_have_a_map_whatever_was_found_there():
@@ -571,7 +573,7 @@ def test_other_files_are_refused(tmp_path):
         write_report(tmp_path)
     assert caught.value.code is ErrorCode.NO_DATA
     (tmp_path / 'diagnosis.json').write_text('{"schema": 7, "verdict": {}}')
-    with pytest.raises(IdentError, match='is no diagnosis of version 4'):
+    with pytest.raises(IdentError, match='is no diagnosis of version 5'):
         write_report(tmp_path)
 
 

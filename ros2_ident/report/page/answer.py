@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The first screen: what is wrong, how sure that is, how far the gap closes, what to do now."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 import math
-from typing import Any
 
+from ros2_ident.effects import title_at
+from ros2_ident.gap.diagnosis import Diagnosis, DriveGap
 from ros2_ident.gap.facts import Cause
+from ros2_ident.gap.verdict import REFUSED
 from ros2_ident.gates import sentences as sentences_of
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
+from ros2_ident.models import EffectAt
+from ros2_ident.report.diagnosis import Written
 from ros2_ident.report.page import sentences, steps
 from ros2_ident.report.page.numbers import (
     from_to,
@@ -19,15 +23,8 @@ from ros2_ident.report.page.numbers import (
     shares,
     unit_of,
 )
-from ros2_ident.report.page.sentences import (
-    effects_found,
-    name_of,
-    places,
-    REFUSED,
-    some,
-)
+from ros2_ident.report.page.sentences import some
 from ros2_ident.report.page.steps import Step
-from ros2_ident.report.schema import gates_from
 from ros2_ident.words import verdict as words
 from ros2_ident.words.figures import compared
 
@@ -71,7 +68,6 @@ class Answer:
     Attributes:
         level: `good`, `doubtful` or `bad`: the colour of its edge.
         headline: What is wrong.
-        more: The rest of it, where one sentence would be long.
         state: What the colour says, in words.
         sure: How sure that is, sentences.
         gaps: How far the gap closes, for the drives that matter most.
@@ -92,7 +88,6 @@ class Answer:
     careful: tuple[str, ...] = ()
     values: tuple[tuple[str, str, str], ...] = ()
     first: tuple[str, ...] = ()
-    more: tuple[str, ...] = ()
     state: str = ''
     compared: str = 'effort'
 
@@ -105,43 +100,39 @@ class Answer:
 # ---------------------------------------------------------------------- a diagnosis
 
 
-def of_diagnosis(data: Mapping[str, Any], out: str) -> Answer:
+def of_diagnosis(w: Written, out: str) -> Answer:
     """Return the first screen of a diagnosis.
 
     Args:
-        data: The content of `diagnosis.json`.
+        w: The diagnosis as it was written.
         out: The directory it lies in.
     """
-    careful = tuple(_careful(data))
-    verdict = data['verdict']
+    d, careful = w.found, tuple(_careful(w.found))
+    first: tuple[str, ...] = ()
+    if d.effect not in REFUSED:
+        first = tuple(sentences_of(g for g in d.gates if g.level == 'fail'))
+    answered = d.effect == 'none' or words.named(d)
+    reserved = list(_reservations(d, careful))
     level: sentences.Level = 'bad'
-    grave = sentences_of(g for g in gates_from(data['gates']) if g.level == 'fail')
-    first = () if verdict['effect'] in REFUSED else tuple(grave)
-    if data['complete'] and verdict['effect'] not in sentences.NAMELESS - {'none'} and not first:
-        unsure = len(data['confusable']) > 1 or _unexplained(data) or _seldom(data)
-        level = 'doubtful' if careful or unsure else 'good'
+    if d.complete and answered and not first:
+        level = 'doubtful' if reserved else 'good'
+    state = _state(level, reserved)
+    if first:
+        state = 'Correct this first:'
+    elif d.facts.cause == Cause.EVENTS:
+        state = 'The cause is beside the machine and its command'
     return Answer(
         level,
-        verdict.get('headline', verdict['sentence']),
-        tuple(_sure(data)),
-        _gaps(data),
-        tuple(_closes(data)),
-        tuple(steps.of_diagnosis(data, out)),
+        words.headline(d),
+        tuple(_sure(d)),
+        _gaps(d),
+        tuple(_closes(d)),
+        tuple(steps.of_diagnosis(w, out)),
         careful,
         first=first,
-        state=_state_of(data, level, first, careful),
-        compared=compared(data['gap']['unit']),
+        state=state,
+        compared=compared(d.unit),
     )
-
-
-def _state_of(
-    data: Mapping[str, Any], level: sentences.Level, first: Sequence[str], careful: Sequence[str]
-) -> str:
-    if first:
-        return 'Correct this first:'
-    if data['verdict']['cause'] == Cause.EVENTS:
-        return 'The cause is beside the machine and its command'
-    return _state(level, _reservations(data, careful))
 
 
 def _state(level: sentences.Level, reservations: Iterable[str]) -> str:
@@ -151,156 +142,129 @@ def _state(level: sentences.Level, reservations: Iterable[str]) -> str:
     return {'good': 'Clear answer', 'bad': 'No clear answer yet'}[level]
 
 
-def _reservations(data: Mapping[str, Any], careful: Sequence[str]) -> Iterator[str]:
-    if _unexplained(data):
+def _reservations(d: Diagnosis, careful: Sequence[str]) -> Iterator[str]:
+    if _unexplained(d):
         yield 'part of the gap stays unexplained'
-    if _seldom(data):
+    if any(share < words.OFTEN for _, share in _counted(d)):
         yield 'not every effect is certain'
-    if len(data['confusable']) > 1:
+    if len(d.confusable) > 1:
         yield 'another effect explains it as well'
     if careful:
         yield 'see “Be careful” below'
 
 
-def _chance(probability: float | None) -> str:
-    if probability is not None and probability > 0.99:
-        return 'Over 99 %'
-    return percent(probability)
-
-
-def _sure(data: Mapping[str, Any]) -> Iterator[str]:
-    verdict = data['verdict']
-    facts_only = verdict['cause'] in (Cause.SLOW, Cause.EVENTS)
-    if verdict['effect'] in REFUSED:
-        yield verdict['sentence']
-    elif data['complete'] or verdict['probability']:
-        that = {
-            'none': 'that nothing larger is missing, as far as noise can tell'
-            if data['facts']['hidden']
-            else 'that nothing larger is missing',
-            'unknown': 'that it is no noise'
-            if facts_only
-            else 'that the cause is none of the effects tried',
-        }.get(verdict['effect'], _cause(data))
-        yield f'{_chance(verdict["probability"])} {that}.'
-    if facts_only:
-        yield verdict['sentence']
-    rivals = [name_of(x) for x in data['confusable'][1:]]
+def _sure(d: Diagnosis) -> Iterator[str]:
+    facts_only = d.facts.cause in (Cause.SLOW, Cause.EVENTS)
+    if d.effect not in REFUSED and (d.complete or d.probability):
+        chance = 'Over 99 %' if d.probability > 0.99 else percent(d.probability)
+        yield f'{chance} {_that(d, facts_only=facts_only)}.'
+    if d.effect in REFUSED or facts_only:
+        yield words.sentence(d)
+    rivals = [r.at.title for r in d.confusable[1:]]
     if rivals:
         yield f'This recording cannot tell it from {some(rivals)}.'
-    yield words.judged_on(data['gap']['held_out'])
-    yield from _again(data)
+    yield words.judged_on(d.held_out)
+    yield from _again(d)
 
 
-def _again(data: Mapping[str, Any]) -> Iterator[str]:
+def _that(d: Diagnosis, *, facts_only: bool) -> str:
+    """Return what a probability is of."""
+    if d.effect == 'none':
+        limit = ', as far as noise can tell' if d.facts.hidden else ''
+        return f'that nothing larger is missing{limit}'
+    if d.effect == 'unknown':
+        tried = 'it is no noise' if facts_only else 'the cause is none of the effects tried'
+        return f'that {tried}'
+    if d.also:
+        return f'that {title_at(d.effect, d.where)}, found first, is a cause'
+    return f'that this is the cause, and {words.place(d.where)} the place'
+
+
+def _again(d: Diagnosis) -> Iterator[str]:
     """Yield how often several effects count where the data held out are resampled."""
-    counted, seldom = _counted(data), _seldom(data)
-    if counted and not seldom:
-        least = min(share for _, share in counted)
-        share = 'all' if least >= NEARLY_ALL else f'{percent(least)} or more of the'
-        yield f'Each effect is needed again in {share} resamples of those data.'
-    for x, count in seldom:
-        yield words.hint(name_of(x), count)
+    counted = _counted(d)
+    least = min((share for _, share in counted), default=0.0)
+    if least >= words.OFTEN:
+        often = 'all' if least >= NEARLY_ALL else f'{percent(least)} or more of the'
+        yield f'Each effect is needed again in {often} resamples of those data.'
+    for at, share in counted:
+        if share < words.OFTEN:
+            yield words.hint(at.title, share)
 
 
-def _counted(data: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], float]]:
+def _counted(d: Diagnosis) -> list[tuple[EffectAt, float]]:
     """Return several effects with how often each counts; nothing where that is not known."""
-    found, again = effects_found(data), data.get('again') or ()
-    if len(found) < 2 or len(again) != len(found):
-        return []
-    return list(zip(found, again, strict=True))
+    return [*zip(words.named(d), d.again, strict=False)] if d.also else []
 
 
-def _seldom(data: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], float]]:
-    """Return those of several effects that are no more than hints."""
-    return [(x, share) for x, share in _counted(data) if share < words.OFTEN]
-
-
-def _cause(data: Mapping[str, Any]) -> str:
-    if data['also']:
-        return f'that {name_of(data["verdict"])}, found first, is a cause'
-    return f'that this is the cause, and {places(data["verdict"]["where"])} the place'
-
-
-def _gaps(data: Mapping[str, Any]) -> tuple[Gap, ...]:
+def _gaps(d: Diagnosis) -> tuple[Gap, ...]:
     """Return the drives with the largest gaps above their noise floor, in the machine's order."""
-    gap, material = data['gap'], float(data['evidence']['material'] or 0.0)
-    drives = {n: d for n, d in gap['per_drive'].items() if d['before'] is not None}
-    first = sorted(drives, key=lambda n: -(drives[n]['before'] / (drives[n]['noise_floor'] or 1)))
-    chosen = [n for n in drives if n in first[:LISTED]]
-    longest = max((max(drives[n]['before'], drives[n]['after'] or 0.0) for n in chosen), default=1)
-    closed = len(gap['steps']) > 1
-    rest = dict.fromkeys(data['facts']['slow'], 'too slow for noise')
-    quiet = {n for n in chosen if above(drives[n]['before'], drives[n]['noise_floor']) < material}
-    notes = {n: rest.get(n, 'noise only') for n in quiet}
-    return tuple(
-        _gap(n, drives[n], gap['unit'], longest, closed, notes.get(n, '')) for n in chosen
-    )
+    drives = {n: g for n, g in d.per_drive.items() if math.isfinite(g.before)}
+    first = sorted(drives, key=lambda n: -(drives[n].over_floor or drives[n].before))
+    chosen = {n: g for n, g in drives.items() if n in first[:LISTED]}
+    longest = max((max(g.before, g.after) for g in chosen.values()), default=1.0)
+    return tuple(_gap(n, g, d, longest) for n, g in chosen.items())
 
 
-def above(rms: float | None, floor: float | None) -> float:
+def above(rms: float, floor: float) -> float:
     """Return how much of a residual is above the noise, in units of the noise floor."""
-    if rms is None or not floor:
-        return math.inf
-    return math.sqrt(max(0.0, (rms / floor) ** 2 - 1.0))
+    ratio = rms / floor if floor else math.inf
+    return math.sqrt(max(0.0, ratio**2 - 1.0)) if math.isfinite(ratio) else math.inf
 
 
-def _gap(
-    name: str, d: Mapping[str, Any], unit: str, longest: float, closed: bool, note: str
-) -> Gap:
-    before, after, floor = d['before'], d['after'], d['noise_floor']
-    share = d['share_of_torque_before']
-    if not closed or after is None or note:
-        size, part = quantity(before, unit, 3), percent(share)
-        return Gap(name, size, part, before / longest, None, _length(floor, longest), note)
+def _gap(name: str, g: DriveGap, d: Diagnosis, longest: float) -> Gap:
+    note = ''
+    if above(g.before, g.noise_floor) < d.evidence['material']:
+        note = 'too slow for noise' if name in d.facts.slow else 'noise only'
+    floor = _length(g.noise_floor, longest)
+    if len(d.steps) < 2 or not math.isfinite(g.after) or note:
+        size, part = quantity(g.before, d.unit, 3), percent(g.shares[0])
+        return Gap(name, size, part, g.before / longest, None, floor, note)
     return Gap(
         name,
-        f'{from_to(before, after)} {unit_of(unit)}',
-        '–' if share is None else shares(share, d['share_of_torque_after']),
-        before / longest,
-        after / longest,
-        _length(floor, longest),
+        f'{from_to(g.before, g.after)} {unit_of(d.unit)}',
+        shares(*g.shares) if math.isfinite(sum(g.shares)) else '–',
+        g.before / longest,
+        g.after / longest,
+        floor,
     )
 
 
-def _length(value: float | None, longest: float) -> float | None:
-    return None if value is None or not longest else min(1.0, value / longest)
+def _length(value: float, longest: float) -> float | None:
+    return min(1.0, value / longest) if math.isfinite(value) and longest else None
 
 
-def _closes(data: Mapping[str, Any]) -> Iterator[str]:
-    gap = data['gap']
-    if len(gap['steps']) > 1 and gap['share_closed'] is not None:
-        low, high = gap['share_closed_low'], gap['share_closed_high']
-        share = gap['share_closed']
-        said = 'Nearly all' if share >= NEARLY_ALL else percent(share)
+def _closes(d: Diagnosis) -> Iterator[str]:
+    closed = d.share_closed
+    if len(d.steps) > 1 and math.isfinite(closed.value):
+        said = 'Nearly all' if closed.value >= NEARLY_ALL else percent(closed.value)
         told = ''
-        if None not in (low, high) and low < NEARLY_ALL:
-            told = f' (95 % interval: {number(100.0 * low, 2)} to {percent(high)})'
+        if closed.low < NEARLY_ALL and math.isfinite(closed.high):
+            told = f' (95 % interval: {number(100.0 * closed.low, 2)} to {percent(closed.high)})'
         yield f'{said} of the gap’s power, its square less the noise’s, closes{told}.'
-        if _unexplained(data):
+        if _unexplained(d):
             yield 'No effect of the catalogue explains the rest.'
-    more = len(gap['per_drive']) - LISTED
+    more = len(d.per_drive) - LISTED
     if more > 0:
         yield f'{"One more drive" if more == 1 else f"{more} more drives"}: see the table below.'
 
 
-def _unexplained(data: Mapping[str, Any]) -> bool:
-    return bool(effects_found(data)) and (data['evidence']['remaining'] or 0.0) >= UNEXPLAINED
+def _unexplained(d: Diagnosis) -> bool:
+    return bool(words.named(d)) and d.evidence['remaining'] >= UNEXPLAINED
 
 
-def _careful(data: Mapping[str, Any]) -> Iterator[str]:
-    if not data['complete']:
+def _careful(d: Diagnosis) -> Iterator[str]:
+    if not d.complete:
         yield 'The run was cut short: effects not tried by then may close more of the gap.'
-    facts = data['facts']
-    yield from words.hidden(facts['hidden'].items(), data['gap']['unit'])
-    told = ('not_asked',) if facts['events'] else ()
+    yield from words.hidden(d.facts.hidden.items(), d.unit)
+    told = ('not_asked',) if d.facts.events else ()
     odd = [
         g
-        for k, g in enumerate(gates_from(data['gates']))
-        if k != facts['leads'] and g.level == 'warn' and g.gate not in told
+        for k, g in enumerate(d.gates)
+        if k != d.facts.leads and g.level == 'warn' and g.gate not in told
     ]
     yield from map(sentences.warned, sentences_of(odd))
-    ends = [name for name, v in data['parameters'].items() if v['at_bound']]
+    ends = [name for name, v in d.parameters.items() if v.at_bound]
     if ends:
         yield words.at_bounds(ends)
 

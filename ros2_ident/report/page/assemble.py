@@ -1,21 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the files of a result directory to `report.html`."""
 
-from collections.abc import Iterator, Mapping
-from contextlib import nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+import math
 from pathlib import Path
 from typing import Any
 
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.files import make_directory, write_text
-from ros2_ident.identify.result import Identification
-from ros2_ident.prediction import Prediction, prediction_from
+from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.identify.result import Identification, Provenance
+from ros2_ident.report.diagnosis import Written
 from ros2_ident.report.files import (
-    DIAGNOSIS,
     DIAGNOSIS_SIGNALS,
     FLEET,
     holds_results,
-    intact,
     load,
     PAGE,
     SIGNALS,
@@ -27,9 +26,10 @@ from ros2_ident.report.page.look import Picture
 from ros2_ident.report.page.render import render
 from ros2_ident.report.page.several import write_fleet
 from ros2_ident.report.signals import load_signals
-from ros2_ident.words.verdict import judged_on
+from ros2_ident.words import verdict as words
 
-Facts = list[tuple[str, str]]
+Fact = tuple[str, str]
+Facts = Sequence[Fact]
 
 # How the noise floor was found, in words.
 FLOORS = {
@@ -58,45 +58,35 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
     result, diagnosis = load(folder)
     target = folder / PAGE if page is None else Path(page)
     make_directory(target.parent)
-    with intact(folder / DIAGNOSIS) if diagnosis else nullcontext():
-        text = _render(folder, result, diagnosis)
-    return write_text(target, text)
+    return write_text(target, _render(folder, result, diagnosis))
 
 
-def _render(folder: Path, result: Identification | None, diagnosis: dict[str, Any] | None) -> str:
+def _render(folder: Path, result: Identification | None, w: Written | None) -> str:
+    prediction = None if result is None else result.prediction
     context: dict[str, Any] = {
-        'title': _title(result, diagnosis),
-        'lead': _lead(result, diagnosis),
+        'title': _title(result, w),
+        'lead': _lead(result, w),
         'result': result,
-        'diagnosis': diagnosis,
-        'pictures': _pictures(folder, result, diagnosis),
+        'diagnosis': None if w is None else w.found,
+        'pictures': _pictures(folder, result, w),
         # a solution by least squares looks at no candidate but its own
         'searched': result is not None and result.settings.get('method') != 'algebraic',
         'effects': '',
         'hero': None,
-        'free': _free(result, diagnosis),
+        'free': prediction if w is None else w.found.prediction,
         'about': [],
     }
     if result is not None:
         context |= _of_identification(result, str(folder))
-    if diagnosis is not None:
-        context |= _of_diagnosis(diagnosis, str(folder))
+    if w is not None:
+        context |= _of_diagnosis(w, str(folder))
     shown = {'about': context['about'], 'search': context['searched']}
     context['contents'] = [
         (name, text)
         for name, text, part in CONTENTS
-        if shown.get(name, {'result': result, 'diagnosis': diagnosis, '': True}[part])
+        if shown.get(name, {'result': result, 'diagnosis': w, '': True}[part])
     ]
     return render('template.html', context, plots=True)
-
-
-def _free(
-    result: Identification | None, diagnosis: Mapping[str, Any] | None
-) -> Prediction | None:
-    """Return the free runs, of a diagnosis where there is one."""
-    if diagnosis is not None:
-        return prediction_from(diagnosis.get('prediction'))
-    return result.prediction if result is not None else None
 
 
 # Section, its entry in the contents, and the part of a run it belongs to.
@@ -116,14 +106,15 @@ CONTENTS = (
 
 
 def _pictures(
-    folder: Path, result: Identification | None, diagnosis: Mapping[str, Any] | None
+    folder: Path, result: Identification | None, w: Written | None
 ) -> dict[str, Picture]:
     """Draw what needs a script: efforts over time, the search."""
     drawn: dict[str, Picture | None] = {}
     efforts = [folder / name for name in (SIGNALS, DIAGNOSIS_SIGNALS)]
     most = MOST // max(1, sum(path.exists() for path in efforts))
-    if diagnosis is not None and efforts[1].exists():
-        floor = {name: d['noise_floor'] for name, d in diagnosis['gap']['per_drive'].items()}
+    if w is not None and efforts[1].exists():
+        floor = {name: g.noise_floor for name, g in w.found.per_drive.items()
+                 if math.isfinite(g.noise_floor)}  # fmt: skip
         drawn['gap-effort-plot'] = effort_plot(load_signals(efforts[1]), floor, most=most)
     if result is not None:
         if efforts[0].exists():
@@ -148,42 +139,36 @@ def _of_identification(result: Identification, out: str) -> dict[str, Any]:
     }
 
 
-def _of_diagnosis(diagnosis: Mapping[str, Any], out: str) -> dict[str, Any]:
-    gap, found = diagnosis['gap'], sentences.effects_found(diagnosis)
-    effects = sentences.name_of(found[0]) if len(found) == 1 else 'the effects' * bool(found)
-    hero, maps = charts.all_of(diagnosis, effects)
+def _of_diagnosis(w: Written, out: str) -> dict[str, Any]:
+    d = w.found
+    found = words.named(d)
+    effects = found[0].title if len(found) == 1 else 'the effects' * bool(found)
+    hero, maps = charts.all_of(w, effects)
+    shown = dict.fromkeys(
+        at.effect for at in (*found, *(r.at for r in d.confusable)) if at.effect in CATALOGUE
+    )
+    laws = [CATALOGUE[e] for e in shown]
     return {
-        'answer': of_diagnosis(diagnosis, out),
-        'complete': diagnosis['complete'],
-        'drives': gap['per_drive'],
+        'answer': of_diagnosis(w, out),
+        'complete': d.complete,
+        'drives': d.per_drive,
         'effects': effects,
         'hero': hero,
         'maps': maps,
-        'where': sentences.leading(diagnosis),
-        'steps': bars.steps(gap),
-        'ranking': bars.ranking(diagnosis['ranking'], gap['unit']),
-        'gap_note': _gap_note(gap),
-        'moved': sentences.moved(diagnosis),
-        'hidden': sentences.hidden(diagnosis),
-        'about': [about(e) for e in dict.fromkeys(_named(diagnosis))],
-        'signs': numbers.legend(_laws(diagnosis)),
-        'gates': [(g['gate'], g['sentence']) for g in diagnosis['gates']],
-        'bad_gates': any(g['level'] != 'ok' for g in diagnosis['gates']),
-        'diagnosis_facts': _diagnosis_facts(diagnosis),
+        'where': sentences.leading(d),
+        'steps': bars.steps(d),
+        'ranking': bars.ranking(d),
+        'gap_note': _gap_note(d),
+        'moved': sentences.moved(d),
+        'hidden': [*words.unseen(d.not_testable, len(d.per_drive)).items()],
+        'about': [about(e) for e in shown],
+        'signs': numbers.legend((e.equation, [p.symbol for p in e.parameters]) for e in laws),
+        'gates': [(g.gate, g.sentence) for g in d.gates],
+        'bad_gates': any(g.level != 'ok' for g in d.gates),
+        'verdict': words.sentence(d),
+        'advice': words.advice(d),
+        'diagnosis_facts': _diagnosis_facts(w),
     }
-
-
-def _named(diagnosis: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the effects of a verdict and their rivals."""
-    for at in (*sentences.effects_found(diagnosis), *diagnosis['confusable']):
-        if at['effect'] in CATALOGUE:
-            yield at['effect']
-
-
-def _laws(diagnosis: Mapping[str, Any]) -> Iterator[tuple[str, list[str]]]:
-    """Yield their equations, each with its own parameters' signs."""
-    for effect in map(CATALOGUE.__getitem__, _named(diagnosis)):
-        yield effect.equation, [p.symbol for p in effect.parameters]
 
 
 def about(effect_id: str) -> dict[str, str]:
@@ -199,53 +184,46 @@ def about(effect_id: str) -> dict[str, str]:
     }
 
 
-def _title(result: Identification | None, diagnosis: Mapping[str, Any] | None) -> str:
+def _title(result: Identification | None, w: Written | None) -> str:
     parts = [
         word
-        for word, there in (('Identification', result), ('diagnosis', diagnosis))
+        for word, there in (('Identification', result), ('diagnosis', w))
         if there is not None
     ]
-    source = _source(result, diagnosis)
+    of = result or w
+    source = of.provenance.source if of else ''
     text = ' and '.join(parts).capitalize()
     return f'{text}: {"/".join(Path(source).parts[-2:])}' if source else text
 
 
-def _source(result: Identification | None, diagnosis: Mapping[str, Any] | None) -> str:
-    if result is not None:
-        return result.provenance.source
-    return str((diagnosis or {}).get('provenance', {}).get('source', ''))
-
-
-def _lead(result: Identification | None, diagnosis: Mapping[str, Any] | None) -> str:
+def _lead(result: Identification | None, w: Written | None) -> str:
     if result is not None:
         quality = result.quality
         return (
             f'{result.model.replace("_", " ")}, {", ".join(result.drives)}; '
             f'{quality.duration:.3g} s in {quality.segments} '
             f'{"recording" if quality.segments == 1 else "recordings"}, {quality.samples} effort '
-            f'samples; {_when(result.provenance.created)}'
+            f'samples; {_when(result.provenance)}'
         )
-    assert diagnosis is not None
-    created = diagnosis.get('provenance', {}).get('created', '')
-    return f'{", ".join(diagnosis["gap"]["per_drive"])}; {_when(created)}'
+    assert w is not None
+    return f'{", ".join(w.found.per_drive)}; {_when(w.provenance)}'
 
 
-def _when(created: str) -> str:
-    return created.replace('T', ' ').replace('+00:00', ' UTC')
+def _when(p: Provenance) -> str:
+    return p.created.replace('T', ' ').replace('+00:00', ' UTC')
 
 
-def _gap_note(gap: Mapping[str, Any]) -> str:
-    text = f'{judged_on(gap["held_out"])} Black: 95 % intervals. '
-    if len(gap['steps']) > 1:
+def _gap_note(d: Diagnosis) -> str:
+    text = f'{words.judged_on(d.held_out)} Black: 95 % intervals. '
+    if len(d.steps) > 1:
         text += (
             '"Closes" is the share of the squared residual above the noise floor that goes, '
             'everywhere on this page. '
         )
-    method = gap['noise_floor_method']
-    return text + f'Noise floor: {FLOORS.get(method, method)}.'
+    return text + f'Noise floor: {FLOORS[d.floor.method]}.'
 
 
-def _flat(settings: Mapping[str, Any], before: str = '') -> Iterator[tuple[str, str]]:
+def _flat(settings: Mapping[str, Any], before: str = '') -> Iterator[Fact]:
     for name, value in settings.items():
         label = f'{before}{name}'.replace('_', ' ')
         if isinstance(value, Mapping) and value:
@@ -256,19 +234,24 @@ def _flat(settings: Mapping[str, Any], before: str = '') -> Iterator[tuple[str, 
             yield label, 'none' if value in (None, '', {}) else str(value)
 
 
+def _facts(p: Provenance, seed: int, seconds: float, judged: Facts = ()) -> Iterator[Fact]:
+    yield 'recording', p.source
+    yield 'SHA-256 of it', p.sha256 or 'live data'
+    yield from judged
+    yield 'SHA-256 of the machine file', p.machine_sha256 or 'made in memory'
+    yield 'package version', p.package_version
+    yield 'platform', p.platform
+    yield 'ended', _when(p)
+    yield 'seed', str(seed)
+    yield 'time taken', f'{seconds:.3g} s'
+
+
 def _identification_facts(result: Identification) -> Facts:
-    p, quality = result.provenance, result.quality
-    lost = ', '.join(f'{role} {numbers.percent(x)}' for role, x in quality.missing.items())
+    missing = result.quality.missing.items()
+    lost = ', '.join(f'{role} {numbers.percent(x)}' for role, x in missing)
     return [
-        ('recording', p.source),
-        ('SHA-256 of it', p.sha256 or 'live data'),
-        ('SHA-256 of the machine file', p.machine_sha256 or 'made in memory'),
-        ('package version', p.package_version),
-        ('platform', p.platform),
-        ('ended', _when(p.created)),
-        ('seed', str(result.seed)),
+        *_facts(result.provenance, result.seed, result.seconds),
         ('candidates simulated', str(result.evaluations)),
-        ('time taken', f'{result.seconds:.3g} s'),
         ('search ended', result.search_stop),
         ('refinement', result.refinement or 'none'),
         ('samples missing', lost or 'none'),
@@ -276,18 +259,8 @@ def _identification_facts(result: Identification) -> Facts:
     ]
 
 
-def _diagnosis_facts(diagnosis: Mapping[str, Any]) -> Facts:
-    p = diagnosis.get('provenance', {})
-    return [
-        ('recording', p.get('source', '–')),
-        ('SHA-256 of it', p.get('sha256') or '–'),
-        ('judged on', p.get('check_source') or 'blocks of the same'),
-        *([('SHA-256 of that', p['check_sha256'])] if p.get('check_sha256') else []),
-        ('SHA-256 of the machine file', p.get('machine_sha256') or '–'),
-        ('package version', p.get('package_version', '–')),
-        ('platform', p.get('platform', '–')),
-        ('ended', _when(p.get('created', '–'))),
-        ('seed', str(diagnosis['seed'])),
-        ('time taken', f'{diagnosis["seconds"]:.3g} s'),
-        *_flat(diagnosis.get('settings', {})),
-    ]
+def _diagnosis_facts(w: Written) -> Facts:
+    judged = [('judged on', w.check_source or 'blocks of the same')]
+    if w.check_sha256:
+        judged.append(('SHA-256 of that', w.check_sha256))
+    return [*_facts(w.provenance, w.found.seed, w.found.seconds, judged), *_flat(w.settings)]

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bars beside their numbers: how far the gap closes, and what is most probable."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+import math
 
+from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.report.page.numbers import change, number, unit_of
-from ros2_ident.report.page.sentences import name_of
 
 # Effects that are listed.
 MOST = 8
@@ -31,43 +30,34 @@ class Bar:
     ends: tuple[float, float] | None = None
 
 
-def steps(gap: Mapping[str, Any]) -> list[Bar]:
-    """Return the residual before, with one effect after another, and the noise floor.
-
-    Args:
-        gap: The entry of `diagnosis.json`.
-    """
-    known = [s for s in gap['steps'] if s['value'] is not None]
-    floor = gap['noise_floor']
-    if not known or not floor:
+def steps(d: Diagnosis) -> list[Bar]:
+    """Return the residual before, with one effect after another, and the noise floor."""
+    known = [s for s in d.steps if math.isfinite(s.gap.value)]
+    floor = d.floor.together
+    if not known or not floor > 0.0:
         return []
-    longest = max(floor, *(s['high'] or s['value'] for s in known))
-    unit, out = unit_of(gap['unit']), []
+    longest = max(floor, *(max(s.gap.value, s.gap.high) for s in known))
+    unit, out = unit_of(d.unit), []
     for k, step in enumerate(known):
-        name = 'nominal simulation' if k == 0 else f'with {step["label"]}'
-        text = f'{number(step["value"], 3)} {unit}'
+        gap = step.gap
+        name = 'nominal simulation' if k == 0 else f'with {step.label}'
+        text = f'{number(gap.value, 3)} {unit}'
         if k:
-            text += f' ({change(step["value"] / known[k - 1]["value"] - 1.0, 0)})'
-        ends = None
-        if None not in (step['low'], step['high']):
-            ends = (step['low'] / longest, step['high'] / longest)
+            text += f' ({change(gap.value / known[k - 1].gap.value - 1.0, 0)})'
+        ends = (gap.low / longest, gap.high / longest)
         style = 'last' if k == len(known) - 1 > 0 else ''
-        out.append(Bar(name, step['value'] / longest, text.replace('-', '−'), style, ends))
+        shown = ends if all(map(math.isfinite, ends)) else None
+        out.append(Bar(name, gap.value / longest, text.replace('-', '−'), style, shown))
     return [*out, Bar('noise floor', floor / longest, f'{number(floor, 3)} {unit}', 'floor')]
 
 
-def ranking(ranked: Sequence[Mapping[str, Any]], unit: str) -> list[Bar]:
-    """Return how probable each effect is, and what it leaves of the residual.
-
-    Args:
-        ranked: The entry of `diagnosis.json`, the most probable first.
-        unit: Of the residual.
-    """
+def ranking(d: Diagnosis) -> list[Bar]:
+    """Return how probable each effect is, and what it leaves of the residual."""
     out = []
-    for k, r in enumerate([r for r in ranked if r['probability'] is not None][:MOST]):
-        text = f'{100.0 * r["probability"]:.0f} %' if r['probability'] >= 0.01 else 'below 1 %'
-        if r['gap_after'] is not None:
-            text += f', leaves {number(r["gap_after"], 3)} {unit_of(unit)}'
+    for k, r in enumerate([r for r in d.ranking if math.isfinite(r.probability)][:MOST]):
+        text = f'{100.0 * r.probability:.0f} %' if r.probability >= 0.01 else 'below 1 %'
+        if math.isfinite(r.gap_after):
+            text += f', leaves {number(r.gap_after, 3)} {unit_of(d.unit)}'
         style = 'other' if k else 'first'
-        out.append(Bar(name_of(r), min(1.0, r['probability']), text, style))
+        out.append(Bar(r.at.title, min(1.0, r.probability), text, style))
     return out

@@ -12,6 +12,7 @@ from bokeh.resources import Resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from ros2_ident.gap.diagnosis import DriveGap
 from ros2_ident.identify.outcome import package_version
 from ros2_ident.identify.result import ParameterEstimate
 from ros2_ident.report.page import numbers, sentences, steps
@@ -63,11 +64,11 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
     return page
 
 
-def _closes(drive: Mapping[str, Any]) -> str:
+def _closes(drive: DriveGap) -> str:
     """Return the share of a drive's gap that closes; a dash where there is none but noise."""
-    if drive['after'] is None or above(drive['before'], drive['noise_floor']) < NOISE:
+    if not math.isfinite(drive.after) or above(drive.before, drive.noise_floor) < NOISE:
         return '–'
-    return numbers.percent(drive['share_closed'])
+    return numbers.percent(drive.share_closed)
 
 
 def _item(picture: Picture, name: str) -> Markup:

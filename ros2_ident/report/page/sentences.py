@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sentences of the page alone, from the files: precision, doubts, parameters that moved."""
+"""Sentences of the page alone: precision, doubts, parameters that moved."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from ros2_ident.effects import title_at
-from ros2_ident.gap.verdict import NAMELESS as NAMELESS
+from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.gap.localise import Finding
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
-from ros2_ident.models import EffectAt
 from ros2_ident.recording.shown import enumerated
 from ros2_ident.report.page.numbers import change, number, precision, UNKNOWN
+from ros2_ident.words import verdict as words
 from ros2_ident.words.figures import capital
+from ros2_ident.words.finding import where
 from ros2_ident.words.identification import at_bounds, determined, message, undetermined
-from ros2_ident.words.verdict import unseen
 
 Level = Literal['good', 'doubtful', 'bad']
 
@@ -31,23 +31,12 @@ LISTED = 6
 # Places of the gap that are told at once, and the share of a drive's gap that a further one has to
 # explain beyond the drive's leading one.
 LEADING, FURTHER = 3, 0.1
-# What to do where the answer says nothing of physics.
-REFUSED = {
-    'bookkeeping': 'Correct what is named above, in the machine file or in the recording, and '
-    'check what else fits:',
-    'model': 'Choose another kind of machine, or check that the recording is of this one:',
-}
 
 
 def width(estimate: ParameterEstimate) -> float:
     """Return half the interval over the size of the value; NaN or infinity where unknown."""
     half = 0.5 * (estimate.high - estimate.low)
     return half / abs(estimate.value) if estimate.value else math.inf
-
-
-def name_of(at: Mapping[str, Any]) -> str:
-    """Return an effect at its places, as in `diagnosis.json`."""
-    return title_at(at['effect'], at['where'])
 
 
 def some(names: Sequence[str]) -> str:
@@ -117,81 +106,44 @@ def correlated(result: Identification) -> list[tuple[str, str, float]]:
 # ---------------------------------------------------------------------- diagnoses
 
 
-def effects_found(data: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the effects of a verdict at their places, the first first; none where unnamed."""
-    verdict = data['verdict']
-    if verdict['effect'] in NAMELESS:
-        return []
-    return [verdict, *data['also']]
-
-
-def places(where: Sequence[str]) -> str:
-    """Return the place of an effect in words."""
-    return 'the machine' if not where or 'all' in where else ' and '.join(where)
-
-
-def moved_names(data: Mapping[str, Any], *, together: bool = False) -> list[str]:
+def moved_names(d: Diagnosis, *, together: bool = False) -> list[str]:
     """Return the nominal parameters that had made up for the effects.
 
     Args:
-        data: The content of `diagnosis.json`.
+        d: The diagnosis.
         together: Whether to return all that moved, for they are determined together only.
     """
-    if data['verdict']['effect'] in NAMELESS:
+    if not words.named(d):
         return []
     least = MOVED_TOGETHER if together else MOVED
     return [
         name
-        for name, share in data['moved'].items()
-        if share is not None and abs(share) >= least and (together or _left(name, data))
+        for name, share in d.moved.items()
+        if abs(share) >= least and (together or _left(name, d))
     ]
 
 
-def moved(data: Mapping[str, Any]) -> str:
+def moved(d: Diagnosis) -> str:
     """Return the same in a sentence; empty where none had."""
-    told = [f'{name} ({change(data["moved"][name])})' for name in moved_names(data)]
+    told = [f'{name} ({change(d.moved[name])})' for name in moved_names(d)]
     if not told:
         return ''
     return f'Without the effects, these parameters compensated for them: {some(told)}.'
 
 
-def _left(name: str, data: Mapping[str, Any]) -> bool:
+def _left(name: str, d: Diagnosis) -> bool:
     """Whether a parameter's nominal value is outside its interval with the effects."""
-    found, before = data['parameters'][name], data['nominal'].get(name)
-    ends = [before, found['low'], found['high']]
-    return None in ends or not found['low'] <= before <= found['high']
+    found = d.parameters[name]
+    return not found.low <= d.nominal.get(name, math.nan) <= found.high
 
 
-def hidden(data: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return which effects the motion cannot show, each with its places."""
-    each = [EffectAt(x['effect'], where) for x in data['not_testable'] for where in x['where']]
-    return [*unseen(each, len(data['gap']['per_drive'])).items()]
-
-
-def leading(data: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+def leading(d: Diagnosis) -> tuple[list[str], list[str]]:
     """Return where the gap lies: the findings that matter and do not overlap, then the rest."""
-    told: list[Mapping[str, Any]] = []
-    for finding in data['localisation']:
-        same = [f for f in told if f['drive'] == finding['drive']]
-        if not same or _says_more(finding):
-            told.append(finding)
-    told = sorted(told, key=lambda f: -f['size_over_floor'])[:LEADING]
-    first = [str(f['sentence']) for f in told]
-    missing = [drive for drive in _worst(data) if all(f['drive'] != drive for f in told)]
-    lost = [f'{d}: the largest gap; it follows no coordinate of the motion' for d in missing]
-    return lost + first, [str(f['sentence']) for f in data['localisation'] if f not in told]
-
-
-def _says_more(finding: Mapping[str, Any]) -> bool:
-    beyond = finding['beyond'] or 0.0
-    return not finding['by_size'] and beyond >= FURTHER
-
-
-def _worst(data: Mapping[str, Any]) -> list[str]:
-    """Return the drive with the largest gap over its floor, where the gap is material."""
-    if (data['evidence']['size'] or 0.0) < (data['evidence']['material'] or 0.0):
-        return []
-    drives = data['gap']['per_drive']
-    known = [n for n, d in drives.items() if d['before'] is not None and d['noise_floor']]
-    known.sort(key=lambda n: -drives[n]['before'] / drives[n]['noise_floor'])
-    return known[:1]
+    told: list[Finding] = []
+    for f in d.localisation:
+        if f.drive not in [x.drive for x in told] or (not f.by_size and f.beyond >= FURTHER):
+            told.append(f)
+    told = sorted(told, key=lambda f: -f.over_floor)[:LEADING]
+    missing = [drive for drive in words.worst(d) if all(f.drive != drive for f in told)]
+    lost = [f'{x}: the largest gap; it follows no coordinate of the motion' for x in missing]
+    return lost + [*map(where, told)], [where(f) for f in d.localisation if f not in told]

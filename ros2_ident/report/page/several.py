@@ -12,7 +12,8 @@ from ros2_ident.effects import CATALOGUE, title_at
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
 from ros2_ident.identify.result import half_of_difference, smallest_shown
-from ros2_ident.report.files import DIAGNOSIS, FLEET, intact, load, PAGE
+from ros2_ident.models import EffectAt
+from ros2_ident.report.files import FLEET, load, PAGE
 from ros2_ident.report.page import answer, sentences, steps
 from ros2_ident.report.page.numbers import (
     change,
@@ -25,6 +26,7 @@ from ros2_ident.report.page.numbers import (
 from ros2_ident.report.page.render import render
 from ros2_ident.report.schema import to_mapping
 from ros2_ident.words.figures import capital, compared, joined
+from ros2_ident.words.verdict import named
 
 COMPARISON = 'comparison.html'
 # Parameters of a fleet that are shown at once; the others are folded away.
@@ -174,7 +176,7 @@ class _Run:
     label: str
     answer: answer.Answer
     parameters: Mapping[str, Any]
-    effects: frozenset[tuple[str, str]] = frozenset()
+    effects: frozenset[EffectAt] = frozenset()
 
 
 def _run(folder: Path) -> _Run:
@@ -183,19 +185,14 @@ def _run(folder: Path) -> _Run:
     Raises:
         IdentError: NO_DATA where there is neither a result nor a diagnosis.
     """
-    label, (result, data) = str(folder), load(folder)
-    if data is None:
+    label, (result, diagnosis) = str(folder), load(folder)
+    if diagnosis is None:
         assert result is not None
         found = to_mapping(result)['parameters']
         return _Run(label, answer.of_identification(result, label), found)
-    with intact(folder / DIAGNOSIS):
-        effects = frozenset(
-            (x['effect'], where)
-            for x in (data['verdict'], *data['also'])
-            if x['effect'] in CATALOGUE
-            for where in x['where']
-        )
-        return _Run(label, answer.of_diagnosis(data, label), data['parameters'], effects)
+    effects = frozenset(named(diagnosis.found))
+    said = answer.of_diagnosis(diagnosis, label)
+    return _Run(label, said, diagnosis.parameters, effects)
 
 
 def write_comparison(directories: Sequence[str | Path], page: str | Path | None = None) -> Path:

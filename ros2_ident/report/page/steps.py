@@ -1,25 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """What to do now: the equation with its numbers, lines to paste, a motion, the next command."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+import math
 import shlex
 from typing import Any
 
-from ros2_ident.effects import CATALOGUE
+from ros2_ident.effects import CATALOGUE, title_at
+from ros2_ident.gap.diagnosis import Diagnosis, Value
 from ros2_ident.gap.facts import Cause
+from ros2_ident.gap.verdict import REFUSED
 from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.machine.keys import digits
+from ros2_ident.models import EffectAt
 from ros2_ident.recording import LIVE
+from ros2_ident.report.diagnosis import Written
 from ros2_ident.report.page import sentences
 from ros2_ident.report.page.numbers import legend, plus_minus, quantity
-from ros2_ident.report.page.sentences import (
-    effects_found,
-    name_of,
-    REFUSED,
-    some,
-)
-from ros2_ident.words.verdict import separating
+from ros2_ident.report.page.sentences import some
+from ros2_ident.words import verdict as words
 
 # Machines of a fleet, and effects, that its page has steps for.
 FLEET = 3
@@ -69,117 +69,121 @@ class Step:
         return legend((law.equation, [n[0] for n in law.numbers]) for law in self.laws)
 
 
-def law_of(at: Mapping[str, Any], parameters: Mapping[str, Any]) -> Law | None:
+def law_of(at: EffectAt, parameters: Mapping[str, Value]) -> Law | None:
     """Return an effect as an equation with its numbers; None where the catalogue has it no more.
 
     Args:
-        at: The effect and its place, as in `diagnosis.json`.
+        at: The effect and its place.
         parameters: All parameters of the model that holds it.
     """
-    effect = CATALOGUE.get(at['effect'])
+    effect = CATALOGUE.get(at.effect)
     if effect is None:
         return None
-    place = '' if at['where'] == ['all'] else f'{at["where"][0]}.'
+    place = '' if at.where == 'all' else f'{at.where}.'
     rows = []
     for p in effect.parameters:
         v = parameters.get(f'{place}{effect.id}.{p.name}')
         if v is not None:
             rows.append((p.symbol, p.meaning or p.name.replace('_', ' '), _value(v)))
-    return Law(effect.id, name_of(at), effect.equation, tuple(rows))
+    return Law(effect.id, at.title, effect.equation, tuple(rows))
 
 
-def _value(v: Mapping[str, Any]) -> str:
-    text = quantity(v['value'], v['unit'], 3)
-    if None in (v['low'], v['high'], v['value']):
+def _value(v: Value) -> str:
+    text = quantity(v.value, v.unit, 3)
+    half = 0.5 * (v.high - v.low)
+    if math.isnan(half) or math.isnan(v.value):
         return text
-    if undetermined(v):
-        return f'{text}, {LOOSE}'
-    return plus_minus(v['value'], 0.5 * (v['high'] - v['low']), v['unit'])
+    return f'{text}, {LOOSE}' if undetermined(v) else plus_minus(v.value, half, v.unit)
 
 
-def undetermined(v: Mapping[str, Any]) -> bool:
+def undetermined(v: Value) -> bool:
     """Whether a parameter's interval is wider than its value."""
-    known = None not in (v['low'], v['high'], v['value'])
-    return known and 0.5 * (v['high'] - v['low']) > abs(v['value'])
+    return 0.5 * (v.high - v.low) > abs(v.value)
 
 
-def of_diagnosis(data: Mapping[str, Any], out: str) -> Iterator[Step]:
+def of_diagnosis(w: Written, out: str) -> Iterator[Step]:
     """Yield what to do after a diagnosis.
 
     Args:
-        data: The content of `diagnosis.json`.
+        w: The diagnosis as it was written.
         out: The directory it lies in.
     """
-    found = effects_found(data)
-    if found:
-        yield from _steps_of_effects(data, found, out)
-    elif data['verdict']['effect'] == 'none':
+    d = w.found
+    if words.named(d):
+        yield from _steps_of_effects(w, out)
+    elif d.effect == 'none':
         yield Step('Leave the simulation as it is: no effect has to be added.')
-        yield Step('Identify its parameters from the whole recording:', code=_identify(data, out))
-    elif data['verdict']['effect'] in REFUSED:
-        settings = data['settings']
-        check = f'{_bags(settings, data["provenance"]["source"])} {_machine(settings)}'
-        yield Step(REFUSED[data['verdict']['effect']], code=f'ident check {check}')
-    elif data['verdict']['cause'] == Cause.EVENTS:
+        bags, machine = _bags(w.settings, w.provenance.source), _machine(w.settings)
+        code = f'ident identify {bags} {machine} --out {shlex.quote(out)}'
+        yield Step('Identify its parameters from the whole recording:', code=code)
+    elif d.effect in REFUSED:
+        text = (
+            'Choose another kind of machine, or check that the recording is of this one:'
+            if d.facts.cause == Cause.MODEL
+            else 'Correct what is named above, in the machine file or in the recording, and check '
+            'what else fits:'
+        )
+        check = f'{_bags(w.settings, w.provenance.source)} {_machine(w.settings)}'
+        yield Step(text, code=f'ident check {check}')
+    elif d.facts.cause == Cause.EVENTS:
         yield Step(
             'Find the cause of these instants and record without it, to see what else is missing:',
-            code=f'ident diagnose NEW_BAG {_machine(data["settings"])} --out {_next(out)}',
+            code=f'ident diagnose NEW_BAG {_machine(w.settings)} --out {_next(out)}',
         )
     else:
-        where = data['verdict']['where']
-        alone = 'the machine' if not where or 'all' in where else f'{" and ".join(where)} alone'
+        alone = words.place(d.where) + ('' if not d.where or 'all' in d.where else ' alone')
         yield Step(
             f'Look at where the gap lies, below. Record {alone}, slowly and in both directions.'
         )
-        yield Step('Then judge on that recording:', code=_diagnose(data, out))
+        yield Step('Then judge on that recording:', code=_diagnose(w, out))
         yield Step(
             'If you know the cause, write it as an effect of your own and try it with '
             '`--effect FILE.py`.'
         )
 
 
-def _steps_of_effects(
-    data: Mapping[str, Any], found: Sequence[Mapping[str, Any]], out: str
-) -> Iterator[Step]:
-    laws = [law for at in found if (law := law_of(at, data['parameters'])) is not None]
+def _steps_of_effects(w: Written, out: str) -> Iterator[Step]:
+    d = w.found
+    laws = [law for at in words.named(d) if (law := law_of(at, d.parameters)) is not None]
     of_log = [law for law in laws if CATALOGUE[law.anchor].group == 'measurement']
     missing = [law for law in laws if law not in of_log]
     effects: list[Step] = []
-    moved = bool(sentences.moved_names(data, together=False))
     if missing:
-        both = ', together with the parameters below' if moved else ''
+        both = ', together with the parameters below' if sentences.moved_names(d) else ''
         effects.append(Step(f'Add to your simulation{both}:', laws=tuple(missing)))
     if of_log:
         text = 'Correct how the log is made; a simulation of the machine does not need this:'
         effects.append(Step(text, laws=tuple(of_log)))
     yield from effects
-    if data['machine_lines']:
-        yield Step('Change the machine file:', code='\n'.join(data['machine_lines']))
+    if w.machine_lines:
+        yield Step('Change the machine file:', code='\n'.join(w.machine_lines))
     loose = any(step.loose for step in effects)
-    values = [_line(name, data) for name in sentences.moved_names(data, together=loose)]
+    values = [_line(name, d) for name in sentences.moved_names(d, together=loose)]
     if values:
-        them = 'it' if len(found) == 1 else 'them'
+        them = 'them' if d.also else 'it'
         told = f'Update these parameters, which had compensated for {them}:'
         if loose:
             told = 'Set these parameters with them; they belong to the numbers above:'
         yield Step(told, code='\n'.join(values))
     if missing:
-        yield from _export(data['settings'], out)
-    motions = list(dict.fromkeys(_motions(data)))
+        yield from _export(w.settings, out)
+    motions = [
+        f'{CATALOGUE[at.effect].title}: {words.separating(at.effect, at.where, d.facts.travel)}'
+        for at in (r.at for r in d.confusable[1:])
+        if at.effect in CATALOGUE
+    ]
+    text = 'Record another motion, and see that the gap closes there, too:'
     if motions:
-        rivals = '; from '.join(motions)
+        rivals = '; from '.join(dict.fromkeys(motions))
         text = f'Record what tells it from {rivals}. Then judge on that recording:'
-        yield Step(text, code=_diagnose(data, out))
-    else:
-        text = 'Record another motion, and see that the gap closes there, too:'
-        yield Step(text, code=_diagnose(data, out))
+    yield Step(text, code=_diagnose(w, out))
 
 
-def _line(name: str, data: Mapping[str, Any]) -> str:
+def _line(name: str, d: Diagnosis) -> str:
     """Return a parameter as YAML, with what it was before."""
-    v, before = data['parameters'][name], data['nominal'].get(name)
-    value, old = (_plain(x) for x in (v['value'], before))
-    unit = '' if v['unit'] == '1' else f'{v["unit"]}; '
+    v = d.parameters[name]
+    value, old = _plain(v.value), _plain(d.nominal[name])
+    unit = '' if v.unit == '1' else f'{v.unit}; '
     return f'{name}: {value}  # {unit}{old} before'
 
 
@@ -189,14 +193,6 @@ def _plain(value: float) -> str:
     return f'{rounded:.0f}' if 1e3 <= abs(rounded) < 1e9 else digits(rounded)
 
 
-def _motions(data: Mapping[str, Any]) -> Iterator[str]:
-    for other in data['confusable'][1:]:
-        effect = CATALOGUE.get(other['effect'])
-        if effect is not None:
-            motion = separating(effect.id, other['where'][0], data['facts']['travel'])
-            yield f'{effect.title}: {motion}'
-
-
 def _export(settings: Mapping[str, Any], out: str) -> Iterator[Step]:
     """Yield how the files of a simulator get the numbers; nothing without a machine file."""
     if settings.get('machine_file'):
@@ -204,24 +200,13 @@ def _export(settings: Mapping[str, Any], out: str) -> Iterator[Step]:
         yield Step('Or have URDF, MJCF, Isaac Lab and ros2_control files written:', code=code)
 
 
-def _output(settings: Mapping[str, Any]) -> str:
-    """Return the option for the quantity compared; empty where that is the kind's own."""
-    return ''.join(f' --output {name}' for name in settings.get('outputs') or ())
-
-
-def _diagnose(data: Mapping[str, Any], out: str) -> str:
-    settings, source = data['settings'], data['provenance']['source']
+def _diagnose(w: Written, out: str) -> str:
+    # The quantity compared is named only where it is not the kind's own.
+    output = ''.join(f' --output {name}' for name in w.settings.get('outputs') or ())
     return (
-        f'ident diagnose {_bags(settings, source)} --check NEW_BAG '
-        f'{_machine(settings)}{_output(settings)} '
-        f'--out {_next(out)}'
+        f'ident diagnose {_bags(w.settings, w.provenance.source)} --check NEW_BAG '
+        f'{_machine(w.settings)}{output} --out {_next(out)}'
     )
-
-
-def _identify(data: Mapping[str, Any], out: str) -> str:
-    settings, source = data['settings'], data['provenance']['source']
-    bags, machine = _bags(settings, source), _machine(settings)
-    return f'ident identify {bags} {machine} --out {shlex.quote(out)}'
 
 
 def _bags(settings: Mapping[str, Any], source: str) -> str:
@@ -264,8 +249,9 @@ def of_fleet(data: Mapping[str, Any], out: str) -> Iterator[Step]:
     first = {(row['machine'], row['effect']): row for row in reversed(found)}
     for row in list(first.values())[::-1][:FLEET]:
         if row['name'] not in changed:
+            title = title_at(row['effect'], row['where'])
             yield Step(
-                f'{row["machine"]}: diagnose {name_of(row)} in full, with its numbers:',
+                f'{row["machine"]}: diagnose {title} in full, with its numbers:',
                 code=_diagnose_row(row, out),
             )
     failed = [row['name'] for row in data['rows'] if row['state'] != 'done']
