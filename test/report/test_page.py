@@ -32,7 +32,7 @@ from ros2_ident.report.diagnosis import from_mapping, to_mapping
 from ros2_ident.report.files import load_diagnosis
 from ros2_ident.report.page import charts, write_report
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
-from ros2_ident.report.page.effort import effort_plot
+from ros2_ident.report.page.effort import effort_plot, extremes, NOTHING
 from ros2_ident.report.page.numbers import (
     from_to,
     number,
@@ -41,7 +41,6 @@ from ros2_ident.report.page.numbers import (
 )
 from ros2_ident.report.page.sentences import moved
 from ros2_ident.report.page.several import write_comparison
-from ros2_ident.report.page.thin import extremes
 from ros2_ident.report.signals import load_signals, write_signals
 from ros2_ident.report.tables import write_tables
 from ros2_ident.words import verdict as words
@@ -538,11 +537,11 @@ def test_a_drive_without_samples_and_one_that_diverged():
     (log,) = signals.recordings
     log.measured[1] = np.nan
     log.simulated[0, 2, 1000:] = np.inf
-    drawn = effort_plot(signals).plot.select({'type': GlyphRenderer})
-    curves = [renderer.data_source.data for renderer in drawn]
-    sizes = [len(c['x']) for c in curves if 'x' in c]
-    assert 0 in sizes and max(sizes) >= 1000
-    assert all(np.isfinite(c['y']).all() for c in curves if 'y' in c)
+    (refill,) = (x for x in effort_plot(signals).plot.references() if x.name == 'refill')
+    held = {name: codes != NOTHING for name, codes in refill.args['full'].data.items()}
+    assert not held['measured_1'].any() and held['measured_0'].all()
+    assert held['simulated_2_0'][:1000].all() and not held['simulated_2_0'][1000:].any()
+    assert all(math.isfinite(view['late']) for view in refill.args['views'])
 
 
 def test_an_identification_keeps_where_it_began(tmp_path):

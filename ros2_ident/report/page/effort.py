@@ -2,10 +2,11 @@
 """Measured and simulated effort with residual and following error, quick with long logs, too.
 
 The page holds the samples in whole numbers of two bytes, and draws for each column of pixels the
-least and the largest of the samples in view: `page.js` does that on every zoom.
+least and the largest of the samples in view: `page.js` does that at first and on every zoom.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+import math
 from typing import Any
 
 from bokeh.layouts import gridplot
@@ -22,98 +23,80 @@ from bokeh.models.annotations import Span
 import numpy as np
 import numpy.typing as npt
 
+from ros2_ident.arrays import Array
 from ros2_ident.report.page.look import Button, Choice, INK, Key, Picture, plot
 from ros2_ident.report.page.numbers import number
-from ros2_ident.report.page.thin import (
-    breaks,
-    coded,
-    extremes,
-    joined,
-    kept,
-    NOTHING,
-    scale,
-    TICK,
-    worst_moments,
-)
 from ros2_ident.report.signals import Curves, Signals
 from ros2_ident.report.style import GREY, ORANGE, RED, SKY
 from ros2_ident.words.figures import compared
 
-# Stretches that a curve in view is cut into, the same as in `page.js`.
-COLUMNS = 1000
-# Numbers that a page holds at most, of two bytes each; longer logs are thinned.
+# Array that a page holds at most, of two bytes each; longer logs are thinned.
 MOST = 1_100_000
 # From so many drives on each has a tab.
 TABS = 4
+# Seconds that a whole number of the time axis stands for.
+TICK = 1e-5
+# The whole number that stands for no sample, the same as in `page.js`.
+NOTHING = -32768
+# A simulation this many times beyond the measured range is drawn at that edge.
+BEYOND = 10.0
+# Room between recordings, as a share of their whole length.
+GAP = 0.02
+# A curve breaks where its next sample is so many times later than usual, and by so many s.
+LATE, LATE_SECONDS = 10.0, 0.02
+# The worst moments that are offered, and the length of one as a share of all of the time.
+MOMENTS, MOMENT = 3, 0.02
 
-Floors = Mapping[str, float | None]
 
-
-def effort_plot(signals: Signals, floor: Floors | None = None, *, most: int = MOST) -> Picture:
+def effort_plot(
+    signals: Signals, floor: Mapping[str, float] | None = None, *, most: int = MOST
+) -> Picture:
     """Draw each drive's measured and simulated effort, below it residual and following error.
 
     Args:
         signals: What a run keeps.
         floor: Noise floor of each drive, where it is known.
-        most: Numbers that the plot may hold, of two bytes each.
+        most: Array that the plot may hold, of two bytes each.
 
     Returns:
         The picture.
     """
+    floor = floor or {}
     share = most // (len(signals.drives) * (2 + len(signals.models)) + 2)
     recordings = [r for r in signals.recordings if r.time.size]
-    rows = [kept(r, share // len(recordings)) for r in recordings]
-    time, bounds, starts = joined(recordings, rows)
+    rows = [_kept(r, share // len(recordings)) for r in recordings]
     parts = list(zip(recordings, rows, strict=True))
+    time, starts = _joined(parts)
     measured = np.concatenate([r.measured[:, k] for r, k in parts], axis=1)
     simulated = np.concatenate([r.simulated[..., k] for r, k in parts], axis=2)
     tracking = np.concatenate([r.tracking[:, k] for r, k in parts], axis=1)
-    data: dict[str, Any] = {'time': np.round(time / TICK).astype(np.int32)}
-    whole = Range1d(start=float(time[0]), end=float(time[-1]), bounds='auto', name='whole')
-    cursor = CrosshairTool(dimensions='height', overlay=Span(dimension='height', line_color=GREY))
-    views: list[dict[str, Any]] = []
-    figures = []
-    first = _worst(signals, measured, simulated, floor)
+    # (D, T) the residual that matters over each drive's noise floor
+    over = np.asarray(measured - simulated[max(0, signals.judged)], dtype=np.float64)
+    over = np.where(np.isfinite(over), over, np.nan)
+    over /= np.array([floor.get(drive) or 1.0 for drive in signals.drives])[:, None]
+    power, count = np.nansum(over**2, axis=1), np.isfinite(over).sum(axis=1)
+    first = int(np.argmax(power / np.maximum(1, count)))
+    plots = _Plots(time, starts)
     for d, drive in enumerate(signals.drives):
-        group = _Group(signals, d, (floor or {}).get(drive), whole, cursor)
-        group.add_efforts(data, measured[d], simulated[:, d])
+        plots.visible = len(signals.drives) < TABS or d == first
+        plots.add_efforts(signals, d, measured[d], simulated[:, d], floor.get(drive))
         if np.isfinite(tracking[d]).any():
-            group.add_tracking(data, tracking[d])
-        shown = len(signals.drives) < TABS or d == first
-        for view in group.views:
-            there = data[view['column']] != NOTHING
-            view['bounds'] = breaks(time, there, bounds)
-            # A drive behind its tab is drawn once it is asked for, by `refill`.
-            view['source'].data = _first_view(data, view) if shown else {'x': [], 'y': []}
-        for made in group.figures:
-            for start in starts[1:]:
-                made.vspan(start, line_color=GREY)
-            made.visible = shown
-        group.figures[-1].xaxis.axis_label = 'time [s]' + (
-            ', one recording after another' if len(starts) > 1 else ''
-        )
-        group.figures[-1].height += 44
-        group.figures[-1].xaxis.visible = True
-        figures += group.figures
-        views += group.views
-    refill = CustomJS(
-        args={'full': ColumnDataSource(data), 'views': views, 'range': whole, 'tick': TICK},
-        code='identPage.refill(full.data, views, range, tick)',
-        name='refill',
-    )
-    whole.js_on_change('start', refill)
-    whole.js_on_change('end', refill)
+            plots.add_tracking(signals.travel, d, tracking[d])
+        last = plots.figures[-1]
+        last.xaxis.axis_label = 'time [s]' + ', one recording after another' * (len(starts) > 1)
+        last.height += 44
+        last.xaxis.visible = True
     layout = gridplot(
-        figures, ncols=1, toolbar_options={'logo': None}, sizing_mode='stretch_width'
+        plots.figures, ncols=1, toolbar_options={'logo': None}, sizing_mode='stretch_width'
     )
-    moments = worst_moments(time, _compared(signals, measured, simulated, floor))
+    plots.fill_with_zoom()
     return Picture(
         layout,
         f'Measured and simulated {compared(signals.unit)} of '
         f'{", ".join(signals.drives)} over time, with the residual below',
         tuple(_keys(signals, bool(np.isfinite(tracking).any()))),
-        tuple(_notes(recordings, rows, floor is not None)),
-        tuple(_choices(signals, recordings, starts, first, time, moments)),
+        tuple(_notes(recordings, rows, bool(floor))),
+        tuple(_choices(signals, recordings, starts, first, time, _worst_moments(time, over))),
         least=320,
     )
 
@@ -130,39 +113,12 @@ def _keys(signals: Signals, tracked: bool) -> Iterator[Key]:
         yield Key('following error: set-point minus measured position', ORANGE, '1.5')
 
 
-def _compared(
-    signals: Signals,
-    measured: npt.NDArray[Any],
-    simulated: npt.NDArray[Any],
-    floor: Floors | None,
-) -> npt.NDArray[np.float64]:
-    """Return (D, T) the residual that matters over each drive's noise floor."""
-    judged = simulated[max(0, signals.judged)]
-    residual = np.asarray(measured - judged, dtype=np.float64)
-    residual[~np.isfinite(residual)] = np.nan
-    known = [(floor or {}).get(drive) or 1.0 for drive in signals.drives]
-    out: npt.NDArray[np.float64] = residual / np.array(known)[:, None]
-    return out
-
-
-def _worst(
-    signals: Signals,
-    measured: npt.NDArray[Any],
-    simulated: npt.NDArray[Any],
-    floor: Floors | None,
-) -> int:
-    """Return the drive whose residual is the largest over its noise floor."""
-    squares = _compared(signals, measured, simulated, floor) ** 2
-    count = np.maximum(1, np.isfinite(squares).sum(axis=1))
-    return int(np.argmax(np.nansum(squares, axis=1) / count))
-
-
 def _choices(
     signals: Signals,
     recordings: Sequence[Curves],
     starts: Sequence[float],
     first: int,
-    time: npt.NDArray[np.float64],
+    time: Array,
     moments: Sequence[tuple[float, float, int]],
 ) -> Iterator[Choice]:
     """Yield the buttons: drives, models, and stretches of time to look at."""
@@ -188,52 +144,42 @@ def _choices(
     yield Choice('Recording', 'view', tuple(parts))
 
 
-def _first_view(data: Mapping[str, Any], view: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a curve over all of the time; `refill` of `page.js` does the same for a part."""
-    codes = data[view['column']].astype(np.float64)
-    codes[codes == NOTHING] = np.nan
-    if view['minus']:
-        other = data[view['minus']]
-        codes -= np.where(other == NOTHING, np.nan, other)
-    xs, ys = [], []
-    bounds = view['bounds']
-    for start, end in zip([0, *bounds], bounds, strict=False):
-        part = codes[start:end]
-        share = max(1, COLUMNS * part.size // codes.size)
-        rows = extremes(part[None], share)
-        rows = rows[np.isfinite(part[rows])]
-        xs += [TICK * data['time'][start + rows], [np.nan]]
-        ys += [view['offset'] + view['step'] * part[rows], [np.nan]]
-    return {
-        'x': np.concatenate(xs)[:-1],
-        'y': np.concatenate(ys)[:-1].astype(np.float32),
-    }
+class _Plots:
+    """Plots that share the time axis, and the samples behind their curves.
 
-
-class _Group:
-    """The plots of one drive: effort, residual, following error.
+    Args:
+        time: (T,) s.
+        starts: When each recording starts.
 
     Attributes:
         figures: From top to bottom.
-        views: What fills their curves.
+        visible: Whether those that are added are shown at first.
     """
 
-    def __init__(
-        self, signals: Signals, d: int, floor: float | None, whole: Range1d, cursor: CrosshairTool
-    ) -> None:
-        self._signals, self._d = signals, d
-        self._whole, self._cursor = whole, cursor
+    def __init__(self, time: Array, starts: Sequence[float]) -> None:
+        self._time, self._starts = time, starts
+        self._data: dict[str, Any] = {'time': np.round(time / TICK).astype(np.int32)}
+        self._whole = Range1d(
+            start=float(time[0]), end=float(time[-1]), bounds='auto', name='whole'
+        )
+        line = Span(dimension='height', line_color=GREY)
+        self._cursor = CrosshairTool(dimensions='height', overlay=line)
+        self._views: list[dict[str, Any]] = []
         self.figures: list[Any] = []
-        self.views: list[dict[str, Any]] = []
-        top = self._figure(185, f'{signals.drives[d]}\n{compared(signals.unit)} [{signals.unit}]')
-        below = self._figure(105, f'residual [{signals.unit}]')
-        below.yaxis.ticker = BasicTicker(desired_num_ticks=4)
-        self.figures = [top, below]
-        if floor is not None:
-            for side in (-2.0 * floor, 2.0 * floor):
-                below.hspan(side, line_color=GREY, line_dash='dashed')
+        self.visible = True
 
-    def _figure(self, height: int, label: str) -> Any:
+    def fill_with_zoom(self) -> None:
+        """Have the curves filled with what is in view."""
+        full = ColumnDataSource(self._data)
+        refill = CustomJS(
+            args={'full': full, 'views': self._views, 'range': self._whole, 'tick': TICK},
+            code='identPage.refill(full.data, views, range, tick)',
+            name='refill',
+        )
+        self._whole.js_on_change('start', refill)
+        self._whole.js_on_change('end', refill)
+
+    def _figure(self, d: int, height: int, label: str, ticks: int = 6) -> Any:
         wheel = WheelZoomTool(dimensions='width', modifiers='ctrl')
         made = plot(
             height=height,
@@ -242,52 +188,71 @@ class _Group:
             min_border_left=76,
             tools=['pan', 'box_zoom', wheel, 'reset', self._cursor],
             active_scroll=wheel,
-            name=f'drive-{self._d}',
+            name=f'drive-{d}',
             sizing_mode='stretch_width',
+            visible=self.visible,
         )
         made.yaxis.axis_label = label
+        made.yaxis.ticker = BasicTicker(desired_num_ticks=ticks)
         made.xaxis.visible = False
+        for start in self._starts[1:]:
+            made.vspan(start, line_color=GREY)
+        self.figures.append(made)
         return made
 
     def add_efforts(
-        self, data: dict[str, Any], measured: npt.NDArray[Any], simulated: npt.NDArray[Any]
+        self, signals: Signals, d: int, measured: Array, simulated: Array, floor: float | None
     ) -> None:
         """Add measured (T,) and simulated (M, T) effort and the residuals."""
-        d, (top, below) = self._d, self.figures
-        offset, step = scale(measured, simulated)
-        data[f'measured_{d}'] = coded(measured, offset, step)
-        self._line(top, f'measured_{d}', (offset, step), line_color=SKY, line_width=3.0)
-        for m, colour in enumerate(_colours(len(self._signals.models))):
-            column, name = f'simulated_{d}_{m}', f'model-{m}'
-            data[column] = coded(simulated[m], offset, step)
+        unit = signals.unit
+        top = self._figure(d, 185, f'{signals.drives[d]}\n{compared(unit)} [{unit}]')
+        below = self._figure(d, 105, f'residual [{unit}]', 4)
+        for side in () if floor is None else (-2.0 * floor, 2.0 * floor):
+            below.hspan(side, line_color=GREY, line_dash='dashed')
+        offset, step = _scale(measured, simulated)
+        self._hold(f'measured_{d}', measured, offset, step)
+        self._line(top, f'measured_{d}', offset, step, line_color=SKY, line_width=3.0)
+        for m, colour in enumerate(_colours(len(signals.models))):
+            column = f'simulated_{d}_{m}'
+            self._hold(column, simulated[m], offset, step)
             look: dict[str, Any] = {
                 'line_color': colour,
-                'name': name,
-                'visible': self._signals.judged in (-1, m),
+                'name': f'model-{m}',
+                'visible': signals.judged in (-1, m),
             }
-            self._line(top, column, (offset, step), **look)
-            self._line(below, f'measured_{d}', (0.0, step), minus=column, line_width=0.7, **look)
+            self._line(top, column, offset, step, **look)
+            self._line(below, f'measured_{d}', 0.0, step, minus=column, line_width=0.7, **look)
 
-    def add_tracking(self, data: dict[str, Any], tracking: npt.NDArray[Any]) -> None:
+    def add_tracking(self, travel: str, d: int, tracking: Array) -> None:
         """Add the following error (T,), in thousandths of the unit of travel."""
-        column, values = f'tracking_{self._d}', 1e3 * tracking
-        offset, step = scale(values)
-        data[column] = coded(values, offset, step)
-        made = self._figure(85, f'following\nerror [m{self._signals.travel}]')
-        made.yaxis.ticker = BasicTicker(desired_num_ticks=3)
-        self.figures.append(made)
-        self._line(made, column, (offset, step), line_color=ORANGE)
+        values = 1e3 * tracking
+        offset, step = _scale(values)
+        self._hold(f'tracking_{d}', values, offset, step)
+        made = self._figure(d, 85, f'following\nerror [m{travel}]', 3)
+        self._line(made, f'tracking_{d}', offset, step, line_color=ORANGE)
+
+    def _hold(self, column: str, values: Array, offset: float, step: float) -> None:
+        """Keep a curve in whole numbers."""
+        codes = np.clip(np.round((values - offset) / step), -32500, 32500)
+        codes = np.where(np.isfinite(codes), codes, NOTHING)
+        self._data[column] = codes.astype(np.int16)
 
     def _line(
-        self, made: Any, column: str, scaled: tuple[float, float], minus: str = '', **look: Any
+        self, made: Any, column: str, offset: float, step: float, minus: str = '', **look: Any
     ) -> None:
         """Add an empty line, and what fills it."""
         source = ColumnDataSource({'x': [], 'y': []})
         made.line('x', 'y', source=source, **look)
-        offset, step = scaled
-        self.views.append(
-            {'source': source, 'column': column, 'minus': minus, 'offset': offset, 'step': step}
-        )
+        steps = np.diff(self._time[self._data[column] != NOTHING])
+        late = max(LATE * float(np.median(steps)) if steps.size else 0.0, LATE_SECONDS)
+        others = len(self._starts) - 1
+        if others:
+            # it breaks between recordings
+            late = min(late, 0.9 * GAP * float(self._time[-1]) / (1.0 + GAP * others))
+        self._views.append({
+            'source': source, 'column': column, 'minus': minus, 'offset': offset, 'step': step,
+            'late': late / TICK,
+        })  # fmt: skip
 
 
 def _notes(
@@ -305,4 +270,86 @@ def _notes(
             f'This page holds {held} of {whole} samples, the least and the largest of each '
             'stretch; the file beside it holds all.'
         )
+    return out
+
+
+def extremes(rows: npt.NDArray[Any], stretches: int) -> npt.NDArray[np.int64]:
+    """Return which columns hold the least and the largest of each row in each stretch, in order.
+
+    Args:
+        rows: (R, T) values, NaN for none.
+        stretches: Into how many stretches of equal length T is cut, about; all columns where that
+            leaves one column each.
+    """
+    count = rows.shape[1]
+    length = max(1, math.ceil(count / max(1, stretches)))
+    if length == 1:
+        return np.arange(count)
+    padded = np.full((len(rows), math.ceil(count / length) * length), np.nan)
+    padded[:, :count] = rows
+    parts = padded.reshape(len(rows), -1, length)
+    first = np.arange(parts.shape[1]) * length
+    nothing = np.isnan(parts)
+    least = np.where(nothing, np.inf, parts).argmin(axis=2) + first
+    most = np.where(nothing, -np.inf, parts).argmax(axis=2) + first
+    return np.unique(np.concatenate([least.ravel(), most.ravel()]))
+
+
+def _kept(recording: Curves, most: int) -> npt.NDArray[np.int64]:
+    """Return the samples (of T) that the page keeps: all, or the extremes of each stretch."""
+    rows = np.concatenate([recording.measured, *recording.simulated, recording.tracking])
+    count = rows.shape[1]
+    return np.arange(count) if count <= most else extremes(rows, most // (2 * len(rows)))
+
+
+def _scale(first: npt.NDArray[Any], *others: npt.NDArray[Any]) -> tuple[float, float]:
+    """Return offset and step of the whole numbers of curves that share an axis."""
+    there = [part for x in (first, *others) if (part := x[np.isfinite(x)]).size]
+    if not there:
+        return 0.0, 1.0
+    low, high = float(there[0].min()), float(there[0].max())
+    room = BEYOND * max(high - low, 1e-9)
+    low = max(min(float(x.min()) for x in there), low - room)
+    high = min(max(float(x.max()) for x in there), high + room)
+    return 0.5 * (low + high), max(high - low, 1e-9) / 65000.0
+
+
+def _joined(
+    parts: Sequence[tuple[Curves, npt.NDArray[np.int64]]]
+) -> tuple[Array, list[float]]:
+    """Return times (T,) of the samples of all recordings in a row, and when each starts."""
+    room = GAP * sum(float(r.time[-1] - r.time[0]) for r, _ in parts)
+    times, starts, end = [], [], -room
+    for recording, at in parts:
+        starts.append(end + room)
+        times.append(recording.time[at] + starts[-1])
+        end = float(times[-1][-1])
+    return np.concatenate(times), starts
+
+
+def _worst_moments(time: Array, residual: Array) -> list[tuple[float, float, int]]:
+    """Return start, end and drive of the stretches with the largest residual, the worst first.
+
+    Args:
+        time: (T,) s.
+        residual: (D, T) in units that compare between drives, NaN for none.
+    """
+    squares = np.nan_to_num(residual**2)
+    span = max(MOMENT * float(time[-1] - time[0]), 1e-9)
+    total = np.concatenate([np.zeros((len(squares), 1)), squares.cumsum(axis=1)], axis=1)
+    first = np.searchsorted(time, time - 0.5 * span)
+    last = np.searchsorted(time, time + 0.5 * span, side='right')
+    power = total[:, last] - total[:, first]
+    out: list[tuple[float, float, int]] = []
+    free = np.ones(time.size, dtype=bool)
+    while len(out) < MOMENTS and free.any():
+        there = np.where(free, power, -1.0)
+        drive, row = np.unravel_index(int(there.argmax()), there.shape)
+        if there[drive, row] <= 0.0:
+            break
+        # The stretch with the most, and in it the largest of all.
+        part = squares[drive, first[row] : last[row]]
+        middle = float(time[first[row] + int(part.argmax())])
+        out.append((middle - span, middle + span, int(drive)))
+        free &= np.abs(time - middle) > 2.0 * span
     return out

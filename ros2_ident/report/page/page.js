@@ -18,7 +18,7 @@ const identPage = {
   },
 
   // Fills each curve with what is in view: all samples, or the least and the largest of each
-  // stretch. A view's `bounds` are the rows at which its curve breaks.
+  // stretch. It breaks where a sample is later than a view's `late`.
   refill(full, views, range, tick) {
     const time = full.time
     const first = Math.max(0, this.rowAt(time, range.start / tick) - 1)
@@ -27,30 +27,30 @@ const identPage = {
     for (const view of views) {
       const codes = full[view.column]
       const minus = view.minus ? full[view.minus] : null
+      const at = (row) => codes[row] - (minus ? minus[row] : 0)
       const x = [], y = []
-      const put = (row) => {
-        x.push(time[row] * tick)
-        y.push(view.offset + view.step * (codes[row] - (minus ? minus[row] : 0)))
-      }
-      let begin = first
-      for (const bound of view.bounds) {
-        const end = Math.min(bound, last)
-        if (end <= begin) continue
-        if (x.length) { x.push(NaN); y.push(NaN) }
-        for (let start = begin; start < end; start += step) {
-          let least = -1, most = -1, low = Infinity, high = -Infinity
-          for (let row = start; row < Math.min(start + step, end); row++) {
-            if (codes[row] === this.NOTHING || (minus && minus[row] === this.NOTHING)) continue
-            const value = codes[row] - (minus ? minus[row] : 0)
-            if (value < low) { low = value; least = row }
-            if (value > high) { high = value; most = row }
-          }
-          if (least < 0) continue
-          put(Math.min(least, most))
-          if (least !== most) put(Math.max(least, most))
+      let least = -1, most = -1, begin = first, before = NaN
+      const put = () => {
+        for (const row of new Set([Math.min(least, most), Math.max(least, most)])) {
+          if (row < 0) continue
+          x.push(time[row] * tick)
+          y.push(view.offset + view.step * at(row))
         }
-        begin = end
+        least = most = -1
       }
+      for (let row = first; row < last; row++) {
+        if (codes[row] === this.NOTHING || (minus && minus[row] === this.NOTHING)) continue
+        const late = time[row] - before > view.late
+        if (late || row >= begin + step) {
+          put()
+          begin = row
+        }
+        if (late) { x.push(NaN); y.push(NaN) }
+        if (least < 0 || at(row) < at(least)) least = row
+        if (most < 0 || at(row) > at(most)) most = row
+        before = time[row]
+      }
+      put()
       view.source.data = {x, y}
     }
   },
@@ -63,6 +63,13 @@ const identPage = {
     return all.filter((model) => model.type === type)
   },
 
+  // Fills the curves of a plot over time; those behind a tab once more when they are shown.
+  fill(name) {
+    for (const callback of this.models(name, 'CustomJS')) {
+      if (callback.name === 'refill') callback.execute(callback)
+    }
+  },
+
   // What the buttons above a plot do with their values.
   actions: {
     // Shows a drive's plots in place of another's.
@@ -70,10 +77,7 @@ const identPage = {
       for (const figure of identPage.models(name, 'Figure')) {
         figure.visible = figure.name === `drive-${value}`
       }
-      // Curves behind a tab are empty until then.
-      for (const callback of identPage.models(name, 'CustomJS')) {
-        if (callback.name === 'refill') callback.execute(callback)
-      }
+      identPage.fill(name)
     },
     // Shows the curves of one simulation, or of all.
     model(name, value) {
@@ -141,6 +145,7 @@ const identPage = {
       const item = JSON.parse(script.textContent)
       await Bokeh.embed.embed_item(item)
       this.documents[item.target_id] = Bokeh.documents.at(-1)
+      this.fill(item.target_id)
       await new Promise((resolve) => setTimeout(resolve, 0))
       await this.painted()
     }
