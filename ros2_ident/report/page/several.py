@@ -8,6 +8,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ros2_ident.effects import CATALOGUE, title_at
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
@@ -45,7 +47,7 @@ class Mark:
 
     label: str
     text: str
-    at: float | None
+    at: float
     low: float | None = None
     width: float | None = None
     note: str = ''
@@ -83,69 +85,58 @@ def strips(
         told: Which values differ; those that differ from the first run's where None.
     """
     told = _differing(runs) if told is None else told
-    names = dict.fromkeys(name for _, values in runs for name in values)
-    made = [
-        _strip(name, [(label, values[name]) for label, values in runs if name in values], told)
-        for name in names
-    ]
-    return sorted((s for s in made if s is not None), key=lambda s: not s.differs)
+    made = [_strip(name, known, told) for name, known in _by_name(runs) if known]
+    return sorted(made, key=lambda s: not s.differs)
 
 
-def _strip(
-    name: str, values: Sequence[tuple[str, Mapping[str, Any]]], told: Told
-) -> Strip | None:
-    known = [(label, v) for label, v in values if v['value'] is not None]
-    if not known:
-        return None
+def _strip(name: str, known: Sequence[tuple[str, Mapping[str, Any]]], told: Told) -> Strip:
     unit = known[0][1]['unit']
-    sizes = [v['value'] for _, v in known]
-    spread = max(sizes) - min(sizes)
-    halves = [
-        0.5 * (v['high'] - v['low']) for _, v in known if None not in (v['low'], v['high'])
-    ]
+    rows = [[v[k] for k in ('value', 'low', 'high')] for _, v in known]
+    value, low, high = np.array(rows, dtype=np.float64).T
+    halves = 0.5 * (high - low)
     # An interval as wide as all of the values twice over would hide how they lie; a scale finer
     # than the finest of them would show what no run knows.
-    reach = max(2.0 * spread, 1.01 * min(halves, default=0.0)) or math.inf
-    limits = [v[k] for _, v in known for k in ('low', 'high') if v[k] is not None]
-    limits = [e for e in limits if min(sizes) - reach <= e <= max(sizes) + reach]
-    low, high = min([*sizes, *limits]), max([*sizes, *limits])
-    span = (high - low) or abs(high) or 1.0
-    first = known[0][1]
-    differs = {label for label, _ in known if (label, name) in told}
-    marks = tuple(_mark(label, v, first, low, span, label in differs) for label, v in known)
-    ends = (quantity(low, unit, 4), quantity(low + span, unit, 4))
-    return Strip(name, ends, marks, bool(differs))
+    finest = min(halves[np.isfinite(halves)], default=0.0)
+    reach = max(2.0 * np.ptp(value), 1.01 * finest) or math.inf
+    ends = np.concatenate([low, high, value])
+    ends = ends[(ends >= value.min() - reach) & (ends <= value.max() + reach)]
+    least, most = float(ends.min()), float(ends.max())
+    span = (most - least) or abs(most) or 1.0
+    at, left, right = np.clip(100.0 * (np.stack([value, low, high]) - least) / span, 0.0, 100.0)
+    marks = []
+    for k, (label, v) in enumerate(known):
+        notes = [change(value[k] / value[0] - 1.0)] if k and value[0] else []
+        notes += ['differs'] * ((label, name) in told)
+        ended = bool(np.isfinite(halves[k]))
+        marks.append(
+            Mark(
+                label,
+                quantity(v['value'], v['unit'], 4),
+                round(at[k], 2),
+                round(left[k], 2) if ended else None,
+                round(right[k] - left[k], 2) if ended else None,
+                ', '.join(notes),
+            )
+        )
+    scale = quantity(least, unit, 4), quantity(least + span, unit, 4)
+    return Strip(name, scale, tuple(marks), any((label, name) in told for label, _ in known))
 
 
-def _mark(
-    label: str,
-    v: Mapping[str, Any],
-    first: Mapping[str, Any],
-    low: float,
-    span: float,
-    differs: bool,
-) -> Mark:
-    def place(value: float) -> float:
-        return round(100.0 * min(1.0, max(0.0, (value - low) / span)), 2)
-
-    text, at = quantity(v['value'], v['unit'], 4), place(v['value'])
-    note = ''
-    if v is not first and first['value']:
-        note = change(v['value'] / first['value'] - 1.0)
-    if differs:
-        note = f'{note}, differs' if note else 'differs'
-    if None in (v['low'], v['high']):
-        return Mark(label, text, at, note=note)
-    left = place(v['low'])
-    return Mark(label, text, at, left, round(place(v['high']) - left, 2), note)
+def _by_name(
+    runs: Sequence[tuple[str, Mapping[str, Any]]],
+) -> Iterator[tuple[str, list[tuple[str, Mapping[str, Any]]]]]:
+    """Yield each parameter with the runs, by label, that know its value."""
+    for name in dict.fromkeys(name for _, values in runs for name in values):
+        yield name, [
+            (label, v[name]) for label, v in runs if v.get(name, {}).get('value') is not None
+        ]
 
 
 def _pairs(
     runs: Sequence[tuple[str, Mapping[str, Any]]],
 ) -> Iterator[tuple[str, str, Mapping[str, Any], Mapping[str, Any]]]:
     """Yield label, parameter, the first run's value and the run's, where both are known."""
-    for name in dict.fromkeys(name for _, values in runs for name in values):
-        known = [(label, v[name]) for label, v in runs if v.get(name, {}).get('value') is not None]
+    for name, known in _by_name(runs):
         for label, v in known[1:]:
             yield label, name, known[0][1], v
 
