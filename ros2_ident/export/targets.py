@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.export import tables
 from ros2_ident.export.content import Content
-from ros2_ident.export.description import mjcf, urdf
+from ros2_ident.export.texts import isaac, mjcf, ros2_control, urdf
 from ros2_ident.files import make_directory, require_ours, write_text
 
 
@@ -40,12 +39,12 @@ TARGETS = {
     'urdf': Target('URDF', 'robot.urdf', urdf, True, False, frozenset()),
     'mjcf': Target('MJCF', 'robot.xml', mjcf, True, True, frozenset('pd')),
     'isaac': Target(
-        'Isaac Lab', 'isaac.yaml', lambda _, c: tables.isaac(c), False, True, frozenset('pd')
+        'Isaac Lab', 'isaac.yaml', lambda _, c: isaac(c), False, True, frozenset('pd')
     ),
     'ros2_control': Target(
         'ros2_control',
         'ros2_control.yaml',
-        lambda _, c: tables.ros2_control(c),
+        lambda _, c: ros2_control(c),
         False,
         False,
         frozenset('pidf'),

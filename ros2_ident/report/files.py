@@ -113,7 +113,7 @@ def load_diagnosis(directory: str | Path) -> Written:
         IdentError: NO_DATA where there is none, BAD_VALUES where it cannot be read.
     """
     path = Path(directory) / DIAGNOSIS
-    data = _parsed(path, _text(path, '`ident diagnose --out` wrote'))
+    data = _content(path, '`ident diagnose --out` wrote')
     if not isinstance(data, dict) or 'verdict' not in data or data.get('schema') != SCHEMA:
         raise IdentError(
             ErrorCode.BAD_VALUES,
@@ -188,14 +188,15 @@ def load_result(path: str | Path) -> Identification:
     path = Path(path)
     if path.is_dir():
         path = path / (JSON if (path / JSON).exists() else YAML)
-    result = from_mapping(_parsed(path, _text(path, '`ident identify` wrote')), path)
+    result = from_mapping(_content(path, '`ident identify` wrote'), path)
     history = path.with_name(HISTORY)
     return replace(result, history=_history(history)) if history.exists() else result
 
 
-def _text(path: Path, whose: str) -> str:
+def _content(path: Path, whose: str) -> Any:
     try:
-        return path.read_text(encoding='utf-8')
+        text = path.read_text(encoding='utf-8')
+        return json.loads(text) if path.suffix == '.json' else yaml.safe_load(text)
     except OSError as exc:
         raise IdentError(
             ErrorCode.NO_DATA,
@@ -203,11 +204,6 @@ def _text(path: Path, whose: str) -> str:
         ) from None
     except UnicodeDecodeError:
         raise IdentError(ErrorCode.BAD_VALUES, f'{path}: is no text; give a result file') from None
-
-
-def _parsed(path: Path, text: str) -> Any:
-    try:
-        return json.loads(text) if path.suffix == '.json' else yaml.safe_load(text)
     except (ValueError, yaml.YAMLError) as exc:
         said = ' '.join(str(exc).split())
         raise IdentError(

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measured and simulated effort side by side: streams, and a bag that any tool opens."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import glob
 import json
 from pathlib import Path
+import time
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification, Outcome
+from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import Dataset, Recording, Stream, Topics, write_bag
@@ -35,7 +37,13 @@ SIMULATED, RESIDUAL = '/identifier/simulated', '/identifier/residual'
 SCENE, VERDICT, DIAGNOSTICS = '/identifier/scene', '/identifier/verdict', '/diagnostics'
 # Name of the bag in a result directory, and its mark in the metadata.
 OVERLAY = 'overlay'
+# Simulating a preview holds the search up; it may for this share of the time.
+SHARE = 0.05
+# Samples of a segment in a preview: enough for the eye, and a few milliseconds to publish.
+SAMPLES = 500
 _STRING, _ARRAY = 'std_msgs/msg/String', 'diagnostic_msgs/msg/DiagnosticArray'
+
+Series = list[Stream]
 
 
 @dataclass(frozen=True)
@@ -220,9 +228,9 @@ def _said(verdict: Verdict, stamp: int) -> list[Topic]:
     types = store.types
     pair = types['diagnostic_msgs/msg/KeyValue']
     status = types['diagnostic_msgs/msg/DiagnosticStatus']
-    time = types['builtin_interfaces/msg/Time'](stamp // 10**9, stamp % 10**9)
+    begin = types['builtin_interfaces/msg/Time'](stamp // 10**9, stamp % 10**9)
     array = types[_ARRAY](
-        types['std_msgs/msg/Header'](time, ''),
+        types['std_msgs/msg/Header'](begin, ''),
         [
             status(
                 level=int(not verdict.good),
@@ -289,3 +297,42 @@ def _cycles(stream: Stream, dataset: Dataset, drive: str, values: FloatArray) ->
             best, most = shift, agree
     found: IntArray = tick + best
     return found
+
+
+class Preview:
+    """Simulated and residual effort of the best candidate so far, now and then during a run.
+
+    Args:
+        problem: The problem that is searched.
+        show: Gets the simulated and the residual effort, one stream a segment, thinned out.
+        period: Least time from one to the next, s.
+    """
+
+    def __init__(
+        self, problem: Problem, show: Callable[[Series, Series], None], period: float
+    ) -> None:
+        self._problem = problem
+        self._show = show
+        self._period = period
+        self._next = -np.inf
+        self._shown = np.inf
+
+    def __call__(self, progress: IdentifyProgress) -> None:
+        """Simulate and show the best candidate if it is due and better than the last one."""
+        begin = time.monotonic()
+        if begin < self._next or not progress.best_cost < self._shown:
+            return
+        self._shown = progress.best_cost
+        pairs = overlay_streams(self._problem, progress.best_theta)
+        self._show(
+            *([_thinned(pair[name]) for pair in pairs] for name in ('simulated', 'residual'))
+        )
+        took = time.monotonic() - begin
+        self._next = begin + max(self._period, took / SHARE)
+
+
+def _thinned(stream: Stream) -> Stream:
+    """Return evenly chosen samples of a stream's efforts."""
+    step = -(-stream.stamp.size // SAMPLES)
+    assert stream.effort is not None
+    return Stream(stream.names, stream.stamp[::step], effort=stream.effort[::step])

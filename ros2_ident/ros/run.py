@@ -23,8 +23,14 @@ from ros2_ident.jobs import Diagnosed, Identified, Logs, Request
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC
 from ros2_ident.models import EffectAt, make_model, Parameter
 from ros2_ident.recording import cdr, RecordingBuilder, Stream
-from ros2_ident.report.overlay import OVERLAY, overlay_streams, verdict_of, write_overlay
-from ros2_ident.report.preview import Preview, Series
+from ros2_ident.report.overlay import (
+    OVERLAY,
+    overlay_streams,
+    Preview,
+    Series,
+    verdict_of,
+    write_overlay,
+)
 from ros2_ident.report.scene import largest_gap, scene_of
 from ros2_ident.ros.paths import checkpoint_of, new_folder
 from ros2_ident.search.evaluators import Cancel

@@ -14,7 +14,7 @@ from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
 from ros2_ident.jobs import Request
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag
-from ros2_ident.report.preview import Preview, SAMPLES
+from ros2_ident.report.overlay import Preview, SAMPLES
 from ros2_ident.ros.paths import checkpoint_of, MOST
 from ros2_ident.ros.run import diagnose, identify, save, Wanted
 from ros2_ident.search import GeneticSettings
@@ -68,7 +68,7 @@ def progress(cost, theta):
 
 
 def test_a_preview_waits_for_its_period_and_for_something_better(wanted, monkeypatch):
-    monkeypatch.setattr('ros2_ident.report.preview.SHARE', np.inf)
+    monkeypatch.setattr('ros2_ident.report.overlay.SHARE', np.inf)
     problem = identify(wanted, None).done.problem()
     theta = 0.5 * (problem.low + problem.high)
     shown = []

@@ -2,6 +2,7 @@
 """From the files of a result directory to `report.html`."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 import math
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from ros2_ident.report.files import (
     PAGE,
     SIGNALS,
 )
-from ros2_ident.report.page import bars, charts, numbers, plots, sentences
+from ros2_ident.report.page import charts, numbers, plots, sentences
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.look import Picture
@@ -31,6 +32,8 @@ from ros2_ident.words import verdict as words
 Fact = tuple[str, str]
 Facts = Sequence[Fact]
 
+# Effects of which the page says how probable they are.
+RANKED = 8
 # How the noise floor was found, in words.
 FLOORS = {
     'prediction': 'what neither the motion nor the samples before predict',
@@ -80,28 +83,29 @@ def _render(folder: Path, result: Identification | None, w: Written | None) -> s
         context |= _of_identification(result, str(folder))
     if w is not None:
         context |= _of_diagnosis(w, str(folder))
-    shown = {'about': context['about'], 'search': context['searched']}
     context['contents'] = [
-        (name, text)
-        for name, text, part in CONTENTS
-        if shown.get(name, {'result': result, 'diagnosis': w, '': True}[part])
+        ('answer', 'Answer'),
+        *(OF_DIAGNOSIS if w else ()),
+        *(x for x in OF_RESULT if result and (context['searched'] or x is not SEARCH)),
+        *([('about', 'The effects')] if context['about'] else ()),
+        ('provenance', 'Provenance'),
     ]
     return render('template.html', context, plots=True)
 
 
-# Section, its entry in the contents, and the part of a run it belongs to.
-CONTENTS = (
-    ('answer', 'Answer', ''),
-    ('where', 'Where it lies', 'diagnosis'),
-    ('gap', 'How far it closes', 'diagnosis'),
-    ('time', 'Before and after', 'diagnosis'),
-    ('values', 'With the effects', 'diagnosis'),
-    ('effort', 'Effort', 'result'),
-    ('parameters', 'Parameters', 'result'),
-    ('search', 'Search', 'result'),
-    ('correlations', 'Correlations', 'result'),
-    ('about', 'The effects', 'diagnosis'),
-    ('provenance', 'Provenance', ''),
+# Sections of one part of a run, and their entries in the contents.
+SEARCH = ('search', 'Search')
+OF_DIAGNOSIS = (
+    ('where', 'Where it lies'),
+    ('gap', 'How far it closes'),
+    ('time', 'Before and after'),
+    ('values', 'With the effects'),
+)
+OF_RESULT = (
+    ('effort', 'Effort'),
+    ('parameters', 'Parameters'),
+    SEARCH,
+    ('correlations', 'Correlations'),
 )
 
 
@@ -156,8 +160,8 @@ def _of_diagnosis(w: Written, out: str) -> dict[str, Any]:
         'hero': hero,
         'maps': maps,
         'where': sentences.leading(d),
-        'steps': bars.steps(d),
-        'ranking': bars.ranking(d),
+        'steps': _steps(d),
+        'ranking': _ranking(d),
         'gap_note': _gap_note(d),
         'moved': sentences.moved(d),
         'hidden': [*words.unseen(d.not_testable, len(d.per_drive)).items()],
@@ -264,3 +268,56 @@ def _diagnosis_facts(w: Written) -> Facts:
     if w.check_sha256:
         judged.append(('SHA-256 of that', w.check_sha256))
     return [*_facts(w.provenance, w.found.seed, w.found.seconds, judged), *_flat(w.settings)]
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A row.
+
+    Attributes:
+        name: What it is of.
+        length: 0 to 1.
+        text: Its number.
+        style: How it is coloured.
+        ends: Ends of its interval, 0 to 1.
+    """
+
+    name: str
+    length: float
+    text: str
+    style: str = ''
+    ends: tuple[float, float] | None = None
+
+
+def _steps(d: Diagnosis) -> list[Bar]:
+    """Return the residual before, with one effect after another, and the noise floor."""
+    known = [s for s in d.steps if math.isfinite(s.gap.value)]
+    floor = d.floor.together
+    if not known or not floor > 0.0:
+        return []
+    longest = max(floor, *(max(s.gap.value, s.gap.high) for s in known))
+    unit, out = numbers.unit_of(d.unit), []
+    for k, step in enumerate(known):
+        gap = step.gap
+        name = 'nominal simulation' if k == 0 else f'with {step.label}'
+        text = f'{numbers.number(gap.value, 3)} {unit}'
+        if k:
+            text += f' ({numbers.change(gap.value / known[k - 1].gap.value - 1.0, 0)})'
+        ends = (gap.low / longest, gap.high / longest)
+        style = 'last' if k == len(known) - 1 > 0 else ''
+        shown = ends if all(map(math.isfinite, ends)) else None
+        out.append(Bar(name, gap.value / longest, text.replace('-', '−'), style, shown))
+    text = f'{numbers.number(floor, 3)} {unit}'
+    return [*out, Bar('noise floor', floor / longest, text, 'floor')]
+
+
+def _ranking(d: Diagnosis) -> list[Bar]:
+    """Return how probable each effect is, and what it leaves of the residual."""
+    out = []
+    for k, r in enumerate([r for r in d.ranking if math.isfinite(r.probability)][:RANKED]):
+        text = f'{100.0 * r.probability:.0f} %' if r.probability >= 0.01 else 'below 1 %'
+        if math.isfinite(r.gap_after):
+            text += f', leaves {numbers.number(r.gap_after, 3)} {numbers.unit_of(d.unit)}'
+        style = 'other' if k else 'first'
+        out.append(Bar(r.at.title, min(1.0, r.probability), text, style))
+    return out
