@@ -3,12 +3,15 @@
 
 from collections.abc import Mapping
 import math
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+# Numbers of results for which null in a file stands for infinity, not for NaN.
+Above = Annotated[float, math.inf]
+Below = Annotated[float, -math.inf]
 
 
 def plain(value: Any) -> Any:

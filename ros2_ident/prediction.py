@@ -12,7 +12,7 @@ from itertools import groupby
 
 import numpy as np
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Above, Array
 from ros2_ident.models.protocol import FullModel
 from ros2_ident.models.registry import kind_of
 
@@ -39,8 +39,8 @@ class Error:
     drive: str
     quantity: str
     unit: str
-    rmse: float
-    mae: float
+    rmse: Above
+    mae: Above
     samples: int
 
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Above, Array, Below
 from ros2_ident.gap.coordinates import Coordinate, PHASES
 
 # The regions that hold this share of what is explained are named.
@@ -31,8 +31,8 @@ class Region:
         labels: The parts' names where the coordinate has no numbers.
     """
 
-    low: float = -math.inf
-    high: float = math.inf
+    low: Below = -math.inf
+    high: Above = math.inf
     unit: str = ''
     labels: tuple[str, ...] = ()
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Above, Array
 from ros2_ident.errors import ErrorCode
 from ros2_ident.gates import Gate
 from ros2_ident.machine.parameter import Kind
@@ -164,7 +164,7 @@ class Cost:
         unit: Unit of both.
     """
 
-    ga: float
+    ga: Above
     refined: float
     unit: str
 

@@ -151,12 +151,7 @@ def from_mapping(data: Mapping[str, Any]) -> Written:
             'high': gap['share_closed_high'],
         },
         'localisation': [
-            {
-                **f,
-                'over_floor': f['size_over_floor'],
-                # Ends that are not stated are open.
-                'region': {k: x for k, x in f['place'].items() if x is not None},
-            }
+            {**f, 'over_floor': f['size_over_floor'], 'region': f['place']}
             for f in data['localisation']
         ],
     }

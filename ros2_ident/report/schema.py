@@ -9,7 +9,7 @@ from itertools import repeat
 import math
 from pathlib import Path
 from types import UnionType
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -78,10 +78,12 @@ def read(kind: Any, value: Any) -> Any:
     parts, origin = get_args(kind), get_origin(kind)
     if is_dataclass(value):
         return value
+    if origin is Annotated:
+        return parts[1] if value is None else read(parts[0], value)
     if origin is UnionType:
         return None if value is None else read(parts[0], value)
     if is_dataclass(kind):
-        kinds = get_type_hints(kind)
+        kinds = get_type_hints(kind, include_extras=True)
         there = {f.name for f in fields(kind)} & {*value}
         return kind(**{name: read(kinds[name], value[name]) for name in there})  # type: ignore[operator]
     if origin is np.ndarray:
@@ -153,7 +155,6 @@ def _result(data: Mapping[str, Any]) -> Identification:
             }
             for name, entry in data['parameters'].items()
         ],
-        'cost': data['cost'] | ({'ga': math.inf} if data['cost']['ga'] is None else {}),
         'correlation': np.reshape(data['correlation'], (size, size)),
         'generations': search['generations'],
         'search_stop': search['stop'],
