@@ -9,6 +9,7 @@ from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt
+from ros2_ident.report.diagnosis import effects_in
 from ros2_ident.report.files import DIAGNOSIS, JSON, load_diagnosis, load_result, YAML
 
 # Half a 95 % interval in standard deviations.
@@ -37,9 +38,7 @@ class Estimate:
 
     def effects(self, nominal: Iterable[str]) -> tuple[EffectAt, ...]:
         """Return the effects whose parameters are here beside the nominal ones."""
-        names = [name.rsplit('.', 2) for name in self.values if name not in set(nominal)]
-        places = dict.fromkeys((x[-2], x[0] if len(x) == 3 else 'all') for x in names)
-        return tuple(EffectAt(effect, where) for effect, where in places)
+        return effects_in(self.values, set(nominal))
 
 
 def read_estimate(path: str | Path) -> Estimate:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A diagnosis as the mapping that goes into `diagnosis.json`, and back."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass
 import math
 from typing import Any
@@ -48,6 +48,12 @@ class Written:
     def parameters(self) -> dict[str, dict[str, Any]]:
         """The diagnosis' parameters as plain data."""
         return _parameters(self.found)
+
+
+def effects_in(names: Iterable[str], nominal: Collection[str]) -> tuple[EffectAt, ...]:
+    """Return the effects whose parameters are among names beside the nominal ones."""
+    parts = [name.rsplit('.', 2) for name in names if name not in nominal]
+    return tuple(dict.fromkeys(EffectAt(x[-2], x[0] if len(x) == 3 else 'all') for x in parts))
 
 
 def _at(at: EffectAt) -> dict[str, Any]:

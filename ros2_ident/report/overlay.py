@@ -14,18 +14,17 @@ from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.arrays import Array, plain
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.gap.diagnosis import Diagnosis, Value
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.problem import Problem
-from ros2_ident.identify.result import Identification, Outcome
+from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.identify.setup import problem_of
-from ros2_ident.models import EffectAt
 from ros2_ident.recording import Dataset, Recording, Stream, Topics, write_bag
 from ros2_ident.recording.grid import find_ticks
 from ros2_ident.recording.streams import FloatArray, IntArray
 from ros2_ident.recording.write import remove_bag, require_room, Topic
-from ros2_ident.report.diagnosis import to_mapping
+from ros2_ident.report.diagnosis import effects_in, to_mapping
 from ros2_ident.report.scene import MARKERS, scene_messages, scene_of
 from ros2_ident.report.schema import to_mapping as result_mapping
 from ros2_ident.words.finding import where
@@ -67,17 +66,16 @@ class Verdict:
 
 def verdict_of(found: Identification | Diagnosis) -> Verdict:
     """Return what an identification or a diagnosis found."""
+    of = found.parameters
+    named: Mapping[str, Value | ParameterEstimate] = (
+        of if isinstance(of, Mapping) else {p.name: p for p in of}
+    )
+    values = {
+        name: f'{v.value:.6g} [{v.low:.6g}, {v.high:.6g}] {v.unit}' for name, v in named.items()
+    }
     if isinstance(found, Identification):
-        values = {
-            p.name: f'{p.value:.6g} [{p.low:.6g}, {p.high:.6g}] {p.unit}'
-            for p in found.parameters
-        }
         good = found.outcome is Outcome.IDENTIFIED
         return Verdict('fit', good, message(found), values, result_mapping(found))
-    values = {
-        name: f'{v.value:.6g} [{v.low:.6g}, {v.high:.6g}] {v.unit}'
-        for name, v in found.parameters.items()
-    }
     values |= {f'where {k}': where(x) for k, x in enumerate(found.localisation, 1)}
     values |= {f'advice {k}': text for k, text in enumerate(advice(found), 1)}
     return Verdict('gap', found.effect == 'none', sentence(found), values, to_mapping(found))
@@ -93,14 +91,12 @@ def diagnosed_problem(problem: Problem, found: Diagnosis) -> tuple[Problem, Arra
     Returns:
         The extended problem and its (N,) parameters, physical units.
     """
-    names = [name.rsplit('.', 2) for name in found.parameters if name not in found.nominal]
-    places = dict.fromkeys((x[-2], x[0] if len(x) == 3 else 'all') for x in names)
     extended = problem_of(
         problem.machine,
         problem.data,
         drives=problem.drives,
         fixed=problem.fixed,
-        effects=[EffectAt(effect, where) for effect, where in places],
+        effects=effects_in(found.parameters, found.nominal),
         conditions=problem.setup.conditions if problem.setup else None,
     )
     return extended, np.array([found.parameters[p.name].value for p in extended.parameters])

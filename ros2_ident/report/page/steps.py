@@ -108,13 +108,12 @@ def of_diagnosis(w: Written, out: str) -> Iterator[Step]:
         w: The diagnosis as it was written.
         out: The directory it lies in.
     """
-    d = w.found
+    d, following = w.found, f'{out}_next'
     if words.named(d):
         yield from _steps_of_effects(w, out)
     elif d.effect == 'none':
         yield Step('Leave the simulation as it is: no effect has to be added.')
-        bags, machine = _bags(w.settings, w.provenance.source), _machine(w.settings)
-        code = f'ident identify {bags} {machine} --out {shlex.quote(out)}'
+        code = _ident('identify', w, out)
         yield Step('Identify its parameters from the whole recording:', code=code)
     elif d.effect in REFUSED:
         text = (
@@ -123,19 +122,19 @@ def of_diagnosis(w: Written, out: str) -> Iterator[Step]:
             else 'Correct what is named above, in the machine file or in the recording, and check '
             'what else fits:'
         )
-        check = f'{_bags(w.settings, w.provenance.source)} {_machine(w.settings)}'
-        yield Step(text, code=f'ident check {check}')
+        yield Step(text, code=_ident('check', w))
     elif d.facts.cause == Cause.EVENTS:
         yield Step(
             'Find the cause of these instants and record without it, to see what else is missing:',
-            code=f'ident diagnose NEW_BAG {_machine(w.settings)} --out {_next(out)}',
+            code=_ident('diagnose', w, following, bag='NEW_BAG'),
         )
     else:
         alone = words.place(d.where) + ('' if not d.where or 'all' in d.where else ' alone')
         yield Step(
             f'Look at where the gap lies, below. Record {alone}, slowly and in both directions.'
         )
-        yield Step('Then judge on that recording:', code=_diagnose(w, out))
+        code = _ident('diagnose', w, following, check=True)
+        yield Step('Then judge on that recording:', code=code)
         yield Step(
             'If you know the cause, write it as an effect of your own and try it with '
             '`--effect FILE.py`.'
@@ -176,7 +175,7 @@ def _steps_of_effects(w: Written, out: str) -> Iterator[Step]:
     if motions:
         rivals = '; from '.join(dict.fromkeys(motions))
         text = f'Record what tells it from {rivals}. Then judge on that recording:'
-    yield Step(text, code=_diagnose(w, out))
+    yield Step(text, code=_ident('diagnose', w, f'{out}_next', check=True))
 
 
 def _line(name: str, d: Diagnosis) -> str:
@@ -196,31 +195,31 @@ def _plain(value: float) -> str:
 def _export(settings: Mapping[str, Any], out: str) -> Iterator[Step]:
     """Yield how the files of a simulator get the numbers; nothing without a machine file."""
     if settings.get('machine_file'):
-        code = f'ident export {shlex.quote(out)} --out {shlex.quote(f"{out}_simulator")}'
+        code = shlex.join(['ident', 'export', out, '--out', f'{out}_simulator'])
         yield Step('Or have URDF, MJCF, Isaac Lab and ros2_control files written:', code=code)
 
 
-def _diagnose(w: Written, out: str) -> str:
-    # The quantity compared is named only where it is not the kind's own.
-    output = ''.join(f' --output {name}' for name in w.settings.get('outputs') or ())
-    return (
-        f'ident diagnose {_bags(w.settings, w.provenance.source)} --check NEW_BAG '
-        f'{_machine(w.settings)}{output} --out {_next(out)}'
-    )
+def _ident(
+    verb: str, of: Written | Identification, out: str = '', *, bag: str = '', check: bool = False
+) -> str:
+    """Return a command.
 
-
-def _bags(settings: Mapping[str, Any], source: str) -> str:
+    Args:
+        verb: Its name.
+        of: Whose recordings and machine it is for.
+        out: The directory for its results; empty for none.
+        bag: Another recording.
+        check: Whether to judge on a new recording.
+    """
+    settings, source = of.settings, of.provenance.source
     # What was heard on topics is in no bag: the command is for one of them.
     bags = settings.get('bags') or [source if source not in ('', LIVE) else 'BAG']
-    return ' '.join(shlex.quote(str(bag)) for bag in bags)
-
-
-def _machine(settings: Mapping[str, Any]) -> str:
-    return f'--machine {shlex.quote(str(settings.get("machine_file") or "MACHINE.yaml"))}'
-
-
-def _next(out: str) -> str:
-    return shlex.quote(f'{out}_next')
+    parts = ['ident', verb, *([bag] if bag else map(str, bags)), *['--check', 'NEW_BAG'] * check]
+    parts += ['--machine', str(settings.get('machine_file') or 'MACHINE.yaml')]
+    if check:
+        # The quantity compared is named only where it is not the kind's own.
+        parts += [x for name in settings.get('outputs') or () for x in ('--output', name)]
+    return shlex.join([*parts, *(['--out', out] if out else ())])
 
 
 def of_fleet(data: Mapping[str, Any], out: str) -> Iterator[Step]:
@@ -262,8 +261,8 @@ def of_fleet(data: Mapping[str, Any], out: str) -> Iterator[Step]:
 
 def _diagnose_row(row: Mapping[str, Any], out: str) -> str:
     bag, machine = row.get('bag') or 'BAG', row.get('machine_file') or 'MACHINE.yaml'
-    folder = shlex.quote(f'{out}/{row["name"]}')
-    return f'ident diagnose {shlex.quote(bag)} --machine {shlex.quote(machine)} --out {folder}'
+    folder = f'{out}/{row["name"]}'
+    return shlex.join(['ident', 'diagnose', bag, '--machine', machine, '--out', folder])
 
 
 def of_identification(result: Identification, out: str) -> Iterator[Step]:
@@ -271,8 +270,4 @@ def of_identification(result: Identification, out: str) -> Iterator[Step]:
     if result.outcome is Outcome.IDENTIFIED:
         yield Step('Use these values; a table below has all digits.')
         yield from _export(result.settings, out)
-    bags = _bags(result.settings, result.provenance.source)
-    yield Step(
-        'Ask what the model lacks:',
-        code=f'ident diagnose {bags} {_machine(result.settings)} --out {shlex.quote(out)}',
-    )
+    yield Step('Ask what the model lacks:', code=_ident('diagnose', result, out))
