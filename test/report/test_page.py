@@ -540,7 +540,8 @@ def test_a_drive_without_samples_and_one_that_diverged():
     (refill,) = (x for x in effort_plot(signals).plot.references() if x.name == 'refill')
     held = {name: codes != NOTHING for name, codes in refill.args['full'].data.items()}
     assert not held['measured_1'].any() and held['measured_0'].all()
-    assert held['simulated_2_0'][:1000].all() and not held['simulated_2_0'][1000:].any()
+    # beyond all bounds: along the edge
+    assert held['simulated_2_0'].all()
     assert all(math.isfinite(view['late']) for view in refill.args['views'])
 
 

@@ -31,7 +31,7 @@ from ros2_ident.report.style import GREY, ORANGE, RED, SKY
 from ros2_ident.words.figures import compared
 
 # Array that a page holds at most, of two bytes each; longer logs are thinned.
-MOST = 1_100_000
+MOST = 1_200_000
 # From so many drives on each has a tab.
 TABS = 4
 # Seconds that a whole number of the time axis stands for.
