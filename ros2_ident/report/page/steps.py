@@ -211,7 +211,8 @@ def _ident(
         bag: Another recording.
         check: Whether to judge on a new recording.
     """
-    settings, source = of.settings, of.provenance.source
+    settings: Mapping[str, Any] = of.settings
+    source = of.provenance.source
     # What was heard on topics is in no bag: the command is for one of them.
     bags = settings.get('bags') or [source if source not in ('', LIVE) else 'BAG']
     parts = ['ident', verb, *([bag] if bag else map(str, bags)), *['--check', 'NEW_BAG'] * check]
