@@ -49,6 +49,12 @@ def test_a_scale_is_no_finer_than_the_finest_interval():
     assert abs(strip.marks[1].at - strip.marks[0].at) < 0.01
 
 
+def test_a_lopsided_interval_is_on_its_scale():
+    one = {'mass': {'value': 1.0, 'low': 0.5, 'high': 1.1, 'unit': 'kg'}}
+    (strip,) = strips([('a', one), ('b', one)])
+    assert strip.ends == ('0.5 kg', '1.1 kg')
+
+
 def test_an_endless_interval_does_not_hide_the_values():
     (strip,) = strips([('a', {'mass': value(1.0, 500.0)}), ('b', {'mass': value(2.0, 0.1)})])
     assert abs(strip.marks[1].at - strip.marks[0].at) > 10.0

@@ -93,10 +93,10 @@ def _strip(name: str, known: Sequence[tuple[str, Mapping[str, Any]]], told: Told
     unit = known[0][1]['unit']
     rows = [[v[k] for k in ('value', 'low', 'high')] for _, v in known]
     value, low, high = np.array(rows, dtype=np.float64).T
-    halves = 0.5 * (high - low)
+    reaches = np.maximum(value - low, high - value)
     # An interval as wide as all of the values twice over would hide how they lie; a scale finer
     # than the finest of them would show what no run knows.
-    finest = min(halves[np.isfinite(halves)], default=0.0)
+    finest = min(reaches[np.isfinite(reaches)], default=0.0)
     reach = max(2.0 * np.ptp(value), 1.01 * finest) or math.inf
     ends = np.concatenate([low, high, value])
     ends = ends[(ends >= value.min() - reach) & (ends <= value.max() + reach)]
@@ -107,7 +107,7 @@ def _strip(name: str, known: Sequence[tuple[str, Mapping[str, Any]]], told: Told
     for k, (label, v) in enumerate(known):
         notes = [change(value[k] / value[0] - 1.0)] if k and value[0] else []
         notes += ['differs'] * ((label, name) in told)
-        ended = bool(np.isfinite(halves[k]))
+        ended = bool(np.isfinite(reaches[k]))
         marks.append(
             Mark(
                 label,
