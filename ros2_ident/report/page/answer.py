@@ -206,15 +206,15 @@ def _gaps(d: Diagnosis) -> tuple[Gap, ...]:
     return tuple(_gap(n, g, d, longest) for n, g in chosen.items())
 
 
-def above(rms: float, floor: float) -> float:
-    """Return how much of a residual is above the noise, in units of the noise floor."""
-    ratio = rms / floor if floor else math.inf
-    return math.sqrt(max(0.0, ratio**2 - 1.0)) if math.isfinite(ratio) else math.inf
+def quiet(g: DriveGap, d: Diagnosis) -> bool:
+    """Whether what a drive's residual has above its noise is too little to count."""
+    # the gap's square is the residual's less the noise's
+    return g.before**2 - g.noise_floor**2 < (d.evidence['material'] * g.noise_floor) ** 2
 
 
 def _gap(name: str, g: DriveGap, d: Diagnosis, longest: float) -> Gap:
     note = ''
-    if above(g.before, g.noise_floor) < d.evidence['material']:
+    if quiet(g, d):
         note = 'too slow for noise' if name in d.facts.slow else 'noise only'
     floor = _length(g.noise_floor, longest)
     if len(d.steps) < 2 or not math.isfinite(g.after) or note:

@@ -21,7 +21,7 @@ from ros2_ident.report.files import (
     SIGNALS,
 )
 from ros2_ident.report.page import charts, numbers, plots, sentences
-from ros2_ident.report.page.answer import of_diagnosis, of_identification
+from ros2_ident.report.page.answer import of_diagnosis, of_identification, quiet
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.look import Picture
 from ros2_ident.report.page.render import render
@@ -156,6 +156,10 @@ def _of_diagnosis(w: Written, out: str) -> dict[str, Any]:
         'answer': of_diagnosis(w, out),
         'complete': d.complete,
         'drives': d.per_drive,
+        'closes': {
+            name: numbers.percent(math.nan if quiet(g, d) else g.share_closed)
+            for name, g in d.per_drive.items()
+        },
         'effects': effects,
         'hero': hero,
         'maps': maps,

@@ -12,15 +12,10 @@ from bokeh.resources import Resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from ros2_ident.gap.diagnosis import DriveGap
 from ros2_ident.identify.outcome import package_version
 from ros2_ident.identify.result import ParameterEstimate
 from ros2_ident.report.page import numbers, sentences, steps
-from ros2_ident.report.page.answer import above
 from ros2_ident.report.page.look import Picture
-
-# A residual less than this above its noise floor has nothing that could close.
-NOISE = 0.4
 
 
 def render(template: str, context: Mapping[str, Any], *, plots: bool = False) -> str:
@@ -39,7 +34,6 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
     )
     environment.filters |= {
         'change': numbers.change,
-        'closes': _closes,
         'command': numbers.command,
         'equation': numbers.equation,
         'item': _item,
@@ -62,13 +56,6 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
         **context,
     )
     return page
-
-
-def _closes(drive: DriveGap) -> str:
-    """Return the share of a drive's gap that closes; a dash where there is none but noise."""
-    if not math.isfinite(drive.after) or above(drive.before, drive.noise_floor) < NOISE:
-        return '–'
-    return numbers.percent(drive.share_closed)
 
 
 def _item(picture: Picture, name: str) -> Markup:
