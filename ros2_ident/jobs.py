@@ -14,6 +14,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import remove_file
 from ros2_ident.gap.diagnose import diagnose as find_gap
 from ros2_ident.gap.diagnose import DiagnoseProgress
 from ros2_ident.gap.diagnosis import Diagnosis
@@ -31,7 +32,6 @@ from ros2_ident.models.registry import compared_of, travel_of
 from ros2_ident.recording import read_bags, Recording, RecordingBuilder, SAMPLES, Topics
 from ros2_ident.search import Threads
 from ros2_ident.search.evaluators import Cancel, Workers
-from ros2_ident.search.journal import forget
 
 
 @dataclass(frozen=True)
@@ -314,7 +314,7 @@ def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) ->
             moving=whole,
         )
     if done.checkpoint is not None and done.complete:
-        forget(done.checkpoint)
+        remove_file(done.checkpoint)
     return files
 
 

@@ -298,7 +298,6 @@ def schedule(model: Tripod, rounds: int) -> None:
                 search,
                 low=low,
                 high=high,
-                lot=2 * WIDTH,
                 work=lambda x: model.work(low + x * (high - low)),
             )
             wall.append(time.perf_counter() - start)

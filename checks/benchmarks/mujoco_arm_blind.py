@@ -328,7 +328,7 @@ def truth_of(folder: Path, robot: Robot) -> dict[str, float]:
     found, *_ = np.linalg.lstsq(columns.reshape(asked.size, -1), asked.ravel())
     if np.abs(columns @ found - asked).max() > 1e-6:
         raise ValueError('the base parameters do not ask what MuJoCo does')
-    names, middles = inertials.names_and_middles()
+    names, middles = inertials.names, inertials.middles
     values = found + np.pad(middles, (0, joints))
     names += [f'{drive}.drive_inertia' for drive in machine.drives]
     out = dict(zip(names, map(float, values), strict=True))

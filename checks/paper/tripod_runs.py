@@ -17,9 +17,9 @@ from ros2_ident.identify.run import identify, read_data
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import Machine, make_model
 from ros2_ident.models.registry import space_of
-from ros2_ident.recording import Dataset
+from ros2_ident.recording import Dataset, write_bag
 from ros2_ident.search import GeneticSettings
-from ros2_ident.simulate.bag import make_streams, Nuisance, SimulatedBag, write_simulated
+from ros2_ident.simulate.bag import make_streams, Nuisance
 from ros2_ident.simulate.motions import draw_motion, Motion
 
 Array = NDArray[np.float64]
@@ -179,8 +179,7 @@ class Bench:
             self.log, self.motion, Nuisance(effort_noise=noise), np.random.default_rng(seed)
         )
         with tempfile.TemporaryDirectory() as folder:
-            bag = SimulatedBag(streams, self.log, self.motion)
-            written = write_simulated(Path(folder) / 'tripod', bag)
+            written = write_bag(Path(folder) / 'tripod', streams)
             return read_data(written, self.machine_of(noise))
 
     def trial(self, case: Case, seed: int) -> DriveTrial:

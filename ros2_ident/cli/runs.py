@@ -77,9 +77,8 @@ def carry_out(
     """
     from ros2_ident import jobs
     from ros2_ident.cli.progress import Meter, WRITING
-    from ros2_ident.files import sole_writer
+    from ros2_ident.files import remove_file, sole_writer
     from ros2_ident.report import files
-    from ros2_ident.search.journal import forget
 
     logs = jobs.read(request)
     written: list[Path] = []
@@ -94,7 +93,7 @@ def carry_out(
             jobs.require_room(request, logs, out)
         kept = None if out is None else out / checkpoint
         if kept is not None and not args.resume:
-            forget(kept)
+            remove_file(kept)
         with (
             _live_page(args, out, request, logs, identifying) as live,
             interrupts() as cancel,

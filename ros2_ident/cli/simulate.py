@@ -85,8 +85,8 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.table import columns
     from ros2_ident.models import load_machine
     from ros2_ident.models.registry import kind_of
-    from ros2_ident.recording.write import require_room
-    from ros2_ident.simulate.bag import CLEAN, nuisance_of, simulate_bag, write_simulated
+    from ros2_ident.recording.write import require_room, write_bag
+    from ros2_ident.simulate.bag import CLEAN, nuisance_of, simulate_bag
     from ros2_ident.simulate.effects import read_effect
     from ros2_ident.simulate.motions import draw_motion
 
@@ -99,14 +99,11 @@ def run(args: argparse.Namespace) -> int:
         nuisance = replace(nuisance, effort_noise=args.noise, effort_step=0.2 * args.noise)
     motion = draw_motion(args.motion, machine, args.seconds, args.seed)
     bag = simulate_bag(machine, truth, motion, args.seed, nuisance, effects)
-    path = write_simulated(
-        args.bag,
-        bag,
-        {
-            'command': shlex.join(['ident', *args.words]),
-            'parameters': json.dumps({**truth, **bag.log.effects}),
-        },
-    )
+    notes = {
+        'command': shlex.join(['ident', *args.words]),
+        'parameters': json.dumps({**truth, **bag.log.effects}),
+    }
+    path = write_bag(args.bag, bag.streams, custom=notes)
     units = {key.name: key.unit for key in kind_of(machine).keys}
     units |= {name: unit for name, (_, _, unit) in machine.bounds.items()}
     rows = [(name, f'{value:.6g}', _unit(units, name)) for name, value in truth.items()]

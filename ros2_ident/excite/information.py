@@ -169,8 +169,8 @@ class Sensitivity:
         tool = tool_of(self.machine, self._back, planned, rows['position'])
         return replace(seen, jerk=None, effort=rows['effort'], tool=tool)
 
-    def half_widths(self, shown: Shown, level: float = 0.95) -> Array:
-        """Return (N,) half the intervals that a log of a motion will give at best."""
-        quantile = float(norm.ppf(0.5 + 0.5 * level))
+    def half_widths(self, shown: Shown) -> Array:
+        """Return (N,) half the 95 % intervals that a log of a motion will give at best."""
+        quantile = float(norm.ppf(0.975))
         out: Array = quantile * np.sqrt(np.diag(shown.covariance)) * self.box.width
         return out

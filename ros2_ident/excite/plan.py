@@ -17,7 +17,6 @@ from ros2_ident.excite.limits import Limits, Moved
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.search import Budget, GeneticSearch, GeneticSettings, minimise, SearchResult
 from ros2_ident.search.driver import Progress
-from ros2_ident.search.evaluators import Cancel
 
 # Rest before the one period that is simulated in the search, s.
 _SHORT_REST = 0.05
@@ -113,7 +112,6 @@ def excite(
     wish: Wish | None = None,
     *,
     on_progress: Callable[[Progress], None] | None = None,
-    cancel: Cancel | None = None,
 ) -> Excitation:
     """Return the motion that determines parameters best, within the limits of its courses.
 
@@ -122,7 +120,6 @@ def excite(
         sensitivity: The machine at the parameters that are expected.
         wish: What is to be determined, and how to search.
         on_progress: Called now and then from this thread.
-        cancel: Looked at between two batches; the best so far is kept.
 
     Raises:
         IdentError: UNKNOWN_PARAMETER or INVALID_GOAL for a wish that cannot be met, DIVERGED where
@@ -132,7 +129,7 @@ def excite(
     wanted = _wanted(wish, sensitivity.parameters)
     one = replace(courses.series, periods=1, rest=_SHORT_REST)
     cost = _Cost(replace(courses, series=one), sensitivity, wanted, wish)
-    found, middling = _searched(cost, on_progress, cancel)
+    found, middling = _searched(cost, on_progress)
     planned, shown, others = scaled(courses, sensitivity, found.theta)
     return Excitation(
         planned=planned,
@@ -151,7 +148,7 @@ def excite(
 
 
 def _searched(
-    cost: '_Cost', on_progress: Callable[[Progress], None] | None, cancel: Cancel | None
+    cost: '_Cost', on_progress: Callable[[Progress], None] | None
 ) -> tuple[SearchResult, Array]:
     """Return what was found, and the middling one (N,) of the first generation.
 
@@ -174,7 +171,6 @@ def _searched(
             budget=wish.budget,
             on_progress=on_progress,
             on_generation=note,
-            cancel=cancel,
         )
     if not math.isfinite(found.cost):
         raise IdentError(

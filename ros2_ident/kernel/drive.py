@@ -12,7 +12,7 @@ from numba.extending import overload
 from ros2_ident.effects import DriveState, Hook
 from ros2_ident.kernel import hooks
 from ros2_ident.kernel.hooks import mask_of
-from ros2_ident.kernel.rows import DRIVE_ROWS, MEMORY_ROWS
+from ros2_ident.kernel.rows import DRIVE, MEMORY
 from ros2_ident.lanes import (
     absolute,
     clip,
@@ -40,40 +40,6 @@ FAST = 8.0
 # Rounds to where a motor stands at rest: a wavering gear leaves a tenth of the error each.
 STANDING = 6
 
-(
-    INTEGRAL,
-    COMMANDED,
-    ANCHOR,
-    READ_ERROR,
-    LAST_READ,
-    LAST_BUT_ONE,
-    LIGHTNESS,
-    BRAKING,
-) = range(len(MEMORY_ROWS))
-assert MEMORY_ROWS == (
-    'integral',
-    'commanded',
-    'anchor',
-    'read_error',
-    'last_read',
-    'last_but_one',
-    'lightness',
-    'braking',
-)
-
-DRIVE_GAIN, BACK_EMF, LOAD_MOMENT, LOAD_ANGLE, LOG_DUTY, LOG_SPEED, CONSTANT_LOAD = (
-    DRIVE_ROWS.index(name)
-    for name in (
-        'drive_gain',
-        'back_emf',
-        'load_moment',
-        'load_angle',
-        'log_duty',
-        'log_speed',
-        'constant_load',
-    )
-)
-
 SIGN_MASK = mask_of(Hook.SIGN)
 TORQUE_MASK = mask_of(Hook.TORQUE)
 DEFLECTION_MASK = mask_of(Hook.DEFLECTION)
@@ -81,45 +47,6 @@ STIFFNESS_MASK = mask_of(Hook.STIFFNESS)
 CARRIAGE_MASK = mask_of(Hook.CARRIAGE_FORCE)
 READING_MASK = mask_of(Hook.READING)
 COMMAND_MASK = mask_of(Hook.COMMAND)
-
-(
-    STIFFNESS,
-    DAMPING,
-    MOTOR_MASS,
-    RAIL_MASS,
-    COULOMB,
-    VISCOUS,
-    KP,
-    KV,
-    KI,
-    COMMAND_DELAY,
-    LIMIT,
-    TURN,
-    GEAR,
-    EPS,
-    FEEDFORWARD,
-    GEAR_INVERSE,
-    SLOPE,
-) = range(17)
-assert DRIVE_ROWS[:17] == (
-    'gear_stiffness',
-    'gear_damping',
-    'motor_mass',
-    'rail_mass',
-    'coulomb',
-    'viscous',
-    'position_gain',
-    'velocity_gain',
-    'integral_gain',
-    'set_point_delay',
-    'torque_limit',
-    'motor_turn',
-    'gear',
-    'regularisation',
-    'feedforward',
-    'gear_inverse',
-    'friction_slope',
-)
 
 
 def flags_of(on, d):
@@ -155,15 +82,15 @@ def drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed):
         s,
         force,
         direction,
-        load(par, (first + COULOMB) * W),
-        load(par, (first + VISCOUS) * W),
-        load(par, (first + GEAR) * W),
-        load(par, (first + TURN) * W),
+        load(par, (first + DRIVE.coulomb) * W),
+        load(par, (first + DRIVE.viscous) * W),
+        load(par, (first + DRIVE.gear) * W),
+        load(par, (first + DRIVE.motor_turn) * W),
         time,
         elapsed,
-        z - load(mem, (own + ANCHOR) * W),
+        z - load(mem, (own + MEMORY.anchor) * W),
         spread(0.0),
-        load(mem, (own + COMMANDED) * W) - load(mem, (own + BRAKING) * W) * v,
+        load(mem, (own + MEMORY.commanded) * W) - load(mem, (own + MEMORY.braking) * W) * v,
     )
 
 
@@ -175,8 +102,8 @@ def gear_force(par, first, mem, own, on, z, v, s, w, time):
     passes on power, not force.
     """
     x = z - s
-    c = load(par, (first + STIFFNESS) * W)
-    d = load(par, (first + DAMPING) * W)
+    c = load(par, (first + DRIVE.gear_stiffness) * W)
+    d = load(par, (first + DRIVE.gear_damping) * W)
     if on is not None and on & (DEFLECTION_MASK | STIFFNESS_MASK):
         zero = spread(0.0)
         state = drive_state(par, first, mem, own, z, v, s, zero, zero, time, zero)
@@ -198,7 +125,7 @@ def stand(par, first, mem, own, on, s, hold, far):
     Looked for from `far` [m] ahead of the load: beyond a gap that is wide beside the gear's
     wind-up and, from nearby, would be crossed by no more than that in a round.
     """
-    c = load(par, (first + STIFFNESS) * W)
+    c = load(par, (first + DRIVE.gear_stiffness) * W)
     z = s + hold / c
     if on is not None and on & (DEFLECTION_MASK | STIFFNESS_MASK):
         zero = spread(0.0)
@@ -217,11 +144,14 @@ def motor_torque(par, first, mem, own, on, z, v, s, force, time, elapsed, held):
 
     Whose direction is `held` where that is not None and friction has no regularisation.
     """
-    direction = tanh(v * load(par, (first + SLOPE) * W))
+    direction = tanh(v * load(par, (first + DRIVE.friction_slope) * W))
     if held is not None:
         direction = where(sticks(par, first), held, direction)
-    torque = load(mem, (own + COMMANDED) * W)
-    friction = load(par, (first + COULOMB) * W) * direction + load(par, (first + VISCOUS) * W) * v
+    torque = load(mem, (own + MEMORY.commanded) * W)
+    friction = (
+        load(par, (first + DRIVE.coulomb) * W) * direction
+        + load(par, (first + DRIVE.viscous) * W) * v
+    )
     if on is not None and on:
         if on & SIGN_MASK:
             state = drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed)
@@ -238,7 +168,7 @@ def motor_torque(par, first, mem, own, on, z, v, s, force, time, elapsed, held):
 @inlined
 def sticks(par, first):
     """Return where friction holds at rest: it has no regularisation."""
-    return load(par, (first + EPS) * W) <= spread(0.0)
+    return load(par, (first + DRIVE.regularisation) * W) <= spread(0.0)
 
 
 @inlined
@@ -268,13 +198,14 @@ def holding(par, first, mem, own, on, z, v, s, force, back, time, elapsed, drag,
 @inlined
 def at_motor(par, first, force):
     """Return the torque [N m] at the motor that makes a force [N] at the rail."""
-    return force * load(par, (first + GEAR_INVERSE) * W)
+    return force * load(par, (first + DRIVE.gear_inverse) * W)
 
 
 @inlined
 def motor_acceleration(par, first, mem, own, torque, back):
     """Return the acceleration [m/s^2] of a motor on which the gear pushes back with `back` [N]."""
-    return (load(par, (first + GEAR) * W) * torque - back) * load(mem, (own + LIGHTNESS) * W)
+    force = load(par, (first + DRIVE.gear) * W) * torque - back
+    return force * load(mem, (own + MEMORY.lightness) * W)
 
 
 @inlined
@@ -283,7 +214,7 @@ def prescribed_torque(
 ):  # fmt: skip
     """Return the torque [N m] that it takes to follow a recorded motion; none is commanded."""
     zero = spread(0.0)
-    store(mem, (own + COMMANDED) * W, zero)
+    store(mem, (own + MEMORY.commanded) * W, zero)
     friction = -motor_torque(par, first, mem, own, on, z, v, s, force, time, zero, None)
     return at_motor(par, first, mass * acceleration + back) + friction
 
@@ -291,7 +222,7 @@ def prescribed_torque(
 @inlined
 def carriage_force(par, first, mem, own, on, z, v, s, time):
     """Return the force [N] on the carriage besides gear, gravity and rod."""
-    force = -load(par, (first + CONSTANT_LOAD) * W)
+    force = -load(par, (first + DRIVE.constant_load) * W)
     if on is not None and on & CARRIAGE_MASK:
         zero = spread(0.0)
         state = drive_state(par, first, mem, own, z, v, s, zero, zero, time, zero)
@@ -305,9 +236,10 @@ def keep_step(par, first, mem, own, on, z, v, active):
     if on & hooks.SIGN_KEEPING:
         zero = spread(0.0)
         state = drive_state(par, first, mem, own, z, v, z, zero, zero, zero, zero)
-        direction = tanh(v * load(par, (first + SLOPE) * W))
+        direction = tanh(v * load(par, (first + DRIVE.friction_slope) * W))
         hooks.sign_keeps(direction, state, on, par, first, mem, own, active)
-        store(mem, (own + ANCHOR) * W, where(active, z, load(mem, (own + ANCHOR) * W)))
+        anchor = load(mem, (own + MEMORY.anchor) * W)
+        store(mem, (own + MEMORY.anchor) * W, where(active, z, anchor))
 
 
 @inlined
@@ -315,7 +247,7 @@ def keep_cycle(par, first, mem, own, on, z, v, s, time, cycle):
     """Write, at a cycle's end, what effects on friction remember."""
     if on & hooks.FRICTION_KEEPING:
         zero = spread(0.0)
-        direction = tanh(v * load(par, (first + SLOPE) * W))
+        direction = tanh(v * load(par, (first + DRIVE.friction_slope) * W))
         state = drive_state(par, first, mem, own, z, v, s, zero, direction, time, spread(cycle))
         friction = state.coulomb * direction + state.viscous * v
         hooks.friction_keeps(friction, state, on, par, first, mem, own, None)
@@ -324,7 +256,7 @@ def keep_cycle(par, first, mem, own, on, z, v, s, time, cycle):
 @inlined
 def fast_from(par, first):
     """Return the rate [m/s] from which a motor does not feel how steep friction is."""
-    return FAST * load(par, (first + EPS) * W)
+    return FAST * load(par, (first + DRIVE.regularisation) * W)
 
 
 @inlined
@@ -347,18 +279,19 @@ def sag(par, first, law, hold):
     """
     if law != VELOCITY_FROM_POSITIONS:
         return spread(0.0)
-    gains = load(par, (first + KP) * W) * load(par, (first + KV) * W)
-    return at_motor(par, first, hold) / gains
+    gain = load(par, (first + DRIVE.position_gain) * W)
+    return at_motor(par, first, hold) / (gain * load(par, (first + DRIVE.velocity_gain) * W))
 
 
 @inlined
 def begin(mem, own, law, z, v, cycle, torque):
     """Write what a drive remembers: it came to z at rate v, and `torque` [N m] was commanded."""
-    store(mem, (own + INTEGRAL) * W, spread(0.0) if law == VELOCITY_FROM_POSITIONS else torque)
+    integral = spread(0.0) if law == VELOCITY_FROM_POSITIONS else torque
+    store(mem, (own + MEMORY.integral) * W, integral)
     hooks.command_begun(mem, own, torque)
-    store(mem, (own + ANCHOR) * W, z)
-    store(mem, (own + LAST_READ) * W, z - v * cycle)
-    store(mem, (own + LAST_BUT_ONE) * W, z - 2.0 * v * cycle)
+    store(mem, (own + MEMORY.anchor) * W, z)
+    store(mem, (own + MEMORY.last_read) * W, z - v * cycle)
+    store(mem, (own + MEMORY.last_but_one) * W, z - 2.0 * v * cycle)
 
 
 @inlined
@@ -371,7 +304,7 @@ def control(
 
     `command` (2 * drives * count,) holds the set-points of all drives, then their rates.
     """
-    delay = load(par, (first + COMMAND_DELAY) * W)
+    delay = load(par, (first + DRIVE.set_point_delay) * W)
     zc = set_point(command, d * count, count, k, delay, cycle, delayed)
     vc = set_point(command, (drives + d) * count, count, k, delay, cycle, delayed)
     read = z
@@ -381,24 +314,25 @@ def control(
         state = drive_state(par, first, mem, own, z, v, z, zero, zero, time, zero)
         read = hooks.reading_hook(z, state, on, par, first, mem, own)
         error = read - z
-        rate = v + (error - load(mem, (own + READ_ERROR) * W)) * (1.0 / cycle)
-        store(mem, (own + READ_ERROR) * W, error)
+        rate = v + (error - load(mem, (own + MEMORY.read_error) * W)) * (1.0 / cycle)
+        store(mem, (own + MEMORY.read_error) * W, error)
     if law == VELOCITY_FROM_POSITIONS:
         # Half the sum of two readings, differenced over a cycle: (q[k] - q[k-2]) / (2 cycle).
-        rate = (read - load(mem, (own + LAST_BUT_ONE) * W)) * (0.5 / cycle)
-        store(mem, (own + LAST_BUT_ONE) * W, load(mem, (own + LAST_READ) * W))
-        store(mem, (own + LAST_READ) * W, read)
+        rate = (read - load(mem, (own + MEMORY.last_but_one) * W)) * (0.5 / cycle)
+        store(mem, (own + MEMORY.last_but_one) * W, load(mem, (own + MEMORY.last_read) * W))
+        store(mem, (own + MEMORY.last_read) * W, read)
     # Not fused: which of the two products the compiler would fuse is its own choice.
-    wanted = product(load(par, (first + KP) * W), zc - read)
+    wanted = product(load(par, (first + DRIVE.position_gain) * W), zc - read)
     if law == POSITION:
-        ahead = load(par, (first + FEEDFORWARD) * W) * vc - rate
-        torque = wanted + load(par, (first + KV) * W) * ahead
+        ahead = load(par, (first + DRIVE.feedforward) * W) * vc - rate
+        torque = wanted + load(par, (first + DRIVE.velocity_gain) * W) * ahead
     else:
-        error = wanted + load(par, (first + FEEDFORWARD) * W) * vc - rate
-        integral = load(mem, (own + INTEGRAL) * W) + load(par, (first + KI) * W) * cycle * error
-        store(mem, (own + INTEGRAL) * W, integral)
-        torque = load(par, (first + KV) * W) * error + integral
-    limit = load(par, (first + LIMIT) * W)
+        error = wanted + load(par, (first + DRIVE.feedforward) * W) * vc - rate
+        before = load(mem, (own + MEMORY.integral) * W)
+        integral = before + load(par, (first + DRIVE.integral_gain) * W) * cycle * error
+        store(mem, (own + MEMORY.integral) * W, integral)
+        torque = load(par, (first + DRIVE.velocity_gain) * W) * error + integral
+    limit = load(par, (first + DRIVE.torque_limit) * W)
     torque = clip(torque, -limit, limit)
     asked = torque
     if on is not None and on & COMMAND_MASK:
@@ -406,5 +340,5 @@ def control(
         state = drive_state(par, first, mem, own, z, v, z, zero, zero, time, spread(cycle))
         asked = hooks.command_hook(torque, state, on, par, first, mem, own)
         hooks.command_keeps(torque, state, on, par, first, mem, own, None)
-    store(mem, (own + COMMANDED) * W, asked)
+    store(mem, (own + MEMORY.commanded) * W, asked)
     return torque

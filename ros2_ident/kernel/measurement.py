@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from ros2_ident.kernel.rows import DRIVE_COUNT, MACHINE_COUNT, row_of
+from ros2_ident.kernel.rows import DRIVE, DRIVE_COUNT, MACHINE_COUNT
 from ros2_ident.lanes import (
     called,
     clip,
@@ -29,18 +29,11 @@ from ros2_ident.lanes import (
 )
 
 W = WIDTH
-DELAY, GAIN, BIAS, LAG, CROSSTALK = (
-    row_of(name, 0) - MACHINE_COUNT
-    for name in ('log_delay', 'log_gain', 'log_bias', 'log_lag', 'log_crosstalk')
-)
 
 PIECE = 128
 # What is measured, in the order of the outputs; `Task` has a row of each for every drive.
-QUANTITIES: tuple[Literal['effort', 'position', 'velocity'], ...] = (
-    'effort',
-    'position',
-    'velocity',
-)
+Quantity = Literal['effort', 'position', 'velocity']
+QUANTITIES: tuple[Quantity, ...] = ('effort', 'position', 'velocity')
 MOTIONS = len(QUANTITIES) - 1
 # What a drive's log keeps from one piece to the next: the rows of its part of `kept`. From SQUARES
 # on, a row for each quantity.
@@ -62,15 +55,15 @@ def _any_nonzero(par, row):
 def _log(par, torque, d, drives, first, count, cycle, kept, late):
     """Write what the log of drive `d` holds, but for the delay's whole cycles, into `late`."""
     row = MACHINE_COUNT + d * DRIVE_COUNT
-    gain = load(par, (row + GAIN) * W)
-    bias = load(par, (row + BIAS) * W)
-    cross = load(par, (row + CROSSTALK) * W)
-    lag = load(par, (row + LAG) * W)
-    crossed = _any_nonzero(par, row + CROSSTALK)
+    gain = load(par, (row + DRIVE.log_gain) * W)
+    bias = load(par, (row + DRIVE.log_bias) * W)
+    cross = load(par, (row + DRIVE.log_crosstalk) * W)
+    lag = load(par, (row + DRIVE.log_lag) * W)
+    crossed = _any_nonzero(par, row + DRIVE.log_crosstalk)
     filtered = lag > spread(0.0)
-    lagged = _any_nonzero(par, row + LAG)
+    lagged = _any_nonzero(par, row + DRIVE.log_lag)
     keep = exp(spread(-cycle) / where(filtered, lag, spread(1.0)))
-    delay = load(par, (row + DELAY) * W) / spread(cycle)
+    delay = load(par, (row + DRIVE.log_delay) * W) / spread(cycle)
     part = delay - floor(delay)
     value = load(kept, (d * KEPT + VALUE) * W)
     before = load(kept, (d * KEPT + BEFORE) * W)
@@ -173,7 +166,8 @@ def hand_on(par, torque, moves, first, count, cycle, task, rows, kept, room):
                 continue
             if q == 0:
                 _log(par, torque, d, drives, first, count, cycle, kept, late)
-                delay = load(par, (MACHINE_COUNT + d * DRIVE_COUNT + DELAY) * W) / spread(cycle)
+                row = MACHINE_COUNT + d * DRIVE_COUNT + DRIVE.log_delay
+                delay = load(par, row * W) / spread(cycle)
                 store(whole, 0, clip(floor(delay), spread(0.0), spread(float(cycles))))
                 seen = late
             else:
@@ -244,7 +238,7 @@ def conclude(par, finite, task, rows, kept):
             continue
         good = finite[lane] != 0.0
         for d in range(task.samples.shape[1]):
-            delay = par[(MACHINE_COUNT + d * DRIVE_COUNT + DELAY) * W + lane]
+            delay = par[(MACHINE_COUNT + d * DRIVE_COUNT + DRIVE.log_delay) * W + lane]
             good &= np.isfinite(delay) and delay >= 0.0
         if task.measured.size:
             cost = _cost(task, kept, lane)

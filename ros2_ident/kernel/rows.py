@@ -5,6 +5,10 @@ A block is a flat array; row r holds the W lanes' values at [W r, W r + W). Firs
 rows, then each drive's, then each drive's effects in the catalogue's order.
 """
 
+from collections import namedtuple
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -104,6 +108,16 @@ MEMORY_ROWS = (
     'lightness',  # 1/kg, one over the moved mass
     'braking',  # N m s/rad, of a servo's back-EMF while it is on
 )
+
+
+def _places(name: str, rows: Sequence[str]) -> Any:
+    """Return the place of each row by its name, as the kernels read it: `DRIVE.gear`."""
+    return namedtuple(name, rows)(*range(len(rows)))
+
+
+MACHINE = _places('Machine', MACHINE_ROWS)
+DRIVE = _places('Drive', DRIVE_ROWS)
+MEMORY = _places('Memory', MEMORY_ROWS)
 KEEPING_EFFECTS = tuple(e for e in KERNEL_EFFECTS if e.keeps is not None)
 MEMORY_COUNT = len(MEMORY_ROWS) + len(KEEPING_EFFECTS)
 MACHINE_COUNT = len(MACHINE_ROWS)

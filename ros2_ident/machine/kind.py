@@ -9,10 +9,9 @@ from typing import Any
 
 from ros2_ident.arrays import Array
 from ros2_ident.machine.draft import Draft, Path, Remark
-from ros2_ident.machine.figure import Figure
 from ros2_ident.machine.keys import Key
 from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.space import Space
+from ros2_ident.machine.space import Figure, Space
 
 
 def later(name: str) -> Callable[..., Any]:

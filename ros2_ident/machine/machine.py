@@ -210,13 +210,8 @@ class Machine:
             for name in self.constants
             if name in named
         }
-        return replace(
-            self,
-            constants={
-                **self.constants,
-                **{n: each if len(set(each)) > 1 else each[:1] for n, each in changed.items()},
-            },
-            given=self.given | set(changed),
+        return self.with_constants(
+            **{n: each if len(set(each)) > 1 else each[:1] for n, each in changed.items()}
         )
 
     def with_effort_unit(

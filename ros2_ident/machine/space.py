@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where and how fast a machine moves when nobody says otherwise."""
+"""A machine in space: where and how fast it moves when nobody says otherwise, what is drawn."""
 
 from dataclasses import dataclass
 
@@ -29,3 +29,24 @@ class Space:
         return np.asarray(
             self.centre + share * self.reach * rng.uniform(-1.0, 1.0, self.centre.size)
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """A machine at F instants; lengths in m.
+
+    Attributes:
+        size: A length of the machine to which what is drawn is scaled, m.
+        tool: Where its tool is (F, 3).
+        blocks: Middles of its B drives' carriages (F, B, 3).
+        links: Ends of the lines from carriages to tool (F, L, 2, 3).
+        body: Ends of the lines of the tool itself, about its place (L, 2, 3).
+        frame: Ends of the lines that stand still (L, 2, 3).
+    """
+
+    size: float
+    tool: Array
+    blocks: Array
+    links: Array
+    body: Array
+    frame: Array

@@ -7,13 +7,19 @@ What is compiled is imported when it is asked for: naming the kinds of machines 
 import importlib
 from typing import Any, TYPE_CHECKING
 
-from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.parameter import Parameter
-from ros2_ident.models.registry import load_machine, machine_from_mapping, make_model
+from ros2_ident.machine.machine import Machine as Machine
+from ros2_ident.machine.parameter import Parameter as Parameter
+from ros2_ident.models.registry import load_machine as load_machine
+from ros2_ident.models.registry import machine_from_mapping as machine_from_mapping
+from ros2_ident.models.registry import make_model as make_model
 
 if TYPE_CHECKING:
-    from ros2_ident.models.drives.model import DriveModel
-    from ros2_ident.models.protocol import complete, EffectAt, FullModel, Model, Output
+    from ros2_ident.models.drives.model import DriveModel as DriveModel
+    from ros2_ident.models.protocol import complete as complete
+    from ros2_ident.models.protocol import EffectAt as EffectAt
+    from ros2_ident.models.protocol import FullModel as FullModel
+    from ros2_ident.models.protocol import Model as Model
+    from ros2_ident.models.protocol import Output as Output
 
 _LATER = {
     'DriveModel': 'ros2_ident.models.drives.model',
@@ -27,18 +33,3 @@ def __getattr__(name: str) -> Any:
     if name not in _LATER:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
     return getattr(importlib.import_module(_LATER[name]), name)
-
-
-__all__ = [
-    'DriveModel',
-    'EffectAt',
-    'FullModel',
-    'Machine',
-    'Model',
-    'Output',
-    'Parameter',
-    'complete',
-    'load_machine',
-    'machine_from_mapping',
-    'make_model',
-]

@@ -196,11 +196,6 @@ def description_key(kind: Kind) -> str:
     return key.name
 
 
-def arm_from_topic(description: str, states: Stream) -> str:
-    """Return the text of a machine file for a robot of which description and motion are heard."""
-    return new_machine_file(arm_kind(False), description=description, states=states)
-
-
 def _joints(kind: Kind, description: str | None, states: Stream | None) -> tuple[str, ...]:
     """Return the joints that description and log have in common; none where neither is given."""
     logged = None if states is None else states.names

@@ -6,7 +6,7 @@ asks `FullModel` for, whose defaults say what happens without. `complete` turns 
 other.
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import math
@@ -73,43 +73,6 @@ class Model(Protocol):
     """
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The N parameters."""
-        ...
-
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        """The O outputs."""
-        ...
-
-    @property
-    def cycle(self) -> float:
-        """Seconds from one instant to the next."""
-        ...
-
-    @property
-    def measured(self) -> Array:
-        """(O, K) measured outputs."""
-        ...
-
-    def simulate(self, theta: Array) -> Array:
-        """Return (S, O, K) outputs of candidates (S, N); inf where one diverged."""
-        ...
-
-
-class FullModel(ABC):
-    """A model with everything that the program asks for; the defaults are plain and slow.
-
-    Attributes:
-        name: Kind of model, in results.
-        noise: Standard deviation of the outputs' noise as it is stated, in their unit; 0 where it
-            is not.
-    """
-
-    name = 'model'
-    noise = 0.0
-
-    @property
     @abstractmethod
     def parameters(self) -> tuple[Parameter, ...]:
         """The N parameters, in the order of theta's columns."""
@@ -121,17 +84,30 @@ class FullModel(ABC):
 
     @property
     @abstractmethod
-    def measured(self) -> Array:
-        """(O, K) measured outputs, NaN where there is no sample."""
+    def cycle(self) -> float:
+        """Seconds from one instant to the next."""
 
     @property
     @abstractmethod
-    def cycle(self) -> float:
-        """Seconds from one instant to the next."""
+    def measured(self) -> Array:
+        """(O, K) measured outputs, NaN where there is no sample."""
 
     @abstractmethod
     def simulate(self, theta: Array) -> Array:
         """Return (S, O, K) outputs of candidates (S, N); inf where one diverged."""
+
+
+class FullModel(Model):
+    """A model with everything that the program asks for; the defaults are plain and slow.
+
+    Attributes:
+        name: Kind of model, in results.
+        noise: Standard deviation of the outputs' noise as it is stated, in their unit; 0 where it
+            is not.
+    """
+
+    name = 'model'
+    noise = 0.0
 
     @property
     def data(self) -> Dataset:

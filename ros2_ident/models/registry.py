@@ -228,7 +228,7 @@ def make_model(
     quantities: Sequence[str] | None = None,
     weights: Sequence[float] | None = None,
 ) -> 'DriveModel':
-    """Return the model of a machine on a recording; the arguments are `DriveModel`'s.
+    """Return the model of a machine on a recording; the arguments are `MachineModel`'s.
 
     What is compared is what its kind compares, where nobody says.
 
@@ -240,7 +240,7 @@ def make_model(
     kind = kind_from_bag(machine)
     wanted: dict[str, Any] = {'efforts': efforts, 'weights': weights}
     compared = tuple(quantities or kind.compares)
-    if compared != ('effort',):
+    if {compared, kind.compares} != {('effort',)}:
         wanted['quantities'] = compared
     model: DriveModel = kind.model(
         machine,

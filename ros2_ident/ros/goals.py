@@ -18,7 +18,7 @@ from ros2_ident.identify.outputs import QUANTITIES, read_outputs
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.jobs import Request
 from ros2_ident.models import load_machine, Machine
-from ros2_ident.models.new_file import arm_from_topic
+from ros2_ident.models.new_file import arm_kind, new_machine_file
 from ros2_ident.models.registry import machine_from_mapping
 from ros2_ident.recording import Stream, Topics
 from ros2_ident.ros.parameter_table import BY_NAME
@@ -165,7 +165,7 @@ def _machine(goal: Any, parameters: Snapshot, heard: Heard) -> tuple[Machine, st
             'joint_states; make one with `ident new-machine --description --bag`'
         )
     else:
-        text = arm_from_topic(heard.description, states)
+        text = new_machine_file(arm_kind(False), description=heard.description, states=states)
         machine = machine_from_mapping(yaml.safe_load(text), 'robot_description')
     known = machine.described(heard.description)
     return known, text, None if known is machine else heard.description

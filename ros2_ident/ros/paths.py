@@ -12,9 +12,9 @@ import hashlib
 from pathlib import Path
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import Growing, require_ours
+from ros2_ident.files import Growing, remove_file, require_ours
 from ros2_ident.identify.problem import sources
-from ros2_ident.search.journal import forget, MAGIC
+from ros2_ident.search.journal import MAGIC
 
 UNFINISHED, SUFFIX = 'unfinished', '.checkpoint'
 # Goals that were never sent again: the oldest files go.
@@ -132,4 +132,4 @@ def _tidy(folder: Path, wanted: Path) -> None:
     others = [x for x in folder.glob(f'*{SUFFIX}') if x != wanted]
     for path in sorted(others, key=lambda x: x.stat().st_mtime)[: -(MOST - 1)]:
         if _free(path):
-            forget(path)
+            remove_file(path)

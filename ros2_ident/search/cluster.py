@@ -18,7 +18,6 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.lanes import WIDTH
 from ros2_ident.search.evaluators import (
     Cancel,
     dealt,
@@ -108,7 +107,7 @@ class Cluster:
         with self._link(objective, cancel) as link, Threads().open(objective) as here:
             # A candidate's residuals are as long as the log: sending them takes longer than
             # simulating them anew.
-            yield Evaluators(_Costs(link, here.costs), here.residuals, WIDTH * max(1, link.slots))
+            yield Evaluators(_Costs(link, here.costs), here.residuals)
 
     @contextmanager
     def tasks(self, subject: Subject) -> Iterator[RunTasks]:

@@ -14,6 +14,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.evaluators import Cancel, Evaluate, Stop
 from ros2_ident.search.genetic import GeneticSearch, StopReason
+from ros2_ident.search.jacobian import Box
 from ros2_ident.search.operators import Flags, Index
 
 # (S, N) candidates in the unit cube -> (S,) how much work each of them is.
@@ -26,6 +27,8 @@ _BLOCK = 64 * PART
 # many, and so on, and after so many at the latest: the more are on their way together, the fewer
 # vectors hold those that are left.
 _FIRST_LIMIT, _NEXT_LIMIT = 32, 256
+# Candidates between two looks at the cancel event where whoever evaluates does not look itself.
+_SLICE = 16
 # Slices by which the time to go is estimated. The first of a run is none of them: it may compile.
 _RECENT = 8
 
@@ -120,27 +123,6 @@ class SearchResult:
     seconds: float
 
 
-class Slicer:
-    """Chooses how many candidates to evaluate between two looks at the cancel event.
-
-    Args:
-        target: Wall time a slice shall take, s.
-        first: Candidates of the first slice.
-        lot: Candidates that are evaluated in the time of one; slices are multiples of it.
-    """
-
-    def __init__(self, target: float = 0.05, first: int = 16, lot: int = 1) -> None:
-        self._target = target
-        self._lot = lot
-        self.size = max(lot, first)
-
-    def note(self, count: int, seconds: float) -> None:
-        """Learn from `count` candidates that took `seconds`; grows at most eightfold."""
-        fitting = self._target / max(seconds / count, 1e-9)
-        lots = int(min(fitting, 8.0 * self.size)) // self._lot
-        self.size = self._lot * max(1, lots)
-
-
 class _Generation:
     """A generation while it is evaluated.
 
@@ -172,19 +154,16 @@ class _Run:
         self,
         evaluate: Evaluate,
         search: GeneticSearch,
-        low: Array,
-        high: Array,
+        box: Box,
         budget: Budget,
         on_progress: OnProgress | None,
         cancel: Cancel | None,
-        slicer: 'Slicer',
         interval: float,
         give_up: bool,
         clock: Callable[[], float],
     ) -> None:
         self.evaluate, self.search = evaluate, search
-        self.low, self.width = low, high - low
-        self.budget, self.cancel, self.slicer = budget, cancel, slicer
+        self.box, self.budget, self.cancel = box, budget, cancel
         self.on_progress, self.interval, self.clock = on_progress, interval, clock
         self.stoppable = bool(getattr(evaluate, 'limited', False))
         self.limited = give_up and self.stoppable
@@ -200,10 +179,6 @@ class _Run:
         self.generations = min(s.generations, budget.generations or s.generations)
         planned = s.initial_population + (self.generations - 1) * s.survivors * s.children
         self.limit = min(planned, budget.evaluations or planned)
-
-    def physical(self, points: Array) -> Array:
-        """Return points of the cube, (..., N), in physical units, eq. 4."""
-        return self.low + points * self.width
 
     @property
     def elapsed(self) -> float:
@@ -244,7 +219,6 @@ class _Run:
 
     def note(self, points: Array, costs: Array, seconds: float) -> None:
         self.done += len(points)
-        self.slicer.note(len(points), seconds)
         if not self.first:
             self.recent.append((len(points), seconds))
         self.first = False
@@ -280,7 +254,7 @@ class _Run:
                 best_cost=self.best_cost,
                 unit='',
                 names=(),
-                best_theta=self.physical(self.best_point),
+                best_theta=self.box.physical(self.best_point),
                 spread=self.search.spread,
                 elapsed=elapsed,
                 eta=0.0 if last else eta,
@@ -302,8 +276,7 @@ class _Run:
                 return self.said
             if self.left == 0:
                 return StopReason.EVALUATIONS
-            size = until - found.done
-            size = size if self.limited else min(self.slicer.size, size)
+            size = min(until - found.done, _NEXT_LIMIT if self.stoppable else _SLICE)
             size = size if self.left is None else min(size, self.left)
             rows = found.order[found.done : found.done + size]
             before = self.clock()
@@ -365,24 +338,6 @@ def packed(points: Array, work: Work | None, stop: Stop = bool) -> Index:
     return order
 
 
-def _bounds(low: Any, high: Any, dimension: int) -> tuple[Array, Array]:
-    """Return the box as arrays (N,), or refuse it."""
-    bottom = np.array(low, dtype=np.float64)
-    top = np.array(high, dtype=np.float64)
-    if bottom.shape != (dimension,) or top.shape != (dimension,):
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'the bounds have the shapes {bottom.shape} and {top.shape}; '
-            f'the search has {dimension} parameter(s)',
-        )
-    if not (np.isfinite(bottom).all() and np.isfinite(top).all() and (bottom < top).all()):
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            'every lower bound has to be finite and below its finite upper bound; correct the box',
-        )
-    return bottom, top
-
-
 def minimise(
     evaluate: Evaluate,
     search: GeneticSearch,
@@ -394,8 +349,6 @@ def minimise(
     on_generation: Callable[[Array, Array, Flags], None] | None = None,
     cancel: Cancel | None = None,
     known: Callable[[Array], tuple[Array, Flags] | None] | None = None,
-    slice_seconds: float = 0.05,
-    lot: int = 1,
     interval: float = 0.1,
     give_up: bool = True,
     work: Work | None = None,
@@ -423,9 +376,6 @@ def minimise(
         known: Gets the candidates of a generation (S, N), physical units, and returns costs (S,)
             of an earlier run, and where (S,) that is the cost; None where there are none. Those
             of survivors are computed again.
-        slice_seconds: Wall time a slice shall take, s; the sizes adapt to it.
-        lot: Candidates that are evaluated in the time of one (vector lanes times threads); slices
-            are multiples of it.
         interval: Least time between two reports, s.
         give_up: Whether a `limited` evaluate gets limits.
         work: (S, N) in the unit cube -> (S,) how much work each candidate is; those that are alike
@@ -438,12 +388,16 @@ def minimise(
     Raises:
         IdentError: BAD_VALUES where the bounds or costs are unusable.
     """
-    bottom, top = _bounds(low, high, search.dimension)
-    slicer = Slicer(slice_seconds, lot=lot)
+    box = Box.of(low, high)
+    if len(box.low) != search.dimension:
+        raise IdentError(
+            ErrorCode.BAD_VALUES,
+            f'the bounds have the shape {box.low.shape}; '
+            f'the search has {search.dimension} parameter(s)',
+        )
     run = _Run(
-        evaluate, search, bottom, top, budget or Budget(), on_progress, cancel, slicer, interval,
-        give_up, clock,
-    )  # fmt: skip
+        evaluate, search, box, budget or Budget(), on_progress, cancel, interval, give_up, clock
+    )
     best_costs: list[float] = []
     completed = search.generation - (0 if search.stop_reason else 1)
     stop = search.stop_reason
@@ -452,7 +406,7 @@ def minimise(
             stop = StopReason.GENERATIONS
             break
         points = search.ask()
-        found = _Generation(points, run.physical(points), packed(points, work, run.stopped))
+        found = _Generation(points, box.physical(points), packed(points, work, run.stopped))
         room = run.left is None or len(points) <= run.left
         before = known(found.theta[found.order]) if known and room else None
         if before is not None and not run.stopped():
@@ -472,9 +426,9 @@ def minimise(
         stop = search.stop_reason
     run.report(last=True)
     return SearchResult(
-        theta=run.physical(run.best_point),
+        theta=box.physical(run.best_point),
         cost=run.best_cost,
-        survivors=run.physical(search.survivors),
+        survivors=box.physical(search.survivors),
         survivor_costs=search.survivor_costs.copy(),
         evaluations=run.done,
         generations=completed,

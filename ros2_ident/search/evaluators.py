@@ -64,12 +64,10 @@ class Evaluators:
     Attributes:
         costs: (S, N) -> (S,), here or elsewhere; `limited`.
         residuals: (S, N) -> (S, R).
-        lot: Candidates that are evaluated in the time of one.
     """
 
     costs: Evaluate
     residuals: Evaluate
-    lot: int
 
 
 # Method of the subject, arguments of each task -> results in their order, as they come.
@@ -188,4 +186,4 @@ class Threads:
             ThreadedEvaluator(objective.costs, self._count, limited=True) as costs,
             ThreadedEvaluator(objective.residuals, self._count) as residuals,
         ):
-            yield Evaluators(costs, residuals, self._count * WIDTH)
+            yield Evaluators(costs, residuals)

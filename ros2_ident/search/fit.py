@@ -320,7 +320,6 @@ class _Fit:
                 seconds=kept * budget.seconds if budget.seconds else None,
             ),
             cancel=self.cancel,
-            lot=self.evaluators.lot,
             on_generation=self._note,
             known=self._known,
             give_up=self.settings.give_up,

@@ -89,19 +89,18 @@ class GeneticSettings:
                 f'stagnation_generations is {self.stagnation_generations!r}; '
                 'give a whole number, 0 for never'
             )
-        if not 0.0 < self.range_reduction <= 1.0:
-            raise _refuse(
-                f'range_reduction is {self.range_reduction}; give a number above 0 and at most 1'
-            )
-        if not 0.0 < self.first_step <= 1.0:
-            raise _refuse(f'first_step is {self.first_step}; give a number above 0 and at most 1')
-        if not (math.isfinite(self.min_distance) and self.min_distance >= 0.0):
-            raise _refuse(f'min_distance is {self.min_distance}; give a number of at least 0')
-        if not 0.0 <= self.stagnation_tolerance < 1.0:
-            raise _refuse(
-                f'stagnation_tolerance is {self.stagnation_tolerance}; '
-                'give a number of at least 0 and below 1'
-            )
+        for name, fits, wanted in (
+            ('range_reduction', 0.0 < self.range_reduction <= 1.0, 'above 0 and at most 1'),
+            ('first_step', 0.0 < self.first_step <= 1.0, 'above 0 and at most 1'),
+            ('min_distance', 0.0 <= self.min_distance < math.inf, 'of at least 0'),
+            (
+                'stagnation_tolerance',
+                0.0 <= self.stagnation_tolerance < 1.0,
+                'of at least 0 and below 1',
+            ),
+        ):
+            if not fits:
+                raise _refuse(f'{name} is {getattr(self, name)}; give a number {wanted}')
         for name, known in (('mutation', MUTATIONS), ('first_generation', FIRST_GENERATIONS)):
             if getattr(self, name) not in known:
                 raise _refuse(

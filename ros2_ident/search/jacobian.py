@@ -37,14 +37,15 @@ class Box:
         """Return the box between two corners, or refuse them."""
         bottom = np.atleast_1d(np.array(low, dtype=np.float64))
         top = np.atleast_1d(np.array(high, dtype=np.float64))
-        fits = bottom.shape == top.shape and bottom.ndim == 1
-        if not (fits and np.isfinite(bottom).all() and np.isfinite(top).all()):
+        if bottom.shape != top.shape or bottom.ndim != 1:
             raise IdentError(
                 ErrorCode.BAD_VALUES, 'the bounds have to be two lists of finite numbers'
             )
-        if not (bottom < top).all():
+        if not ((-np.inf < bottom) & (bottom < top) & (top < np.inf)).all():
             raise IdentError(
-                ErrorCode.BAD_VALUES, 'every lower bound has to be below its upper bound'
+                ErrorCode.BAD_VALUES,
+                'every lower bound has to be finite and below its finite upper bound; correct the '
+                'box',
             )
         return cls(bottom, top - bottom)
 

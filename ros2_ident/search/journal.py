@@ -22,7 +22,7 @@ import zlib
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import Growing, remove_file
+from ros2_ident.files import Growing
 
 Values = Mapping[str, Any]
 # The last character is the version of what follows: digest of the run's key, records.
@@ -154,7 +154,7 @@ class Journal(AbstractContextManager['Journal']):
         """Keep arrays, and plain data that JSON can hold, for inputs."""
         if self._file is None or self.failed:
             return
-        arrays = {k: np.ascontiguousarray(v) for k, v in values.items() if _is_array(v)}
+        arrays = {k: v for k, v in values.items() if isinstance(v, np.ndarray)}
         size = sum(v.nbytes for v in arrays.values())
         begin = time.monotonic()
         dear = self._spent > SHARE * (begin - self._begun) or self._file.size + size > MOST
@@ -197,12 +197,3 @@ def _read(data: bytes, head: int) -> dict[str, Any]:
         out[name] = values
         at += values.nbytes
     return out
-
-
-def _is_array(value: Any) -> bool:
-    return isinstance(value, np.ndarray)
-
-
-def forget(path: str | Path) -> None:
-    """Remove a journal: what it led to is safe."""
-    remove_file(path)

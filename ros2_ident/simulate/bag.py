@@ -3,14 +3,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.machine.machine import Machine
-from ros2_ident.recording import Stream, write_bag
+from ros2_ident.recording import Stream
 from ros2_ident.simulate.effects import Added
 from ros2_ident.simulate.log import Log, simulate
 from ros2_ident.simulate.motions import Motion
@@ -146,19 +145,3 @@ def simulate_bag(
     rng = np.random.default_rng(seed)
     streams = make_streams(log, motion, nuisance or nuisance_of(machine), rng)
     return SimulatedBag(streams, log, motion)
-
-
-def write_simulated(
-    path: str | Path, bag: SimulatedBag, notes: Mapping[str, str] | None = None
-) -> Path:
-    """Write a simulated log as a bag directory.
-
-    Args:
-        path: The directory to make.
-        bag: The bag.
-        notes: Texts for the metadata's custom data, as the command that made the bag.
-
-    Returns:
-        The directory.
-    """
-    return write_bag(path, bag.streams, custom=notes)

@@ -24,7 +24,7 @@ def identified(tmp_path_factory) -> Path:
     # Every link heavier by a quarter.
     told, _ = model.inertials.changes
     change = 0.25 * told @ np.concatenate([body.inertials for body in model.arm.bodies])
-    more = dict(zip(model.inertials.names_and_middles()[0], change, strict=True))
+    more = dict(zip(model.inertials.names, change, strict=True))
     theta = np.array([0.5 * (p.low + p.high) + more.get(p.name, 1.0) for p in model.parameters])
     effort = model.simulate(theta)[0]
     effort = effort + np.random.default_rng(0).normal(0.0, 2.0, effort.shape)

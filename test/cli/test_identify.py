@@ -15,7 +15,6 @@ from ros2_control_bags import as_ros2_control_records, Maker
 from ros2_ident.cli.main import main
 from ros2_ident.recording import read_bag, Recording, Stream, write_bag
 from ros2_ident.recording.streams import FIELDS
-from ros2_ident.simulate.bag import write_simulated
 
 SMALL = ['--population', '64', '--survivors', '4', '--generations', '4']
 SLOW = ['--population', '1000000', '--generations', '2']
@@ -23,7 +22,7 @@ SLOW = ['--population', '1000000', '--generations', '2']
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory):
-    return write_simulated(tmp_path_factory.mktemp('bags') / 'axis', axis_bag())
+    return write_bag(tmp_path_factory.mktemp('bags') / 'axis', axis_bag().streams)
 
 
 @pytest.fixture

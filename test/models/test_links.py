@@ -112,7 +112,7 @@ def test_a_held_parameter_stays(tmp_path: Path) -> None:
     asked = effort_of(model, found) + rotors(model, found.theta)
     np.testing.assert_allclose(asked, links_alone(model, found.theta), rtol=0, atol=1e-4)
     told, _ = model.inertials.changes
-    names, middles = model.inertials.names_and_middles()
+    names, middles = model.inertials.names, model.inertials.middles
     now = middles + told @ (found.inertials - [b.inertials for b in found.bodies]).ravel()
     assert now[names.index(name)] == pytest.approx(value, abs=1e-4)
 

@@ -15,7 +15,7 @@ from ros2_ident.cli.main import main
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnose import diagnose
-from ros2_ident.models import EffectAt, load_machine
+from ros2_ident.models import EffectAt, load_machine, make_model
 from ros2_ident.models.mujoco.model import Mujoco
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.effects import read_effect
@@ -154,6 +154,8 @@ def test_zero_and_direction_of_the_log_are_taken_off(folder) -> None:
     logged = sense * position + zero
     data = data_with(machine, logged, sense * effort, sense * COMMAND + zero)
     model = Mujoco(machine, data, quantities=('effort', 'position'))
+    alone = make_model(machine, data, quantities=('effort',))
+    assert [output.quantity for output in alone.outputs] == ['effort', 'effort']
     model._begin[:] = np.stack([zero[:, 0], np.zeros(2)])
     late = theta_of(model, joint_zero=(0.3, -0.2), set_point_delay=0.0)
     told = model.simulate(late[None])[0]

@@ -19,9 +19,8 @@ from ros2_ident.identify.run import identify, IdentifySettings
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping
 from ros2_ident.models.tripod.model import Delta
 from ros2_ident.models.tripod.reach import check_reach, figure, set_points_of_delta
-from ros2_ident.recording import Dataset
+from ros2_ident.recording import Dataset, write_bag
 from ros2_ident.search import GeneticSettings
-from ros2_ident.simulate.bag import write_simulated
 from ros2_ident.simulate.motions import draw_motion
 
 ROOT = Path(__file__).parents[2]
@@ -178,7 +177,7 @@ def test_a_scene_keeps_every_length() -> None:
 
 def test_a_bag_gives_the_parameters_back(tmp_path) -> None:
     motion = draw_motion('multi_point', MACHINE, 3.0, 3)
-    bag = write_simulated(tmp_path / 'bag', simulate_bag(MACHINE, TRUTH, motion, 3))
+    bag = write_bag(tmp_path / 'bag', simulate_bag(MACHINE, TRUTH, motion, 3).streams)
     found = identify(MACHINE, read_data([bag], MACHINE), settings=SMALL)
     assert found.cost.refined < 1.05 * MACHINE.effort_noise
     for p in found.parameters:

@@ -67,7 +67,7 @@ def search() -> GeneticSearch:
 
 def run(workers: Any, objective: Any, **more: Any) -> Any:
     with workers.open(objective) as evaluators:
-        return minimise(evaluators.costs, search(), low=LOW, high=HIGH, lot=evaluators.lot, **more)
+        return minimise(evaluators.costs, search(), low=LOW, high=HIGH, **more)
 
 
 @pytest.fixture(scope='module')
@@ -164,7 +164,7 @@ def test_work_is_done_here_when_every_dask_worker_is_gone(
         Cluster(client).open(Bowl()) as evaluators,
     ):
         lonely.scale(0)
-        there = minimise(evaluators.costs, search(), low=LOW, high=HIGH, lot=8)
+        there = minimise(evaluators.costs, search(), low=LOW, high=HIGH)
     np.testing.assert_array_equal(there.theta, run(Threads(1), Bowl()).theta)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from ros2_ident.errors import IdentError
 from ros2_ident.search import journal as module
-from ros2_ident.search.journal import digest_of, forget, Journal
+from ros2_ident.search.journal import digest_of, Journal
 
 KEY = 'bag and machine'
 
@@ -136,12 +136,3 @@ def test_without_a_path_nothing_is_remembered():
     journal = Journal()
     journal.put({'value': np.ones(1)}, 'a')
     assert journal.get({}, 'a') is None
-
-
-def test_a_journal_that_is_of_no_use_any_more_is_removed(tmp_path):
-    path = tmp_path / 'run.journal'
-    filled(path)
-    assert path.exists()
-    forget(path)
-    assert not path.exists()
-    forget(path)  # twice does no harm

@@ -109,7 +109,7 @@ def test_a_cliff_beside_the_way_is_survived():
     [
         (lambda: refine(residuals, [], LOW, HIGH), 'at least one row of 2 finite parameters'),
         (lambda: refine(residuals, [[math.nan, 1.0]], LOW, HIGH), '2 finite parameters'),
-        (lambda: refine(residuals, [[1.0, 200.0]], HIGH, LOW), 'below its upper bound'),
+        (lambda: refine(residuals, [[1.0, 200.0]], HIGH, LOW), 'below its finite upper bound'),
         (lambda: refine(residuals, [[1.0]], LOW, HIGH[:1]), 'two lists of finite numbers'),
         (
             lambda: refine(one_is_missing, [[1.0, 200.0]], LOW, HIGH),

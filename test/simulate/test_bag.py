@@ -10,8 +10,8 @@ import pytest
 from ros2_ident.errors import IdentError
 from ros2_ident.models import load_machine, registry
 from ros2_ident.models.registry import space_of
-from ros2_ident.recording import read_bag
-from ros2_ident.simulate.bag import CLEAN, nuisance_of, simulate_bag, START, write_simulated
+from ros2_ident.recording import read_bag, write_bag
+from ros2_ident.simulate.bag import CLEAN, nuisance_of, simulate_bag, START
 from ros2_ident.simulate.effects import read_effect
 from ros2_ident.simulate.log import simulate
 from ros2_ident.simulate.motions import draw_motion, KINDS
@@ -120,7 +120,7 @@ def test_a_kind_that_moves_nowhere_says_so(monkeypatch):
 
 
 def test_written_and_read(bag, tmp_path):
-    path = write_simulated(tmp_path / 'out', bag, {'made_by': 'a test'})
+    path = write_bag(tmp_path / 'out', bag.streams, custom={'made_by': 'a test'})
     (recording,) = read_bag(path)
     assert np.array_equal(recording.effort.effort, bag.streams['/effort'].effort)
     assert np.array_equal(recording.state.stamp, bag.streams['/joint_states'].stamp)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The belt drive on a recording: the driving gear's angle and moment against a log of both."""
 
-from collections.abc import Mapping, Sequence
 import math
+from typing import Any
 
 import numpy as np
 
@@ -10,9 +10,10 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
+from ros2_ident.models.belt_drive import KIND
 from ros2_ident.models.belt_drive.model import BeltDrive, StepReference
 from ros2_ident.models.drives.outputs import MachineModel
-from ros2_ident.models.protocol import EffectAt, Output, Stop
+from ros2_ident.models.protocol import Output, Stop
 from ros2_ident.recording import Dataset
 
 # Rows of what a `BeltDrive` simulates, by the quantity of a log that they are.
@@ -22,39 +23,25 @@ _ROWS = {'effort': 1, 'position': 0}
 class RecordedBelt(MachineModel):
     """A belt drive along the set-point of a log, at rest at its first sample.
 
+    No effect can sit here, and no recorded motion drives it: `cutoff` and `efforts` are not read.
+
     Args:
         machine: A belt drive.
         data: The recording: set-point and angle of the driving gear [rad], its moment as the
             effort [N m].
-        drives: The one drive, or None.
-        effects: None can sit here.
-        fixed: Values of parameters that are not to be identified, by name.
-        cutoff: Not read: motion does not drive it.
-        efforts: Not read: no effect's bounds are shares of it.
-        quantities: What is compared, of `effort` and `position`.
-        weights: Factor on the errors of each quantity; 1 by default, as in the paper.
+        asked: As of `MachineModel`; the weights of the paper are 1.
 
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER or MISSING_STREAM with the remedy.
     """
 
-    def __init__(
-        self,
-        machine: Machine,
-        data: Dataset,
-        *,
-        drives: Sequence[str] | None = None,
-        effects: Sequence[EffectAt] = (),
-        fixed: Mapping[str, float] | None = None,
-        cutoff: float = 100.0,
-        efforts: Array | None = None,
-        quantities: Sequence[str] = ('effort', 'position'),
-        weights: Sequence[float] | None = None,
-    ) -> None:
-        super().__init__(machine, data, drives, effects, fixed, quantities, weights)
-        self.extended(effects)
+    compares = KIND.compares
+
+    def __init__(self, machine: Machine, data: Dataset, **asked: Any) -> None:
+        super().__init__(machine, data, **asked)
+        self.extended(self.effects)
         self.noise = machine.effort_noise
-        if 'velocity' in quantities:
+        if 'velocity' in self.signals.quantities:
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
                 "a belt drive's velocity is not simulated; compare effort and position",

@@ -17,7 +17,14 @@ from ros2_ident.kernel import drive as dk
 from ros2_ident.kernel import measurement
 from ros2_ident.kernel import runge_kutta as rk
 from ros2_ident.kernel.hooks import sources_digest
-from ros2_ident.kernel.rows import DRIVE_COUNT, MACHINE_COUNT, MEMORY_COUNT, row_of
+from ros2_ident.kernel.rows import (
+    DRIVE,
+    DRIVE_COUNT,
+    MACHINE,
+    MACHINE_COUNT,
+    MEMORY,
+    MEMORY_COUNT,
+)
 from ros2_ident.lanes import (
     absolute,
     any_lane,
@@ -34,7 +41,6 @@ from ros2_ident.lanes import (
 )
 
 W = WIDTH
-GRAVITY = row_of('gravity')
 
 # Coordinates of one drive.
 MOTOR, CARRIAGE = 0, 1
@@ -61,10 +67,10 @@ def room_for(drives: int) -> int:
 def _weight(par, first, supply, s):
     """Return the force [N] with which gravity pulls a carriage at `s` back."""
     if supply is not None:
-        return load(par, (first + dk.LOAD_MOMENT) * W) * sine(
-            s - load(par, (first + dk.LOAD_ANGLE) * W)
+        return load(par, (first + DRIVE.load_moment) * W) * sine(
+            s - load(par, (first + DRIVE.load_angle) * W)
         )
-    return load(par, (first + dk.RAIL_MASS) * W) * load(par, GRAVITY * W)
+    return load(par, (first + DRIVE.rail_mass) * W) * load(par, MACHINE.gravity * W)
 
 
 @inlined
@@ -79,7 +85,7 @@ def _fall(par, first, supply, s, rail):
     """Return the acceleration [m/s^2] with which gravity pulls back a carriage that hangs free."""
     if supply is not None:
         return _weight(par, first, supply, s) / rail
-    return load(par, GRAVITY * W)
+    return load(par, MACHINE.gravity * W)
 
 
 @inlined
@@ -97,12 +103,12 @@ def _energise(par, first, mem, duty, v, share):
         v: Rate of the motor [rad/s].
         share: Of the supply voltage; 0 where the motor is switched off, and does not brake either.
     """
-    asked = load(mem, dk.COMMANDED * W) * share
-    store(mem, dk.COMMANDED * W, asked * load(par, (first + dk.DRIVE_GAIN) * W))
+    asked = load(mem, MEMORY.commanded * W) * share
+    store(mem, MEMORY.commanded * W, asked * load(par, (first + DRIVE.drive_gain) * W))
     braking = 1.0 if share > 0.0 else 0.0
-    store(mem, dk.BRAKING * W, load(par, (first + dk.BACK_EMF) * W) * braking)
-    speed = load(par, (first + dk.LOG_SPEED) * W) * v
-    return load(par, (first + dk.LOG_DUTY) * W) * duty * share - speed * braking
+    store(mem, MEMORY.braking * W, load(par, (first + DRIVE.back_emf) * W) * braking)
+    speed = load(par, (first + DRIVE.log_speed) * W) * v
+    return load(par, (first + DRIVE.log_duty) * W) * duty * share - speed * braking
 
 
 @inlined
@@ -121,7 +127,7 @@ def _step(
         else:
             s, w = load(place, CARRIAGE * W), load(rate, CARRIAGE * W)
             force, back = dk.gear_force(par, first, mem, 0, on, z, v, s, w, now)
-        drag = spread(0.0) if supply is None else load(mem, dk.BRAKING * W)
+        drag = spread(0.0) if supply is None else load(mem, MEMORY.braking * W)
         held = dk.holding(par, first, mem, 0, on, z, v, s, force, back, now, since, drag, h)
     for part in range(rk.STAGES):
         at = part * COORDINATES
@@ -135,13 +141,13 @@ def _step(
         else:
             s, w = rk.stage_state(place, rate, bend, COORDINATES, CARRIAGE, part, h)
             force, back = dk.gear_force(par, first, mem, 0, on, z, v, s, w, now)
-            rail = load(par, (first + dk.RAIL_MASS) * W)
+            rail = load(par, (first + DRIVE.rail_mass) * W)
             push = force + dk.carriage_force(par, first, mem, 0, on, z, v, s, now)
             store(bend, (at + CARRIAGE) * W, push / rail - _fall(par, first, supply, s, rail))
         if mode == dk.CLOSED_LOOP:
             torque = dk.motor_torque(par, first, mem, 0, on, z, v, s, force, now, elapsed, held)
             if supply is not None:
-                torque = torque - load(mem, dk.BRAKING * W) * v
+                torque = torque - load(mem, MEMORY.braking * W) * v
             store(bend, at * W, dk.motor_acceleration(par, first, mem, 0, torque, back))
         else:
             store(bend, at * W, spread(acceleration))
@@ -216,7 +222,7 @@ def _build(digest):
                     mem = all_mem[d * mine : (d + 1) * mine]
                     at = spread(start[d])
                     v = spread(start[drives + d])
-                    constant = load(par, (first + dk.CONSTANT_LOAD) * W)
+                    constant = load(par, (first + DRIVE.constant_load) * W)
                     hold = _weight(par, first, supply, at) + constant
                     if mode[d] == dk.CLOSED_LOOP and start[drives + d] == 0.0:
                         at = at - dk.sag(par, first, law[d], hold)
@@ -231,10 +237,10 @@ def _build(digest):
                     store(rate, MOTOR * W, v)
                     store(place, CARRIAGE * W, z - stretch)
                     store(rate, CARRIAGE * W, v)
-                    moved = load(par, (first + dk.MOTOR_MASS) * W)
+                    moved = load(par, (first + DRIVE.motor_mass) * W)
                     if rigid[d]:
-                        moved = moved + load(par, (first + dk.RAIL_MASS) * W)
-                    store(mem, dk.LIGHTNESS * W, 1.0 / moved)
+                        moved = moved + load(par, (first + DRIVE.rail_mass) * W)
+                    store(mem, MEMORY.lightness * W, 1.0 / moved)
                     dk.begin(mem, 0, law[d], z, v, cycle, dk.at_motor(par, first, hold))
             for begun in range(begin, end, measurement.PIECE):
                 cycles = min(measurement.PIECE, end - begun)
@@ -270,14 +276,14 @@ def _build(digest):
                             v = spread(motion[(drives + d) * count + k])
                             store(place, MOTOR * W, z)
                             store(rate, MOTOR * W, v)
-                            mass = load(par, (first + dk.MOTOR_MASS) * W)
+                            mass = load(par, (first + DRIVE.motor_mass) * W)
                             if one:
                                 s = z
                                 force = _rigid_force(
                                     par, first, mem, 0, flags, supply, z, v, time
                                 )
                                 back = force
-                                mass = mass + load(par, (first + dk.RAIL_MASS) * W)
+                                mass = mass + load(par, (first + DRIVE.rail_mass) * W)
                             else:
                                 s = load(place, CARRIAGE * W)
                                 w = load(rate, CARRIAGE * W)

@@ -131,6 +131,21 @@ def judge_drives(draft: Draft, elastic: str = '') -> Iterator[Remark]:
             )
 
 
+def judge_azimuth(draft: Draft, name: str) -> Iterator[Remark]:
+    """Judge where a platform's three drives stand, which has no number for all of them."""
+    azimuth = draft.present.get(('geometry', name))
+    if azimuth is not None and not isinstance(azimuth, list):
+        yield Remark('error', ('geometry', name), f'geometry.{name} needs three angles in rad')
+    box = draft.present.get(('parameters', name))
+    if isinstance(box, list) and box and not isinstance(box[0], list):
+        yield Remark(
+            'error',
+            ('parameters', name),
+            f'parameters.{name} needs a list of three boxes, one for each '
+            f'{name.partition("_")[0]}, as `{draft.line("parameters", name)}`',
+        )
+
+
 def _units(draft: Draft) -> Iterator[Remark]:
     gears = draft.numbers('drive', 'gear_factor')
     geared = bool(gears) or draft.states('parameters', 'gear_factor')

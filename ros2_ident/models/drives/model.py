@@ -7,6 +7,7 @@ import copy
 from dataclasses import replace
 import functools
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -58,26 +59,20 @@ SEEN = 0.3
 class DriveModel(MachineModel):
     """Drives under their controllers, simulated for many candidates at once.
 
+    Without a command the recorded motion drives the model (inverse mode): motors follow it and the
+    torque it takes is the output. Drives that are not compared follow their recorded motion, too;
+    positions and velocities, those of the motors, are compared only where controllers follow a
+    set-point.
+
     Args:
         machine: The machine file's content.
-        data: The recording on the controller's grid. Without a command the recorded motion drives
-            the model (inverse mode): motors follow it and the torque it takes is the output.
-        drives: Drives that are compared and whose parameters are free; the others follow their
-            recorded motion. All by default.
-        effects: Effects besides the nominal physics.
-        fixed: Values of parameters that are not to be identified, by name.
-        cutoff: Low-pass of recorded motion where it drives the model [Hz]; at most a fifth of the
-            log's rate.
-        efforts: (D,) size of the drives' logged efforts, of which bounds of effects are shares;
-            by default this recording's, see `effort_range`.
+        data: The recording on the controller's grid.
         substeps: Integration steps in a controller cycle; by default chosen for each candidate's
             stiffness.
-        quantities: What of the drives is compared: `effort`, and where controllers follow a
-            set-point `position` and `velocity` of the motors.
-        weights: Factor on the errors of each quantity; 1 by default.
         held: (K,) share of a payload that is carried at each cycle; None where it is not known.
         like: A model of the same machine, recording, drives, fixed values and cutoff, whose
             preparations are taken over.
+        asked: As of `MachineModel`.
 
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, MISSING_STREAM or BAD_MACHINE_FILE with the
@@ -94,25 +89,19 @@ class DriveModel(MachineModel):
         machine: Machine,
         data: Dataset,
         *,
-        drives: Sequence[str] | None = None,
-        effects: Sequence[EffectAt] = (),
-        fixed: Mapping[str, float] | None = None,
-        cutoff: float = 100.0,
         substeps: int | None = None,
-        efforts: Array | None = None,
-        quantities: Sequence[str] = ('effort',),
-        weights: Sequence[float] | None = None,
         held: Array | None = None,
         like: 'DriveModel | None' = None,
+        **asked: Any,
     ) -> None:
         if like is not None:
             self._take_over(like)
-        super().__init__(machine, data, drives, effects, fixed, quantities, weights)
+        super().__init__(machine, data, **asked)
         self._compared: npt.NDArray[np.bool_] | None = None
         self.held = held
         self.substeps = substeps
-        self.cutoff = cutoff
         self.law = np.array([_LAWS[law] for law in machine.texts('law')], dtype=np.int64)
+        efforts = self._asked_efforts
         self.efforts = self._own_efforts() if efforts is None else efforts
         self.candidates = self._candidates()
         self._check_outputs()
@@ -159,21 +148,21 @@ class DriveModel(MachineModel):
 
     def extended(self, effects: Sequence[EffectAt]) -> 'DriveModel':
         """Return the model of the same recording with these effects and no others."""
-        return self._again(effects, self.substeps)
+        return self._again(effects=effects)
 
     def finer(self, theta: Array) -> 'DriveModel | None':
         """Return the model with half the integration step of a candidate (N,)."""
         steps = int(self._steps(self.rows(np.atleast_2d(theta)))[0])
-        return self._again(self.effects, 2 * steps)
+        return self._again(substeps=2 * steps)
 
     def carrying(self, held: Array) -> 'DriveModel':
         """Return the model with a payload that is carried when `held` (K,) says so."""
-        return self._again(self.effects, self.substeps, held)
+        return self._again(held=held)
 
     def stating(self, name: str, value: float) -> 'DriveModel':
         """Return the model whose machine file states another number, alike for all drives."""
         other = self.machine.with_constants(**{name: value})
-        stated = self._again(self.effects, self.substeps, machine=other)
+        stated = self._again(other)
         return stated._without(False if self._band is None else self._band.doubtful)
 
     def decided(self, theta: Array, noise: Array) -> 'DriveModel':
@@ -184,7 +173,7 @@ class DriveModel(MachineModel):
         """
         if self._band is None:
             return self
-        other = self._again(self.effects, self.substeps)
+        other = self._again()
         motion = self._motion_below(self._band.motion / math.sqrt(2.0))
         other._motion = np.concatenate([part.ravel() for part in motion])
         apart = other.simulate(theta[None])[0] - self.simulate(theta[None])[0]
@@ -201,27 +190,21 @@ class DriveModel(MachineModel):
             self._compare = self._band.measured
         return self
 
-    def _again(
-        self,
-        effects: Sequence[EffectAt],
-        substeps: int | None,
-        held: Array | None = None,
-        machine: Machine | None = None,
-    ) -> 'DriveModel':
-        return type(self)(
-            machine or self.machine,
-            self.data,
-            drives=self.drives,
-            effects=effects,
-            fixed=self.fixed,
-            cutoff=self.cutoff,
-            substeps=substeps,
-            efforts=self.efforts,
-            quantities=self.signals.quantities,
-            weights=self.signals.weights,
-            held=self.held if held is None else held,
-            like=None if machine else self,
-        )
+    def _again(self, machine: Machine | None = None, **changed: Any) -> 'DriveModel':
+        """Return the model with other arguments, or that of another machine."""
+        same = {
+            'drives': self.drives,
+            'effects': self.effects,
+            'fixed': self.fixed,
+            'cutoff': self.cutoff,
+            'substeps': self.substeps,
+            'efforts': self.efforts,
+            'quantities': self.signals.quantities,
+            'weights': self.signals.weights,
+            'held': self.held,
+            'like': None if machine else self,
+        }
+        return type(self)(machine or self.machine, self.data, **{**same, **changed})
 
     def _take_over(self, like: 'DriveModel') -> None:
         """Take over what effects, steps and payload change nothing of."""

@@ -3,7 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -11,13 +11,12 @@ import numpy.typing as npt
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel.group import Task
-from ros2_ident.kernel.measurement import QUANTITIES
+from ros2_ident.kernel.measurement import QUANTITIES, Quantity
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.protocol import EffectAt, FullModel, Output
 from ros2_ident.recording import Dataset
 
 T = TypeVar('T', bound=np.generic)
-Quantity = Literal['effort', 'position', 'velocity']
 
 
 @dataclass(frozen=True)
@@ -182,12 +181,18 @@ class MachineModel(FullModel):
     """What the models of machine files have in common: machine, recording and what is compared.
 
     Args:
-        machine: The machine.
-        data: The recording.
-        drives: Drives that are compared; all where there are none.
+        machine: The machine file's content.
+        data: The recording on the controller's grid.
+        drives: Drives that are compared and whose parameters are free; the others move along. All
+            by default.
         effects: Effects besides the nominal physics.
         fixed: Values of parameters that are not to be identified, by name.
-        quantities: What of the drives is compared.
+        cutoff: Low-pass of recorded motion where it drives the model [Hz]; at most a fifth of the
+            log's rate.
+        efforts: (D,) size of the drives' logged efforts, of which bounds of effects are shares;
+            by default this recording's, see `effort_range`.
+        quantities: What of the drives is compared: `effort`, `position`, `velocity`; `compares`
+            by default.
         weights: Factor on the errors of each quantity; 1 by default.
 
     Attributes:
@@ -199,17 +204,24 @@ class MachineModel(FullModel):
         IdentError: INVALID_GOAL with the remedy.
     """
 
+    compares: ClassVar[tuple[str, ...]] = ('effort',)
+
     def __init__(
         self,
         machine: Machine,
         data: Dataset,
-        drives: Sequence[str] | None,
-        effects: Sequence[EffectAt],
-        fixed: Mapping[str, float] | None,
-        quantities: Sequence[str],
-        weights: Sequence[float] | None,
+        *,
+        drives: Sequence[str] | None = None,
+        effects: Sequence[EffectAt] = (),
+        fixed: Mapping[str, float] | None = None,
+        cutoff: float = 100.0,
+        efforts: Array | None = None,
+        quantities: Sequence[str] | None = None,
+        weights: Sequence[float] | None = None,
     ) -> None:
         self._machine, self._data = machine, data
+        self.cutoff, self._asked_efforts = cutoff, efforts
+        quantities = self.compares if quantities is None else quantities
         self._effects, self.fixed = tuple(effects), dict(fixed or {})
         self.name = machine.kind
         for name in drives or ():

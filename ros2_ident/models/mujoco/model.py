@@ -44,48 +44,34 @@ _SENSORS = {'effort': 'jointactuatorfrc', 'position': 'jointpos', 'velocity': 'j
 class Mujoco(MachineModel):
     """Joints of a description under actuators, which follow the set-points of a log.
 
+    Drives that are not compared move along as described. The cutoff is not read: recorded motion
+    does not drive it.
+
     Args:
         machine: The machine.
         data: The recording; its set-point is the actuators' control.
-        drives: Drives that are compared and whose parameters are free; the others move along as
-            described. All by default.
-        effects: Effects besides the description.
-        fixed: Values of parameters that are not to be identified, by name.
-        cutoff: Not read: recorded motion does not drive it.
-        efforts: (D,) size of the drives' efforts, of which bounds of effects are shares.
-        quantities: What is compared: `effort`, `position`, `velocity`.
-        weights: Factor on the errors of each quantity; 1 by default.
+        asked: As of `MachineModel`.
 
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_MODEL, UNKNOWN_PARAMETER, MISSING_STREAM or
         BAD_MACHINE_FILE with the remedy.
     """
 
-    def __init__(
-        self,
-        machine: Machine,
-        data: Dataset,
-        *,
-        drives: Sequence[str] | None = None,
-        effects: Sequence[EffectAt] = (),
-        fixed: Mapping[str, float] | None = None,
-        cutoff: float = 100.0,
-        efforts: Array | None = None,
-        quantities: Sequence[str] = ('position',),
-        weights: Sequence[float] | None = None,
-    ) -> None:
+    compares = KIND.compares
+
+    def __init__(self, machine: Machine, data: Dataset, **asked: Any) -> None:
         if data.command_position is None:
             raise IdentError(
                 ErrorCode.MISSING_STREAM,
                 'the recording holds no set-point, which the actuators of the simulator follow; '
                 'record it too',
             )
-        super().__init__(machine, data, drives, effects, fixed, quantities, weights)
+        super().__init__(machine, data, **asked)
         self.plant = _plant(machine)
-        self._efforts = self._sizes(efforts)
+        self._efforts = self._sizes(self._asked_efforts)
         self._parts = self._declared()
         self._candidates = Candidates(
-            machine, self.drives, effects, self.fixed, self._base, True, self._efforts,
+            machine, self.drives, self.effects, self.fixed, self._base, True, self._efforts,
             tuple('m' if at.slides else 'rad' for at in self.plant.places), self._parts,
         )  # fmt: skip
         order = [data.names.index(name) for name in machine.drives]

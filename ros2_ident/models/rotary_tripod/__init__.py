@@ -77,13 +77,7 @@ _TOOL = Key('parameters', 'tool_mass', 'kg', 'of platform and tool', (0.2, 2.0),
 
 
 def _judge(draft: Draft) -> Iterator[Remark]:
-    azimuth = draft.present.get(('geometry', 'shaft_azimuth'))
-    if azimuth is not None and not isinstance(azimuth, list):
-        yield Remark(
-            'error',
-            ('geometry', 'shaft_azimuth'),
-            'geometry.shaft_azimuth needs three angles in rad',
-        )
+    yield from keys.judge_azimuth(draft, 'shaft_azimuth')
     lengths = [draft.numbers('geometry', name) for name in ('rod_length', 'shaft_radius')]
     arms = draft.numbers('geometry', 'arm_length')
     if all(lengths) and arms and lengths[0][0] <= lengths[1][0] - arms[0]:

@@ -9,7 +9,7 @@ a candidate's coefficients. Friction, hooks and log are those of any drive. Noth
 from ros2_ident.kernel import drive as dk
 from ros2_ident.kernel import measurement
 from ros2_ident.kernel.hooks import sources_digest
-from ros2_ident.kernel.rows import DRIVE_COUNT, MACHINE_COUNT, MEMORY_COUNT
+from ros2_ident.kernel.rows import DRIVE, DRIVE_COUNT, MACHINE_COUNT, MEMORY_COUNT
 from ros2_ident.lanes import copied, inlined, kernel, load, parted, spread, store, WIDTH
 
 W = WIDTH
@@ -69,7 +69,7 @@ def _loads(par, base, terms, first, begun, cycles, loads):
 @inlined
 def _efforts(par, first, mem, on, motion, d, drives, count, begun, cycles, cycle, efforts):
     """Make of what the links ask of a joint the effort that its drive makes, in place."""
-    mass = load(par, (first + dk.MOTOR_MASS) * W)
+    mass = load(par, (first + DRIVE.motor_mass) * W)
     for j in range(cycles):
         k = begun + j
         z = spread(motion[d * count + k])

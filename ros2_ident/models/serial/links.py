@@ -55,7 +55,7 @@ def links_of(model: Serial, theta: Array, information: Array, spread: float) -> 
             'the machine file describes no links with a mass; give geometry.description, a URDF '
             'or an MJCF',
         )
-    names, middle = inertials.names_and_middles()
+    names, middle = inertials.names, inertials.middles
     free = {p.name: n for n, p in enumerate(model.parameters)}
     columns = np.array([free[name] for name in names if name in free], dtype=np.int64)
     sought = np.array([name in free for name in names])
@@ -75,7 +75,9 @@ def links_of(model: Serial, theta: Array, information: Array, spread: float) -> 
     sure = np.zeros((len(names), len(names)))
     sure[np.ix_(sought, sought)] = known - information[np.ix_(columns, others)] @ follow
     fixed = np.flatnonzero(~sought)
-    sure[fixed, fixed] = _of_fixed(model, [names[n] for n in fixed]) ** -2.0
+    boxes = {p.name: p for several in inertials.parameters.values() for p in several}
+    widths = np.array([boxes[names[n]].high - boxes[names[n]].low for n in fixed])
+    sure[fixed, fixed] = (_HELD * widths) ** -2.0
     wanted = value - middle - told @ moved
     found = nearest(believed, told, wanted, sure, (held, -held @ moved), spread)
     change = told @ (found - described).ravel()
@@ -98,8 +100,3 @@ def links_of(model: Serial, theta: Array, information: Array, spread: float) -> 
 def effort_of(model: Serial, links: Links) -> Array:
     """Return (D, K) what links ask of the joints along the recorded motion, N m or N."""
     return model.links_effort(links.inertials - np.array([b.inertials for b in links.bodies]))
-
-
-def _of_fixed(model: Serial, names: list[str]) -> Array:
-    boxes = {p.name: p for several in model.inertials.parameters.values() for p in several}
-    return np.array([_HELD * (boxes[name].high - boxes[name].low) for name in names])

@@ -38,6 +38,8 @@ class Inertials:
 
     Attributes:
         parameters: Base parameters and payload by the names of the machine file's boxes.
+        names: (B,) the base parameters.
+        middles: (B,) what the file makes of them.
         rotors: Boxes of those `drive_inertia` that stand for links as well, by their full names.
     """
 
@@ -57,8 +59,8 @@ class Inertials:
         self.rotors = dict(_rotors(machine, arm, np.asarray(beside.any(axis=1))))
         self._base = self._listed[kept]
         self._grouping = grouping
-        self._middle = grouping @ self._known[self._listed]
-        self._names = [self._name(machine, column) for column in self._base]
+        self.middles = grouping @ self._known[self._listed]
+        self.names = [self._name(machine, column) for column in self._base]
         self.parameters: dict[str, tuple[Parameter, ...]] = {
             name: tuple(self._declared(machine, name))
             for name in dict(NAMES)
@@ -79,8 +81,8 @@ class Inertials:
     def _declared(self, machine: Machine, name: str) -> list[Parameter]:
         """Return the base parameters of one kind; boxes are about what the file makes of them."""
         out = []
-        middles = self._middle.tolist()
-        for full, column, middle in zip(self._names, self._base, middles, strict=True):
+        middles = self.middles.tolist()
+        for full, column, middle in zip(self.names, self._base, middles, strict=True):
             if NAMES[column % INERTIALS][0] == name:
                 low, high, unit = machine.box(name, machine.drives[column // INERTIALS])
                 out.append(Parameter(full, unit, middle + low, middle + high, 'base', _SOURCE))
@@ -123,10 +125,6 @@ class Inertials:
         told = np.isin(kept - first, np.arange(len(self._listed)))
         return whole[told], whole[~told]
 
-    def names_and_middles(self) -> tuple[list[str], Array]:
-        """Return (B,) names of the base parameters and what the file makes of them."""
-        return list(self._names), self._middle
-
     def as_described(self, machine: Machine, given: Mapping[str, float]) -> dict[str, float]:
         """Return the base parameters by name where some inertials are others than described.
 
@@ -136,7 +134,7 @@ class Inertials:
         """
         names = [self._name(machine, int(column)) for column in self._listed]
         known = [given.get(n, v) for n, v in zip(names, self._known[self._listed], strict=True)]
-        return dict(zip(self._names, (self._grouping @ known).tolist(), strict=True))
+        return dict(zip(self.names, (self._grouping @ known).tolist(), strict=True))
 
     def coefficients(self, values: Mapping[str, Array], count: int) -> Array:
         """Return (S, B) coefficients of candidates.
@@ -145,7 +143,7 @@ class Inertials:
             values: (S,) parameters by name, those that are held included.
             count: Candidates S.
         """
-        columns = [values[n] - m for n, m in zip(self._names, self._middle, strict=True)]
+        columns = [values[n] - m for n, m in zip(self.names, self.middles, strict=True)]
         if self._carries:
             mass, *place = (values.get(name, np.zeros(count)) for name in PAYLOAD)
             columns += point_mass(mass, np.array(place))

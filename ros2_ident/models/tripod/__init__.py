@@ -29,21 +29,7 @@ _CONTROLLER = keys.controller_keys(5.0e-4)
 
 
 def _judge(draft: Draft) -> Iterator[Remark]:
-    azimuth = draft.present.get(('geometry', 'rail_azimuth'))
-    if azimuth is not None and not isinstance(azimuth, list):
-        yield Remark(
-            'error',
-            ('geometry', 'rail_azimuth'),
-            'geometry.rail_azimuth needs three angles in rad',
-        )
-    box = draft.present.get(('parameters', 'rail_azimuth'))
-    if isinstance(box, list) and box and not isinstance(box[0], list):
-        yield Remark(
-            'error',
-            ('parameters', 'rail_azimuth'),
-            'parameters.rail_azimuth needs a list of three boxes, one for each rail, as '
-            f'`{draft.line("parameters", "rail_azimuth")}`',
-        )
+    yield from keys.judge_azimuth(draft, 'rail_azimuth')
     for rods, rails in draft.each(('geometry', 'rod_length'), ('geometry', 'rail_radius')):
         if rods <= rails:
             yield Remark(

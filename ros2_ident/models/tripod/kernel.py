@@ -15,7 +15,14 @@ from ros2_ident.kernel import drive as dk
 from ros2_ident.kernel import measurement
 from ros2_ident.kernel import runge_kutta as rk
 from ros2_ident.kernel.hooks import sources_digest
-from ros2_ident.kernel.rows import DRIVE_COUNT, MACHINE_COUNT, MEMORY_COUNT, row_of
+from ros2_ident.kernel.rows import (
+    DRIVE,
+    DRIVE_COUNT,
+    MACHINE,
+    MACHINE_COUNT,
+    MEMORY,
+    MEMORY_COUNT,
+)
 from ros2_ident.lanes import (
     absolute,
     any_lane,
@@ -32,14 +39,6 @@ from ros2_ident.lanes import (
 from ros2_ident.models.tripod.linkage import LINKAGE, on_arms, on_rails
 
 W = WIDTH
-TOOL = row_of('tool_mass')
-PAYLOAD = row_of('payload_step')
-PAYLOAD_TIME = row_of('payload_time')
-PAYLOAD_DURATION = row_of('payload_duration')
-PAYLOAD_TURNED = row_of('payload_turned')
-FRAME_INVERSE = row_of('frame_inverse_mass')
-FRAME_FREQUENCY = row_of('frame_frequency')
-FRAME_DAMPING = row_of('frame_damping')
 
 # Coordinates: motors 0-2, carriages 3-5, frame 6.
 COORDINATES = 7
@@ -82,9 +81,9 @@ def _carriages(par, link, push, sway, sway_rate, frame, bend, at):
         b1 = i11 * g1 + i12 * g2 + i13 * g3
         b2 = i12 * g1 + i22 * g2 + i23 * g3
         b3 = i13 * g1 + i23 * g2 + i33 * g3
-        omega = load(par, FRAME_FREQUENCY * W) * 6.283185307179586
-        light = load(par, FRAME_INVERSE * W)
-        back = omega * (omega * sway + 2.0 * load(par, FRAME_DAMPING * W) * sway_rate)
+        omega = load(par, MACHINE.frame_frequency * W) * 6.283185307179586
+        light = load(par, MACHINE.frame_inverse_mass * W)
+        back = omega * (omega * sway + 2.0 * load(par, MACHINE.frame_damping * W) * sway_rate)
         push_back = g1 * a1 + g2 * a2 + g3 * a3 + load(link, 12 * W)
         carried = load(link, 13 * W) - (g1 * b1 + g2 * b2 + g3 * b3)
         lift = -(back + light * push_back) / (light * carried + 1.0)
@@ -223,7 +222,7 @@ def _build(digest):
             # Divided here, not in every cycle.
             quick = cycle / load(substeps[g], 0)
             slow = cycle / load(substeps[g], W)
-            tool = load(par, TOOL * W)
+            tool = load(par, MACHINE.tool_mass * W)
             loaded = payload_on(par)
             if begin > 0:
                 copied(state[g], going)
@@ -239,7 +238,7 @@ def _build(digest):
                     own = d * MEMORY_COUNT
                     s = load(place, (CARRIAGE + d) * W)
                     # What effects pull with at the start is not known to the integral part.
-                    constant = load(par, (first + dk.CONSTANT_LOAD) * W)
+                    constant = load(par, (first + DRIVE.constant_load) * W)
                     hold = load(link, (6 + d) * W) + constant
                     flags = dk.flags_of(on, d)
                     if dk.closed_loop(mode, d):
@@ -251,8 +250,8 @@ def _build(digest):
                         store(place, (CARRIAGE + d) * W, s - (z - s))
                         z = s
                     store(place, (MOTOR + d) * W, z)
-                    moved = load(par, (first + dk.MOTOR_MASS) * W)
-                    store(mem, (own + dk.LIGHTNESS) * W, 1.0 / moved)
+                    moved = load(par, (first + DRIVE.motor_mass) * W)
+                    store(mem, (own + MEMORY.lightness) * W, 1.0 / moved)
                     dk.begin(mem, own, law[d], z, zero, cycle, dk.at_motor(par, first, hold))
             for k in range(begin, end):
                 time = spread(k * cycle)
@@ -278,7 +277,7 @@ def _build(digest):
                         s = load(place, (CARRIAGE + d) * W)
                         w = load(rate, (CARRIAGE + d) * W)
                         force, back = dk.gear_force(par, first, mem, own, flags, z, v, s, w, time)
-                        mass = load(par, (first + dk.MOTOR_MASS) * W)
+                        mass = load(par, (first + DRIVE.motor_mass) * W)
                         torque = dk.prescribed_torque(
                             par, first, mem, own, flags, z, v, s, mass,
                             motion[(6 + d) * count + k], force, back, time,
@@ -293,10 +292,11 @@ def _build(digest):
                 b1, b2, b3 = _three(drift, 0)
                 now = tool
                 if loaded:
-                    start = load(par, PAYLOAD_TIME * W)
-                    inside = (time >= start) & (time < start + load(par, PAYLOAD_DURATION * W))
-                    now = where(inside, tool + load(par, PAYLOAD * W), tool)
-                    now = now + command[6 * count + k] * load(par, PAYLOAD_TURNED * W)
+                    start = load(par, MACHINE.payload_time * W)
+                    until = start + load(par, MACHINE.payload_duration * W)
+                    inside = (time >= start) & (time < until)
+                    now = where(inside, tool + load(par, MACHINE.payload_step * W), tool)
+                    now = now + command[6 * count + k] * load(par, MACHINE.payload_turned * W)
                 middle = s1 + half * w1, s2 + half * w2, s3 + half * w3
                 there = w1 + half * b1, w2 + half * b2, w3 + half * b3
                 _linkage(par, arms, middle, there, now, frame, link)
@@ -367,8 +367,8 @@ def payload_on(par):
     """Return whether any lane's tool changes its mass."""
     found = False
     for lane in range(W):
-        found |= par[PAYLOAD * W + lane] != 0.0
-        found |= par[PAYLOAD_TURNED * W + lane] != 0.0
+        found |= par[MACHINE.payload_step * W + lane] != 0.0
+        found |= par[MACHINE.payload_turned * W + lane] != 0.0
     return found
 
 

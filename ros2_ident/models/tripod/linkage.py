@@ -6,23 +6,10 @@ joint moves along a tangent t; a rod r from the platform to it asks for r . p' =
 """
 # mypy: ignore-errors
 
-from ros2_ident.kernel import drive as dk
-from ros2_ident.kernel.rows import DRIVE_COUNT, DRIVE_ROWS, MACHINE_COUNT, row_of
+from ros2_ident.kernel.rows import DRIVE, DRIVE_COUNT, MACHINE, MACHINE_COUNT
 from ros2_ident.lanes import inlined, load, sine_and_cosine, sqrt, store, WIDTH
 
 W = WIDTH
-RADIUS = row_of('rail_radius')
-INVERSE_RADIUS = row_of('rail_inverse_radius')
-RAIL_X, RAIL_Y = row_of('rail_x'), row_of('rail_y')
-RAIL_2_X, RAIL_2_Y = row_of('rail_2_x'), row_of('rail_2_y')
-RAIL_3_X, RAIL_3_Y = row_of('rail_3_x'), row_of('rail_3_y')
-RAIL_X_2, RAIL_X_3 = row_of('rail_x_2'), row_of('rail_x_3')
-RAIL_Y_2, RAIL_Y_3 = row_of('rail_y_2'), row_of('rail_y_3')
-LENGTH = row_of('rod_length')
-ROD = row_of('mass_per_rod')
-GRAVITY = row_of('gravity')
-ARM, SENSE = row_of('arm_length'), row_of('arm_sense')
-ARM_MOMENT, ARM_ZERO = DRIVE_ROWS.index('arm_moment'), DRIVE_ROWS.index('arm_zero')
 
 # Rows of the linkage block: inverse mass matrix 0-5 (11 22 33 12 13 23), load 6-8, coupling of the
 # frame's acceleration 9-11, its own bias 12, the mass it carries 13.
@@ -45,7 +32,7 @@ def _platform(par, mass, a1, a2, a3, bias, inertia, weight, frame, out):
         frame: Whether the frame can move.
         out: (LINKAGE * W,) output; all but the last two rows.
     """
-    gravity = load(par, GRAVITY * W)
+    gravity = load(par, MACHINE.gravity * W)
     ax1, ay1, az1 = a1
     ax2, ay2, az2 = a2
     ax3, ay3, az3 = a3
@@ -131,15 +118,15 @@ def on_rails(par, place, rate, tool, frame, out):
     s'' = inverse mass matrix (gear forces - load).
     """
     w1, w2, w3 = rate
-    x, y = load(par, RAIL_X * W), load(par, RAIL_Y * W)
-    x_2, x_3 = load(par, RAIL_X_2 * W), load(par, RAIL_X_3 * W)
-    y_2, y_3 = load(par, RAIL_Y_2 * W), load(par, RAIL_Y_3 * W)
-    radius = load(par, RADIUS * W)
-    length = load(par, LENGTH * W)
-    rod = load(par, ROD * W)
+    x, y = load(par, MACHINE.rail_x * W), load(par, MACHINE.rail_y * W)
+    x_2, x_3 = load(par, MACHINE.rail_x_2 * W), load(par, MACHINE.rail_x_3 * W)
+    y_2, y_3 = load(par, MACHINE.rail_y_2 * W), load(par, MACHINE.rail_y_3 * W)
+    radius = load(par, MACHINE.rail_radius * W)
+    length = load(par, MACHINE.rod_length * W)
+    rod = load(par, MACHINE.mass_per_rod * W)
     u2 = place[1] - place[0]
     u3 = place[2] - place[0]
-    inverse = load(par, INVERSE_RADIUS * W)
+    inverse = load(par, MACHINE.rail_inverse_radius * W)
     bx = (x_2 * u2 + x_3 * u3) * inverse
     by = (y_2 * u2 + y_3 * u3) * inverse
     h2 = 0.5 * u2 * u2
@@ -151,10 +138,10 @@ def on_rails(par, place, rate, tool, frame, out):
     z3 = z1 + u3
     x1 = -(qx + bx * z1)
     y1 = -(qy + by * z1)
-    x2 = x1 + radius * load(par, RAIL_2_X * W)
-    y2 = y1 + radius * load(par, RAIL_2_Y * W)
-    x3 = x1 + radius * load(par, RAIL_3_X * W)
-    y3 = y1 + radius * load(par, RAIL_3_Y * W)
+    x2 = x1 + radius * load(par, MACHINE.rail_2_x * W)
+    y2 = y1 + radius * load(par, MACHINE.rail_2_y * W)
+    x3 = x1 + radius * load(par, MACHINE.rail_3_x * W)
+    y3 = y1 + radius * load(par, MACHINE.rail_3_y * W)
     (cx1, cy1, cz1), (cx2, cy2, cz2), (cx3, cy3, cz3), over = _inverse(
         (x1, y1, z1), (x2, y2, z2), (x3, y3, z3)
     )
@@ -184,9 +171,9 @@ def on_rails(par, place, rate, tool, frame, out):
     bias_z = cz1 * c1 + cz2 * c2 + cz3 * c3
     # Each rod's mass is halved between its ends (Codourey 1998).
     mass = tool + 1.5 * rod
-    r1 = load(par, (MACHINE_COUNT + dk.RAIL_MASS) * W) + 0.5 * rod
-    r2 = load(par, (MACHINE_COUNT + DRIVE_COUNT + dk.RAIL_MASS) * W) + 0.5 * rod
-    r3 = load(par, (MACHINE_COUNT + 2 * DRIVE_COUNT + dk.RAIL_MASS) * W) + 0.5 * rod
+    r1 = load(par, (MACHINE_COUNT + DRIVE.rail_mass) * W) + 0.5 * rod
+    r2 = load(par, (MACHINE_COUNT + DRIVE_COUNT + DRIVE.rail_mass) * W) + 0.5 * rod
+    r3 = load(par, (MACHINE_COUNT + 2 * DRIVE_COUNT + DRIVE.rail_mass) * W) + 0.5 * rod
     _platform(
         par, mass, (ax1, ay1, az1), (ax2, ay2, az2), (ax3, ay3, az3), (bias_x, bias_y, bias_z),
         (r1, r2, r3), (r1, r2, r3), frame, out,
@@ -208,17 +195,18 @@ def _arm(par, d, angle, x, y):
     Its own first moment and half a rod's, times the share at which gravity turns it [kg m].
     """
     first = MACHINE_COUNT + d * DRIVE_COUNT
-    arm = load(par, ARM * W)
-    sense = load(par, SENSE * W)
-    turned = angle - load(par, (first + ARM_ZERO) * W)
+    arm = load(par, MACHINE.arm_length * W)
+    sense = load(par, MACHINE.arm_sense * W)
+    turned = angle - load(par, (first + DRIVE.arm_zero) * W)
     up, out = sine_and_cosine(turned)
     reach = arm * out
     rise = arm * up
-    far = load(par, RADIUS * W) + reach
+    far = load(par, MACHINE.rail_radius * W) + reach
     foot = (far * x, far * y, sense * rise)
     tangent = (-rise * x, -rise * y, sense * reach)
     bend = (-reach * x, -reach * y, -sense * rise)
-    moment = load(par, (first + ARM_MOMENT) * W) + 0.5 * load(par, ROD * W) * arm
+    own = load(par, (first + DRIVE.arm_moment) * W)
+    moment = own + 0.5 * load(par, MACHINE.mass_per_rod * W) * arm
     return foot, tangent, bend, sense * moment * out, sense * moment * up
 
 
@@ -236,9 +224,9 @@ def on_arms(par, place, rate, tool, frame, out):
     q'' = inverse mass matrix (gear torques - load).
     """
     w1, w2, w3 = rate
-    x1, y1 = load(par, RAIL_X * W), load(par, RAIL_Y * W)
-    x2, y2 = x1 + load(par, RAIL_2_X * W), y1 + load(par, RAIL_2_Y * W)
-    x3, y3 = x1 + load(par, RAIL_3_X * W), y1 + load(par, RAIL_3_Y * W)
+    x1, y1 = load(par, MACHINE.rail_x * W), load(par, MACHINE.rail_y * W)
+    x2, y2 = x1 + load(par, MACHINE.rail_2_x * W), y1 + load(par, MACHINE.rail_2_y * W)
+    x3, y3 = x1 + load(par, MACHINE.rail_3_x * W), y1 + load(par, MACHINE.rail_3_y * W)
     f1, t1, b1, g1, u1 = _arm(par, 0, place[0], x1, y1)
     f2, t2, b2, g2, u2 = _arm(par, 1, place[1], x2, y2)
     f3, t3, b3, g3, u3 = _arm(par, 2, place[2], x3, y3)
@@ -252,7 +240,7 @@ def on_arms(par, place, rate, tool, frame, out):
     qy = (across2[0] * h3 - across3[0] * h2) * inverse
     bx = (across3[1] * across2[2] - across2[1] * across3[2]) * inverse
     by = (across2[0] * across3[2] - across3[0] * across2[2]) * inverse
-    z = _depth(bx, by, qx, qy, load(par, LENGTH * W))
+    z = _depth(bx, by, qx, qy, load(par, MACHINE.rod_length * W))
     rod1 = (-(qx + bx * z), -(qy + by * z), z)
     rod2 = (rod1[0] + across2[0], rod1[1] + across2[1], z + across2[2])
     rod3 = (rod1[0] + across3[0], rod1[1] + across3[1], z + across3[2])
@@ -266,13 +254,13 @@ def on_arms(par, place, rate, tool, frame, out):
     e3 = _reaction(rod3, t3, b3, v, w3, over)
     bias = _sum(c1, c2, c3, (e1, e2, e3))
     # Each rod's mass is halved between its ends (Codourey 1998).
-    rod = load(par, ROD * W)
-    arm = load(par, ARM * W)
+    rod = load(par, MACHINE.mass_per_rod * W)
+    arm = load(par, MACHINE.arm_length * W)
     half = 0.5 * rod * arm * arm
     mass = tool + 1.5 * rod
-    r1 = load(par, (MACHINE_COUNT + dk.RAIL_MASS) * W) + half
-    r2 = load(par, (MACHINE_COUNT + DRIVE_COUNT + dk.RAIL_MASS) * W) + half
-    r3 = load(par, (MACHINE_COUNT + 2 * DRIVE_COUNT + dk.RAIL_MASS) * W) + half
+    r1 = load(par, (MACHINE_COUNT + DRIVE.rail_mass) * W) + half
+    r2 = load(par, (MACHINE_COUNT + DRIVE_COUNT + DRIVE.rail_mass) * W) + half
+    r3 = load(par, (MACHINE_COUNT + 2 * DRIVE_COUNT + DRIVE.rail_mass) * W) + half
     _platform(par, mass, a1, a2, a3, bias, (r1, r2, r3), (g1, g2, g3), frame, out)
     if frame:
         # The arms themselves count with the frame, but for what their turning makes.
