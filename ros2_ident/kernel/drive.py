@@ -61,16 +61,12 @@ def _flags_of(on, d):
     return lambda on, d: on[d]
 
 
+@inlined
 def closed_loop(mode, d):
     """Return whether drive `d` is a closed loop; all are where `mode` is None, when compiling."""
-    raise NotImplementedError('for kernels only')
-
-
-@overload(closed_loop, jit_options=INLINED)
-def _closed_loop(mode, d):
-    if isinstance(mode, types.NoneType):
-        return lambda mode, d: True
-    return lambda mode, d: mode[d] == CLOSED_LOOP
+    if mode is None:
+        return True
+    return mode[d] == CLOSED_LOOP
 
 
 @inlined

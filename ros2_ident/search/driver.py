@@ -147,27 +147,25 @@ class _Generation:
         return self.order[: self.done]
 
 
+@dataclass(eq=False)
 class _Run:
     """One call of `minimise`: the clock, the counts and the best so far."""
 
-    def __init__(
-        self,
-        evaluate: Evaluate,
-        search: GeneticSearch,
-        box: Box,
-        budget: Budget,
-        on_progress: OnProgress | None,
-        cancel: Cancel | None,
-        interval: float,
-        give_up: bool,
-        clock: Callable[[], float],
-    ) -> None:
-        self.evaluate, self.search = evaluate, search
-        self.box, self.budget, self.cancel = box, budget, cancel
-        self.on_progress, self.interval, self.clock = on_progress, interval, clock
-        self.stoppable = bool(getattr(evaluate, 'limited', False))
-        self.limited = give_up and self.stoppable
-        self.start = clock()
+    evaluate: Evaluate
+    search: GeneticSearch
+    box: Box
+    budget: Budget
+    on_progress: OnProgress | None
+    cancel: Cancel | None
+    interval: float
+    give_up: bool
+    clock: Callable[[], float]
+
+    def __post_init__(self) -> None:
+        search, budget = self.search, self.budget
+        self.stoppable = bool(getattr(self.evaluate, 'limited', False))
+        self.limited = self.give_up and self.stoppable
+        self.start = self.clock()
         self.reported = -math.inf
         self.recent: deque[tuple[int, float]] = deque(maxlen=_RECENT)  # candidates, s
         self.first = True

@@ -230,25 +230,21 @@ class _Either:
         )
 
 
+@dataclass(eq=False)
 class _Fit:
     """One fit: the phases, and what is noted on the way."""
 
-    def __init__(
-        self,
-        problem: Solvable,
-        settings: FitSettings,
-        seed: int,
-        evaluators: Evaluators,
-        cancel: Cancel | None,
-        on_progress: OnProgress | None,
-        journal: Journal,
-    ) -> None:
-        self.problem = problem
-        self.settings = settings
-        self.evaluators = evaluators
-        self.residuals = evaluators.residuals
-        self.cancel = cancel
-        self.on_progress = on_progress
+    problem: Solvable
+    settings: FitSettings
+    seed: int
+    evaluators: Evaluators
+    cancel: Cancel | None
+    on_progress: OnProgress | None
+    journal: Journal
+
+    def __post_init__(self) -> None:
+        problem, settings = self.problem, self.settings
+        self.residuals = self.evaluators.residuals
         self.names = problem.names
         self.candidates: list[Array] = []
         self.told: list[Array] = []
@@ -257,9 +253,9 @@ class _Fit:
         jacobian = len(self.names) + 1
         self.usual = settings.starts * USUAL_STEPS * jacobian if settings.refine else 0
         self.per_start = settings.refine_evaluations or 60 * jacobian
-        self.search = GeneticSearch(len(self.names), settings.genetic, seed)
-        self.journal, self.new = journal, True
-        self.key = 'generation', problem.key, seed, asdict(settings.genetic)
+        self.search = GeneticSearch(len(self.names), settings.genetic, self.seed)
+        self.new = True
+        self.key = 'generation', problem.key, self.seed, asdict(settings.genetic)
         problem.prepare()  # before the clock runs
         self.start = time.monotonic()
 

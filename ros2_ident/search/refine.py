@@ -8,7 +8,7 @@ Reference:
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import enum
 import math
 from typing import Any
@@ -97,29 +97,20 @@ class _Stop(Exception):
         self.status = status
 
 
+@dataclass(eq=False)
 class _Start:
     """One start: counts, remembers the best point, asks for permission before each call."""
 
-    def __init__(
-        self,
-        residuals: Residuals,
-        box: Box,
-        start: Array,
-        limit: int,
-        cancel: Cancel | None,
-        journal: Journal | None = None,
-        key: bytes = b'',
-    ) -> None:
-        self.journal = journal or Journal()
-        self.key = key
-        self.box = box
-        self.residuals = residuals
-        self.limit = limit
-        self.cancel = cancel
-        self.evaluations = 0
-        self.point = box.inside(start)
-        self.cost = math.inf
-        self.residual: Array = np.empty(0)
+    residuals: Residuals
+    box: Box
+    point: Array
+    limit: int
+    cancel: Cancel | None
+    journal: Journal = field(default_factory=Journal)
+    key: bytes = b''
+    evaluations: int = 0
+    cost: float = math.inf
+    residual: Array = field(default_factory=lambda: np.empty(0))
 
     def evaluate(self, theta: Array) -> Array:
         """Return (S, R) residuals of (S, N) physical candidates."""
@@ -280,7 +271,10 @@ def refine(
     left = math.inf if total_evaluations is None else total_evaluations - 2 * len(box.low)
     for row in _without_copies(first):
         limit = int(min(max_evaluations, left))
-        start = _Start(residuals, box, row, limit, cancel, journal, digest_of(key, low, high))
+        key_of = digest_of(key, low, high)
+        start = _Start(
+            residuals, box, box.inside(row), limit, cancel, journal or Journal(), key_of
+        )
         ended = start.solve(tolerance)
         theta = box.physical(start.point)
         outcomes.append(StartOutcome(row, theta, start.cost, start.evaluations, ended))
@@ -319,7 +313,7 @@ def _result(
             starts=outcomes,
         )
     # The cancel event and the limit no longer apply: one more batch, then it is over.
-    counted = _Start(residuals, best.box, best.box.physical(best.point), 10**9, None)
+    counted = _Start(residuals, best.box, best.point, 10**9, None)
     jacobian = finite_differences(
         counted.evaluate, best.point, best.residual, best.box, central=True
     )

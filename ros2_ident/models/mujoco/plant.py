@@ -5,7 +5,7 @@ Nothing else in this process imports MuJoCo. Every thread has models and data of
 """
 # mypy: disable-error-code="no-any-return"
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import copy
 import functools
 import math
@@ -133,37 +133,12 @@ def _number(model: Any, kind: Any, name: str, word: str) -> int:
     return int(found)
 
 
-def _kp(model: Any, at: Place, value: float) -> None:
-    model.actuator_gainprm[at.actuator, 0] = value
-    model.actuator_biasprm[at.actuator, 1] = -value
-
-
-def _kv(model: Any, at: Place, value: float) -> None:
-    model.actuator_biasprm[at.actuator, 2] = -value
-
-
-def _force_limit(model: Any, at: Place, value: float) -> None:
-    model.actuator_forcelimited[at.actuator] = True
-    model.actuator_forcerange[at.actuator] = -value, value
-    # Where a URDF has its limit, which would hold beside this one.
-    model.jnt_actfrclimited[at.joint] = False
-
-
 def _limit(model: Any, at: Place) -> float:
     own, joint = model.actuator_forcerange[at.actuator, 1], model.jnt_actfrcrange[at.joint, 1]
     return min(
         own if model.actuator_forcelimited[at.actuator] else math.inf,
         joint if model.jnt_actfrclimited[at.joint] else math.inf,
     )
-
-
-def _gear(model: Any, at: Place, value: float) -> None:
-    model.actuator_gear[at.actuator, 0] = value
-
-
-def _mass(model: Any, at: Place, value: float) -> None:
-    model.body_inertia[at.body] *= value / model.body_mass[at.body]
-    model.body_mass[at.body] = value
 
 
 # Numbers of a model where a drive is, and factors on what its body has.
@@ -174,14 +149,6 @@ _NUMBERS_OF = {
     'stiffness': ('jnt_stiffness', 'joint'),
 }
 _FACTORS = {'body_place': 'body_pos', 'body_centre': 'body_ipos', 'body_inertia': 'body_inertia'}
-# What takes more than that.
-_OTHERS: Mapping[str, Callable[[Any, Place, float], None]] = {
-    'kp': _kp,
-    'kv': _kv,
-    'force_limit': _force_limit,
-    'actuator_gear': _gear,
-    'body_mass': _mass,
-}
 
 
 def _put(name: str, model: Any, at: Place, value: float) -> None:
@@ -191,8 +158,22 @@ def _put(name: str, model: Any, at: Place, value: float) -> None:
         getattr(model, field)[getattr(at, index)] = value
     elif name in _FACTORS:
         getattr(model, _FACTORS[name])[at.body] *= value
+    elif name == 'kp':
+        model.actuator_gainprm[at.actuator, 0] = value
+        model.actuator_biasprm[at.actuator, 1] = -value
+    elif name == 'kv':
+        model.actuator_biasprm[at.actuator, 2] = -value
+    elif name == 'force_limit':
+        model.actuator_forcelimited[at.actuator] = True
+        model.actuator_forcerange[at.actuator] = -value, value
+        # Where a URDF has its limit, which would hold beside this one.
+        model.jnt_actfrclimited[at.joint] = False
+    elif name == 'actuator_gear':
+        model.actuator_gear[at.actuator, 0] = value
     else:
-        _OTHERS[name](model, at, value)
+        assert name == 'body_mass'
+        model.body_inertia[at.body] *= value / model.body_mass[at.body]
+        model.body_mass[at.body] = value
 
 
 _FIELDS = (

@@ -18,10 +18,7 @@ _TABLE = ('dh_a', 'dh_alpha', 'dh_d', 'dh_theta')
 _row = partial(
     of_geometry, absent='needed where there is no description', low=-20.0, high=20.0, each=True
 )
-
-
-def _of_payload(name: str, unit: str, example: tuple[float, float], meaning: str) -> Key:
-    return Key('parameters', name, unit, meaning, example, low=-1e3, high=1e3, shown=False)
+_of_payload = partial(Key, 'parameters', low=-1e3, high=1e3, shown=False)
 
 
 def _of_balance(
@@ -93,10 +90,10 @@ _LINKS = (
            low=-1e4, high=1e4),
 )  # fmt: skip
 _PAYLOAD = (
-    _of_payload('payload_mass', 'kg', (0.0, 10.0), 'point mass at the last link'),
-    _of_payload('payload_x', 'm', (-0.3, 0.3), 'its place, in the frame of the last joint'),
-    _of_payload('payload_y', 'm', (-0.3, 0.3), 'the same along y'),
-    _of_payload('payload_z', 'm', (-0.3, 0.3), 'the same along z'),
+    _of_payload('payload_mass', 'kg', 'point mass at the last link', (0.0, 10.0)),
+    _of_payload('payload_x', 'm', 'its place, in the frame of the last joint', (-0.3, 0.3)),
+    _of_payload('payload_y', 'm', 'the same along y', (-0.3, 0.3)),
+    _of_payload('payload_z', 'm', 'the same along z', (-0.3, 0.3)),
 )
 _OF_DRIVES = (
     keys.turning(keys.INERTIA, (0.0, 5.0)),

@@ -2,11 +2,12 @@
 """Servos: motors fed with a share of a supply voltage by a law on position, an arm as load."""
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
 from ros2_ident.machine.draft import Draft, Remark
-from ros2_ident.machine.keys import head, Key, of_controller, of_drive, of_geometry
+from ros2_ident.machine.keys import head, Key, of_controller, of_drive, of_geometry, sought
 from ros2_ident.machine.kind import Kind, later
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.space import Space
@@ -22,30 +23,20 @@ _EFFORT = (
 _GRAVITY = of_geometry('gravity', 'm/s^2',
                        '9.81 where the arm turns in a vertical plane, 0 where it lies flat', 9.81,
                        absent='0 by default', low=0.0, high=9.9)
-
-
-def _of_drive(
-    name: str, unit: str, meaning: str, example: float, low: float, high: float,
-    zero: bool = False,
-) -> Key:  # fmt: skip
-    """Return a constant of each servo; it may be left out where zero is meant."""
-    absent = '0 by default' if zero else ''
-    default = 0.0 if zero else None
-    return Key('drive', name, unit, meaning, example, absent, default, low, high, each=True)
-
-
+_optional = partial(of_drive, absent='0 by default', default=0.0)
 _LOAD = (
-    _of_drive('load_mass', 'kg', 'at the end of the arm', 0.5, 0.0, 1e3, zero=True),
-    _of_drive('load_length', 'm', 'of the arm', 0.1, 0.0, 10.0, zero=True),
-    _of_drive('arm_mass', 'kg', 'of the arm, spread evenly over it', 0.02, 0.0, 1e3, zero=True),
-    _of_drive('load_inertia', 'kg m^2', 'that gravity does not turn', 1.0e-3, 0.0, 1e3, zero=True),
-    _of_drive('load_angle', 'rad', 'position at which the arm hangs', 0.0, -7.0, 7.0, zero=True),
+    _optional('load_mass', 'kg', 'at the end of the arm', 0.5, low=0.0, high=1e3),
+    _optional('load_length', 'm', 'of the arm', 0.1, low=0.0, high=10.0),
+    _optional('arm_mass', 'kg', 'of the arm, spread evenly over it', 0.02, low=0.0, high=1e3),
+    _optional('load_inertia', 'kg m^2', 'that gravity does not turn', 1.0e-3, low=0.0, high=1e3),
+    _optional('load_angle', 'rad', 'position at which the arm hangs', 0.0, low=-7.0, high=7.0),
 )
 _MOTOR = (
-    _of_drive('supply_voltage', 'V', 'of the motor at duty 1', 7.4, 0.1, 1e3),
-    _of_drive('torque_constant', 'N m/A', 'at the output shaft, as V s/rad', 0.4, 1e-4, 1e3),
-    _of_drive('resistance', 'Ohm', 'of the winding', 4.0, 1e-3, 1e3),
-    _of_drive('armature', 'kg m^2', 'of rotor and gear, at the output', 2.0e-3, 0.0, 1e2),
+    of_drive('supply_voltage', 'V', 'of the motor at duty 1', 7.4, low=0.1, high=1e3),
+    of_drive('torque_constant', 'N m/A', 'at the output shaft, as V s/rad', 0.4, low=1e-4,
+             high=1e3),
+    of_drive('resistance', 'Ohm', 'of the winding', 4.0, low=1e-3, high=1e3),
+    of_drive('armature', 'kg m^2', 'of rotor and gear, at the output', 2.0e-3, low=0.0, high=1e2),
 )
 _SIGN = of_drive('coulomb_regularisation', 'rad/s',
                  'width v of the step in Coulomb friction, tanh(speed / v), which creeps; 0: '
@@ -65,26 +56,16 @@ _CONTROLLER = (
     of_controller('duty_limit', '1', 'the duty is clipped to plus and minus this', 1.0,
                   absent='1 by default', default=1.0, low=1e-3, high=1.0),
 )
-
-
-def _sought(
-    name: str, unit: str, meaning: str, example: tuple[float, float], high: float,
-    shown: bool = True,
-) -> Key:  # fmt: skip
-    return Key(
-        'parameters', name, unit, meaning, example, 'none by default', low=0.0, high=high,
-        shown=shown, each=True,
-    )  # fmt: skip
-
-
+_sought = partial(sought, absent='none by default', low=0.0)
 _FRICTION = (
-    _sought('coulomb_torque', 'N m', 'Coulomb friction', (0.0, 0.2), 1e3),
-    _sought('viscous_torque', 'N m s/rad', 'viscous friction', (0.0, 0.2), 1e3),
+    _sought('coulomb_torque', 'N m', 'Coulomb friction', (0.0, 0.2), high=1e3),
+    _sought('viscous_torque', 'N m s/rad', 'viscous friction', (0.0, 0.2), high=1e3),
 )
 _GEAR = (
-    _sought('gear_stiffness', 'N m/rad', 'of a gear that gives', (10.0, 1e4), 1e9, shown=False),
+    _sought('gear_stiffness', 'N m/rad', 'of a gear that gives', (10.0, 1e4), high=1e9,
+            shown=False),
     _sought('gear_damping_ratio', '1', 'of motor and load swinging against each other', (0.0, 2.0),
-            100.0, shown=False),
+            high=100.0, shown=False),
 )
 # Where a newcomer begins: what a data sheet does not say well enough.
 _SOUGHT = ('torque_constant', 'resistance', 'armature', 'load_angle')
