@@ -132,12 +132,8 @@ def bit(effect_id: str) -> int:
 
 def effect_row(effect_id: str) -> int:
     """Return the first row of a kernel effect, counted from its drive's first row."""
-    row = EFFECT_START
-    for effect in KERNEL_EFFECTS:
-        if effect.id == effect_id:
-            return row
-        row += len(effect.parameters)
-    raise KeyError(effect_id)
+    before = [e.id for e in KERNEL_EFFECTS].index(effect_id)
+    return EFFECT_START + sum(len(e.parameters) for e in KERNEL_EFFECTS[:before])
 
 
 def memory_row(effect_id: str) -> int:

@@ -27,10 +27,6 @@ def later(name: str) -> Callable[..., Any]:
     return call
 
 
-def _plausible(draft: Draft) -> Iterable[Remark]:
-    return ()
-
-
 @dataclass(frozen=True)
 class Kind:
     """A kind of machine.
@@ -84,7 +80,7 @@ class Kind:
     keys: tuple[Key, ...]
     model: Callable[..., Any]
     drives: int | None = None
-    judge: Callable[[Draft], Iterable[Remark]] = _plausible
+    judge: Callable[[Draft], Iterable[Remark]] = lambda draft: ()
     from_bag: bool = True
     starts_in_motion: bool = False
     check_motion: Callable[[Machine, Array], Iterable[Remark]] | None = None

@@ -51,10 +51,6 @@ def _call(packed: bytes, name: str, arguments: tuple[Any, ...]) -> Any:
     return getattr(_ready(packed), name)(*arguments)
 
 
-def _compile(packed: bytes) -> None:
-    _ready(packed)
-
-
 def connect(scheduler: Any) -> Any:
     """Return a client of a Dask scheduler.
 
@@ -177,7 +173,8 @@ class _Link:
         self._scatter()
         # Every worker compiles before a clock runs.
         ready = [
-            self._executor.submit(_compile, self._data, workers=[x]) for x in _workers(client)
+            self._executor.submit(_call, self._data, 'prepare', (), workers=[x])
+            for x in _workers(client)
         ]
         while wait(ready, _LOOK).not_done and not (cancel is not None and cancel.is_set()):
             pass

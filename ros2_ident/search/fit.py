@@ -279,7 +279,10 @@ class _Fit:
             residual = self.residuals(theta[None, :])[0]
             extra = 1
             if ga.stop is not StopReason.CANCELLED:
-                jacobian = self._jacobian(theta, residual)
+                box = Box.of(self.problem.low, self.problem.high)
+                unit = box.inside(theta)
+                slopes = finite_differences(self.residuals, unit, residual, box, central=True)
+                jacobian = slopes / box.width
                 extra += 2 * len(theta)
         return Fitted(
             ga=ga,
@@ -403,11 +406,6 @@ class _Fit:
 
     # ------------------------------------------------------------------ confidence
 
-    def _jacobian(self, theta: Array, residual: Array) -> Array:
-        box = Box.of(self.problem.low, self.problem.high)
-        unit = box.inside(theta)
-        return finite_differences(self.residuals, unit, residual, box, central=True) / box.width
-
     def _intervals(self, theta: Array, residual: Array, jacobian: Array) -> Intervals | None:
         if not len(jacobian) or not np.isfinite(residual).all():
             return None
@@ -417,16 +415,18 @@ class _Fit:
         )
 
 
+@dataclass(eq=False)
 class _Watched:
     """The residuals, with reports on the way."""
 
-    INTERVAL = 0.1
+    INTERVAL: ClassVar[float] = 0.1
+    run: _Fit
+    ga: SearchResult
+    starts: int
+    evaluations: int = 0
 
-    def __init__(self, run: _Fit, ga: SearchResult, starts: int) -> None:
-        self.run = run
-        self.ga = ga
-        self.starts = starts
-        self.evaluations = 0
+    def __post_init__(self) -> None:
+        ga = self.ga
         self.best_cost = ga.cost
         self.best_theta = ga.theta
         self.began = self.reported = time.monotonic()

@@ -295,21 +295,15 @@ class GeneticSearch:
             )
         self.survivors, self.survivor_costs = self._survive(points, told)
         self.evaluations += len(told)
-        self._note_best()
+        if len(self.survivors):
+            cost, needed = float(self.survivor_costs[0]), self.best_cost
+            if math.isfinite(needed):
+                needed -= self.settings.stagnation_tolerance * abs(needed)
+            self._stagnant = 0 if cost < needed else self._stagnant + 1
+            if cost < self.best_cost:
+                self.best_cost, self.best_point = cost, self.survivors[0].copy()
         self._population = None
         if self.generation == self.settings.generations:
             self._finished = True
         else:
             self.generation += 1
-
-    def _note_best(self) -> None:
-        if not len(self.survivors):
-            return
-        cost = float(self.survivor_costs[0])
-        needed = self.best_cost
-        if math.isfinite(needed):
-            needed -= self.settings.stagnation_tolerance * abs(needed)
-        self._stagnant = 0 if cost < needed else self._stagnant + 1
-        if cost < self.best_cost:
-            self.best_cost = cost
-            self.best_point = self.survivors[0].copy()

@@ -269,7 +269,8 @@ def refine(
     best: _Start | None = None
     status = RefineStatus.DIVERGED
     left = math.inf if total_evaluations is None else total_evaluations - 2 * len(box.low)
-    for row in _without_copies(first):
+    _, kept = np.unique(first, axis=0, return_index=True)
+    for row in first[np.sort(kept)]:
         limit = int(min(max_evaluations, left))
         key_of = digest_of(key, low, high)
         start = _Start(
@@ -288,12 +289,6 @@ def refine(
             break
     assert best is not None
     return _result(best, status, tuple(outcomes), residuals)
-
-
-def _without_copies(starts: Array) -> Array:
-    _, index = np.unique(starts, axis=0, return_index=True)
-    kept: Array = starts[np.sort(index)]
-    return kept
 
 
 def _result(

@@ -97,7 +97,10 @@ def read_effect(text: str) -> Added:
             f'cannot read the effect {text!r}; write as '
             'stribeck@drive_2:torque=0.05,velocity=0.03',
         ) from None
-    effect = _from_file(name) if name.endswith('.py') else get_effect(name)
+    if name.endswith('.py'):
+        effect: Effect = sys.modules[sources()[Path(name).expanduser().resolve()]].EFFECT
+    else:
+        effect = get_effect(name)
     known = [p.name for p in effect.parameters]
     if set(values) not in ({'size'}, set(known)):
         raise IdentError(
@@ -106,8 +109,3 @@ def read_effect(text: str) -> Added:
             f'found {", ".join(values) or "none"}',
         )
     return Added(effect, tuple(place.split('+')) if place not in ('', 'all') else (), values)
-
-
-def _from_file(path: str) -> Effect:
-    effect: Effect = sys.modules[sources()[Path(path).expanduser().resolve()]].EFFECT
-    return effect

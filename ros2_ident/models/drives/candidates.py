@@ -92,10 +92,6 @@ MAY_BE_ZERO = {*_ZERO, *(name for name, slot in SLOTS.items() if slot.row in _ZE
 Derive = Callable[[Array, int], None]
 
 
-def _nothing(block: Array, d: int) -> None:
-    pass
-
-
 class Candidates:
     """The parameters of a machine with effects, and the rows of candidates.
 
@@ -294,7 +290,7 @@ class Candidates:
 
     # ------------------------------------------------------------------ rows
 
-    def rows(self, theta: Array, derive: Derive = _nothing) -> Array:
+    def rows(self, theta: Array, derive: Derive = lambda block, d: None) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units.
 
         Args:

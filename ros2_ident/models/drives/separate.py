@@ -29,6 +29,7 @@ class SeparateDrives(DriveModel):
     def rigid(self) -> bool:
         """Whether motor and carriage are one mass: where no gear stiffness is to be found."""
         return 'gear_stiffness' not in self.machine.bounds
+
     def _inputs(self) -> tuple[Array, Array, npt.NDArray[np.int64]]:
         command, motion, mode = super()._inputs()
         self._begin = self._start(command, motion)
