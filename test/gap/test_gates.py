@@ -50,11 +50,6 @@ def test_a_law_that_no_other_gains_would_explain_better_has_run():
     assert (gate.level, gate.contradicts) == ('fail', True)
 
 
-def test_noise_beyond_the_floor_is_told_apart_from_gains():
-    found = check_law(MACHINE, _law(misfit=0.02, misfit_file=0.02), 'drive_1', 0.01)
-    assert [g.gate for g in found] == ['law_noise', 'law']
-
-
 def test_steps_of_the_logged_position_are_no_noise_between_controller_and_log():
     (gate,) = check_law(
         MACHINE, _law(misfit=0.02, misfit_file=0.02, steps=0.021), 'drive_1', 0.01

@@ -16,7 +16,6 @@ from ros2_ident.gap.reading import LARGEST
 from ros2_ident.machine.units import angular_factor
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.recording import Dataset
-from ros2_ident.words.figures import in_travel, length
 from ros2_ident.words.finding import where
 from ros2_ident.words.verdict import advice, sentence
 
@@ -115,12 +114,3 @@ def test_a_straight_axis_has_the_catalogues_numbers() -> None:
             assert numbers == pytest.approx(expected, rel=1e-12), (effect.id, p.name)
             if p.unit in ('m', 'm/s', '1/m'):
                 assert other.unit == p.unit.replace('m', 'rad')
-
-
-def test_lengths_in_a_sentence_follow_the_joint() -> None:
-    text = 'creep lift both ways at 5 to 30 mm/s, over strokes from 20 um to 2 mm'
-    assert in_travel(text, 'm', 1.0) == text
-    assert in_travel(text, 'rad', 20.0) == (
-        'creep lift both ways at 0.1 to 0.6 rad/s, over strokes from 0.0004 rad to 0.04 rad'
-    )
-    assert (length(2e-5, 'm'), length(1.5e-3, 'rad')) == ('20 um', '0.0015 rad')

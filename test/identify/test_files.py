@@ -14,7 +14,6 @@ from identify_cases import (
 )
 import numpy as np
 import pytest
-import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
@@ -61,12 +60,6 @@ def test_the_json_file_has_what_it_promises(tmp_path, result):
     assert mass['at_bound'] is False
     assert mass['identifiable'] is True
     assert data['provenance']['machine_sha256'] == axis().digest
-
-
-def test_the_yaml_file_has_the_same_content(tmp_path, result):
-    write_result(tmp_path, result)
-    from_yaml = yaml.safe_load((tmp_path / 'result.yaml').read_text())
-    assert from_yaml == json.loads((tmp_path / 'result.json').read_text())
 
 
 def test_a_result_comes_back_as_it_was(tmp_path, result):

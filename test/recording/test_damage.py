@@ -2,7 +2,6 @@
 """Damaged and crafted logs: what is whole is read and what is lost is said, within bounds."""
 
 import json
-from pathlib import Path
 import re
 import resource
 import struct
@@ -34,8 +33,6 @@ from ros2_ident.recording.cdr import encode
 from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.shown import printable
 from ros2_ident.recording.streams import FIELDS
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope='module')
