@@ -91,7 +91,7 @@ def test_what_is_no_number_becomes_null(tmp_path, result):
     ('change', 'text'),
     [
         (lambda d: d.update(version=99), 'has version 99 and this package reads 1'),
-        (lambda d: d.pop('cost'), "is incomplete or changed (KeyError: 'cost')"),
+        (lambda d: d.pop('cost'), "'cost'); write it anew"),
         (lambda d: d.update(schema='x'), 'is no result of an identification'),
         (lambda d: d.update(parameters=[1]), 'is incomplete or changed'),
     ],
